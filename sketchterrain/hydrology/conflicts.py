@@ -1,6 +1,6 @@
 """Conflicts between painted layers and their resolution (Zaaijer 2013, section 4.3).
 
-Precedence of layers: mountains, hills and dunes add up, plateaus stand on them; lakes lie in the result;
+Precedence of layers: mountains, hills and dunes add up, plateaus raise them; lakes lie in the result;
 rivers cut into all of it, and flow through lakes at the lakes' level. Covers change no height. A plateau
 keeps clear of painted rivers: they flow in canyons, at the level of the ground below it.
 

@@ -9,6 +9,9 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.document.layers import LAYERS, PATCH_LAYERS, POINT_LAYERS
+from sketchterrain.io.resources import kernel_constants
+
+(_WAVE_PEAK,) = kernel_constants("layers/plateaus.clh", "WAVE_PEAK")
 
 FEATURE_TYPES: Final = POINT_LAYERS
 """Types of point feature; the index of a type is its code in ``FEATURE["type"]``."""
@@ -138,6 +141,12 @@ def cubic(t: Float64Array) -> Float64Array:
     """Return 2t³ - 3t² + 1: 1 at 0, 0 from 1 on."""
     s = np.minimum(t, 1.0)
     return np.asarray(2.0 * s**3 - 3.0 * s**2 + 1.0)
+
+
+def even_wave(x: Float64Array) -> Float64Array:
+    """Return a wave between -1 and 1 with period 1, 0 at whole numbers."""
+    t = x - np.floor(x)
+    return np.asarray(_WAVE_PEAK * t * (1 - t) * (1 - 2 * t))
 
 
 def hill_profile(t: Float64Array, steepness: float | Float64Array) -> Float64Array:

@@ -1,4 +1,4 @@
-"""Plateaus: flat-topped landforms over painted shapes, with the widths of their cliffs and of their talus."""
+"""Plateaus: tablelands over painted shapes, with the widths of their cliffs and of their talus."""
 
 from __future__ import annotations
 
@@ -15,7 +15,14 @@ from sketchterrain.array_types import Float64Array
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.covers import shape_field
-from sketchterrain.placement.feature_types import LAYER_CODES, TAN_70, VISIBLE_SHARE, ShapeField, cubic
+from sketchterrain.placement.feature_types import (
+    LAYER_CODES,
+    TAN_70,
+    VISIBLE_SHARE,
+    ShapeField,
+    cubic,
+    even_wave,
+)
 from sketchterrain.placement.hashing import rounded
 from sketchterrain.placement.shapes import Shape, label_shapes
 
@@ -25,8 +32,8 @@ if TYPE_CHECKING:
 GroundHeight: TypeAlias = Callable[[Float64Array, Float64Array], npt.NDArray[np.floating[Any]]]
 """Height (m) of the ground below the plateaus at positions x, y (n,), m."""
 
-_UNEVEN, _UNEVEN_RATE, _WAVE_PEAK, _NOISE_START, _INVERSE_NOISE_RANGE, _INVERSE_FINE_RANGE = kernel_constants(
-    *("layers/plateaus.clh", "UNEVEN", "UNEVEN_RATE", "WAVE_PEAK"),
+_UNEVEN, _UNEVEN_RATE, _NOISE_START, _INVERSE_NOISE_RANGE, _INVERSE_FINE_RANGE = kernel_constants(
+    *("layers/plateaus.clh", "UNEVEN", "UNEVEN_RATE"),
     *("NOISE_START", "INVERSE_NOISE_RANGE", "INVERSE_FINE_RANGE"),
 )
 CLIFF_NOISE: Final = 0.16
@@ -58,8 +65,9 @@ class Plateau:
     id: int  # stable: layer code and a pixel of the shape
     label: int  # in the plateau layer
     shape: ShapeField
-    top: float  # elevation of the flat top, m
-    height: float  # above the ground around, m
+    ground: float  # elevation around, m
+    top: float  # elevation that the cliff rises to where the ground is at that, m
+    height: float  # asked for, m
     cliffness: float  # 0 … 1
     strata: float  # 0 … 1
     foot: float  # share of the height that its talus takes
@@ -88,12 +96,6 @@ class Plateau:
 def layer_phase(layers: Float64Array) -> Float64Array:
     """Return the number of rock layers up to a height over their thickness; whole at the top of each."""
     return np.asarray(layers + _UNEVEN * even_wave(layers * _UNEVEN_RATE))
-
-
-def even_wave(x: Float64Array) -> Float64Array:
-    """Return a wave between -1 and 1 with period 1, 0 at whole numbers."""
-    t = x - np.floor(x)
-    return np.asarray(_WAVE_PEAK * t * (1 - t) * (1 - 2 * t))
 
 
 def cliff_looseness(fidelity: float) -> float:
@@ -142,13 +144,14 @@ def create_plateaus(
     ends = np.cumsum([len(border) for _, border in outlines])
     found = []
     for (plateau, border), end in zip(outlines, ends, strict=True):
-        top = float(np.median(heights[end - len(border) : end])) + plateau.height
-        found.append(replace(plateau, top=layer_top(top, plateau.layer_thickness)))
+        around = float(np.median(heights[end - len(border) : end]))
+        top = layer_top(around + plateau.height, plateau.layer_thickness)
+        found.append(replace(plateau, ground=around, top=top))
     return tuple(found)
 
 
 def _outlines(sketch: Sketch) -> list[tuple[Plateau, Float64Array]]:
-    """Return the plateaus with a top of 0, and positions (n, 2) along their borders, m."""
+    """Return the plateaus on ground at 0, and positions (n, 2) along their borders, m."""
     image, river = sketch.layers["plateau"], sketch.layers["river"]
     if not image.any():
         return []
@@ -176,6 +179,7 @@ def _outline(sketch: Sketch, shape: Shape) -> tuple[Plateau, Float64Array]:
         id=LAYER_CODES["plateau"] << 48 | shape.label << 40 | shape.id,
         label=shape.label,
         shape=_NO_FIELD,
+        ground=0.0,
         top=0.0,
         height=asked,
         cliffness=float(properties["cliffness"]),

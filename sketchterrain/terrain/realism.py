@@ -255,7 +255,8 @@ def measure_realism(
     kinds
         Kinds of land to compare with; by default mountains, valleys and hills.
     masked
-        Cells to interpolate across, such as water. Windows with more than half of them are left out.
+        Cells that are no ground, such as water: interpolated across for the flow of water. Windows with more
+        than half of them are left out.
 
     Raises
     ------
@@ -270,7 +271,7 @@ def measure_realism(
         hidden = np.zeros(z.shape, np.bool_) if masked is None else masked[part]
         if not np.isfinite(z).all() or hidden.mean() > _MASKED or np.ptp(z) <= 1.0:
             continue
-        metrics, maps = measure_window_maps(interpolate_across(z, hidden), cell)
+        metrics, maps = measure_window_maps(interpolate_across(z, hidden), cell, hidden)
         windows.append(Window(row, column, metrics, nearest_land(metrics, kinds), maps))
     if not windows:
         raise InputError(

@@ -116,7 +116,7 @@ def _geomorphons(height, cell, horizon, flatness, table):  # type: ignore[no-unt
     return form
 
 
-def measure_window(height: npt.ArrayLike, cell: float) -> dict[str, float]:
+def measure_window(height: npt.ArrayLike, cell: float, masked: BoolArray | None = None) -> dict[str, float]:
     """Return all metrics of a window, NaN where one cannot be measured.
 
     Parameters
@@ -125,16 +125,22 @@ def measure_window(height: npt.ArrayLike, cell: float) -> dict[str, float]:
         Finite heights (rows, columns), m, at least 96 cells each way; real land has 192.
     cell
         Side of a cell, m.
+    masked
+        Cells that are no ground, (rows, columns): slopes, heights, curvature, landforms and hollows are those
+        of the others, while water flows across.
     """
-    return measure_window_maps(height, cell)[0]
+    return measure_window_maps(height, cell, masked)[0]
 
 
-def measure_window_maps(height: npt.ArrayLike, cell: float) -> tuple[dict[str, float], WindowMaps]:
+def measure_window_maps(
+    height: npt.ArrayLike, cell: float, masked: BoolArray | None = None
+) -> tuple[dict[str, float], WindowMaps]:
     """Return the metrics of :func:`measure_window`, and maps of where hollows, rises and slopes are."""
     z = np.ascontiguousarray(height, np.float64)
     if z.ndim != 2 or min(z.shape) < MIN_WINDOW or not np.isfinite(z).all():
         raise ValueError(f"expected finite heights of at least {MIN_WINDOW}² cells, got shape {z.shape}")
-    low, high = np.percentile(z, (1, 99))
+    ground = np.ones(z.shape, np.bool_) if masked is None else ~masked
+    low, high = np.percentile(z[ground], (1, 99))
     relief = max(high - low, 1e-6)
     south, east = np.gradient(z, cell)
     slope = np.hypot(south, east)
@@ -143,15 +149,15 @@ def measure_window_maps(height: npt.ArrayLike, cell: float) -> tuple[dict[str, f
     flow = route_flow(z, cell)
     with np.errstate(invalid="ignore", divide="ignore"):
         metrics = {"relief_m": float(relief)}
-        metrics |= _landforms(form)
-        metrics |= _slopes(z, slope, degrees, low, relief)
-        metrics |= _heights(z, low, high, relief)
-        metrics |= _roughness(z, slope, cell)
-        metrics |= _drainage(z, flow, cell, relief)
-        metrics |= _channels(z, flow, form, slope, cell)
+        metrics |= _landforms(form, ground)
+        metrics |= _slopes(z[ground], slope[ground], degrees[ground], low, relief)
+        metrics |= _heights(z, ground, low, high, relief)
+        metrics |= _roughness(z, ground, slope, cell)
+        metrics |= _drainage(z, ground, flow, cell, relief)
+        metrics |= _channels(z, flow, form, np.median(slope[ground]), cell)
         metrics |= _streams(flow)
         metrics |= _summits(z, relief)
-        metrics |= _treated_depressions(z, flow, slope, cell)
+        metrics |= _treated_depressions(z, ground, flow, np.median(slope[ground]), cell)
     flat = z.ravel()
     hollow = closed_hollows(flow, flat, HOLLOW_DEPTH * cell)
     channel = flow.channels(2 * CHANNEL_AREA)
@@ -160,12 +166,12 @@ def measure_window_maps(height: npt.ArrayLike, cell: float) -> tuple[dict[str, f
     return metrics, WindowMaps(hollow.reshape(z.shape), rising.reshape(z.shape), degrees)
 
 
-def _landforms(form: npt.NDArray[np.int8]) -> dict[str, float]:
-    inner = form[HORIZON:-HORIZON, HORIZON:-HORIZON]
-    share = np.bincount(inner.ravel(), minlength=len(FORMS)) / inner.size
+def _landforms(form: npt.NDArray[np.int8], ground: BoolArray) -> dict[str, float]:
+    inner, dry = (each[HORIZON:-HORIZON, HORIZON:-HORIZON] for each in (form, ground))
+    share = np.bincount(inner[dry], minlength=len(FORMS)) / max(np.count_nonzero(dry), 1)
     return {f"g_{name}": float(value) for name, value in zip(FORMS, share, strict=True)} | {
-        "ridge_extent": _extent(np.isin(inner, (_RIDGE, _PEAK))),
-        "valley_extent": _extent(np.isin(inner, (_VALLEY, _PIT))),
+        "ridge_extent": _extent(np.isin(inner, (_RIDGE, _PEAK)) & dry),
+        "valley_extent": _extent(np.isin(inner, (_VALLEY, _PIT)) & dry),
     }
 
 
@@ -198,10 +204,10 @@ def _slopes(
     return found
 
 
-def _heights(z: Float64Array, low: float, high: float, relief: float) -> dict[str, float]:
+def _heights(z: Float64Array, ground: BoolArray, low: float, high: float, relief: float) -> dict[str, float]:
     near, far = (_local_relief(z, side) for side in (7, 33))
     return {
-        "hypsometric": float((np.clip(z, low, high).mean() - low) / relief),
+        "hypsometric": float((np.clip(z[ground], low, high).mean() - low) / relief),
         "relief_growth": float(
             math.log(max(np.median(far), 1e-9) / max(np.median(near), 1e-9)) / math.log(32 / 6)
         ),
@@ -215,15 +221,15 @@ def _local_relief(z: Float64Array, side: int) -> Float64Array:
     return np.asarray((ndimage.maximum_filter(z, side) - ndimage.minimum_filter(z, side))[inner])
 
 
-def _roughness(z: Float64Array, slope: Float64Array, cell: float) -> dict[str, float]:
+def _roughness(z: Float64Array, ground: BoolArray, slope: Float64Array, cell: float) -> dict[str, float]:
     coarse, fine = spectral_slopes(z, (48.0, 12.0, 3.0))
     detail = z - ndimage.gaussian_filter(z, 1.5)
-    curvature = ndimage.gaussian_laplace(z, 2.0)
+    curvature = ndimage.gaussian_laplace(z, 2.0)[ground]
     deviation = curvature - curvature.mean()
     return {
         "spectrum_coarse": coarse,
         "spectrum_fine": fine,
-        "skin": float(_rms(detail) / (cell * max(_rms(slope), 1e-9))),
+        "skin": float(_rms(detail[ground]) / (cell * max(_rms(slope[ground]), 1e-9))),
         "curvature_skew": float((deviation**3).mean() / max(curvature.std(), 1e-12) ** 3),
     }
 
@@ -254,7 +260,9 @@ def spectral_slopes(z: Float64Array, wavelengths: Sequence[float], *, bins: int 
     return exponents
 
 
-def _drainage(z: Float64Array, flow: FlowNetwork, cell: float, relief: float) -> dict[str, float]:
+def _drainage(
+    z: Float64Array, ground: BoolArray, flow: FlowNetwork, cell: float, relief: float
+) -> dict[str, float]:
     height = z.ravel()
     channel = flow.channels(CHANNEL_AREA)
     basins = np.sort(flow.area[flow.receiver < 0])[::-1]
@@ -266,7 +274,7 @@ def _drainage(z: Float64Array, flow: FlowNetwork, cell: float, relief: float) ->
         else math.nan
     )
     return {
-        "sink_share": float(closed_hollows(flow, height, HOLLOW_DEPTH * cell).mean()),
+        "sink_share": float(closed_hollows(flow, height, HOLLOW_DEPTH * cell)[ground.ravel()].mean()),
         "sink_depth": float((flow.filled - height).mean() / relief),
         "uphill": rise_share(flow, height, 2 * CHANNEL_AREA),
         "sinuosity": _median(bends, least=11),
@@ -299,9 +307,9 @@ def _concavity(
 
 
 def _channels(
-    z: Float64Array, flow: FlowNetwork, form: npt.NDArray[np.int8], slope: Float64Array, cell: float
+    z: Float64Array, flow: FlowNetwork, form: npt.NDArray[np.int8], slope: float, cell: float
 ) -> dict[str, float]:
-    """Return whether channels lie in valleys, and how deep these are."""
+    """Return whether channels lie in valleys, and how deep these are, over a median slope."""
     channel = flow.channels(CHANNEL_AREA)
     is_channel = np.zeros(z.shape, np.bool_)
     is_channel.flat[channel] = True
@@ -315,7 +323,7 @@ def _channels(
         away, nearest = ndimage.distance_transform_edt(~is_channel, return_indices=True)
         beside = (away > 6.0) & (away < 10.0)
         rise = _median((z - z[tuple(nearest)])[beside], least=51)
-        found["valley_depth"] = rise / (8.0 * cell) / max(float(np.median(slope)), 1e-6)
+        found["valley_depth"] = rise / (8.0 * cell) / max(slope, 1e-6)
     return found
 
 
@@ -342,7 +350,7 @@ def _streams(flow: FlowNetwork) -> dict[str, float]:
 
 
 def _treated_depressions(
-    z: Float64Array, flow: FlowNetwork, slope: Float64Array, cell: float, *, reach: int = 6
+    z: Float64Array, ground: BoolArray, flow: FlowNetwork, slope: float, cell: float, *, reach: int = 6
 ) -> dict[str, float]:
     """Return what gives away depressions that were filled or breached.
 
@@ -350,7 +358,7 @@ def _treated_depressions(
     fills and in trenches water runs level as far as the spill point, then descends steeply (``level_steps``).
     """
     smooth = ndimage.gaussian_filter(z, 1.5)
-    hollow = closed_hollows(route_flow(smooth, cell), smooth.ravel(), HOLLOW_DEPTH * cell)
+    hollow = closed_hollows(route_flow(smooth, cell), smooth.ravel(), HOLLOW_DEPTH * cell)[ground.ravel()]
     channel = flow.channels(CHANNEL_AREA)
     channel = channel[flow.area[channel] < 0.25 * z.size]
     below, whole = flow.downstream(channel, reach)
@@ -360,7 +368,7 @@ def _treated_depressions(
     if not channel.size:
         return {"reopened_hollows": float(hollow.mean()), "level_steps": 0.0}
     first, second = (flow.slope(flow.filled, start, cell, reach) for start in (channel, below))
-    step = (first < 0.1 * second) & (second > 0.1 * np.median(slope))
+    step = (first < 0.1 * second) & (second > 0.1 * slope)
     return {"reopened_hollows": float(hollow.mean()), "level_steps": float(step.mean())}
 
 

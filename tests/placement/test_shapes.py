@@ -124,6 +124,22 @@ def test_shape_fields_are_distances_that_preserve_area_and_extend_beyond_the_edg
     assert field.inside[row, column] > 0
 
 
+def test_shapes_continue_beyond_the_edge_to_an_uneven_end():
+    field = field_of(np.ones((SIDE, SIDE), np.uint8), fidelity=1.0)
+    rows, columns = np.nonzero(field.inside > 0)
+    overhang = EDGE_OVERHANG * SIDE * 10.0
+    for across, along, first in (
+        (columns, rows, (field.west, field.south)),
+        (rows, columns, (field.south, field.west)),
+    ):
+        at = first[1] + along * field.spacing
+        beside = (at > 0.0) & (at < SIDE * 10.0)
+        low = [-(first[0] + across[beside & (along == k)].min() * 10.0) for k in np.unique(along[beside])]
+        assert 0.6 * overhang - 15.0 < min(low) < 0.85 * overhang < 1.1 * overhang < max(low)
+        assert max(low) < 1.4 * overhang
+        assert np.abs(np.diff(low)).max() <= 20.0
+
+
 def test_covers_have_the_material_and_strength_of_their_label():
     image = np.zeros((SIDE, SIDE), np.uint8)
     image[5, 5] = image[50:60, 20:40] = 1

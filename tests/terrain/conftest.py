@@ -216,7 +216,7 @@ def plateau(
     thickness = 2.0 ** round(np.log2(height / 8.0))
     field = round_field(x, y, radius, margin=2.0 * height + radius)
     top = layer_top(height, thickness)
-    return Plateau(1, 1, field, top, height, cliffness, strata, foot, 0.25, thickness)
+    return Plateau(1, 1, field, 0.0, top, height, cliffness, strata, foot, 0.25, thickness)
 
 
 def cover(x: float, y: float, radius: float, material: int, strength: float = 1.0) -> Cover:

@@ -76,10 +76,12 @@ def test_layers_are_ledges_at_the_same_elevations_all_around(make_recipe) -> Non
     assert (np.abs(phase - np.round(phase)) < 0.25).mean() > 0.65
 
 
-def test_higher_ground_stays_and_nothing_beyond_the_talus_changes(make_recipe) -> None:
+def test_mountains_stand_on_the_top_and_nothing_beyond_the_talus_changes(make_recipe) -> None:
     mesa, mountain = plateau(X, Y, 700.0, 100.0), ReliefLayer(Cone(600.0))
     with_mesa, without = make_recipe(relief=mountain, plateaus=(mesa,)), make_recipe(relief=mountain)
-    assert along(with_mesa, [0.0, 30.0]) == pytest.approx(along(without, [0.0, 30.0]))
+    on_top = np.arange(0.0, 500.0, 10.0)
+    raised = along(with_mesa, on_top) - along(without, on_top)
+    assert raised == pytest.approx(np.full(on_top.shape, mesa.top), abs=1e-3)
     far = 700.0 + mesa.talus_width - mesa.cliff_start + noise_limit(4096.0, 0.8, 700.0)
     beyond = np.arange(far, 2000.0, 10.0)
     np.testing.assert_array_equal(along(with_mesa, beyond), along(without, beyond))
@@ -146,6 +148,22 @@ def test_a_river_flows_in_a_canyon_at_the_level_of_the_plain(context) -> None:
         assert terrain.heights(np.full(len(y), 1032.0 + side * 250.0), y).min() > 80.0
     lines = [each.line for each in terrain.recipe.resolutions]
     assert any("cuts a canyon through plateau 1" in line for line in lines)
+
+
+def test_hills_on_a_plateau_are_as_high_as_elsewhere(context) -> None:
+    hill = np.where(disc(64, 50, 14) | disc(64, 80, 10), 1, 0).astype(np.uint8)
+    table = painted(disc(64, 64, 50), labels=[{"height": 100.0}])
+    sketch = table.replace(
+        layers=dict(table.layers) | {"hill": hill},
+        labels=dict(table.labels) | {("hill", 1): {"height": 70.0}},
+    )
+    adherence = measure_adherence(build(sketch, device=context))
+    hills = [each for each in adherence.shapes if each.layer == "hill"]
+    assert len(hills) == 2
+    for each in hills:
+        assert 0.85 <= each.reached / each.built <= 1.15
+        assert each.iou > 0.6
+    assert adherence.layers["plateau"].iou_mean > 0.85
 
 
 def test_plateaus_agree_with_the_sketch_the_more_the_higher_the_fidelity(context) -> None:

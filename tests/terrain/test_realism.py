@@ -192,6 +192,16 @@ def test_steady_state_has_its_concavity() -> None:
     assert found["level_steps"] == 0.0
 
 
+def test_masked_cells_are_no_level_ground() -> None:
+    z, sea = steady_state(), np.zeros(X.shape, np.bool_)
+    sea[:, :32] = True
+    with_sea = np.where(sea, z.min(), z)
+    land, found = measure_window(z[:, 32:], CELL), measure_window(with_sea, CELL, sea)
+    for name in ("level_share", "slope_p95", "hypsometric"):
+        assert found[name] == pytest.approx(land[name], rel=0.05), name
+    assert measure_window(with_sea, CELL)["level_share"] > land["level_share"] + 0.1
+
+
 def test_stored_metrics() -> None:
     """Numbers of an independent implementation for the same raster."""
     z = 300 * np.sin(X / 17 + np.sin(Y / 23)) * np.cos(Y / 29) + 60 * np.sin(X * Y / 400) + 2.0 * X + 3.0 * Y

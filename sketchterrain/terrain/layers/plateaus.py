@@ -1,4 +1,4 @@
-"""Plateaus: talus, a layered cliff, a flat top."""
+"""Plateaus: talus, a layered cliff, a top with the relief of the ground."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ import numpy.typing as npt
 from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_columns, kernel_constants
-from sketchterrain.placement.feature_types import cubic
+from sketchterrain.placement.feature_types import cubic, even_wave
 from sketchterrain.placement.plateaus import (
     CLIFF_GAIN,
     CLIFF_NOISE,
     NOISE_REACH,
     Plateau,
     cliff_looseness,
-    even_wave,
     layer_phase,
     noise_limit,
     octave_share,
@@ -55,8 +54,8 @@ PLATEAU: Final = kernel_columns(_HEADER, "PlateauRow")
 _CLIFF_ROUND, _RISER, _HARDNESS_RATE, _SOFT_ROCK, _VARIETY, _TILTED, _CRUMBLED = kernel_constants(
     _HEADER, "CLIFF_ROUND", "RISER", "HARDNESS_RATE", "SOFT_ROCK", "VARIETY", "TILTED", "CRUMBLED"
 )
-_STRATA_START, _INVERSE_STRATA, _TOP_RELIEF, _RIM_SOFTNESS, _TOP_EDGE = kernel_constants(
-    _HEADER, "STRATA_START", "INVERSE_STRATA", "TOP_RELIEF", "RIM_SOFTNESS", "TOP_EDGE"
+_STRATA_START, _INVERSE_STRATA, _RIM_SOFTNESS, _TOP_EDGE = kernel_constants(
+    _HEADER, "STRATA_START", "INVERSE_STRATA", "RIM_SOFTNESS", "TOP_EDGE"
 )
 _INVERSE_MASK, _INVERSE_DRAINED = kernel_constants(_HEADER, "INVERSE_CLIFF_MASK", "INVERSE_DRAINED")
 _CLIFF_WAVES, _INVERSE_CLIFF_WAVES, _ALCOVE_MEAN, _ALCOVE_GAIN, _ALCOVE_ROUND = kernel_constants(
@@ -101,7 +100,16 @@ class PlateausLayer(TerrainLayer):
     def items(self, world: WorldSettings) -> StructuredArray:
         """Return the plateaus by their contents."""
         settings = [
-            (each.top, each.height, each.cliffness, each.strata, each.foot, each.border, each.layer_thickness)
+            (
+                each.ground,
+                each.top,
+                each.height,
+                each.cliffness,
+                each.strata,
+                each.foot,
+                each.border,
+                each.layer_thickness,
+            )
             for each in self.plateaus
         ]
         return field_items([each.shape for each in self.plateaus], settings, world.extent)
@@ -144,7 +152,7 @@ class PlateausLayer(TerrainLayer):
             steps = _STEPS * plateau.strata * plateau.layer_thickness
             for name, value in {
                 "plateau_top": plateau.top,
-                "plateau_foot": plateau.top - plateau.height,
+                "plateau_foot": plateau.ground,
                 "plateau_visible": float(smooth_rise(np.array(2 * depth / cell), 1, 1)),
                 "talus_share": plateau.foot,
                 "inverse_talus": 1 / talus,
@@ -206,10 +214,12 @@ class PlateausLayer(TerrainLayer):
         r = {name: rows[number, column] for name, column in PLATEAU.items()}
         near = self._near_cliffs(packed, rows, state.blocks[block], number, sampling.unit)
         moved, missing = near * moves[number, 0], near * moves[number, 1] * r["inverse_layer"]
-        below = state.bound[block]
+        below, rise = state.bound[block], r["plateau_top"] - r["plateau_foot"]
         lift = np.maximum(r["plateau_top"] - state.low[block], 0) + _RIM_SOFTNESS
-        smooth = lift * moved + below
-        layers = smooth * r["inverse_layer"]
+        least = np.maximum(r["plateau_top"] - state.high[block], 0)
+        # Over the share q of the way to the top, height grows by lift + 4 q^3 (rise - lift).
+        growth = np.maximum(np.maximum(lift, 4 * rise - 3 * least), 3 * lift - 4 * rise)
+        layers = (lift * moved + below) * r["inverse_layer"]
         varied = _VARIETY * missing + 1.5 / (1 - _TOP_EDGE) * moved
         phase = _PHASE_SLOPE * layers + _TILTED * varied
         turned = phase * (_STEP_SLOPE * r["layer_steps"] + _THIRD_SLOPE * r["third_steps"])
@@ -218,9 +228,9 @@ class PlateausLayer(TerrainLayer):
         lost = (1 + _CRUMBLED) * (r["layer_steps"] - packed["layer_steps"][number])
         lost += r["third_steps"] - packed["third_steps"][number]
         steps = np.minimum(turned + share * most + lost, most) + _TOP_ROUNDING * lost
-        relief = _TOP_RELIEF * np.minimum(lift * (4 * moved + 0.75 * layers) + below, lift)
-        np.maximum.at(state.bound, block, smooth + steps + relief)
-        np.maximum.at(state.high, block, (1 + _TOP_RELIEF) * lift + state.low[block])
+        highest = np.maximum(state.high[block] + rise, r["plateau_top"]) + _RIM_SOFTNESS
+        np.maximum.at(state.bound, block, growth * moved + below + steps)
+        np.maximum.at(state.high, block, highest)
         np.maximum.at(state.scale, block, r["plateau_top"] - r["plateau_foot"])
 
     def _near_cliffs(
@@ -265,7 +275,7 @@ def _raised(
     hardness = _SOFT_ROCK + (1 - _SOFT_ROCK) * even_wave(layers * _HARDNESS_RATE) - _CRUMBLED * vary
     steps = hardness * r["layer_steps"] * _step(layers) + r["third_steps"] * _step(3 * layers)
     shown = free * smooth_rise(q, _STRATA_START, 1 / _INVERSE_STRATA)
-    relief = free * _TOP_RELIEF * q**4 * (ground - r["plateau_foot"])
+    relief = q**4 * (r["plateau_top"] - r["plateau_foot"] - lift)
     height = smooth + shown * (steps - r["layer_sink"] * edge) + relief
     return height, free * smooth_rise(q - q * q, 0, 1 / _INVERSE_MASK)
 

@@ -167,8 +167,10 @@ def measure_window_maps(
 
 
 def _landforms(form: npt.NDArray[np.int8], ground: BoolArray) -> dict[str, float]:
-    inner, dry = (each[HORIZON:-HORIZON, HORIZON:-HORIZON] for each in (form, ground))
-    share = np.bincount(inner[dry], minlength=len(FORMS)) / max(np.count_nonzero(dry), 1)
+    middle = slice(HORIZON, -HORIZON), slice(HORIZON, -HORIZON)
+    inner, dry = form[middle], ground[middle]
+    count = np.bincount(inner[dry], minlength=len(FORMS))
+    share = count / max(int(count.sum()), 1)
     return {f"g_{name}": float(value) for name, value in zip(FORMS, share, strict=True)} | {
         "ridge_extent": _extent(np.isin(inner, (_RIDGE, _PEAK)) & dry),
         "valley_extent": _extent(np.isin(inner, (_VALLEY, _PIT)) & dry),

@@ -158,7 +158,8 @@ def draft_recipe(plan: TerrainPlan, before: TerrainPlan, recipe: TerrainRecipe) 
     same = plan.settings == before.settings and plan.dry.world == before.dry.world
     if not same or ground is None or plan.land.key() == before.land.key():
         return None
-    drafted = drafted_ground(ground, before.coarse_ground, plan.coarse_ground, plan.settings.spacing)
+    old, new = ((each.land, each.coarse_ground) for each in (before, plan))
+    drafted = drafted_ground(ground, old, new, plan.settings.spacing)
     relief = ReliefLayer(UnpaintedNodes(plan.settings), drafted)
     return plan.dry.with_layers(
         [relief, recipe[PlateausLayer], recipe[LakesLayer], recipe[CorridorsLayer], recipe[SeaLayer]]

@@ -51,6 +51,7 @@ COARSE_LEVEL = 2
 """The finest level of ground that is drained to lay out rivers and lakes."""
 _DRAFT_CHANGE, _LEAST_CHANGE = 0.3, 0.04  # nodes: changes that drafts show, and the least ones around them
 _DRAFT_MARGIN = 4  # coarse nodes around them
+_DRAFT_REACH = 5.0  # radii around changed features, beyond which drafts keep the ground
 _DRY_NODE = np.zeros((1, 1), np.uint8)
 _NO_NODES = PaintedNodes(
     0, 0, np.full((1, 1), np.nan, np.float32), _DRY_NODE, _DRY_NODE, np.zeros((1, 1), np.float32)
@@ -111,6 +112,30 @@ class PaintedLand:
             parts += [name.encode(), outline.depth.tobytes(), np.float64(outline.filling).tobytes()]
         return blake2b(b"".join(parts)).digest()
 
+    def changed_near(self, before: PaintedLand, nodes: PaintedNodes, cell: float) -> BoolArray:
+        """Return whether coarse nodes are near features or outlines that differ from those before."""
+        step, shape = 1 << COARSE_LEVEL, nodes.height.shape
+        origin, finest = (step * nodes.row, step * nodes.column), (step * shape[0], step * shape[1])
+        near = np.zeros(shape, np.bool_)
+        for name in {*self.outlines, *before.outlines}:
+            depths = [
+                land.outlines[name].depth_at(origin, finest)[::step, ::step] > 0.0
+                for land in (self, before)
+                if name in land.outlines
+            ]
+            near |= np.logical_xor.reduce(depths)
+        near = np.asarray(maximum_filter(near, 2 * _DRAFT_MARGIN + 1))
+        x, y = (
+            (nodes.column + np.arange(shape[1])) * step * cell,
+            (nodes.row + np.arange(shape[0])) * step * cell,
+        )
+        features = [
+            set(zip(*(each.tolist() for each in land.features[:7]), strict=True)) for land in (self, before)
+        ]
+        for east, north, radius, *_ in features[0] ^ features[1]:
+            near |= np.hypot(x - east, y[:, None] - north) < _DRAFT_REACH * radius
+        return near
+
     def without(self, removed: BoolArray) -> PaintedLand:
         """Return it with features that raise nothing."""
         height = np.where(removed, 0.0, self.features.height)
@@ -130,17 +155,22 @@ def painted_ground(
 
 
 def drafted_ground(
-    ground: DrainedRaster, before: DrainedRaster, after: DrainedRaster, cell: float
+    ground: DrainedRaster,
+    before: tuple[PaintedLand, DrainedRaster],
+    after: tuple[PaintedLand, DrainedRaster],
+    cell: float,
 ) -> DrainedRaster:
     """Return the painted region with the changes from coarse ground `before` to that `after` added.
 
-    Small changes are left out: far from a stroke coarse valleys move, and no tile there is to be drawn again.
-    `cell` is the spacing (m) of level 0.
+    Small changes and those far from changed features are left out: coarse valleys move there, and no tile is
+    to be drawn again. `cell` is the spacing (m) of level 0.
     """
-    nodes, old, new = ground.levels[0], before.levels[COARSE_LEVEL], after.levels[COARSE_LEVEL]
+    (land, coarse), (new_land, new_coarse) = before, after
+    nodes, old, new = ground.levels[0], coarse.levels[COARSE_LEVEL], new_coarse.levels[COARSE_LEVEL]
     change = np.nan_to_num(new.height.astype(np.float64) - old.height)
     near = maximum_filter(np.abs(new.rock.astype(np.float64) - old.rock) > 0, 2 * _DRAFT_MARGIN + 1)
     near |= maximum_filter(np.abs(change) > _DRAFT_CHANGE * cell, 2 * _DRAFT_MARGIN + 1)
+    near &= new_land.changed_near(land, old, cell)
     change[~near | (np.abs(change) < _LEAST_CHANGE * cell)] = 0.0
     rows, columns = (
         (first + np.arange(count)) / (1 << COARSE_LEVEL) - start

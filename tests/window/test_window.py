@@ -90,6 +90,7 @@ def test_a_tour(user, tmp_path):
         user.screenshot(pictures / f"{name}.png")
 
     user.start()
+    see("preset")
     user.key("ctrl+n")
     dialog_opens(user)
     user.click(*centre_of(user, "app.activeModalWidget().form['name']"), times=3)
@@ -208,4 +209,11 @@ def test_a_tour(user, tmp_path):
     assert user.evaluate(painted) == full
     assert user.evaluate(width) > before + 40.0
     see("reopened")
+    assert user.leave() == 0
+
+    # The dark theme, from the best view.
+    user.start("alpine_range")
+    user.evaluate("__import__('sketchterrain.ui.look.theme', fromlist=['theme']).apply_theme(app, 'dark')")
+    user.evaluate("window.view.see_best()")
+    see("dark")
     assert user.leave() == 0

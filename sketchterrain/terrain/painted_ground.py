@@ -125,15 +125,10 @@ class PaintedLand:
             ]
             near |= np.logical_xor.reduce(depths)
         near = np.asarray(maximum_filter(near, 2 * _DRAFT_MARGIN + 1))
-        x, y = (
-            (nodes.column + np.arange(shape[1])) * step * cell,
-            (nodes.row + np.arange(shape[0])) * step * cell,
-        )
-        features = [
-            set(zip(*(each.tolist() for each in land.features[:7]), strict=True)) for land in (self, before)
-        ]
-        for east, north, radius, *_ in features[0] ^ features[1]:
-            near |= np.hypot(x - east, y[:, None] - north) < _DRAFT_REACH * radius
+        rows, columns = np.ogrid[: shape[0], : shape[1]]
+        x, y = (step * cell * each for each in (nodes.column + columns, nodes.row + rows))
+        for east, north, radius, *_ in self.features.rows() ^ before.features.rows():
+            near |= np.hypot(x - east, y - north) < _DRAFT_REACH * radius
         return near
 
     def without(self, removed: BoolArray) -> PaintedLand:

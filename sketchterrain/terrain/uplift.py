@@ -50,6 +50,10 @@ class UpliftFeatures(NamedTuple):
         """Return some of the features."""
         return UpliftFeatures._make(each[members] for each in self)
 
+    def rows(self) -> set[tuple[float, ...]]:
+        """Return the features without the numbers of their shapes, which other shapes change."""
+        return set(zip(*(each.tolist() for each in self[:-2]), strict=True))
+
     def cover(self, at: Float64Array) -> BoolArray:
         """Return whether positions (n, 2), m, are in the radius of any feature."""
         away = np.hypot(at[:, :1] - self.x, at[:, 1:2] - self.y)

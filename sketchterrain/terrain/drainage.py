@@ -1,9 +1,8 @@
-"""Drained relief on rasters: the steady state of stream power with slopes that repose limits.
+"""Drained relief on rasters: the steady state of stream power with slopes capped at repose.
 
 Every node drains to one of its eight neighbours. Its height is ``z = z_receiver + S d`` with the slope
-``S = (s^-4 + repose^-4)^(-1/4)``, ``s = u / (A / r0²)^(3/8)``, of the drainage area A at its middle, where u
-is the uplift over the erodibility and r0 the spacing of level 0: valleys bend smoothly into slopes of repose.
-In layered rock S is greater in hard layers than in soft ones.
+``S = min(u / (A / r0²)^(3/8), repose)`` of the drainage area A at its middle, where u is the uplift over the
+erodibility and r0 the spacing of level 0; in layered rock it is steeper in hard layers than in soft ones.
 Routing and integrating alternate for a fixed number of rounds, coarse to fine, as in Tzathas et al. 2024,
 "Physically-based analytical erosion for fast terrain generation".
 Depressions are routed through their lowest pass, after Cordonnier et al. 2019, "A versatile, linear

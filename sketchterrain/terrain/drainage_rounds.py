@@ -113,10 +113,7 @@ def integrate(fields, state, geometry, count):
     for at in range(height.size):
         middle = area[at] - 0.5 * rain[at]
         quarter = sqrt(sqrt(max(middle * scale, 1e-9)))
-        slope, steepest = uplift[at] / (quarter * sqrt(quarter)), repose[at]
-        square, most = slope * slope, steepest * steepest
-        slope *= steepest / max(sqrt(sqrt(square * square + most * most)), LEAST_SLOPE)
-        rise[at] = max(slope, LEAST_SLOPE) * spacing
+        rise[at] = max(min(uplift[at] / (quarter * sqrt(quarter)), repose[at]), LEAST_SLOPE) * spacing
     diagonal = sqrt(2.0)
     for k in range(count - 1, -1, -1):
         at = order[k]

@@ -41,7 +41,7 @@ _CLEARANCE = 0.9  # visible radii, within which unpainted ground is calmed
 _CALM = 0.7  # share of its uplift that it loses there, all of it on rock
 _EDGE = 0.1  # half the width of the step between core and collar, visible radii
 _FRONT = 0.3  # visible radii over which slopes grow from the collar's to the core's
-_OUTSET = 0.21  # of the step beyond the outline: spurs that reach beyond it make up for valleys inside
+_OUTSET = 0.18  # of the step beyond the outline: spurs that reach beyond it make up for valleys inside
 # Over the mean slope from a feature's outline to its summit:
 _CORE_UPLIFT, _COLLAR_UPLIFT = 2.0, 4.0
 _COLLAR_SLOPE = 0.9 * 0.25 / COLLAR
@@ -49,7 +49,7 @@ _APRON, _APRON_RISE = 0.4, 0.9  # shares of it: at the collar's edge, and how mu
 _STEEPNESS, _EROSION_STEEPNESS = 1.0, 0.3
 _REPOSE, _EROSION_REPOSE = 0.7, 0.2  # tangents
 _PEAK = 0.5  # share of the uplift that peakiness moves from the outline to the summit
-_UNEVEN = 0.25  # by how much uplift and slopes vary from place to place, slopes downwards only
+_UNEVEN = 0.35  # by how much uplift and slopes vary from place to place
 _FOREIGN = 1.5  # weight of drainage area from elsewhere: streams that come from there cut through features
 _NEIGHBOUR = 0.15  # weight of features of other shapes inside a shape
 _ROCK_DEPTH = 0.3  # visible radii inside the outline, where all is rock
@@ -166,7 +166,7 @@ def painted_uplift(
         foot = _smooth((position + COLLAR) / (0.6 * COLLAR))
         front = _smooth((position + _OUTSET + _EDGE) / _FRONT)
         apron = _COLLAR_SLOPE * slope * (_APRON + _APRON_RISE * _smooth((position + COLLAR) / COLLAR))
-        ramp = np.minimum(uneven, 1.0) * (apron * (1.0 - front) + steep * front)
+        ramp = np.minimum(uneven, 1.05) * (apron * (1.0 - front) + steep * front)
         own = np.maximum(ground.repose * (1.0 - core) * (1.0 - foot), ramp)
         repose = np.where(inside, np.maximum(own, np.where(repose is ground.repose, 0.0, repose)), repose)
         layers.append(
@@ -356,15 +356,14 @@ def _box(x, y, reach, start, step, shape):
 
 @_compiled
 def _unevenness(origin, shape):
-    """Return noise of 2 to 32 nodes of level 0, with a standard deviation of about 0.5."""
+    """Return noise of short wavelengths, about −1 … 1, at nodes of level 0."""
     noise = np.empty(shape)
     for i in range(shape[0]):
         for j in range(shape[1]):
             x, y = (origin[1] + j) * SIDE, (origin[0] + i) * SIDE
-            noise[i, j] = 0.6 * value_noise(np.uint64(31), x, y, 9)
-            noise[i, j] += 0.5 * value_noise(np.uint64(32), x, y, 7)
-            noise[i, j] += 0.7 * value_noise(np.uint64(33), x, y, 6)
-            noise[i, j] += 0.6 * value_noise(np.uint64(34), x, y, 5)
+            noise[i, j] = 0.6 * value_noise(np.uint64(31), x, y, 9) + 0.5 * value_noise(
+                np.uint64(32), x, y, 7
+            )
     return noise
 
 

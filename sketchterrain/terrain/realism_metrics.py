@@ -38,6 +38,7 @@ HOLLOW_DEPTH: Final = 0.05  # cells: shallower hollows are not counted
 FORMS: Final = ("flat", "peak", "ridge", "shoulder", "spur", "slope", "hollow", "footslope", "valley", "pit")
 """The ten landforms, by their codes."""
 
+_INNER = slice(HORIZON, -HORIZON), slice(HORIZON, -HORIZON)  # the cells that are classified
 _FLATNESS = math.radians(1.0)  # angles between zenith and nadir horizons that differ by less count as level
 # Table 1 of Jasiewicz & Stepinski: rows are numbers of lower directions, columns of higher ones.
 _FLAT, _PEAK, _RIDGE, _SHOULDER, _SPUR, _SLOPE, _HOLLOW, _FOOTSLOPE, _VALLEY, _PIT = range(len(FORMS))
@@ -144,6 +145,7 @@ def measure_window_maps(
     relief = max(high - low, 1e-6)
     south, east = np.gradient(z, cell)
     slope = np.hypot(south, east)
+    median_slope = float(np.median(slope[ground]))
     degrees = np.degrees(np.arctan(slope))
     form = geomorphons(z, cell)
     flow = route_flow(z, cell)
@@ -154,10 +156,10 @@ def measure_window_maps(
         metrics |= _heights(z, ground, low, high, relief)
         metrics |= _roughness(z, ground, slope, cell)
         metrics |= _drainage(z, ground, flow, cell, relief)
-        metrics |= _channels(z, flow, form, np.median(slope[ground]), cell)
+        metrics |= _channels(z, flow, form, median_slope, cell)
         metrics |= _streams(flow)
         metrics |= _summits(z, relief)
-        metrics |= _treated_depressions(z, ground, flow, np.median(slope[ground]), cell)
+        metrics |= _treated_depressions(z, ground, flow, median_slope, cell)
     flat = z.ravel()
     hollow = closed_hollows(flow, flat, HOLLOW_DEPTH * cell)
     channel = flow.channels(2 * CHANNEL_AREA)
@@ -167,8 +169,7 @@ def measure_window_maps(
 
 
 def _landforms(form: npt.NDArray[np.int8], ground: BoolArray) -> dict[str, float]:
-    middle = slice(HORIZON, -HORIZON), slice(HORIZON, -HORIZON)
-    inner, dry = form[middle], ground[middle]
+    inner, dry = form[_INNER], ground[_INNER]
     count = np.bincount(inner[dry], minlength=len(FORMS))
     share = count / max(int(count.sum()), 1)
     return {f"g_{name}": float(value) for name, value in zip(FORMS, share, strict=True)} | {
@@ -309,14 +310,13 @@ def _concavity(
 
 
 def _channels(
-    z: Float64Array, flow: FlowNetwork, form: npt.NDArray[np.int8], slope: float, cell: float
+    z: Float64Array, flow: FlowNetwork, form: npt.NDArray[np.int8], median_slope: float, cell: float
 ) -> dict[str, float]:
-    """Return whether channels lie in valleys, and how deep these are, over a median slope."""
+    """Return whether channels lie in valleys, and how deep these are over the median slope."""
     channel = flow.channels(CHANNEL_AREA)
     is_channel = np.zeros(z.shape, np.bool_)
     is_channel.flat[channel] = True
-    inner = (slice(HORIZON, -HORIZON),) * 2
-    forms = form[inner][is_channel[inner]]
+    forms = form[_INNER][is_channel[_INNER]]
     found = {"channel_in_valley": math.nan, "channel_off_slope": math.nan, "valley_depth": math.nan}
     if forms.size:
         found["channel_in_valley"] = float(np.isin(forms, (_VALLEY, _PIT, _HOLLOW)).mean())
@@ -325,7 +325,7 @@ def _channels(
         away, nearest = ndimage.distance_transform_edt(~is_channel, return_indices=True)
         beside = (away > 6.0) & (away < 10.0)
         rise = _median((z - z[tuple(nearest)])[beside], least=51)
-        found["valley_depth"] = rise / (8.0 * cell) / max(slope, 1e-6)
+        found["valley_depth"] = rise / (8.0 * cell) / max(median_slope, 1e-6)
     return found
 
 
@@ -352,7 +352,7 @@ def _streams(flow: FlowNetwork) -> dict[str, float]:
 
 
 def _treated_depressions(
-    z: Float64Array, ground: BoolArray, flow: FlowNetwork, slope: float, cell: float, *, reach: int = 6
+    z: Float64Array, ground: BoolArray, flow: FlowNetwork, median_slope: float, cell: float, *, reach: int = 6
 ) -> dict[str, float]:
     """Return what gives away depressions that were filled or breached.
 
@@ -370,7 +370,7 @@ def _treated_depressions(
     if not channel.size:
         return {"reopened_hollows": float(hollow.mean()), "level_steps": 0.0}
     first, second = (flow.slope(flow.filled, start, cell, reach) for start in (channel, below))
-    step = (first < 0.1 * second) & (second > 0.1 * slope)
+    step = (first < 0.1 * second) & (second > 0.1 * median_slope)
     return {"reopened_hollows": float(hollow.mean()), "level_steps": float(step.mean())}
 
 

@@ -231,7 +231,7 @@ class PlateausLayer(TerrainLayer):
         highest = np.maximum(state.high[block] + rise, r["plateau_top"]) + _RIM_SOFTNESS
         np.maximum.at(state.bound, block, growth * moved + below + steps)
         np.maximum.at(state.high, block, highest)
-        np.maximum.at(state.scale, block, r["plateau_top"] - r["plateau_foot"])
+        np.maximum.at(state.scale, block, rise)
 
     def _near_cliffs(
         self,

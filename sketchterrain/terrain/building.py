@@ -241,7 +241,7 @@ def plan_terrain(
     layout = lay_out_water(sketch, seed=sketch.seed, ground=first, cache=memory, checkpoint=checkpoint)
     lakes = tuple(lake for lake in layout.lakes if lake.label)
     checkpoint()
-    bare_land = replace(land, features=land.features.of(np.zeros(0, np.int64)))
+    bare_land = PaintedLand(land.features.of(np.zeros(0, np.int64)), {})
     without = painted_ground(settings, bare_land, PaintedWater(sea=sea), memory, coarse=True)
     without_features = _ground(
         bare.with_layers([ReliefLayer(UnpaintedNodes(settings), without)]), 1 << COARSE_LEVEL

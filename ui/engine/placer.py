@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _DRAFT_AFTER: Final = 0.2  # s; a placement expected to take longer is shown as a draft first
 _SHORT: Final = 0.1  # s; a placement expected to end sooner is finished in any case
+_REST: Final = 0.06  # s without a newer sketch, after which a draft is followed by the final terrain
 
 
 class Superseded(Exception):  # noqa: N818 # not an error
@@ -157,6 +158,8 @@ class Placer:
                     update = msg.RecipeUpdate(version, sketch, draft, started, time.monotonic(), draft=True)
                     self._engine.send(update)
                     self._policy.drafted()
+                    if self._window.has_message(_REST):  # the stroke goes on
+                        raise Superseded
             recipe = recipe_of_plan(sketch, plan, self._memory, self._checkpoint)
         finally:
             if self._reported:

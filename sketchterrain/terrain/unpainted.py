@@ -97,7 +97,7 @@ class UnpaintedGround:
     """Windows of the raster of unpainted ground, with a bounded cache of drained cells; thread-safe."""
 
     def __init__(
-        self, settings: UnpaintedSettings, *, max_bytes: int = 3 << 24, executor: Executor | None = None
+        self, settings: UnpaintedSettings, *, max_bytes: int = 1 << 27, executor: Executor | None = None
     ) -> None:
         self.settings = settings
         self.mesh = meshes.mesh_parameters(settings.seed, _FALL * settings.ground_relief)

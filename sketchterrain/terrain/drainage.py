@@ -3,7 +3,8 @@
 Every node drains to one of its eight neighbours. Its height is ``z = z_receiver + S d`` with the slope
 ``S = (s⁻⁴ + repose⁻⁴)^(−1/4)``, ``s = u / (A / r0²)^(3/8)`` of the drainage area A at its middle, where u is
 the uplift over the erodibility and r0 the spacing of level 0: straight hillslopes pass smoothly into
-channels. Courses have the lesser of the two. In layered rock slopes are steeper in hard layers than in soft ones.
+channels. Courses have the lesser of the two. Slopes of layered rock are steeper in hard layers than in soft
+ones.
 Routing and integrating alternate for a fixed number of rounds, coarse to fine, as in Tzathas et al. 2024,
 "Physically-based analytical erosion for fast terrain generation".
 Depressions are routed through their lowest pass, after Cordonnier et al. 2019, "A versatile, linear

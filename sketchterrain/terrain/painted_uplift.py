@@ -51,8 +51,8 @@ _REPOSE, _EROSION_REPOSE = 0.7, 0.2  # tangents
 _STEEPEST = 1.08  # over these, where the ground is least even
 _PEAK = 0.5  # share of the uplift that peakiness moves from the outline to the summit
 _UNEVEN = 0.35  # by how much uplift and slopes vary from place to place
-# Hash keys, bits of the cells (mesh units) and amplitudes of the noise by which they do; the fine one fades out
-# between two depths inside the outline (visible radii): rivers flow there, and the outline is to stay.
+# Hash keys, bits of the cells (mesh units) and amplitudes of the noise by which they do; the fine one sets in
+# between two depths inside the outline (visible radii), which is to stay where it is, as rivers beside it.
 _BROAD, _FINE = ((31, 9, 0.6), (32, 7, 0.5)), ((33, 6, 0.7), (34, 5, 0.4))
 _FINE_FROM, _FINE_FULL = -0.1, 0.3
 _FOREIGN = 1.5  # weight of drainage area from elsewhere: streams that come from there cut through features

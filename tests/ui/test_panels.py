@@ -126,7 +126,9 @@ def test_closed_widgets_leak_no_objects_or_connections(create, document, workspa
 
     def living() -> tuple[int, int]:
         gc.collect()
-        return len(QApplication.allWidgets()), sum(issubclass(type(each), QObject) for each in gc.get_objects())
+        return len(QApplication.allWidgets()), sum(
+            issubclass(type(each), QObject) for each in gc.get_objects()
+        )
 
     for _ in display_states(workspace, link, placed):
         open_and_close()

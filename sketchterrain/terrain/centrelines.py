@@ -184,11 +184,16 @@ class PreparedCentreline:
     """What flattening a river's centreline needs at every cell size; see `prepare_centreline`."""
 
     river: River
-    line: Float64Array
+    radii: Float64Array
     curve: Float64Array
     along: Float64Array
     anchors: BoolArray  # samples that are ends of arcs
     steep: BoolArray
+
+    @property
+    def line(self) -> Float64Array:
+        """The centreline's samples, (n, 6): as `ArcCentreline.points`."""
+        return _line(self.river, self.radii)
 
 
 def prepare_centreline(
@@ -199,13 +204,14 @@ def prepare_centreline(
     Points of the centreline where other rivers end (``meeting``, (n, 2), m) stay ends of arcs, so that both
     rivers have the same level there.
     """
-    line = np.column_stack(
-        [river.centreline, river.centreline_width / 2.0, river.centreline_depth.astype(np.float64), radii]
-    )
     curve, along = _curve(river)
-    return PreparedCentreline(
-        river, line, curve, along, _profile_anchors(river, line, meetings_on(river, meeting)), _steep(river)
-    )
+    anchors = _profile_anchors(river, _line(river, radii), meetings_on(river, meeting))
+    return PreparedCentreline(river, radii, curve, along, anchors, _steep(river))
+
+
+def _line(river: River, radii: Float64Array) -> Float64Array:
+    widths, depths = river.centreline_width / 2.0, river.centreline_depth.astype(np.float64)
+    return np.column_stack([river.centreline, widths, depths, radii])
 
 
 def flatten_to_arcs(

@@ -195,7 +195,7 @@ def test_valleys_lead_away_from_the_painted_region():
             at = zip(meshes.CORNER_X[corners].tolist(), meshes.CORNER_Y[corners].tolist(), strict=True)
             return sum((table.column + column + x, table.row + row + y) in painted for x, y in at)
 
-        for row, column, half in (np.argwhere(table.receiver[1:-1, 1:-1] >= 0) + (1, 1, 0)).tolist():
+        for row, column, half in np.add(np.argwhere(table.receiver[1:-1, 1:-1] >= 0), [1, 1, 0]).tolist():
             side = table.receiver[row, column, half]
             beyond = meshes.neighbour(table.diagonal, row, column, half, side)
             sites = inside(row, column, half), inside(*beyond)

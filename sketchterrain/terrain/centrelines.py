@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -184,16 +184,16 @@ class PreparedCentreline:
     """What flattening a river's centreline needs at every cell size; see `prepare_centreline`."""
 
     river: River
-    radii: Float64Array
+    line: Float64Array  # (n, 6), as `ArcCentreline.points`
     curve: Float64Array
     along: Float64Array
     anchors: BoolArray  # samples that are ends of arcs
     steep: BoolArray
 
-    @property
-    def line(self) -> Float64Array:
-        """The centreline's samples, (n, 6): as `ArcCentreline.points`."""
-        return _line(self.river, self.radii)
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Leave out what the samples repeat of the river."""
+        radii = self.line[:, 5].copy()
+        return _restored, (self.river, radii, self.curve, self.along, self.anchors, self.steep)
 
 
 def prepare_centreline(
@@ -205,13 +205,18 @@ def prepare_centreline(
     rivers have the same level there.
     """
     curve, along = _curve(river)
-    anchors = _profile_anchors(river, _line(river, radii), meetings_on(river, meeting))
-    return PreparedCentreline(river, radii, curve, along, anchors, _steep(river))
+    line = _samples(river, radii)
+    anchors = _profile_anchors(river, line, meetings_on(river, meeting))
+    return PreparedCentreline(river, line, curve, along, anchors, _steep(river))
 
 
-def _line(river: River, radii: Float64Array) -> Float64Array:
+def _samples(river: River, radii: Float64Array) -> Float64Array:
     widths, depths = river.centreline_width / 2.0, river.centreline_depth.astype(np.float64)
     return np.column_stack([river.centreline, widths, depths, radii])
+
+
+def _restored(river: River, radii: Float64Array, *rest: Any) -> PreparedCentreline:
+    return PreparedCentreline(river, _samples(river, radii), *rest)
 
 
 def flatten_to_arcs(

@@ -159,6 +159,6 @@ def test_painting_is_followed(tiny):
     (table,) = measure(None, tiny).tables
     strokes, dabs = table.rows
     assert strokes["updates"] >= 10
-    assert dabs["updates"] == dabs["strokes"] >= 2
+    assert dabs["updates"] >= dabs["strokes"] >= 2
     for row in table.rows:
         assert 0.0 < row["median_ms"] <= row["p95_ms"] <= row["most_ms"]

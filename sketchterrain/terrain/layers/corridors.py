@@ -321,9 +321,8 @@ def _boxes(
     corners = np.stack(
         [c[..., 0], c[..., 0] + c[..., 1] / 3, c[..., 0] + (2 * c[..., 1] + c[..., 2]) / 3, c.sum(axis=-1)]
     )
-    radii = course.radii
-    pairs = np.stack([first, np.minimum(last + 1, len(radii) - 1)], axis=-1).ravel()
-    radius = np.maximum(np.maximum.reduceat(radii, pairs)[::2], radii[last])
+    pairs = np.stack([first, np.minimum(last + 1, len(course.line) - 1)], axis=-1).ravel()
+    radius = np.maximum(np.maximum.reduceat(course.line[:, 5], pairs)[::2], course.line[last, 5])
     wide = (radius * (1 + 1e-5) + margin)[:, None]
     return np.column_stack([corners.min(axis=0) - wide, corners.max(axis=0) + wide])
 

@@ -11,14 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import (
-    BoolArray,
-    Bounds,
-    Float32Array,
-    Float64Array,
-    LatticeArray,
-    StructuredArray,
-)
+from sketchterrain.array_types import Bounds, Float32Array, Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.compute.buffers import BufferSet, StagingBuffer
 from sketchterrain.terrain.changes import touches
@@ -50,7 +43,6 @@ _MIN_SQUARE_VERTICES = 16
 _MIN_SQUARE = 200.0  # m
 _USUAL = 0.99  # share of a tile whose error is at most its δ
 _OTHER_NODES = 0.8  # share that counts of a deviation between nodes of two levels: see `deviation_weights`
-_SPARSE = 1.1  # of tiles of coarse nodes in the sketch: the samples miss a part of their greatest errors
 _WORST = 1.5  # greatest error of a sample over δ, so that errors between samples hardly exceed 2 δ
 
 
@@ -212,8 +204,6 @@ class VertexWriter:
             deviations = self._context.download(errors, (len(keys), strips**2), np.float32)
             facts["error"][order] = geometric_error(deviations)
             facts["error"] *= deviation_weights(keys, self._inputs.recipe.extent, store.quads)
-            coarse, beyond = _coarse_and_beyond(keys, self._inputs.recipe.extent, store.quads)
-            facts["error"][coarse & ~beyond] *= _SPARSE
             for i in np.flatnonzero([self._wide_errors.is_wide(int(level)) for level in keys[:, 0]]):
                 level, column, row = (int(number) for number in keys[i])
                 deviations = self._wide_errors.distances(level, column, row, store.heights(int(slots[i])))
@@ -290,18 +280,13 @@ def deviation_weights(keys: LatticeArray, extent: float, quads: int = QUADS) -> 
     Beyond the sketch the nodes of each level are drained by themselves: finer ones deviate less than coarser
     ones, in the median by this share.
     """
-    coarse, beyond = _coarse_and_beyond(keys, extent, quads)
-    return np.where(coarse & beyond, _OTHER_NODES, 1.0)
-
-
-def _coarse_and_beyond(keys: LatticeArray, extent: float, quads: int) -> tuple[BoolArray, BoolArray]:
-    """Return whether tiles read coarse nodes of the drained ground, and lie beyond the sketch."""
     level, corner = keys[:, 0], keys[:, 1:]
     coarse = np.array(
         [node_level(extent * 2.0 ** -int(each) / quads, extent) > 0 for each in level], np.bool_
     )
     across = np.exp2(level.astype(np.float64))[:, None]  # tiles along the sketch
-    return coarse, np.any((corner >= across) | (corner + 1 <= 0), axis=1)
+    beyond = ((corner >= across) | (corner + 1 <= 0)).any(axis=1)
+    return np.where(coarse & beyond, _OTHER_NODES, 1.0)
 
 
 def geometric_error(deviations: Float32Array) -> Float64Array:

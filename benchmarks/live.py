@@ -242,7 +242,7 @@ def _found(painting: str, times: list[tuple[float, ...]], drafts: list[float], s
         "stall_ms": max(stalls, default=0.0) * 1e3,
         "stall_p95_ms": float(np.percentile(stalls or [0.0], 95)) * 1e3,
         "seconds": samples,
-        "first_seconds": drafts,
+        "draft_seconds": drafts,
     }
 
 
@@ -284,7 +284,7 @@ def draw_live(rows: Sequence[Row]) -> Any:
     figure = new_figure(10.0, 3.8, "Painting while the terrain follows")
     shares, parts = figure.subplots(1, 2)
     for row, colour in zip(rows, HUES, strict=False):
-        for key, name, style in (("first_seconds", "first shown", "--"), ("seconds", "final", "-")):
+        for key, name, style in (("draft_seconds", "first shown", "--"), ("seconds", "final", "-")):
             ms = np.sort(samples_of(row, key)) * 1e3
             share = np.arange(1, len(ms) + 1) / len(ms) * 100.0
             shares.plot(ms, share, style, color=colour, linewidth=1.8, label=f"{row['painting']}, {name}")

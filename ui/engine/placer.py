@@ -158,8 +158,8 @@ class Placer:
                     update = msg.RecipeUpdate(version, sketch, draft, started, time.monotonic(), draft=True)
                     self._engine.send(update)
                     self._policy.drafted()
-                    if self._window.has_message(_REST):  # the stroke goes on
-                        raise Superseded
+                    self._window.has_message(_REST)  # while the stroke goes on, the next draft comes first
+                    self._checkpoint()
             recipe = recipe_of_plan(sketch, plan, self._memory, self._checkpoint)
         finally:
             if self._reported:

@@ -232,7 +232,7 @@ _ALL: Final = (
             Parameter("height", float, 180.0, 1.0, 3000.0, "m", "from the ground around to the top"),
             Parameter("cliffness", float, 0.8, 0.0, 1.0, "", "0 is a slope, 1 a cliff of up to 75°"),
             _strata(0.6),
-            Parameter("foot", float, 0.35, 0.1, 0.9, "", "share of the height that is talus"),
+            Parameter("foot", float, 0.5, 0.1, 0.9, "", "share of the height that is talus"),
         ),
         colour=(186, 104, 72),
         hatch="peaks",

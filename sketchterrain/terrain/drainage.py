@@ -1,8 +1,10 @@
-"""Drained relief on rasters: the steady state of stream power with slopes capped at repose.
+"""Drained relief on rasters: the steady state of stream power with slopes below repose.
 
 Every node drains to one of its eight neighbours. Its height is ``z = z_receiver + S d`` with the slope
-``S = min(u / (A / r0²)^(3/8), repose)`` of the drainage area A at its middle, where u is the uplift over the
-erodibility and r0 the spacing of level 0; in layered rock it is steeper in hard layers than in soft ones.
+``S = (s⁻⁴ + repose⁻⁴)^(−1/4)``, ``s = u / (A / r0²)^(3/8)`` of the drainage area A at its middle, where u is
+the uplift over the erodibility and r0 the spacing of level 0: straight hillslopes pass smoothly into
+channels. Courses have the lesser of the two. Slopes of layered rock are steeper in hard layers than in soft
+ones.
 Routing and integrating alternate for a fixed number of rounds, coarse to fine, as in Tzathas et al. 2024,
 "Physically-based analytical erosion for fast terrain generation".
 Depressions are routed through their lowest pass, after Cordonnier et al. 2019, "A versatile, linear
@@ -253,7 +255,7 @@ class LevelSolver:
 
     def integrate(self) -> None:
         """Build heights on the present network, none much above a neighbour."""
-        drainage_rounds.integrate(self._fields, self._state, self._geometry, self._count)
+        drainage_rounds.integrate(self._topology, self._fields, self._state, self._geometry, self._count)
         drainage_rounds.limit_slopes(self._topology, self._fields, self._state, self._geometry)
 
     def settle(self) -> None:
@@ -270,7 +272,7 @@ class LevelSolver:
     def heights(self, uplift: Float64Array) -> Float64Array:
         """Return the heights (m) of nodes on the present network with an uplift."""
         self.set_uplift(uplift)
-        drainage_rounds.integrate(self._fields, self._state, self._geometry, self._count)
+        drainage_rounds.integrate(self._topology, self._fields, self._state, self._geometry, self._count)
         height = self._height.reshape(self._width)[1:-1, 1:-1]
         return np.where(np.isinf(height), np.nan, height)
 

@@ -51,7 +51,7 @@ def run(topology, fields, state, geometry, rounds):
     height, previous = state[0], state[-1]
     for number in range(rounds):
         count = route(topology, fields, state, geometry)
-        integrate(fields, state, geometry, count)
+        integrate(topology, fields, state, geometry, count)
         limit_slopes(topology, fields, state, geometry)
         if number < rounds - 1:
             relax(topology[0], height, previous)
@@ -61,7 +61,7 @@ def run(topology, fields, state, geometry, rounds):
 @_compiled
 def settle(topology, fields, state, geometry):
     """Build the heights that belong to the receivers as they are after the last round."""
-    integrate(fields, state, geometry, accumulate(topology, fields, state))
+    integrate(topology, fields, state, geometry, accumulate(topology, fields, state))
 
 
 @_compiled
@@ -102,18 +102,21 @@ def accumulate_inside(weight, rain, area, state, count):
 
 
 @_compiled
-def integrate(fields, state, geometry, count):
+def integrate(topology, fields, state, geometry, count):
     """Build heights up from the outlets, against the order of flow.
 
     The slope is that of the drainage area at the middle of a node, so that levels agree.
     """
+    _, forced = topology
     uplift, repose, rain, least, strata = fields
     height, area, receiver, order, _, rise, _ = state
     width, spacing, scale = geometry
     for at in range(height.size):
         middle = area[at] - 0.5 * rain[at]
         quarter = sqrt(sqrt(max(middle * scale, 1e-9)))
-        rise[at] = max(min(uplift[at] / (quarter * sqrt(quarter)), repose[at]), LEAST_SLOPE) * spacing
+        steep = max(uplift[at] / (quarter * sqrt(quarter)), LEAST_SLOPE)
+        most = max(repose[at], LEAST_SLOPE)
+        rise[at] = (_smooth_minimum(steep, most) if forced[at] < 0 else min(steep, most)) * spacing
     diagonal = sqrt(2.0)
     for k in range(count - 1, -1, -1):
         at = order[k]
@@ -124,6 +127,13 @@ def integrate(fields, state, geometry, count):
             if strata[at] > 0.0:
                 up *= _resistance((height[to] + 0.5 * up) * sqrt(scale) / LAYERS, strata[at])
             height[at] = max(height[to] + up, least[at])
+
+
+@_compiled
+def _smooth_minimum(a, b):
+    """Return (a⁻⁴ + b⁻⁴)^(−1/4) of two positive numbers."""
+    share = a * a / (b * b) if a < b else b * b / (a * a)
+    return min(a, b) / sqrt(sqrt(1.0 + share * share))
 
 
 @_compiled

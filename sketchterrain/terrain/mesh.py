@@ -41,6 +41,9 @@ _TILT_PERIOD = 256.0  # from crest to crest of the base level, in L
 _TILT_ACROSS = 0.6  # gradient across over gradient along
 _SHALLOW = 40.0  # height (in falls along L) below which troughs are shallow
 _SWAY = ((13, 1.4), (12, 0.5))  # bits of the cells and ranges (in slope · cell) of the base level's noise
+# The sketch stands on a swell, so that valleys lead away from it: those that led into the painted region
+# would end at its border. Half the side of its top, the width of its slope (L), its height (falls along L).
+_SWELL_HALF, _SWELL_WIDTH, _SWELL = 2.0, 2.0, 3.5
 
 # Corners of a quad's triangles, by diagonal and half: 0 south-west, 1 south-east, 2 north-east, 3 north-west.
 CORNERS = np.array([[[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]])
@@ -108,6 +111,9 @@ def base_level(mesh, x, y):
         level += (0.1 * s - s) * _SHALLOW
     elif s < 1.0:
         level += (s * (0.1 + s * (1.8 - 0.9 * s)) - s) * _SHALLOW
+    away_x, away_y = max(abs(east) - _SWELL_HALF, 0.0), max(abs(north) - _SWELL_HALF, 0.0)
+    t = min(sqrt(away_x * away_x + away_y * away_y) / _SWELL_WIDTH, 1.0)
+    level += _SWELL * (1.0 - t * t * (3.0 - 2.0 * t))
     return level * mesh.fall
 
 

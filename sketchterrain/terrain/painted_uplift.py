@@ -31,7 +31,7 @@ from sketchterrain.terrain.drainage import (
     drain,
     on_network,
 )
-from sketchterrain.terrain.hashed_noise import value_noise
+from sketchterrain.terrain.hashed_noise import value_noise_row
 from sketchterrain.terrain.mesh import SIDE
 from sketchterrain.terrain.uplift import Outline, UpliftFeatures
 
@@ -41,15 +41,20 @@ _CLEARANCE = 0.9  # visible radii, within which unpainted ground is calmed
 _CALM = 0.7  # share of its uplift that it loses there, all of it on rock
 _EDGE = 0.1  # half the width of the step between core and collar, visible radii
 _FRONT = 0.3  # visible radii over which slopes grow from the collar's to the core's
-_OUTSET = 0.18  # of the step beyond the outline: spurs that reach beyond it make up for valleys inside
+_OUTSET = 0.16  # of the step beyond the outline: spurs that reach beyond it make up for valleys inside
 # Over the mean slope from a feature's outline to its summit:
 _CORE_UPLIFT, _COLLAR_UPLIFT = 2.0, 4.0
 _COLLAR_SLOPE = 0.9 * 0.25 / COLLAR
 _APRON, _APRON_RISE = 0.4, 0.9  # shares of it: at the collar's edge, and how much more at the core
 _STEEPNESS, _EROSION_STEEPNESS = 1.0, 0.3
 _REPOSE, _EROSION_REPOSE = 0.7, 0.2  # tangents
+_STEEPEST = 1.08  # over these, where the ground is least even
 _PEAK = 0.5  # share of the uplift that peakiness moves from the outline to the summit
 _UNEVEN = 0.35  # by how much uplift and slopes vary from place to place
+# Hash keys, bits of the cells (mesh units) and amplitudes of the noise by which they do; the fine one sets in
+# between two depths inside the outline (visible radii), which is to stay where it is, as rivers beside it.
+_BROAD, _FINE = ((31, 9, 0.6), (32, 7, 0.5)), ((33, 6, 0.7), (34, 5, 0.4))
+_FINE_FROM, _FINE_FULL = -0.1, 0.3
 _FOREIGN = 1.5  # weight of drainage area from elsewhere: streams that come from there cut through features
 _NEIGHBOUR = 0.15  # weight of features of other shapes inside a shape
 _ROCK_DEPTH = 0.3  # visible radii inside the outline, where all is rock
@@ -128,7 +133,7 @@ def painted_uplift(
     strata = np.zeros(shape)
     calm = _smooth((near + _CLEARANCE) / _CLEARANCE)
     uplift = ground.uplift * (1.0 - calm * (_CALM + (1.0 - _CALM) * rock))
-    uneven = 1.0 + _UNEVEN * _unevenness(ground.origin, shape)
+    broad, fine = (_unevenness(ground.origin, shape, octaves) for octaves in (_BROAD, _FINE))
     repose = ground.repose
     rock = rock * (1.0 - calm).astype(np.float32)
     layers = []
@@ -157,6 +162,8 @@ def painted_uplift(
         core = _smooth((position + _OUTSET + _EDGE) / (2.0 * _EDGE))
         collar = _smooth((position + COLLAR) / COLLAR) * (1.0 - core)
         rise = np.clip(position, 0.0, 1.0)
+        uneven = broad + fine * _smooth((position - _FINE_FROM) / (_FINE_FULL - _FINE_FROM))
+        uneven = 1.0 + _UNEVEN * uneven
         peak = 1.0 + _PEAK * (peakiness - 0.5) * (2.0 * rise - 1.0)
         steep = np.maximum(
             _REPOSE + _EROSION_REPOSE * erosion, (_STEEPNESS + _EROSION_STEEPNESS * erosion) * slope
@@ -166,7 +173,7 @@ def painted_uplift(
         foot = _smooth((position + COLLAR) / (0.6 * COLLAR))
         front = _smooth((position + _OUTSET + _EDGE) / _FRONT)
         apron = _COLLAR_SLOPE * slope * (_APRON + _APRON_RISE * _smooth((position + COLLAR) / COLLAR))
-        ramp = np.minimum(uneven, 1.05) * (apron * (1.0 - front) + steep * front)
+        ramp = _STEEPEST * np.minimum(uneven, 1.0) * (apron * (1.0 - front) + steep * front)
         own = np.maximum(ground.repose * (1.0 - core) * (1.0 - foot), ramp)
         repose = np.where(inside, np.maximum(own, np.where(repose is ground.repose, 0.0, repose)), repose)
         layers.append(
@@ -355,15 +362,13 @@ def _box(x, y, reach, start, step, shape):
 
 
 @_compiled
-def _unevenness(origin, shape):
+def _unevenness(origin, shape, octaves):
     """Return noise of short wavelengths, about −1 … 1, at nodes of level 0."""
-    noise = np.empty(shape)
-    for i in range(shape[0]):
-        for j in range(shape[1]):
-            x, y = (origin[1] + j) * SIDE, (origin[0] + i) * SIDE
-            noise[i, j] = 0.6 * value_noise(np.uint64(31), x, y, 9) + 0.5 * value_noise(
-                np.uint64(32), x, y, 7
-            )
+    noise = np.zeros(shape)
+    for key, bits, amplitude in octaves:
+        for i in range(shape[0]):
+            y = (origin[0] + i) * SIDE
+            value_noise_row(np.uint64(key), origin[1] * SIDE, SIDE, y, bits, amplitude, noise[i])
     return noise
 
 

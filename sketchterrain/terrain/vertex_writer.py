@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Bounds, Float32Array, Float64Array, LatticeArray, StructuredArray
+from sketchterrain.array_types import (
+    Bounds,
+    Float32Array,
+    Float64Array,
+    LatticeArray,
+    StructuredArray,
+)
 from sketchterrain.caching import LRUCache
 from sketchterrain.compute.buffers import BufferSet, StagingBuffer
 from sketchterrain.terrain.changes import touches
@@ -43,6 +49,7 @@ _MIN_SQUARE_VERTICES = 16
 _MIN_SQUARE = 200.0  # m
 _USUAL = 0.99  # share of a tile whose error is at most its δ
 _OTHER_NODES = 0.8  # share that counts of a deviation between nodes of two levels: see `deviation_weights`
+_SPARSE = 1.1  # of tiles of coarse nodes in the sketch: the samples miss a part of their greatest errors
 _WORST = 1.5  # greatest error of a sample over δ, so that errors between samples hardly exceed 2 δ
 
 
@@ -275,18 +282,18 @@ def sample_cell(cell_size: float, extent: float) -> float:
 
 
 def deviation_weights(keys: LatticeArray, extent: float, quads: int = QUADS) -> Float64Array:
-    """Return the shares of deviations that count as the errors of tiles (level, column, row), shape (n,).
+    """Return what deviations are multiplied by to give errors of tiles (level, column, row), shape (n,).
 
     Beyond the sketch the nodes of each level are drained by themselves: finer ones deviate less than coarser
-    ones, in the median by this share.
+    ones, in the median by a share. In the sketch, tiles of coarse nodes have a margin for missed errors.
     """
     level, corner = keys[:, 0], keys[:, 1:]
     coarse = np.array(
         [node_level(extent * 2.0 ** -int(each) / quads, extent) > 0 for each in level], np.bool_
     )
     across = np.exp2(level.astype(np.float64))[:, None]  # tiles along the sketch
-    beyond = ((corner >= across) | (corner + 1 <= 0)).any(axis=1)
-    return np.where(coarse & beyond, _OTHER_NODES, 1.0)
+    beyond = np.any((corner >= across) | (corner + 1 <= 0), axis=1)
+    return np.where(coarse, np.where(beyond, _OTHER_NODES, _SPARSE), 1.0)
 
 
 def geometric_error(deviations: Float32Array) -> Float64Array:

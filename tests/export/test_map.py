@@ -169,8 +169,8 @@ def test_drawn_contours_follow_their_height_and_avoid_lakes_and_labels(terrain, 
     own = np.array([float(np.median(part)) for part in np.split(height, ends)])
     level = np.repeat(interval * np.rint(own / interval), [len(path) for path in courses])
     assert not len(strays(terrain, ground, points, level, 0.15))
-    x, y = np.array([path[len(path) // 2] for path in courses]).T
-    assert not standing_water(terrain.recipe, "lake", x, y, terrain.heights(x, y)).any()
+    middle = np.array([len(path) // 2 for path in courses]) + np.concatenate([[0], ends])
+    assert not standing_water(terrain.recipe, "lake", *points[middle].T, height[middle]).any()
 
 
 def test_rivers_and_lakes_are_drawn_at_their_positions(terrain, ground, sheet):

@@ -183,6 +183,28 @@ def test_the_painted_region_covers_the_sketch_and_no_more_than_its_cells():
         assert np.array_equal(np.isnan(outside.height), region.inside)
 
 
+def test_valleys_lead_away_from_the_painted_region():
+    """What leads into it, in numbers of vertices upstream, is little beside what leads out of it."""
+    entering = leaving = 0
+    for seed in range(12):
+        ground = UnpaintedGround(UnpaintedSettings(7680.0, seed))
+        painted, table = set(ground.painted_sites), ground.table(-4, -4, 12, 12)
+
+        def inside(row, column, half, painted=painted, table=table):
+            corners = meshes.CORNERS[table.diagonal[row, column], half]
+            at = zip(meshes.CORNER_X[corners].tolist(), meshes.CORNER_Y[corners].tolist(), strict=True)
+            return sum((table.column + column + x, table.row + row + y) in painted for x, y in at)
+
+        for row, column, half in np.add(np.argwhere(table.receiver[1:-1, 1:-1] >= 0), [1, 1, 0]).tolist():
+            side = table.receiver[row, column, half]
+            beyond = meshes.neighbour(table.diagonal, row, column, half, side)
+            sites = inside(row, column, half), inside(*beyond)
+            upstream = table.upstream[row, column, half]
+            entering += upstream * (0 < sites[0] < 3 and sites[1] == 3)
+            leaving += upstream * (sites[0] == 3 and sites[1] < 3)
+    assert entering < 0.25 * leaving
+
+
 def test_border_of_the_painted_region_meets_the_cells_outside():
     ground = UnpaintedGround(SETTINGS)
     region = ground.painted_region(0)

@@ -12,7 +12,6 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
-from sketchterrain.hydrology.courses import arc_length
 from sketchterrain.hydrology.lakes import distance_inside
 from sketchterrain.hydrology.splines import catmull_rom
 from sketchterrain.placement.feature_types import Cover, Lake, River, ShapeField
@@ -170,7 +169,7 @@ ROW, COLUMN = np.mgrid[:SIDE, :SIDE]
 def every_metre(river: River) -> tuple[np.ndarray, np.ndarray]:
     """Return metres from the source, and (x, y, level, width) there."""
     line = np.column_stack([river.centreline, river.centreline_width])
-    arc = arc_length(line)
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line[:, :2], axis=0).T))])
     at = np.append(np.arange(0.0, arc[-1], 1.0), arc[-1])
     return at, np.stack([np.interp(at, arc, line[:, i]) for i in range(4)], axis=-1)
 
@@ -312,7 +311,7 @@ def test_a_river_across_a_mountain_runs_below_the_straight_line(poses, context) 
         row = np.clip((SIDE - y / sketch.pixel_size).astype(int), 0, SIDE - 1)
         column = np.clip((x / sketch.pixel_size).astype(int), 0, SIDE - 1)
         first, last = np.flatnonzero(mountain[row, column])[[0, -1]] + (-1, 1)
-        arc = arc_length(found.centreline)
+        arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
         at = np.linspace(arc[first], arc[last], int(arc[last] - arc[first]) + 2)
         bed = terrain.heights(np.interp(at, arc, x), np.interp(at, arc, y)).astype(np.float64)
         straight = np.linspace(bed[0], bed[-1], len(bed))

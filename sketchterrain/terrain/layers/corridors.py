@@ -63,6 +63,7 @@ _NEARNESS, _WEIGHT_SCALE, _BANK_WIDTH, _BANK_RISE, _FLOODPLAIN_SLOPE, _CHANNEL_C
 # Difference of the bed by arcs for a coarser cell: in cells along the banks' slope, and in widths along the
 # fall. Measured, not proven: blends of arcs shift where these are split differently.
 _ARC_SLOPES, _ARC_WIDTHS = 0.4, 0.8
+_SIDE_SLOPE = 1.5  # greatest slope of a valley's sides over their mean one
 
 
 @dataclass(frozen=True)
@@ -273,7 +274,12 @@ class CorridorsLayer(TerrainLayer):
         if tolerance > FINEST_CELL:
             fall = np.abs(np.subtract(*rivers.ends("water_surface")))[member]
             steep = fall / np.maximum(np.hypot(*rivers.chord[member].T), 1e-3)
-            off = _ARC_SLOPES * tolerance * 2 * deep / half_width + _ARC_WIDTHS * 2 * half_width * steep
+            water, radius = rivers.ends("water_surface"), rivers.ends("valley_radius")
+            # The valley's sides, too, may be steep: through a plateau they are as high as it is.
+            rise = np.maximum(state.high[block] - np.minimum(*water)[member], 0)
+            side = _SIDE_SLOPE * rise / np.minimum(*radius)[member]
+            slope = np.maximum(2 * deep / half_width, side)
+            off = _ARC_SLOPES * tolerance * slope + _ARC_WIDTHS * 2 * half_width * steep
             off[unchanged[member]] = 0
             np.maximum.at(moved, block, off)
         state.bound += (1 + _BANK_RISE) * depth * lost + moved

@@ -186,7 +186,7 @@ def module_result(
     """
     with TemporaryDirectory(prefix="sketchterrain-child-") as folder:
         file = Path(folder) / "result"
-        command = [sys.executable, "-m", module, *arguments, str(file)]
+        command = [sys.executable, "-P", "-m", module, *arguments, str(file)]
         run_child(command, name=name, timeout=timeout, environment=environment)
         try:
             return file.read_bytes()

@@ -84,7 +84,7 @@ def moved_to_context(terrain: T, context: ComputeContext) -> T:
 
 
 def _command(device: Device, kind: str) -> list[str]:
-    return [sys.executable, "-m", _MODULE, str(device.index), kind]
+    return [sys.executable, "-P", "-m", _MODULE, str(device.index), kind]
 
 
 def _probe(index: int, kind: str) -> None:

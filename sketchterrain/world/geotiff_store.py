@@ -141,7 +141,7 @@ class TiffStore(TileStore):
         expected = sum(file.stat().st_size for file in (self._tiles / layer).rglob("*.tif"))
         source = self._tiles / vrt_name(layer, 0)
         with atomic_path(path) as temporary:
-            command = [sys.executable, "-c", _COPY, str(source), str(temporary), json.dumps(options)]
+            command = [sys.executable, "-P", "-c", _COPY, str(source), str(temporary), json.dumps(options)]
             environment = os.environ | {"GDAL_CACHEMAX": "128"}  # MB
             pipe: dict[str, Any] = {"stderr": subprocess.PIPE, "text": True, "errors": "replace"}
             with subprocess.Popen(command, env=environment, **pipe) as process:  # noqa: S603

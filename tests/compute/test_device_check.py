@@ -158,6 +158,14 @@ def test_child_failures_have_a_message():
         module_result("this", name="it", timeout=10.0)
 
 
+def test_children_import_the_program_itself_not_a_folder_of_its_name(tmp_path, monkeypatch):
+    """As a checkout, in whose folder an installed program is run."""
+    (tmp_path / "this.py").write_text("import sys; open(sys.argv[-1], 'w').write('shadow')")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ChildFailedError, match="it exited early"):
+        module_result("this", name="it", timeout=10.0)
+
+
 def test_a_check_that_timed_out_is_not_cached(empty_cache, monkeypatch):
     slow = ChildTimedOutError("the self-test did not answer within 60 s")
     monkeypatch.setattr(device_check, "module_result", Mock(side_effect=slow))

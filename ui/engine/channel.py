@@ -322,7 +322,7 @@ def start_process(
     module: str, arguments: list[str], ends: list[socket.socket], *descriptors: int
 ) -> subprocess.Popen[bytes]:
     """Run a module of this package in a process that inherits socket ends (closed here) and descriptors."""
-    command = [sys.executable, "-m", f"sketchterrain.ui.engine.{module}", *arguments]
+    command = [sys.executable, "-P", "-m", f"sketchterrain.ui.engine.{module}", *arguments]
     numbers = [*(end.fileno() for end in ends), *descriptors]
     child = subprocess.Popen(command, pass_fds=numbers, stdin=subprocess.DEVNULL)  # noqa: S603
     for end in ends:

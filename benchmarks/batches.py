@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ import numpy as np
 
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
+from sketchterrain.io.system import module_command
 
 if TYPE_CHECKING:
     from sketchterrain.benchmarks.timing import TimedContext
@@ -98,4 +98,4 @@ def _batch(first: int, count: int, jobs: int, folder: Path, words: Sequence[str]
 
 
 def _run(words: Sequence[str]) -> None:
-    subprocess.run([sys.executable, "-m", "sketchterrain", *words], check=True, capture_output=True)
+    subprocess.run(module_command("sketchterrain", *words), check=True, capture_output=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.plotting import BLUE, INK, SMALL, VERMILION, new_figure, plain_numbers
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
+from sketchterrain.io.system import module_command
 
 if TYPE_CHECKING:
     from sketchterrain.benchmarks.timing import TimedContext
@@ -133,7 +133,7 @@ def _workers(folder: Path, effort: Effort, device: Sequence[str]) -> list[Row]:
 
 
 def _run(words: Sequence[str]) -> dict[str, Any]:
-    done = subprocess.run([sys.executable, "-m", "sketchterrain", *words], check=True, capture_output=True)
+    done = subprocess.run(module_command("sketchterrain", *words), check=True, capture_output=True)
     report: dict[str, Any] = json.loads(done.stdout)
     return report
 

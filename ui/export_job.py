@@ -2,12 +2,12 @@
 
 import json
 import pickle
-import sys
 from typing import cast
 
 from PyQt6.QtCore import QObject, QProcess, pyqtSignal
 
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.io.system import module_command
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.protocol import Request, WorldRequest
 from sketchterrain.ui.models.background import BackgroundReader
@@ -32,8 +32,9 @@ class ExportJob(QObject):
         self._cancelled = self._is_over = False
         self._buffer = b""
         self._process = QProcess(self)
-        self._process.setProgram(sys.executable)
-        self._process.setArguments(["-P", "-m", "sketchterrain.ui.export_process"])
+        program, *arguments = module_command("sketchterrain.ui.export_process")
+        self._process.setProgram(program)
+        self._process.setArguments(arguments)
         self._process.setProcessChannelMode(QProcess.ProcessChannelMode.ForwardedErrorChannel)
         self._process.readyReadStandardOutput.connect(self._read)
         self._process.finished.connect(self._report_end)

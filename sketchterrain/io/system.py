@@ -177,6 +177,11 @@ def run_child(
         raise ChildFailedError(_failure(name, child.returncode, child.stderr))
 
 
+def module_command(module: str, *arguments: str) -> list[str]:
+    """Return the command that runs a module in a child process, never one of the working directory."""
+    return [sys.executable, "-P", "-m", module, *arguments]
+
+
 def module_result(
     module: str, *arguments: str, name: str, timeout: float, environment: Mapping[str, str] | None = None
 ) -> bytes:
@@ -186,7 +191,7 @@ def module_result(
     """
     with TemporaryDirectory(prefix="sketchterrain-child-") as folder:
         file = Path(folder) / "result"
-        command = [sys.executable, "-P", "-m", module, *arguments, str(file)]
+        command = module_command(module, *arguments, str(file))
         run_child(command, name=name, timeout=timeout, environment=environment)
         try:
             return file.read_bytes()

@@ -11,7 +11,7 @@ import numpy as np
 
 from sketchterrain.compute.device import Device
 from sketchterrain.errors import SketchterrainError
-from sketchterrain.io.system import ChildFailedError, run_child
+from sketchterrain.io.system import ChildFailedError, module_command, run_child
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
@@ -84,7 +84,7 @@ def moved_to_context(terrain: T, context: ComputeContext) -> T:
 
 
 def _command(device: Device, kind: str) -> list[str]:
-    return [sys.executable, "-P", "-m", _MODULE, str(device.index), kind]
+    return module_command(_MODULE, str(device.index), kind)
 
 
 def _probe(index: int, kind: str) -> None:

@@ -11,13 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import (
-    Bounds,
-    Float32Array,
-    Float64Array,
-    LatticeArray,
-    StructuredArray,
-)
+from sketchterrain.array_types import Bounds, Float32Array, Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.compute.buffers import BufferSet, StagingBuffer
 from sketchterrain.terrain.changes import touches

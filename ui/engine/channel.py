@@ -11,7 +11,6 @@ import selectors
 import socket
 import struct
 import subprocess
-import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
@@ -26,6 +25,7 @@ import numpy.typing as npt
 from sketchterrain.document.label_layers import Box, LabelImage, freeze_image, union_box
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.io.system import module_command
 from sketchterrain.ui.engine.protocol import LayerPatch, SketchUpdate
 
 if TYPE_CHECKING:
@@ -322,7 +322,7 @@ def start_process(
     module: str, arguments: list[str], ends: list[socket.socket], *descriptors: int
 ) -> subprocess.Popen[bytes]:
     """Run a module of this package in a process that inherits socket ends (closed here) and descriptors."""
-    command = [sys.executable, "-P", "-m", f"sketchterrain.ui.engine.{module}", *arguments]
+    command = module_command(f"sketchterrain.ui.engine.{module}", *arguments)
     numbers = [*(end.fileno() for end in ends), *descriptors]
     child = subprocess.Popen(command, pass_fds=numbers, stdin=subprocess.DEVNULL)  # noqa: S603
     for end in ends:

@@ -272,9 +272,9 @@ class CorridorsLayer(TerrainLayer):
         np.maximum.at(depth, block, deep)
         tolerance = tolerance_cell(cell)
         if tolerance > FINEST_CELL:
-            fall = np.abs(np.subtract(*rivers.ends("water_surface")))[member]
-            steep = fall / np.maximum(np.hypot(*rivers.chord[member].T), 1e-3)
             water, radius = rivers.ends("water_surface"), rivers.ends("valley_radius")
+            fall = np.abs(np.subtract(*water))[member]
+            steep = fall / np.maximum(np.hypot(*rivers.chord[member].T), 1e-3)
             # The valley's sides, too, may be steep: through a plateau they are as high as it is.
             rise = np.maximum(state.high[block] - np.minimum(*water)[member], 0)
             side = _SIDE_SLOPE * rise / np.minimum(*radius)[member]

@@ -42,6 +42,12 @@ def unpainted_height(sketch: Sketch, layer: str) -> float:
     return unset.start if unset is not None and declared == unset.value else declared
 
 
+def exactness(fidelity: float) -> float:
+    """Return how strictly features obey their shapes: 0 up to a fidelity of 0.8, 1 at 1."""
+    share = min(max((fidelity - _LOOSE) / (1.0 - _LOOSE), 0.0), 1.0)
+    return share * share * (3.0 - 2.0 * share)
+
+
 def built_height(asked: float, inradius: float, fidelity: float, limit: float = HEIGHT_LIMIT) -> float:
     """Return the height (m) that is built for a shape.
 
@@ -62,6 +68,5 @@ def built_height(asked: float, inradius: float, fidelity: float, limit: float = 
     if excess <= 0.0:
         return asked
     saturated = free + (excess * room / (excess + room) if room > 0.0 else 0.0)
-    exact = min(max((fidelity - _LOOSE) / (1.0 - _LOOSE), 0.0), 1.0)
-    exact = exact * exact * (3.0 - 2.0 * exact)
+    exact = exactness(fidelity)
     return asked if exact == 1.0 else saturated + exact * (asked - saturated)

@@ -41,12 +41,14 @@ _CLEARANCE = 0.9  # visible radii, within which unpainted ground is calmed
 _CALM = 0.7  # share of its uplift that it loses there, all of it on rock
 _EDGE = 0.1  # half the width of the step between core and collar, visible radii
 _FRONT = 0.3  # visible radii over which slopes grow from the collar's to the core's
-_OUTSET = 0.16  # of the step beyond the outline: spurs that reach beyond it make up for valleys inside
+_OUTSET = 0.16  # of the step beyond the outline: spurs beyond it make up for valleys inside
 # Over the mean slope from a feature's outline to its summit:
 _CORE_UPLIFT, _COLLAR_UPLIFT = 2.0, 4.0
 _COLLAR_SLOPE = 0.9 * 0.25 / COLLAR
 _APRON, _APRON_RISE = 0.4, 0.9  # shares of it: at the collar's edge, and how much more at the core
-_STEEPNESS, _EROSION_STEEPNESS = 1.0, 0.3
+# For a fidelity up to 0.8, and of 1: steep sides keep to their outlines.
+_STEEPNESS, _EROSION_STEEPNESS = (1.0, 1.4), 0.3
+_HILL_STEEPNESS, _EROSION_HILL_STEEPNESS, _HILL_BASE = (1.3, 1.8), 0.8, 0.05
 _REPOSE, _EROSION_REPOSE = 0.7, 0.2  # tangents
 _STEEPEST = 1.08  # over these, where the ground is least even
 _PEAK = 0.5  # share of the uplift that peakiness moves from the outline to the summit
@@ -143,9 +145,9 @@ def painted_uplift(
         if not len(members):
             continue
         part = features.of(members)
-        region = np.full(shape, -1, np.int32)
+        region, exact = np.full(shape, -1, np.int32), 0.0
         if name in outlines:
-            region = outlines[name].region_at(ground.origin, shape)
+            region, exact = outlines[name].region_at(ground.origin, shape), outlines[name].exactness
         position, owner, means = _features_at(
             (centre[0][members], centre[1][members]),
             radius[members],
@@ -165,11 +167,15 @@ def painted_uplift(
         uneven = broad + fine * _smooth((position - _FINE_FROM) / (_FINE_FULL - _FINE_FROM))
         uneven = 1.0 + _UNEVEN * uneven
         peak = 1.0 + _PEAK * (peakiness - 0.5) * (2.0 * rise - 1.0)
+        steepness, hill_steepness = (
+            loose + exact * (strict - loose) for loose, strict in (_STEEPNESS, _HILL_STEEPNESS)
+        )
         steep = np.maximum(
-            _REPOSE + _EROSION_REPOSE * erosion, (_STEEPNESS + _EROSION_STEEPNESS * erosion) * slope
+            _REPOSE + _EROSION_REPOSE * erosion, (steepness + _EROSION_STEEPNESS * erosion) * slope
         )
         if not is_rock:
-            steep = np.minimum(steep, (1.3 + 0.8 * erosion) * slope + 0.05)
+            most = hill_steepness + _EROSION_HILL_STEEPNESS * erosion
+            steep = np.minimum(steep, most * slope + _HILL_BASE)
         foot = _smooth((position + COLLAR) / (0.6 * COLLAR))
         front = _smooth((position + _OUTSET + _EDGE) / _FRONT)
         apron = _COLLAR_SLOPE * slope * (_APRON + _APRON_RISE * _smooth((position + COLLAR) / COLLAR))

@@ -20,7 +20,7 @@ from sketchterrain.array_types import (
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.layers import HEIGHT_LIMIT, LAYERS
 from sketchterrain.placement.feature_types import FEATURE_TYPES, TYPES, visible_radius
-from sketchterrain.placement.heights import built_height, shape_height
+from sketchterrain.placement.heights import built_height, exactness, shape_height
 from sketchterrain.placement.shapes import cached_regions, measure_shape, region_numbers
 
 if TYPE_CHECKING:
@@ -139,6 +139,7 @@ class Outline:
     depth: Float32Array  # (rows, columns), m, from the sketch's south-west corner; negative outside
     region: Int32Array  # (rows, columns): numbers of shapes, −1 outside
     filling: float  # radii by which features grow within their shapes
+    exactness: float  # 0 … 1: how steeply features rise from their outlines
 
     def depth_at(self, origin: tuple[int, int], shape: tuple[int, ...]) -> Float64Array:
         """Return the distance inside (m) at a raster of nodes; −inf beyond the sketch."""
@@ -165,7 +166,7 @@ def _window(
 def painted_outline(sketch: Sketch, layer: str, cell: float, cache: LRUCache) -> Outline | None:
     """Return the outline of a layer's shapes at nodes of a spacing (m); None where nothing is painted.
 
-    Features fill their shapes as far as the sketch's fidelity asks.
+    Features fill their shapes, and rise from their outlines, as the sketch's fidelity asks.
     """
     painted = sketch.layers[layer] != 0
     if not painted.any():
@@ -185,4 +186,5 @@ def painted_outline(sketch: Sketch, layer: str, cell: float, cache: LRUCache) ->
     depth = side * ndimage.map_coordinates(inset, at, order=1, mode="nearest")
     number = region_numbers(sketch.layers[layer], cache)[stride // 2 :: stride, stride // 2 :: stride]
     region = ndimage.map_coordinates(number, at, order=0, mode="nearest")
-    return Outline(depth.astype(np.float32), region.astype(np.int32), _FILLING * sketch.fidelity)
+    filling, exact = _FILLING * sketch.fidelity, exactness(sketch.fidelity)
+    return Outline(depth.astype(np.float32), region.astype(np.int32), filling, exact)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Final
 
 import moderngl
@@ -10,7 +10,7 @@ import numpy as np
 
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 from sketchterrain.render.sky import OVERCAST, SUN_IRRADIANCE
-from sketchterrain.render.targets import wrap_to_noise_period
+from sketchterrain.render.targets import bands, wrap_to_noise_period
 
 if TYPE_CHECKING:
     from sketchterrain.array_types import Float32Array
@@ -83,17 +83,20 @@ class Clouds:
             "scene_depth_buffer": targets.depth,
         }
 
-    def draw(self, units: dict[str, object], clock: float) -> dict[str, object]:
-        """Render volumetric clouds at a time (s); return the uniforms of all later passes."""
+    def uniforms(self, clock: float) -> dict[str, object]:
+        """Return the uniforms of all passes at a time (s)."""
         drift = tuple(wrap_to_noise_period(speed * clock) for speed in self._drift)
-        uniforms = self._uniforms | {"cloud_drift": drift}
+        return self._uniforms | {"cloud_drift": drift}
+
+    def draw(self, uniforms: dict[str, object], *, parts: int) -> Iterator[None]:
+        """Render volumetric clouds; yield between parts."""
         if self._march is not None and self._view is not None:
-            self._target.use()
             self._context.enable_only(moderngl.NOTHING)
             width = {"reduced_width": self._view.size[0]}
-            set_uniforms(self._march.program, units | uniforms | width)
-            self._march.render(vertices=3)
-        return uniforms
+            set_uniforms(self._march.program, uniforms | width)
+            for _ in bands(self._target, parts):
+                self._march.render(vertices=3)
+                yield
 
 
 def cloud_defines(quality: Quality, weather: Weather) -> dict[str, int]:

@@ -1,6 +1,6 @@
 """Plants as instances in cross-fading levels of detail."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 import moderngl
@@ -118,6 +118,20 @@ class Forest:
         self.shadows.advance(camera.eye, elapsed, budget.fraction(0.5))
         self._cells.advance(budget)
 
+    def refine(self, camera: Camera, size: tuple[int, int], lit: GroundLighting, budget: TimeBudget) -> bool:
+        """Generate plants and shadows of a still within a budget; return whether they are complete."""
+        self._elapsed = None
+        self._request(camera, size, lit)
+        self._cells.advance(budget)
+        if not self._cells.complete:
+            return False
+        self._cells.grow(np.inf)
+        self._request(camera, size, lit)  # visibility depends on the cells' vertical bounds
+        if self._enabled:
+            self._select(camera, size)
+        self.shadows.advance(camera.eye, np.inf, budget)
+        return self._cells.complete and self.shadows.converged
+
     def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> None:
         """Replace the terrain; plants follow over the next frames, see `PlantCells.set_terrain`."""
         self._cells.set_terrain(terrain, areas)
@@ -154,14 +168,16 @@ class Forest:
         shading = [key for key in self.shadows.request(camera, lit) if key not in set(self._visible)]
         self._cells.request(self._visible + shading)
 
-    def draw(self, camera: Camera, size: tuple[int, int], uniforms: Mapping[str, object]) -> None:
-        """Draw the plants in a camera's view of a size (px)."""
+    def draw(
+        self, camera: Camera, size: tuple[int, int], uniforms: Mapping[str, object], *, parts: int
+    ) -> Iterator[None]:
+        """Draw the plants in a camera's view of a size (px); yield between parts."""
         if not self._enabled:
             return
         self._select(camera, size)
         anchor = (*(self._origin - camera.eye[:2]).tolist(), -camera.eye[2])
         for batch in self._batches:
-            batch.evaluate_and_draw({**uniforms, "anchor": anchor})
+            yield from batch.evaluate_and_draw({**uniforms, "anchor": anchor}, parts=parts)
 
     def _select(self, camera: Camera, size: tuple[int, int]) -> None:
         """Select the instances and their details; skipped for a view at rest."""

@@ -15,7 +15,7 @@ from sketchterrain.render.programs import build_program, build_transform
 from sketchterrain.render.scatter import Mesh, ScatteredInstances, ScatterLayer, VisiblePoints
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from sketchterrain.array_types import Float64Array, Int64Array
     from sketchterrain.render.camera import Camera
@@ -254,13 +254,16 @@ class Grass:
             else []
         )
 
-    def draw(self, camera: Camera, aspect: float, uniforms: Mapping[str, object], *, above: float) -> None:
-        """Draw for a camera, an aspect ratio and a height of the eye above ground (m).
+    def draw(
+        self, camera: Camera, aspect: float, uniforms: Mapping[str, object], *, above: float
+    ) -> Iterator[None]:
+        """Draw for a camera, an aspect ratio and a height of the eye above ground (m), kind by kind.
 
         `uniforms` are those of all passes: textures, `clock`, `wind`, and the map of the displayed ground.
         """
         for kind in self._kinds:
             kind.draw(camera, aspect, uniforms, above)
+            yield
         self.triangles = sum(kind.triangles for kind in self._kinds)
         self.plants = sum(kind.plants for kind in self._kinds)
 

@@ -5,7 +5,7 @@ Stone meshes are spheres cut by planes, as frost and falls break rock, then weat
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -173,8 +173,10 @@ class Rocks:
         shade = (self.pool.instances, "4f4 16x 4f4 4f4 16x/i", "centre_radius", "ground", "kind")
         self._contact_shadows = context.vertex_array(self._shade, [shade])
 
-    def draw(self, camera: Camera, aspect: float, uniforms: Mapping[str, object], *, above: float) -> None:
-        """Draw for a camera; see `Grass.draw`."""
+    def draw(
+        self, camera: Camera, aspect: float, uniforms: Mapping[str, object], *, above: float
+    ) -> Iterator[None]:
+        """Draw for a camera, layer by layer; see `Grass.draw`."""
         self.triangles = self.stones = 0
         for rocks, visible in self._layers:
             points = visible.points(camera, aspect, above)
@@ -186,6 +188,7 @@ class Rocks:
                 }
                 self.pool.evaluate(points, {**uniforms, **own})
                 self._draw(points, uniforms)
+                yield
 
     def _draw(self, points: ScatterPoints, uniforms: Mapping[str, object]) -> None:
         count, context = len(points.rows), self._context
@@ -235,7 +238,7 @@ class GroundCover:
 
     def draw(
         self, camera: Camera, size: tuple[int, int], uniforms: Mapping[str, object], *, above: float
-    ) -> None:
+    ) -> Iterator[None]:
         """Draw for an eye `above` m over the ground; ``scene`` and ``scene_depth`` hold the bare ground."""
         for part in self._parts:
-            part.draw(camera, size[0] / size[1], {**uniforms, **self._shading.tints}, above=above)
+            yield from part.draw(camera, size[0] / size[1], {**uniforms, **self._shading.tints}, above=above)

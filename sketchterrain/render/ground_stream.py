@@ -1,7 +1,7 @@
 """Terrain tile streaming: select, generate within a time budget, and draw the tiles of each frame."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 import moderngl
@@ -149,6 +149,12 @@ class TerrainStream:
             jumped,
         )
 
+    def refine(self, camera: Camera, size: tuple[int, int], *, draw_distance: float, budget: float) -> bool:
+        """Generate tiles of a still within a budget (s); return whether `converge` has all it needs."""
+        self._view = view = view_of(camera, size, draw_distance=draw_distance)
+        self._generate(view, budget, jumped=False)
+        return not self.tiles.missing
+
     def converge(self, camera: Camera, size: tuple[int, int], *, draw_distance: float) -> None:
         """Generate all tiles of a still picture; see `update`."""
         self._view = view = view_of(camera, size, draw_distance=draw_distance)
@@ -187,10 +193,17 @@ class TerrainStream:
 
     def draw(self, eye: tuple[float, float, float]) -> None:
         """Draw the tiles with the camera of the frame's uniform block, which has the same eye."""
+        for _ in self.draw_parts(eye, parts=1):
+            pass
+
+    def draw_parts(self, eye: tuple[float, float, float], *, parts: int) -> Iterator[None]:
+        """Draw the tiles as `draw` does, some at a time; yield between them."""
         if self.draws is not None:
             if eye != self._placed_eye:
                 self._place(self.draws, eye)
-            self.tile_renderer.draw()
+            for tiles in np.array_split(np.arange(self.tile_renderer.tiles), parts):
+                self.tile_renderer.draw(tiles=None if parts == 1 else tiles)
+                yield
 
     def release(self) -> None:
         """Release the vertex memory unless borrowed; nothing can be drawn afterwards."""

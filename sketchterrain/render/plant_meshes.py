@@ -7,7 +7,7 @@ small on screen one in n² remains, widened to preserve the cover.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import moderngl
@@ -191,15 +191,17 @@ class PlantBatch:
             self._instances.orphan(max(instances.rows.nbytes, self._instances.size))
             self._instances.write(instances.rows.tobytes())
 
-    def evaluate_and_draw(self, uniforms: Mapping[str, object]) -> None:
-        """Compute the attributes shared by an instance's vertices, and draw all instances."""
+    def evaluate_and_draw(self, uniforms: Mapping[str, object], *, parts: int) -> Iterator[None]:
+        """Compute the attributes shared by an instance's vertices, and draw instances, some at a time."""
         if self.count:
             if self._transform is not None:
                 set_uniforms(self._transform, uniforms)
                 self._captured.orphan(max(self._captured_bytes * self.count, self._captured.size))
                 self._evaluation.transform(self._captured, vertices=self.count)
             set_uniforms(self._program, uniforms)
-            self.draw(0, self.count)
+            for number in range(parts):
+                self.draw(self.count * number // parts, self.count * (number + 1) // parts)
+                yield
 
     def draw(self, start: int, stop: int) -> None:
         """Draw instances from `start` to `stop`."""

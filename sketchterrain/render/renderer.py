@@ -1,6 +1,7 @@
 """Renderer of one terrain: complete still pictures, or frames of a moving picture within a time budget."""
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -8,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 import moderngl
+import numpy as np
 
 from sketchterrain.render.camera import Camera, clip_planes, draw_distance
 from sketchterrain.render.programs import ResourceCache
@@ -23,6 +25,8 @@ FAST_DRAW: Final = 0.1
 CATCH_UP_DELAY: Final = 0.5
 """s after a terrain update, from which light and plants are updated at full size in any case ..."""
 CATCH_UP_SHARE: Final = 0.25  # ... within this share of the drawing time, if that is more than the budget
+PART: Final = 0.03  # s of preparing a refined picture at a time
+STILL_PARTS: Final = 16  # parts of each costly pass of a refined picture
 TILES_SHARE: Final = (0.8, 0.8, 0.8, 0.0)
 """Share of the budget for tiles, by frame, while light or plants are missing."""
 OTHERS_SHARE: Final = (0.1, 0.1, 0.1, 1.0)
@@ -84,10 +88,43 @@ class Renderer:
     def draw(self, camera: Camera, framebuffer: moderngl.Framebuffer, *, clock: float = 0.0) -> None:
         """Draw the prepared picture into a framebuffer; `clock` (s) animates water, plants and clouds."""
         with self._timed("draw"):
-            view, distance, above = self._clipped(camera)
-            self.scenery.draw(
-                view, framebuffer, size=framebuffer.size, draw_distance=distance, above=above, clock=clock
-            )
+            deque(self._drawn(camera, framebuffer, clock=clock), maxlen=0)
+
+    def refined(
+        self, camera: Camera, framebuffer: moderngl.Framebuffer, *, clock: float = 0.0
+    ) -> Iterator[None]:
+        """Prepare and draw a still picture while iterated, in parts of about `PART`.
+
+        A terrain, sun or weather that changes meanwhile, or another use of the context, spoils it.
+        """
+        view, distance, _ = self._clipped(camera)
+        size, lit, forest = framebuffer.size, self.scenery.lit, self.scenery.forest
+        lit.update(view, np.inf, TimeBudget(PART, timer=self._timer))
+        while not lit.converged:
+            yield
+            lit.update(view, np.inf, TimeBudget(PART, timer=self._timer))
+        while not self.stream.refine(view, size, draw_distance=distance, budget=PART):
+            yield
+        self.stream.converge(view, size, draw_distance=distance)
+        while not forest.refine(view, size, lit, TimeBudget(PART, timer=self._timer)):
+            yield
+        for _ in self._drawn(camera, framebuffer, clock=clock, parts=STILL_PARTS):
+            self._context.finish()
+            yield
+
+    def _drawn(
+        self, camera: Camera, framebuffer: moderngl.Framebuffer, *, clock: float, parts: int = 1
+    ) -> Iterator[None]:
+        view, distance, above = self._clipped(camera)
+        return self.scenery.draw(
+            view,
+            framebuffer,
+            size=framebuffer.size,
+            draw_distance=distance,
+            above=above,
+            clock=clock,
+            parts=parts,
+        )
 
     @property
     def triangles(self) -> int:
@@ -171,7 +208,7 @@ class Renderer:
         scale = 1.0 if full_size else self._quality.moving_scale
         inner = (max(round(size[0] * scale), 1), max(round(size[1] * scale), 1))
         with self._timed("draw"):
-            self.scenery.draw(
+            passes = self.scenery.draw(
                 view,
                 framebuffer,
                 size=inner,
@@ -180,6 +217,7 @@ class Renderer:
                 clock=clock,
                 moving=not complete,
             )
+            deque(passes, maxlen=0)
         draw_seconds = remaining.spent - plants_end
         if inner == size:
             self._full_draw_seconds = draw_seconds

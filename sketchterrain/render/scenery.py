@@ -1,6 +1,6 @@
 """Scene of a terrain and its render passes: tiles, light, plants, water, sky, clouds."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Final
@@ -170,11 +170,14 @@ class Scenery:
         above: float,
         clock: float,
         moving: bool = False,
-    ) -> None:
-        """Draw all loaded content into a framebuffer, enlarged from `size` (px).
+        parts: int = 1,
+    ) -> Iterator[None]:
+        """Draw all loaded content into a framebuffer, enlarged from `size` (px), while iterated.
 
         The camera has suitable clipping planes; `above` is its height above the terrain (m), `clock` (s)
-        animates water, plants and clouds, `moving` means that tiles, light or plants are incomplete.
+        animates water, plants and clouds, `moving` means that tiles, light or plants are incomplete. Costly
+        passes are cut into `parts`; nothing else may use the context until the last one, or the picture is
+        lost.
         """
         targets = self._targets.get(size)
         if targets is None:
@@ -187,21 +190,22 @@ class Scenery:
         targets.gbuffer.use()
         targets.gbuffer.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        self.stream.draw(camera.eye)
+        yield from self.stream.draw_parts(camera.eye, parts=parts)
         self.surface.update(camera.eye, moving=moving)
         units = self._bind(targets) | {"clock": clock} | self.surface.uniforms(camera.eye)
-        units |= self._clouds.draw(units, clock)
-        self.shading.shade_scene(targets, camera.eye, units)
+        units |= self._clouds.uniforms(clock)
+        yield from self._clouds.draw(units, parts=parts)
+        yield from self.shading.shade_scene(targets, camera.eye, units, parts=parts)
         self._context.enable_only(moderngl.DEPTH_TEST)
         targets.scene.use()
         if self.cover:
             targets.copy_scene()
             targets.scene.use()
-            self.cover.draw(camera, size, units, above=above)
-        self.forest.draw(camera, size, units)
+            yield from self.cover.draw(camera, size, units, above=above)
+        yield from self.forest.draw(camera, size, units, parts=parts)
         if self._water:
             lift = WATER_LIFT * self._quality.tolerance * _pixel(camera, framebuffer.size[1])
-            self._water.draw(camera.eye, targets, units | {"lift": lift})
+            yield from self._water.draw(camera.eye, targets, units | {"lift": lift}, parts=parts)
         self.shading.tonemap(targets, framebuffer, units, exposure=self._sky.exposure(camera.heading))
 
     def _set_frame(self, camera: Camera, targets: RenderTargets, distance: float) -> None:

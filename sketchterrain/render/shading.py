@@ -1,6 +1,6 @@
 """Full-screen passes: shading of the terrain, sky, upsampling to samples, tone mapping."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import moderngl
@@ -10,7 +10,7 @@ from sketchterrain.document.materials import MaterialTable
 from sketchterrain.render.material_macros import material_macros
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.targets import RenderTargets
+from sketchterrain.render.targets import RenderTargets, bands
 from sketchterrain.render.textures import OCTAVES, texture_phases, texture_uniforms, texture_widths
 
 
@@ -65,21 +65,23 @@ class Shading:
         set_uniforms(self._ground.program, self.tints | texture_uniforms(self._table, self._widths))
 
     def shade_scene(
-        self, targets: RenderTargets, eye: tuple[float, float, float], units: dict[str, object]
-    ) -> None:
-        """Shade the G-buffer, with the sky behind it, into ``targets.scene``."""
+        self, targets: RenderTargets, eye: tuple[float, float, float], units: dict[str, object], *, parts: int
+    ) -> Iterator[None]:
+        """Shade the G-buffer, with the sky behind it, into ``targets.scene``; yield between parts."""
         phases = [tuple(phase) for phase in texture_phases(self._table, eye, self._widths).tolist()]
         ground = units | {"phases": phases}
         if self._upsample is None:
             self._shade_single_sample(targets, ground, units)
             return
         self._context.enable_only(moderngl.NOTHING)
-        targets.shaded.use()
-        _run(self._ground, ground)
-        targets.sky.use()
-        _run(self._sky, units)
-        targets.upsampled.use()
-        _run(self._upsample, units)
+        for target, array, uniforms in (
+            (targets.shaded, self._ground, ground),
+            (targets.sky, self._sky, units),
+            (targets.upsampled, self._upsample, units),
+        ):
+            for _ in bands(target, parts):
+                _run(array, uniforms)
+                yield
 
     def _shade_single_sample(
         self, targets: RenderTargets, ground: dict[str, object], units: dict[str, object]

@@ -1,6 +1,8 @@
 """Framebuffers, and the constants of a frame."""
 
 import math
+from collections.abc import Iterator
+from itertools import pairwise
 from typing import Final
 
 import moderngl
@@ -56,6 +58,19 @@ class RenderTargets:
         """Copy radiance and depth of the scene, for passes that read and overwrite them."""
         self.scene.use()  # the copy is clipped by the scissor of the bound framebuffer
         self._context.copy_framebuffer(self.copy, self.scene)
+
+
+def bands(framebuffer: moderngl.Framebuffer, count: int) -> Iterator[None]:
+    """Bind a framebuffer, and limit what is drawn to one of `count` horizontal bands after another."""
+    width, height = framebuffer.size
+    edges = [height * number // count for number in range(count + 1)]
+    try:
+        for low, high in pairwise(edges):
+            framebuffer.scissor = (0, low, width, high - low)
+            framebuffer.use()
+            yield
+    finally:
+        framebuffer.scissor = None  # type: ignore[assignment] # moderngl takes None
 
 
 def _colour(context: moderngl.Context, size: tuple[int, int], dtype: str) -> moderngl.Texture:

@@ -9,9 +9,10 @@ import numpy as np
 
 from sketchterrain.look.objects import SEA, terrain_objects
 from sketchterrain.render.programs import build_program, set_uniforms
+from sketchterrain.render.targets import bands
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -186,9 +187,14 @@ class Water:
             )
 
     def draw(
-        self, eye: tuple[float, float, float], targets: RenderTargets, uniforms: Mapping[str, object]
-    ) -> None:
-        """Draw wet banks and the water into ``targets.scene``, after all other content.
+        self,
+        eye: tuple[float, float, float],
+        targets: RenderTargets,
+        uniforms: Mapping[str, object],
+        *,
+        parts: int,
+    ) -> Iterator[None]:
+        """Draw wet banks and the water into ``targets.scene``, after all other content; yield between parts.
 
         `uniforms` are those of all passes, ``clock`` (s), ``wind`` (m/s) and ``lift`` (water.vert.glsl).
         """
@@ -200,17 +206,21 @@ class Water:
         }
         context = self._context
         context.enable(moderngl.BLEND)
-        for arrays in self._arrays:
-            targets.copy_scene()  # each pass reads what was drawn before it
-            targets.scene.use()
-            water = arrays is self._arrays[-1]
-            targets.scene.depth_mask = water
-            context.blend_func = ALPHA_BLEND if water else DARKEN_AND_ADD
-            for array, anchor in zip(arrays, self._anchors, strict=True):
-                place = (*eye[:2], anchor) if isinstance(anchor, float) else anchor
-                set_uniforms(array.program, {**uniforms, **own, "anchor": tuple(np.subtract(place, eye))})
-                array.render()
-        context.disable(moderngl.BLEND)
+        try:
+            for arrays in self._arrays:
+                targets.copy_scene()  # each pass reads what was drawn before it
+                water = arrays is self._arrays[-1]
+                targets.scene.depth_mask = water
+                context.blend_func = ALPHA_BLEND if water else DARKEN_AND_ADD
+                for array, anchor in zip(arrays, self._anchors, strict=True):
+                    place = (*eye[:2], anchor) if isinstance(anchor, float) else anchor
+                    set_uniforms(array.program, {**uniforms, **own, "anchor": tuple(np.subtract(place, eye))})
+                    for _ in bands(targets.scene, parts):
+                        array.render()
+                        yield
+        finally:  # a picture in parts may be abandoned
+            targets.scene.depth_mask = True
+            context.disable(moderngl.BLEND)
 
 
 def inland_vertices(meshes: Sequence[WaterSurface]) -> tuple[Float32Array, npt.NDArray[np.uint32]]:

@@ -167,6 +167,11 @@ class TileStream:
         return not self._missing and not self._tree.moving
 
     @property
+    def missing(self) -> bool:
+        """Whether the last frame's plan, seen or not, lacked tiles."""
+        return self._missing
+
+    @property
     def complete(self) -> bool:
         """Whether nothing visible was missing in the last frame's plan."""
         return self._complete

@@ -21,7 +21,7 @@ from .events import paint, wait
 pytestmark = pytest.mark.gl
 
 SIDE = 96
-VIEW = msg.ViewState(width=160, height=100, quality=0.0, plays=False)
+VIEW = msg.ViewState(width=160, height=100, quality=0.0, plays=False, refines=False)
 
 
 def sketch() -> Sketch:

@@ -136,7 +136,7 @@ def world(tmp_path_factory):
 @pytest.mark.slow
 def test_the_process_renders_reports_errors_and_restarts(world, qapp):
     link, errors = WorldLink(world), []
-    link.view = replace(link.view, width=160, height=100, quality=0.0, plays=False)
+    link.view = replace(link.view, width=160, height=100, quality=0.0, plays=False, refines=False)
     link.error_reported.connect(errors.append)
     try:
         link.start()

@@ -15,6 +15,7 @@ from sketchterrain.ui.engine.protocol import FrameFacts, FrameReady, ViewState
 
 if TYPE_CHECKING:
     from sketchterrain.array_types import Bounds
+    from sketchterrain.render.quality import FrameStats
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.ui.engine.camera_controller import CameraController
     from sketchterrain.ui.engine.view_renderer import ViewRenderer
@@ -87,6 +88,8 @@ class FramePacer:
         self._clock = 0.0
         self._stale = True
         self._converged = False
+        self._settled = False  # the last frame is a still of the best quality
+        self._stats: FrameStats | None = None  # of the last frame in motion
         self._pending_since: float | None = None
 
     def set_view(self, view: ViewState) -> None:
@@ -115,6 +118,12 @@ class FramePacer:
         with contextlib.suppress(Exception):  # after an error releasing may fail too
             self.renderer.clear()
 
+    @property
+    def _refines(self) -> bool:
+        """Whether a view at rest is drawn again at the best quality, and then stands still."""
+        still = self.renderer.is_software or not self._view.plays
+        return still and self._view.refines and self.renderer.can_refine
+
     def due(self, *, moving: bool) -> float | None:
         """Return the s until the next frame; None: nothing to draw."""
         visible = self._view.width > 0 and self._view.height > 0
@@ -130,6 +139,8 @@ class FramePacer:
         waited = _HOLD[1] if self._pending_since is None else now - self._pending_since
         if not self._converged:
             return max(_FRAME_TIME - since, _HOLD[0] - waited, 0.0)
+        if self._refines:
+            return None if self._settled else max(_HOLD[0] - waited, 0.0)
         if not self._view.plays:
             return None
         interval = max(_ANIMATION_TIME, polite) if self.renderer.is_software else _FRAME_TIME
@@ -140,17 +151,24 @@ class FramePacer:
         now = time.monotonic()
         elapsed = min(now - self._drawn_at, _LONGEST_STEP)
         moved = controller.advance(elapsed)
-        plays = self._view.plays
-        if not (moved or self._stale or plays or not self._converged):
+        plays, rests = self._view.plays, not (moved or self._stale) and self._converged
+        if rests and (self._settled or not (plays or self._refines)):
             return None
         size = (self._view.width, self._view.height)
         if size != self._size and self._in_flight:
             return None  # slots move with the size: earlier frames must have been displayed
-        self._drawn_at, self._stale = now, False
-        self._clock += elapsed if plays else 0.0
         camera = controller.camera()
-        stats = self.renderer.draw(camera, elapsed=elapsed, clock=self._clock)
-        self._converged, self._size = stats.converged, size
+        if rests and self._refines:
+            self._settled = self.renderer.refine(camera, clock=self._clock)
+            if not self._settled:
+                return None
+        else:
+            self._drawn_at, self._stale, self._settled = now, False, False
+            self._clock += elapsed if plays else 0.0
+            self._stats = self.renderer.draw(camera, elapsed=elapsed, clock=self._clock)
+            self._converged, self._size = self._stats.converged, size
+        stats = self._stats
+        assert stats is not None  # noqa: S101 # the first frame is stale
         self._slot = (self._slot + 1) % SLOTS
         nbytes = 4 * size[0] * size[1]
         start, capacity = self._memory.allocate(self._slot, nbytes)
@@ -168,7 +186,7 @@ class FramePacer:
             generation_seconds=stats.generation_seconds,
             tiles=stats.tiles_drawn,
             triangles=stats.triangles,
-            converged=stats.converged,
+            converged=self._settled or (stats.converged and not self._refines),
             memory=self._used_bytes(),
         )
         return FrameReady(facts, start, capacity)

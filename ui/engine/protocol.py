@@ -59,6 +59,7 @@ class ViewState:
     mode: str = "orbit"  # one of `MODES`
     overlays: tuple[str, ...] = ()  # names of `sketchterrain.render.overlays.OVERLAYS`
     plays: bool = True  # whether water, plants and clouds are animated
+    refines: bool = True  # whether a view at rest is drawn again at the best quality, unless that is animated
 
     @property
     def aspect(self) -> float:

@@ -17,12 +17,18 @@ from sketchterrain.render.targets import PictureTarget
 from sketchterrain.ui.engine.protocol import ViewState
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import moderngl
+
     from sketchterrain.array_types import Bounds
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.quality import FrameStats
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
 
+BEST = 1.0
+"""Quality of a view at rest."""
 _DRAWING_THREADS = "llvmpipe-"
 _NICENESS = 10  # about a tenth of the CPU under load
 
@@ -38,6 +44,10 @@ class ViewRenderer:
             _lower_drawing_threads()
         self._view = ViewState()
         self._renderer: Renderer | None = None
+        self._still: Renderer | None = None  # of the best quality, for a view at rest
+        self._still_terrain: TerrainSource | None = None
+        self._still_areas: list[Bounds] = []  # in which that is out of date, m
+        self._refinement: Iterator[None] | None = None
         self._overlay: Overlay | None = None
         self._terrain: TerrainSource | None = None
         self.sun: Sun | None = None  # None before the first terrain
@@ -47,6 +57,11 @@ class ViewRenderer:
     def is_empty(self) -> bool:
         """Whether there is no renderer, before the first terrain or after an error."""
         return self._renderer is None
+
+    @property
+    def can_refine(self) -> bool:
+        """Whether frames have less than the best quality."""
+        return self._view.quality != BEST
 
     @property
     def sharing(self) -> str:
@@ -60,10 +75,12 @@ class ViewRenderer:
 
     def clear(self) -> None:
         """Release the renderer; the next `set_terrain` creates another one."""
-        renderer, self._renderer = self._renderer, None
-        self._overlay = self._terrain = self.sun = None
-        if renderer is not None:
-            renderer.release()
+        renderers, self._renderer, self._still = (self._renderer, self._still), None, None
+        self._refinement = self._overlay = self._terrain = self._still_terrain = self.sun = None
+        self._still_areas = []
+        for renderer in renderers:
+            if renderer is not None:
+                renderer.release()
 
     def set_terrain(self, terrain: TerrainSource, areas: list[Bounds], camera: Camera) -> str:
         """Display a terrain that differs from the previous one in areas (m); return a warning or nothing."""
@@ -81,6 +98,8 @@ class ViewRenderer:
             self._renderer = Renderer(self._context, terrain, sun=self.sun, weather=weather, quality=quality)
             return line
         line = ""
+        self._refinement = None
+        self._still_areas += areas
         if areas or terrain.sketch.looks != before.sketch.looks:
             self._renderer.set_terrain(terrain, areas)
             if self._overlay is not None:
@@ -97,13 +116,46 @@ class ViewRenderer:
         """Draw a frame; see `read_pixels`."""
         renderer, terrain = self._renderer, self._terrain
         assert renderer is not None and terrain is not None  # noqa: S101, PT018 # `set_terrain` was called
+        self._refinement = None
         framebuffer = self._target.sized((self._view.width, self._view.height))
         stats = renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock)
+        self._draw_overlays(camera, framebuffer)
+        return stats
+
+    def refine(self, camera: Camera, *, clock: float) -> bool:
+        """Continue a picture of the best quality by a part; return whether it is complete; see `read_pixels`.
+
+        The camera, terrain and view must be the same from part to part; `draw` and `set_terrain` end it.
+        """
+        framebuffer = self._target.sized((self._view.width, self._view.height))
+        if self._refinement is None:
+            self._refinement = self._refined(camera, framebuffer, clock)
+        for _ in self._refinement:
+            return False
+        self._refinement = None
+        self._draw_overlays(camera, framebuffer)
+        return True
+
+    def _refined(self, camera: Camera, framebuffer: moderngl.Framebuffer, clock: float) -> Iterator[None]:
+        terrain, sun = self._terrain, self.sun
+        assert terrain is not None and sun is not None  # noqa: S101, PT018 # `set_terrain` was called
+        weather = Weather.from_sketch(terrain.sketch)
+        if self._still is None:
+            self._still = Renderer(self._context, terrain, sun=sun, weather=weather)
+        elif terrain is not self._still_terrain:
+            self._still.stream.draws = None  # or its tiles would be rewritten at once, not in parts
+            self._still.set_terrain(terrain, self._still_areas)
+        self._still_terrain, self._still_areas = terrain, []
+        self._still.relight(sun=sun, weather=weather)
+        yield
+        yield from self._still.refined(camera, framebuffer, clock=clock)
+
+    def _draw_overlays(self, camera: Camera, framebuffer: moderngl.Framebuffer) -> None:
+        assert self._renderer is not None and self._terrain is not None  # noqa: S101, PT018 # as in `draw`
         for name in [name for name in self._view.overlays if name in OVERLAYS]:
             if self._overlay is None:
-                self._overlay = Overlay(self._context, terrain, renderer.stream)
+                self._overlay = Overlay(self._context, self._terrain, self._renderer.stream)
             self._overlay.draw(name, camera.eye, framebuffer)
-        return stats
 
     def read_pixels(self, into: memoryview) -> None:
         """Copy the last frame: RGBX, row 0 on top."""

@@ -189,10 +189,11 @@ class ViewPanel(ScrollingPanel):
         self.weather = table_form(document, "weather")
         self.quality = NumberRow(_QUALITY, title="Picture quality", decimals=2)
         self.plays = check_box("Things &move", "Animate water, clouds and plants")
+        self.refines = check_box("&Refine at rest", "Draw a view that stands still at the best quality")
         self.overlays = {name: check_box(*texts) for name, texts in OVERLAY_TITLES.items()}
         self._timer = single_shot(self, _QUALITY_DELAY, self._send_quality)
         picture, overlays = QWidget(), QWidget()
-        column(picture, self.quality, self.plays)
+        column(picture, self.quality, self.plays, self.refines)
         column(overlays, *self.overlays.values(), spacing=SMALL)
         for title, page in (
             ("Light and weather", self.weather),
@@ -204,6 +205,7 @@ class ViewPanel(ScrollingPanel):
         self.quality.edited.connect(lambda quality, _: self._set_quality(quality))
         self.quality.reset_requested.connect(lambda: self._set_quality(_AUTOMATIC))
         self.plays.toggled.connect(lambda on: link.set_view(replace(link.view, plays=on)))
+        self.refines.toggled.connect(lambda on: link.set_view(replace(link.view, refines=on)))
         for name, box in self.overlays.items():
             box.toggled.connect(partial(self._show_overlay, name))
         document.sketch_changed.connect(self._show_weather)
@@ -219,7 +221,7 @@ class ViewPanel(ScrollingPanel):
         if not self._timer.isActive():
             self.quality.show_value(_AUTOMATIC if view.quality is None else view.quality)
         states = [(box, name in view.overlays) for name, box in self.overlays.items()]
-        for box, on in [(self.plays, view.plays), *states]:
+        for box, on in [(self.plays, view.plays), (self.refines, view.refines), *states]:
             with QSignalBlocker(box):
                 box.setChecked(on)
 

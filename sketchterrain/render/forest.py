@@ -87,8 +87,13 @@ class Forest:
     @property
     def converged(self) -> bool:
         """Whether all plants and shadows of the last camera are complete and fully grown."""
+        return self.loaded and self.density.converged
+
+    @property
+    def loaded(self) -> bool:
+        """Whether nothing is left to do for that but to draw frames."""
         grown = self._cells.complete and self._cells.youngest >= GROW
-        return self._requested and grown and self.density.converged and self.shadows.converged
+        return self._requested and grown and self.shadows.converged
 
     @property
     def triangles(self) -> int:
@@ -122,9 +127,10 @@ class Forest:
         """Generate plants and shadows of a still within a budget; return whether they are complete."""
         self._elapsed = None
         self._request(camera, size, lit)
-        self._cells.advance(budget)
-        if not self._cells.complete:
-            return False
+        while not self._cells.complete:
+            if not budget.left:
+                return False
+            self._cells.finish_block()
         self._cells.grow(np.inf)
         self._request(camera, size, lit)  # visibility depends on the cells' vertical bounds
         if self._enabled:

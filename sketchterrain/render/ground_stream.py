@@ -153,7 +153,7 @@ class TerrainStream:
         """Generate tiles of a still within a budget (s); return whether `converge` has all it needs."""
         self._view = view = view_of(camera, size, draw_distance=draw_distance)
         self._generate(view, budget, jumped=False)
-        return not self.tiles.missing
+        return self.tiles.has_still
 
     def converge(self, camera: Camera, size: tuple[int, int], *, draw_distance: float) -> None:
         """Generate all tiles of a still picture; see `update`."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from sketchterrain.render.camera import Camera, clip_planes, draw_distance
 from sketchterrain.render.programs import ResourceCache
-from sketchterrain.render.quality import FrameStats, Quality, TerrainUpdateStats, TimeBudget
+from sketchterrain.render.quality import FrameStats, Quality, StreamStats, TerrainUpdateStats, TimeBudget
 from sketchterrain.render.scene import TerrainSource, surface_heights
 from sketchterrain.render.scenery import Scenery
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
@@ -25,7 +25,7 @@ FAST_DRAW: Final = 0.1
 CATCH_UP_DELAY: Final = 0.5
 """s after a terrain update, from which light and plants are updated at full size in any case ..."""
 CATCH_UP_SHARE: Final = 0.25  # ... within this share of the drawing time, if that is more than the budget
-PART: Final = 0.03  # s of preparing a refined picture at a time
+PART: Final = 0.045  # s of preparing a refined picture at a time
 STILL_PARTS: Final = 16  # parts of each costly pass of a refined picture
 TILES_SHARE: Final = (0.8, 0.8, 0.8, 0.0)
 """Share of the budget for tiles, by frame, while light or plants are missing."""
@@ -184,21 +184,7 @@ class Renderer:
             budget = max(budget, CATCH_UP_SHARE * self._full_draw_seconds)
         view, distance, above = self._clipped(camera)
         lit, forest = self.scenery.lit, self.scenery.forest
-        self._turn = (self._turn + 1) % len(TILES_SHARE)
-        others_pending = not (lit.converged and forest.converged)
-        tiles = self.stream.update(
-            view,
-            size,
-            elapsed=elapsed,
-            budget=budget * TILES_SHARE[self._turn] if others_pending else budget,
-            draw_distance=distance,
-        )
-        left = max(budget - tiles.generation_seconds, budget * OTHERS_SHARE[self._turn])
-        remaining = TimeBudget(left, timer=self._timer)
-        lit.update(view, elapsed, remaining.fraction(0.5))
-        light_end = remaining.spent
-        forest.update(view, size, lit, elapsed, remaining)
-        plants_end = remaining.spent
+        tiles, light, plants = self._load(view, size, elapsed=elapsed, budget=budget, draw_distance=distance)
         complete = tiles.converged and lit.converged and forest.converged
         self._was_complete = self._was_complete or (complete and self._rest_seconds >= REST)
         catches_up = self._full_draw_seconds <= FAST_DRAW or (
@@ -207,6 +193,7 @@ class Renderer:
         full_size = self._was_complete and (complete or catches_up)
         scale = 1.0 if full_size else self._quality.moving_scale
         inner = (max(round(size[0] * scale), 1), max(round(size[1] * scale), 1))
+        start = self._timer()
         with self._timed("draw"):
             passes = self.scenery.draw(
                 view,
@@ -218,13 +205,13 @@ class Renderer:
                 moving=not complete,
             )
             deque(passes, maxlen=0)
-        draw_seconds = remaining.spent - plants_end
+        draw_seconds = self._timer() - start
         if inner == size:
             self._full_draw_seconds = draw_seconds
         return FrameStats(
             generation_seconds=tiles.generation_seconds,
-            light_seconds=light_end,
-            plant_seconds=plants_end - light_end,
+            light_seconds=light,
+            plant_seconds=plants,
             draw_seconds=draw_seconds,
             tiles_generated=tiles.tiles_generated,
             tiles_drawn=tiles.tiles_drawn,
@@ -233,6 +220,38 @@ class Renderer:
             size=inner,
             converged=complete and inner == size,
         )
+
+    def load(self, camera: Camera, size: tuple[int, int], *, elapsed: float, budget: float) -> bool:
+        """Load what frames of a view at rest show, within a budget (s); return whether it is complete.
+
+        `elapsed` is the time (s) since the last frame or load.
+        """
+        view, distance, _ = self._clipped(camera)
+        self._rest_seconds += elapsed
+        self._since_update += elapsed
+        tiles, *_ = self._load(view, size, elapsed=elapsed, budget=budget, draw_distance=distance)
+        return tiles.converged and self.scenery.lit.converged and self.scenery.forest.loaded
+
+    def _load(
+        self, view: Camera, size: tuple[int, int], *, elapsed: float, budget: float, draw_distance: float
+    ) -> tuple[StreamStats, float, float]:
+        """Advance tiles, light and plants within a budget (s); return the seconds of the last two, too."""
+        lit, forest = self.scenery.lit, self.scenery.forest
+        self._turn = (self._turn + 1) % len(TILES_SHARE)
+        others_pending = not (lit.converged and forest.converged)
+        tiles = self.stream.update(
+            view,
+            size,
+            elapsed=elapsed,
+            budget=budget * TILES_SHARE[self._turn] if others_pending else budget,
+            draw_distance=draw_distance,
+        )
+        left = max(budget - tiles.generation_seconds, budget * OTHERS_SHARE[self._turn])
+        remaining = TimeBudget(left, timer=self._timer)
+        lit.update(view, elapsed, remaining.fraction(0.5))
+        light_end = remaining.spent
+        forest.update(view, size, lit, elapsed, remaining)
+        return tiles, light_end, remaining.spent - light_end
 
     def _clipped(self, camera: Camera) -> tuple[Camera, float, float]:
         """Return the camera with clipping planes for its height, the draw distance and the height (m)."""

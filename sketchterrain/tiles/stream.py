@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -107,6 +108,8 @@ _LOOKAHEAD: Final = (0.4, 1.2)
 _PER_BATCH: Final = 64
 _LEVELS_PER_BATCH: Final = 2
 """Each level has launches of its own."""
+_MOST_BATCHES: Final = 8
+"""Batches for a view at rest until its target tree is computed anew."""
 _TIGHTEN, _RELAX, _MAX_ERROR_FACTOR = 0.97, 1.1, 1e3
 """Factors on the tolerated error while the pool is too small for the view, and back; its upper bound."""
 
@@ -153,9 +156,10 @@ class TileStream:
         )
         self._cost = CostModel()
         self._error_factor = 1.0
-        self._missing = True
+        self._missing = self._stale = True
         self._complete = False
         self._last_target: tuple[tuple[Any, ...], tuple[Any, ...], TargetTree] | None = None
+        self._batches = 0  # since that target
         self._reuses_tree = False
         self._changes = 0
         self._needed: Int64Array = self._tree.codes
@@ -167,9 +171,9 @@ class TileStream:
         return not self._missing and not self._tree.moving
 
     @property
-    def missing(self) -> bool:
-        """Whether the last frame's plan, seen or not, lacked tiles."""
-        return self._missing
+    def has_still(self) -> bool:
+        """Whether no tile was stale in the last plan, nor missing in sight: what `generate_all` needs."""
+        return self._complete and not self._stale
 
     @property
     def complete(self) -> bool:
@@ -190,7 +194,7 @@ class TileStream:
         self._reuses_tree = any(view.velocity) and not self._reuses_tree
         target = self._target_tree(view)
         stale = self.pool.stale_tiles()
-        self._missing = bool(target.missing.size or stale.size)
+        self._missing, self._stale = bool(target.missing.size or stale.size), bool(stale.size)
         seen = target.urgency > UNSEEN_URGENCY
         self._complete = not seen.any()
         self._protect(view, target)
@@ -220,7 +224,7 @@ class TileStream:
         mark_written(self.pool, batch)
         if seconds is not None:
             self._cost.record(np.array([key.level for key in batch.keys]), seconds)
-        self._changes += 1
+        self._batches += 1
 
     def invalidate(self, areas: Sequence[tuple[float, float, float, float]]) -> int:
         """Invalidate areas (west, south, east, north, m) of the terrain; return how many tiles were removed.
@@ -256,8 +260,8 @@ class TileStream:
         self._tree.move(self._morph_targets(view, target), np.inf)
 
     def generate_all(self, view: CameraView, generate: Callable[[Batch], npt.NDArray[Any]]) -> DrawList:
-        """Generate all tiles of a still view and return them; ``generate(batch)`` returns properties."""
-        while batch := self._plan_or_relax(view):
+        """Generate the tiles that a still shows, and return them; ``generate(batch)`` returns properties."""
+        while (batch := self._plan_or_relax(view)) and not self.has_still:
             self.mark_generated(batch, generate(batch), seconds=None)
         self.jump(view)
         return self.advance(view, elapsed=np.inf)
@@ -278,11 +282,21 @@ class TileStream:
 
     def _target_tree(self, view: CameraView) -> TargetTree:
         seen = (view.eye, view.planes.tobytes(), view.draw_distance, view.pixels_per_radian)
-        cached = (self._changes, self._error_factor, self.pool.count, self.metric)
-        last = self._last_target
-        if last is None or last[1] != cached or (last[0] != seen and not self._reuses_tree):
-            self._last_target = last = seen, cached, self._selector.target_tree(view, self.pool)
-        return last[2]
+        settings = (self._changes, self._error_factor, self.metric)
+        last, count = self._last_target, self._batches
+        if (
+            last is not None
+            and last[1] == settings
+            and (last[0] == seen or (self._reuses_tree and not count))
+        ):
+            if not count:
+                return last[2]
+            if count < _MOST_BATCHES:
+                left = self.pool.find(last[2].missing) < 0
+                if left.any():
+                    return replace(last[2], missing=last[2].missing[left], urgency=last[2].urgency[left])
+        self._last_target, self._batches = (seen, settings, self._selector.target_tree(view, self.pool)), 0
+        return self._last_target[2]
 
     def _protect(self, view: CameraView, target: TargetTree) -> None:
         """Mark tiles that must not be evicted: the target tree, the displayed one, and their ancestors."""

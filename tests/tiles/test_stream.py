@@ -99,7 +99,7 @@ def test_no_cracks_and_no_popping_in_flight(toy, eye):
 def test_tiles_out_of_view_are_coarser_and_those_ahead_are_prefetched(toy):
     stream = toy.new_stream(metric=ScreenError(1.0, quad=1e9))
     eye = EYES[0]
-    ahead = stream.generate_all(toy.view_from(eye, heading=0.0, everywhere=False), toy.generate)
+    ahead = toy.rested(stream, toy.view_from(eye, heading=0.0, everywhere=False), tiles=64)
     every = toy.new_stream(metric=ScreenError(1.0, quad=1e9))
     every.generate_all(toy.view_from(eye), toy.generate)
     assert len(stream._tree.codes) < 0.9 * len(every._tree.codes)

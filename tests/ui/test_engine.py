@@ -249,6 +249,38 @@ def test_a_picture_is_rendered_while_frames_are_displayed(running, tmp_path):
 
 
 @pytest.mark.slow
+def test_a_view_at_rest_becomes_the_still_and_motion_is_shown_at_once(running, tmp_path):
+    from PIL import Image
+
+    document, link, listener = running
+    look(link)
+    moving = pixels(link).astype(int)
+    path = tmp_path / "still.png"
+    link.send(msg.RenderPicture(str(path), VIEW.width, VIEW.height))
+    link.set_view(replace(VIEW, refines=True))
+    listener.frames.clear(), listener.written.clear()
+    wait(lambda: listener.written and listener.frames and link.frame.converged)
+    with Image.open(path) as picture:
+        still = np.asarray(picture.convert("RGB")).astype(int)[..., ::-1]
+    difference = np.abs(pixels(link).astype(int) - still)
+    assert np.mean(difference <= 8) > 0.99  # grass and water move
+    assert np.abs(moving - still).mean() > 2.0 * difference.mean()
+
+    shown = len(listener.frames)
+    link.send(msg.Turn(2.0, 0.0))
+    wait(lambda: len(listener.frames) > shown)
+    assert not listener.frames[shown].converged
+    # A stroke ends the refinement, too, and the still is drawn from the new terrain.
+    draft = paint(document, "mountain", (60, 60, 72, 72), title=None)
+    wait(converged(link, newest(link) + 1))
+    assert np.abs(pixels(link).astype(int) - still).max() > 30
+    draft.commit("Paint mountains")
+    document.undo()
+    link.set_view(VIEW)
+    wait(converged(link, newest(link)))
+
+
+@pytest.mark.slow
 def test_another_document_resets_the_camera(running):
     document, link, _ = running
     link.send(msg.Zoom(0.2))

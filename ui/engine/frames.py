@@ -69,6 +69,10 @@ _FRAME_TIME: Final = 1.0 / 60.0  # least s between frames
 _ANIMATION_TIME: Final = 0.1  # … with a software renderer, while only water, plants and clouds move
 _SOFTWARE_FACTOR: Final = 2.0  # … and at least this times the last frame's duration: half the CPU is free
 _LONGEST_STEP: Final = 0.1  # s by which a frame advances camera and clock at most: no jump after a pause
+_REST_INTERVAL: Final = (
+    0.4  # s between frames of a view at rest, while a software renderer loads what they show …
+)
+_LOAD: Final = 0.035  # … for so many s at a time
 _HOLD: Final = (0.12, 0.6)  # s for which refinement, and animation, wait for a pending terrain
 
 
@@ -83,11 +87,12 @@ class FramePacer:
         self._version = -1
         self._in_flight = 0
         self._slot, self._size = 0, (0, 0)
-        self._drawn_at = 0.0
+        self._drawn_at = self._advanced_at = 0.0
         self._duration = 0.0
         self._clock = 0.0
         self._stale = True
         self._converged = False
+        self._loaded = False  # nothing is missing since the last frame
         self._settled = False  # the last frame is a still of the best quality
         self._stats: FrameStats | None = None  # of the last frame in motion
         self._pending_since: float | None = None
@@ -138,7 +143,7 @@ class FramePacer:
             return max((_FRAME_TIME if self._pending_since is None else polite) - since, 0.0)
         waited = _HOLD[1] if self._pending_since is None else now - self._pending_since
         if not self._converged:
-            return max(_FRAME_TIME - since, _HOLD[0] - waited, 0.0)
+            return max(0.0 if self._loads else _FRAME_TIME - since, _HOLD[0] - waited, 0.0)
         if self._refines:
             return None if self._settled else max(_HOLD[0] - waited, 0.0)
         if not self._view.plays:
@@ -146,10 +151,17 @@ class FramePacer:
         interval = max(_ANIMATION_TIME, polite) if self.renderer.is_software else _FRAME_TIME
         return max(interval - since, _HOLD[1] - waited, 0.0)
 
+    @property
+    def _loads(self) -> bool:
+        """Whether a view at rest loads what it lacks instead of drawing the next frame."""
+        recent = time.monotonic() - self._drawn_at < _REST_INTERVAL
+        return recent and self.renderer.is_software and not (self._converged or self._loaded)
+
     def draw(self, controller: CameraController) -> FrameReady | None:
         """Draw a frame unless it would equal the last one; return its place in shared memory."""
         now = time.monotonic()
-        elapsed = min(now - self._drawn_at, _LONGEST_STEP)
+        elapsed = min(now - self._advanced_at, _LONGEST_STEP)
+        self._advanced_at = now
         moved = controller.advance(elapsed)
         plays, rests = self._view.plays, not (moved or self._stale) and self._converged
         if rests and (self._settled or not (plays or self._refines)):
@@ -158,12 +170,17 @@ class FramePacer:
         if size != self._size and self._in_flight:
             return None  # slots move with the size: earlier frames must have been displayed
         camera = controller.camera()
+        if not (moved or self._stale) and self._loads:
+            self._loaded = self.renderer.load(camera, elapsed=elapsed, budget=_LOAD)
+            return None
         if rests and self._refines:
             self._settled = self.renderer.refine(camera, clock=self._clock)
             if not self._settled:
                 return None
         else:
-            self._drawn_at, self._stale, self._settled = now, False, False
+            if not (moved or self._stale):
+                elapsed = min(now - self._drawn_at, _REST_INTERVAL)
+            self._drawn_at, self._stale, self._settled, self._loaded = now, False, False, False
             self._clock += elapsed if plays else 0.0
             self._stats = self.renderer.draw(camera, elapsed=elapsed, clock=self._clock)
             self._converged, self._size = self._stats.converged, size

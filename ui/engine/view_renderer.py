@@ -122,6 +122,13 @@ class ViewRenderer:
         self._draw_overlays(camera, framebuffer)
         return stats
 
+    def load(self, camera: Camera, *, elapsed: float, budget: float) -> bool:
+        """Load what frames at rest show, within a budget (s); return whether it is complete."""
+        assert self._renderer is not None  # noqa: S101 # as in `draw`
+        self._refinement = None
+        size = self._view.width, self._view.height
+        return self._renderer.load(camera, size, elapsed=elapsed, budget=budget)
+
     def refine(self, camera: Camera, *, clock: float) -> bool:
         """Continue a picture of the best quality by a part; return whether it is complete; see `read_pixels`.
 

@@ -19,8 +19,6 @@ from sketchterrain.ui.engine.protocol import ViewState
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    import moderngl
-
     from sketchterrain.array_types import Bounds
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.quality import FrameStats
@@ -119,7 +117,7 @@ class ViewRenderer:
         self._refinement = None
         framebuffer = self._target.sized((self._view.width, self._view.height))
         stats = renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock)
-        self._draw_overlays(camera, framebuffer)
+        self._draw_overlays(camera)
         return stats
 
     def load(self, camera: Camera, *, elapsed: float, budget: float) -> bool:
@@ -134,16 +132,15 @@ class ViewRenderer:
 
         The camera, terrain and view must be the same from part to part; `draw` and `set_terrain` end it.
         """
-        framebuffer = self._target.sized((self._view.width, self._view.height))
         if self._refinement is None:
-            self._refinement = self._refined(camera, framebuffer, clock)
+            self._refinement = self._refined(camera, clock)
         for _ in self._refinement:
             return False
         self._refinement = None
-        self._draw_overlays(camera, framebuffer)
+        self._draw_overlays(camera)
         return True
 
-    def _refined(self, camera: Camera, framebuffer: moderngl.Framebuffer, clock: float) -> Iterator[None]:
+    def _refined(self, camera: Camera, clock: float) -> Iterator[None]:
         terrain, sun = self._terrain, self.sun
         assert terrain is not None and sun is not None  # noqa: S101, PT018 # `set_terrain` was called
         weather = Weather.from_sketch(terrain.sketch)
@@ -155,9 +152,11 @@ class ViewRenderer:
         self._still_terrain, self._still_areas = terrain, []
         self._still.relight(sun=sun, weather=weather)
         yield
+        framebuffer = self._target.sized((self._view.width, self._view.height))
         yield from self._still.refined(camera, framebuffer, clock=clock)
 
-    def _draw_overlays(self, camera: Camera, framebuffer: moderngl.Framebuffer) -> None:
+    def _draw_overlays(self, camera: Camera) -> None:
+        framebuffer = self._target.sized((self._view.width, self._view.height))
         assert self._renderer is not None and self._terrain is not None  # noqa: S101, PT018 # as in `draw`
         for name in [name for name in self._view.overlays if name in OVERLAYS]:
             if self._overlay is None:

@@ -19,7 +19,7 @@ from sketchterrain.look.tree_species import SPECIES
 from sketchterrain.render.programs import set_uniforms
 
 if TYPE_CHECKING:
-    from sketchterrain.array_types import Float32Array, Float64Array, FloatArray, Int64Array
+    from sketchterrain.array_types import Float32Array, Float64Array, FloatArray, Int64Array, StructuredArray
 
 LEVEL_RATIO: Final = 0.25
 """Share of a level's plants that are in the next level: twice the distance between plants."""
@@ -114,16 +114,21 @@ class MeshInstances(NamedTuple):
     counts: Int64Array  # (kinds, details)
 
 
+def all_plant_meshes() -> list[StructuredArray]:
+    """Return the meshes of all kinds in all details; they are cached, since they take a second."""
+    return [
+        plant_mesh(name, variant, detail)
+        for name in SPECIES
+        for variant in range(VARIANTS)
+        for detail in range(DETAILS)
+    ]
+
+
 class PlantMeshes:
     """Vertex buffer of all kinds in all details: first vertex and vertex count of each, (kinds, details)."""
 
     def __init__(self, context: moderngl.Context) -> None:
-        meshes = [
-            plant_mesh(name, variant, detail)
-            for name in SPECIES
-            for variant in range(VARIANTS)
-            for detail in range(DETAILS)
-        ]
+        meshes = all_plant_meshes()
         sizes = np.array([len(mesh) for mesh in meshes], dtype=np.int64)
         self.vertices = sizes.reshape(KINDS, DETAILS)
         self.first = (np.cumsum(sizes) - sizes).reshape(self.vertices.shape)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.render.overlays import OVERLAYS, Overlay
+from sketchterrain.render.plant_meshes import all_plant_meshes
 from sketchterrain.render.programs import open_context
 from sketchterrain.render.quality import CPU_DRIVERS, Quality
 from sketchterrain.render.renderer import Renderer
@@ -40,6 +41,7 @@ class ViewRenderer:
         self.is_software = any(part in self.name.lower() for part in CPU_DRIVERS)
         if self.is_software:
             _lower_drawing_threads()
+        all_plant_meshes()  # while the placer places the first terrain
         self._view = ViewState()
         self._renderer: Renderer | None = None
         self._still: Renderer | None = None  # of the best quality, for a view at rest

@@ -293,8 +293,9 @@ class TileStream:
                 return last[2]
             if count < _MOST_BATCHES:
                 left = self.pool.find(last[2].missing) < 0
-                if left.any():
-                    return replace(last[2], missing=last[2].missing[left], urgency=last[2].urgency[left])
+                tree = replace(last[2], missing=last[2].missing[left], urgency=last[2].urgency[left])
+                if (tree.urgency > UNSEEN_URGENCY).any():  # or what is in sight may need more by now
+                    return tree
         self._last_target, self._batches = (seen, settings, self._selector.target_tree(view, self.pool)), 0
         return self._last_target[2]
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
+from sketchterrain.tiles import stream as stream_module
 from sketchterrain.tiles.lod import ScreenError
 from sketchterrain.tiles.quadtree import contains, decode, keys_of, parent_of
 from sketchterrain.tiles.refinement import ROOT_LEVEL
@@ -118,6 +119,15 @@ def test_tiles_out_of_view_are_coarser_and_those_ahead_are_prefetched(toy):
     ahead = keys_of(codes_of(batch.keys))
     width = np.array([toy.EXTENT * 2.0**-key.level for key in ahead])
     assert (np.array([key.col for key in ahead]) * width + width > EYES[0][0] - 600).all()
+
+
+@pytest.mark.parametrize("everywhere", [True, False])
+def test_a_target_tree_that_is_kept_for_some_batches_changes_no_still(toy, monkeypatch, everywhere):
+    view = toy.view_from(EYES[0], heading=0.0, everywhere=everywhere)
+    kept = toy.new_stream(metric=ScreenError(1.0, quad=1e9)).generate_all(view, toy.generate)
+    monkeypatch.setattr(stream_module, "_MOST_BATCHES", 0)
+    fresh = toy.new_stream(metric=ScreenError(1.0, quad=1e9)).generate_all(view, toy.generate)
+    assert sorted(kept.keys) == sorted(fresh.keys)
 
 
 def test_a_small_pool_tolerates_more_error_without_holes(toy):

@@ -191,13 +191,11 @@ class TerrainStream:
             draws = self.tiles.draw_list(view)
         return draws
 
-    def draw(self, eye: tuple[float, float, float]) -> None:
-        """Draw the tiles with the camera of the frame's uniform block, which has the same eye."""
-        for _ in self.draw_parts(eye, parts=1):
-            pass
+    def draw(self, eye: tuple[float, float, float], *, parts: int = 1) -> Iterator[None]:
+        """Draw the tiles with the camera of the frame's uniform block, which has the same eye.
 
-    def draw_parts(self, eye: tuple[float, float, float], *, parts: int) -> Iterator[None]:
-        """Draw the tiles as `draw` does, some at a time; yield between them."""
+        Yields between parts.
+        """
         if self.draws is not None:
             if eye != self._placed_eye:
                 self._place(self.draws, eye)

@@ -1,10 +1,10 @@
 """Renderer of one terrain: complete still pictures, or frames of a moving picture within a time budget."""
 
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -88,7 +88,8 @@ class Renderer:
     def draw(self, camera: Camera, framebuffer: moderngl.Framebuffer, *, clock: float = 0.0) -> None:
         """Draw the prepared picture into a framebuffer; `clock` (s) animates water, plants and clouds."""
         with self._timed("draw"):
-            deque(self._drawn(camera, framebuffer, clock=clock), maxlen=0)
+            for _ in self._drawn(self._clipped(camera), framebuffer, framebuffer.size, clock=clock):
+                pass
 
     def refined(
         self, camera: Camera, framebuffer: moderngl.Framebuffer, *, clock: float = 0.0
@@ -97,32 +98,42 @@ class Renderer:
 
         A terrain, sun or weather that changes meanwhile, or another use of the context, spoils it.
         """
-        view, distance, _ = self._clipped(camera)
+        view, distance, _ = clipped = self._clipped(camera)
         size, lit, forest = framebuffer.size, self.scenery.lit, self.scenery.forest
-        lit.update(view, np.inf, TimeBudget(PART, timer=self._timer))
+        budget = partial(TimeBudget, PART, timer=self._timer)
+        lit.update(view, np.inf, budget())
         while not lit.converged:
             yield
-            lit.update(view, np.inf, TimeBudget(PART, timer=self._timer))
+            lit.update(view, np.inf, budget())
         while not self.stream.refine(view, size, draw_distance=distance, budget=PART):
             yield
         self.stream.converge(view, size, draw_distance=distance)
-        while not forest.refine(view, size, lit, TimeBudget(PART, timer=self._timer)):
+        while not forest.refine(view, size, lit, budget()):
             yield
-        for _ in self._drawn(camera, framebuffer, clock=clock, parts=STILL_PARTS):
+        for _ in self._drawn(clipped, framebuffer, size, clock=clock, parts=STILL_PARTS):
             self._context.finish()
             yield
 
     def _drawn(
-        self, camera: Camera, framebuffer: moderngl.Framebuffer, *, clock: float, parts: int = 1
+        self,
+        clipped: tuple[Camera, float, float],
+        framebuffer: moderngl.Framebuffer,
+        size: tuple[int, int],
+        *,
+        clock: float,
+        moving: bool = False,
+        parts: int = 1,
     ) -> Iterator[None]:
-        view, distance, above = self._clipped(camera)
+        """Draw a picture of a size (px) while iterated; `clipped` is from `_clipped`."""
+        view, distance, above = clipped
         return self.scenery.draw(
             view,
             framebuffer,
-            size=framebuffer.size,
+            size=size,
             draw_distance=distance,
             above=above,
             clock=clock,
+            moving=moving,
             parts=parts,
         )
 
@@ -182,7 +193,7 @@ class Renderer:
         self._was_complete = self._was_complete and not moves
         if self._was_complete:
             budget = max(budget, CATCH_UP_SHARE * self._full_draw_seconds)
-        view, distance, above = self._clipped(camera)
+        view, distance, _ = clipped = self._clipped(camera)
         lit, forest = self.scenery.lit, self.scenery.forest
         tiles, light, plants = self._load(view, size, elapsed=elapsed, budget=budget, draw_distance=distance)
         complete = tiles.converged and lit.converged and forest.converged
@@ -195,16 +206,8 @@ class Renderer:
         inner = (max(round(size[0] * scale), 1), max(round(size[1] * scale), 1))
         start = self._timer()
         with self._timed("draw"):
-            passes = self.scenery.draw(
-                view,
-                framebuffer,
-                size=inner,
-                draw_distance=distance,
-                above=above,
-                clock=clock,
-                moving=not complete,
-            )
-            deque(passes, maxlen=0)
+            for _ in self._drawn(clipped, framebuffer, inner, clock=clock, moving=not complete):
+                pass
         draw_seconds = self._timer() - start
         if inner == size:
             self._full_draw_seconds = draw_seconds

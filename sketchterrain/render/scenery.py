@@ -190,7 +190,7 @@ class Scenery:
         targets.gbuffer.use()
         targets.gbuffer.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        yield from self.stream.draw_parts(camera.eye, parts=parts)
+        yield from self.stream.draw(camera.eye, parts=parts)
         self.surface.update(camera.eye, moving=moving)
         units = self._bind(targets) | {"clock": clock} | self.surface.uniforms(camera.eye)
         units |= self._clouds.uniforms(clock)

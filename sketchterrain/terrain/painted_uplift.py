@@ -41,7 +41,7 @@ _CLEARANCE = 0.9  # visible radii, within which unpainted ground is calmed
 _CALM = 0.7  # share of its uplift that it loses there, all of it on rock
 _EDGE = 0.1  # half the width of the step between core and collar, visible radii
 _FRONT = 0.3  # visible radii over which slopes grow from the collar's to the core's
-_OUTSET = 0.16  # of the step beyond the outline: spurs beyond it make up for valleys inside
+_OUTSET = 0.16  # of the step beyond the outline: spurs that reach beyond it make up for valleys inside
 # Over the mean slope from a feature's outline to its summit:
 _CORE_UPLIFT, _COLLAR_UPLIFT = 2.0, 4.0
 _COLLAR_SLOPE = 0.9 * 0.25 / COLLAR

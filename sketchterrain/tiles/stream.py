@@ -109,7 +109,7 @@ _PER_BATCH: Final = 64
 _LEVELS_PER_BATCH: Final = 2
 """Each level has launches of its own."""
 _MOST_BATCHES: Final = 8
-"""Batches for a view at rest until its target tree is computed anew."""
+"""Batches for a view at rest until its target tree is computed again."""
 _TIGHTEN, _RELAX, _MAX_ERROR_FACTOR = 0.97, 1.1, 1e3
 """Factors on the tolerated error while the pool is too small for the view, and back; its upper bound."""
 
@@ -156,7 +156,7 @@ class TileStream:
         )
         self._cost = CostModel()
         self._error_factor = 1.0
-        self._missing = self._stale = True
+        self._missing = True
         self._complete = False
         self._last_target: tuple[tuple[Any, ...], tuple[Any, ...], TargetTree] | None = None
         self._batches = 0  # since that target
@@ -172,8 +172,8 @@ class TileStream:
 
     @property
     def has_still(self) -> bool:
-        """Whether no tile was stale in the last plan, nor missing in sight: what `generate_all` needs."""
-        return self._complete and not self._stale
+        """Whether nothing visible was missing in the last frame's plan, and no tile is stale."""
+        return self._complete and not self.pool.stale_tiles().size
 
     @property
     def complete(self) -> bool:
@@ -194,7 +194,7 @@ class TileStream:
         self._reuses_tree = any(view.velocity) and not self._reuses_tree
         target = self._target_tree(view)
         stale = self.pool.stale_tiles()
-        self._missing, self._stale = bool(target.missing.size or stale.size), bool(stale.size)
+        self._missing = bool(target.missing.size or stale.size)
         seen = target.urgency > UNSEEN_URGENCY
         self._complete = not seen.any()
         self._protect(view, target)

@@ -1,5 +1,6 @@
 """Oracles of terrain tiles: vertex shader in NumPy, packed vertices, pictures and their holes."""
 
+from collections import deque
 from dataclasses import dataclass
 from functools import cache
 from types import SimpleNamespace
@@ -312,7 +313,7 @@ class HoleView:
         self.target.use()
         self.target.clear(1.0, 0.0, 1.0, 1.0, depth=1.0)
         self.gl.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        stream.draw(camera.eye)
+        deque(stream.draw(camera.eye), maxlen=0)
         self.gl.enable_only(moderngl.NOTHING)
         return np.frombuffer(self.texture.read(), np.uint8).reshape(*self.size[::-1], 4)
 

@@ -256,9 +256,10 @@ def test_a_view_at_rest_becomes_the_still_and_motion_is_shown_at_once(running, t
     look(link)
     moving = pixels(link).astype(int)
     path = tmp_path / "still.png"
+    listener.frames.clear()
+    listener.written.clear()
     link.send(msg.RenderPicture(str(path), VIEW.width, VIEW.height))
     link.set_view(replace(VIEW, refines=True))
-    listener.frames.clear(), listener.written.clear()
     wait(lambda: listener.written and listener.frames and link.frame.converged)
     with Image.open(path) as picture:
         still = np.asarray(picture.convert("RGB")).astype(int)[..., ::-1]

@@ -69,9 +69,7 @@ _FRAME_TIME: Final = 1.0 / 60.0  # least s between frames
 _ANIMATION_TIME: Final = 0.1  # … with a software renderer, while only water, plants and clouds move
 _SOFTWARE_FACTOR: Final = 2.0  # … and at least this times the last frame's duration: half the CPU is free
 _LONGEST_STEP: Final = 0.1  # s by which a frame advances camera and clock at most: no jump after a pause
-_REST_INTERVAL: Final = (
-    0.4  # s between frames of a view at rest, while a software renderer loads what they show …
-)
+_REST_INTERVAL: Final = 0.4  # s between frames at rest, while a software renderer loads what they lack …
 _LOAD: Final = 0.035  # … for so many s at a time
 _HOLD: Final = (0.12, 0.6)  # s for which refinement, and animation, wait for a pending terrain
 
@@ -163,22 +161,22 @@ class FramePacer:
         elapsed = min(now - self._advanced_at, _LONGEST_STEP)
         self._advanced_at = now
         moved = controller.advance(elapsed)
-        plays, rests = self._view.plays, not (moved or self._stale) and self._converged
-        if rests and (self._settled or not (plays or self._refines)):
+        plays, at_rest = self._view.plays, not (moved or self._stale)
+        if at_rest and self._converged and (self._settled or not (plays or self._refines)):
             return None
         size = (self._view.width, self._view.height)
         if size != self._size and self._in_flight:
             return None  # slots move with the size: earlier frames must have been displayed
         camera = controller.camera()
-        if not (moved or self._stale) and self._loads:
+        if at_rest and self._loads:
             self._loaded = self.renderer.load(camera, elapsed=elapsed, budget=_LOAD)
             return None
-        if rests and self._refines:
+        if at_rest and self._converged and self._refines:
             self._settled = self.renderer.refine(camera, clock=self._clock)
             if not self._settled:
                 return None
         else:
-            if not (moved or self._stale):
+            if at_rest:  # not since the last load: the density of plants follows frames
                 elapsed = min(now - self._drawn_at, _REST_INTERVAL)
             self._drawn_at, self._stale, self._settled, self._loaded = now, False, False, False
             self._clock += elapsed if plays else 0.0

@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
 
-BEST = 1.0
-"""Quality of a view at rest."""
+_BEST = 1.0  # quality of a view at rest
 _DRAWING_THREADS = "llvmpipe-"
 _NICENESS = 10  # about a tenth of the CPU under load
 
@@ -61,7 +60,7 @@ class ViewRenderer:
     @property
     def can_refine(self) -> bool:
         """Whether frames have less than the best quality."""
-        return self._view.quality != BEST
+        return self._view.quality != _BEST
 
     @property
     def sharing(self) -> str:
@@ -125,7 +124,6 @@ class ViewRenderer:
     def load(self, camera: Camera, *, elapsed: float, budget: float) -> bool:
         """Load what frames at rest show, within a budget (s); return whether it is complete."""
         assert self._renderer is not None  # noqa: S101 # as in `draw`
-        self._refinement = None
         size = self._view.width, self._view.height
         return self._renderer.load(camera, size, elapsed=elapsed, budget=budget)
 

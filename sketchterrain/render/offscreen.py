@@ -46,14 +46,16 @@ def render_picture(
     weather: Weather | None = None,
     textures: Path | None = None,
     quality: Quality | None = None,
+    clock: float = 0.0,
     overlays: Sequence[str] = (),
     legend: list[LegendEntry] | None = None,
     timings: dict[str, float] | None = None,
 ) -> npt.NDArray[np.uint8]:
     """Return a picture of a terrain, (height, width, 3) sRGB, row 0 on top; deterministic for a driver.
 
-    By default `find_view` chooses the camera for the view kind and the weather's hour sets the sun. Overlays
-    are drawn in the given order; `legend` and `timings` (s) are filled if given.
+    By default `find_view` chooses the camera for the view kind and the weather's hour sets the sun; `clock`
+    (s) animates water, plants and clouds. Overlays are drawn in the given order; `legend` and `timings` (s)
+    are filled if given.
     """
     check_size(size)
     check_overlays(overlays)
@@ -66,7 +68,7 @@ def render_picture(
     with canvas(size) as (context, texture, framebuffer):
         renderer = Renderer(context, terrain, sun=sun, weather=weather, textures=textures, quality=quality)
         renderer.prepare(camera, size)
-        renderer.draw(camera, framebuffer)
+        renderer.draw(camera, framebuffer, clock=clock)
         if overlays:
             overlay = Overlay(context, terrain, renderer.stream)
             for name in overlays:

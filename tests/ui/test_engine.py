@@ -60,6 +60,15 @@ def newest(link) -> int:
     return link._updates._version
 
 
+def final(link, listener):
+    """No draft, and no terrain on its way: what an earlier test undid is gone."""
+    return lambda: (
+        not link._timer.isActive()
+        and listener.updated[-1].version >= newest(link)
+        and not listener.updated[-1].draft
+    )
+
+
 @pytest.fixture(scope="module")
 def running(qapp):
     """A document and its link after the first picture."""
@@ -253,6 +262,7 @@ def test_a_view_at_rest_becomes_the_still_and_motion_is_shown_at_once(running, t
     from PIL import Image
 
     document, link, listener = running
+    wait(final(link, listener))
     look(link)
     moving = pixels(link).astype(int)
     path = tmp_path / "still.png"

@@ -122,6 +122,7 @@ def _render(job: PictureJob) -> PictureWritten:
         camera=Camera(job.pose.eye, job.pose.target, fov=job.pose.fov),
         sun=Sun(*job.sun),
         weather=Weather.from_sketch(job.sketch),
+        clock=job.clock,
         overlays=job.overlays,
     )
     write_picture(Path(job.path), picture)

@@ -242,9 +242,9 @@ class Engine:
         self._jobs.add(msg.MeasureJob(session.version, session.sketch, session.recipe))
 
     def _render_picture(self, request: msg.RenderPicture) -> None:
-        sun = None if self._pacer is None else self._pacer.renderer.sun
-        sketch, recipe = self._session.sketch, self._session.recipe
-        if sun is None or self._camera is None or sketch is None or recipe is None:
+        pacer, sketch, recipe = self._pacer, self._session.sketch, self._session.recipe
+        sun = None if pacer is None else pacer.renderer.sun
+        if pacer is None or sun is None or self._camera is None or sketch is None or recipe is None:
             error = self._facts.opengl_error or self._facts.device_error
             self._window.send(msg.ErrorReport("picture", error or "the 3-D view is not ready yet"))
             return
@@ -256,6 +256,7 @@ class Engine:
                 size=(request.width, request.height),
                 pose=self._camera.pose(),
                 sun=(sun.azimuth, sun.elevation),
+                clock=pacer.clock,
                 overlays=tuple(self._view.overlays),
             )
         )

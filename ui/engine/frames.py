@@ -87,7 +87,7 @@ class FramePacer:
         self._slot, self._size = 0, (0, 0)
         self._drawn_at = self._advanced_at = 0.0
         self._duration = 0.0
-        self._clock = 0.0
+        self.clock = 0.0  # s that water, plants and clouds have moved
         self._stale = True
         self._converged = False
         self._loaded = False  # nothing is missing since the last frame
@@ -172,15 +172,15 @@ class FramePacer:
             self._loaded = self.renderer.load(camera, elapsed=elapsed, budget=_LOAD)
             return None
         if at_rest and self._converged and self._refines:
-            self._settled = self.renderer.refine(camera, clock=self._clock)
+            self._settled = self.renderer.refine(camera, clock=self.clock)
             if not self._settled:
                 return None
         else:
             if at_rest:  # not since the last load: the density of plants follows frames
                 elapsed = min(now - self._drawn_at, _REST_INTERVAL)
             self._drawn_at, self._stale, self._settled, self._loaded = now, False, False, False
-            self._clock += elapsed if plays else 0.0
-            self._stats = self.renderer.draw(camera, elapsed=elapsed, clock=self._clock)
+            self.clock += elapsed if plays else 0.0
+            self._stats = self.renderer.draw(camera, elapsed=elapsed, clock=self.clock)
             self._converged, self._size = self._stats.converged, size
         stats = self._stats
         assert stats is not None  # noqa: S101 # the first frame is stale

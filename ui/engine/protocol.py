@@ -318,7 +318,7 @@ class MeasureJob:
 
 @dataclass(frozen=True, eq=False)
 class PictureJob:
-    """Render a picture; sun azimuth and elevation in degrees."""
+    """Render a picture; sun azimuth and elevation in degrees, clock in s."""
 
     sketch: Sketch
     recipe: TerrainRecipe
@@ -326,6 +326,7 @@ class PictureJob:
     size: tuple[int, int]
     pose: Pose
     sun: tuple[float, float]
+    clock: float
     overlays: tuple[str, ...] = ()
 
 

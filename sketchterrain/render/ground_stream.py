@@ -152,14 +152,14 @@ class TerrainStream:
     def refine(self, camera: Camera, size: tuple[int, int], *, draw_distance: float, budget: float) -> bool:
         """Generate tiles of a still within a budget (s); return whether `converge` has all it needs."""
         self._view = view = view_of(camera, size, draw_distance=draw_distance)
-        self._generate(view, budget, jumped=False)
+        self._generate(view, budget, still=True)
         return self.tiles.has_still
 
     def converge(self, camera: Camera, size: tuple[int, int], *, draw_distance: float) -> None:
         """Generate all tiles of a still picture; see `update`."""
         self._view = view = view_of(camera, size, draw_distance=draw_distance)
         self._place(self.tiles.generate_all(view, self._write), camera.eye)
-        self._eye = np.asarray(camera.eye)
+        self._eye = None  # the next frame jumps
 
     def set_terrain(self, terrain: TileSource, areas: Sequence[Bounds]) -> TerrainUpdateStats:
         """Replace the terrain by another one of the same extent, bit-equal outside `areas` (W, S, E, N; m).
@@ -212,14 +212,16 @@ class TerrainStream:
         self.draws, self._placed_eye = draws, eye
         self.tile_renderer.set_tiles(draws, eye)
 
-    def _generate(self, view: CameraView, budget: float, *, jumped: bool) -> tuple[int, float]:
+    def _generate(
+        self, view: CameraView, budget: float, *, jumped: bool = False, still: bool = False
+    ) -> tuple[int, float]:
         """Generate batches within a budget (s); return the number of tiles and the seconds spent."""
         count, spent, longest = 0, 0.0, 0.0
         for _ in range(_MAX_BATCHES):
             left = max(budget - spent, 0.0)
             if left < _BATCH_MARGIN * longest:
                 break
-            batch = self.tiles.plan(view, budget=np.inf if jumped and left > 0 else left)
+            batch = self.tiles.plan(view, budget=np.inf if jumped and left > 0 else left, still=still)
             if not batch:
                 break
             start = self._timer()

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.errors import InputError
 from sketchterrain.tiles.lod import CameraView, ScreenError, horizontal_distances, occluded
 from sketchterrain.tiles.quadtree import (
     FARTHEST_TILE,
     UNBOUNDED,
     around,
+    boxes_of,
     children_of,
     code_of,
     contains,
@@ -74,6 +75,7 @@ class TargetTree:
     # (missing,) excess of the tile each replaces; infinite for roots, at most UNSEEN_URGENCY if not visible
     urgency: Float64Array
     excess: TileExcess  # of all cached tiles
+    spared: Int64Array  # sorted; other tiles that are not cached, which a still does without
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,7 @@ class TileSelector:
     hide: bool = True  # treat tiles behind nearer terrain as not visible
     # west, south, east, north, m; tiles outside are never split, nor roots
     bounds: tuple[float, float, float, float] = UNBOUNDED
+    still: bool = False  # tiles that are not in the picture are not needed
 
     def roots(self, view: CameraView) -> Int64Array:
         """Return the coarsest tiles around the eye; InputError if it is too far from the origin."""
@@ -126,12 +129,16 @@ class TileSelector:
         ready = np.concatenate([np.ones(len(roots), np.bool_), np.repeat(contains(excess.codes, splits), 4)])
         missing = np.flatnonzero(ready & ~contains(excess.codes, needed))
         order = missing[np.lexsort((needed[missing], -urgent[missing]))]
-        return TargetTree(splits, needed[order], urgent[order], excess)
+        spared = ~self._in_picture(view, pool, excess, needed[order])
+        rest = order[~spared]
+        return TargetTree(splits, needed[rest], urgent[rest], excess, np.sort(needed[order[spared]]))
 
-    def reachable(self, view: CameraView, splits: Int64Array, pool: TilePool) -> Int64Array:
-        """Return those splits that cached tiles can show, in balance; sorted."""
-        roots = self.roots(view)
-        ready = splits[(pool.find(children_of(splits)) >= 0).all(axis=1) & (pool.find(splits) >= 0)]
+    def reachable(self, view: CameraView, target: TargetTree, pool: TilePool) -> Int64Array:
+        """Return those splits of a tree that cached tiles can show, in balance; sorted."""
+        roots, splits = self.roots(view), target.splits
+        children = children_of(splits)
+        exist = (pool.find(children) >= 0) | contains(target.spared, children)
+        ready = splits[exist.all(axis=1) & (pool.find(splits) >= 0)]
         level = decode(ready)[0]
         displayable = roots[:0]
         for at in range(ROOT_LEVEL, self.finest):
@@ -139,10 +146,28 @@ class TileSelector:
             if at > ROOT_LEVEL:
                 beside = neighbours_of(here)
                 relevant = _within(beside, self._range(view, at, _BALANCED))
-                backed = ~relevant | contains(displayable, parent_of(beside))
+                backed = ~relevant | contains(displayable, parent_of(beside)) | _within_any(target.spared, beside)
                 here = here[contains(displayable, parent_of(here)) & backed.all(axis=1)]
             displayable = np.sort(np.concatenate([displayable, here]))
         return displayable
+
+    def _in_picture(
+        self, view: CameraView, pool: TilePool, excess: TileExcess, codes: Int64Array
+    ) -> BoolArray:
+        """Return which missing tiles may be in a still, by the heights of their parents; otherwise all."""
+        result = np.ones(len(codes), np.bool_)
+        if self.still:
+            child = np.flatnonzero(decode(codes)[0] > ROOT_LEVEL)
+            above = parent_of(codes[child])
+            heights = pool.conservative_boxes(above, pool.find(above), self.extent)
+            boxes = boxes_of(codes[child], self.extent, heights.low[:, 2], heights.high[:, 2])
+            distance, _ = horizontal_distances(view, boxes)
+            result[child] = view.sees(boxes) & (distance <= view.draw_distance)
+            if self.hide:
+                leaves = excess.codes[self._leaves(excess)]
+                ground = pool.boxes(leaves, pool.find(leaves), self.extent)
+                result[child] &= ~occluded(view, boxes, ground)
+        return result
 
     def _coarse_by_level(self, excess: TileExcess) -> list[npt.NDArray[np.intp]]:
         """Return the tiles of each level, from the roots, that are too coarse like all their ancestors."""
@@ -217,6 +242,15 @@ def _raise(values: dict[int, float], others: Iterable[tuple[int, float]]) -> Non
     for code, value in others:
         if values.get(code, 0.0) < value:
             values[code] = value
+
+
+def _within_any(tiles: Int64Array, codes: Int64Array) -> BoolArray:
+    """Return which of some codes are among sorted tiles, or below them; any shape."""
+    result = contains(tiles, codes)
+    for _ in range(int(decode(codes)[0].max(initial=ROOT_LEVEL)) - ROOT_LEVEL if tiles.size else 0):
+        codes = parent_of(codes)
+        result |= contains(tiles, codes)
+    return result
 
 
 def _within(codes: Int64Array, inside: Range) -> npt.NDArray[np.bool_]:

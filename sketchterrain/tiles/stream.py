@@ -161,6 +161,7 @@ class TileStream:
         self._last_target: tuple[tuple[Any, ...], tuple[Any, ...], TargetTree] | None = None
         self._batches = 0  # since that target
         self._reuses_tree = False
+        self._still = False  # what was planned last
         self._changes = 0
         self._needed: Int64Array = self._tree.codes
         self._lookahead = deque(_LOOKAHEAD)
@@ -185,11 +186,13 @@ class TileStream:
         """Factor on the tolerated error while the pool is too small for the view; normally 1."""
         return self._error_factor
 
-    def plan(self, view: CameraView, *, budget: float) -> Batch:
+    def plan(self, view: CameraView, *, budget: float, still: bool = False) -> Batch:
         """Return tiles to generate now within a budget (s); empty if none is missing.
 
-        Most visible first, then those ahead of the camera's motion.
+        Most visible first, then those ahead of the camera's motion. A still needs only what it shows: see
+        `jump`.
         """
+        self._still = still
         # In flight every second frame reuses the target tree, and looks ahead instead.
         self._reuses_tree = any(view.velocity) and not self._reuses_tree
         target = self._target_tree(view)
@@ -250,12 +253,15 @@ class TileStream:
         return self.draw_list(view)
 
     def jump(self, view: CameraView) -> None:
-        """Show the best that cached tiles allow at once: for the first frame, and after a jump."""
+        """Show the best that cached tiles allow at once: for a still, the first frame, and after a jump.
+
+        A still's tree has tiles that are not in the picture and not cached: the next frame must jump.
+        """
         target = self._target_tree(view)
         selection = self._selector
         roots = selection.roots(view)
         self._tree.jump(
-            roots[self.pool.find(roots) >= 0], selection.reachable(view, target.splits, self.pool)
+            roots[self.pool.find(roots) >= 0], selection.reachable(view, target, self.pool)
         )
         self._tree.move(self._morph_targets(view, target), np.inf)
 
@@ -267,22 +273,22 @@ class TileStream:
         return self.advance(view, elapsed=np.inf)
 
     def _plan_or_relax(self, view: CameraView) -> Batch:
-        """Return the next batch; empty only if nothing is missing."""
-        batch = self.plan(view, budget=np.inf)
+        """Return the next batch of a still; empty only if nothing is missing."""
+        batch = self.plan(view, budget=np.inf, still=True)
         while self._missing and not batch and self._error_factor < _MAX_ERROR_FACTOR:
-            batch = self.plan(view, budget=np.inf)
+            batch = self.plan(view, budget=np.inf, still=True)
         return batch
 
     @property
     def _selector(self) -> TileSelector:
         metric = self.metric if self._error_factor == 1 else self.metric.relaxed(self._error_factor)
         return TileSelector(
-            self.extent, self.quads, metric, self.finest, hide=self._hide, bounds=self._bounds
+            self.extent, self.quads, metric, self.finest, self._hide, self._bounds, self._still
         )
 
     def _target_tree(self, view: CameraView) -> TargetTree:
         seen = (view.eye, view.planes.tobytes(), view.draw_distance, view.pixels_per_radian)
-        settings = (self._changes, self._error_factor, self.metric)
+        settings = (self._changes, self._error_factor, self.metric, self._still)
         last, count = self._last_target, self._batches
         if (
             last is not None
@@ -335,7 +341,8 @@ class TileStream:
 
     def draw_list(self, view: CameraView) -> DrawList:
         """Return what to draw of the displayed tree; every stale tile that may be visible."""
-        codes = self._tree.codes
+        cached = np.flatnonzero(self.pool.find(self._tree.codes) >= 0)
+        codes = self._tree.codes[cached]
         slots = self.pool.find(codes)
         boxes = self.pool.conservative_boxes(codes, slots, self.extent)
         distance, _ = horizontal_distances(view, boxes)
@@ -351,8 +358,8 @@ class TileStream:
             slots,
             np.stack([col * width, (row + 1) * width], axis=-1),
             width // self.quads,
-            self._tree.cases[visible],
-            self._tree.controls[visible].astype(np.float32),
+            self._tree.cases[cached][visible],
+            self._tree.controls[cached][visible].astype(np.float32),
             self.pool.error[slots],
             self._screen_error(view, codes),
         )

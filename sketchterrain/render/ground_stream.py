@@ -155,11 +155,13 @@ class TerrainStream:
         self._generate(view, budget, still=True)
         return self.tiles.has_still
 
-    def converge(self, camera: Camera, size: tuple[int, int], *, draw_distance: float) -> None:
-        """Generate all tiles of a still picture; see `update`."""
+    def converge(
+        self, camera: Camera, size: tuple[int, int], *, draw_distance: float, still: bool = False
+    ) -> None:
+        """Generate all tiles of a view; a `still` lacks those that are not in the picture."""
         self._view = view = view_of(camera, size, draw_distance=draw_distance)
-        self._place(self.tiles.generate_all(view, self._write), camera.eye)
-        self._eye = None  # the next frame jumps
+        self._place(self.tiles.generate_all(view, self._write, still=still), camera.eye)
+        self._eye = None if still else np.asarray(camera.eye)  # after a still the next frame jumps
 
     def set_terrain(self, terrain: TileSource, areas: Sequence[Bounds]) -> TerrainUpdateStats:
         """Replace the terrain by another one of the same extent, bit-equal outside `areas` (W, S, E, N; m).

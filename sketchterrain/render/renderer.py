@@ -81,7 +81,7 @@ class Renderer:
             self.scenery.lit.converge(camera)
         view, distance, _ = self._clipped(camera)
         with self._timed("tiles"):
-            self.stream.converge(view, size, draw_distance=distance)
+            self.stream.converge(view, size, draw_distance=distance, still=True)
         with self._timed("foliage"):
             self.scenery.forest.converge(view, size, self.scenery.lit)
 
@@ -107,7 +107,7 @@ class Renderer:
             lit.update(view, np.inf, budget())
         while not self.stream.refine(view, size, draw_distance=distance, budget=PART):
             yield
-        self.stream.converge(view, size, draw_distance=distance)
+        self.stream.converge(view, size, draw_distance=distance, still=True)
         while not forest.refine(view, size, lit, budget()):
             yield
         for _ in self._drawn(clipped, framebuffer, size, clock=clock, parts=STILL_PARTS):

@@ -146,7 +146,9 @@ class TileSelector:
             if at > ROOT_LEVEL:
                 beside = neighbours_of(here)
                 relevant = _within(beside, self._range(view, at, _BALANCED))
-                backed = ~relevant | contains(displayable, parent_of(beside)) | _within_any(target.spared, beside)
+                backed = (
+                    ~relevant | contains(displayable, parent_of(beside)) | _within_any(target.spared, beside)
+                )
                 here = here[contains(displayable, parent_of(here)) & backed.all(axis=1)]
             displayable = np.sort(np.concatenate([displayable, here]))
         return displayable

@@ -260,23 +260,23 @@ class TileStream:
         target = self._target_tree(view)
         selection = self._selector
         roots = selection.roots(view)
-        self._tree.jump(
-            roots[self.pool.find(roots) >= 0], selection.reachable(view, target, self.pool)
-        )
+        self._tree.jump(roots[self.pool.find(roots) >= 0], selection.reachable(view, target, self.pool))
         self._tree.move(self._morph_targets(view, target), np.inf)
 
-    def generate_all(self, view: CameraView, generate: Callable[[Batch], npt.NDArray[Any]]) -> DrawList:
-        """Generate the tiles that a still shows, and return them; ``generate(batch)`` returns properties."""
-        while (batch := self._plan_or_relax(view)) and not self.has_still:
+    def generate_all(
+        self, view: CameraView, generate: Callable[[Batch], npt.NDArray[Any]], *, still: bool = False
+    ) -> DrawList:
+        """Generate what a view shows, and return it; ``generate(batch)`` returns properties."""
+        while (batch := self._plan_or_relax(view, still=still)) and not self.has_still:
             self.mark_generated(batch, generate(batch), seconds=None)
         self.jump(view)
         return self.advance(view, elapsed=np.inf)
 
-    def _plan_or_relax(self, view: CameraView) -> Batch:
-        """Return the next batch of a still; empty only if nothing is missing."""
-        batch = self.plan(view, budget=np.inf, still=True)
+    def _plan_or_relax(self, view: CameraView, *, still: bool) -> Batch:
+        """Return the next batch; empty only if nothing is missing."""
+        batch = self.plan(view, budget=np.inf, still=still)
         while self._missing and not batch and self._error_factor < _MAX_ERROR_FACTOR:
-            batch = self.plan(view, budget=np.inf, still=True)
+            batch = self.plan(view, budget=np.inf, still=still)
         return batch
 
     @property

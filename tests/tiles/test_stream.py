@@ -124,10 +124,26 @@ def test_tiles_out_of_view_are_coarser_and_those_ahead_are_prefetched(toy):
 @pytest.mark.parametrize("everywhere", [True, False])
 def test_a_target_tree_that_is_kept_for_some_batches_changes_no_still(toy, monkeypatch, everywhere):
     view = toy.view_from(EYES[0], heading=0.0, everywhere=everywhere)
-    kept = toy.new_stream(metric=ScreenError(1.0, quad=1e9)).generate_all(view, toy.generate)
+    kept = toy.new_stream(metric=ScreenError(1.0, quad=1e9)).generate_all(view, toy.generate, still=True)
     monkeypatch.setattr(stream_module, "_MOST_BATCHES", 0)
-    fresh = toy.new_stream(metric=ScreenError(1.0, quad=1e9)).generate_all(view, toy.generate)
+    fresh = toy.new_stream(metric=ScreenError(1.0, quad=1e9)).generate_all(view, toy.generate, still=True)
     assert sorted(kept.keys) == sorted(fresh.keys)
+
+
+@pytest.mark.parametrize("eye", EYES)
+def test_a_still_shows_the_tiles_of_the_whole_view_and_generates_fewer(toy, eye):
+    view = toy.view_from(eye, heading=0.5, everywhere=False)
+    whole, still = (toy.new_stream(metric=ScreenError(1.0, quad=1e9)) for _ in range(2))
+    expected = whole.generate_all(view, toy.generate)
+    draws = still.generate_all(view, toy.generate, still=True)
+    assert sorted(draws.keys) == sorted(expected.keys)
+    assert still.pool.count < 0.8 * whole.pool.count
+    # The next view of a still adds what it shows, also beside and behind the first one.
+    for heading in (0.6, 2.0, 4.0):
+        view = toy.view_from(eye, heading=heading, everywhere=False)
+        expected = whole.generate_all(view, toy.generate)
+        draws = still.generate_all(view, toy.generate, still=True)
+        assert sorted(draws.keys) == sorted(expected.keys)
 
 
 def test_a_small_pool_tolerates_more_error_without_holes(toy):

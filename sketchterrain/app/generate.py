@@ -6,6 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -134,7 +135,7 @@ class SharedResources:
 
     devices: DeviceFallback
     memory: LRUCache = field(default_factory=LRUCache)  # of one thread
-    take_picture: Callable[..., npt.NDArray[np.uint8]] | None = None  # by default render_picture
+    take_picture: Callable[..., npt.NDArray[np.uint8]] | None = None  # by default SnapshotRenderer's
 
 
 def generate(
@@ -177,7 +178,7 @@ def _write_files(
     shared: SharedResources,
     stages: Stages,
 ) -> GenerateResult:
-    with _BackgroundWriter() as writer:
+    with _BackgroundWriter() as writer, ExitStack() as stack:
         with stages.stage("features", "Placing features"):
             terrain = build(sketch, device=context, memory=shared.memory)
             features = terrain.features
@@ -185,6 +186,12 @@ def _write_files(
         check_disk_space(folder, terrain, area, options.foliage)
         with stages.stage("ground", "Heights and materials") as progress:
             raster = terrain.raster(options.size, progress=progress)
+        rendering = dict[str, float]()
+        rendered = None
+        if options.preview:
+            painter = ThreadPoolExecutor(1, "preview")
+            stack.callback(painter.shutdown, wait=False)  # after an error nobody waits for the picture
+            rendered = painter.submit(render_preview, terrain, options.view, weather, shared, rendering)
         writer.add("height.tif", write_height_tif, folder, raster)
         writer.add("height.png", write_height_png, folder, raster)
         writer.add("normal.png", write_normal_png, folder, raster)
@@ -194,14 +201,14 @@ def _write_files(
         with stages.stage("plants", "Plants") as progress:
             plants = write_foliage(folder, terrain, area, options.foliage, progress=progress)
         measured = measure_terrain(terrain, stages)
-        problem, rendering = None, dict[str, float]()
+        problem = None
         if options.map is not None:
             with stages.stage("map", "Drawing the map"):
                 name = f"map.{options.map}"
                 writer.add(name, write_sheet, folder / name, map_sheet(terrain))
-        if options.preview:
+        if rendered is not None:
             with stages.stage("preview", "Preview"):
-                picture, problem = render_preview(terrain, options.view, weather, shared, rendering)
+                picture, problem = rendered.result()
                 if picture is not None:
                     writer.add("preview.png", write_picture, folder / "preview.png", picture)
         with stages.stage("files", "Writing files"):
@@ -252,14 +259,20 @@ class _BackgroundWriter:
         return tuple(path for job in self._jobs for path in job.result())
 
 
+def _take_picture(terrain: Terrain, **request: Any) -> npt.NDArray[np.uint8]:
+    """Return a picture from a thread of its own, while others use the terrain."""
+    from sketchterrain.render.offscreen import SnapshotRenderer
+
+    with closing(SnapshotRenderer()) as renderer:
+        return renderer.picture(terrain, **request)
+
+
 def render_preview(
     terrain: Terrain, view: str, weather: Weather, shared: SharedResources, timings: dict[str, float]
 ) -> tuple[npt.NDArray[np.uint8] | None, str | None]:
     """Return a preview, (height, width, 3), or None and the reason, as on a machine without OpenGL."""
-    from sketchterrain.render.offscreen import render_picture
-
-    take = shared.take_picture or render_picture
     try:
+        take = shared.take_picture or _take_picture
         return take(terrain, view=view, weather=weather, timings=timings), None
     except DeviceFailedError:  # the compute device, whose other results are then not trustworthy either
         raise

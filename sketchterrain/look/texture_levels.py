@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -14,8 +13,8 @@ from PIL import Image, UnidentifiedImageError
 from sketchterrain.array_types import UInt8Array
 from sketchterrain.document.materials import BUILT_IN, MaterialTable, Texture
 from sketchterrain.document.own_materials import picture_files
-from sketchterrain.errors import InputError, SketchterrainError, one_line
-from sketchterrain.io.files import cache_folder, write_atomic
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.io.disk_cache import cached_bytes
 from sketchterrain.io.resources import source
 from sketchterrain.look.texture_maker import (
     DEFINES,
@@ -32,50 +31,6 @@ if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
 
     ContextFactory = Callable[[], ComputeContext]
-
-
-_SUFFIX: Final = ".textures"
-_DIGEST: Final = hashlib.sha256().digest_size
-
-
-def cached_bytes(
-    family: str, recipe: str, size: int, compute: Callable[[], bytes], folder: Path | None = None
-) -> bytes | memoryview:
-    """Return `size` bytes that depend on `recipe` alone, from the cache folder or computed and then stored.
-
-    Other cache files of the same family are of older recipes and are deleted when this one is written.
-    """
-    try:
-        folder = folder or cache_folder()
-    except RuntimeError:  # no home directory
-        return compute()
-    name = hashlib.blake2b(recipe.encode(), digest_size=12).hexdigest()
-    path = folder / f"{family}-{name}{_SUFFIX}"
-    cached = _read(path, size)
-    if cached is not None:
-        return cached
-    computed = compute()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, hashlib.sha256(computed).digest() + computed)
-        for old in folder.glob(f"{family}-*{_SUFFIX}"):
-            if old != path:
-                old.unlink(missing_ok=True)
-    except (OSError, SketchterrainError):
-        pass  # a full or read-only disk costs time, no more
-    return computed
-
-
-def _read(path: Path, size: int) -> memoryview | None:
-    """Return the content after its SHA-256, or None if the file is missing or corrupt."""
-    try:
-        if path.stat().st_size != _DIGEST + size:
-            return None
-        content = path.read_bytes()
-    except OSError:
-        return None
-    body = memoryview(content)[_DIGEST:]
-    return body if hashlib.sha256(body).digest() == content[:_DIGEST] else None
 
 
 SUFFIX_FIELDS: Final = {"": "albedo", "_height": "height", "_normal": "slopes", "_roughness": "roughness"}
@@ -164,10 +119,8 @@ def procedural_levels(size: int, open_context: ContextFactory) -> Levels:
     """Return the procedural textures, `size` (a power of two) texels a side, cached on disk."""
     shapes = [(len(BUILT_IN.layers), size >> level, size >> level, 4) for level in range(size.bit_length())]
     recipe = f"{source(SOURCE, DEFINES)}\n{BUILT_IN.layers.values()}\n{size}\n{_FORMAT}"
-    nbytes = 2 * sum(int(np.prod(shape)) for shape in shapes)
     flat = np.frombuffer(
-        cached_bytes(f"materials-{size}", recipe, nbytes, lambda: _compute_levels(size, open_context())),
-        np.uint8,
+        cached_bytes(f"materials-{size}", recipe, lambda: _compute_levels(size, open_context())), np.uint8
     )
     levels, start = [], 0
     for shape in shapes:

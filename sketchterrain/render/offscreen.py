@@ -66,6 +66,7 @@ def render_picture(
     sun = sun or sun_for_view(terrain, camera, weather)
     view_seconds = time.perf_counter() - start
     with canvas(size) as (context, texture, framebuffer):
+        quality = quality or Quality.for_still(size)
         renderer = Renderer(context, terrain, sun=sun, weather=weather, textures=textures, quality=quality)
         renderer.prepare(camera, size)
         renderer.draw(camera, framebuffer, clock=clock)
@@ -144,7 +145,12 @@ class SnapshotRenderer:
         view_seconds = time.perf_counter() - start
         try:
             renderer = Renderer(
-                self._context, terrain, sun=sun, weather=weather, resources=self._resources.borrow()
+                self._context,
+                terrain,
+                sun=sun,
+                weather=weather,
+                quality=Quality.for_still(self._size),
+                resources=self._resources.borrow(),
             )
             renderer.prepare(camera, self._size)
             renderer.draw(camera, self._framebuffer)

@@ -8,18 +8,21 @@ small on screen one in n² remains, widened to preserve the cover.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from importlib.resources import files
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import moderngl
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.io.disk_cache import cached_bytes
 from sketchterrain.look.tree_levels import DETAILS, VARIANTS, plant_mesh
 from sketchterrain.look.tree_species import SPECIES
 from sketchterrain.render.programs import set_uniforms
 
 if TYPE_CHECKING:
-    from sketchterrain.array_types import Float32Array, Float64Array, FloatArray, Int64Array, StructuredArray
+    from sketchterrain.array_types import Float32Array, Float64Array, FloatArray, Int64Array
 
 LEVEL_RATIO: Final = 0.25
 """Share of a level's plants that are in the next level: twice the distance between plants."""
@@ -114,26 +117,31 @@ class MeshInstances(NamedTuple):
     counts: Int64Array  # (kinds, details)
 
 
-def all_plant_meshes() -> list[StructuredArray]:
-    """Return the meshes of all kinds in all details; they are cached, since they take a second."""
-    return [
-        plant_mesh(name, variant, detail)
-        for name in SPECIES
-        for variant in range(VARIANTS)
-        for detail in range(DETAILS)
-    ]
+@cache
+def all_plant_meshes() -> tuple[Int64Array, bytes | memoryview]:
+    """Return vertex counts (kinds, details) and the vertices of all plants; cached on disk."""
+    sources = [each for each in files("sketchterrain.look").iterdir() if each.name.endswith(".py")]
+    recipe = "".join(each.read_text("utf-8") for each in sorted(sources, key=str))
+
+    def compute() -> bytes:
+        kinds = [(name, variant) for name in SPECIES for variant in range(VARIANTS)]
+        meshes = [plant_mesh(*kind, detail) for kind in kinds for detail in range(DETAILS)]
+        counts = np.array([len(mesh) for mesh in meshes], np.int64)
+        return counts.tobytes() + np.concatenate(meshes).tobytes()
+
+    content = cached_bytes("plants", recipe, compute)
+    counts = np.frombuffer(content, np.int64, KINDS * DETAILS).reshape(KINDS, DETAILS)
+    return counts, memoryview(content)[counts.nbytes :]
 
 
 class PlantMeshes:
     """Vertex buffer of all kinds in all details: first vertex and vertex count of each, (kinds, details)."""
 
     def __init__(self, context: moderngl.Context) -> None:
-        meshes = all_plant_meshes()
-        sizes = np.array([len(mesh) for mesh in meshes], dtype=np.int64)
-        self.vertices = sizes.reshape(KINDS, DETAILS)
-        self.first = (np.cumsum(sizes) - sizes).reshape(self.vertices.shape)
+        self.vertices, content = all_plant_meshes()
+        self.first = np.cumsum(self.vertices).reshape(self.vertices.shape) - self.vertices
         self.context = context
-        self.buffer = context.buffer(np.concatenate(meshes).tobytes())
+        self.buffer = context.buffer(content)
 
     def commands(self, counts: Int64Array, start: int, stop: int) -> npt.NDArray[np.uint32]:
         """Return indirect draw commands of the instances from `start` to `stop`, one row a mesh."""

@@ -10,9 +10,9 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
 from sketchterrain.document.materials import BUILT_IN, Texture
 from sketchterrain.errors import InputError
+from sketchterrain.io.disk_cache import cached_bytes
 from sketchterrain.io.files import cache_folder
 from sketchterrain.look.texture_levels import (
-    cached_bytes,
     customized_levels,
     procedural_levels,
     read_material_images,
@@ -329,7 +329,7 @@ class CountedCompute:
 
 
 def cached(compute, folder, recipe="recipe", family="materials-8"):
-    return bytes(cached_bytes(family, recipe, len(compute.content), compute, folder))
+    return bytes(cached_bytes(family, recipe, compute, folder))
 
 
 def test_cache_hits_until_the_recipe_changes(tmp_path, monkeypatch):

@@ -144,15 +144,17 @@ class ViewRenderer:
         terrain, sun = self._terrain, self.sun
         assert terrain is not None and sun is not None  # noqa: S101, PT018 # `set_terrain` was called
         weather = Weather.from_sketch(terrain.sketch)
+        size = self._view.width, self._view.height
         if self._still is None:
-            self._still = Renderer(self._context, terrain, sun=sun, weather=weather)
+            quality = Quality.for_still(size)
+            self._still = Renderer(self._context, terrain, sun=sun, weather=weather, quality=quality)
         elif terrain is not self._still_terrain:
             self._still.stream.draws = None  # or its tiles would be rewritten at once, not in parts
             self._still.set_terrain(terrain, self._still_areas)
         self._still_terrain, self._still_areas = terrain, []
         self._still.relight(sun=sun, weather=weather)
         yield
-        framebuffer = self._target.sized((self._view.width, self._view.height))
+        framebuffer = self._target.sized(size)
         yield from self._still.refined(camera, framebuffer, clock=clock)
 
     def _draw_overlays(self, camera: Camera) -> None:

@@ -71,6 +71,7 @@ _SOFTWARE_FACTOR: Final = 2.0  # … and at least this times the last frame's du
 _LONGEST_STEP: Final = 0.1  # s by which a frame advances camera and clock at most: no jump after a pause
 _REST_INTERVAL: Final = 0.4  # s between frames at rest, while a software renderer loads what they lack …
 _LOAD: Final = 0.035  # … for so many s at a time
+_PROGRESS: Final = 3.0  # s at rest for which frames show what is loaded, before the still is begun
 _HOLD: Final = (0.12, 0.6)  # s for which refinement, and animation, wait for a pending terrain
 
 
@@ -85,12 +86,13 @@ class FramePacer:
         self._version = -1
         self._in_flight = 0
         self._slot, self._size = 0, (0, 0)
-        self._drawn_at = self._advanced_at = 0.0
+        self._drawn_at = self._advanced_at = self._moved_at = 0.0
         self._duration = 0.0
         self.clock = 0.0  # s that water, plants and clouds have moved
         self._stale = True
         self._converged = False
-        self._loaded = False  # nothing is missing since the last frame
+        self._loaded = False  # nothing that a view at rest shows is missing …
+        self._shows_all = False  # … and the last frame shows it
         self._settled = False  # the last frame is a still of the best quality
         self._stats: FrameStats | None = None  # of the last frame in motion
         self._pending_since: float | None = None
@@ -127,6 +129,12 @@ class FramePacer:
         still = self.renderer.is_software or not self._view.plays
         return still and self._view.refines and self.renderer.can_refine
 
+    @property
+    def _draws_still(self) -> bool:
+        """Whether the still is due, or loading what the next motion shows once the still is there."""
+        rests = self.renderer.is_software and time.monotonic() - self._moved_at > _PROGRESS
+        return self._refines and (self._converged or self._shows_all or rests)
+
     def due(self, *, moving: bool) -> float | None:
         """Return the s until the next frame; None: nothing to draw."""
         visible = self._view.width > 0 and self._view.height > 0
@@ -140,10 +148,11 @@ class FramePacer:
         if self._stale:  # placing a pending terrain goes before drawing
             return max((_FRAME_TIME if self._pending_since is None else polite) - since, 0.0)
         waited = _HOLD[1] if self._pending_since is None else now - self._pending_since
+        if self._draws_still:
+            finished = self._settled and (self._loaded or self._converged)
+            return None if finished else max(_HOLD[0] - waited, 0.0)
         if not self._converged:
             return max(0.0 if self._loads else _FRAME_TIME - since, _HOLD[0] - waited, 0.0)
-        if self._refines:
-            return None if self._settled else max(_HOLD[0] - waited, 0.0)
         if not self._view.plays:
             return None
         interval = max(_ANIMATION_TIME, polite) if self.renderer.is_software else _FRAME_TIME
@@ -164,21 +173,25 @@ class FramePacer:
         plays, at_rest = self._view.plays, not (moved or self._stale)
         if at_rest and self._converged and (self._settled or not (plays or self._refines)):
             return None
+        draws_still = at_rest and self._draws_still
         size = (self._view.width, self._view.height)
         if size != self._size and self._in_flight:
             return None  # slots move with the size: earlier frames must have been displayed
         camera = controller.camera()
-        if at_rest and self._loads:
+        if self._settled if draws_still else at_rest and self._loads:
             self._loaded = self.renderer.load(camera, elapsed=elapsed, budget=_LOAD)
             return None
-        if at_rest and self._converged and self._refines:
+        if draws_still:
             self._settled = self.renderer.refine(camera, clock=self.clock)
             if not self._settled:
                 return None
         else:
             if at_rest:  # not since the last load: the density of plants follows frames
                 elapsed = min(now - self._drawn_at, _REST_INTERVAL)
-            self._drawn_at, self._stale, self._settled, self._loaded = now, False, False, False
+            else:
+                self._moved_at = now
+            self._loaded = self._shows_all = at_rest and self._loaded
+            self._drawn_at, self._stale, self._settled = now, False, False
             self.clock += elapsed if plays else 0.0
             self._stats = self.renderer.draw(camera, elapsed=elapsed, clock=self.clock)
             self._converged, self._size = self._stats.converged, size

@@ -59,13 +59,16 @@ class CostModel:
         """Return the expected seconds of a batch of tiles of these levels."""
         return float(_counts(levels)[-1] @ self._cost) if len(levels) else 0.0
 
-    def count_within(self, levels: Int64Array, budget: float) -> int:
-        """Return how many of the first tiles fit into a budget (s); at least one unless it is 0."""
+    def count_within(self, levels: Int64Array, budget: float, *, usually: bool = False) -> int:
+        """Return how many of the first tiles fit into a budget (s), at least one unless it is 0.
+
+        They fit nearly always, or `usually`.
+        """
         if not budget >= 0:
             raise InputError(f"expected a budget ≥ 0 s, got {budget:g}")
         if budget == 0 or not len(levels):
             return 0
-        seconds = _counts(levels) @ self._cost * self._slowdown
+        seconds = _counts(levels) @ self._cost * (1.0 if usually else self._slowdown)
         return max(1, int(np.searchsorted(seconds, _BUDGET_SHARE * budget, side="right")))
 
     def record(self, levels: Int64Array, seconds: float) -> None:
@@ -216,7 +219,7 @@ class TileStream:
         rewritten = rewritten[:_PER_BATCH]
         codes = codes[: 0 if self._complete and rewritten.size else None]
         both = np.concatenate([rewritten, codes])
-        both = both[: self._cost.count_within(decode(both)[0], budget)]
+        both = both[: self._cost.count_within(decode(both)[0], budget, usually=still)]
         rewritten, codes = both[: len(rewritten)], both[len(rewritten) :]
         slots = np.concatenate([self.pool.find(rewritten), self.pool.acquire(codes)])
         return create_batch(self.pool, both, slots)

@@ -173,11 +173,11 @@ def surface_heights(
 
 
 def sample_heights(
-    terrain: TerrainSource, centre: tuple[float, float], width: float, texels: int
+    terrain: TerrainSource, centre: tuple[float, float], width: float, texels: int, *, cell: float = 1.0
 ) -> HeightMap:
-    """Return heights of a square of a terrain, band-limited to the texels, with the sea's surface."""
+    """Return heights of a square of a terrain, with the sea's surface, band-limited to a cell (texels)."""
     west, south = centre[0] - width / 2, centre[1] - width / 2
     along = (np.arange(texels) + 0.5) * (width / texels)
     x, y = west + along[None, :], south + along[:, None]
-    heights = surface_heights(terrain, x, y, cell_size=width / texels)
+    heights = surface_heights(terrain, x, y, cell_size=cell * width / texels)
     return HeightMap(west, south, width, np.ascontiguousarray(heights, dtype=np.float32))

@@ -124,7 +124,7 @@ def find_view(terrain: TerrainSource, kind: str = "auto", *, weather: Weather | 
     style = _STYLES[kind]
     extent = terrain.extent
     west, south, east, north = visible_rectangle(terrain)
-    relief = sample_heights(terrain, ((west + east) / 2, (south + north) / 2), 3.4 * extent, 576)
+    relief = sample_heights(terrain, ((west + east) / 2, (south + north) / 2), 3.4 * extent, 576, cell=2.0)
     along = (np.arange(VIEWPOINTS_PER_SIDE) + 0.5) / VIEWPOINTS_PER_SIDE
     if not isinstance(terrain, BoundedTerrain):  # a sketch is seen from a little outside, too
         along = along * 1.1 - 0.05

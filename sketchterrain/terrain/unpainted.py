@@ -355,6 +355,13 @@ def _threads() -> Executor:
     return ThreadPoolExecutor(min(_MOST_THREADS, os.cpu_count() or 1), thread_name_prefix="drainage")
 
 
+def load_compiled_code() -> None:
+    """Load what drains ground, which takes a second, before it is needed."""
+    ground = UnpaintedGround(UnpaintedSettings(extent=1e4, seed=0))
+    for level in range(_MESH_LEVELS + 1):
+        ground.window(level, 0, 0, 1, 1)
+
+
 @lru_cache(maxsize=4)
 def unpainted_ground(settings: UnpaintedSettings) -> UnpaintedGround:
     """Return the ground of some settings, with its cache."""

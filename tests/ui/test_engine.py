@@ -292,7 +292,7 @@ def test_a_view_at_rest_becomes_the_still_and_motion_is_shown_at_once(running, t
 
 
 @pytest.mark.slow
-def test_another_document_resets_the_camera(running):
+def test_another_document_opens_with_a_good_view_and_an_empty_one_as_a_whole(running):
     document, link, _ = running
     link.send(msg.Zoom(0.2))
     wait(lambda: link.frame.converged)
@@ -300,7 +300,10 @@ def test_another_document_resets_the_camera(running):
     document.open(other)
     wait(lambda: link.relief.height.shape == (64, SIDE) and link.frame.version >= newest(link))
     wait(lambda: link.frame.converged)
-    assert link.frame.pose.target[0] == pytest.approx(4500.0, abs=50.0)
+    assert link.frame.pose.eye[2] < 500.0  # above the trees
+    document.open(Sketch(extent=6000.0, layers={"hill": np.zeros((64, SIDE), np.uint8)}))
+    wait(lambda: link.frame.version >= newest(link) and link.frame.converged)
+    assert link.frame.pose.target[0] == pytest.approx(3000.0, abs=50.0)
     document.open(sketch())
     wait(converged(link, newest(link) + 1))
 

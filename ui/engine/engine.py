@@ -161,8 +161,12 @@ class Engine:
         if self._camera is None or self._camera.size != terrain.size or fresh:
             self._camera, self._fresh_version = CameraController(terrain, aspect=self._view.aspect), -1
             self._camera.set_mode(self._view.mode)
-            if self._requested_look is not None:
-                self._look(self._requested_look)
+            if self._pacer is not None:
+                self._pacer.begin_jump()
+            sketch = self._session.sketch
+            painted = sketch is not None and any(image.any() for image in sketch.layers.values())
+            if self._requested_look is not None or painted:  # an empty sketch is seen as a whole
+                self._look(self._requested_look or msg.Look())
         else:
             self._camera.set_terrain(terrain)
         if self._session.sketch is not None:
@@ -219,12 +223,16 @@ class Engine:
     def _move(self, motion: Any) -> None:
         if self._camera is not None:
             self._camera.handle(motion, aspect=self._view.aspect)
+        if self._pacer is not None:
+            self._pacer.end_jump()
 
     def _look(self, look: msg.Look) -> None:
         terrain = self._session.terrain
         self._requested_look = look if self._camera is None else None
         if self._camera is None or terrain is None:
             return
+        if self._pacer is not None:
+            self._pacer.begin_jump()
         if look.pose is not None:
             self._camera.set_camera(Camera(look.pose.eye, look.pose.target, fov=look.pose.fov))
             return
@@ -301,6 +309,7 @@ def _open(window: Channel, options: dict[str, Any]) -> dict[str, Any]:
     """Return the engine's session, pacer, jobs and facts."""
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.render.sharing_probe import open_device
+    from sketchterrain.terrain.unpainted import load_compiled_code
     from sketchterrain.ui.engine.view_renderer import ViewRenderer
 
     renderer, opengl_error = None, "OpenGL failed twice: start it again"
@@ -322,6 +331,7 @@ def _open(window: Channel, options: dict[str, Any]) -> dict[str, Any]:
     else:
         session = TerrainSession(open_context, device=selector)
     device, jobs, pacer = session.device, JobQueue(), None
+    load_compiled_code()  # while the placer places the first terrain
     facts = msg.EngineFacts(
         device=device.name if device else "",
         platform=device.platform if device else "",

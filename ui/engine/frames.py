@@ -71,6 +71,7 @@ _SOFTWARE_FACTOR: Final = 2.0  # … and at least this times the last frame's du
 _LONGEST_STEP: Final = 0.1  # s by which a frame advances camera and clock at most: no jump after a pause
 _REST_INTERVAL: Final = 0.4  # s between frames at rest, while a software renderer loads what they lack …
 _LOAD: Final = 0.035  # … for so many s at a time
+_JUMP: Final = 2.0  # s for which a view of another place is loaded before its first frame
 _PROGRESS: Final = 3.0  # s at rest for which frames show what is loaded, before the still is begun
 _HOLD: Final = (0.12, 0.6)  # s for which refinement, and animation, wait for a pending terrain
 
@@ -87,6 +88,7 @@ class FramePacer:
         self._in_flight = 0
         self._slot, self._size = 0, (0, 0)
         self._drawn_at = self._advanced_at = self._moved_at = 0.0
+        self._jump_ends: float | None = 0.0  # None: begins with the next load
         self._duration = 0.0
         self.clock = 0.0  # s that water, plants and clouds have moved
         self._stale = True
@@ -112,6 +114,13 @@ class FramePacer:
     def set_update_pending(self, pending: bool) -> None:
         """Note whether another terrain is being placed."""
         self._pending_since = time.monotonic() if pending else None
+
+    def begin_jump(self) -> None:
+        """Load a view of another place before its first frame, unless the camera moves."""
+        self._stale, self._jump_ends = True, None
+
+    def end_jump(self) -> None:
+        self._jump_ends = 0.0
 
     def acknowledge_frame(self) -> None:
         """Free the slot of a frame that the window has displayed."""
@@ -178,6 +187,12 @@ class FramePacer:
         if size != self._size and self._in_flight:
             return None  # slots move with the size: earlier frames must have been displayed
         camera = controller.camera()
+        if self._jump_ends is None:
+            self._jump_ends = now + _JUMP if self.renderer.is_software else 0.0
+        if now < self._jump_ends:
+            self._loaded = self.renderer.load(camera, elapsed=elapsed, budget=_LOAD)
+            self._jump_ends *= not self._loaded
+            return None
         if self._settled if draws_still else at_rest and self._loads:
             self._loaded = self.renderer.load(camera, elapsed=elapsed, budget=_LOAD)
             return None

@@ -162,7 +162,7 @@ class Engine:
             self._camera, self._fresh_version = CameraController(terrain, aspect=self._view.aspect), -1
             self._camera.set_mode(self._view.mode)
             if self._pacer is not None:
-                self._pacer.begin_jump()
+                self._pacer.jump()
             sketch = self._session.sketch
             painted = sketch is not None and any(image.any() for image in sketch.layers.values())
             if self._requested_look is not None or painted:  # an empty sketch is seen as a whole
@@ -223,8 +223,6 @@ class Engine:
     def _move(self, motion: Any) -> None:
         if self._camera is not None:
             self._camera.handle(motion, aspect=self._view.aspect)
-        if self._pacer is not None:
-            self._pacer.end_jump()
 
     def _look(self, look: msg.Look) -> None:
         terrain = self._session.terrain
@@ -232,7 +230,7 @@ class Engine:
         if self._camera is None or terrain is None:
             return
         if self._pacer is not None:
-            self._pacer.begin_jump()
+            self._pacer.jump()
         if look.pose is not None:
             self._camera.set_camera(Camera(look.pose.eye, look.pose.target, fov=look.pose.fov))
             return

@@ -71,7 +71,7 @@ _SOFTWARE_FACTOR: Final = 2.0  # … and at least this times the last frame's du
 _LONGEST_STEP: Final = 0.1  # s by which a frame advances camera and clock at most: no jump after a pause
 _REST_INTERVAL: Final = 0.4  # s between frames at rest, while a software renderer loads what they lack …
 _LOAD: Final = 0.035  # … for so many s at a time
-_JUMP: Final = 2.0  # s for which a view of another place is loaded before its first frame
+_JUMP: Final = 2.0  # s for what the first frame of another place shows
 _PROGRESS: Final = 3.0  # s at rest for which frames show what is loaded, before the still is begun
 _HOLD: Final = (0.12, 0.6)  # s for which refinement, and animation, wait for a pending terrain
 
@@ -88,7 +88,7 @@ class FramePacer:
         self._in_flight = 0
         self._slot, self._size = 0, (0, 0)
         self._drawn_at = self._advanced_at = self._moved_at = 0.0
-        self._jump_ends: float | None = 0.0  # None: begins with the next load
+        self._budget: float | None = None  # s of the next frame for what it shows; None: the quality's
         self._duration = 0.0
         self.clock = 0.0  # s that water, plants and clouds have moved
         self._stale = True
@@ -115,12 +115,9 @@ class FramePacer:
         """Note whether another terrain is being placed."""
         self._pending_since = time.monotonic() if pending else None
 
-    def begin_jump(self) -> None:
-        """Load a view of another place before its first frame, unless the camera moves."""
-        self._stale, self._jump_ends = True, None
-
-    def end_jump(self) -> None:
-        self._jump_ends = 0.0
+    def jump(self) -> None:
+        """Take longer for the next frame, since it shows another place."""
+        self._budget = _JUMP
 
     def acknowledge_frame(self) -> None:
         """Free the slot of a frame that the window has displayed."""
@@ -187,12 +184,6 @@ class FramePacer:
         if size != self._size and self._in_flight:
             return None  # slots move with the size: earlier frames must have been displayed
         camera = controller.camera()
-        if self._jump_ends is None:
-            self._jump_ends = now + _JUMP if self.renderer.is_software else 0.0
-        if now < self._jump_ends:
-            self._loaded = self.renderer.load(camera, elapsed=elapsed, budget=_LOAD)
-            self._jump_ends *= not self._loaded
-            return None
         if self._settled if draws_still else at_rest and self._loads:
             self._loaded = self.renderer.load(camera, elapsed=elapsed, budget=_LOAD)
             return None
@@ -208,7 +199,8 @@ class FramePacer:
             self._loaded = self._shows_all = at_rest and self._loaded
             self._drawn_at, self._stale, self._settled = now, False, False
             self.clock += elapsed if plays else 0.0
-            self._stats = self.renderer.draw(camera, elapsed=elapsed, clock=self.clock)
+            self._stats = self.renderer.draw(camera, elapsed=elapsed, clock=self.clock, budget=self._budget)
+            self._budget = None
             self._converged, self._size = self._stats.converged, size
         stats = self._stats
         assert stats is not None  # noqa: S101 # the first frame is stale

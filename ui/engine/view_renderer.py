@@ -111,13 +111,15 @@ class ViewRenderer:
             self._renderer.relight(sun=self.sun, weather=weather)
         return line
 
-    def draw(self, camera: Camera, *, elapsed: float, clock: float) -> FrameStats:
-        """Draw a frame; see `read_pixels`."""
+    def draw(
+        self, camera: Camera, *, elapsed: float, clock: float, budget: float | None = None
+    ) -> FrameStats:
+        """Draw a frame; see `Renderer.frame` and `read_pixels`."""
         renderer, terrain = self._renderer, self._terrain
         assert renderer is not None and terrain is not None  # noqa: S101, PT018 # `set_terrain` was called
         self._refinement = None
         framebuffer = self._target.sized((self._view.width, self._view.height))
-        stats = renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock)
+        stats = renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock, budget=budget)
         self._draw_overlays(camera)
         return stats
 

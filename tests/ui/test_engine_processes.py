@@ -216,6 +216,7 @@ class FailingPacer:
         self.error, self.failed, self.stops = None, False, 0
         self.set_update_pending = lambda pending: None
         self.set_terrain = lambda *_: ""
+        self.jump = lambda: None
 
     def due(self, *, moving):
         return None if self.error is None else 0.0

@@ -300,10 +300,11 @@ def test_another_document_opens_with_a_good_view_and_an_empty_one_as_a_whole(run
     document.open(other)
     wait(lambda: link.relief.height.shape == (64, SIDE) and link.frame.version >= newest(link))
     wait(lambda: link.frame.converged)
-    assert link.frame.pose.eye[2] < 500.0  # above the trees
+    assert link.frame.pose.fov == 36.0  # of views that are found
     document.open(Sketch(extent=6000.0, layers={"hill": np.zeros((64, SIDE), np.uint8)}))
-    wait(lambda: link.frame.version >= newest(link) and link.frame.converged)
+    wait(converged(link, newest(link) + 1))
     assert link.frame.pose.target[0] == pytest.approx(3000.0, abs=50.0)
+    assert link.frame.pose.fov == 50.0
     document.open(sketch())
     wait(converged(link, newest(link) + 1))
 

@@ -144,7 +144,7 @@ def rested(stream, view, *, tiles):
 
 def limited(stream, tiles):
     """Plan exactly this many tiles per second."""
-    stream._cost.count_within = lambda levels, budget: min(tiles, len(levels))
+    stream._cost.count_within = lambda levels, budget, **_: min(tiles, len(levels))
     stream._cost.record = lambda levels, seconds: None
     return stream
 

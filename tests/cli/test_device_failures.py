@@ -98,7 +98,8 @@ def test_failure_at_any_call_restarts_on_another_device(call, tiny, tmp_path, mo
         assert done.code == 0, (number, calls[number], done.err)
         assert files(out) == expected, (number, calls[number])
         data = report(out)
-        notes = [line for line in done.err.splitlines() if not line.endswith(" …")]
+        # pocl's compiler prints to stderr, too, while its cache is cold.
+        notes = [line for line in done.err.splitlines() if line.startswith("sketchterrain: ")]
         assert len(notes) == len(data["restarts"]) == 1, done.err
         assert notes[0] == f"sketchterrain: note: {data['restarts'][0]}"
         assert f"{first.name} ({first.platform}) failed at {calls[number]}" in notes[0]

@@ -271,8 +271,8 @@ def render_preview(
     terrain: Terrain, view: str, weather: Weather, shared: SharedResources, timings: dict[str, float]
 ) -> tuple[npt.NDArray[np.uint8] | None, str | None]:
     """Return a preview, (height, width, 3), or None and the reason, as on a machine without OpenGL."""
+    take = shared.take_picture or _take_picture
     try:
-        take = shared.take_picture or _take_picture
         return take(terrain, view=view, weather=weather, timings=timings), None
     except DeviceFailedError:  # the compute device, whose other results are then not trustworthy either
         raise

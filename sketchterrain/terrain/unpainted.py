@@ -358,7 +358,7 @@ def _threads() -> Executor:
 def load_compiled_code() -> None:
     """Load what drains ground, which takes a second, before it is needed."""
     ground = UnpaintedGround(UnpaintedSettings(extent=1e4, seed=0))
-    for level in range(_MESH_LEVELS + 1):
+    for level in (0, LEVELS, _MESH_LEVELS):
         ground.window(level, 0, 0, 1, 1)
 
 

@@ -158,17 +158,18 @@ class TileSelector:
     ) -> BoolArray:
         """Return which missing tiles may be in a still, by the heights of their parents; otherwise all."""
         result = np.ones(len(codes), np.bool_)
-        if self.still:
-            child = np.flatnonzero(decode(codes)[0] > ROOT_LEVEL)
-            above = parent_of(codes[child])
-            heights = pool.conservative_boxes(above, pool.find(above), self.extent)
-            boxes = boxes_of(codes[child], self.extent, heights.low[:, 2], heights.high[:, 2])
-            distance, _ = horizontal_distances(view, boxes)
-            result[child] = view.sees(boxes) & (distance <= view.draw_distance)
-            if self.hide:
-                leaves = excess.codes[self._leaves(excess)]
-                ground = pool.boxes(leaves, pool.find(leaves), self.extent)
-                result[child] &= ~occluded(view, boxes, ground)
+        if not self.still:
+            return result
+        child = np.flatnonzero(decode(codes)[0] > ROOT_LEVEL)
+        above = parent_of(codes[child])
+        heights = pool.conservative_boxes(above, pool.find(above), self.extent)
+        boxes = boxes_of(codes[child], self.extent, heights.low[:, 2], heights.high[:, 2])
+        distance, _ = horizontal_distances(view, boxes)
+        result[child] = view.sees(boxes) & (distance <= view.draw_distance)
+        if self.hide:
+            leaves = excess.codes[self._leaves(excess)]
+            ground = pool.boxes(leaves, pool.find(leaves), self.extent)
+            result[child] &= ~occluded(view, boxes, ground)
         return result
 
     def _coarse_by_level(self, excess: TileExcess) -> list[npt.NDArray[np.intp]]:

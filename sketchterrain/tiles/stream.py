@@ -344,9 +344,9 @@ class TileStream:
 
     def draw_list(self, view: CameraView) -> DrawList:
         """Return what to draw of the displayed tree; every stale tile that may be visible."""
-        cached = np.flatnonzero(self.pool.find(self._tree.codes) >= 0)
-        codes = self._tree.codes[cached]
-        slots = self.pool.find(codes)
+        slots = self.pool.find(self._tree.codes)
+        cached = slots >= 0
+        codes, slots = self._tree.codes[cached], slots[cached]
         boxes = self.pool.conservative_boxes(codes, slots, self.extent)
         distance, _ = horizontal_distances(view, boxes)
         visible = view.sees(boxes) & (distance <= view.draw_distance)

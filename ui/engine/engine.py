@@ -328,8 +328,8 @@ def _open(window: Channel, options: dict[str, Any]) -> dict[str, Any]:
             window.send(session.facts())
     else:
         session = TerrainSession(open_context, device=selector)
+        load_compiled_code()  # while the placer places the first terrain
     device, jobs, pacer = session.device, JobQueue(), None
-    load_compiled_code()  # while the placer places the first terrain
     facts = msg.EngineFacts(
         device=device.name if device else "",
         platform=device.platform if device else "",

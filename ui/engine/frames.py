@@ -72,7 +72,7 @@ _LONGEST_STEP: Final = 0.1  # s by which a frame advances camera and clock at mo
 _REST_INTERVAL: Final = 0.4  # s between frames at rest, while a software renderer loads what they lack …
 _LOAD: Final = 0.035  # … for so many s at a time
 _JUMP: Final = 2.0  # s for what the first frame of another place shows
-_PROGRESS: Final = 3.0  # s at rest for which frames show what is loaded, before the still is begun
+_PROGRESS: Final = 3.0  # s at rest for which frames show what is loaded, before the still starts
 _HOLD: Final = (0.12, 0.6)  # s for which refinement, and animation, wait for a pending terrain
 
 
@@ -184,13 +184,13 @@ class FramePacer:
         if size != self._size and self._in_flight:
             return None  # slots move with the size: earlier frames must have been displayed
         camera = controller.camera()
-        if self._settled if draws_still else at_rest and self._loads:
-            self._loaded = self.renderer.load(camera, elapsed=elapsed, budget=_LOAD)
-            return None
-        if draws_still:
+        if draws_still and not self._settled:
             self._settled = self.renderer.refine(camera, clock=self.clock)
             if not self._settled:
                 return None
+        elif draws_still or (at_rest and self._loads):
+            self._loaded = self.renderer.load(camera, elapsed=elapsed, budget=_LOAD)
+            return None
         else:
             if at_rest:  # not since the last load: the density of plants follows frames
                 elapsed = min(now - self._drawn_at, _REST_INTERVAL)

@@ -8,8 +8,11 @@
 #include "render/cloud_light.glsl"
 
 uniform sampler3D billow_noise; // 0..1, billows (render/clouds.py)
-uniform sampler2D scene_depth_buffer;      // depth buffer
-uniform int reduced_width;     // px, of this picture
+#if CLOUDS == 2
+uniform sampler2D scene_depth_buffer; // depth buffer
+uniform int reduced_width;            // px, of this picture
+const vec3 cloud_origin = vec3(0.0);
+#endif
 
 in vec2 uv;
 out vec4 seen; // rgb: premultiplied radiance; a: transmittance
@@ -25,14 +28,14 @@ const float CLEAR_RUN = 230.0;  // m of clear air per unit of the field below a 
 
 float billows(vec3 place)
 {
-    vec3 at = vec3(place.xy + eye.xy - cloud_drift, place.z + eye.z) / BILLOW_PERIOD;
+    vec3 at = vec3(place.xy + cloud_origin.xy + eye.xy - cloud_drift, place.z + cloud_origin.z + eye.z) / BILLOW_PERIOD;
     return 0.65 * textureLod(billow_noise, at, 0.0).r + 0.35 * textureLod(billow_noise, at * 3.7 + 0.31, 0.0).r;
 }
 
 // 0..1, at a place relative to the eye; `rise` in the layer.
 float body(vec3 place, float rise, float lod)
 {
-    float inside = textureLod(cloud_field, cloud_place(place.xy), lod).r;
+    float inside = textureLod(cloud_field, cloud_place(place.xy + cloud_origin.xy), lod).r;
     return inside - TALLEST * rise * (0.3 + 0.7 * rise) - 0.1 * (1.0 - smoothstep(0.0, 0.05, rise));
 }
 
@@ -59,6 +62,7 @@ float depth_to_sun(vec3 place, float up, float lod)
     return depth * EXTINCTION;
 }
 
+#if CLOUDS == 2
 bool hidden()
 {
     ivec2 size = textureSize(scene_depth_buffer, 0);
@@ -72,11 +76,27 @@ bool hidden()
     return nearest < 1.0;
 }
 
+vec3 direction_at(vec2 place)
+{
+    vec4 far_point = from_clip * vec4(place * 2.0 - 1.0, 1.0, 1.0);
+    return normalize(far_point.xyz / far_point.w);
+}
+#else
+bool hidden() { return false; }
+
+// As `dome_clouds` reads it.
+vec3 direction_at(vec2 place)
+{
+    vec2 flat_ = place * 2.0 - 1.0;
+    float square = dot(flat_, flat_);
+    return vec3(2.0 * flat_, 1.0 - square) / (1.0 + square);
+}
+#endif
+
 void main()
 {
-    vec4 far_point = from_clip * vec4(uv * 2.0 - 1.0, 1.0, 1.0);
-    vec3 direction = normalize(far_point.xyz / far_point.w);
-    float up = max(CLOUD_BASE + view_range.y - eye.z, 300.0);
+    vec3 direction = direction_at(uv);
+    float up = max(CLOUD_BASE + view_range.y - eye.z - cloud_origin.z, 300.0);
     float rise = max(direction.z, 0.0);
     float first = to_layer(up, rise);
     float last = to_layer(up + THICK, rise);

@@ -1,4 +1,4 @@
-// A layer of cumulus, for the sky and for its shadows. CLOUDS: 0 none, 1 flat, 2 volumetric in the sky
+// A layer of cumulus, for the sky and for its shadows. CLOUDS: 0 none; 1 in a dome of all directions, 2 in the picture
 // (clouds.frag.glsl). GREY: whether an overcast layer blends in.
 #ifndef CLOUDS
 #define CLOUDS 1
@@ -17,6 +17,23 @@ const float SHADE = 0.52;        // sunlight absorbed by the thickest clouds
 const float EARTH = 6360e3;      // m
 
 vec2 cloud_place(vec2 place) { return (place + eye.xy - cloud_drift) / CLOUD_PERIOD; }
+
+// Distance to a layer `up` m over the eye along a direction, on a spherical earth.
+float to_layer(float up, float rise) { return 2.0 * up / (rise + sqrt(rise * rise + 2.0 * up / EARTH)); }
+
+#if CLOUDS == 1
+uniform sampler2D cloud_view;     // the dome: premultiplied radiance, transmittance
+uniform vec3 cloud_origin;        // its origin relative to the eye, m
+const float CLOUD_MIDDLE = 300.0; // m over the base, of the layer whose parallax is corrected
+
+// Clouds in a direction not below the horizon. Texels are directions in stereographic projection.
+vec4 dome_clouds(vec3 direction)
+{
+    float up = max(CLOUD_BASE + CLOUD_MIDDLE + view_range.y - eye.z, 300.0);
+    vec3 seen = normalize(direction * to_layer(up, direction.z) - cloud_origin);
+    return textureLod(cloud_view, 0.5 + 0.5 * seen.xy / (1.0 + max(seen.z, 0.0)), 0.0);
+}
+#endif
 
 // Density of the layer above a place (m, relative to the eye), 0..1.
 float cloud_density(vec2 place)
@@ -39,6 +56,3 @@ float cloud_shadow(vec3 place)
     return 1.0 - SHADE * smoothstep(-0.12, 0.8, textureLod(cloud_field, cloud_place(above), 0.0).r);
 #endif
 }
-
-// Distance to a layer `up` m over the eye along a direction, on a spherical earth.
-float to_layer(float up, float rise) { return 2.0 * up / (rise + sqrt(rise * rise + 2.0 * up / EARTH)); }

@@ -7,7 +7,9 @@
 in vec2 uv;
 out vec4 radiance;
 
-uniform sampler2D cloud_view; // clouds with depth, clouds.frag.glsl
+#if CLOUDS == 2
+uniform sampler2D cloud_view; // premultiplied radiance, transmittance (clouds.frag.glsl)
+#endif
 
 const float CIRRUS = 9500.0; // m above the haze's base
 const float VEIL = 0.30;     // opacity of the thickest cirrus
@@ -25,29 +27,6 @@ vec3 with_cirrus(vec3 sky, vec3 direction)
     vec3 lit = cloud_sun * (0.6 * scattered(dot(direction, to_sun.xyz), 0.7) + 0.045);
     return mix(sky, lit + sky_irradiance(vec3(0.0, 0.0, 1.0)) * 0.12, veil);
 }
-
-#if CLOUDS == 1
-// Flat clouds, shaded by the density towards the sun.
-vec3 with_clouds(vec3 sky, vec3 direction)
-{
-    float up = max(CLOUD_BASE + view_range.y - eye.z, 300.0);
-    vec3 place = direction * to_layer(up, direction.z);
-    float inside = texture(cloud_field, cloud_place(place.xy)).r;
-    vec2 sunward = to_sun.xy / max(length(to_sun.xy), 1e-4) * 420.0;
-    float ahead = textureLod(cloud_field, cloud_place(place.xy + sunward), 0.0).r;
-    float density = smoothstep(0.0, 0.55, inside);
-    float depth = 2.6 * max(inside, 0.0) + 2.2 * max(ahead, 0.0) * (1.0 - 0.8 * to_sun.z);
-    vec3 light = sunlit(depth, dot(direction, to_sun.xyz)) * SUN_GAIN + cloud_ambient(0.35);
-    light = mix(sky, light, clear_air(place));
-    return mix(sky, light, density * (1.0 - overcast) * smoothstep(-0.003, 0.02, direction.z));
-}
-#elif CLOUDS == 2
-vec3 with_clouds(vec3 sky, vec3 direction)
-{
-    vec4 clouds = texture(cloud_view, uv);
-    return sky * clouds.a + clouds.rgb;
-}
-#endif
 
 #if GREY
 // Brightness variation of an overcast sky.
@@ -84,7 +63,12 @@ void main()
 #if GREY
     sky *= grey_structure(above);
 #endif
-    sky = with_clouds(with_cirrus(sky, above), above);
+#if CLOUDS == 1
+    vec4 clouds = dome_clouds(above);
+#else
+    vec4 clouds = texture(cloud_view, uv);
+#endif
+    sky = with_cirrus(sky, above) * clouds.a + clouds.rgb;
 #endif
     radiance = vec4(sky, 1e6);
 }

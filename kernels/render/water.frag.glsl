@@ -125,18 +125,15 @@ void main()
     back.z = max(abs(back.z), 0.012);
     float cosine = max(dot(normalize(vec3(-slope, 1.0)), to_eye), 0.02);
     float share = mirrored_share(cosine, spread);
+#if MATERIALS == 1
+    float blur = 1.0; // waves are not resolved
+#else
     float blur = sea ? smoothstep(BLUR.x, BLUR.y, spread) : 0.0;
+#endif
     vec3 glint = sun_light.rgb * min(glitter(to_eye, to_sun.xyz, slope, max(spread, 0.03)), 12.0) * sun;
     vec3 surface = mix(body, mirrored(position, normalize(back), blur), share) + through_air(glint, position) - air;
 
     // Foam: streaks along a stream, lines along a shore; both made of froth.
-    vec2 grain_at = lake ? (position.xy + eye.xy) / 64.0 : vec2(flow.x / 23.0, (flow.y - stream.x * clock) / 140.0);
-    grain_at += waves.slope * 0.008;
-    if (sea) grain_at += 0.25 * patches.zw; // or whitecaps would repeat
-    float sized = log2(max(pixel * FOAM_TEXELS / (lake ? 64.0 : 23.0), 1e-3));
-    vec4 grain = textureLod(noise_field, grain_at, sized);
-    vec4 froth = textureLod(noise_field, grain_at * FROTH, sized + log2(FROTH));
-    float lost = 0.5 * smoothstep(2.0, 9.0, sized + 2.0);
     float beat = sin(6.2831853 * (clock / SWELL_PERIOD + patches.z + 0.7 * patches.w));
     float fine = clamp(0.12 / max(pixel, 0.01), 0.0, 1.0); // visibility of a shoreline at this pixel size
     float shoal = shore_foam(max(shallow, 0.0), beat, lake ? 0.14 : 0.08) * fine * (lake ? 0.15 : 0.03) * (0.2 + gust);
@@ -147,14 +144,21 @@ void main()
         amount = surf_foam(max(shallow, 0.0), surf_height(strength), passed, seen) * (0.7 + 0.6 * gust) + whitecaps(strength) * 8.0 * gust * max(patches.z, 0.0) * (1.0 - smoothstep(0.5, 2.5, pixel));
     }
 #if MATERIALS == 1
-    float web = froth.y;
+    float foam = clamp(amount, 0.0, 0.8), heaped = 0.75;
 #else
+    vec2 grain_at = lake ? (position.xy + eye.xy) / 64.0 : vec2(flow.x / 23.0, (flow.y - stream.x * clock) / 140.0);
+    grain_at += waves.slope * 0.008;
+    if (sea) grain_at += 0.25 * patches.zw; // or whitecaps would repeat
+    float sized = log2(max(pixel * FOAM_TEXELS / (lake ? 64.0 : 23.0), 1e-3));
+    vec4 grain = textureLod(noise_field, grain_at, sized);
+    vec4 froth = textureLod(noise_field, grain_at * FROTH, sized + log2(FROTH));
+    float lost = 0.5 * smoothstep(2.0, 9.0, sized + 2.0);
     vec2 web_at = (lake ? position.xy + eye.xy : vec2(flow.x, flow.y - stream.x * clock)) / 8.0 + waves.slope * 0.02;
     float web = textureLod(noise_field, web_at, sized + 1.5).z;
-#endif
     float foam = foam_cover(foam_share(0.7 * grain.z + 0.7 * froth.x, amount, lost), amount, web);
     // Shading of heaped bubbles.
     float heaped = clamp(0.75 + 0.22 * froth.z + 0.3 * web, 0.35, 1.1);
+#endif
     surface = mix(surface, through_air(FOAM_ALBEDO / PI * heaped * incoming, position), foam);
 
     radiance = vec4(surface, soft * clamp(edge + 0.5, 0.0, 1.0) * coverage * stream.z);

@@ -8,16 +8,17 @@ uniform sampler2D scene;        // radiance of the scene so far
 uniform sampler2D scene_depth;  // and its depth buffer
 uniform sampler2D near_heights; // m
 
-// Steps along a reflected ray, each longer by a factor: to 500 m, or 1200 m.
+// Steps along a reflected ray, each longer by a factor: to 500 m, or 1200 m; the first one, m.
 #if MATERIALS == 1
-const int MARCH = 9;
+const int MARCH = 5;
 const float STRIDE = 2.0;
+const float FIRST_STEP = 16.0;
 #else
 const int MARCH = 44;
 const float STRIDE = 1.14;
+const float FIRST_STEP = 0.5;
 const int HALVINGS = 4;         // bisections of the step with the hit
 #endif
-const float FIRST_STEP = 0.5;   // m
 const float SUNK = 0.4;         // m below the height map that count as a hit
 const float THICK = 2.0;        // m, smallest assumed thickness of depth buffer surfaces
 const float THICK_STEPS = 2.0;  // and in steps of the ray

@@ -138,7 +138,7 @@ def river_surface(centreline: Float64Array, width: Float32Array) -> WaterSurface
     stream = np.empty((len(flat), ACROSS, 4))
     for k, value in enumerate((*flow_speed_and_slope(centreline, width), np.ones(len(flat)), half)):
         stream[..., k] = value[:, None]
-    triangles = _quads(np.arange(len(flat) * ACROSS, dtype=np.uint32).reshape(len(flat), ACROSS))
+    triangles = quads(np.arange(len(flat) * ACROSS, dtype=np.uint32).reshape(len(flat), ACROSS))
     inside = half[:, None] - np.abs(across)
     return WaterSurface(
         position.reshape(-1, 3),
@@ -162,7 +162,7 @@ def lake_surface(shape: ShapeField, level: float) -> WaterSurface:
     flow = np.stack([x, y, np.zeros(x.shape), np.ones(x.shape)], axis=-1)
     index = np.arange(x.size, dtype=np.uint32).reshape(x.shape)
     wet = np.maximum.reduce([inside[:-1, :-1], inside[:-1, 1:], inside[1:, :-1], inside[1:, 1:]])
-    used, triangles = np.unique(_quads(index)[wet > -0.25 * shape.spacing], return_inverse=True)
+    used, triangles = np.unique(quads(index)[wet > -0.25 * shape.spacing], return_inverse=True)
     stream = np.tile([0.0, 0.0, 1.0, 0.0], (len(used), 1))
     return WaterSurface(
         position.reshape(-1, 3)[used],
@@ -183,7 +183,7 @@ def sea_surface(level: float, bounds: Bounds) -> WaterSurface:
         flow,
         np.full(4, np.inf),
         np.tile([0.0, 0.0, 1.0, SEA], (4, 1)),
-        _quads(np.arange(4, dtype=np.uint32).reshape(2, 2)).ravel(),
+        quads(np.arange(4, dtype=np.uint32).reshape(2, 2)).ravel(),
     )
 
 
@@ -203,8 +203,8 @@ def shore_lines(shape: ShapeField, level: float) -> tuple[Float64Array, Float64A
     return np.concatenate(starts), np.concatenate(ends)
 
 
-def _quads(index: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
-    """Return two triangles a quad, (rows − 1, columns − 1, 6); rows go north and columns east."""
+def quads(index: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
+    """Return indices of two triangles a quad, (rows − 1, columns − 1, 6); rows go north and columns east."""
     sw, se, nw, ne = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
     return np.stack([sw, se, ne, sw, ne, nw], axis=-1)
 

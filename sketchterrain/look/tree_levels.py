@@ -195,16 +195,16 @@ def plant_view(triangles: Triangles, *, views: tuple[float, ...] = VIEWS, points
     return PlantView(covered / (len(views) * CELLS**2), np.asarray(total / max(covered, 1)))
 
 
-DETAILS: Final = 6  # levels of detail, 0 the finest
+DETAILS: Final = 7  # levels of detail, 0 the finest
 MASKED_DETAILS: Final = 2  # number of finest levels whose leaves are cut out of quads
 VARIANTS: Final = 3  # of each species
 LEAVES: Final = (1000, 560, 150, 26)
-"""Sprays in the levels between the finest and the coarsest: two triangles each where cut out, else one."""
+"""Sprays in the levels between the finest and the hull: two triangles each where cut out, else one."""
 TONE_POINTS: Final = 12_000  # sample points for a plant's mean colour
 
 
 def level(species: str, variant: int, detail: int) -> Triangles:
-    """Return a plant's triangles at a level of detail; the last one is a hull of 12 triangles."""
+    """Return a plant's triangles at a level of detail; the last ones are a hull of 12 and a cone of 3."""
     triangles = _untoned(species, variant, detail)
     if detail == 0:
         return triangles
@@ -218,7 +218,9 @@ def _untoned(species: str, variant: int, detail: int) -> Triangles:
     if detail == 0:
         return joined_triangles([_leaf_quads(plant, plant.leaves), *_wood(plant, detail=0)])
     size = GROWTH_FORMS[species].sizes[detail - 1]
-    return _hull(plant, size) if detail == DETAILS - 1 else _reduced(plant, detail, size)
+    if detail <= len(LEAVES):
+        return _reduced(plant, detail, size)
+    return _hull(plant, size) if detail < DETAILS - 1 else _cone(plant, size)
 
 
 @cache
@@ -299,16 +301,33 @@ def _hull(plant: _Plant, size: float) -> Triangles:
     for turn in np.pi * np.arange(3) / 3.0:
         across = trunk_radius * np.array([np.cos(turn), np.sin(turn), 0.0])
         blades.append(np.stack([-across, across, np.array([0.0, 0.0, below[0, 2] + 0.1])]))
-    corners = np.stack(cap + belt + blades)
+    return _lit_crown(plant, np.stack(cap + belt + blades), low, high, leaves=9)
+
+
+def _cone(plant: _Plant, size: float) -> Triangles:
+    """Return three triangles from around the lowest leaves to the top."""
+    position = plant.leaves.root
+    low, high = np.quantile(position[:, 2], [0.05, 1.0])
+    turn = 2.0 * np.pi * np.arange(4) / 3.0
+    ring = np.stack([np.cos(turn), np.sin(turn), np.zeros(4)], axis=1)
+    ring *= size * np.quantile(np.linalg.norm(position[:, :2], axis=1), 0.85)
+    ring[:, 2] = low
+    sides = [np.stack([ring[k], ring[k + 1], [0.0, 0.0, high]]) for k in range(3)]
+    return _lit_crown(plant, np.stack(sides), low, high, leaves=3)
+
+
+def _lit_crown(plant: _Plant, corners: Float64Array, low: float, high: float, *, leaves: int) -> Triangles:
+    """Return (n, 3, 3) triangles with light of a crown between two heights; the first `leaves` are leaves."""
     middle = np.array([0.0, 0.0, 0.5 * (low + high)])
     normal = unit((corners - middle) * [1.0, 1.0, 0.7] + [0.0, 0.0, 0.02])
-    leaf = np.arange(12) < 9
+    count = len(corners)
+    leaf = np.arange(count) < leaves
     light = np.where(leaf[:, None], 0.35 + 0.55 * (corners[..., 2] - low) / (high - low), 0.4)
     albedo = np.where(leaf[:, None, None], plant.leaves.albedo.mean(axis=0), np.array(plant.colours.bark))
     albedo = np.broadcast_to(albedo, corners.shape)
-    zero = np.zeros(12)
+    zero = np.zeros(count)
     return Triangles(
-        corners, normal, albedo, light, np.zeros((12, 3, 2)), zero + SOLID, leaf.astype(np.float64), zero
+        corners, normal, albedo, light, np.zeros((count, 3, 2)), zero + SOLID, leaf.astype(np.float64), zero
     )
 
 

@@ -91,7 +91,7 @@ class Crown:
     droop: float  # tendency of leaves to point down
     mask: float  # alpha mask of a spray
     colours: Colours
-    sizes: tuple[float, ...]  # of leaves in each coarser level (last: the hull), for an equal covered area
+    sizes: tuple[float, ...]  # of leaves in each coarser level (last: hull, cone), for an equal covered area
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ GROWTH_FORMS: Final[dict[str, Crown | Whorls]] = {
         colours=Colours(
             (0.042, 0.070, 0.030), (0.034, 0.044, 0.010), (0.085, 0.064, 0.050), (0.10, 0.075, 0.058)
         ),
-        sizes=(1.41, 2.3, 4.16, 8.43, 1.73),
+        sizes=(1.41, 2.3, 4.16, 8.43, 1.73, 2.39),
     ),
     "pine": Crown(
         heights=(0.36, 0.44, 0.56, 0.66, 0.78, 0.90, 1.0),
@@ -150,7 +150,7 @@ GROWTH_FORMS: Final[dict[str, Crown | Whorls]] = {
         colours=Colours(
             (0.058, 0.088, 0.040), (0.036, 0.042, 0.012), (0.095, 0.075, 0.060), (0.30, 0.150, 0.075)
         ),
-        sizes=(1.24, 2.08, 3.5, 7.51, 1.7),
+        sizes=(1.24, 2.08, 3.5, 7.51, 1.7, 2.81),
     ),
     "oak": Crown(
         heights=(0.20, 0.27, 0.40, 0.56, 0.72, 0.86, 0.97),
@@ -173,7 +173,7 @@ GROWTH_FORMS: Final[dict[str, Crown | Whorls]] = {
         colours=Colours(
             (0.078, 0.118, 0.028), (0.030, 0.034, 0.002), (0.105, 0.086, 0.066), (0.10, 0.08, 0.06)
         ),
-        sizes=(1.54, 2.66, 4.67, 9.46, 1.63),
+        sizes=(1.54, 2.66, 4.67, 9.46, 1.63, 2.62),
     ),
     "birch": Crown(
         heights=(0.22, 0.32, 0.48, 0.65, 0.82, 0.94, 1.0),
@@ -196,7 +196,7 @@ GROWTH_FORMS: Final[dict[str, Crown | Whorls]] = {
         colours=Colours(
             (0.104, 0.146, 0.034), (0.032, 0.036, 0.004), (0.50, 0.48, 0.44), (0.42, 0.39, 0.35), 0.10
         ),
-        sizes=(1.35, 2.3, 4.1, 8.68, 1.58),
+        sizes=(1.35, 2.3, 4.1, 8.68, 1.58, 2.42),
     ),
     "shrub": Crown(
         heights=(0.03, 0.20, 0.45, 0.70, 0.92),
@@ -219,7 +219,7 @@ GROWTH_FORMS: Final[dict[str, Crown | Whorls]] = {
         colours=Colours(
             (0.074, 0.106, 0.032), (0.030, 0.032, 0.004), (0.085, 0.068, 0.052), (0.085, 0.068, 0.052)
         ),
-        sizes=(1.07, 1.54, 2.7, 5.55, 1.58),
+        sizes=(1.07, 1.54, 2.7, 5.55, 1.58, 2.68),
     ),
 }
 """Growth parameters of each species, in the terrain's order."""

@@ -1,4 +1,4 @@
-"""Cloud layer: its noise textures and its ray marching pass."""
+"""Cloud layer: its noise textures and its ray marching pass, for a picture or a dome of all directions."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Final
 
 import moderngl
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 from sketchterrain.render.sky import OVERCAST, SUN_IRRADIANCE
 from sketchterrain.render.targets import bands, wrap_to_noise_period
 
 if TYPE_CHECKING:
-    from sketchterrain.array_types import Float32Array
+    from sketchterrain.array_types import BoolArray, Float32Array, Float64Array
+    from sketchterrain.render.camera import Camera
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.sky import Sky, Weather
     from sketchterrain.render.targets import RenderTargets
@@ -24,11 +26,61 @@ PERIOD: Final = 16_384.0  # period of the field (m): CLOUD_PERIOD in kernels/ren
 HEIGHT: Final = 2500.0  # m over the haze's base, at which clouds are lit
 REDUCED: Final = 2  # downscaling of the cloud pass, each axis
 SUN_STEPS: Final = 4  # steps towards the sun, each about twice as long as the last
-VOLUMETRIC: Final = 2
+DOME, PICTURE = 1, 2  # values of CLOUDS in kernels/render/clouds.glsl
+BLOCKS: Final = 16  # parts of a dome along each axis
+PARALLAX: Final = (250.0, 1500.0)
+"""m that the eye moves past the clouds of a dome until another one is computed, at once beyond the second."""
+
+
+class CloudDome:
+    """Clouds in all directions above the horizon from one place, computed block by block as they are seen.
+
+    Texels are directions in stereographic projection. `place` is where the eye was, m above the haze's base.
+    """
+
+    def __init__(self, context: moderngl.Context, texels: int) -> None:
+        self.texture = _cloud_texture(context, (texels, texels))
+        self.target = context.framebuffer([self.texture])
+        self.reset(None, np.zeros(3))
+
+    def reset(self, place: Float64Array | None, wind: Float64Array) -> None:
+        """Start again from a place (m), or none, after the wind moved the clouds (m)."""
+        self.place, self._wind = place, wind
+        self._computed = np.zeros((BLOCKS, BLOCKS), np.bool_)
+
+    def seen_from(self, eye: Float64Array, wind: Float64Array) -> Float64Array:
+        """Return the place, carried by the wind since, relative to an eye (m)."""
+        return np.full(3, np.inf) if self.place is None else self.place + wind - self._wind - eye
+
+    def missing(self, camera: Camera, aspect: float) -> npt.NDArray[np.intp]:
+        """Return row and column (n, 2) of the blocks in a camera's view that are not computed."""
+        return np.argwhere(_blocks_in_view(camera, aspect) & ~self._computed)
+
+    def blocks(self, numbers: npt.NDArray[np.intp]) -> Iterator[None]:
+        """Limit drawing to one of some blocks after another."""
+        side = self.texture.width // BLOCKS
+        for row, column in numbers.tolist():
+            self.target.scissor = (column * side, row * side, side, side)
+            self.target.use()
+            self._computed[row, column] = True
+            yield
+
+
+def _blocks_in_view(camera: Camera, aspect: float) -> BoolArray:
+    """Return which (BLOCKS, BLOCKS) blocks of a dome a view may show."""
+    along = np.linspace(-1.0, 1.0, BLOCKS + 1)
+    x, y = np.meshgrid(along, along)
+    square = x**2 + y**2
+    corners = np.stack([2.0 * x, 2.0 * y, 1.0 - square], axis=-1) / (1.0 + square)[..., None]
+    inside = corners @ camera.frustum(aspect)[:4, :3].T > 0.0  # of the planes of the sides
+    parts = [(i, j) for i in (slice(-1), slice(1, None)) for j in (slice(-1), slice(1, None))]
+    some = np.logical_or.reduce([inside[part] for part in parts]).all(axis=-1)
+    above = np.logical_or.reduce([corners[part][..., 2] > 0.0 for part in parts])
+    return np.asarray(some & above)
 
 
 class Clouds:
-    """The cloud layer of one weather: volumetric, flat or none, by `cloud_defines`."""
+    """The cloud layer of one weather: in the picture, in a dome, or none, by `cloud_defines`."""
 
     def __init__(
         self,
@@ -43,8 +95,12 @@ class Clouds:
         self._cover: float | None = None
         self._march: moderngl.VertexArray | None = None
         self._view: moderngl.Texture | None = None
+        self._domes: list[CloudDome] = []  # the displayed one and the next one
+        self._queue: list[tuple[Float64Array, CloudDome, npt.NDArray[np.intp]]] = []  # of the next picture
+        if defines["CLOUDS"] == DOME:
+            self._domes = [CloudDome(context, quality.cloud_texels) for _ in range(2)]
         self.set_weather(weather, sky)
-        if defines["CLOUDS"] == VOLUMETRIC:
+        if defines["CLOUDS"]:
             billows = np.round(billow_noise() * 255.0).astype(np.uint8)
             self._billows = context.texture3d((BILLOW_SIZE, BILLOW_SIZE, BILLOW_SIZE), 1, billows.tobytes())
             marching = {**defines, "STEPS": quality.cloud_steps, "SUN_STEPS": SUN_STEPS}
@@ -58,6 +114,8 @@ class Clouds:
             "overcast": sky.overcast,
             "cloud_sun": tuple(((1.0 - sky.overcast) * lit).tolist()),
         }
+        for dome in self._domes:
+            dome.reset(None, np.zeros(3))
         if weather.clouds == self._cover:
             return
         self._cover = weather.clouds
@@ -70,11 +128,12 @@ class Clouds:
         """Return the textures that passes into targets read, by sampler name."""
         if self._march is None:
             return {"cloud_field": self._field}
+        if self._domes:
+            view = self._domes[0].texture
+            return {"cloud_field": self._field, "cloud_view": view, "billow_noise": self._billows}
         size = (max(targets.size[0] // REDUCED, 1), max(targets.size[1] // REDUCED, 1))
         if self._view is None or self._view.size != size:
-            self._view = self._context.texture(size, 4, dtype="f2")
-            self._view.repeat_x = self._view.repeat_y = False
-            self._view.filter = (moderngl.LINEAR, moderngl.LINEAR)
+            self._view = _cloud_texture(self._context, size)
             self._target = self._context.framebuffer([self._view])
         return {
             "cloud_field": self._field,
@@ -83,27 +142,64 @@ class Clouds:
             "scene_depth_buffer": targets.depth,
         }
 
-    def uniforms(self, clock: float) -> dict[str, object]:
-        """Return the uniforms of all passes at a time (s)."""
-        drift = tuple(wrap_to_noise_period(speed * clock) for speed in self._drift)
-        return self._uniforms | {"cloud_drift": drift}
+    def follow(
+        self, camera: Camera, aspect: float, *, base: float, clock: float, moving: bool
+    ) -> dict[str, object]:
+        """Choose the clouds of the next picture at a time (s); return the uniforms of all its passes.
+
+        `base` is the height of the haze's base (m). A dome is kept while the picture is `moving`.
+        """
+        wind = np.array([*self._drift, 0.0]) * clock
+        drift = tuple(wrap_to_noise_period(along) for along in wind[:2].tolist())
+        uniforms = self._uniforms | {"cloud_drift": drift}
+        if not self._domes:
+            return uniforms
+        eye = np.array([*camera.eye[:2], camera.eye[2] - base])
+        shown, following = self._domes
+        if following.place is not None and not len(following.missing(camera, aspect)):
+            shown.reset(None, wind)
+            shown, following = self._domes = [following, shown]
+        away = np.linalg.norm(shown.seen_from(eye, wind))
+        rests = not moving and shown.place is not None and tuple(shown.place) != tuple(eye)
+        if away > PARALLAX[1] or rests:
+            shown.reset(eye, wind)
+            following.reset(None, wind)
+        elif away > PARALLAX[0] and following.place is None:
+            following.reset(eye, wind)
+        self._queue = [(dome.seen_from(eye, wind), dome, dome.missing(camera, aspect)) for dome in (shown,)]
+        if following.place is not None:
+            block = following.missing(camera, aspect)[:1]
+            self._queue.append((following.seen_from(eye, wind), following, block))
+        return uniforms | {"cloud_origin": tuple(self._queue[0][0])}
 
     def draw(self, uniforms: dict[str, object], *, parts: int) -> Iterator[None]:
-        """Render volumetric clouds; yield between parts."""
-        if self._march is not None and self._view is not None:
-            self._context.enable_only(moderngl.NOTHING)
-            width = {"reduced_width": self._view.size[0]}
-            set_uniforms(self._march.program, uniforms | width)
+        """Render the clouds that `follow` chose; yield between parts."""
+        if self._march is None:
+            return
+        self._context.enable_only(moderngl.NOTHING)
+        for origin, dome, blocks in self._queue:
+            set_uniforms(self._march.program, uniforms | {"cloud_origin": tuple(origin)})
+            for _ in dome.blocks(blocks):
+                self._march.render(vertices=3)
+        if self._view is not None:
+            set_uniforms(self._march.program, uniforms | {"reduced_width": self._view.size[0]})
             for _ in bands(self._target, parts):
                 self._march.render(vertices=3)
                 yield
+
+
+def _cloud_texture(context: moderngl.Context, size: tuple[int, int]) -> moderngl.Texture:
+    texture = context.texture(size, 4, dtype="f2")
+    texture.repeat_x = texture.repeat_y = False
+    texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+    return texture
 
 
 def cloud_defines(quality: Quality, weather: Weather) -> dict[str, int]:
     """Return the macros of kernels/render/clouds.glsl."""
     if not quality.includes("clouds") or weather.clouds == 0.0:
         return {"CLOUDS": 0, "GREY": 0}
-    kind = VOLUMETRIC if quality.cloud_steps else 1
+    kind = DOME if quality.cloud_texels else PICTURE
     return {"CLOUDS": kind, "GREY": int(weather.clouds > OVERCAST[0])}
 
 

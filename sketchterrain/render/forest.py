@@ -35,9 +35,12 @@ from sketchterrain.render.quality import Quality, TimeBudget
 from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.sky import Sun
 
-PIXELS: Final = (170.0, 60.0, 30.0, 14.0, 6.0)
+PIXELS: Final = (170.0, 60.0, 30.0, 14.0, 6.0, 3.0)
 """Height of a plant (px) below which the next coarser detail is used."""
-HULL: Final = 20.0  # largest height (px) of a plant in the coarsest detail, however low the quality
+COARSEST: Final = (
+    20.0,
+    12.0,
+)  # largest heights (px) of plants in the coarsest details, however low the quality
 VERTEX_LIT: Final = 4
 """First detail that is lit at its vertices, with shadows and air sampled once an instance."""
 BATCHES: Final = (range(MASKED_DETAILS), range(MASKED_DETAILS, VERTEX_LIT), range(VERTEX_LIT, DETAILS))
@@ -62,7 +65,7 @@ class Forest:
     ) -> None:
         self.draw_distance = min(quality.plant_distance, 0.45 * terrain.extent)
         self._pixels = np.array(PIXELS) / quality.plant_lod_scale
-        self._pixels[-1] = min(self._pixels[-1], HULL)
+        self._pixels[-2:] = np.minimum(self._pixels[-2:], COARSEST)
         self._cells = PlantCells(terrain)
         self._context, self._meshes = context, PlantMeshes(context)
         self.rebuild(defines)

@@ -12,7 +12,8 @@ from sketchterrain.look.tree_levels import VARIANTS, plant_chances, plant_varian
 from sketchterrain.look.tree_species import HEIGHTS
 from sketchterrain.render.plant_meshes import cull_distance, plant_importance, removal_rank
 from sketchterrain.render.quality import WorkRate
-from sketchterrain.render.scatter import boxes_in_frustum, cells_within
+from sketchterrain.render.scatter import cells_within
+from sketchterrain.tiles.lod import inside_frustum
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
@@ -275,7 +276,7 @@ def cells_in_view(planes: Float64Array, keys: Sequence[CellKey], bounds: Float64
     corner = CELL * np.array(keys, dtype=np.float64).reshape(-1, 2)
     low = np.concatenate([corner - CROWN_MARGIN, bounds[:, :1]], axis=1)
     high = np.concatenate([corner + CELL + CROWN_MARGIN, bounds[:, 1:]], axis=1)
-    return boxes_in_frustum(planes, low, high)
+    return inside_frustum(planes, low, high)
 
 
 def cells_near(x: float, y: float, distance: float) -> list[CellKey]:

@@ -31,7 +31,8 @@ from sketchterrain.render.sky import Sun
 
 MAPS: Final = ((0.06, 0.075), (0.45, 0.60))
 """Near and far map: offset of its middle ahead of the eye and half its side, in draw distances."""
-FINE: Final = (2, 5)  # detail of the plants in both maps; a coarser one where the wide map is alone
+HULL: Final = 5  # detail of the plants in a wide map, ...
+FINE: Final = (2, HULL)  # ... and in both maps
 FADE: Final = 0.5  # cross-fade to a new map, s
 STEPS: Final = 8  # A map moves in steps of its side over this number
 HALF_DEPTH: Final = 3000.0  # m along the light, up and down from the ground in the middle
@@ -93,7 +94,7 @@ class PlantShadows:
         self._context = context
         count = quality.shade_maps if quality.includes("shadows") else 0
         self._maps = [_ShadowMap(context, quality.shade_texels if count else 1) for _ in MAPS]
-        self._details = FINE if count == len(MAPS) else (DETAILS - 1,) * len(MAPS)
+        self._details = FINE if count == len(MAPS) else (HULL,) * len(MAPS)
         self._used = range(len(MAPS) - count, len(MAPS))
         self._program = build_program(context, "tree_shadow.vert.glsl", "nothing.frag.glsl")
         self._batches = [PlantBatch(meshes, self._program) for _ in MAPS]

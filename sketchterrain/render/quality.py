@@ -130,16 +130,16 @@ ON_CPU: Final = 0.1
 ON_SHARED: Final = 0.5
 ON_CARD: Final = 0.8
 _LEVELS: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
-_TOLERANCES: Final = (12.0, 7.0, 2.0, 1.4, 1.0)
+_TOLERANCES: Final = (24.0, 10.0, 2.0, 1.4, 1.0)
 _STEEPS: Final = (64.0, 16.0, 4.0, 2.8, 2.0)
-_WOODS: Final = (250.0, 400.0, 1000.0, 1550.0, 2400.0)
+_CANOPIES: Final = (250.0, 400.0, 1000.0, 1550.0, 2400.0)
 _LEAVES: Final = (0.15, 0.25, 0.6, 0.77, 1.0)
-_THIN: Final = (30.0, 22.0, 10.0, 6.0, 4.0)
-_PLANTS: Final = (3e3, 6e3, 3e4, 6e4, 1.2e5)
+_THIN: Final = (10.0, 9.0, 8.0, 6.0, 4.0)
+_PLANTS: Final = (4e3, 8e3, 3e4, 6e4, 1.2e5)
 _COVER_LEVELS: Final = (0.3, 0.5, 1.0)  # levels of `_GRASS` and `_BLADES`: no ground cover below the first
 _GRASS: Final = (30.0, 60.0, 110.0)
 _BLADES: Final = (0.3, 0.55, 1.0)
-_MOVING_SCALES: Final = (0.33, 0.45, 0.67, 1.0, 1.0)
+_MOVING_SCALES: Final = (0.26, 0.35, 0.5, 0.7, 1.0)
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class Quality:
     From 0.75 on pictures are complete.
     """
 
-    tolerance: float = 1.0  # τ: deviation of the drawn terrain, px of the whole picture; 12 at level 0
+    tolerance: float = 1.0  # τ: deviation of the drawn terrain, px of the whole picture; 24 at level 0
     neighbour_limit: float = 2.0  # error of a parent along a coarser neighbour, in tolerances; 64 at level 0
     draw_distance: float = 7.0  # at the terrain, extents; grows with the eye's height
     samples: int = 2  # visibility samples a pixel along each axis (shading takes one a pixel)
@@ -161,11 +161,13 @@ class Quality:
     material_texels: int = 1024  # side of material textures, a power of two
     map_texels: int = 768  # side of the height maps for shadows and sky visibility, a multiple of 64
     light_maps: int = 3  # maps of the light on the terrain: far and near, and close to the eye
-    cloud_steps: int = 96  # steps of a ray through the clouds; 0: flat clouds
+    cloud_steps: int = 96  # steps of a ray through the clouds
+    cloud_texels: int = 0  # side of the cloud dome; 0: clouds are computed in each picture
     shade_maps: int = 2  # shadow maps of plants: none, far, far and near
     shade_texels: int = 2048  # their side
     surface_texels: int = 1024  # side of both squares of the surface map
     plant_distance: float = 2400.0  # draw distance of plants, m
+    canopy_distance: float = 2400.0  # m beyond which the ground of dense forests has their canopy's colour
     plant_lod_scale: float = 1.0  # scale of the heights (px) at which plants switch to finer meshes
     thinning_pixels: float = 4.0  # height (px of the whole picture) below which forests are thinned out
     max_plants: int = 120_000  # most plant instances in a picture
@@ -173,7 +175,7 @@ class Quality:
     ground_cover_density: float = (
         1.0  # density of ground cover over the best quality's; blades are widened to match
     )
-    moving_scale: float = 1.0  # side of the picture over the whole one's until the picture is complete
+    moving_scale: float = 1.0  # least side of the picture over the whole one's until that is complete
     quads: int = 64  # quads along the side of a tile
     tile_memory: int = 512 << 20  # bytes for tiles
     budget: float = 0.010  # s per frame for new tiles, light and plants; see `Renderer.frame`
@@ -206,11 +208,12 @@ class Quality:
             material_texels=1024 if rich else 512,
             map_texels=64 * round(4.0 + 8.0 * level),
             light_maps=3 if rich else 2,
-            cloud_steps=32 + round(64 * level) if rich else 0,
+            cloud_steps=32 + round(64 * level),
+            cloud_texels=0 if rich else 768,
             shade_maps=2 if rich else 1 if level >= 0.2 else 0,
             shade_texels=2048 if rich else 1024,
             surface_texels=256 if level < 0.4 else 512 if level < 0.75 else 1024,
-            plant_distance=_interpolate(level, _WOODS),
+            canopy_distance=_interpolate(level, _CANOPIES),
             plant_lod_scale=_interpolate(level, _LEAVES),
             thinning_pixels=_interpolate(level, _THIN),
             max_plants=round(_interpolate(level, _PLANTS)),

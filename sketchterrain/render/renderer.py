@@ -25,6 +25,9 @@ FAST_DRAW: Final = 0.1
 CATCH_UP_DELAY: Final = 0.5
 """s after a terrain update, from which light and plants are updated at full size in any case ..."""
 CATCH_UP_SHARE: Final = 0.25  # ... within this share of the drawing time, if that is more than the budget
+DRAWING: Final = (0.02, 0.03)
+"""s; pictures in motion shrink if drawing takes longer than the second, and grow below the first, ..."""
+SCALE_STEP: Final = 0.9  # ... by this factor
 PART: Final = 0.045  # s of preparing a refined picture at a time
 STILL_PARTS: Final = 16  # parts of each costly pass of a refined picture
 TILES_SHARE: Final = (0.8, 0.8, 0.8, 0.0)
@@ -61,6 +64,7 @@ class Renderer:
         self._timer = timer
         self._last_camera: Camera | None = None
         self._rest_seconds, self._turn = 0.0, 0
+        self._scale = max(0.5, quality.moving_scale)  # of pictures in motion
         self._was_complete = False  # since the camera moved
         self._since_update, self._full_draw_seconds = 0.0, 0.0
         self.scenery = Scenery(
@@ -202,15 +206,17 @@ class Renderer:
             tiles.converged and self._since_update >= CATCH_UP_DELAY
         )
         full_size = self._was_complete and (complete or catches_up)
-        scale = 1.0 if full_size else self._quality.moving_scale
+        scale = 1.0 if full_size else self._scale
         inner = (max(round(size[0] * scale), 1), max(round(size[1] * scale), 1))
         start = self._timer()
         with self._timed("draw"):
             for _ in self._drawn(clipped, framebuffer, inner, clock=clock, moving=not complete):
                 pass
         draw_seconds = self._timer() - start
-        if inner == size:
+        if full_size:
             self._full_draw_seconds = draw_seconds
+        else:
+            self._adapt_scale(draw_seconds)
         return FrameStats(
             generation_seconds=tiles.generation_seconds,
             light_seconds=light,
@@ -223,6 +229,12 @@ class Renderer:
             size=inner,
             converged=complete and inner == size,
         )
+
+    def _adapt_scale(self, seconds: float) -> None:
+        """Adapt the size of pictures in motion to the time that drawing the last one took."""
+        shortest, longest = DRAWING
+        step = SCALE_STEP if seconds > longest else 1.0 / SCALE_STEP if seconds < shortest else 1.0
+        self._scale = min(max(step * self._scale, self._quality.moving_scale), 1.0)
 
     def load(self, camera: Camera, size: tuple[int, int], *, elapsed: float, budget: float) -> bool:
         """Load what frames of a view at rest show, within a budget (s); return whether it is complete.

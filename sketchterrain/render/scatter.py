@@ -19,6 +19,7 @@ from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, Struc
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.programs import set_uniforms
 from sketchterrain.render.vertex_memory import COMMAND
+from sketchterrain.tiles.lod import inside_frustum
 
 BAND: Final = 0.3  # relative range of a density over which its last points fade in; as in scatter.glsl
 STEEPEST: Final = 1.5  # largest slope of the ground between an eye and nearby points
@@ -101,15 +102,7 @@ def cells_in_frustum(
     foot = eye[2] - above
     low = np.column_stack([cells * size, foot - off])
     high = np.column_stack([(cells + 1) * size, foot + off + HIGHEST])
-    return boxes_in_frustum(planes, low, high)
-
-
-def boxes_in_frustum(planes: Float64Array, low: Float64Array, high: Float64Array) -> BoolArray:
-    """Return which boxes of (n, 3) corners intersect a frustum of (k, 4) planes, conservatively."""
-    inside = np.ones(len(low), np.bool_)
-    for plane in planes:
-        inside &= np.where(plane[:3] >= 0.0, high, low) @ plane[:3] + plane[3] >= 0.0
-    return inside
+    return inside_frustum(planes, low, high)
 
 
 def scatter_points(

@@ -192,8 +192,10 @@ class Scenery:
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         yield from self.stream.draw(camera.eye, parts=parts)
         self.surface.update(camera.eye, moving=moving)
-        units = self._bind(targets) | {"clock": clock} | self.surface.uniforms(camera.eye)
-        units |= self._clouds.uniforms(clock)
+        clouds = self._clouds.follow(
+            camera, size[0] / size[1], base=self.lit.haze_base, clock=clock, moving=moving
+        )
+        units = self._bind(targets) | {"clock": clock} | self.surface.uniforms(camera.eye) | clouds
         yield from self._clouds.draw(units, parts=parts)
         yield from self.shading.shade_scene(targets, camera.eye, units, parts=parts)
         self._context.enable_only(moderngl.DEPTH_TEST)
@@ -205,7 +207,7 @@ class Scenery:
         yield from self.forest.draw(camera, size, units, parts=parts)
         if self._water:
             lift = WATER_LIFT * self._quality.tolerance * _pixel(camera, framebuffer.size[1])
-            yield from self._water.draw(camera.eye, targets, units | {"lift": lift}, parts=parts)
+            yield from self._water.draw(camera, targets, units | {"lift": lift}, parts=parts)
         self.shading.tonemap(targets, framebuffer, units, exposure=self._sky.exposure(camera.heading))
 
     def _set_frame(self, camera: Camera, targets: RenderTargets, distance: float) -> None:
@@ -228,7 +230,8 @@ class Scenery:
             frame[field] = value
         frame["to_shade"] = self.forest.shadows.matrices(eye)
         frame["shade_share"] = self.forest.shadows.fade_shares
-        frame["trees"] = (self.forest.draw_distance, self._aridity, _pixel(camera, height))
+        canopy = min(self._quality.canopy_distance, self.forest.draw_distance)
+        frame["trees"] = (canopy, self._aridity, _pixel(camera, height))
         frame.upload()
 
     def _bind(self, targets: RenderTargets) -> dict[str, object]:

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Final, cast
 import moderngl
 import numpy as np
 
-from sketchterrain.look.objects import SEA, terrain_objects
+from sketchterrain.look.objects import terrain_objects
 from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.render.targets import bands
+from sketchterrain.render.vertex_memory import COMMAND
+from sketchterrain.render.water_mesh import ATTRIBUTES, WaterChunks, inland_mesh, sea_mesh
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    import numpy.typing as npt
+    from collections.abc import Iterator, Mapping
 
     from sketchterrain.array_types import Float32Array, Float64Array
-    from sketchterrain.look.objects import WaterSurface
+    from sketchterrain.render.camera import Camera
     from sketchterrain.render.targets import RenderTargets
     from sketchterrain.terrain.surfaces import TerrainFeatures
 
@@ -105,15 +105,8 @@ def wave_phases(layers: Float64Array, eye: tuple[float, float, float], clock: fl
 ALPHA_BLEND: Final = (moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA)
 DARKEN_AND_ADD: Final = (moderngl.ONE, moderngl.SRC_ALPHA)
 """Blend function of wet banks: water_bank.frag.glsl."""
-_ATTRIBUTES: Final = (
-    ("3f4", "local_position"),
-    ("4f4", "flow_frame"),
-    ("2f4", "shore"),
-    ("4f4", "stream_params"),
-)
 _NOWHERE: Final = (0.0, 0.0, 0.0, 0.0)
-NEAREST_RING: Final = 1e-4  # radius of the innermost ring of the sea in draw distances
-RINGS, SECTORS = 60, 96
+DEVIATION: Final = 0.25  # of water, in errors of the displayed ground
 
 
 class Water:
@@ -135,6 +128,8 @@ class Water:
         self._enabled, self._defines = enabled, dict(defines or {})
         self._arrays: list[list[moderngl.VertexArray]] = []  # of each pass: the sea, inland waters
         self._anchors: list[float | Float64Array] = []  # of each array: the sea's level (m), or a place (m)
+        self._chunks: WaterChunks | None = None  # of inland waters …
+        self._commands: moderngl.Buffer | None = None  # … and those in view
         self._programs: list[moderngl.Program] = []
         self._uploaded: object = None
         self._cheap = self._defines.get("MATERIALS") == 1
@@ -158,11 +153,13 @@ class Water:
         self._uploaded = state
         # The sea is first: rivers fade into it.
         self._anchors = [each.level for each in objects if each.level is not None]
-        parts = [sea_vertices() for _ in self._anchors]
+        parts = [sea_mesh() for _ in self._anchors]
         meshes = [each.mesh(_NOWHERE) for each in objects if each.level is None]
         if meshes:
             self._anchors.append(meshes[0].position[0].copy())
-            parts.append(inland_vertices(meshes))
+            *mesh, self._chunks = inland_mesh(meshes)
+            parts.append(tuple(mesh))
+            self._commands = self._context.buffer(reserve=len(self._chunks.low) * COMMAND.itemsize)
         self._arrays = []
         if not parts:
             return
@@ -175,8 +172,8 @@ class Water:
         buffers = [[self._context.buffer(array.tobytes()) for array in part] for part in parts]
         for program in self._programs:
             # Drivers reject attributes that a program does not read: they are skipped as padding.
-            layout = [size if name in program else f"{4 * int(size[0])}x" for size, name in _ATTRIBUTES]
-            names = [name for _, name in _ATTRIBUTES if name in program]
+            layout = [size if name in program else f"{4 * int(size[0])}x" for size, name in ATTRIBUTES]
+            names = [name for _, name in ATTRIBUTES if name in program]
             self._arrays.append(
                 [
                     self._context.vertex_array(
@@ -188,7 +185,7 @@ class Water:
 
     def draw(
         self,
-        eye: tuple[float, float, float],
+        camera: Camera,
         targets: RenderTargets,
         uniforms: Mapping[str, object],
         *,
@@ -198,6 +195,8 @@ class Water:
 
         `uniforms` are those of all passes, ``clock`` (s), ``wind`` (m/s) and ``lift`` (water.vert.glsl).
         """
+        eye, (width, height) = camera.eye, targets.size
+        visible = self.select(camera, width / height, lift=cast("float", uniforms["lift"]))
         count = 1 if self._cheap else len(LAYERS)
         layers = wave_layers(cast("tuple[float, float]", uniforms["wind"]), count)
         own = {
@@ -216,35 +215,23 @@ class Water:
                     place = (*eye[:2], anchor) if isinstance(anchor, float) else anchor
                     set_uniforms(array.program, {**uniforms, **own, "anchor": tuple(np.subtract(place, eye))})
                     for _ in bands(targets.scene, parts):
-                        array.render()
+                        if isinstance(anchor, float):
+                            array.render()
+                        elif visible:
+                            array.render_indirect(self._commands, moderngl.TRIANGLES, count=visible)
                         yield
         finally:  # a picture in parts may be abandoned
             targets.scene.depth_mask = True
             context.disable(moderngl.BLEND)
 
-
-def inland_vertices(meshes: Sequence[WaterSurface]) -> tuple[Float32Array, npt.NDArray[np.uint32]]:
-    """Return vertices of `_ATTRIBUTES`, relative to the first vertex, and indices of all meshes."""
-    anchor, vertices, indices, base = meshes[0].position[0], [], [], 0
-    for position, flow, shore_distance, stream, triangles in meshes:
-        bank = np.full(len(shore_distance), max(-shore_distance.min(), 0.0))
-        vertices.append(np.column_stack([position - anchor, flow, shore_distance, bank, stream]))
-        indices.append(triangles + np.uint32(base))
-        base += len(position)
-    return np.concatenate(vertices).astype(np.float32), np.concatenate(indices)
-
-
-def sea_vertices() -> tuple[Float32Array, npt.NDArray[np.uint32]]:
-    """Return vertices of `_ATTRIBUTES` and indices of a disc of radius 1, in rings that widen outward."""
-    radius = np.concatenate([[0.0], np.geomspace(NEAREST_RING, 1.0, RINGS)])
-    angle = np.linspace(0.0, 2.0 * np.pi, SECTORS + 1)
-    vertices = np.zeros((len(radius), len(angle), 13), np.float32)
-    vertices[..., 0], vertices[..., 1] = radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle)
-    vertices[..., 6], vertices[..., 11], vertices[..., 12] = 1.0, 1.0, SEA
-    index = np.arange(vertices[..., 0].size, dtype=np.uint32).reshape(vertices.shape[:2])
-    inner, outer = index[:-1], index[1:]
-    corners = [inner[:, :-1], outer[:, :-1], outer[:, 1:], inner[:, :-1], outer[:, 1:], inner[:, 1:]]
-    return vertices.reshape(-1, 13), np.stack(corners, axis=-1).ravel()
+    def select(self, camera: Camera, aspect: float, *, lift: float) -> int:
+        """Select the chunks of inland waters in view and their levels of detail; return their number."""
+        if self._chunks is None or self._commands is None:
+            return 0
+        commands = self._chunks.commands(camera, aspect, DEVIATION * lift)
+        self._commands.orphan()
+        self._commands.write(commands.tobytes())
+        return len(commands)
 
 
 def _uniform_array(rows: Float64Array) -> object:

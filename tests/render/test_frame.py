@@ -264,7 +264,7 @@ def test_a_view_at_rest_stays_at_full_size_if_drawing_is_fast(gl, camera, before
     assert (len(sizes) == 1) != slow
     assert not stats.converged  # light is still outdated
     view.frame(replace(camera, eye=(camera.eye[0] + 5.0, *camera.eye[1:])))
-    assert view.frame(camera).size != SIZE  # smaller while moving
+    assert (view.frame(camera).size != SIZE) == slow  # smaller while moving, if drawing takes long
 
 
 OBJECT_KINDS = ("Texture", "Buffer", "Program", "Framebuffer", "VertexArray", "Renderbuffer")
@@ -364,8 +364,7 @@ def test_a_streamed_picture_converges_to_the_still_one_and_is_smaller_during_mot
 
     moved = replace(CAMERA, eye=(503.0, 100.0, 130.0))
     stats = view.frame(moved, elapsed=0.05)
-    scale = CHEAP.moving_scale
-    assert stats.size == (round(SMALL[0] * scale), round(SMALL[1] * scale))
+    assert round(SMALL[0] * CHEAP.moving_scale) <= stats.size[0] < SMALL[0]
     assert not stats.converged
     # The same picture, coarser.
     small = view.picture()

@@ -30,9 +30,9 @@ def test_meshes_are_unit_height_and_deterministic_with_fewer_triangles():
         counts = [len(mesh) // 3 for mesh in meshes]
         assert counts == sorted(counts, reverse=True), (species, variant)
         assert counts[0] > (2000 if species == "shrub" else 4000), (species, variant)
-        assert counts[-1] == 12, (species, variant)
+        assert counts[-2:] == [12, 3], (species, variant)
         for mesh in meshes:
-            assert -0.2 < mesh["position"][:, 2].min() < 0.05, (species, variant)
+            assert -0.2 < mesh["position"][:, 2].min() < (0.05 if len(mesh) > 9 else 0.5), (species, variant)
             assert 0.85 < mesh["position"][:, 2].max() < 1.2, (species, variant)
             outward = mesh["normal"][:, :3] / 127.5 - 1.0
             assert np.abs(np.linalg.norm(outward, axis=1) - 1.0).max() < 0.02, (species, variant)

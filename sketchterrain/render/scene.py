@@ -157,8 +157,11 @@ class HeightMap:
         for place, width in zip(positions, widths, strict=True):
             cell = np.floor((place[:, :2] - [self.west, self.south]) / self.texel).astype(np.intp)
             radius = (width / self.texel / 2).astype(np.intp)
-            value = np.clip(width / self.texel, 1 / 3, 1.0)
-            for (i, j), r, v in zip(cell.tolist(), radius.tolist(), value.tolist(), strict=True):
+            value = np.clip(width / self.texel, 1 / 3, 1.0).astype(np.float32)
+            is_single = (radius == 0) & ((cell >= 0) & (cell < n)).all(axis=1)
+            np.maximum.at(marks, tuple(cell[is_single, ::-1].T), value[is_single])
+            rest = (each[~is_single].tolist() for each in (cell, radius, value))
+            for (i, j), r, v in zip(*rest, strict=True):
                 window = marks[max(j - r, 0) : max(j + r + 1, 0), max(i - r, 0) : max(i + r + 1, 0)]
                 np.maximum(window, v, out=window)
         return HeightMap(self.west, self.south, self.width, marks)

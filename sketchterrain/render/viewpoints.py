@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import maximum_filter, uniform_filter
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array
+from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.scene import (
     HeightMap,
@@ -22,6 +23,8 @@ from sketchterrain.render.scene import (
 from sketchterrain.render.sky import Weather, sun_at
 
 if TYPE_CHECKING:
+    from sketchterrain.placement.plateaus import Plateau
+
     LightScore = Callable[[Float64Array], Float64Array]
     """Score of views by bearing (rad)."""
 
@@ -51,7 +54,7 @@ def sun_preference(weather: Weather | None) -> LightScore:
 
 def neighbouring_bearings(values: Float64Array, width: int) -> Float64Array:
     """Return the values of the `width` bearings around each bearing, stacked along a new first axis."""
-    return np.stack([np.roll(values, shift, axis=1) for shift in range(-(width // 2), width // 2 + 1)])
+    return np.stack([np.roll(values, shift, axis=-1) for shift in range(-(width // 2), width // 2 + 1)])
 
 
 def grid_positions(terrain: TerrainSource, along: Float64Array) -> Float64Array:
@@ -97,9 +100,38 @@ def aim(
     )
 
 
+def painted_sums(
+    terrain: TerrainSource, relief: HeightMap, east: Float64Array, north: Float64Array, size: Float64Array
+) -> Float64Array:
+    """Return sizes of samples along rays, summed by kind of painted feature (kinds, viewpoints, bearings)."""
+    features = terrain.features
+    points = features.points[features.points["painted"]]
+    by_type = [points[points["type"] == code] for code in range(len(FEATURE_TYPES))]
+    masks = [
+        *(relief.rasterized_mask([np.stack([p["x"], p["y"]], axis=1)], [0.9 * p["radius"]]) for p in by_type),
+        shape_mask(relief, features.plateaus),
+        shape_mask(relief, features.lakes, [river for river in features.rivers if river.label]),
+    ]
+    cells = ((east - relief.west) / relief.texel, (north - relief.south) / relief.texel)
+    column, row = (np.clip(cell, 0, len(relief.heights) - 1).astype(np.intp) for cell in cells)
+    # One lookup for all kinds: a bit of each.
+    bits = np.packbits([mask.heights > 0.0 for mask in masks], axis=0, bitorder="little")[0][row, column]
+    return np.stack([(size * (bits >> kind & 1)).sum(axis=-1) for kind in range(len(masks))])
+
+
+def shape_mask(relief: HeightMap, areas: Iterable[Lake | Plateau], rivers: Iterable[River] = ()) -> HeightMap:
+    """Return a mask of areas and rivers on the texels of a map: 1 inside, 0 outside."""
+    positions, widths = [river.centreline for river in rivers], [river.centreline_width for river in rivers]
+    for shape in (area.shape for area in areas):
+        row, column = np.nonzero(shape.inside > 0)
+        positions.append(np.stack([column, row], axis=-1) * shape.spacing + [shape.west, shape.south])
+        widths.append(np.full(len(row), shape.spacing, np.float32))
+    return relief.rasterized_mask(positions, widths)
+
+
 MAX_VIEWPOINTS: Final = 220
 GRID: Final = 22  # candidates along each side of the sketch …
-RISES: Final = 40  # … and for rises, of which the `TALL` with the highest topographic position are taken
+RISES: Final = 40  # … and for rises: the `TALL` highest of those that no neighbour overlooks
 TALL: Final = 130
 SHORE: Final = (9.0, 30.0)  # distances (m) of shore viewpoints from the water
 SHORE_EVERY: Final = 1.0 / 50.0  # extents between them along a river
@@ -116,7 +148,7 @@ class LandCover:
     """Distance to water and mask of forests."""
 
     def __init__(self, terrain: TerrainSource, relief: HeightMap) -> None:
-        features, self._relief, self._sea_level = terrain.features, relief, terrain.sea_level
+        features, self.relief, self._sea_level = terrain.features, relief, terrain.sea_level
         forests = features.points[features.points["type"] == FOREST]
         positions = np.stack([forests["x"], forests["y"]], axis=1)
         self._woods = relief.rasterized_mask([positions], [1.8 * forests["radius"].astype(np.float64)])
@@ -149,7 +181,7 @@ class LandCover:
         for lake in self._lakes:
             far = np.minimum(far, -lake.at(x, y))
         if self._sea_level is not None:
-            far = np.minimum(far, (self._relief.at(x, y) - self._sea_level) / BEACH)
+            far = np.minimum(far, (self.relief.at(x, y) - self._sea_level) / BEACH)
         if self._rivers is not None and self._half is not None:
             positions = np.stack([np.ravel(x), np.ravel(y)], axis=-1)
             bound = 60.0 + float(self._half.max())
@@ -165,18 +197,19 @@ def find_viewpoints(
     """Return viewpoints (n, 2; m), n ≥ 1: rises only, or a grid and shores."""
     side = RISES if raised else GRID
     grid = grid_positions(terrain, (np.arange(side) + 0.5) / side)
-    if raised:
-        positions = grid[np.argsort(-topographic_position(terrain, relief, grid), kind="stable")]
-    else:
-        positions = np.concatenate([_shore_positions(terrain, relief), grid])
-    suitable = positions[_is_suitable(terrain, cover, positions)]
-    if not len(suitable):
+    positions = grid if raised else np.concatenate([_shore_positions(terrain, relief), grid])
+    suitable = _is_suitable(terrain, cover, positions)
+    if not suitable.any():
         west, south, east, north = visible_rectangle(terrain)
         return np.array([[(west + east) / 2.0, (south + north) / 2.0]])
     if raised:
-        return np.asarray(suitable[:TALL])
-    picked = np.unique(np.linspace(0, len(suitable) - 1, MAX_VIEWPOINTS).round().astype(int))
-    return np.asarray(suitable[picked])
+        rise = np.where(suitable, topographic_position(terrain, relief, grid), -np.inf)
+        highest = maximum_filter(rise.reshape(side, side), 3).ravel()
+        order = np.lexsort((-rise, ~suitable | (rise < highest)))
+        return np.asarray(grid[order[: min(TALL, int(suitable.sum()))]])
+    positions = positions[suitable]
+    picked = np.unique(np.linspace(0, len(positions) - 1, MAX_VIEWPOINTS).round().astype(int))
+    return np.asarray(positions[picked])
 
 
 def topographic_position(terrain: TerrainSource, relief: HeightMap, positions: Float64Array) -> Float64Array:
@@ -257,15 +290,18 @@ DISTANCES: Final = 60
 NEAREST: Final = 5.0  # m to the nearest sampled terrain
 CELL: Final = 4.0  # cell size (m) of the sampled heights
 TREES: Final = 14.0  # height (m) of forests as occluders
+PAINTED_FROM: Final = (
+    0.12  # distance of painted land that counts, in extents: not the slope that the eye is on
+)
 NEAR: Final = 70.0  # m up to which terrain is foreground
 RISE: Final = 0.012  # topographic position of a good rise, in extents …
-RISE_WEIGHT: Final = 2.5  # … and its weight in the score
+RISE_WEIGHT: Final = 1.5  # … and its weight in the score
 HORIZON_AT: Final = 0.36
 WATER_LIMIT: Final = 0.45
 """Share of water in the visible terrain, by apparent size, above which it is penalised."""
 HIGHEST_PEAK: Final = 0.32  # largest tangent of elevation of a skyline that fits into the picture
 MAX_TESTED: Final = 40  # best viewpoints that are tested for plants in front of the eye
-CLEAR: Final = 14.0  # m in front of the eye that must be free of plants
+CLEAR: Final = 20.0  # m in front of the eye that must be free of plants
 
 
 class _Visibility(NamedTuple):
@@ -277,7 +313,7 @@ class _Visibility(NamedTuple):
     layers: Float64Array  # number of ridges one behind the other
     water: Float64Array  # apparent size of the visible water
     flooded: Float64Array  # share of water in the visible terrain
-    woods: Float64Array  # share of forest in the visible terrain
+    painted: Float64Array  # (kinds, viewpoints, bearings) apparent size of painted features
     inside: Float64Array  # visible share inside the sketch
 
 
@@ -335,15 +371,16 @@ def _compute_visibility(
     water = (is_water * size)[..., distance < 0.4 * extent].sum(axis=-1)
     flooded = (is_water * size).sum(axis=-1) / np.maximum(size.sum(axis=-1), 1e-9)
     inside = is_inside(terrain, east, north)
-    count = np.maximum(seen.sum(axis=-1), 1.0)
     return _Visibility(
         skyline[..., -1],
-        np.max(slope[..., distance < NEAR], axis=-1),
+        np.max(slope[..., distance < max(NEAR, 0.02 * extent)], axis=-1),
         share[..., middle].sum(axis=-1),
         appears.sum(axis=-1).astype(np.float64),
         water,
         flooded,
-        (woods * seen * (distance > NEAR)).sum(axis=-1) / count,
+        painted_sums(
+            terrain, cover.relief, east, north, share * (is_water | (distance > PAINTED_FROM * extent))
+        ),
         (inside * share)[..., far].sum(axis=-1),
     )
 
@@ -365,7 +402,7 @@ def _score(visibility: _Visibility, *, raised: bool) -> Float64Array:
         + 1.0 * np.tanh(mean(visibility.layers) / 3.0)
         + 1.2 * np.tanh(mean(visibility.middle) / (0.08 if raised else 0.03))
         + 2.6 * np.tanh(mean(visibility.water, 7) / 0.02)
-        + 0.8 * np.tanh(mean(visibility.woods) / 0.10)
+        + 2.0 * np.tanh(mean(visibility.painted, 9) / 0.03).sum(axis=0)
         + 0.8 * np.tanh(mean(visibility.inside) / 0.10)
         - 12.0 * wall
         - 6.0 * np.maximum(peak - HIGHEST_PEAK, 0.0)  # a skyline above the upper border is a wall, too

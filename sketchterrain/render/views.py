@@ -29,19 +29,19 @@ from sketchterrain.render.viewpoints import (
     grid_positions,
     is_inside,
     neighbouring_bearings,
+    painted_sums,
     ray_positions,
+    shape_mask,
     sun_preference,
 )
 
 VIEWS: Final = ("auto", "ground", "hill", "air")  # view kinds; see `find_view`
 VIEWPOINTS_PER_SIDE: Final = 14  # candidate viewpoints along each side of the sketch
 BEARINGS: Final = 60
+LOWEST: Final = -0.38  # tangent of the lower border of a picture, about
 DISTANCES: Final = 56
 WATER_LIMIT: Final = 0.15
 """Share of water in the visible terrain, by apparent size, above which it is penalised."""
-TYPES: Final = 4  # point feature types: mountain, hill, dune, forest
-_TYPE_WEIGHTS: Final = np.array([1.0, 1.0, 2.2, 1.0])
-"""Weight of each type in the score; flat dunes need more to matter."""
 
 
 class _ViewStyle(NamedTuple):
@@ -102,7 +102,7 @@ class _Panorama(NamedTuple):
     layers: Float64Array  # number of ridges one behind the other
     water: Float64Array  # apparent size of the visible water
     flooded: Float64Array  # share of water in the visible terrain, by apparent size
-    painted: Float64Array  # (types, viewpoints, bearings) visible share of painted features
+    painted: Float64Array  # (kinds, viewpoints, bearings) apparent size of painted features
     inside: Float64Array  # visible share inside the sketch
 
     def horizon_of(self, distances: BoolArray) -> Float64Array:
@@ -171,9 +171,6 @@ def _compute_visibility(
     apparent = is_water * size * far
     flooded = (is_water * size).sum(axis=-1) / np.maximum(size.sum(axis=-1), 1e-9)
     middle = far & (distances < terrain.extent)
-    visible = seen & middle
-    count = np.maximum(visible.sum(axis=-1), 1.0)
-    painted = [(mask.at(east, north) * visible).sum(axis=-1) / count for mask in _painted(terrain, relief)]
     inside = is_inside(terrain, east, north)
     return _Panorama(
         skyline[..., -1],
@@ -181,35 +178,18 @@ def _compute_visibility(
         appears.sum(axis=-1).astype(np.float64),
         apparent.sum(axis=-1),
         flooded,
-        np.stack(painted),
+        painted_sums(terrain, relief, east, north, share * middle * (slope > LOWEST)),
         (inside * share * middle).sum(axis=-1),
     )
 
 
 def water_map(terrain: TerrainSource, relief: HeightMap) -> HeightMap:
     """Return a mask of the waters on the texels of a map: 1 inside, 0 outside."""
-    rivers, lakes = terrain.features.rivers, [lake.shape for lake in terrain.features.lakes]
-    positions, widths = [river.centreline for river in rivers], [river.centreline_width for river in rivers]
-    for lake in lakes:
-        row, column = np.nonzero(lake.inside > 0)
-        positions.append(np.stack([column, row], axis=-1) * lake.spacing + [lake.west, lake.south])
-        widths.append(np.full(len(row), lake.spacing, np.float32))
-    mask, level = relief.rasterized_mask(positions, widths), terrain.sea_level
+    features, level = terrain.features, terrain.sea_level
+    mask = shape_mask(relief, features.lakes, features.rivers)
     if level is not None:
         mask.heights[relief.heights <= level] = 1.0
     return mask
-
-
-def _painted(terrain: TerrainSource, relief: HeightMap) -> list[HeightMap]:
-    """Return, for each type of point feature, a mask of the painted ones: 1 inside, 0 outside."""
-    points = terrain.features.points
-    points = points[points["painted"]]
-    masks = []
-    for code in range(TYPES):
-        of_type = points[points["type"] == code]
-        positions = np.stack([of_type["x"], of_type["y"]], axis=1)
-        masks.append(relief.rasterized_mask([positions], [0.9 * of_type["radius"]]))
-    return masks
 
 
 def _score(seen: _Panorama, distance: Float64Array, style: _ViewStyle) -> Float64Array:
@@ -222,14 +202,13 @@ def _score(seen: _Panorama, distance: Float64Array, style: _ViewStyle) -> Float6
     # Terrain that rises in front of the camera occludes the rest.
     near = neighbouring_bearings(seen.horizon_of(distance < style.near), style.in_view)
     wall = np.maximum(near + style.clear, 0.0).mean(axis=0)
-    painted = np.stack([mean(share) for share in seen.painted])
     return np.asarray(
         2.2 * np.exp(-(((horizon.max(axis=0) - style.peak[0]) / style.peak[1]) ** 2))
         + 0.8 * np.tanh(horizon.std(axis=0) / 0.04)
         + 0.9 * np.tanh(mean(seen.share[..., (distance > 0.10) & (distance < 1.2)].sum(axis=-1)) / 0.15)
         + 1.0 * np.tanh(mean(seen.layers) / 3.0)
         + 2.4 * np.tanh(mean(seen.water, 7) / style.water)
-        + np.tensordot(_TYPE_WEIGHTS, np.tanh(painted / 0.10), axes=1)
+        + 2.0 * np.tanh(mean(seen.painted, 9) / 0.04).sum(axis=0)
         + style.inside * np.tanh(mean(seen.inside) / 0.15)
         - style.wall * wall
         - 6.0 * np.maximum(mean(seen.flooded) - WATER_LIMIT, 0.0)  # a lake should not fill the picture

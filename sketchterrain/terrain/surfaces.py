@@ -21,10 +21,12 @@ from sketchterrain.document.materials import weight_words
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.placement.feature_types import Lake, River
 from sketchterrain.terrain.lattice import QUADS
+from sketchterrain.terrain.layers.plateaus import PlateausLayer
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.compute.device import Device
+    from sketchterrain.placement.plateaus import Plateau
     from sketchterrain.terrain.recipe import TerrainRecipe
 
 
@@ -97,19 +99,20 @@ class Band:
 
 @dataclass(frozen=True)
 class TerrainFeatures:
-    """Placed features: points (mountains, hills, dunes, forests) in and near the sketch; waters."""
+    """Placed features: points (mountains, hills, dunes, forests) in and near the sketch; plateaus; waters."""
 
     points: StructuredArray  # dtype ``FEATURE``, by id
     rivers: tuple[River, ...]
     lakes: tuple[Lake, ...] = ()
     sea_level: float | None = None  # m; None: no sea
+    plateaus: tuple[Plateau, ...] = ()
 
     @classmethod
     def from_recipe(cls, recipe: TerrainRecipe, size: tuple[float, float]) -> TerrainFeatures:
         """Return a recipe's features: all painted ones, and the fill inside a sketch of a size (m)."""
         points = np.concatenate([recipe.points.painted, recipe.points.fill.within(0.0, 0.0, *size)])
         ordered = points[np.argsort(points["id"], kind="stable")]
-        return cls(ordered, recipe.rivers, recipe.lakes, recipe.sea_level)
+        return cls(ordered, recipe.rivers, recipe.lakes, recipe.sea_level, recipe[PlateausLayer].plateaus)
 
 
 def require_finite(values: npt.NDArray[Any], what: str, device: Device) -> None:

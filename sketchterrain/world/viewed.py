@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import replace
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.export.files import prepare_folder
 from sketchterrain.placement.feature_types import FEATURE, Lake, River, ShapeField
+from sketchterrain.placement.plateaus import Plateau
 from sketchterrain.render.overlays import LegendEntry
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, finest_level
@@ -40,6 +41,7 @@ _MOST_BITS: Final = LATTICE_BITS - 1
 _UNIT: Final = np.float32(32767)  # a unit normal's component, as a slope
 _HALF_STEP: Final = np.float32(1.0 / 255)  # accuracy of a stored normal's components
 _Array = npt.NDArray[Any]
+_Area = TypeVar("_Area", Lake, Plateau)
 _Floats = npt.NDArray[np.float32]
 _Doubles = npt.NDArray[np.float64]
 
@@ -364,12 +366,13 @@ def _moved_features(features: TerrainFeatures, west: float, north: float, bounds
     inside = (points["x"] + radius > bounds[0]) & (points["x"] - radius < bounds[2])
     inside &= (points["y"] + radius > bounds[1]) & (points["y"] - radius < bounds[3])
     rivers = [part for river in features.rivers for part in _river_parts(river, west, north, bounds)]
-    lakes = [_cut_lake(lake, west, north, bounds) for lake in features.lakes]
+    lakes = [_cut_area(lake, west, north, bounds) for lake in features.lakes]
     return TerrainFeatures(
         points[inside],
         tuple(rivers),
         tuple(lake for lake in lakes if (lake.shape.inside > 0).any()),
         features.sea_level,
+        tuple(_cut_area(plateau, west, north, bounds) for plateau in features.plateaus),
     )
 
 
@@ -383,14 +386,14 @@ def _river_parts(river: River, west: float, north: float, bounds: Bounds) -> Ite
             yield replace(river, centreline=np.ascontiguousarray(line[first:last]), centreline_width=width)
 
 
-def _cut_lake(lake: Lake, west: float, north: float, bounds: Bounds) -> Lake:
-    field = lake.shape
+def _cut_area(area: _Area, west: float, north: float, bounds: Bounds) -> _Area:
+    field = area.shape
     rows, columns = field.inside.shape
     x = field.west - west + np.arange(columns) * field.spacing
     y = field.south - north + np.arange(rows) * field.spacing
     across, down = np.minimum(x - bounds[0], bounds[2] - x), np.minimum(y - bounds[1], bounds[3] - y)
     inside = np.minimum(field.inside, np.minimum(across[None, :], down[:, None])).astype(np.float32)
-    return replace(lake, shape=ShapeField(float(x[0]), float(y[0]), field.spacing, inside))
+    return replace(area, shape=ShapeField(float(x[0]), float(y[0]), field.spacing, inside))
 
 
 def _within(x: _Array, y: _Array, bounds: Bounds) -> npt.NDArray[np.bool_]:

@@ -86,6 +86,30 @@ def test_eye_level_views_are_dry_level_and_open(terrain, cameras):
         assert (rise < 0.5 * run).all(), kind
 
 
+def painted_share(terrain, camera):
+    """Return the share of the rays through a picture that first hit the terrain where it is painted."""
+    painted = np.any([image > 0 for image in terrain.sketch.layers.values()], axis=0)
+    (width, height), grid = terrain.size, np.linspace(-0.9, 0.9, 25)
+    relief = sample_heights(terrain, (width / 2, height / 2), 1.5 * terrain.extent, 512)
+    rays = np.array([camera.ray(x, y, 16 / 9) for y in grid for x in grid])
+    along = np.array(camera.eye) + rays[:, None] * np.geomspace(3.0, 1.5 * terrain.extent, 400)[:, None]
+    below = relief.at(along[..., 0], along[..., 1]) > along[..., 2]
+    x, y, _ = along[np.arange(len(rays)), below.argmax(axis=1)].T
+    row, column = np.floor(np.stack([height - y, x]) / terrain.sketch.pixel_size).astype(int)
+    inside = (row >= 0) & (row < painted.shape[0]) & (column >= 0) & (column < painted.shape[1])
+    hit = below.any(axis=1) & inside
+    return painted[row[hit], column[hit]].sum() / len(rays)
+
+
+def test_views_show_the_small_features_of_a_wide_plain():
+    for layer, extent in (("lake", 10000.0), ("mountain", 6000.0), ("plateau", 6000.0)):
+        image = np.zeros((64, 64), np.uint8)
+        image[18:24, 16:24] = 1
+        terrain = build(Sketch(extent=extent, seed=16, layers={layer: image}))
+        for kind in ("air", "hill", "ground"):
+            assert painted_share(terrain, find_view(terrain, kind)) > 0.02, (layer, kind)
+
+
 def test_distance_to_water_is_zero_at_the_bank_and_plants_obstruct_views(terrain):
     cover = LandCover(terrain, sample_heights(terrain, (1500.0, 1125.0), 3900.0, 128))
     river = terrain.features.rivers[0]

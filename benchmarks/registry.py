@@ -74,10 +74,8 @@ BENCHMARKS = {
             "splines", "splines and places that drive methods to failure", str(splines.SEED), splines.measure
         ),
         Benchmark("flight", "valley_river over 4096 m, and a round over it", _OWN, flight.measure),
-        Benchmark("live", "20 shapes on 512 px", str(live.SEED), live.measure),
-        Benchmark(
-            "pictures", "valley_river, from the ground; full run: from high above too", _OWN, pictures.measure
-        ),
+        Benchmark("live", "20 shapes on 512 px, and views of presets", str(live.SEED), live.measure),
+        Benchmark("pictures", "valley_river, and flights over presets", _OWN, pictures.measure),
         Benchmark("erosion", "the middle of alpine_range, 8 km wide in a full run", _OWN, erosion.measure),
         Benchmark(
             "landforms",

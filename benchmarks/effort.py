@@ -19,8 +19,6 @@ class Effort:
     thesis_tiles: int = 9  # evaluated by both methods
     spline_count: int = 24  # of each kind
     culling_features: tuple[int, ...] = (100, 1_000, 10_000, 100_000)  # in a world
-    update_features: tuple[int, ...] = (6_000, 60_000)  # in a recipe
-    update_changes: tuple[int, ...] = (1, 32)  # of them
     # Table 6.1 of the thesis: side of the square, r and k
     point_side: float = 512.0
     point_distances: tuple[int, ...] = (1, 2, 4, 8)
@@ -89,8 +87,6 @@ FULL = replace(
     thesis_tiles=256,
     spline_count=1737,
     culling_features=(100, 1_000, 10_000, 100_000, 1_000_000),
-    update_features=(6_000, 60_000, 600_000),
-    update_changes=(1, 32, 1_024),
     room_side=512.0,
     room_trials=(1, 2, 3, 4, 6, 8, 12, 16, 32, 64),
     peer_trials=(4, 12, 30),

@@ -18,7 +18,6 @@ from sketchterrain.benchmarks import (
     pictures,
     speed,
     splines,
-    updates,
     worlds,
 )
 from sketchterrain.benchmarks import points as blue_noise
@@ -63,7 +62,6 @@ BENCHMARKS = {
             speed.measure,
         ),
         Benchmark("culling", "dune fields at one density, in any world", str(BARE_SEED), culling.measure),
-        Benchmark("updates", "dune fields as for culling", str(BARE_SEED), updates.measure),
         Benchmark(
             "points",
             "a square, and its middle for spectra",

@@ -108,6 +108,13 @@ def test_every_choice_has_one_way_that_is_used(outcomes):
 
 
 @pytest.mark.slow
+def test_the_picture_at_rest_is_the_still(outcomes):
+    (view,) = rows(outcomes["live"], 1)
+    assert 0.0 < view["first_s"] < view["still_s"]
+    assert view["alike"] > 90.0
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", charts.CHARTS)
 def test_charts_are_pictures(outcomes, name):
     pytest.importorskip("matplotlib")

@@ -2,6 +2,7 @@
 
 import io
 import re
+from dataclasses import replace
 from importlib.resources import files
 
 import numpy as np
@@ -156,13 +157,9 @@ def test_stages_of_live_painting_add_up_to_the_whole():
 @pytest.mark.gl
 @pytest.mark.slow
 def test_painting_is_followed(tiny):
-    table, views, resting = measure(None, tiny).tables
+    table, *_ = measure(None, replace(tiny, view_presets=())).tables
     strokes, dabs = table.rows
     assert strokes["updates"] >= 10
     assert dabs["updates"] >= dabs["strokes"] >= 2
     for row in table.rows:
         assert 0.0 < row["median_ms"] <= row["p95_ms"] <= row["most_ms"]
-    (view,) = views.rows
-    assert 0.0 < view["first_s"] < view["still_s"]
-    assert len(view["answer_seconds"]) == len(tiny.view_moments)
-    assert resting.rows[0]["alike"] > 90.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import tempfile
 import time
 from collections.abc import Sequence
@@ -13,7 +12,7 @@ import numpy as np
 
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
-from sketchterrain.io.system import module_command
+from sketchterrain.benchmarks.timing import run_program
 
 if TYPE_CHECKING:
     from sketchterrain.benchmarks.timing import TimedContext
@@ -40,7 +39,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     seeds in each round. A ratio is of one round's times; the median of rounds is shown.
     """
     device = ["--device", str(context.device.index), *(["--fast"] if context.fast else [])]
-    common = ["--size", str(effort.batch_size), *device]
+    common = ["--size", str(effort.batch_size), "--json", *device]
     variants = [
         (files, [] if files == "all" else ["--no-preview"], jobs)
         for files in effort.batch_files
@@ -86,16 +85,12 @@ def _row(files: str, jobs: int, seeds: int, rounds: Sequence[tuple[float, float]
 def _one_by_one(first: int, count: int, folder: Path, words: Sequence[str]) -> float:
     start = time.perf_counter()
     for seed in range(first, first + count):
-        _run(["generate", SKETCH, "-o", str(folder / f"alone-{seed}"), "--seed", str(seed), *words])
+        run_program(["generate", SKETCH, "-o", str(folder / f"alone-{seed}"), "--seed", str(seed), *words])
     return time.perf_counter() - start
 
 
 def _batch(first: int, count: int, jobs: int, folder: Path, words: Sequence[str]) -> float:
     seeds = f"{first}-{first + count - 1}"
     start = time.perf_counter()
-    _run(["batch", SKETCH, "-o", str(folder / "batch"), "--seeds", seeds, "--jobs", str(jobs), *words])
+    run_program(["batch", SKETCH, "-o", str(folder / "batch"), "--seeds", seeds, "--jobs", str(jobs), *words])
     return time.perf_counter() - start
-
-
-def _run(words: Sequence[str]) -> None:
-    subprocess.run(module_command("sketchterrain", *words), check=True, capture_output=True)

@@ -10,10 +10,10 @@ from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.choices import draw_choices
 from sketchterrain.benchmarks.culling import draw_culling
 from sketchterrain.benchmarks.erosion import draw_erosion, draw_normals
-from sketchterrain.benchmarks.flight_chart import draw_errors, draw_frames, draw_generation
+from sketchterrain.benchmarks.flight_chart import draw_errors, draw_generation
 from sketchterrain.benchmarks.landforms import draw_stability, draw_terrains, draw_trade_offs
-from sketchterrain.benchmarks.live import draw_live
-from sketchterrain.benchmarks.pictures import draw_parts, draw_qualities
+from sketchterrain.benchmarks.live import draw_live, draw_views
+from sketchterrain.benchmarks.pictures import draw_motion, draw_parts, draw_previews, draw_qualities
 from sketchterrain.benchmarks.plotting import (
     BLUE,
     GREEN,
@@ -227,9 +227,10 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
 MORE: dict[str, dict[str, Callable[[Sequence[Row]], Any]]] = {
     "accuracy": {"choices": draw_choices},
     "erosion": {"normals": draw_normals},
-    "flight": {"generation": draw_generation, "frames": draw_frames},
+    "flight": {"generation": draw_generation},
     "landforms": {"terrains": draw_terrains, "stability": draw_stability},
-    "pictures": {"parts": draw_parts},
+    "live": {"view": draw_views},
+    "pictures": {"parts": draw_parts, "motion": draw_motion, "previews": draw_previews},
     "points": {"room": draw_room, "spectra": draw_spectra},
     "speed": {"tiles": draw_thesis},
 }

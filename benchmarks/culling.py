@@ -54,7 +54,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     return Outcome((Table("Culling", _COLUMNS, tuple(_row(worlds[count], laps[count]) for count in worlds)),))
 
 
-def scattered_dunes(count: int) -> tuple[StructuredArray, float]:
+def _scattered_dunes(count: int) -> tuple[StructuredArray, float]:
     """Return so many dune fields with even ids, and the side of the square that they lie in (m)."""
     rng = np.random.default_rng([BARE_SEED, count])
     side = float(np.sqrt(count / DENSITY)) * 1000.0
@@ -66,7 +66,7 @@ def scattered_dunes(count: int) -> tuple[StructuredArray, float]:
     return dunes, side
 
 
-def with_dunes(recipe: TerrainRecipe, dunes: StructuredArray) -> TerrainRecipe:
+def _with_dunes(recipe: TerrainRecipe, dunes: StructuredArray) -> TerrainRecipe:
     """Return a recipe with these as its only point features."""
     points = replace(recipe.points, painted=dunes)
     return recipe.with_layers([points, DunesLayer(points.dune_styles)])
@@ -87,8 +87,8 @@ class _World:
     def __init__(self, count: int, context: TimedContext) -> None:
         bare = open_ground(BARE, context)
         self.count = count
-        dunes, self.side = scattered_dunes(count)
-        recipe = with_dunes(bare.recipe, dunes)
+        dunes, self.side = _scattered_dunes(count)
+        recipe = _with_dunes(bare.recipe, dunes)
         self._context = context
         self._rng = np.random.default_rng([BARE_SEED, count, 1])
         start = perf_counter()

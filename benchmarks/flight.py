@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.array_types import Int64Array
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.flight_methods import OURS, THESIS, methods, thesis_seconds, thesis_view
 from sketchterrain.benchmarks.flight_scene import (
@@ -30,18 +30,9 @@ from sketchterrain.benchmarks.flight_scene import (
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
 from sketchterrain.benchmarks.screen_error import ErrorSummary
 from sketchterrain.benchmarks.timing import TimedContext
-from sketchterrain.errors import DeviceError
-from sketchterrain.render.programs import close_context, open_context
-from sketchterrain.render.quality import Quality
-from sketchterrain.render.renderer import Renderer
-from sketchterrain.render.sky import find_sun
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.tiles.lod import inside_frustum
 from sketchterrain.tiles.quadtree import tile_indices
-
-if TYPE_CHECKING:
-    from sketchterrain.render.quality import FrameStats
-
 
 BUDGET: Final = 8e-3
 """s that this program may generate in a frame."""
@@ -341,80 +332,6 @@ def reaching(rows: Sequence[Row], method: str, key: str, *, pixels: float = 1.0)
     return float(np.exp(np.interp(np.log(pixels), errors, np.log([value for _, value in known]))))
 
 
-SHARE_WITHIN = 99.0
-"""% of the frames with new tiles that are to make them within the budget; all within twice it."""
-
-_FRAMES_COLUMNS = (
-    Column("opengl", "OpenGL"),
-    Column("frames", "frames"),
-    Column("median_ms", "frame, median, ms"),
-    Column("p95_ms", "95 %, ms"),
-    Column("worst_ms", "worst, ms"),
-    Column("budget_ms", "budget, ms"),
-    Column("generation_ms", "tiles of a frame that has new ones, ms"),
-    Column("worst_generation_ms", "worst, ms"),
-    Column("within_budget", "within the budget, %"),
-    Column("asked", "asked, %"),
-    Column("within_twice", "within twice it, %"),
-    Column("new_within", "tiles, light and plants within it, %"),
-    Column("triangles", "triangles"),
-    Column("note", "note"),
-)
-
-
-def frames(terrain: Terrain, effort: Effort) -> Table:
-    """Draw the flight at the quality that suits the driver, from a complete first picture on."""
-    title = "Frames as drawn, {} × {}".format(*effort.flight_size)
-    try:
-        gl = open_context()
-    except DeviceError as error:
-        return Table(title, _FRAMES_COLUMNS, ({"opengl": "absent", "note": str(error)},))
-    path = stops(terrain, effort.flight_frames + 1, seconds=effort.flight_frames / RATE)
-    try:
-        name = str(gl.info["GL_RENDERER"])
-        quality = Quality.for_renderer(name)
-        renderer = Renderer(gl, terrain, sun=find_sun(terrain, path[0].camera), quality=quality)
-        framebuffer = gl.framebuffer([gl.texture(effort.flight_size, 4)])
-        renderer.prepare(path[0].camera, effort.flight_size)
-        seconds, stats = [], []
-        for number, stop in enumerate(path):
-            start = perf_counter()
-            stats.append(renderer.frame(stop.camera, framebuffer, elapsed=1.0 / RATE, clock=number / RATE))
-            gl.finish()
-            seconds.append(perf_counter() - start)
-    finally:
-        close_context(gl)
-    row = _frames_row(name, quality.budget, np.array(seconds[1:]), stats[1:])
-    return Table(title, _FRAMES_COLUMNS, (row,))
-
-
-def _frames_row(name: str, budget: float, seconds: Float64Array, stats: Sequence[FrameStats]) -> Row:
-    generation = np.array([each.generation_seconds for each in stats if each.tiles_generated])
-    new = np.array([each.generation_seconds + each.light_seconds + each.plant_seconds for each in stats])
-    some = generation if generation.size else np.zeros(1)
-    median, p95 = np.percentile(seconds, [50, 95])
-    return {
-        "opengl": name,
-        "frames": len(seconds),
-        "median_ms": float(median) * 1e3,
-        "p95_ms": float(p95) * 1e3,
-        "worst_ms": float(seconds.max()) * 1e3,
-        "budget_ms": budget * 1e3,
-        "generation_ms": float(some.mean()) * 1e3,
-        "worst_generation_ms": float(some.max()) * 1e3,
-        "within_budget": 100.0 * float(np.mean(some <= budget)),
-        "asked": SHARE_WITHIN,
-        "within_twice": 100.0 * float(np.mean(some <= 2 * budget)),
-        "new_within": 100.0 * float(np.mean(new <= budget)),
-        "triangles": round(float(np.mean([each.triangles for each in stats]))),
-        "note": None,
-        "seconds": seconds.tolist(),
-        "generation_seconds": [each.generation_seconds for each in stats],
-        "new_seconds": new.tolist(),
-        "triangles_each": [each.triangles for each in stats],
-    }
-
-
 def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Compare level-of-detail methods for views of a world, by screen error, triangles and time.
 
@@ -437,17 +354,13 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     generates at once all new tiles that its metric requires all around. Milliseconds of generation by the
     clock. The first complete view: the time from nothing until all tiles are present, with the T and the τ of
     an error of one pixel; kernels alone by profiling events.
-
-    Displayed frames: the renderer at the driver's default quality, from a complete first picture on, until
-    OpenGL has finished.
     """
     terrain = open_world(context)
     errors = points(terrain, effort)
     generation = flights(terrain, effort)
     thesis, own = (_at_one_pixel_setting(errors, method) for method in (THESIS, OURS))
-    drawn = frames(terrain, effort)
     first = first_views(context, terrain, effort, tessellation=thesis, tolerance=own)
-    return Outcome((errors, generation, drawn, at_one_pixel(errors.rows), first))
+    return Outcome((errors, generation, at_one_pixel(errors.rows), first))
 
 
 def _at_one_pixel_setting(errors: Table, start: str) -> float | None:

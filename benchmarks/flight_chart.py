@@ -119,31 +119,6 @@ def draw_generation(rows: Sequence[Row]) -> Any:
     return figure
 
 
-def draw_frames(rows: Sequence[Row]) -> Any:
-    """Draw the shares of frames by how long they took, how long their new tiles, and their triangles."""
-    figure = new_figure(11.0, 3.2)
-    panels = figure.subplots(1, 3)
-    known = [row for row in rows if row.get("seconds")]
-    titles = ("frame, ms", "generation of tiles, ms", "triangles")
-    for axes, title in zip(panels, titles, strict=True):
-        axes.set(title=title, ylabel="% of the frames")
-    for row in known:
-        parts = (
-            [1e3 * each for each in samples_of(row, "seconds")],
-            [1e3 * each for each in samples_of(row, "generation_seconds") if each > 0],
-            samples_of(row, "triangles_each"),
-        )
-        for axes, values in zip(panels, parts, strict=True):
-            if values:
-                weights = np.full(len(values), 100.0 / len(parts[0]))
-                axes.hist(values, bins=40, weights=weights, color=BLUE)
-        panels[1].axvline(value_of(row, "budget_ms"), color=INK, linewidth=0.8, linestyle=":")
-        panels[1].set_xlim(left=0)
-        panels[2].xaxis.set_major_formatter(lambda value, _: _tick(value))
-        figure.suptitle(f"Frames as drawn by {row['opengl']}. Dotted: the budget.", x=0.01, ha="left")
-    return figure
-
-
 def _whole_frames(row: Row) -> list[float]:
     generation, choice = samples_of(row, "seconds"), samples_of(row, "choice_seconds")
     return [1e3 * (a + b) for a, b in zip(generation, choice, strict=True)]

@@ -1,4 +1,4 @@
-"""Latency from a brush stroke to the changed terrain in the view, and stalls of the window."""
+"""Latency from a brush stroke to the changed terrain, stalls of the window, times until a view is still."""
 
 from __future__ import annotations
 
@@ -6,23 +6,36 @@ import math
 import os
 import time
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
+from PIL import Image
 
-from sketchterrain.array_types import UInt8Array
+from sketchterrain.array_types import Float64Array, UInt8Array
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.plotting import BLUE, GREEN, GREY, HUES, INK, ORANGE, new_figure
+from sketchterrain.benchmarks.pictures import block_differences
+from sketchterrain.benchmarks.plotting import (
+    BLUE,
+    GREEN,
+    GREY,
+    HUES,
+    INK,
+    ORANGE,
+    Panel,
+    draw_bars,
+    new_figure,
+)
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, samples_of, value_of
 from sketchterrain.benchmarks.timing import TimedContext, spread
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceError
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.app import new_window
-from sketchterrain.ui.engine.protocol import ErrorReport, TerrainUpdated
+from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.models.painting import Stroke
 
 if TYPE_CHECKING:
@@ -49,29 +62,99 @@ def _application() -> QCoreApplication:
     return QApplication.instance() or QApplication([])
 
 
-class LatencyProbe:
-    """The program's window with its real processes, and a heartbeat in its event loop."""
+class EngineProbe:
+    """The real processes of a sketch's view, and the event loop that receives their frames."""
 
     def __init__(self, sketch: Sketch) -> None:
         if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
-        from PyQt6.QtCore import Qt, QTimer
-
-        from sketchterrain.ui.application import GarbageCollection
         from sketchterrain.ui.engine.link import EngineLink
         from sketchterrain.ui.models.document import Document
-        from sketchterrain.ui.models.workspace import Preferences
 
         self._application = _application()
         self._document = Document(sketch)
         self._link = EngineLink(self._document)
+        self.frames: list[tuple[float, msg.FrameFacts]] = []  # s of the monotonic clock when it was shown
+        self._errors: list[msg.ErrorReport] = []
+        self._requested = 0.0
+        self._link.frame_shown.connect(lambda facts: self.frames.append((time.monotonic(), facts)))
+        self._link.error_reported.connect(self._errors.append)
+
+    def start(self, view: msg.ViewState) -> float:
+        """Start the processes; return the seconds until the first frame."""
+        self._link.set_view(view)
+        return self._first_frame(self._link.start)
+
+    def turn(self) -> float:
+        """Turn the camera; return the seconds until the first frame that shows it."""
+        return self._first_frame(lambda: self._link.send(msg.Turn(_TURN, 0.0)))
+
+    def rest(self, seconds: float) -> None:
+        """Wait until so many seconds after the start or the last turn."""
+        self._pause(self._requested + seconds)
+
+    def settle(self) -> float:
+        """Wait for the refined picture; return the seconds since the start or the last turn."""
+        self._wait(lambda: self.frames[-1][1].converged)
+        return self.frames[-1][0] - self._requested
+
+    def compare_with_still(self) -> Float64Array:
+        """Return the differences between blocks of the displayed picture and of a still of its camera."""
+        written: list[str] = []
+        self._link.picture_written.connect(written.append)
+        facts, picture = self.frames[-1][1], self._link.picture
+        assert picture is not None  # noqa: S101 # a frame was shown
+        with TemporaryDirectory(prefix="sketchterrain-still-") as folder:
+            shown, still = (str(Path(folder, f"{name}.png")) for name in ("shown", "still"))
+            picture.save(shown)
+            self._link.send(msg.RenderPicture(still, facts.width, facts.height))
+            self._wait(lambda: bool(written))
+            pictures = [np.asarray(Image.open(path).convert("RGB")) for path in (shown, still)]
+        return block_differences(*pictures)
+
+    def end(self) -> None:
+        """End the processes."""
+        self._link.stop()
+
+    def _first_frame(self, request: Callable[[], None]) -> float:
+        """Return the seconds from a request to the first frame with another camera."""
+        before = self.frames[-1][1].pose if self.frames else None
+        self._requested = time.monotonic()
+        request()
+        self._wait(lambda: bool(self.frames) and self.frames[-1][1].pose != before)
+        return self.frames[-1][0] - self._requested
+
+    def _pause(self, until: float) -> None:
+        while (left := until - time.monotonic()) > 0.0:
+            self._application.processEvents()
+            time.sleep(min(left, 0.001))
+        self._application.processEvents()
+
+    def _wait(self, until: Callable[[], bool]) -> None:
+        end = time.monotonic() + _TIMEOUT
+        self._pause(time.monotonic() + 0.02)  # so that what was sent last is on its way
+        while not until():
+            if self._errors or time.monotonic() > end:
+                lines = "; ".join(each.line for each in self._errors) or "no answer"
+                raise DeviceError(f"the view does not follow: {lines}")
+            self._pause(time.monotonic() + 0.002)
+
+
+class LatencyProbe(EngineProbe):
+    """The program's window with its real processes, and a heartbeat in its event loop."""
+
+    def __init__(self, sketch: Sketch) -> None:
+        super().__init__(sketch)
+        from PyQt6.QtCore import Qt, QTimer
+
+        from sketchterrain.ui.application import GarbageCollection
+        from sketchterrain.ui.models.workspace import Preferences
+
         self._created: dict[int, float] = {}
-        self._followed: list[TerrainUpdated] = []
-        self._errors: list[ErrorReport] = []
+        self._followed: list[msg.TerrainUpdated] = []
         self._beats: list[float] = []
         self._link.sent.connect(self._created.__setitem__)
         self._link.terrain_updated.connect(self._followed.append)
-        self._link.error_reported.connect(self._errors.append)
         self._heart = QTimer(timerType=Qt.TimerType.PreciseTimer)  # type: ignore[call-arg] # a property
         self._heart.timeout.connect(lambda: self._beats.append(time.monotonic()))
         self._folder = TemporaryDirectory(prefix="sketchterrain-latency-")
@@ -80,13 +163,13 @@ class LatencyProbe:
         self._window.resize(1600, 900)
         self._window.show()
         self._link.start()
-        self._wait(lambda: self._link.frame is not None)
+        self._wait(lambda: bool(self.frames))
         self._garbage = GarbageCollection()
 
     def end(self) -> None:
         """Close the window and end the processes."""
         self._garbage.stop()
-        self._link.stop()
+        super().end()
         self._document.mark_saved(self._document.state, Path(self._folder.name))  # or it would ask
         self._window.close()
         self._window.deleteLater()
@@ -126,21 +209,6 @@ class LatencyProbe:
         final = max((each.version for each in self._followed if not each.draft), default=-1)
         return all(version <= final for version in self._created)
 
-    def _pause(self, until: float) -> None:
-        while (left := until - time.monotonic()) > 0.0:
-            self._application.processEvents()
-            time.sleep(min(left, 0.001))
-        self._application.processEvents()
-
-    def _wait(self, until: Callable[[], bool]) -> None:
-        end = time.monotonic() + _TIMEOUT
-        self._pause(time.monotonic() + 0.02)  # so that what was painted last is on its way
-        while not until():
-            if self._errors or time.monotonic() > end:
-                lines = "; ".join(each.line for each in self._errors) or "no answer"
-                raise DeviceError(f"the terrain does not follow what is painted: {lines}")
-            self._pause(time.monotonic() + 0.002)
-
 
 SEED: Final = 11
 STAGES: Final = ("waiting", "placing", "handing over", "tiles")
@@ -163,10 +231,28 @@ _COLUMNS = (
     Column("stall_ms", "longest stall, ms"),
     Column("stall_p95_ms", "95 % of stalls, ms"),
 )
+_TURN: Final = 3.0  # degrees
+_ALIKE: Final = 3.0  # ΔE
+_VIEWS = (
+    Column("preset", "preset"),
+    Column("first_s", "first frame, s"),
+    Column("still_s", "still, s"),
+    Column("turned_s", "still after a turn, s"),
+    Column("answer_ms", "motion while it refines, median, ms"),
+    Column("answer_most_ms", "most, ms"),
+    Column("memory_gb", "most memory, GB"),
+)
+_RESTING = (
+    Column("preset", "preset"),
+    Column("blocks", "blocks"),
+    Column("alike", f"within ΔE {_ALIKE:g}, %"),
+    Column("difference", "mean ΔE"),
+    Column("largest", "largest ΔE"),
+)
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
-    """Milliseconds from a stroke to changed terrain, and the window's longest stall, by the clock.
+    """Milliseconds from a stroke to changed terrain, stalls of the window, and seconds until a view is still.
 
     A sketch of 512 px with 20 shapes (18 blobs, a lake, a river) in the program's own window, with the real
     processes behind it on the device that they choose. Two ways of painting, in turns through six layers,
@@ -178,6 +264,11 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     `placing`, `handing over` (packing the recipe; the engine ends a frame that it draws) and `tiles` (what
     changed, and computing it): their means. A stall is how much later than 5 ms after the one before the
     window's event loop gets to a timer, while one paints.
+
+    The view of presets: seconds from the start of the engine's processes, with caches of earlier runs, to the
+    first frame and to the refined picture, and from a turn of 3° to that; how long a turn takes to be shown
+    at several moments of refinement; the most memory of the processes. The picture at rest is compared with a
+    still of the same camera, sun and clock by the mean colours of blocks of 16² pixels. Animation is off.
     """
     del context  # the processes open devices of their own
     probe = LatencyProbe(sketch_with_twenty_shapes())
@@ -187,7 +278,49 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         rows = [_row(probe, painting, count) for painting, count in counts.items()]
     finally:
         probe.end()
-    return Outcome((Table(f"From a stroke to changed terrain, seed {SEED}", _COLUMNS, tuple(rows)),))
+    views = tuple(_view(preset, effort) for preset in effort.view_presets)
+    size = "{} × {}".format(*effort.view_sizes[-1])
+    return Outcome(
+        (
+            Table(f"From a stroke to changed terrain, seed {SEED}", _COLUMNS, tuple(rows)),
+            Table(f"The view from start to still, {size}", _VIEWS, views),
+            Table(f"Window at rest beside the still of the same camera, {size}", _RESTING, views),
+        )
+    )
+
+
+def _view(preset: str, effort: Effort) -> Row:
+    """Open a preset, turn and wait; return the times, and how the picture at rest differs from the still."""
+    probe, answers = EngineProbe(load_sketch(preset)), []
+    width, height = effort.view_sizes[-1]
+    try:
+        first = probe.start(msg.ViewState(width=width, height=height, plays=False))
+        still = probe.settle()
+        probe.turn()
+        turned = probe.settle()
+        for seconds in effort.view_moments:
+            probe.turn()
+            probe.rest(seconds)
+            answers.append(probe.turn())
+        probe.settle()
+        memory = max(facts.memory for _, facts in probe.frames)
+        differences = probe.compare_with_still()
+    finally:
+        probe.end()
+    return {
+        "preset": preset,
+        "first_s": first,
+        "still_s": still,
+        "turned_s": turned,
+        "answer_ms": float(np.median(answers)) * 1e3,
+        "answer_most_ms": max(answers) * 1e3,
+        "memory_gb": memory * 1e-9,
+        "answer_seconds": answers,
+        "blocks": differences.size,
+        "alike": 100.0 * float(np.mean(differences <= _ALIKE)),
+        "difference": float(differences.mean()),
+        "largest": float(differences.max()),
+    }
 
 
 def sketch_with_twenty_shapes() -> Sketch:
@@ -304,3 +437,16 @@ def draw_live(rows: Sequence[Row]) -> Any:
     parts.set(xlabel="ms, mean", title="Where the time goes")
     parts.legend(frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=8)
     return figure
+
+
+_PANELS = (
+    Panel(
+        "There after",
+        "s",
+        {"first frame": "first_s", "still": "still_s", "still after a turn": "turned_s"},
+        asked=(3.0, 8.0, 4.0),
+    ),
+    Panel("A turn while it refines", "ms", {"median": "answer_ms", "most": "answer_most_ms"}, asked=(50.0,)),
+)
+draw_views = partial(draw_bars, "The view from start to still", _PANELS, ("preset",))
+"""Draw the times until views are there and still, and those of motion meanwhile."""

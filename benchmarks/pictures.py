@@ -1,35 +1,40 @@
-"""Image error against time of rendering qualities."""
+"""Image error against time of rendering qualities, of frames of a flight, and the time of previews."""
 
 from __future__ import annotations
 
 import statistics
 from dataclasses import dataclass, replace
+from functools import partial
+from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Final
+from unittest.mock import patch
 
 import numpy as np
 from skimage.color import deltaE_ciede2000, rgb2lab
+from skimage.measure import block_reduce
 
-from sketchterrain.benchmarks.plotting import HUES, SMALL, new_figure
+from sketchterrain.benchmarks.plotting import HUES, SMALL, Panel, draw_bars, new_figure
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
+from sketchterrain.benchmarks.timing import run_program, spread
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceError
+from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.programs import close_context, open_context
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import find_sun
-from sketchterrain.render.views import find_view
+from sketchterrain.render.views import find_view, tour
 from sketchterrain.terrain.building import build
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
-    from sketchterrain.array_types import UInt8Array
+    from sketchterrain.array_types import Float64Array, UInt8Array
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.render.camera import Camera
     from sketchterrain.render.sky import Sun
     from sketchterrain.terrain.terrain import Terrain
 
@@ -61,6 +66,30 @@ _WITHOUT = (
     Column("share", "of the whole, %"),
     Column("difference", "difference, ΔE"),
 )
+FLIGHT_RATE: Final = 20.0
+"""Frames a second of the automatic flight, as asked of two cores at 1280 × 720."""
+_WARM_UP: Final = 60  # frames of up to a second, at most, until the first picture is complete
+_CHANGE: Final = 8  # of 255, from which a pixel counts as changed
+_STAGES: Final = ("generation", "light", "plant", "draw")
+_MOTION = (
+    Column("preset", "preset"),
+    Column("size", "px"),
+    Column("fps", "frames a second"),
+    Column("median_ms", "median, ms"),
+    Column("p95_ms", "95 %, ms"),
+    *(Column(f"{stage}_ms", f"{stage}, ms") for stage in _STAGES),
+    Column("within", "tiles within the budget, % of frames"),
+    Column("triangles", "triangles"),
+    Column("difference", "difference from stills, ΔE"),
+    Column("plants_moving", "plants, px"),
+    Column("plants_still", "in stills, px"),
+)
+_PREVIEWS = (
+    Column("preset", "preset"),
+    Column("seconds", "s"),
+    Column("preview_s", "preview alone, s"),
+    Column("megabytes", "most memory, MB"),
+)
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
@@ -72,14 +101,23 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     nothing: all that has to be made once for the first picture, start of the renderer included. Difference:
     the mean over all pixels of CIEDE2000 to the whole picture of quality 1 of the same size; about 1 is just
     noticeable side by side. Parts: the last view at quality 1 without one part, the same way.
+
+    In motion: frames of the automatic flight at the quality that suits the driver, 1/20 s apart, after a
+    complete picture; means of the stages (generation: of tiles) and triangles. At places along it a frame is
+    compared with the picture of quality 1 of its camera and clock; plants are the pixels that differ without
+    them.
+
+    `generate` with its preview: seconds by the clock of a fresh process, its start included, of the preview
+    in it, which other stages share the machine with, and the most memory that it has had; medians of rounds.
     """
     qualities: list[Row] = []
     parts: list[Row] = []
+    motion: list[Row] = []
     try:
         gl = open_context()
     except DeviceError as error:
         qualities.append({"opengl": "absent", "note": str(error)})
-        return _outcome(qualities, parts, effort)
+        return _outcome(qualities, parts, motion, [], effort)
     try:
         for preset, kind in effort.picture_views:
             scene, view = _scene(context, preset, kind), f"{preset}, {kind}"
@@ -91,17 +129,26 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         lacking = {part: replace(whole, without=frozenset([part])) for part in effort.picture_parts}
         each_part = _rounds(gl, scene, {"": whole, **lacking}, effort, moving=False)
         parts += [_part_row(view, part, each_part) for part in effort.picture_parts]
+        for preset in effort.view_presets:
+            terrain = build(load_sketch(preset), device=context)
+            motion += [_motion_row(gl, terrain, preset, size, effort) for size in effort.view_sizes]
     finally:
         close_context(gl)
-    return _outcome(qualities, parts, effort)
+    device = ["--device", str(context.device.index), *(["--fast"] if context.fast else [])]
+    previews = [_preview_row(preset, effort, device) for preset in effort.view_presets]
+    return _outcome(qualities, parts, motion, previews, effort)
 
 
-def _outcome(qualities: list[Row], parts: list[Row], effort: Effort) -> Outcome:
+def _outcome(
+    qualities: list[Row], parts: list[Row], motion: list[Row], previews: list[Row], effort: Effort
+) -> Outcome:
     size = "{} × {}".format(*effort.picture_size)
     return Outcome(
         (
             Table(f"Pictures by quality, {size}", _QUALITIES, tuple(qualities)),
             Table(f"Parts of a picture of quality 1, {size}", _WITHOUT, tuple(parts)),
+            Table("In motion", _MOTION, tuple(motion)),
+            Table(f"`generate`, {effort.batch_size} vertices along a side", _PREVIEWS, tuple(previews)),
         )
     )
 
@@ -128,6 +175,12 @@ class _Found:
 def difference(a: UInt8Array, b: UInt8Array) -> float:
     """Return the mean of CIEDE2000 over all pixels of two pictures of one size."""
     return float(np.mean(deltaE_ciede2000(rgb2lab(a), rgb2lab(b))))
+
+
+def block_differences(a: UInt8Array, b: UInt8Array) -> Float64Array:
+    """Return CIEDE2000 between the mean colours of blocks of 16² pixels of two pictures, (rows, columns)."""
+    means = (rgb2lab(block_reduce(each / 255.0, (16, 16, 1), np.mean)) for each in (a, b))
+    return np.asarray(deltaE_ciede2000(*means), np.float64)
 
 
 def _scene(context: ComputeContext, preset: str, kind: str) -> _Scene:
@@ -212,6 +265,86 @@ def _part_row(view: str, part: str, found: Mapping[str, _Found]) -> Row:
     }
 
 
+def _motion_row(gl: Any, terrain: Terrain, preset: str, size: tuple[int, int], effort: Effort) -> Row:
+    """Draw the automatic flight, and compare some of its frames with stills."""
+    times = np.arange(effort.view_frames + 1) / FLIGHT_RATE  # the first frame is not timed
+    cameras = _flight_cameras(terrain, times)
+    places = np.linspace(1, effort.view_frames, effort.view_places, dtype=int).tolist()
+    sun, quality = find_sun(terrain, cameras[0]), Quality.for_renderer(str(gl.info["GL_RENDERER"]))
+    framebuffer = gl.framebuffer([gl.texture(size, 4)])
+    renderer = Renderer(gl, terrain, sun=sun, quality=quality)
+    any(renderer.frame(cameras[0], framebuffer, elapsed=1.0, budget=1.0).converged for _ in range(_WARM_UP))
+    seconds, frames, moving, still = [], [], [], []
+    for number, (camera, clock) in enumerate(zip(cameras, times.tolist(), strict=True)):
+        start = perf_counter()
+        frames.append(renderer.frame(camera, framebuffer, elapsed=1.0 / FLIGHT_RATE, clock=clock))
+        gl.finish()
+        seconds.append(perf_counter() - start)
+        if number in places:
+            again = partial(renderer.frame, camera, framebuffer, elapsed=0.0, clock=clock, budget=0.0)
+            moving.append(_plants_of(renderer, framebuffer, again))
+    renderer.release()
+    renderer = Renderer(gl, terrain, sun=sun, quality=Quality.from_level(BEST))
+    for number in places:
+        renderer.prepare(cameras[number], size)
+        draw = partial(renderer.draw, cameras[number], framebuffer, clock=float(times[number]))
+        draw()
+        still.append(_plants_of(renderer, framebuffer, draw))
+    renderer.release()
+    differences = [difference(a, b) for (a, _), (b, _) in zip(moving, still, strict=True)]
+    stats = {
+        key: np.array([getattr(each, key) for each in frames[1:]], np.float64)
+        for key in ("triangles", *(f"{stage}_seconds" for stage in _STAGES))
+    }
+    return {
+        "preset": preset,
+        "size": "{} × {}".format(*size),
+        "fps": 1.0 / statistics.mean(seconds[1:]),
+        **spread(seconds[1:]).cells("frames"),
+        **{f"{stage}_ms": 1e3 * float(stats[f"{stage}_seconds"].mean()) for stage in _STAGES},
+        "within": 100.0 * float(np.mean(stats["generation_seconds"] <= quality.budget)),
+        "triangles": round(stats["triangles"].mean()),
+        "difference": statistics.mean(differences),
+        "plants_moving": sum(plants for _, plants in moving),
+        "plants_still": sum(plants for _, plants in still),
+        "frame_seconds": seconds[1:],
+        "differences": differences,
+    }
+
+
+def _flight_cameras(terrain: Terrain, times: Float64Array) -> list[Camera]:
+    states = tour(terrain, seconds=float(times[-1])).at(times)
+    rows = zip(states.eye.tolist(), states.target.tolist(), states.fov.tolist(), strict=True)
+    return [Camera(tuple(eye), tuple(target), fov=fov) for eye, target, fov in rows]
+
+
+def _plants_of(renderer: Renderer, framebuffer: Any, draw: Callable[[], object]) -> tuple[UInt8Array, int]:
+    """Return the last picture, and how many of its pixels change if it is drawn without plants."""
+    picture = read_picture(framebuffer.color_attachments[0])
+    with patch.object(renderer.scenery.forest, "draw", lambda *_, **__: iter(())):
+        draw()
+    without = read_picture(framebuffer.color_attachments[0])
+    return picture, int(np.count_nonzero(np.abs(picture.astype(np.int16) - without).max(axis=-1) > _CHANGE))
+
+
+def _preview_row(preset: str, effort: Effort, device: Sequence[str]) -> Row:
+    """Run `generate` in fresh processes."""
+    words = ["generate", preset, "--size", str(effort.batch_size), "--json", *device]
+    seconds, reports = [], []
+    for _ in range(effort.batch_rounds):
+        with TemporaryDirectory() as folder:
+            start = perf_counter()
+            reports.append(run_program([*words, "-o", folder]))
+            seconds.append(perf_counter() - start)
+    return {
+        "preset": preset,
+        "seconds": statistics.median(seconds),
+        "preview_s": statistics.median(report["timings"]["preview"] for report in reports),
+        "megabytes": max(report["peak_memory"] for report in reports) * 1e-6,
+        "seconds_each": seconds,
+    }
+
+
 def draw_qualities(rows: Sequence[Row]) -> Any:
     """Draw the time of a picture by its quality, and its difference from the best against that time."""
     figure = new_figure(11.0, 6.4)
@@ -247,25 +380,23 @@ def draw_qualities(rows: Sequence[Row]) -> Any:
     return figure
 
 
-def draw_parts(rows: Sequence[Row]) -> Any:
-    """Draw what each part of the best picture takes, and how much of the picture it is."""
-    figure = new_figure(11.0, 3.6)
-    left, right = figure.subplots(1, 2)
-    parts = list(dict.fromkeys(str(row["part"]) for row in rows))
-    views = list(dict.fromkeys(str(row["view"]) for row in rows))
-    thick = 0.8 / max(len(views), 1)
-    for number, (view, hue) in enumerate(zip(views, HUES, strict=False)):
-        of_view = {str(row["part"]): row for row in rows if row["view"] == view}
-        at = np.arange(len(parts)) + (number - (len(views) - 1) / 2) * thick
-        for axes, key in ((left, "spared_ms"), (right, "difference")):
-            values = [value_of(of_view[part], key) for part in parts]
-            axes.barh(at, values, height=thick, color=hue, label=view)
-    for axes, title, unit in ((left, "time that it takes", "ms"), (right, "what it changes", "ΔE 2000")):
-        axes.set(title=title, xlabel=unit, yticks=range(len(parts)), yticklabels=parts)
-        axes.invert_yaxis()
-    left.legend(fontsize=SMALL, frameon=False)
-    return figure
-
-
 def _number(row: Row) -> float:
     return value_of(row, "number")
+
+
+_MOTION_PANELS = (
+    Panel("Rate", "frames a second", {"mean": "fps"}, asked=(FLIGHT_RATE, 25.0)),
+    Panel("Stages of a frame", "ms, mean", {stage: f"{stage}_ms" for stage in _STAGES}),
+    Panel("Difference from stills", "ΔE 2000", {"mean": "difference"}, asked=(5.0,)),
+)
+_PREVIEW_PANELS = (
+    Panel("Time", "s", {"whole": "seconds", "preview": "preview_s"}, asked=(10.0,)),
+    Panel("Memory", "MB", {"most": "megabytes"}, asked=(1200.0,)),
+)
+_PART_PANELS = (
+    Panel("Time that it takes", "ms", {"spared": "spared_ms"}),
+    Panel("What it changes", "ΔE 2000", {"mean": "difference"}),
+)
+draw_parts = partial(draw_bars, "Parts of a picture of quality 1", _PART_PANELS, ("part",))
+draw_motion = partial(draw_bars, "In motion over the automatic flight", _MOTION_PANELS, ("preset", "size"))
+draw_previews = partial(draw_bars, "generate with its preview", _PREVIEW_PANELS, ("preset",))

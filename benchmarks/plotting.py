@@ -1,6 +1,9 @@
 """Colours, figures and axes that all charts share. matplotlib comes with the extra ``bench``."""
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from sketchterrain.benchmarks.report import Row, value_of
 
 # Okabe and Ito's palette, distinguishable by colour-blind readers.
 BLUE, SKY, VERMILION, GREEN, PURPLE, ORANGE = "#0072B2", "#56B4E9", "#D55E00", "#009E73", "#AA5586", "#E69F00"
@@ -48,3 +51,32 @@ def plain_numbers(*axes: Any) -> None:
     for axis in axes:
         axis.set_major_formatter(FormatStrFormatter("%g"))
         axis.set_minor_formatter(NullFormatter())
+
+
+class Panel(NamedTuple):
+    """A panel of bars: its title and unit, the rows' key of each series, and the values asked for."""
+
+    title: str
+    unit: str
+    series: Mapping[str, str]
+    asked: tuple[float, ...] = ()
+
+
+def draw_bars(title: str, panels: Sequence[Panel], names: Sequence[str], rows: Sequence[Row]) -> Any:
+    """Draw panels with a group of bars for each row, named by some of its cells; dotted: what is asked."""
+    dotted = ". Dotted: asked." if any(panel.asked for panel in panels) else ""
+    figure = new_figure(1.5 + 3.7 * len(panels), 1.6 + 0.4 * len(rows), title + dotted)
+    labels = [", ".join(str(row[name]) for name in names) for row in rows]
+    every = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
+    for panel, axes in zip(panels, every, strict=True):
+        thick = 0.8 / len(panel.series)
+        for number, ((name, key), hue) in enumerate(zip(panel.series.items(), HUES, strict=False)):
+            places = [place + (number + 0.5) * thick - 0.4 for place in range(len(rows))]
+            axes.barh(places, [value_of(row, key) for row in rows], height=thick, color=hue, label=name)
+        for asked in panel.asked:
+            axes.axvline(asked, color=INK, linewidth=1.0, linestyle=":")
+        axes.set(title=panel.title, xlabel=panel.unit, ylim=(len(rows) - 0.5, -0.5))
+        if len(panel.series) > 1:
+            axes.legend(fontsize=SMALL, frameon=False, ncols=2, loc="upper left", bbox_to_anchor=(0.0, -0.25))
+    every[0].set_yticks(range(len(rows)), labels)
+    return figure

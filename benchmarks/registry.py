@@ -18,7 +18,6 @@ from sketchterrain.benchmarks import (
     pictures,
     speed,
     splines,
-    updates,
     worlds,
 )
 from sketchterrain.benchmarks import points as blue_noise
@@ -63,7 +62,6 @@ BENCHMARKS = {
             speed.measure,
         ),
         Benchmark("culling", "dune fields at one density, in any world", str(BARE_SEED), culling.measure),
-        Benchmark("updates", "dune fields as for culling", str(BARE_SEED), updates.measure),
         Benchmark(
             "points",
             "a square, and its middle for spectra",
@@ -74,10 +72,8 @@ BENCHMARKS = {
             "splines", "splines and places that drive methods to failure", str(splines.SEED), splines.measure
         ),
         Benchmark("flight", "valley_river over 4096 m, and a round over it", _OWN, flight.measure),
-        Benchmark("live", "20 shapes on 512 px", str(live.SEED), live.measure),
-        Benchmark(
-            "pictures", "valley_river, from the ground; full run: from high above too", _OWN, pictures.measure
-        ),
+        Benchmark("live", "20 shapes on 512 px, and views of presets", str(live.SEED), live.measure),
+        Benchmark("pictures", "valley_river, and flights over presets", _OWN, pictures.measure),
         Benchmark("erosion", "the middle of alpine_range, 8 km wide in a full run", _OWN, erosion.measure),
         Benchmark(
             "landforms",

@@ -1,15 +1,18 @@
 """Timing: laps of work, in rounds that alternate between the methods compared."""
 
+import json
 import math
+import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter, process_time
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.io.resources import Defines
+from sketchterrain.io.system import module_command
 
 Name = TypeVar("Name")
 
@@ -116,3 +119,10 @@ def spread(seconds: Sequence[float]) -> Spread:
     """Return the median and the 95th percentile (linear between samples) of at least one time."""
     median, p95 = np.percentile(np.asarray(seconds, dtype=np.float64), [50, 95])
     return Spread(float(median), float(p95), len(seconds))
+
+
+def run_program(words: Sequence[str]) -> dict[str, Any]:
+    """Run a command of the program in a fresh process and return its report in JSON."""
+    done = subprocess.run(module_command("sketchterrain", *words), check=True, capture_output=True)
+    report: dict[str, Any] = json.loads(done.stdout)
+    return report

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import shutil
-import subprocess
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +13,7 @@ import numpy as np
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.plotting import BLUE, INK, SMALL, VERMILION, new_figure, plain_numbers
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
-from sketchterrain.io.system import module_command
+from sketchterrain.benchmarks.timing import run_program
 
 if TYPE_CHECKING:
     from sketchterrain.benchmarks.timing import TimedContext
@@ -79,7 +77,7 @@ def _world(folder: Path, side: int, words: Sequence[str]) -> tuple[dict[str, Any
     """Write a world, and return what the program told of it, and its bytes by layer."""
     output = folder / f"{side}.zarr"
     bounds = f"0,0,{side - 1},{side - 1}"
-    report = _run(["world", SKETCH, "--bounds", bounds, "-o", str(output), "--json", *words])
+    report = run_program(["world", SKETCH, "--bounds", bounds, "-o", str(output), "--json", *words])
     vertices = report["estimate"]["vertices"]
     rows: list[Row] = []
     for layer, raw in (("height", 4), ("normal", 3), ("materials", 8)):
@@ -130,12 +128,6 @@ def _workers(folder: Path, effort: Effort, device: Sequence[str]) -> list[Row]:
         }
         for name, seconds in took.items()
     ]
-
-
-def _run(words: Sequence[str]) -> dict[str, Any]:
-    done = subprocess.run(module_command("sketchterrain", *words), check=True, capture_output=True)
-    report: dict[str, Any] = json.loads(done.stdout)
-    return report
 
 
 def draw_worlds(rows: Sequence[Row]) -> Any:

@@ -131,6 +131,7 @@ ON_SHARED: Final = 0.5
 ON_CARD: Final = 0.8
 _LEVELS: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
 _TOLERANCES: Final = (24.0, 10.0, 2.0, 1.4, 1.0)
+_FINEST_QUADS: Final = (8.0, 5.0, 1.5, 1.2, 1.0)
 _STEEPS: Final = (64.0, 16.0, 4.0, 2.8, 2.0)
 _CANOPIES: Final = (250.0, 400.0, 1000.0, 1550.0, 2400.0)
 _LEAVES: Final = (0.15, 0.25, 0.6, 0.77, 1.0)
@@ -139,7 +140,7 @@ _PLANTS: Final = (4e3, 8e3, 3e4, 6e4, 1.2e5)
 _COVER_LEVELS: Final = (0.3, 0.5, 1.0)  # levels of `_GRASS` and `_BLADES`: no ground cover below the first
 _GRASS: Final = (30.0, 60.0, 110.0)
 _BLADES: Final = (0.3, 0.55, 1.0)
-_MOVING_SCALES: Final = (0.26, 0.35, 0.5, 0.7, 1.0)
+_MOVING_SCALES: Final = (0.22, 0.3, 0.5, 0.7, 1.0)
 
 
 @dataclass(frozen=True)
@@ -152,6 +153,7 @@ class Quality:
 
     tolerance: float = 1.0  # τ: deviation of the drawn terrain, px of the whole picture; 24 at level 0
     neighbour_limit: float = 2.0  # error of a parent along a coarser neighbour, in tolerances; 64 at level 0
+    finest_quad: float = 1.0  # width of quads that are not split, px of the whole picture; 8 at level 0
     draw_distance: float = 7.0  # at the terrain, extents; grows with the eye's height
     samples: int = 2  # visibility samples a pixel along each axis (shading takes one a pixel)
     materials: int = 3  # blended materials a pixel, kernels/render/shade_ground.frag.glsl; with ...
@@ -199,6 +201,7 @@ class Quality:
         return cls(
             tolerance=_interpolate(level, _TOLERANCES),
             neighbour_limit=_interpolate(level, _STEEPS),
+            finest_quad=_interpolate(level, _FINEST_QUADS),
             draw_distance=3.0 + 4.0 * level,
             samples=2 if level >= 0.75 else 1,
             materials=3 if level >= 0.75 else 2 if level >= 0.4 else 1,
@@ -222,7 +225,7 @@ class Quality:
             else 0.0,
             ground_cover_density=float(np.interp(level, _COVER_LEVELS, _BLADES)),
             moving_scale=_interpolate(level, _MOVING_SCALES),
-            quads=64 if rich else 32,
+            quads=64 if rich else 16,
             tile_memory=round((128 << 20) * 4.0**level),
             budget=0.006 + 0.004 * level,
             without=frozenset(without),

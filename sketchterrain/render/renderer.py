@@ -210,7 +210,7 @@ class Renderer:
         inner = (max(round(size[0] * scale), 1), max(round(size[1] * scale), 1))
         start = self._timer()
         with self._timed("draw"):
-            for _ in self._drawn(clipped, framebuffer, inner, clock=clock, moving=not complete):
+            for _ in self._drawn(clipped, framebuffer, inner, clock=clock, moving=moves or not complete):
                 pass
         draw_seconds = self._timer() - start
         if full_size:

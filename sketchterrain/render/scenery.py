@@ -79,7 +79,8 @@ class Scenery:
             self._sky = Sky(context, sun, weather, extent=terrain.extent)
             self._cloudiness = cloud_defines(quality, weather)
             self.shading, self._clouds = self._lighting()
-        metric = ScreenError(quality.tolerance, QUAD * max(quality.tolerance / 2.0, 1.0))
+        widest = QUAD * max(quality.tolerance / 2.0, 1.0)
+        metric = ScreenError(quality.tolerance, widest, finest=quality.finest_quad)
         self.stream = TerrainStream(context, terrain, quality, metric=metric, resources=resources)
         self.lit = GroundLighting(
             context,

@@ -215,7 +215,7 @@ def vertex_dtype(materials: int) -> np.dtype[np.void]:
 FACTS: Final = np.dtype([("low", "f8"), ("high", "f8"), ("error", "f8")])
 """Facts of a tile, m: see :meth:`~sketchterrain.terrain.terrain.Terrain.write_tiles`."""
 
-TILE_QUADS: Final = (32, 64, 128, 256)
+TILE_QUADS: Final = (16, 32, 64, 128, 256)
 """Valid numbers of quads along a tile's side."""
 
 

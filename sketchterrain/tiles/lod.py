@@ -16,6 +16,7 @@ from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.errors import InputError
@@ -67,11 +68,13 @@ class ScreenError:
     """Split a tile while its error δ may cover more than τ pixels (Rocca et al. 2012, §5.1).
 
     δ is vertical, so it counts by the sine of the angle between the line of sight and the vertical. Normals
-    and materials are stored at vertices too: quads are never wider than `quad` pixels.
+    and materials are stored at vertices too: quads are never wider than `quad` pixels. A cliff has a large δ
+    however narrow its quads, yet is drawn as far off as one is wide: those narrower than `finest` are kept.
     """
 
     tolerance: float = 1.0  # τ, px, > 0
     quad: float = 32.0  # greatest width of a quad, px, > 0, seen head on
+    finest: float = 0.0  # width of quads that are not split, px, seen head on
     neighbour_limit: float = 2.0  # beside a coarser neighbour a tile's children show the parent's surface
 
     def __post_init__(self) -> None:
@@ -89,11 +92,14 @@ class ScreenError:
         """
         seen = screen_errors(view, boxes, errors) / self.tolerance
         distance, _ = eye_distances(view, boxes)
-        return np.maximum(seen, cells * view.pixels_per_radian / distance / self.quad)
+        width = cells * view.pixels_per_radian / distance
+        return np.maximum(np.minimum(seen, width / max(self.finest, 1e-9)), width / self.quad)
 
     def relaxed(self, factor: float) -> Self:
         """Return the metric with `factor` times the tolerance."""
-        return replace(self, tolerance=self.tolerance * factor, quad=self.quad * factor)
+        return replace(
+            self, tolerance=self.tolerance * factor, quad=self.quad * factor, finest=self.finest * factor
+        )
 
 
 def eye_distances(view: CameraView, boxes: Boxes) -> tuple[Float64Array, Float64Array]:
@@ -131,49 +137,69 @@ _SHELL: Final = 1.15
 
 def occluded(view: CameraView, boxes: Boxes, ground: Boxes | None = None) -> npt.NDArray[np.bool_]:
     """Return which boxes, (n,), are hidden by `ground` boxes side by side (default: by each other)."""
-    hidden = np.zeros(len(boxes.low), np.bool_)
+    ground = boxes if ground is None else ground
     eye = np.asarray(view.eye)
     near, far = horizontal_distances(view, boxes)
     first, last = _bearings(eye, boxes)
     most = _tangent(boxes.high[:, 2] - eye[2], near, far)
-    rising = _Horizon(view, boxes if ground is None else ground)
-    shell = np.floor(np.log(np.maximum(near, 1e-3)) / np.log(_SHELL))
-    beside = near > 0.0
-    for number in np.unique(shell[beside]):
-        here = np.flatnonzero(beside & (shell == number))
-        # Not the nearest of these: the result must not depend on which other tiles are tested.
-        horizon = rising.up_to(_SHELL**number * (1 - 1e-9))
-        tile, bearing = _expand_steps(np.floor(first[here]), np.ceil(last[here]))
-        lowest = np.full(len(here), np.inf)
-        np.minimum.at(lowest, tile, horizon[bearing])
-        hidden[here] = most[here] < lowest
+    ground_near, ground_far = horizontal_distances(view, ground)
+    ground_first, ground_last = _bearings(eye, ground)
+    least = _tangent(ground.low[:, 2] - eye[2], ground_far, ground_near)
+    beside = ground_near > 0.0
+    raising = np.flatnonzero(beside)[np.argsort(ground_far[beside])]
+    # Not the nearest of a shell: the result must not depend on which other tiles are tested.
+    limit = _SHELL ** np.floor(np.log(np.maximum(near, 1e-3)) / np.log(_SHELL)) * (1 - 1e-9)
+    tested = np.flatnonzero(near > 0.0)
+    tested = tested[np.argsort(limit[tested], kind="stable")]
+    hidden = np.zeros(len(near), np.bool_)
+    _test_against_horizon(
+        hidden,
+        tested,
+        limit,
+        np.floor(first).astype(np.int64),
+        np.ceil(last).astype(np.int64),
+        most,
+        raising,
+        ground_far,
+        # Only bearings wholly within a tile certainly meet it.
+        np.ceil(ground_first).astype(np.int64),
+        np.floor(ground_last).astype(np.int64),
+        least,
+    )
     return hidden
 
 
-class _Horizon:
-    """Horizon formed by terrain boxes, from near to far."""
+@njit(cache=True, nogil=True)
+def _test_against_horizon(
+    hidden: npt.NDArray[np.bool_],
+    tested: npt.NDArray[np.int64],
+    limit: Float64Array,
+    first: Int64Array,
+    last: Int64Array,
+    most: Float64Array,
+    raising: npt.NDArray[np.int64],
+    far: Float64Array,
+    ground_first: Int64Array,
+    ground_last: Int64Array,
+    least: Float64Array,
+) -> None:
+    """Set which tested boxes, by rising limit (m), lie below the horizon of the ground within their limits.
 
-    def __init__(self, view: CameraView, ground: Boxes) -> None:
-        near, far = horizontal_distances(view, ground)
-        order = np.argsort(far)
-        order = order[near[order] > 0.0]
-        first, last = _bearings(np.asarray(view.eye), ground)
-        # Only bearings wholly within a tile certainly meet it.
-        self._first, self._last = np.ceil(first[order]), np.floor(last[order])
-        self._far = far[order]
-        self._least = _tangent(ground.low[:, 2] - view.eye[2], far, near)[order]
-        self._horizon = np.full(_BEARINGS, -np.inf)
-        self._raised = 0
-
-    def up_to(self, distance: float) -> Float64Array:
-        """Return the tangents that terrain within a distance (m) hides; distances must not decrease."""
-        end = int(np.searchsorted(self._far, distance, side="right"))
-        if end > self._raised:
-            some = slice(self._raised, end)
-            tile, bearing = _expand_steps(self._first[some], self._last[some])
-            np.maximum.at(self._horizon, bearing, self._least[some][tile])
-            self._raised = end
-        return self._horizon
+    A box covers steps `first` … `last` - 1 of the horizon; `most` and `least` are tangents of elevation.
+    """
+    horizon = np.full(_BEARINGS, -np.inf)
+    raised = 0
+    for box in tested:
+        while raised < len(raising) and far[raising[raised]] <= limit[box]:
+            tile = raising[raised]
+            for step in range(ground_first[tile], ground_last[tile]):
+                horizon[step % _BEARINGS] = max(horizon[step % _BEARINGS], least[tile])
+            raised += 1
+        hidden[box] = True
+        for step in range(first[box], last[box]):
+            if horizon[step % _BEARINGS] <= most[box]:
+                hidden[box] = False
+                break
 
 
 def _bearings(eye: Float64Array, boxes: Boxes) -> tuple[Float64Array, Float64Array]:
@@ -192,14 +218,6 @@ def _tangent(height: Float64Array, when_above: Float64Array, when_below: Float64
     """Return heights over one distance where above the eye, over the other where below."""
     distance = np.where(height > 0, when_above, when_below)
     return np.asarray(height / np.maximum(distance, 1e-9))
-
-
-def _expand_steps(first: Float64Array, last: Float64Array) -> tuple[Int64Array, Int64Array]:
-    """Return (item, step) pairs: each item repeated for its steps first … last - 1, on a circle."""
-    count = np.maximum(last - first, 0.0).astype(np.int64)
-    tile = np.repeat(np.arange(len(first)), count)
-    along = np.arange(len(tile)) - np.repeat(np.cumsum(count) - count, count)
-    return tile, (first.astype(np.int64)[tile] + along) % _BEARINGS
 
 
 RAMP: Final = 0.25

@@ -200,11 +200,11 @@ class TileStream:
         self._reuses_tree = any(view.velocity) and not self._reuses_tree
         target = self._target_tree(view)
         stale = self.pool.stale_tiles()
-        self._missing = bool(target.missing.size or stale.size)
         seen = target.urgency > UNSEEN_URGENCY
         self._complete = not seen.any()
         self._protect(view, target)
-        codes = target.missing if self._complete else target.missing[seen]
+        codes = target.missing[seen] if still or not self._complete else target.missing
+        self._missing = bool((codes if still else target.missing).size or stale.size)
         if not codes.size and self._reuses_tree:
             codes = self._selector.target_tree(view.extrapolated(self._lookahead[0]), self.pool).missing
             self._lookahead.rotate()
@@ -270,7 +270,7 @@ class TileStream:
         self, view: CameraView, generate: Callable[[Batch], npt.NDArray[Any]], *, still: bool = False
     ) -> DrawList:
         """Generate what a view shows, and return it; ``generate(batch)`` returns properties."""
-        while (batch := self._plan_or_relax(view, still=still)) and not self.has_still:
+        while batch := self._plan_or_relax(view, still=still):
             self.mark_generated(batch, generate(batch), seconds=None)
         self.jump(view)
         return self.advance(view, elapsed=np.inf)

@@ -181,7 +181,7 @@ def test_height_maps_interpolate_a_plane_exactly():
     assert np.allclose(plane.at(x, y), (x - 100.0) + 2 * (y + 50.0))
 
 
-CHEAPER_WHEN_GREATER = {"tolerance", "neighbour_limit", "thinning_pixels"}
+CHEAPER_WHEN_GREATER = {"tolerance", "neighbour_limit", "finest_quad", "thinning_pixels"}
 FIXED = {"plant_distance"}
 
 

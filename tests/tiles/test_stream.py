@@ -7,7 +7,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.tiles import stream as stream_module
 from sketchterrain.tiles.lod import ScreenError
 from sketchterrain.tiles.quadtree import contains, decode, keys_of, parent_of
-from sketchterrain.tiles.refinement import ROOT_LEVEL
+from sketchterrain.tiles.refinement import ROOT_LEVEL, TileSelector
 from sketchterrain.tiles.stream import MORPH_SECONDS, TileStream
 
 from .conftest import codes_of
@@ -144,6 +144,20 @@ def test_a_still_shows_the_tiles_of_the_whole_view_and_generates_fewer(toy, eye)
         expected = whole.generate_all(view, toy.generate)
         draws = still.generate_all(view, toy.generate, still=True)
         assert sorted(draws.keys) == sorted(expected.keys)
+
+
+def test_all_tiles_that_count_as_cached_are_generated(toy, monkeypatch):
+    """Also if some that are not visible are still missing when a still is complete."""
+    monkeypatch.setattr(TileSelector, "_in_picture", lambda _, view, pool, excess, codes: codes >= 0)
+    view = toy.view_from(EYES[0], heading=0.5, everywhere=False)
+    stream, written = toy.new_stream(metric=ScreenError(1.0, quad=1e9)), set()
+
+    def generate(batch):
+        written.update(batch.keys)
+        return toy.generate(batch)
+
+    stream.generate_all(view, generate, still=True)
+    assert set(keys_of(stream.pool.tiles()[0])) == written
 
 
 def test_a_small_pool_tolerates_more_error_without_holes(toy):

@@ -33,16 +33,6 @@ uniform sampler2D near_light;  // r: sun visibility, g: sky visibility, b: terra
 uniform sampler2D far_light;
 uniform sampler2D close_light;
 
-// Level of a texture; at the lowest quality a whole one, which CPU drivers read twice as fast as a mixture of two.
-float mip(float level)
-{
-#if MATERIALS == 1
-    return round(level);
-#else
-    return level;
-#endif
-}
-
 // Irradiance from sky and ground on a surface of normal n (Ramamoorthi & Hanrahan 2001).
 vec3 sky_irradiance(vec3 n)
 {

@@ -68,12 +68,12 @@ void main()
     float across = flow.x / max(stream.w, 0.1);
     float speed = stream.x * (0.15 + 0.85 * stream_profile(across));
     vec2 drift = lake ? (position.xy + eye.xy - wind * clock * 0.5) / 512.0 : vec2(flow.x / 24.0, (flow.y - stream.x * clock * 0.7) / 190.0);
-    vec4 patches = textureLod(noise_field, drift, mip(log2(max(pixel * (lake ? 1.0 : 8.0), 0.01))));
+    vec4 patches = textureLod(noise_field, drift, log2(max(pixel * (lake ? 1.0 : 8.0), 0.01)));
     float gust = smoothstep(-0.7, 0.9, patches.x);
     if (sea) {
         // Seen from high up the patches of a lake would repeat.
         vec2 wide_at = mat2(0.8, 0.6, -0.6, 0.8) * (position.xy + eye.xy - wind * clock) / GUSTS;
-        float wide = textureLod(noise_field, wide_at, mip(log2(max(pixel * 512.0 / GUSTS, 0.01)))).x;
+        float wide = textureLod(noise_field, wide_at, log2(max(pixel * 512.0 / GUSTS, 0.01))).x;
         gust = smoothstep(-0.9, 0.9, wide + 0.35 * patches.x / (1.0 + pixel / 4.0));
     }
     float roughness = sea ? wind_roughness(length(wind)) * (0.6 + 0.8 * gust) : lake ? wind_roughness(SHELTER * length(wind)) * (0.25 + 1.5 * gust)

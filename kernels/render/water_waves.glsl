@@ -47,7 +47,7 @@ Waves waves_at(vec2 place, vec2 velocity, float pixel, float roughness, float ti
         float share = sea ? layer.w : layer.z;
         if (share == 0.0) continue;
         mat2 turn = mat2(layer.x, -layer.y, layer.y, layer.x); // m -> texture, columns
-        float lod = mip(log2(max(pixel * length(layer.xy) * texels, 1e-3)));
+        float lod = log2(max(pixel * length(layer.xy) * texels, 1e-3));
         vec3 sum = vec3(0.0);
         for (int phase = 0; phase < 2; ++phase) {
             vec2 flow = flow_phase(time, float(phase));

@@ -436,3 +436,23 @@ def test_depth_state_is_restored_for_other_drawing(gl, waves):
     gl.vertex_array(sheet, []).render(vertices=3)
     gl.enable_only(moderngl.NOTHING)
     assert (read_picture(texture) == 0).all()
+
+
+def test_pictures_in_motion_shrink_while_drawing_is_slow_and_grow_again(gl, waves):
+    step = [0.0]
+    clock = SimpleNamespace(now=0.0)
+
+    def timer():
+        clock.now += step[0]
+        return clock.now
+
+    view = View(gl, waves, size=SMALL, quality=replace(CHEAP, moving_scale=0.3), timer=timer)
+    widths = []
+    for number in range(60):
+        step[0] = 0.04 if number < 30 else 0.001  # s from one look at the time to the next
+        eye = (500.0 + number, 100.0, 130.0)
+        widths.append(view.frame(replace(CAMERA, eye=eye), elapsed=0.05).size[0])
+    assert (np.diff(widths[:30]) <= 0).all()
+    assert widths[29] == round(0.3 * SMALL[0])
+    assert (np.diff(widths[31:]) >= 0).all()
+    assert widths[-1] == SMALL[0]

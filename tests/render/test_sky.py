@@ -1,6 +1,7 @@
 """Sky, clouds and weather: tables and shaders against integrals, photons and NumPy."""
 
 import dataclasses
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,6 +23,7 @@ from sketchterrain.render.atmosphere import (
 )
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.clouds import billow_noise, cloud_field
+from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.programs import FRAME_BINDING
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
@@ -43,6 +45,7 @@ from sketchterrain.render.sky import (
 )
 from sketchterrain.render.targets import NOISE_PERIOD, FrameBlock
 
+from .conftest import Waves
 from .test_shaders import evaluate
 
 CLEAR = Weather(clouds=0.0)
@@ -445,3 +448,34 @@ def test_sun_follows_hour_or_view_and_drift_the_wind(waves):
 
     assert np.allclose(Weather(wind=3.0, wind_from=270.0).drift, (3.0, 0.0))
     assert np.allclose(Weather(wind=2.0, wind_from=0.0).drift, (0.0, -2.0))
+
+
+@pytest.mark.gl
+def test_a_cloud_dome_shows_the_clouds_of_the_picture_also_after_the_eye_and_the_wind_moved(gl):
+    """Clouds are at least 1.9 km away: 200 m to the side turn them by 6° at most, which is corrected."""
+    size = (160, 90)
+    texture = gl.texture(size, 4)
+    framebuffer = gl.framebuffer([texture])
+    waves = Waves()
+    east = (0.0, 200.0)
+    cameras = [Camera((500.0 + x, 500.0, 80.0), (500.0 + x, 900.0, 250.0), fov=50.0) for x in east]
+    quality = replace(Quality.from_level(0.25), quads=64, map_texels=128, material_texels=128, cloud_steps=96)
+
+    def pictures(cloud_texels, *, clouds=0.5):
+        own = replace(quality, cloud_texels=cloud_texels)
+        weather = Weather(clouds=clouds, wind=5.0)
+        renderer = Renderer(gl, waves, sun=Sun(200.0, 40.0), weather=weather, quality=own)
+        renderer.prepare(cameras[0], size)
+        for number, camera in enumerate(cameras):
+            # Not as of a view at rest, whose dome is from its own place.
+            seen = renderer._clipped(camera)
+            for _ in renderer._drawn(seen, framebuffer, size, clock=10.0 * number, moving=True):
+                pass
+            yield read_picture(texture).astype(float)[: size[1] // 2]
+
+    (clear, _), expected, found = list(pictures(0, clouds=0.0)), list(pictures(0)), list(pictures(768))
+    clouds = np.abs(expected[0] - clear).mean()
+    assert clouds > 10.0
+    assert np.abs(expected[1] - expected[0]).mean() > 0.3 * clouds  # they moved
+    for number in range(2):
+        assert np.abs(found[number] - expected[number]).mean() < 0.25 * clouds, number

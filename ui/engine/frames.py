@@ -72,7 +72,7 @@ _LONGEST_STEP: Final = 0.1  # s by which a frame advances camera and clock at mo
 _REST_INTERVAL: Final = 0.4  # s between frames at rest, while a software renderer loads what they lack …
 _LOAD: Final = 0.035  # … for so many s at a time
 _JUMP: Final = 2.0  # s for what the first frame of another place shows
-_PROGRESS: Final = 3.0  # s at rest for which frames show what is loaded, before the still starts
+_PROGRESS: Final = 1.0  # s at rest for which frames show what is loaded, before the still starts
 _HOLD: Final = (0.12, 0.6)  # s for which refinement, and animation, wait for a pending terrain
 
 

@@ -157,8 +157,8 @@ class Water:
         meshes = [each.mesh(_NOWHERE) for each in objects if each.level is None]
         if meshes:
             self._anchors.append(meshes[0].position[0].copy())
-            *mesh, self._chunks = inland_mesh(meshes)
-            parts.append(tuple(mesh))
+            vertices, indices, self._chunks = inland_mesh(meshes)
+            parts.append((vertices, indices))
             self._commands = self._context.buffer(reserve=len(self._chunks.low) * COMMAND.itemsize)
         self._arrays = []
         if not parts:
@@ -217,7 +217,7 @@ class Water:
                     for _ in bands(targets.scene, parts):
                         if isinstance(anchor, float):
                             array.render()
-                        elif visible:
+                        elif visible and self._commands is not None:
                             array.render_indirect(self._commands, moderngl.TRIANGLES, count=visible)
                         yield
         finally:  # a picture in parts may be abandoned

@@ -87,7 +87,8 @@ def inland_mesh(
 def _stations(mesh: WaterSurface) -> npt.NDArray[np.intp]:
     """Return the (chunks, STATIONS + 1) stations of a river; the last one is repeated."""
     last = len(mesh.position) // ACROSS - 1
-    return np.minimum(np.arange(0, last, STATIONS)[:, None] + np.arange(STATIONS + 1), last)
+    first = np.arange(0, last, STATIONS)
+    return np.asarray(np.minimum(first[:, None] + np.arange(STATIONS + 1), last))
 
 
 def _strip_indices(mesh: WaterSurface) -> list[npt.NDArray[np.uint32]]:

@@ -169,7 +169,10 @@ def occluded(view: CameraView, boxes: Boxes, ground: Boxes | None = None) -> npt
     return hidden
 
 
-@njit(cache=True, nogil=True)
+_compiled = njit(cache=True, nogil=True)
+
+
+@_compiled  # type: ignore[untyped-decorator] # numba has no types
 def _test_against_horizon(
     hidden: npt.NDArray[np.bool_],
     tested: npt.NDArray[np.int64],

@@ -150,11 +150,14 @@ def customized_levels(
     order = [known.index(texture.name) for texture in table.layers.values()]
     levels = [(colour[order], relief[order]) for colour, relief in levels]
     for name in names:
-        index = list(table.layers).index(name)
+        index, look = list(table.layers).index(name), looks.get(name, {})
+        if name not in images and look.get("bump", 1.0) == 1.0 and look.get("roughness", -1.0) < 0.0:
+            _recolour([colour[index] for colour, _ in levels], look)
+            continue
         painted, relief = decode_level(levels[0][0][index], levels[0][1][index])
         if name in images:
             painted, relief = _with_images(table.layers[name], painted, images[name], relief, open_context)
-        painted, relief = _with_look(painted, relief, looks.get(name, {}))
+        painted, relief = _with_look(painted, relief, look)
         for level, (colour, slopes) in zip(levels, mipmaps(painted, relief), strict=True):
             level[0][index], level[1][index] = colour, slopes
     return levels
@@ -181,6 +184,19 @@ def _with_images(
     if "roughness" in images:
         relief[..., 2] = images["roughness"]
     return painted, relief
+
+
+def _recolour(levels: list[UInt8Array], look: Mapping[str, Any]) -> None:
+    """Apply the colour of a look to encoded levels (n, n, 4) of √albedo and height."""
+    if not look.get("colour"):
+        return
+    codes = np.arange(256) / 255.0
+    for channel, target in enumerate(linear_from_hex(str(look["colour"]))):
+        shares = np.bincount(levels[0][..., channel].ravel(), minlength=256) / levels[0][..., channel].size
+        gain = np.sqrt(target / max(float(shares @ codes**2), 1e-4))
+        scaled = np.rint(np.clip(gain * codes, 0.0, 1.0) * 255.0).astype(np.uint8)
+        for level in levels:
+            level[..., channel] = scaled[level[..., channel]]
 
 
 def _with_look(painted: Array, relief: Array, look: Mapping[str, Any]) -> tuple[Array, Array]:

@@ -240,6 +240,12 @@ def test_look_sets_mean_colour_roughness_and_bump(levels):
     assert (colour[others] == levels[0][0][others]).all()
     assert (relief[others] == levels[0][1][others]).all()
 
+    tinted = customized_levels(levels, BUILT_IN, {"rock": {"colour": "#405060"}}, {}, ComputeContext)
+    for (colour, relief), (_, own) in zip(tinted, levels, strict=True):
+        albedo = (colour[ROCK, ..., :3] / 255.0) ** 2
+        assert np.allclose(albedo.mean(axis=(0, 1)), linear_from_hex("#405060"), rtol=0.03)
+        assert (relief == own).all()
+
 
 def test_user_images_replace_their_maps(levels, tmp_path):
     save(tmp_path, "rock.png", np.full((8, 8, 3), (188, 128, 64), np.uint8))

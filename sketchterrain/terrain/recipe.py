@@ -19,12 +19,14 @@ from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.forests import COVER_NOISE
 from sketchterrain.terrain.layers.lakes import LakesLayer
 from sketchterrain.terrain.layers.layer import Sampling, TerrainLayer, WorldSettings
+from sketchterrain.terrain.layers.plateaus import PlateausLayer
 from sketchterrain.terrain.layers.points import PointsLayer
 from sketchterrain.terrain.layers.sea import SeaLayer
 from sketchterrain.terrain.noise import FINEST_CELL, NoiseStack, OctaveTable, octave_table
 
 if TYPE_CHECKING:
     from sketchterrain.hydrology.conflicts import Resolution
+    from sketchterrain.placement.plateaus import Plateau
 
 _Layer = TypeVar("_Layer", bound=TerrainLayer)
 
@@ -104,6 +106,11 @@ class TerrainRecipe:
     def rivers(self) -> tuple[River, ...]:
         """The rivers."""
         return self[CorridorsLayer].rivers
+
+    @property
+    def plateaus(self) -> tuple[Plateau, ...]:
+        """The plateaus."""
+        return self[PlateausLayer].plateaus
 
     @property
     def lakes(self) -> tuple[Lake, ...]:

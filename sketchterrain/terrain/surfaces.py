@@ -21,7 +21,6 @@ from sketchterrain.document.materials import weight_words
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.placement.feature_types import Lake, River
 from sketchterrain.terrain.lattice import QUADS
-from sketchterrain.terrain.layers.plateaus import PlateausLayer
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
@@ -112,7 +111,7 @@ class TerrainFeatures:
         """Return a recipe's features: all painted ones, and the fill inside a sketch of a size (m)."""
         points = np.concatenate([recipe.points.painted, recipe.points.fill.within(0.0, 0.0, *size)])
         ordered = points[np.argsort(points["id"], kind="stable")]
-        return cls(ordered, recipe.rivers, recipe.lakes, recipe.sea_level, recipe[PlateausLayer].plateaus)
+        return cls(ordered, recipe.rivers, recipe.lakes, recipe.sea_level, recipe.plateaus)
 
 
 def require_finite(values: npt.NDArray[Any], what: str, device: Device) -> None:

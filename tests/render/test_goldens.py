@@ -25,7 +25,8 @@ GOLDENS = Path(__file__).with_name("goldens")
 SIZE = (320, 180)
 # One driver gives the same bytes each time, with one thread or two, with vectors of 256 bits or of 128
 # (LP_NATIVE_VECTOR_WIDTH). Other versions round otherwise, which moves single pixels along edges, at most ten
-# a scene between Mesa 22.3 and 25.0: the bounds allow for that. A material, light or feature that goes wrong moves whole areas.
+# a scene between Mesa 22.3 and 25.0: the bounds allow for that. A material, light or feature that goes wrong
+# moves whole areas.
 MEAN = 1.0
 """Of 255, by which pixels may differ on average."""
 FAR_OFF = 24

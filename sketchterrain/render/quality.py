@@ -225,7 +225,7 @@ class Quality:
             else 0.0,
             ground_cover_density=float(np.interp(level, _COVER_LEVELS, _BLADES)),
             moving_scale=_interpolate(level, _MOVING_SCALES),
-            quads=64 if rich else 16,
+            quads=64 if rich else 32 if level >= 0.25 else 16,
             tile_memory=round((128 << 20) * 4.0**level),
             budget=0.006 + 0.004 * level,
             without=frozenset(without),

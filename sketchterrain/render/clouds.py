@@ -52,9 +52,9 @@ class CloudDome:
         """Return the place, carried by the wind since, relative to an eye (m)."""
         return np.full(3, np.inf) if self.place is None else self.place + wind - self._wind - eye
 
-    def missing(self, camera: Camera, aspect: float) -> npt.NDArray[np.intp]:
-        """Return row and column (n, 2) of the blocks in a camera's view that are not computed."""
-        return np.argwhere(_blocks_in_view(camera, aspect) & ~self._computed)
+    def missing(self, visible: BoolArray) -> npt.NDArray[np.intp]:
+        """Return row and column (n, 2) of the blocks among `visible` ones that are not computed."""
+        return np.argwhere(visible & ~self._computed)
 
     def blocks(self, numbers: npt.NDArray[np.intp]) -> Iterator[None]:
         """Limit drawing to one of some blocks after another."""
@@ -155,8 +155,9 @@ class Clouds:
         if not self._domes:
             return uniforms
         eye = np.array([*camera.eye[:2], camera.eye[2] - base])
+        visible = _blocks_in_view(camera, aspect)
         shown, following = self._domes
-        if following.place is not None and not len(following.missing(camera, aspect)):
+        if following.place is not None and not len(following.missing(visible)):
             shown.reset(None, wind)
             shown, following = self._domes = [following, shown]
         away = np.linalg.norm(shown.seen_from(eye, wind))
@@ -166,11 +167,11 @@ class Clouds:
             following.reset(None, wind)
         elif away > PARALLAX[0] and following.place is None:
             following.reset(eye, wind)
-        self._queue = [(dome.seen_from(eye, wind), dome, dome.missing(camera, aspect)) for dome in (shown,)]
+        origin = shown.seen_from(eye, wind)
+        self._queue = [(origin, shown, shown.missing(visible))]
         if following.place is not None:
-            block = following.missing(camera, aspect)[:1]
-            self._queue.append((following.seen_from(eye, wind), following, block))
-        return uniforms | {"cloud_origin": tuple(self._queue[0][0])}
+            self._queue.append((following.seen_from(eye, wind), following, following.missing(visible)[:1]))
+        return uniforms | {"cloud_origin": tuple(origin)}
 
     def draw(self, uniforms: dict[str, object], *, parts: int) -> Iterator[None]:
         """Render the clouds that `follow` chose; yield between parts."""

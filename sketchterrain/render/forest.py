@@ -37,10 +37,8 @@ from sketchterrain.render.sky import Sun
 
 PIXELS: Final = (170.0, 60.0, 30.0, 14.0, 6.0, 3.0)
 """Height of a plant (px) below which the next coarser detail is used."""
-COARSEST: Final = (
-    20.0,
-    12.0,
-)  # largest heights (px) of plants in the coarsest details, however low the quality
+COARSEST: Final = (20.0, 12.0)
+"""Largest heights (px) of plants in the two coarsest details, however low the quality."""
 VERTEX_LIT: Final = 4
 """First detail that is lit at its vertices, with shadows and air sampled once an instance."""
 BATCHES: Final = (range(MASKED_DETAILS), range(MASKED_DETAILS, VERTEX_LIT), range(VERTEX_LIT, DETAILS))

@@ -176,9 +176,9 @@ class Scenery:
         """Draw all loaded content into a framebuffer, enlarged from `size` (px), while iterated.
 
         The camera has suitable clipping planes; `above` is its height above the terrain (m), `clock` (s)
-        animates water, plants and clouds, `moving` means that tiles, light or plants are incomplete. Costly
-        passes are cut into `parts`; nothing else may use the context until the last one, or the picture is
-        lost.
+        animates water, plants and clouds, `moving` means that the camera moves or that tiles, light or plants
+        are incomplete. Costly passes are cut into `parts`; nothing else may use the context until the last
+        one, or the picture is lost.
         """
         targets = self._targets.get(size)
         if targets is None:

@@ -290,9 +290,8 @@ DISTANCES: Final = 60
 NEAREST: Final = 5.0  # m to the nearest sampled terrain
 CELL: Final = 4.0  # cell size (m) of the sampled heights
 TREES: Final = 14.0  # height (m) of forests as occluders
-PAINTED_FROM: Final = (
-    0.12  # distance of painted land that counts, in extents: not the slope that the eye is on
-)
+PAINTED_FROM: Final = 0.12
+"""Distance from which painted land counts, in extents: not the slope that the eye is on."""
 NEAR: Final = 70.0  # m up to which terrain is foreground
 RISE: Final = 0.012  # topographic position of a good rise, in extents …
 RISE_WEIGHT: Final = 1.5  # … and its weight in the score

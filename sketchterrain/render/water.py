@@ -150,7 +150,7 @@ class Water:
         state = [each.key for each in objects]
         if state == self._uploaded:
             return
-        self._uploaded = state
+        self._uploaded, self._chunks, self._commands = state, None, None
         # The sea is first: rivers fade into it.
         self._anchors = [each.level for each in objects if each.level is not None]
         parts = [sea_mesh() for _ in self._anchors]

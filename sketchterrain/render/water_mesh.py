@@ -93,9 +93,12 @@ def _stations(mesh: WaterSurface) -> npt.NDArray[np.intp]:
 
 def _strip_indices(mesh: WaterSurface) -> list[npt.NDArray[np.uint32]]:
     """Return the (chunks, k) indices of a river by level of detail."""
-    stations = _stations(mesh)[:, :, None] * ACROSS + np.arange(ACROSS)
-    parts = [[quads(chunk[::along, ::across]).ravel() for chunk in stations] for along, across in LEVELS]
-    return [np.array(part, np.uint32) for part in parts]
+    stations = _stations(mesh)
+    vertices = (
+        (stations[:, :, None] * ACROSS + np.arange(ACROSS)).astype(np.uint32).reshape(len(stations), -1)
+    )
+    places = np.arange((STATIONS + 1) * ACROSS, dtype=np.uint32).reshape(-1, ACROSS)
+    return [vertices[:, quads(places[::along, ::across]).ravel()] for along, across in LEVELS]
 
 
 def _river_chunks(mesh: WaterSurface) -> WaterChunks:

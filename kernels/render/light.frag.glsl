@@ -20,6 +20,7 @@ uniform sampler2D far_light;   // light of the wider map
 uniform vec4 widest;           // as frame, in that
 uniform vec3 sun;              // unit vector towards it
 uniform float softness;        // tangent of the penumbra's half angle
+uniform float highest;         // m, of all the maps
 
 in vec2 uv;
 out vec4 light;
@@ -50,8 +51,10 @@ float sun_visibility(float start, float texel)
     float gone = 1.2;
     for (int i = 0; i < SUN_STEPS; ++i) {
         float run = gone * texel; // m
-        float room = start + run * climb - height_at(uv + ahead * run / frame.w, log2(gone) * 0.5 - 1.0);
-        visible = min(visible, smoothstep(-1.0, 1.0, room / (run * softness + 0.35 * texel)));
+        float penumbra = run * softness + 0.35 * texel;
+        if (visible <= 0.0 || (start + run * climb - highest >= penumbra && climb > softness)) break;
+        float room = start + run * climb - height_at(uv + ahead * run / frame.w, round(log2(gone) * 0.5 - 1.0));
+        visible = min(visible, smoothstep(-1.0, 1.0, room / penumbra));
         gone *= LONGER;
     }
     return visible;
@@ -71,7 +74,7 @@ float sky_visibility(float start, float texel)
         float gone = 1.5;
         for (int i = 0; i < SKY_STEPS; ++i) {
             float run = gone * texel;
-            float rise = (own_height_at(uv + ahead * run / frame.w, log2(gone) - 0.5) - start) / run;
+            float rise = (own_height_at(uv + ahead * run / frame.w, round(log2(gone) - 0.5)) - start) / run;
             highest = max(highest, rise - plane);
             gone *= 2.2;
         }

@@ -47,13 +47,21 @@ vec3 scene_position(vec2 uv)
 
 // xy: position in the picture, 0 ... 1; z: weight, 0 outside its upper and lower border. To the left and right the border
 // pixels are extended for a while, which is better than a guess for most reflections.
-vec3 picture_place(vec3 p)
+vec3 picture_place(vec4 clip)
 {
-    vec4 clip = to_clip * vec4(p, 1.0);
     vec2 uv = clip.xy / clip.w * 0.5 + 0.5;
     float inside = 1.0 - smoothstep(0.44, 0.5, abs(uv.y - 0.5));
     inside *= 1.0 - smoothstep(0.6, 0.8, abs(uv.x - 0.5));
     return vec3(clamp(uv.x, 0.002, 0.998), uv.y, clip.w > 0.0 ? inside : 0.0);
+}
+
+vec3 picture_place(vec3 p) { return picture_place(to_clip * vec4(p, 1.0)); }
+
+// Distance of the scene along the camera's axis, m.
+float axial_depth(vec2 uv)
+{
+    float z = textureLod(scene_depth, uv, 0.0).r * 2.0 - 1.0;
+    return 1.0 / (from_clip[2].w * z + from_clip[3].w);
 }
 
 // The sky read from the picture if visible, else with flat clouds as in sky.frag.glsl; `blur` 0 ... 1 by rough water.
@@ -93,29 +101,36 @@ vec3 guessed_ground(vec3 p)
 vec3 mirrored(vec3 from, vec3 direction, float blur)
 {
     float gone = FIRST_STEP, before = 0.0, hit = -1.0, seen_hit = -1.0;
+    vec4 clip_from = to_clip * vec4(from, 1.0), clip_direction = to_clip * vec4(direction, 0.0);
     for (int i = 0; i < MARCH; ++i) {
         vec3 p = from + direction * gone;
 #if MATERIALS > 1
-        vec3 at = picture_place(p);
-        float behind = length(p) - length(scene_position(at.xy));
-        float thick = max(THICK, THICK_STEPS * (gone - before));
-        if (hit < 0.0 && seen_hit < 0.0 && at.z > 0.0 && behind > 0.0 && behind < thick) seen_hit = gone;
+        vec4 clip = clip_from + gone * clip_direction;
+        vec3 at = picture_place(clip);
+        // Both are on one ray from the eye, so distances are as depths along the axis.
+        float behind = length(p) * (1.0 - axial_depth(at.xy) / clip.w);
         // Where the depth buffer is behind the ray it is unobstructed, whatever the coarser height map says.
         bool open = at.z > 0.0 && behind <= 0.0;
+        if (at.z > 0.0 && behind > 0.0 && behind < max(THICK, THICK_STEPS * (gone - before))) {
+            seen_hit = gone;
+            break;
+        }
 #else
         bool open = gone < 2.0 * near_map.w;
 #endif
-        bool below = is_mapped(p.xy) && p.z < relief_at(p.xy) - SUNK;
-        if (!open && hit < 0.0 && seen_hit < 0.0 && below) hit = 0.5 * (before + gone);
-        if (seen_hit < 0.0 && hit < 0.0) before = gone;
+        if (!open && is_mapped(p.xy) && p.z < relief_at(p.xy) - SUNK) {
+            hit = 0.5 * (before + gone);
+            break;
+        }
+        before = gone;
         gone = gone * STRIDE + FIRST_STEP;
     }
 #if MATERIALS > 1
     float near_end = before, far_end = max(seen_hit, before);
     for (int i = 0; i < HALVINGS; ++i) {
         float middle = 0.5 * (near_end + far_end);
-        vec3 p = from + direction * middle;
-        bool passed = length(p) > length(scene_position(picture_place(p).xy));
+        vec4 clip = clip_from + middle * clip_direction;
+        bool passed = clip.w > axial_depth(picture_place(clip).xy);
         far_end = passed ? middle : far_end;
         near_end = passed ? near_end : middle;
     }

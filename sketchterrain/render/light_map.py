@@ -179,6 +179,11 @@ class LightMap:
         """5th percentile of the heights (m)."""
         return float(np.percentile(self.relief.heights, 5))
 
+    @cached_property
+    def highest(self) -> float:
+        """Greatest height (m)."""
+        return float(self.relief.heights.max())
+
     def _complete(self) -> None:
         self.ready = True
         self._wider = ()
@@ -230,7 +235,8 @@ class LightMap:
         wider, widest = (self._wider[0], self._wider[-1]) if self._wider else (self, self)
         light_pass = renderer.close_light_pass if self._close else renderer.light_pass
         frames = {"frame": _frame_in(square, wider.square), "widest": _frame_in(square, widest.square)}
-        set_uniforms(light_pass.program, frames | {"sun": tuple(self.sun.direction)})
+        highest = max(each.highest for each in (self, *self._wider))
+        set_uniforms(light_pass.program, frames | {"sun": tuple(self.sun.direction), "highest": highest})
         renderer.context.enable_only(moderngl.NOTHING)
         self._target.use()
         self._target.scissor = (0, self._lit_rows, square.texels, rows)

@@ -108,7 +108,7 @@ _APPROACH_SHARE: Final = 0.25
 """Greatest duration as a share of the time in which the camera reaches the tile."""
 _LOOKAHEAD: Final = (0.4, 1.2)
 """s ahead of the camera whose tiles are fetched when none is missing now."""
-_PER_BATCH: Final = 64
+_PER_BATCH: Final = 256
 _LEVELS_PER_BATCH: Final = 2
 """Each level has launches of its own."""
 _MOST_BATCHES: Final = 8

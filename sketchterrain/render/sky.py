@@ -341,7 +341,8 @@ def find_sun(terrain: TerrainSource, camera: Camera) -> Sun:
     """Return the sun to the left or right of a camera, whichever lights more of its view; deterministic."""
     extent = terrain.extent
     ahead = camera.forward[:2] * 0.5 * extent
-    relief = sample_heights(terrain, (camera.eye[0] + ahead[0], camera.eye[1] + ahead[1]), 2.4 * extent, 320)
+    middle = camera.eye[0] + ahead[0], camera.eye[1] + ahead[1]
+    relief = sample_heights(terrain, middle, 2.4 * extent, 320, cell=2.0)  # as coarse as `find_view` needs it
     bearing = np.radians(camera.heading) + np.linspace(-0.5, 0.5, 41)[:, None]
     distance = extent * np.geomspace(0.02, 1.3, 48)[None, :]
     x = camera.eye[0] + np.sin(bearing) * distance

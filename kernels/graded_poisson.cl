@@ -24,9 +24,6 @@
 #define ROUNDING 1.41421356f     // lattice units that two points may come nearer by rounding them
 #define MARGIN 1.000002f         // of a squared distance, for the rounding of floats
 
-// How far a row of cells j rows away can conflict: REACH, but for the corners.
-#define SPAN(j) ((j) == -REACH || (j) == REACH ? REACH - 1 : REACH)
-
 // The distance over the ground, lattice units: bilinear between vertices 2^bits lattice units apart.
 typedef struct {
     __global const float *spacing;
@@ -80,10 +77,9 @@ INLINE int conflict(float dx, float dy, float half_p, float times_p, float half_
 // Only blocks of a window are worked on, those where the raster leaves something to do: BLOCK_COLUMNS by BLOCK_ROWS cells
 // from the cell blocks[n] on. Global size: (BLOCK_COLUMNS, number of blocks times BLOCK_ROWS).
 //   rim   cells at the window's border that are left out
-#define BLOCK_COLUMNS 64
-#define BLOCK_ROWS 16
+#define BLOCK_COLUMNS 32
+#define BLOCK_ROWS 8
 #define BLOCK_ARGUMENTS __global const int2 *blocks, int width, int height, int rim
-// Rows are tested before columns: a condition that is uniform over a group does not prevent vectorisation.
 #define CELL_OF_BLOCK                                                   \
     const int2 block = blocks[(uint)get_global_id(1) / BLOCK_ROWS];     \
     const int j = block.s1 + (int)((uint)get_global_id(1) % BLOCK_ROWS); \
@@ -171,8 +167,8 @@ __kernel void list_for_finer(BLOCK_ARGUMENTS, POINT_ARGUMENTS, LIST_ARGUMENTS, _
         // The finer grid's points conflict with this one's over less than 1.5 LEAST, 2.13 cells.
         const int span = REACH - (dj * dj > 1) - (dj * dj > 4);
         for (int di = -span; di <= span; ++di) {
-            // An empty cell's point is farther away than any conflict.
             const int there = at + dj * width + di;
+            if (x[there] == EMPTY) continue;
             const float4 q = {2.0f * (float)(di * SIDE + x[there]), 2.0f * (float)(dj * SIDE + y[there]),
                               2.0f * half_distance[there], times[there]};
             many = list(finer_near, plane, at, many, q);
@@ -219,10 +215,11 @@ __attribute__((always_inline)) inline void throw_darts(
     int found_x = EMPTY, found_y = 0;
     float found_half = 0.0f, found_times = 0.0f;
     uint found = NEVER;
-    for (int number = start; number < start + tries; number += at_once) {
+    for (int number = start; number < start + tries && !occupied && found == NEVER; number += at_once) {
         uint bits[MOST_AT_ONCE];
         float px[MOST_AT_ONCE], py[MOST_AT_ONCE], half_p[MOST_AT_ONCE], times_p[MOST_AT_ONCE];
         int blocked[MOST_AT_ONCE];
+        int all = 1;  // are blocked: the rest is skipped
         #pragma unroll
         for (int k = 0; k < at_once; ++k) {
             bits[k] = dart(cell, number + k);
@@ -233,22 +230,25 @@ __attribute__((always_inline)) inline void throw_darts(
             py[k] = (float)dart_y(bits[k]);
             half_p[k] = grade.s0;
             times_p[k] = grade.s1;
-            blocked[k] = occupied | (times_p[k] == 0.0f);
+            blocked[k] = times_p[k] == 0.0f;
+            all &= blocked[k];
         }
-        for (int n = 0; n < many; ++n) {
+        for (int n = 0; n < many && !all; ++n) {
+            all = 1;
             const float4 q = listed_point(lists, list, n);
             const float qx = q.s0 - off_x;
             const float qy = q.s1 - off_y;
             #pragma unroll
             for (int k = 0; k < at_once; ++k) {
                 blocked[k] |= conflict(qx - px[k], qy - py[k], half_p[k], times_p[k], q.s2, q.s3);
+                all &= blocked[k];
             }
         }
         if (start > 0) {  // before that the grid is empty
-            #pragma unroll
-            for (int dj = -REACH; dj <= REACH; ++dj) {
+            for (int n = 0; n < 2 * REACH + 1 && !all; ++n) {
+                const int dj = n & 1 ? (n + 1) / 2 : -n / 2;  // near rows first
                 #pragma unroll
-                for (int di = -SPAN(dj); di <= SPAN(dj); ++di) {
+                for (int di = -REACH; di <= REACH; ++di) {
                     const int there = at + dj * width + di;
                     const float qx = (float)(x[there] + di * SIDE);
                     const float qy = (float)(y[there] + dj * SIDE);
@@ -259,6 +259,9 @@ __attribute__((always_inline)) inline void throw_darts(
                         blocked[k] |= conflict(qx - px[k], qy - py[k], half_p[k], times_p[k], half_q, times_q);
                     }
                 }
+                all = 1;
+                #pragma unroll
+                for (int k = 0; k < at_once; ++k) all &= blocked[k];
             }
         }
         #pragma unroll
@@ -310,10 +313,10 @@ __kernel void accept_graded(BLOCK_ARGUMENTS, POINT_ARGUMENTS, __global const sho
     const float times_p = candidate_times[at];
     const uint own = time[at];
     int rejected = candidate_x[at] == EMPTY;
-    #pragma unroll
-    for (int dj = -REACH; dj <= REACH; ++dj) {
+    // Row by row, and no further than needed: most cells have no candidate.
+    for (int dj = -REACH; dj <= REACH && !rejected; ++dj) {
         #pragma unroll
-        for (int di = -SPAN(dj); di <= SPAN(dj); ++di) {
+        for (int di = -REACH; di <= REACH; ++di) {
             const int there = at + dj * width + di;
             const float dx = (float)(candidate_x[there] + di * SIDE) - px;
             const float dy = (float)(candidate_y[there] + dj * SIDE) - py;
@@ -321,10 +324,11 @@ __kernel void accept_graded(BLOCK_ARGUMENTS, POINT_ARGUMENTS, __global const sho
                       & conflict(dx, dy, half_p, times_p, candidate_half[there], candidate_times[there]);
         }
     }
-    x[at] = rejected ? x[at] : candidate_x[at];
-    y[at] = rejected ? y[at] : candidate_y[at];
-    half_distance[at] = rejected ? half_distance[at] : half_p;
-    times[at] = rejected ? times[at] : times_p;
+    if (rejected) return;
+    x[at] = candidate_x[at];
+    y[at] = candidate_y[at];
+    half_distance[at] = half_p;
+    times[at] = times_p;
 }
 
 #include "poisson_collect.clh"

@@ -35,20 +35,13 @@ def row_difference(old: StructuredArray, new: StructuredArray) -> tuple[Int64Arr
         mine, others = slice(i, i + rows), slice(j, j + rows)
         if not np.array_equal(one[mine], other[others]):
             ids, other_ids = old["id"][mine], new["id"][others]
-            unequal = np.flatnonzero(ids != other_ids)
-            paired = int(unequal[0]) if unequal.size else rows
-            differ = np.flatnonzero((one[i : i + paired] != other[j : j + paired]).any(axis=1))
-            removed.append(i + differ)
-            added.append(j + differ)
-            i, j = i + paired, j + paired
-            if paired < rows:  # rows up to the next id of the other array are only in one
-                gone, came = (
-                    int(np.searchsorted(each[paired:], of_other[paired]))
-                    for each, of_other in ((ids, other_ids), (other_ids, ids))
-                )
-                removed.append(np.arange(i, i + gone))
-                added.append(np.arange(j, j + came))
-                i, j = i + gone, j + came
+            last = min(ids[-1], other_ids[-1])
+            ids, other_ids = (each[: np.searchsorted(each, last, "right")] for each in (ids, other_ids))
+            _, at, there = np.intersect1d(ids, other_ids, assume_unique=True, return_indices=True)
+            same = (one[i + at] == other[j + there]).all(axis=1)
+            removed.append(np.delete(np.arange(i, i + len(ids)), at[same]))
+            added.append(np.delete(np.arange(j, j + len(other_ids)), there[same]))
+            i, j = i + len(ids), j + len(other_ids)
         else:
             i, j = i + rows, j + rows
     if old is not new:

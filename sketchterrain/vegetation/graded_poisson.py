@@ -45,7 +45,7 @@ _REACH = 3  # cells of a conflict, as in the kernels
 _LISTED = 24  # as in the kernels
 _COARSE_TRIALS = 8  # darts a cell, in all grids but the finest
 _FINE_TRIALS = 16
-_BLOCK = (16, 64)  # rows and columns of cells, as in the kernels
+_BLOCK = (8, 32)  # rows and columns of cells, as in the kernels
 _SLACK = 1.0001  # of distances, in the test of which blocks a grid is active in
 _KINDS: Final = {
     "x": np.int16,
@@ -58,7 +58,7 @@ _KINDS: Final = {
     "candidate times": np.float32,
     "time": np.uint32,
 }
-_WINDOW = 768  # cells: lists need 96 bytes for each
+_WINDOW = 1460  # cells: lists need 96 bytes for each
 _MAX_GRIDS = 16
 
 
@@ -330,7 +330,8 @@ class GradedPoisson:
         return result
 
     def _launch(self, kernel: str, size: tuple[int, int], *arguments: Any) -> None:
-        self._context.launch(_FILE, kernel, size, *arguments, group=(GROUP, 1))
+        across = min(size[0], GROUP)
+        self._context.launch(_FILE, kernel, size, *arguments, group=(across, GROUP // across))
 
 
 def _work_size(blocks: npt.NDArray[np.int32]) -> tuple[int, int]:

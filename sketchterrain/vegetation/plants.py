@@ -192,16 +192,18 @@ class SpacingBlocks:
         part = whole[end[0] - low : end[1] - low, first[0] - left : first[1] - left]
         return SpacingRaster(first[0] * step, end[0] * step, step, np.ascontiguousarray(part))
 
-    def prefetch_steps(self, west: int, south: int, east: int, north: int) -> Generator[None, None, None]:
-        """Cache the blocks that a raster of a rectangle (lattice units) needs, in steps of a few ms."""
+    def prefetch_steps(
+        self, west: int, south: int, east: int, north: int, *, pace: int
+    ) -> Generator[None, None, None]:
+        """Cache the blocks of a rectangle's raster (lattice units), in steps of ``pace`` times a few ms."""
         columns, rows = (
             _blocks_of(_vertices(low, high, self._rule.step)) for low, high in ((west, east), (south, north))
         )
         keys = [(column, row) for row in rows for column in columns]
         missing = [key for key in keys if key not in self._cache]
-        for start in range(0, min(len(missing), _CACHED), _PER_STEP):
+        for start in range(0, min(len(missing), _CACHED), pace * _PER_STEP):
             yield
-            self.blocks(missing[start : start + _PER_STEP])
+            self.blocks(missing[start : start + pace * _PER_STEP])
 
     def blocks(self, keys: list[tuple[int, int]]) -> list[Float32Array]:
         """Return blocks of BLOCK² vertices by column and row, counted from the world's origin."""

@@ -170,13 +170,14 @@ def test_settings_become_rows_with_headings_and_limited_lists():
 
 def test_numbers_are_formatted_as_by_python():
     for places in [1, 4, 7]:
-        for size in [1e-6, 12.0, 123456.0, 1e8]:
-            values = np.random.default_rng(places).normal(0.0, size, 2000)
+        ties = np.array([0.0, -0.0, 0.5, -0.5, 1.5, 2.5, 999.5, -(10.0**places)]) / 10.0**places
+        for size in [1e-6, 12.0, 123456.0, 1e8, 1e15, 1e200]:
+            values = np.append(np.random.default_rng(places).normal(0.0, size, 2000), ties)
             rounded = np.rint(values * 10.0**places) / 10.0**places + 0.0  # halves to even, no negative zero
             expected = "".join(f"{value:.{places}f}\n" for value in rounded)
             assert format_rows(f"%.{places}f\n", values) == expected.encode(), (places, size)
 
-    names = np.array(["oak tree", "fir"], object)
+    names = np.array([b"oak tree", b"fir"])
     assert format_rows("%d,%s,%.1f\n", np.uint8([7, 255]), names, np.array([-0.04, -22.5])) == (
         b"7,oak tree,0.0\n255,fir,-22.5\n"
     )

@@ -58,7 +58,7 @@ _KINDS: Final = {
     "candidate times": np.float32,
     "time": np.uint32,
 }
-_WINDOW = 1460  # cells: lists need 96 bytes for each
+_WINDOW = 768  # cells: lists need 96 bytes for each
 _MAX_GRIDS = 16
 
 

@@ -50,18 +50,19 @@ def value_noise_row(key, x, step, y, bits, amplitude, row):
     scale = 1.0 / (1 << bits)
     v = (y - (north << bits)) * scale
     v = v * v * (3.0 - 2.0 * v)
-    cell = (x >> bits) - 1
-    a = b = c = d = 0.0
-    for i in range(row.size):
-        column = (x + i * step) >> bits
-        if column != cell:  # else the corners are those of the point before
-            cell = column
-            a, b = unit(hashed(key, column, north)), unit(hashed(key, column + 1, north))
-            c, d = unit(hashed(key, column, north + 1)), unit(hashed(key, column + 1, north + 1))
-        u = (x + i * step - (column << bits)) * scale
-        u = u * u * (3.0 - 2.0 * u)
-        low, high = a + u * (b - a), c + u * (d - c)
-        row[i] += amplitude * (2.0 * (low + v * (high - low)) - 1.0)
+    start = 0
+    while start < row.size:  # points of one cell of the noise at a time
+        column = (x + start * step) >> bits
+        stop = min((((column + 1) << bits) - x + step - 1) // step, row.size)
+        a, b = unit(hashed(key, column, north)), unit(hashed(key, column + 1, north))
+        c, d = unit(hashed(key, column, north + 1)), unit(hashed(key, column + 1, north + 1))
+        part, first = row[start:stop], x + start * step - (column << bits)
+        for i in range(part.size):
+            u = (first + i * step) * scale
+            u = u * u * (3.0 - 2.0 * u)
+            low, high = a + u * (b - a), c + u * (d - c)
+            part[i] += amplitude * (2.0 * (low + v * (high - low)) - 1.0)
+        start = stop
 
 
 @_compiled

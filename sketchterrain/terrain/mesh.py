@@ -238,16 +238,6 @@ def side_corners(diagonal, side):
 
 
 @_compiled
-def border_warp(mesh, x, y):
-    """Return the displacement (L) of cells' borders at a point (mesh units)."""
-    east = north = 0.0
-    for bits, amplitude in _WARP:
-        east += amplitude * value_noise(mesh.warp_x + np.uint64(bits), x, y, bits)
-        north += amplitude * value_noise(mesh.warp_y + np.uint64(bits), x, y, bits)
-    return east, north
-
-
-@_compiled
 def border_warp_row(mesh, x, step, y, east, north):
     """Write the displacements (L) of a row of points, `step` mesh units apart from (x, y) on."""
     east[:] = 0.0
@@ -258,63 +248,65 @@ def border_warp_row(mesh, x, step, y, east, north):
 
 
 @_compiled
-def locate(mesh, table, x, y):
-    """Return the triangle of a point (mesh units) and the order of its corners; see `locate_displaced`."""
-    east, north = border_warp(mesh, x, y)
-    return locate_displaced(table, x, y, east, north)
-
-
-@_compiled
-def locate_displaced(table, x, y, east, north):
-    """Return the triangle of a point (mesh units), displaced (L), and the order of its corners.
-
-    Row, column (in the table) and half of the triangle; its corners (0 … 3) nearest and second; the third
-    barycentric coordinate, 0 on the border's middle and 1/3 at a vertex; by how much the first exceeds the
-    second, 0 on the border and 1 at the site.
-    """
+def displaced(table, x, y, east, north):
+    """Return the quad (row, column) of a point (mesh units), displaced (L), and the point in it (L)."""
     scale = 1.0 / (1 << UNIT_BITS)
     column, row = x >> UNIT_BITS, y >> UNIT_BITS
     px, py = (x - (column << UNIT_BITS)) * scale + east, (y - (row << UNIT_BITS)) * scale + north
     shift_x, shift_y = floor(px), floor(py)
-    px, py = px - shift_x, py - shift_y
-    column, row = column + shift_x - table.column, row + shift_y - table.row
-    for trial in range(9):
+    return row + shift_y - table.row, column + shift_x - table.column, px - shift_x, py - shift_y
+
+
+@_compiled
+def triangle_at(table, row, column, x, y):
+    """Return row, column and half of the triangle of a point, in L from the lattice point of its quad."""
+    for trial in range(18):
         # the quad of the point first, then those around it
-        a = (trial + 4) % 9 - 4
-        dj, di = (a + 4) // 3 - 1, (a + 4) % 3 - 1
-        j, i = row + dj, column + di
-        x0, y0 = px - di, py - dj
-        which = table.diagonal[j, i]
-        for half in range(2):
-            k0, k1, k2 = CORNERS[which, half, 0], CORNERS[which, half, 1], CORNERS[which, half, 2]
-            ax, ay = (
-                CORNER_X[k0] + table.site_x[j + CORNER_Y[k0], i + CORNER_X[k0]],
-                CORNER_Y[k0] + table.site_y[j + CORNER_Y[k0], i + CORNER_X[k0]],
-            )
-            bx, by = (
-                CORNER_X[k1] + table.site_x[j + CORNER_Y[k1], i + CORNER_X[k1]],
-                CORNER_Y[k1] + table.site_y[j + CORNER_Y[k1], i + CORNER_X[k1]],
-            )
-            cx, cy = (
-                CORNER_X[k2] + table.site_x[j + CORNER_Y[k2], i + CORNER_X[k2]],
-                CORNER_Y[k2] + table.site_y[j + CORNER_Y[k2], i + CORNER_X[k2]],
-            )
-            one, two, three = (
-                _turn(x0, y0, bx, by, cx, cy),
-                _turn(ax, ay, x0, y0, cx, cy),
-                _turn(ax, ay, bx, by, x0, y0),
-            )
-            if one < 0.0 or two < 0.0 or three < 0.0:
-                continue
-            if one < two:
-                one, two, k0, k1 = two, one, k1, k0
-            if two < three:
-                two, three, k1, k2 = three, two, k2, k1
-                if one < two:
-                    one, two, k0, k1 = two, one, k1, k0
-            total = one + two + three
-            return j, i, half, k0, k1, three / total, (one - two) / total
-    return -1, -1, 0, 0, 0, 0.0, 0.0
+        a = (trial // 2 + 4) % 9
+        j, i, half = row + a // 3 - 1, column + a % 3 - 1, trial % 2
+        if min(corner_areas(triangle_corners(table, j, i, half), x - (i - column), y - (j - row))) >= 0.0:
+            return j, i, half
+    return -1, -1, 0
+
+
+@_compiled
+def triangle_corners(table, row, column, half):
+    """Return x and y of a triangle's corners, in L from the lattice point of its quad."""
+    a, b, c = CORNERS[table.diagonal[row, column], half]
+    return (
+        CORNER_X[a] + table.site_x[row + CORNER_Y[a], column + CORNER_X[a]],
+        CORNER_Y[a] + table.site_y[row + CORNER_Y[a], column + CORNER_X[a]],
+        CORNER_X[b] + table.site_x[row + CORNER_Y[b], column + CORNER_X[b]],
+        CORNER_Y[b] + table.site_y[row + CORNER_Y[b], column + CORNER_X[b]],
+        CORNER_X[c] + table.site_x[row + CORNER_Y[c], column + CORNER_X[c]],
+        CORNER_Y[c] + table.site_y[row + CORNER_Y[c], column + CORNER_X[c]],
+    )
+
+
+@_compiled
+def corner_areas(corners, x, y):
+    """Return twice the signed areas of a point's triangles with the sides opposite to each corner."""
+    ax, ay, bx, by, cx, cy = corners
+    return _turn(x, y, bx, by, cx, cy), _turn(ax, ay, x, y, cx, cy), _turn(ax, ay, bx, by, x, y)
+
+
+@_compiled
+def nearest_corners(areas, corners):
+    """Return a point's nearest and second corner, and two of its barycentric coordinates.
+
+    The third one, 0 on a cell's border half way between vertices and 1/3 at one; by how much the first
+    exceeds the second, 0 on the border and 1 at the site.
+    """
+    one, two, three = areas
+    k0, k1, k2 = corners
+    if one < two:
+        one, two, k0, k1 = two, one, k1, k0
+    if two < three:
+        two, three, k1, k2 = three, two, k2, k1
+        if one < two:
+            one, two, k0, k1 = two, one, k1, k0
+    total = one + two + three
+    return k0, k1, three / total, (one - two) / total
 
 
 @_compiled

@@ -21,11 +21,17 @@ from sketchterrain.terrain.mesh import (
     SITE_BITS,
     WARP,
     border_warp_row,
+    corner_areas,
+    displaced,
     edge_height,
     edge_inflow,
-    locate,
-    locate_displaced,
+    nearest_corners,
+    triangle_at,
+    triangle_corners,
 )
+from sketchterrain.terrain.wetness import wetness
+
+_CLEARLY = 1e-6  # inside of a triangle, L²: in no other one, whatever is rounded
 
 
 class CellNodes(NamedTuple):
@@ -42,6 +48,7 @@ class CellNodes(NamedTuple):
     base: Float64Array  # heights (m) of nodes on borders, NaN elsewhere
     uplift: Float64Array
     repose: Float64Array
+    inflow: Float64Array  # areas (m²) that drain from other cells into nodes on valleys between cells
     boxes: Int64Array
 
 
@@ -50,20 +57,30 @@ _compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 @_compiled
 def owners(mesh, table, level, column, row, rows, columns):
-    """Return the triangle, corners and third coordinate of each node; the corner 0 is its cell's site."""
+    """Return the triangle and nearest corners of each node, and its coordinates of `nearest_corners`.
+
+    The first corner is the site of the node's cell.
+    """
     place = np.empty((rows, columns, 5), np.int32)
-    third = np.empty((rows, columns))
+    third, away = np.empty((rows, columns)), np.empty((rows, columns))
     east, north = np.empty(columns), np.empty(columns)
     x, step = (column << level) * SIDE, SIDE << level
+    q = p = half = 0
+    numbers, corners = CORNERS[0, 0], (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for j in range(rows):
         y = ((row + j) << level) * SIDE
         border_warp_row(mesh, x, step, y, east, north)
         for i in range(columns):
-            q, p, half, first, second, rest, _ = locate_displaced(table, x + i * step, y, east[i], north[i])
-            place[j, i, 0], place[j, i, 1], place[j, i, 2] = q, p, half
-            place[j, i, 3], place[j, i, 4] = first, second
-            third[j, i] = rest
-    return place, third
+            r, c, px, py = displaced(table, x + i * step, y, east[i], north[i])
+            areas = corner_areas(corners, px - (p - c), py - (q - r))
+            if min(areas) < _CLEARLY:  # not in the triangle of the node before
+                q, p, half = triangle_at(table, r, c, px, py)
+                numbers, corners = CORNERS[table.diagonal[q, p], half], triangle_corners(table, q, p, half)
+                areas = corner_areas(corners, px - (p - c), py - (q - r))
+            first, second, third[j, i], away[j, i] = nearest_corners(areas, numbers)
+            here = place[j, i]
+            here[0], here[1], here[2], here[3], here[4] = q, p, half, first, second
+    return place, third, away
 
 
 @_compiled
@@ -105,16 +122,15 @@ def mesh_heights(mesh, table, level, column, row, rows, columns, rule, rise):
 
     Crests rise above the edges by shares of the relief at the site.
     """
+    place, third, away = owners(mesh, table, level, column, row, rows, columns)
     height = np.empty((rows, columns))
     for j in range(rows):
         for i in range(columns):
-            q, p, half, first, second, third, away = locate(
-                mesh, table, ((column + i) << level) * SIDE, ((row + j) << level) * SIDE
-            )
-            edge = edge_height(table, (q, p, half), (first, second), third, rule)
+            q, p, half, first, second = place[j, i]
+            edge = edge_height(table, (q, p, half), (first, second), third[j, i], rule)
             site = q + CORNER_Y[first], p + CORNER_X[first]
             crest = table.site_low[site] + rise * table.site_relief[site]
-            height[j, i] = edge + (max(crest, edge) - edge) * away * (2.0 - away)
+            height[j, i] = edge + (max(crest, edge) - edge) * away[j, i] * (2.0 - away[j, i])
     return height
 
 
@@ -132,23 +148,23 @@ def owner_index(place, stride):
 
 @_compiled
 def borders(table, place, third, owner, rule):
-    """Return heights of edges and areas (L²) that drain into them from above, at nodes of borders.
+    """Return heights of edges and areas (m²) that drain into them from above, at nodes of borders.
 
-    These have an 8-neighbour of another cell; others get NaN and 0.
+    These have an 8-neighbour of another cell; others, and those of no cell, get NaN and 0.
     """
     rows, columns = owner.shape
     base, inflow = np.full((rows, columns), np.nan), np.zeros((rows, columns))
     for j in range(1, rows - 1):
-        for i in range(1, columns - 1):
-            border = False
-            for b in range(-1, 2):
-                for a in range(-1, 2):
-                    if owner[j + b, i + a] != owner[j, i]:
-                        border = True
-            if border:
-                q, p, half, first, second = place[j, i]
-                base[j, i] = edge_height(table, (q, p, half), (first, second), third[j, i], rule)
-                inflow[j, i] = edge_inflow(table, (q, p, half), (first, second))
+        south, here, north = owner[j - 1], owner[j], owner[j + 1]
+        for i in range(columns - 2):
+            own = here[i + 1]
+            beside = (here[i] ^ own) | (here[i + 2] ^ own) | (south[i + 1] ^ own) | (north[i + 1] ^ own)
+            across = (south[i] ^ own) | (south[i + 2] ^ own) | (north[i] ^ own) | (north[i + 2] ^ own)
+            if own >= 0 and beside | across:
+                q, p, half, first, second = place[j, i + 1]
+                base[j, i + 1] = edge_height(table, (q, p, half), (first, second), third[j, i + 1], rule)
+                area = edge_inflow(table, (q, p, half), (first, second))
+                inflow[j, i + 1] = area * (rule.length * rule.length)
     return base, inflow
 
 
@@ -181,8 +197,10 @@ def boxes(owner, count):
 
 
 @_compiled
-def drain_cell(cells, number, coarser, corner, cell, rounds):
-    """Drain a cell alone, as `drainage.drain` does; return heights (m) and areas (m²) of its box.
+def drain_cell(cells, number, coarser, corner, cell, rounds, talus):
+    """Drain a cell alone, as `drainage.drain` does; return what `_Cell` has of its box.
+
+    Heights (m), heights with talus, areas (m²) and wetness.
 
     Parameters
     ----------
@@ -191,6 +209,7 @@ def drain_cell(cells, number, coarser, corner, cell, rounds):
     corner : row and column of its first node, in nodes of that level
     cell : spacing of level 0, m
     rounds : rounds of routing and integrating
+    talus : greatest slope below passes, over that of hillslopes
     """
     south, west, north, east = cells.boxes[number]
     part = slice(south, north), slice(west, east)
@@ -221,33 +240,34 @@ def drain_cell(cells, number, coarser, corner, cell, rounds):
         even = np.full(size, FIRST_UPLIFT), *fields[1:]
         run(topology, even, state, geometry, np.int64(FIRST_ROUNDS))  # a literal would be compiled anew
     run(topology, fields, state, geometry, rounds)
-    height, area = np.full(shape, np.nan), np.zeros(shape)
+    height, area, narrow = np.full(shape, np.nan), np.zeros(shape), np.zeros(shape, np.float32)
     for i in range(rows):
         for j in range(columns):
             if domain[i, j]:
                 at = (i + 1) * (columns + 2) + j + 1
-                height[i, j], area[i, j] = state[0][at], state[1][at]
-    return height, area
+                height[i, j] = state[0][at]
+                area[i, j] = state[1][at] + cells.inflow[south + i, west + j]
+                narrow[i, j] = area[i, j]
+    piled = height.copy()
+    _pile_talus(piled, base, cells.repose[part], talus * spacing)
+    return height, piled, narrow, wetness(piled, area, spacing, cell)
 
 
 @_compiled
-def pile_talus(height, base, step):
+def _pile_talus(height, base, repose, slope):
     """Raise ground below passes that stand above it until it is no steeper than talus (in place)."""
     rows, columns = height.shape
     for turn in range(2):
         for a in range(rows):
             for b in range(columns):
                 j, i = (a, b) if turn == 0 else (rows - 1 - a, columns - 1 - b)
-                if base[j, i] == base[j, i]:
+                if base[j, i] == base[j, i] or height[j, i] != height[j, i]:
                     continue
+                step = slope * repose[j, i]
                 for q, p, reach in ((-1, -1, 1.4142), (-1, 0, 1.0), (-1, 1, 1.4142), (0, -1, 1.0)):
                     y, x = (j + q, i + p) if turn == 0 else (j - q, i - p)
-                    if (
-                        0 <= y < rows
-                        and 0 <= x < columns
-                        and height[y, x] - step[j, i] * reach > height[j, i]
-                    ):
-                        height[j, i] = height[y, x] - step[j, i] * reach
+                    if 0 <= y < rows and 0 <= x < columns and height[y, x] - step * reach > height[j, i]:
+                        height[j, i] = height[y, x] - step * reach
 
 
 @_compiled

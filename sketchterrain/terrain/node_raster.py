@@ -21,6 +21,7 @@ from sketchterrain.array_types import (
     UInt8Array,
 )
 from sketchterrain.caching import LRUCache
+from sketchterrain.io.disk_cache import RecordCache
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.terrain.layers.layer import ITEM, content_items
 
@@ -162,14 +163,25 @@ class NodeWindow(NamedTuple):
     wetness: UInt8Array
 
 
+CHUNK_RECORD: np.dtype[np.void] = np.dtype(
+    [(name, kind, (CHUNK, CHUNK)) for name, kind in zip(NodeWindow._fields, ("f4", "u1", "u1"), strict=True)]
+)
+"""A chunk of unpainted nodes in a cache on disk."""
+
+
 class NodeReader:
-    """Chunks of nodes of the painted raster over unpainted ground, in a bounded cache."""
+    """Chunks of nodes of the painted raster over unpainted ground, in a bounded cache and perhaps on disk."""
 
     def __init__(
-        self, source: NodeSource, painted: DrainedRaster | None, chunks: LRUCache | None = None
+        self,
+        source: NodeSource,
+        painted: DrainedRaster | None,
+        chunks: LRUCache | None = None,
+        disk: RecordCache | None = None,
     ) -> None:
         self._source = source
         self._painted = painted
+        self._disk = disk
         self._chunks = LRUCache(max_bytes=_MAX_CHUNKS_BYTES) if chunks is None else chunks
 
     def updated(self, painted: DrainedRaster | None, boxes: LatticeArray) -> NodeReader:
@@ -182,12 +194,13 @@ class NodeReader:
                 for key in self._chunks.keys()  # noqa: SIM118 # no mapping
                 if not _touches(boxes, *key)
             ),
+            self._disk,
         )
 
     def chunks(self, level: int, places: LatticeArray) -> list[NodeWindow]:
         """Return chunks (n, 2) of a level by their columns and rows."""
         keys = [(level, int(column), int(row)) for column, row in places]
-        found = [self._chunks.get(key) for key in keys]
+        found: list[Any] = [self._cached(key) for key in keys]
         missing = [number for number, chunk in enumerate(found) if chunk is None]
         if missing:
             low, high = places[missing].min(axis=0), places[missing].max(axis=0) + 1
@@ -206,30 +219,45 @@ class NodeReader:
                 found[number] = new[row * width + column]
         return found
 
+    def _cached(self, key: tuple[int, int, int]) -> NodeWindow | None:
+        chunk: NodeWindow | None = self._chunks.get(key)
+        content = self._disk.get(self._disk_key(key)) if chunk is None and self._disk is not None else None
+        if content is not None:
+            record = np.frombuffer(bytearray(content), CHUNK_RECORD)
+            chunk = NodeWindow._make(record[name][0] for name in NodeWindow._fields)
+            self._chunks.store(key, self._painted_over(chunk, key))
+        return chunk
+
+    def _disk_key(self, key: tuple[int, int, int]) -> tuple[int, int, int, int]:
+        return *key, len(self._painted_at(key[0]))
+
     def _read(self, level: int, low: LatticeArray, high: LatticeArray) -> list[NodeWindow]:
         """Return the chunks of a rectangle, rows northward, and cache them."""
         columns, rows = (int(part) for part in high - low)
         corner = int(low[0]) * CHUNK, int(low[1]) * CHUNK
-        window = self._window(level, *corner, rows * CHUNK, columns * CHUNK)
+        whole = not self._painted_at(level)
+        nodes = self._source.window(level, *corner, rows * CHUNK, columns * CHUNK, painted=whole)
+        shares = [np.rint(np.clip(each, 0, 1) * 255).astype(np.uint8) for each in (nodes.rock, nodes.wetness)]
+        window = NodeWindow(nodes.height.astype(np.float32), *shares)
         chunks = []
         for r in range(rows):
             for c in range(columns):
                 part = np.s_[r * CHUNK : (r + 1) * CHUNK, c * CHUNK : (c + 1) * CHUNK]
                 own = NodeWindow._make(each[part].copy() for each in window)
                 key = level, int(low[0]) + c, int(low[1]) + r
-                chunks.append(self._chunks.store(key, own))
+                if self._disk is not None:
+                    self._disk.add(self._disk_key(key), b"".join(each.tobytes() for each in own))
+                chunks.append(self._chunks.store(key, self._painted_over(own, key)))
         return chunks
 
     def _painted_at(self, level: int) -> tuple[PaintedNodes, ...]:
         return self._painted.levels[level : level + 1] if self._painted is not None else ()
 
-    def _window(self, level: int, column: int, row: int, rows: int, columns: int) -> NodeWindow:
-        painted = self._painted_at(level)
-        nodes = self._source.window(level, column, row, rows, columns, painted=not painted)
-        height = nodes.height.astype(np.float32)
-        shares = [np.rint(np.clip(each, 0, 1) * 255).astype(np.uint8) for each in (nodes.rock, nodes.wetness)]
-        for own in painted:
-            south, west = own.row - row, own.column - column
+    def _painted_over(self, chunk: NodeWindow, key: tuple[int, int, int]) -> NodeWindow:
+        """Return a chunk with the painted nodes in it (in place)."""
+        height, *shares = chunk
+        for own in self._painted_at(key[0]):
+            south, west = own.row - CHUNK * key[2], own.column - CHUNK * key[1]
             h, w = own.height.shape
             here = np.s_[max(south, 0) : max(south + h, 0), max(west, 0) : max(west + w, 0)]
             target = height[here]
@@ -239,7 +267,7 @@ class NodeReader:
             target[inside] = z[inside]
             for share, painted_share in zip(shares, (own.rock, own.wetness), strict=True):
                 share[here][inside] = painted_share[there][: target.shape[0], : target.shape[1]][inside]
-        return NodeWindow(height, *shares)
+        return chunk
 
     def window(self, level: int, column: int, row: int, rows: int, columns: int) -> NodeWindow:
         """Return the nodes of a window, from chunks."""

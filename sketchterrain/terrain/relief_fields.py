@@ -18,7 +18,7 @@ from numba import njit
 from sketchterrain.placement.feature_types import TYPES
 from sketchterrain.placement.hashing import hash_keys, rounded
 from sketchterrain.placement.heights import unpainted_height
-from sketchterrain.terrain.hashed_noise import gradient_noise, value_noise
+from sketchterrain.terrain.hashed_noise import gradient_noise, value_noise_row
 from sketchterrain.terrain.mesh import SIDE, UNIT_BITS, base_level
 
 if TYPE_CHECKING:
@@ -256,13 +256,15 @@ def relief_raster(fields, level, column, row, rows, columns):
 def roughened(fields, relief, level, column, row):
     """Return uplift at nodes, varied over 8 and 16 nodes of level 0."""
     rows, columns = relief.shape
-    uplift = np.empty((rows, columns))
+    uplift, noise = np.empty((rows, columns)), np.empty(columns)
+    x, step = (column << level) * SIDE, SIDE << level
     for j in range(rows):
+        y = ((row + j) << level) * SIDE
+        noise[:] = 0.0
+        value_noise_row(fields.key + np.uint64(21), x, step, y, 8, 1.0, noise)
+        value_noise_row(fields.key + np.uint64(22), x, step, y, 7, 0.9, noise)
         for i in range(columns):
-            x, y = ((column + i) << level) * SIDE, ((row + j) << level) * SIDE
-            noise = value_noise(fields.key + np.uint64(21), x, y, 8)
-            noise += 0.9 * value_noise(fields.key + np.uint64(22), x, y, 7)
-            uplift[j, i] = relief[j, i] * fields.per_relief * max(1.0 + fields.roughness * noise, 0.15)
+            uplift[j, i] = relief[j, i] * fields.per_relief * max(1.0 + fields.roughness * noise[i], 0.15)
     return uplift
 
 

@@ -252,33 +252,21 @@ class UnpaintedGround:
     def _drain_group(self, level: int, sites: list[Site], coarser: dict[Site, _Cell]) -> dict[Site, _Cell]:
         """Drain cells of neighbouring sites, each from its next coarser level, and cache them."""
         finest = self.settings.spacing
-        spacing = finest * 2.0**level
-        nodes, inflow = self._cells_of(level, sites)
+        nodes = self._cells_of(level, sites)
         result = {}
-        for number, site in enumerate(sites):
-            if not nodes.boxes[number].any():
+        for number, (site, box) in enumerate(zip(sites, nodes.boxes.tolist(), strict=True)):
+            if not any(box):
                 result[site] = self._cells.store((level, *site), _NOTHING)
                 continue
             start = coarser.get(site, _NOTHING)
-            height, area = mesh_nodes.drain_cell(
-                nodes, number, start.drained, (start.row, start.column), finest, BARE_ROUNDS[start.levels]
-            )
-            south, west, north, east = nodes.boxes[number].tolist()
-            part = np.s_[south:north, west:east]
-            piled = height.copy()
-            mesh_nodes.pile_talus(piled, nodes.base[part], _TALUS * spacing * nodes.repose[part])
-            area += np.where(np.isnan(height), 0.0, inflow[part])
-            wet = wetness.wetness(piled, area, spacing, finest)
-            corner = nodes.column + west, nodes.row + south
-            cell = _Cell(*corner, start.levels + 1, height, piled, area.astype(np.float32), wet)
+            corner, rounds = (start.row, start.column), BARE_ROUNDS[start.levels]
+            drained = mesh_nodes.drain_cell(nodes, number, start.drained, corner, finest, rounds, _TALUS)
+            cell = _Cell(nodes.column + box[1], nodes.row + box[0], start.levels + 1, *drained)
             result[site] = self._cells.store((level, *site), cell)
         return result
 
-    def _cells_of(self, level: int, sites: Sequence[Site]) -> tuple[CellNodes, Float64Array]:
-        """Return the rasters around cells of neighbouring sites, from which these are drained.
-
-        And the areas (m²) that drain from other cells into nodes on valleys between cells.
-        """
+    def _cells_of(self, level: int, sites: Sequence[Site]) -> CellNodes:
+        """Return the rasters around cells of neighbouring sites, from which these are drained."""
         columns, rows = [site[0] for site in sites], [site[1] for site in sites]
         west, south, east, north = min(columns), min(rows), max(columns), max(rows)
         table = self.table(west - 5, south - 5, north - south + 10, east - west + 10)
@@ -286,17 +274,16 @@ class UnpaintedGround:
         bounds = self._bounds(level, table)[at]
         column, row = (bounds[:, :2].min(axis=0) - 1).tolist()
         shape = int(bounds[:, 3].max()) + 2 - row, int(bounds[:, 2].max()) + 2 - column
-        place, third = mesh_nodes.owners(self.mesh, table, level, column, row, *shape)
+        place, third, _ = mesh_nodes.owners(self.mesh, table, level, column, row, *shape)
         owner = mesh_nodes.owner_index(place, table.site_x.shape[1])
         # a node's cell as its place in the list of sites, −1 for others
         number = np.full(table.site_x.shape, -1, np.int32)
         number[at] = np.arange(len(sites))
         owner = number.ravel()[owner]
         base, inflow = mesh_nodes.borders(table, place, third, owner, self._passes)
-        inflow *= (self.settings.spacing * 2**SITE_BITS) ** 2
         fields = self.uplift(level, column, row, *shape)
         boxes = mesh_nodes.boxes(owner, len(sites))
-        return CellNodes(level, column, row, owner, base, fields.uplift, fields.repose, boxes), inflow
+        return CellNodes(level, column, row, owner, base, fields.uplift, fields.repose, inflow, boxes)
 
     def uplift(self, level: int, column: int, row: int, rows: int, columns: int) -> UpliftNodes:
         """Return what raises unpainted ground at nodes of a level."""
@@ -310,14 +297,14 @@ class UnpaintedGround:
         """Sites of the cells that overlap the sketch's square, in ascending order: the painted region."""
         table = self.table(-3, -3, 10, 10)
         side = 256
-        place, _ = mesh_nodes.owners(self.mesh, table, 0, 0, 0, side + 1, side + 1)
+        place, _, _ = mesh_nodes.owners(self.mesh, table, 0, 0, 0, side + 1, side + 1)
         stride = table.site_x.shape[1]
         owner = np.unique(mesh_nodes.owner_index(place, stride))
         return tuple(sorted((table.column + int(k) % stride, table.row + int(k) // stride) for k in owner))
 
     def painted_region(self, level: int) -> PaintedRegion:
         """Return the nodes of a level that belong to the painted region, and the heights of its border."""
-        cells, _ = self._cells_of(level, self.painted_sites)
+        cells = self._cells_of(level, self.painted_sites)
         inside = cells.owner >= 0
         outlets = mesh_nodes.outer_borders(inside, cells.base)
         rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))

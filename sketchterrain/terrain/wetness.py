@@ -10,7 +10,7 @@ The logarithm is linear between powers of two, so that its bits depend on no lib
 """
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 
-from math import frexp, isnan, nan, sqrt
+from math import nan, sqrt
 
 import numpy as np
 from numba import njit
@@ -33,68 +33,93 @@ def wetness(height, area, spacing, finest):
     Areas are m²; `finest` is the spacing (m) of level 0. A node's own area counts as one of level 0.
     """
     rows, columns = height.shape
-    index = np.full((rows, columns), nan)
-    own = spacing * spacing - finest * finest
+    # with a margin of NaN, which no comparison chooses
+    z, index = np.full((rows + 2, columns + 2), nan), np.full((rows + 2, columns + 2), nan)
     for j in range(rows):
         for i in range(columns):
-            z = height[j, i]
-            if isnan(z):
-                continue
-            steepest = _LEVEL * spacing
-            for dj, di in ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)):
-                if 0 <= j + dj < rows and 0 <= i + di < columns:
-                    fall = z - height[j + dj, i + di]
-                    fall = fall if dj * di == 0 else fall * sqrt(0.5)
-                    if fall > steepest:
-                        steepest = fall
-            nodes = max((area[j, i] - own) / (finest * spacing), 1.0)
-            mantissa, exponent = frexp(nodes * spacing / steepest)
-            index[j, i] = exponent + 2 * mantissa - 2
+            z[j + 1, i + 1] = height[j, i]
+    ratio = np.empty(columns)
+    for j in range(1, rows + 1):
+        _start(z[j - 1], z[j], z[j + 1], area[j - 1], spacing, finest, ratio, index[j])
     for _ in range(_SWEEPS):
-        for j in range(rows):
-            for i in range(columns):
-                _spread(height, index, j, i, -1, spacing, finest)
-        for j in range(rows - 1, -1, -1):
-            for i in range(columns - 1, -1, -1):
-                _spread(height, index, j, i, 1, spacing, finest)
+        for j in range(1, rows + 1):
+            _spread(z[j - 1], z[j], index[j - 1], index[j], spacing, finest)
+            for i in range(1, columns + 1):
+                left = _left(index[j, i - 1], z[j, i] - z[j, i - 1], spacing, finest)
+                index[j, i] = _higher(index[j, i], left)
+        for j in range(rows, 0, -1):
+            _spread(z[j + 1], z[j], index[j + 1], index[j], spacing, finest)
+            for i in range(columns, 0, -1):
+                left = _left(index[j, i + 1], z[j, i] - z[j, i + 1], spacing, finest)
+                index[j, i] = _higher(index[j, i], left)
     return _smoothed(index)
 
 
 @_compiled
-def _spread(height, index, j, i, step, spacing, finest):
-    """Raise the index of a node to what the neighbours before it, or after it, leave to it."""
-    if isnan(index[j, i]):
-        return
-    rows, columns = index.shape
-    best = index[j, i]
-    for dj, di in ((step, -1), (step, 0), (step, 1), (0, step)):
-        if 0 <= j + dj < rows and 0 <= i + di < columns:
-            rise = max(height[j, i] - height[j + dj, i + di], 0.0)
-            way = spacing if dj * di == 0 else spacing * sqrt(2.0)
-            left = index[j + dj, i + di] - (_SPREAD * way + _RISE * rise) / finest
-            if left > best:
-                best = left
-    index[j, i] = best
+def _higher(a, b):
+    """Return b if it is greater than a, which nothing is if either is NaN."""
+    return b if b > a else a
+
+
+@_compiled
+def _left(index, rise, way, finest):
+    """Return what is left of the index after a way (m) and a rise (m), if any."""
+    return index - (_SPREAD * way + _RISE * (rise if rise > 0.0 else 0.0)) / finest
+
+
+@_compiled
+def _start(south, here, north, area, spacing, finest, ratio, index):
+    """Write the index of a row of nodes before it spreads, from their areas and the three rows of heights."""
+    own, width, level = spacing * spacing - finest * finest, finest * spacing, _LEVEL * spacing
+    for i in range(area.size):
+        z, fall = here[i + 1], level
+        for other in (here[i], here[i + 2], south[i + 1], north[i + 1]):
+            fall = _higher(fall, z - other)
+        for other in (south[i], south[i + 2], north[i], north[i + 2]):
+            fall = _higher(fall, (z - other) * sqrt(0.5))
+        ratio[i] = _higher(1.0, (area[i] - own) / width) * spacing / fall
+    bits = ratio.view(np.int64)
+    for i in range(area.size):  # 2^(e − 1022) m with 1/2 ≤ m < 1, of which the index is e − 1022 + 2 m − 2
+        index[i + 1] = np.float64((bits[i] >> 52) - 1022) if here[i + 1] == here[i + 1] else nan
+        bits[i] = (bits[i] & 0xFFFFFFFFFFFFF) | 0x3FF0000000000000
+    for i in range(area.size):
+        index[i + 1] = index[i + 1] + ratio[i] - 2
+
+
+@_compiled
+def _spread(before, here, given, index, spacing, finest):
+    """Raise the index of a row of nodes to what the row before it leaves to it."""
+    for i in range(here.size - 2):
+        z, slant = here[i + 1], spacing * sqrt(2.0)
+        west = _left(given[i], z - before[i], slant, finest)
+        east = _left(given[i + 2], z - before[i + 2], slant, finest)
+        south = _left(given[i + 1], z - before[i + 1], spacing, finest)
+        index[i + 1] = _higher(_higher(_higher(index[i + 1], west), east), south)
 
 
 @_compiled
 def _smoothed(index):
-    """Return the wetness of means (1 2 1) of the index; 0 where it is NaN."""
-    rows, columns = index.shape
+    """Return the wetness of means (1 2 1) of an index with a margin of NaN; 0 where it is NaN."""
+    rows, columns = index.shape[0] - 2, index.shape[1] - 2
+    value, weight = np.zeros(index.shape), np.zeros(index.shape)
     result = np.zeros((rows, columns), np.float32)
+    for j in range(rows + 2):
+        for i in range(columns + 2):
+            inside = index[j, i] == index[j, i]
+            value[j, i], weight[j, i] = (index[j, i], 1.0) if inside else (0.0, 0.0)
     for j in range(rows):
         for i in range(columns):
-            if isnan(index[j, i]):
-                continue
-            total, weights = 0.0, 0.0
-            for dj in range(-1, 2):
-                for di in range(-1, 2):
-                    if 0 <= j + dj < rows and 0 <= i + di < columns and not isnan(index[j + dj, i + di]):
-                        weight = (2.0 - abs(dj)) * (2.0 - abs(di))
-                        total += weight * index[j + dj, i + di]
-                        weights += weight
-            result[j, i] = min(max((total / weights - _DRY) / (_WET - _DRY), 0.0), 1.0)
+            wet = (_mean(value, j, i) / max(_mean(weight, j, i), 1.0) - _DRY) / (_WET - _DRY)
+            result[j, i] = min(max(wet, 0.0), 1.0) if weight[j + 1, i + 1] else 0.0
     return result
+
+
+@_compiled
+def _mean(a, j, i):
+    """Return the weighted sum (1 2 1) of the nodes from (j, i) on."""
+    south = a[j, i] + 2 * a[j, i + 1] + a[j, i + 2]
+    here = south + 2 * a[j + 1, i] + 4 * a[j + 1, i + 1] + 2 * a[j + 1, i + 2]
+    return here + a[j + 2, i] + 2 * a[j + 2, i + 1] + a[j + 2, i + 2]
 
 
 def mean_wetness(rock: Float32Array) -> Float32Array:

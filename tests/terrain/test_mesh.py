@@ -8,6 +8,7 @@ import pytest
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.placement.hashing import hash_keys
 from sketchterrain.terrain import mesh as meshes
+from sketchterrain.terrain import mesh_nodes
 from sketchterrain.terrain.hashed_noise import value_noise
 from sketchterrain.terrain.relief_fields import UnpaintedSettings
 from sketchterrain.terrain.unpainted import UnpaintedGround, unpainted_ground
@@ -31,17 +32,13 @@ def test_value_noise_is_continuous_and_bounded():
 
 def test_cells_tile_the_plane_and_are_as_large_as_a_lattice_square(ground):
     table = ground.table(-8, 40, 20, 20)
-    owners = {}
-    for y in range(44 << meshes.UNIT_BITS, 54 << meshes.UNIT_BITS, 32):
-        for x in range(-4 << meshes.UNIT_BITS, 6 << meshes.UNIT_BITS, 32):
-            row, column, _, first, second, third, _ = meshes.locate(ground.mesh, table, x, y)
-            assert row >= 0  # in some triangle
-            assert first != second
-            assert 0.0 <= third <= 1.0 / 3.0 + 1e-12
-            site = row + meshes.CORNER_Y[first], column + meshes.CORNER_X[first]
-            owners[site] = owners.get(site, 0) + 1
-    inner = [n for (j, i), n in owners.items() if 6 < j < 13 and 6 < i < 13]
-    assert len(inner) == 36
+    place, third, _ = mesh_nodes.owners(ground.mesh, table, 1, -4 * 32, 44 * 32, 320, 320)
+    assert (place[..., 0] >= 0).all()  # in some triangle
+    assert (place[..., 3] != place[..., 4]).all()
+    assert 0.0 <= third.min() <= third.max() <= 1.0 / 3.0 + 1e-12
+    count = np.bincount(mesh_nodes.owner_index(place, 21).ravel(), minlength=21 * 21).reshape(21, 21)
+    inner = count[7:13, 7:13]
+    assert (inner > 0).all()
     assert np.mean(inner) == pytest.approx(32**2, rel=0.1)
 
 

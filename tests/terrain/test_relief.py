@@ -1,14 +1,18 @@
 """The drained ground as layers read it: kernel and host, windows, levels, changes of the painted raster."""
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from sketchterrain.document.layers import DENSITY
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.io.disk_cache import RecordCache
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.building import make_recipe as recipe_of
 from sketchterrain.terrain.changes import difference
@@ -16,7 +20,13 @@ from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_samples
 from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.layers.relief import ReliefLayer
-from sketchterrain.terrain.node_raster import DrainedRaster, NodeReader, PaintedNodes, node_level
+from sketchterrain.terrain.node_raster import (
+    CHUNK_RECORD,
+    DrainedRaster,
+    NodeReader,
+    PaintedNodes,
+    node_level,
+)
 from sketchterrain.terrain.patches import tile_patches, tile_samples
 from sketchterrain.terrain.relief_fields import UnpaintedSettings
 from sketchterrain.terrain.unpainted import Nodes, UnpaintedGround
@@ -244,3 +254,47 @@ def test_scattered_points_ask_for_few_nodes(context) -> None:
     together = terrain.heights(x, y)
     alone = [float(terrain.heights(*place)) for place in zip(x, y, strict=True)]
     np.testing.assert_array_equal(together, np.array(alone, np.float32))
+
+
+def test_chunks_from_disk_have_the_computed_bits(tmp_path) -> None:
+    """Also from a damaged or truncated file, of which chunks are computed again; from any other folder."""
+    settings, raster = UnpaintedSettings(extent=6000.0, seed=5), painted(60, 80, 128)
+
+    def read(folder: Path | None, size: int = 1 << 24) -> list[npt.NDArray[Any]]:
+        disk = RecordCache("ground", "a", CHUNK_RECORD.itemsize, folder=folder) if folder else None
+        reader = NodeReader(OwnNodes(settings, size), raster, disk=disk)
+        windows = [reader.window(level, -40, 70, 150, 90) for level in (0, 2, 7)]
+        if disk is not None:
+            disk.flush()
+        return [values for window in windows for values in window]
+
+    expected = read(None)
+    (tmp_path / "file").touch()
+    for change in ("none yet", "whole", "damaged", "truncated", "no folder"):
+        found = read(tmp_path / "file" if change == "no folder" else tmp_path)
+        for a, b in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(a, b)
+        first, *others = sorted(tmp_path.glob("ground-*"), key=lambda path: -path.stat().st_size)
+        assert bool(others) == (change in ("damaged", "truncated", "no folder")), change
+        content = first.read_bytes()
+        if change == "whole":
+            first.write_bytes(content[:9000] + b"x" + content[9001:])
+        elif change == "damaged":
+            for path in others:
+                path.unlink()
+            first.write_bytes(content[: len(content) // 2])
+
+
+def test_least_recently_used_files_of_chunks_are_deleted(tmp_path) -> None:
+    for number in range(6):
+        cache = RecordCache("ground", str(number), 100, max_bytes=2000, folder=tmp_path)
+        for key in range(9):  # of which it writes a quarter of 2000 bytes
+            cache.add((key, 0, 0, 0), bytes(100))
+        cache.flush()
+        for path in tmp_path.glob("ground-*"):
+            age = path.stat().st_mtime - 100.0
+            os.utime(path, (age, age))
+        assert cache.get((4, 0, 0, 0)) == bytes(100)
+        assert cache.get((5, 0, 0, 0)) is None
+    assert len(list(tmp_path.iterdir())) == 2000 // (5 * 136)
+    assert RecordCache("ground", "0", 100, folder=tmp_path).get((0, 0, 0, 0)) is None

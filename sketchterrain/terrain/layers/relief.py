@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from importlib.resources import files
 from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
@@ -10,6 +12,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
+from sketchterrain.io.disk_cache import RecordCache
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.layer import (
@@ -28,6 +31,7 @@ from sketchterrain.terrain.layers.layer import (
 from sketchterrain.terrain.node_raster import (
     APRON,
     CHUNK,
+    CHUNK_RECORD,
     NODE_BITS,
     DrainedRaster,
     NodeReader,
@@ -104,6 +108,15 @@ class UnpaintedNodes:
         return unpainted_ground(self.settings)
 
 
+@lru_cache(maxsize=4)
+def _disk_cache(settings: UnpaintedSettings) -> RecordCache:
+    """Return the cache on disk of chunks, by the settings and the sources that nodes depend on."""
+    folders = files("sketchterrain.placement"), files("sketchterrain.terrain")
+    sources = [each for folder in folders for each in folder.iterdir() if each.name.endswith(".py")]
+    texts = "".join(each.read_text("utf-8") for each in sorted(sources, key=str))
+    return RecordCache("ground", f"{settings}\n{texts}", CHUNK_RECORD.itemsize)
+
+
 @dataclass(frozen=True)
 class ReliefScale:
     """Strengths of the noises below the raster."""
@@ -124,7 +137,8 @@ class ReliefLayer(TerrainLayer):
 
     def reader(self) -> NodeReader:
         """Return a reader of its nodes with an empty cache."""
-        return NodeReader(self.unpainted, self.painted)
+        disk = _disk_cache(self.unpainted.settings) if isinstance(self.unpainted, UnpaintedNodes) else None
+        return NodeReader(self.unpainted, self.painted, disk=disk)
 
     def stacks(self, world: WorldSettings) -> tuple[NoiseStack, ...]:
         """Return the noises of displacement, gullies and roughness."""

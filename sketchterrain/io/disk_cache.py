@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import atexit
 import hashlib
 import os
-import secrets
-import struct
-import zlib
-from collections.abc import Callable
+import sqlite3
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from threading import Lock, Timer
-from typing import Final
+from threading import Lock
+from typing import Any, Final
 
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.io.files import cache_folder, write_atomic
 
 _SUFFIX: Final = ".cached"
 _DIGEST: Final = hashlib.sha256().digest_size
-_HEAD: Final = struct.Struct("<4qI")  # a record's key and CRC-32; those of a file precede its records
-_DELAY: Final = 3.0  # s
+_SCHEMA: Final = """
+PRAGMA synchronous = OFF;
+CREATE TABLE IF NOT EXISTS records (a INT, b INT, c INT, d INT, content BLOB, PRIMARY KEY (a, b, c, d));
+"""
 
 
 def cached_bytes(
@@ -64,83 +63,60 @@ def _read(path: Path) -> memoryview | None:
 
 
 class RecordCache:
-    """Records of one size that depend on `recipe` and a key of four integers, in few files; thread-safe.
+    """Byte strings by four integers, in one SQLite file for each `recipe`; thread-safe.
 
-    A thread writes what is added during some seconds into one file. When the family's files exceed
-    `max_bytes`, those that were not opened for longest are deleted; a process writes at most a quarter of
-    it. Records that cannot be read or written are as if they were not cached.
+    A file holds at most a quarter of `max_bytes`; of the files of a family, those that were not opened for
+    longest are deleted when they exceed it. Without a usable file nothing is cached.
     """
 
     def __init__(
-        self, family: str, recipe: str, size: int, *, max_bytes: int = 1 << 28, folder: Path | None = None
+        self, family: str, recipe: str, *, max_bytes: int = 1 << 28, folder: Path | None = None
     ) -> None:
-        self._family, self._name, self._size = family, _name(family, recipe), size
-        self._max_bytes, self._left = max_bytes, max_bytes // 4
-        self._index: dict[tuple[int, ...], tuple[Path, int, int]] = {}
-        self._pending: dict[tuple[int, ...], bytes] = {}
-        self._lock, self._writing = Lock(), Lock()
+        self._lock, self._left = Lock(), max_bytes // 4
+        self._database: sqlite3.Connection | None = None
         try:
-            self._folder = folder or cache_folder()
-            for path in self._files(self._name):
-                self._open(path)
-                os.utime(path)  # the most recently used
-        except (OSError, RuntimeError):  # or no home directory
-            self._left = 0
-        atexit.register(self.flush)
+            folder = folder or cache_folder()
+            folder.mkdir(parents=True, exist_ok=True)
+            path = folder / f"{_name(family, recipe)}.sqlite"
+            database = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+            database.executescript(_SCHEMA)
+            self._left -= path.stat().st_size
+            os.utime(path)
+            total = 0
+            for each in sorted(folder.glob(f"{family}-*.sqlite"), key=_opened, reverse=True):
+                total += each.stat().st_size
+                if total > max_bytes:
+                    each.unlink()
+            self._database = database
+        except (OSError, RuntimeError, sqlite3.Error):  # RuntimeError: no home directory
+            pass
 
     def get(self, key: tuple[int, int, int, int]) -> bytes | None:
-        """Return a record, or None if it is missing or corrupt."""
-        try:
-            path, start, check = self._index[key]
-            with path.open("rb") as stream:
-                stream.seek(start)
-                content = stream.read(self._size)
-        except (KeyError, OSError):
-            return None
-        return content if _check(key, content) == check else None
+        """Return what was added, or None."""
+        row = self._execute("SELECT content FROM records WHERE (a, b, c, d) = (?, ?, ?, ?)", [key])
+        return row[0] if row else None
 
-    def add(self, key: tuple[int, int, int, int], content: bytes) -> None:
-        """Write a record soon."""
+    def add(self, contents: Mapping[tuple[int, int, int, int], bytes]) -> None:
+        """Add byte strings, as far as there is room."""
+        self._left -= sum(map(len, contents.values()))
+        if self._left > 0:
+            rows = [(*key, content) for key, content in contents.items()]
+            self._execute("INSERT OR IGNORE INTO records VALUES (?, ?, ?, ?, ?)", rows)
+
+    def _execute(self, statement: str, rows: Sequence[tuple[Any, ...]]) -> Any:
         with self._lock:
-            self._left -= self._size
-            if self._left >= 0 and not self._pending:
-                timer = Timer(_DELAY, self.flush)
-                timer.daemon = True
-                timer.start()
-            if self._left >= 0:
-                self._pending[key] = content
-
-    def flush(self) -> None:
-        """Write what was added."""
-        with self._writing:
-            with self._lock:
-                records, self._pending = self._pending, {}
-            if not records:
-                return
-            heads = (_HEAD.pack(*key, _check(key, content)) for key, content in records.items())
-            path, total = self._folder / f"{self._name}-{secrets.token_hex(4)}{_SUFFIX}", 0
+            if self._database is None:
+                return None
             try:
-                self._folder.mkdir(parents=True, exist_ok=True)
-                self._open(write_atomic(path, b"".join((*heads, *records.values()))))
-                for old in reversed(self._files(self._family)):
-                    total += old.stat().st_size
-                    if total > self._max_bytes:
-                        old.unlink()
-            except (OSError, SketchterrainError):
-                pass  # a full or read-only disk costs time, no more
-
-    def _files(self, name: str) -> list[Path]:
-        """Return the files of a name, those opened last at the end."""
-        return sorted(self._folder.glob(f"{name}-*{_SUFFIX}"), key=lambda path: path.stat().st_mtime)
-
-    def _open(self, path: Path) -> None:
-        """Read where a file has which records."""
-        count = path.stat().st_size // (_HEAD.size + self._size)
-        with path.open("rb") as stream:
-            heads = stream.read(count * _HEAD.size)
-        for number, (*key, check) in enumerate(_HEAD.iter_unpack(heads)):
-            self._index[tuple(key)] = path, len(heads) + number * self._size, check
+                self._database.execute("BEGIN")
+                for row in rows:
+                    found = self._database.execute(statement, row).fetchone()
+                self._database.execute("COMMIT")
+            except sqlite3.Error:  # a damaged file, or a full disk
+                self._database = None
+                return None
+            return found
 
 
-def _check(key: tuple[int, ...], content: bytes) -> int:
-    return zlib.crc32(content, zlib.crc32(struct.pack("<4q", *key)))
+def _opened(path: Path) -> float:
+    return path.stat().st_mtime

@@ -214,7 +214,9 @@ def capture_frames(
     check_overlays(overlays)
     with canvas(size) as (context, texture, framebuffer):
         if quality is None:
-            quality = Quality.for_still(size) if complete else Quality.for_renderer(context.info["GL_RENDERER"])
+            quality = (
+                Quality.for_still(size) if complete else Quality.for_renderer(context.info["GL_RENDERER"])
+            )
         quality = replace(quality, without=quality.without | frozenset(without))
         cameras = _cameras(views)
         weather = weather or Weather.from_sketch(terrain.sketch)

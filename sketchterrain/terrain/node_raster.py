@@ -239,15 +239,16 @@ class NodeReader:
         nodes = self._source.window(level, *corner, rows * CHUNK, columns * CHUNK, painted=whole)
         shares = [np.rint(np.clip(each, 0, 1) * 255).astype(np.uint8) for each in (nodes.rock, nodes.wetness)]
         window = NodeWindow(nodes.height.astype(np.float32), *shares)
-        chunks = []
+        chunks, records = [], {}
         for r in range(rows):
             for c in range(columns):
                 part = np.s_[r * CHUNK : (r + 1) * CHUNK, c * CHUNK : (c + 1) * CHUNK]
                 own = NodeWindow._make(each[part].copy() for each in window)
                 key = level, int(low[0]) + c, int(low[1]) + r
-                if self._disk is not None:
-                    self._disk.add(self._disk_key(key), b"".join(each.tobytes() for each in own))
+                records[self._disk_key(key)] = b"".join(each.tobytes() for each in own)
                 chunks.append(self._chunks.store(key, self._painted_over(own, key)))
+        if self._disk is not None:
+            self._disk.add(records)
         return chunks
 
     def _painted_at(self, level: int) -> tuple[PaintedNodes, ...]:

@@ -31,7 +31,6 @@ from sketchterrain.terrain.layers.layer import (
 from sketchterrain.terrain.node_raster import (
     APRON,
     CHUNK,
-    CHUNK_RECORD,
     NODE_BITS,
     DrainedRaster,
     NodeReader,
@@ -114,7 +113,7 @@ def _disk_cache(settings: UnpaintedSettings) -> RecordCache:
     folders = files("sketchterrain.placement"), files("sketchterrain.terrain")
     sources = [each for folder in folders for each in folder.iterdir() if each.name.endswith(".py")]
     texts = "".join(each.read_text("utf-8") for each in sorted(sources, key=str))
-    return RecordCache("ground", f"{settings}\n{texts}", CHUNK_RECORD.itemsize)
+    return RecordCache("ground", f"{settings}\n{texts}")
 
 
 @dataclass(frozen=True)

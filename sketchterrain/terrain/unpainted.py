@@ -270,7 +270,8 @@ class UnpaintedGround:
             area += np.where(np.isnan(height), 0.0, inflow[part])
             wet = wetness.wetness(piled, area, spacing, finest)
             corner = nodes.column + west, nodes.row + south
-            cell = _Cell(*corner, start.levels + 1, height, piled, area.astype(np.float32), wet)
+            drained = height if level else height[:0].copy()  # there is no finer level than 0
+            cell = _Cell(*corner, start.levels + 1, drained, piled, area.astype(np.float32), wet)
             result[site] = self._cells.store((level, *site), cell)
         return result
 

@@ -20,10 +20,8 @@ from sketchterrain.document.layers import LAYERS, layer_of
 from sketchterrain.document.parameters import SKETCH, Parameter, Value
 from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.hydrology.rivers import move_edit
-from sketchterrain.placement.feature_types import FEATURE_TYPES, TYPES, Lake, River
+from sketchterrain.placement.feature_types import FEATURE_TYPES, TYPES, Lake, River, lock_edit, move_edit
 from sketchterrain.placement.heights import UNSET_HEIGHT
-from sketchterrain.terrain.edits import lock_edit
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.workspace import Selection
 

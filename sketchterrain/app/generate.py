@@ -48,17 +48,14 @@ from sketchterrain.terrain.terrain import Terrain
 REPORT = "report.json"
 
 
-def terrain_report(terrain: Terrain, raster: Raster, plants: FoliageResult) -> dict[str, Any]:
-    """Return the report of a terrain and its files."""
-    rows, columns = raster.height.shape
+def terrain_report(terrain: Terrain, facts: dict[str, Any], plants: FoliageResult) -> dict[str, Any]:
+    """Return the report of a terrain and its files; `facts` are those of its raster."""
     features = terrain.features
     kinds = Counter(FEATURE_TYPES[code] for code in features.points["type"].tolist())
     plant_count = sum(plants.counts.values())
     return report_header(terrain) | {
         "extent": terrain.extent,
-        "size": {"columns": columns, "rows": rows},
-        "spacing": {"x": raster.spacing[0], "y": raster.spacing[1]},
-        "heights": {"minimum": float(raster.height.min()), "maximum": float(raster.height.max())},
+        **facts,
         **({} if terrain.sea_level is None else {"sea_level": terrain.sea_level}),
         "counts": {
             "features": {name: kinds[name] for name in FEATURE_TYPES},
@@ -73,6 +70,16 @@ def terrain_report(terrain: Terrain, raster: Raster, plants: FoliageResult) -> d
             "seconds": round(plants.seconds, 4),
             "plants_per_second": round(plant_count / plants.seconds),
         },
+    }
+
+
+def raster_facts(raster: Raster) -> dict[str, Any]:
+    """Return the entries of a report that tell of a raster."""
+    rows, columns = raster.height.shape
+    return {
+        "size": {"columns": columns, "rows": rows},
+        "spacing": {"x": raster.spacing[0], "y": raster.spacing[1]},
+        "heights": {"minimum": float(raster.height.min()), "maximum": float(raster.height.max())},
     }
 
 
@@ -196,10 +203,13 @@ def _write_files(
         writer.add("height.png", write_height_png, folder, raster)
         writer.add("normal.png", write_normal_png, folder, raster)
         writer.add("materials", write_materials, folder, raster, terrain.material_names)
+        facts = raster_facts(raster)
+        del raster  # freed once written
         writer.add("drainage", write_drainage, folder, terrain.drainage())
         writer.add("features.json", write_features, folder, features)
         with stages.stage("plants", "Plants") as progress:
             plants = write_foliage(folder, terrain, area, options.foliage, progress=progress)
+        terrain.release_buffers()
         measured = measure_terrain(terrain, stages)
         problem = None
         if options.map is not None:
@@ -213,7 +223,7 @@ def _write_files(
                     writer.add("preview.png", write_picture, folder / "preview.png", picture)
         with stages.stage("files", "Writing files"):
             files = writer.finish() + plants.files
-    report = terrain_report(terrain, raster, plants) | measured
+    report = terrain_report(terrain, facts, plants) | measured
     report |= run_statistics(stages, rendering, files) | {"writing": rounded(writer.seconds)}
     return GenerateResult(report, files, problem)
 

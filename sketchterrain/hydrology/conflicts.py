@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from sketchterrain.array_types import Float64Array, Int64Array
-from sketchterrain.hydrology.lakes import lake_centre, runs_inside
-from sketchterrain.placement.feature_types import Lake, River
+from sketchterrain.hydrology.lakes import runs_inside
+from sketchterrain.placement.feature_types import Lake, River, lake_centre
 from sketchterrain.placement.shapes import Region, find_regions
 
 if TYPE_CHECKING:

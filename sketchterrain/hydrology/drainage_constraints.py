@@ -15,10 +15,10 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.hydrology.courses import RiverCourse, arc_length, smoothed
-from sketchterrain.hydrology.lakes import GroundHeight, distance_inside, runs_inside, shore_positions
+from sketchterrain.hydrology.lakes import GroundHeight, runs_inside, shore_positions
 from sketchterrain.hydrology.layout import heights_at
 from sketchterrain.hydrology.river_shape import gradient_limit
-from sketchterrain.placement.feature_types import Lake, ShapeField
+from sketchterrain.placement.feature_types import Lake, ShapeField, distance_inside
 from sketchterrain.placement.hashing import value_noise
 
 Path = list[int]

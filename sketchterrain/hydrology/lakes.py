@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
@@ -17,7 +16,7 @@ from sketchterrain.hydrology.courses import RiverCourse, arc_length
 from sketchterrain.hydrology.river_shape import Network
 from sketchterrain.hydrology.water_levels import LakeReach, join_water_levels, solve_water_levels
 from sketchterrain.placement.covers import shape_field
-from sketchterrain.placement.feature_types import LAYER_CODES, Lake, ShapeField
+from sketchterrain.placement.feature_types import LAYER_CODES, Lake, ShapeField, distance_inside, lake_centre
 from sketchterrain.placement.hashing import rounded, value_noise
 from sketchterrain.placement.shapes import label_shapes
 
@@ -141,22 +140,6 @@ def mouth_lakes(
             )
         )
     return lakes
-
-
-def lake_centre(lake: Lake) -> Float64Array:
-    """Return the middle (m) of the rectangle that a lake's field covers."""
-    field = lake.shape
-    size = np.array(field.inside.shape[::-1]) - 1
-    return np.asarray(np.array([field.west, field.south]) + 0.5 * field.spacing * size)
-
-
-def distance_inside(field: ShapeField, at: Float64Array) -> Float64Array:
-    """Return the distance inside a shape (m) at positions (n, 2); beyond its field, the value at the rim."""
-    column = (at[:, 0] - field.west) / field.spacing
-    row = (at[:, 1] - field.south) / field.spacing
-    return np.asarray(
-        ndimage.map_coordinates(field.inside.astype(np.float64), [row, column], order=1, mode="nearest")
-    )
 
 
 def runs_inside(lakes: Sequence[Lake], line: Float64Array) -> Runs:

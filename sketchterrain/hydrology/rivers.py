@@ -103,12 +103,6 @@ def apply_river_edits(
     return [course for course in after.values() if course is not None], tuple(orphans)
 
 
-def move_edit(river: River, index: int, *, x: float, y: float) -> Edit:
-    """Return the edit that moves a control point to (x, y), m, identified by its current position."""
-    from_x, from_y = (float(each) for each in river.points[index, :2])
-    return Edit("move_point", river.id, index=index, x=x, y=y, from_x=from_x, from_y=from_y)
-
-
 def _control(points: npt.NDArray[np.float64], edit: Edit) -> int | None:
     """Return the control point of an edit: the nearest to its old position, within one interval."""
     if edit.from_x is None:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, StructuredArray
+from sketchterrain.document.edits import Edit
 from sketchterrain.document.layers import LAYERS, PATCH_LAYERS, POINT_LAYERS
 from sketchterrain.io.resources import kernel_constants
 
@@ -72,6 +73,14 @@ def style_of(point: np.void) -> dict[str, Any]:
     return {name: float(conifer_share(code)) if name == "conifers" else point[name] for name in names}
 
 
+def lock_edit(point: np.void) -> Edit:
+    """Return the edit that fixes a placed feature exactly as it is."""
+    name = FEATURE_TYPES[int(point["type"])]
+    values = {key: point[key] for key in ("x", "y", "radius", "strength")} | style_of(point)
+    floats: dict[str, Any] = {key: float(value) for key, value in values.items()}
+    return Edit("lock", int(point["id"]), type=name, **floats)
+
+
 @dataclass(frozen=True, eq=False)
 class River:
     """One reach of a river network, from its spring down to its mouth or confluence."""
@@ -88,6 +97,12 @@ class River:
     centreline_depth: npt.NDArray[np.float32]  # (m,) m
 
 
+def move_edit(river: River, index: int, *, x: float, y: float) -> Edit:
+    """Return the edit that moves a control point to (x, y), m, identified by its current position."""
+    from_x, from_y = (float(each) for each in river.points[index, :2])
+    return Edit("move_point", river.id, index=index, x=x, y=y, from_x=from_x, from_y=from_y)
+
+
 @dataclass(frozen=True, eq=False)
 class ShapeField:
     """Signed distance to a painted shape's border, sampled on a grid."""
@@ -99,6 +114,17 @@ class ShapeField:
     inside: npt.NDArray[np.float32]
 
 
+def distance_inside(field: ShapeField, at: Float64Array) -> Float64Array:
+    """Return the distance inside a shape (m) at positions (n, 2); beyond its field, the value at the rim."""
+    from scipy.ndimage import map_coordinates  # slow to import: not for a list of targets
+
+    column = (at[:, 0] - field.west) / field.spacing
+    row = (at[:, 1] - field.south) / field.spacing
+    return np.asarray(
+        map_coordinates(field.inside.astype(np.float64), [row, column], order=1, mode="nearest")
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Lake:
     """A lake."""
@@ -108,6 +134,13 @@ class Lake:
     shape: ShapeField
     level: float  # height of the water surface, m
     depth: float  # greatest depth, m
+
+
+def lake_centre(lake: Lake) -> Float64Array:
+    """Return the middle (m) of the rectangle that a lake's field covers."""
+    field = lake.shape
+    size = np.array(field.inside.shape[::-1]) - 1
+    return np.asarray(np.array([field.west, field.south]) + 0.5 * field.spacing * size)
 
 
 @dataclass(frozen=True, eq=False)

@@ -153,6 +153,7 @@ class SnapshotRenderer:
                 resources=self._resources.borrow(),
             )
             renderer.prepare(camera, self._size)
+            terrain.release_buffers()  # before drawing, which needs most
             renderer.draw(camera, self._framebuffer)
             picture = read_picture(self._texture)
             if timings is not None:

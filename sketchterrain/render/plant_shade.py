@@ -1,6 +1,6 @@
 """Shadow maps of plants, drawn in slices and reused until the eye moves on."""
 
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, cast
 
 import moderngl
 import numpy as np
@@ -53,23 +53,26 @@ _NOWHERE: Final = _Placement((0.0, 0.0, 0.0), 1e-3, Sun(0.0, 90.0))
 
 
 class _ShadowMap:
-    """One map with three buffers: displayed, fading out, and being drawn."""
+    """One map with three targets: displayed, fading out, and being drawn; an empty one has one texel."""
 
     def __init__(self, context: moderngl.Context, texels: int) -> None:
-        self.current, self.previous, self.next = (_depth_texture(context, texels) for _ in range(3))
-        textures = (self.current, self.previous, self.next)
-        self.targets = {id(texture): context.framebuffer((), texture) for texture in textures}
-        for target in self.targets.values():
-            target.use()
-            target.clear(depth=1.0)
+        self._context, self._texels = context, texels
+        self.current = self.previous = self.next = _depth_target(context, 1)
         self.placement = self.previous_placement = _NOWHERE
         self.share = 1.0  # weight of the current buffer against the previous one
         self.pending: _Placement | None = None
         self.changes = self.pending_changes = -1  # of the plant cells
         self.drawn = 0  # instances
 
+    def clear(self) -> None:
+        """Clear the target to be drawn."""
+        if self.next.width < self._texels:
+            self.next = _depth_target(self._context, self._texels)
+        self.next.use()  # what is cleared is clipped by the scissor of the bound framebuffer
+        self.next.clear(depth=1.0)
+
     def swap(self, placement: _Placement) -> None:
-        """Display the drawn buffer, cross-fading."""
+        """Display the drawn target, cross-fading."""
         self.current, self.previous, self.next = self.next, self.current, self.previous
         self.placement, self.previous_placement = placement, self.placement
         self.changes, self.pending, self.share = self.pending_changes, None, 0.0
@@ -93,7 +96,7 @@ class PlantShadows:
         self._axes = sun_axes(sun)
         self._context = context
         count = quality.shade_maps if quality.includes("shadows") else 0
-        self._maps = [_ShadowMap(context, quality.shade_texels if count else 1) for _ in MAPS]
+        self._maps = [_ShadowMap(context, quality.shade_texels) for _ in MAPS]
         self._details = FINE if count == len(MAPS) else (HULL,) * len(MAPS)
         self._used = range(len(MAPS) - count, len(MAPS))
         self._program = build_program(context, "tree_shadow.vert.glsl", "nothing.frag.glsl")
@@ -115,12 +118,13 @@ class PlantShadows:
     def textures(self) -> dict[str, moderngl.Texture]:
         """Textures by sampler name."""
         near, far = self._maps
-        return {
+        targets = {
             "shade_near": near.current,
             "shade_far": far.current,
             "shade_near_before": near.previous,
             "shade_far_before": far.previous,
         }
+        return {name: cast("moderngl.Texture", each.depth_attachment) for name, each in targets.items()}
 
     @property
     def fade_shares(self) -> tuple[float, float]:
@@ -182,7 +186,7 @@ class PlantShadows:
         return requested is not None and current != (requested, self._cells.changes)
 
     def _start(self, index: int, eye: tuple[float, float, float]) -> None:
-        """Select the plants of a map and clear its buffer."""
+        """Select the plants of a map and clear its target."""
         shadow_map, placement = self._maps[index], self._requested[index]
         shadow_map.pending, shadow_map.pending_changes, shadow_map.drawn = placement, self._cells.changes, 0
         if placement is None:
@@ -206,9 +210,7 @@ class PlantShadows:
         counts = np.zeros((KINDS, DETAILS), np.int64)
         counts[:, self._details[index]] = np.bincount(plants.kind[selected], minlength=KINDS)
         self._batches[index].set_instances(MeshInstances(rows, counts))
-        target = shadow_map.targets[id(shadow_map.next)]
-        target.use()
-        target.clear(depth=1.0)
+        shadow_map.clear()
 
     def _draw(self, index: int, count: int) -> None:
         """Draw the next plants of a map; display it when all are drawn."""
@@ -218,7 +220,7 @@ class PlantShadows:
         if count:
             x, y = self._origins[index].tolist()
             self._context.enable_only(moderngl.DEPTH_TEST)
-            shadow_map.targets[id(shadow_map.next)].use()
+            shadow_map.next.use()
             to_map = self._matrix(shadow_map.pending, (x, y, 0.0)).astype(np.float32)
             set_uniforms(self._program, {"to_map": tuple(to_map.T.ravel().tolist())})
             batch.draw(shadow_map.drawn, shadow_map.drawn + count)
@@ -249,9 +251,12 @@ def shadow_matrix(sun: Sun, centre: Float64Array, half_width: float, half_depth:
     return matrix
 
 
-def _depth_texture(context: moderngl.Context, texels: int) -> moderngl.Texture:
+def _depth_target(context: moderngl.Context, texels: int) -> moderngl.Framebuffer:
     texture = context.depth_texture((texels, texels))
     texture.compare_func = "<="
     texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
     texture.repeat_x = texture.repeat_y = False
-    return texture
+    target = context.framebuffer((), texture)
+    target.use()
+    target.clear(depth=1.0)
+    return target

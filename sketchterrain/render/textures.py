@@ -111,8 +111,7 @@ class MaterialTextures:
         self.means = [tuple(mean) for mean in np.maximum(roots**2, 1e-3).tolist()]
         for part, array in enumerate((self.colour, self.relief)):
             array.use(0)
-            for level, both in enumerate(levels):
-                _write_level(level, np.ascontiguousarray(both[part]))
+            _write_levels([np.ascontiguousarray(both[part]) for both in levels])
             array.filter = (least, moderngl.LINEAR)
 
     @classmethod
@@ -133,14 +132,20 @@ class MaterialTextures:
         )
 
 
-def _write_level(level: int, texels: npt.NDArray[np.uint8]) -> None:
-    """Write a mipmap level of the bound array; moderngl has no function for it."""
-    layers, height, width, _ = texels.shape
-    c_int, c_uint = ctypes.c_int, ctypes.c_uint
-    kinds = (c_uint, c_int, c_int, c_int, c_int, c_int, c_int, c_uint, c_uint, ctypes.c_void_p)
-    write = gl_function("glTexImage3D", None, *kinds)
-    size = (width, height, layers)
-    write(_TEXTURE_2D_ARRAY, level, _RGBA8, *size, 0, _RGBA, _UNSIGNED_BYTE, texels.ctypes.data)
+def _write_levels(levels: Sequence[npt.NDArray[np.uint8]]) -> None:
+    """Write all mipmap levels of the bound array; moderngl has no function for it.
+
+    Without storage for all of them Mesa keeps each level twice.
+    """
+    enum, integer, pointer = ctypes.c_uint, ctypes.c_int, ctypes.c_void_p
+    allocate = gl_function("glTexStorage3D", None, enum, integer, enum, *[integer] * 3)
+    write = gl_function("glTexSubImage3D", None, enum, *[integer] * 7, enum, enum, pointer)
+    for level, texels in enumerate(levels):
+        layers, height, width, _ = texels.shape
+        size = (width, height, layers)
+        if not level:
+            allocate(_TEXTURE_2D_ARRAY, len(levels), _RGBA8, *size)
+        write(_TEXTURE_2D_ARRAY, level, 0, 0, 0, *size, _RGBA, _UNSIGNED_BYTE, texels.ctypes.data)
 
 
 def noise_texture(context: moderngl.Context) -> moderngl.Texture:

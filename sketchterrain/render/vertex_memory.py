@@ -89,6 +89,9 @@ _TARGET: Final = 0x8F37  # GL_COPY_WRITE_BUFFER: no other binding is disturbed
 _READ, _WRITE, _PERSISTENT, _COHERENT = 0x1, 0x2, 0x40, 0x80
 _STORAGE_VERSION: Final = 440
 _STORAGE_EXTENSION: Final = "GL_ARB_buffer_storage"
+_PINNED_EXTENSION: Final = "GL_AMD_pinned_memory"
+_PINNED, _STREAM_DRAW = 0x9160, 0x88E0  # GL_EXTERNAL_VIRTUAL_MEMORY_BUFFER_AMD
+_PAGE: Final = 4096
 
 
 _DeviceMemory: TypeAlias = CopiedMemory | ExtensionMemory | MappedMemory
@@ -197,6 +200,14 @@ def _mapped(
     name = unsigned()
     gl_function("glGenBuffers", None, ctypes.c_int, ctypes.POINTER(unsigned))(1, name)
     bind = gl_function("glBindBuffer", None, unsigned, unsigned)
+    if _PINNED_EXTENSION in gl.extensions:  # memory of its own Mesa clears, so that all of it is resident
+        host = np.empty(nbytes + _PAGE, np.uint8)
+        host = host[-host.ctypes.data % _PAGE :][:nbytes]
+        bind(_PINNED, name.value)
+        allocate = gl_function("glBufferData", None, unsigned, size, address, unsigned)
+        allocate(_PINNED, nbytes, host.ctypes.data, _STREAM_DRAW)
+        bind(_PINNED, 0)
+        return gl.external_buffer(name.value, nbytes), MappedMemory(context, host)
     storage = gl_function("glBufferStorage", None, unsigned, size, address, unsigned)
     map_range = gl_function("glMapBufferRange", address, unsigned, size, size, unsigned)
     flags = _READ | _WRITE | _PERSISTENT | _COHERENT

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,6 @@ from sketchterrain.placement.feature_types import (
     FEATURE_TYPES,
     FILL_BIT,
     stored_style,
-    style_of,
 )
 from sketchterrain.placement.fill import Fill
 
@@ -46,14 +45,6 @@ def apply_fill_edits(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, fl
         edited = fill.within(0.0, 0.0, *size)
         edited = edited[_has_id(edited, [edit.feature or 0 for edit in own])]
     return _edited(edited, own)
-
-
-def lock_edit(point: np.void) -> Edit:
-    """Return the edit that fixes a placed feature exactly as it is."""
-    name = FEATURE_TYPES[int(point["type"])]
-    values = {key: point[key] for key in ("x", "y", "radius", "strength")} | style_of(point)
-    floats: dict[str, Any] = {key: float(value) for key, value in values.items()}
-    return Edit("lock", int(point["id"]), type=name, **floats)
 
 
 def _targets_points(edit: Edit) -> bool:

@@ -119,7 +119,7 @@ class Evaluator:
             self._launcher.surfaces(patches, store, np.arange(patches.count))
             consume(store, part)
 
-        self._patches_at_once.run(count, evaluate, on_shrink=self._release_buffers)
+        self._patches_at_once.run(count, evaluate, on_shrink=self.release_buffers)
 
     def heights_and_masks(
         self, axis_x: LatticeArray, axis_y: LatticeArray, *, cell_size: float
@@ -137,7 +137,7 @@ class Evaluator:
             for buffer, array in zip(buffers, (height, masks), strict=True):
                 self.context.download_into(buffer, array[part])
 
-        self._patches_at_once.run(count, evaluate, on_shrink=self._release_buffers)
+        self._patches_at_once.run(count, evaluate, on_shrink=self.release_buffers)
         require_finite(height, "heights", self.context.device)
         require_finite(masks, "masks", self.context.device)
         return height, masks
@@ -154,7 +154,7 @@ class Evaluator:
             bounds[part] = self._enqueue_tiles(keys[part], level, store, np.arange(part.stop - part.start))
             store.download(surface.part(part))
 
-        self._patches_at_once.run(len(keys), evaluate, on_shrink=self._release_buffers)
+        self._patches_at_once.run(len(keys), evaluate, on_shrink=self.release_buffers)
         return surface, bounds
 
     def write(
@@ -166,7 +166,7 @@ class Evaluator:
         def evaluate(part: slice) -> None:
             bounds[part] = self._enqueue_tiles(keys[part], level, store, slots[part])
 
-        self._patches_at_once.run(len(keys), evaluate, on_shrink=self._release_buffers)
+        self._patches_at_once.run(len(keys), evaluate, on_shrink=self.release_buffers)
         return bounds
 
     def _enqueue_tiles(
@@ -230,8 +230,10 @@ class Evaluator:
             )
         return self._cached_store
 
-    def _release_buffers(self) -> None:
+    def release_buffers(self) -> None:
+        """Free the device's buffers of patches, which the next ones need again."""
         self._cached_store = None
+        self.vertices.release_buffers()
         self._launcher = PatchLauncher(self._inputs)
 
 

@@ -74,6 +74,11 @@ class Terrain:
         evaluator, areas = self._evaluator.updated(recipe)
         return Terrain(sketch, evaluator.recipe, self.context, memory=self.memory, evaluator=evaluator), areas
 
+    def release_buffers(self) -> None:
+        """Free the device's buffers of surfaces and plants, which the next ones need again."""
+        self._evaluator.release_buffers()
+        self._foliage = FoliageSampler(self._evaluator)
+
     @property
     def evaluator(self) -> Evaluator:
         """Kernel launches of the recipe, with its buffers on the device."""

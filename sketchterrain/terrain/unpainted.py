@@ -260,8 +260,12 @@ class UnpaintedGround:
                 continue
             start = coarser.get(site, _NOTHING)
             corner, rounds = (start.row, start.column), BARE_ROUNDS[start.levels]
-            drained = mesh_nodes.drain_cell(nodes, number, start.drained, corner, finest, rounds, _TALUS)
-            cell = _Cell(nodes.column + box[1], nodes.row + box[0], start.levels + 1, *drained)
+            drained, *fields = mesh_nodes.drain_cell(
+                nodes, number, start.drained, corner, finest, rounds, _TALUS
+            )
+            if level == 0:  # there is no finer one
+                drained = drained[:0].copy()
+            cell = _Cell(nodes.column + box[1], nodes.row + box[0], start.levels + 1, drained, *fields)
             result[site] = self._cells.store((level, *site), cell)
         return result
 

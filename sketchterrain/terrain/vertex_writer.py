@@ -200,7 +200,7 @@ class VertexWriter:
                     place = first + part.start
                     self._enqueue(keys[items], tile_slots[items], store, extrema, errors, place)
 
-                at_once.run(len(selected), enqueue, on_shrink=self._release_buffers)
+                at_once.run(len(selected), enqueue, on_shrink=self.release_buffers)
             ranges = self._context.download(extrema, (len(keys), strips, 4), np.float32)
             deviations = self._context.download(errors, (len(keys), strips**2), np.float32)
             facts["error"][order] = geometric_error(deviations)
@@ -261,8 +261,8 @@ class VertexWriter:
         shape = (patches.count, patches.side, patches.side)
         return self._context.download(self._launcher.heights(patches), shape, real).astype(np.float32)
 
-    def _release_buffers(self) -> None:
-        """Drop the buffers allocated for larger batches."""
+    def release_buffers(self) -> None:
+        """Free the device's buffers of patches, which the next ones need again."""
         self._launcher = PatchLauncher(self._inputs)
 
 

@@ -9,8 +9,8 @@ from sketchterrain.document.edits import Edit
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.hydrology.courses import arc_length, course_through
 from sketchterrain.hydrology.drainage_constraints import NodeRaster
-from sketchterrain.hydrology.rivers import move_edit
 from sketchterrain.hydrology.streams import Flow, is_stream, stream_courses
+from sketchterrain.placement.feature_types import move_edit
 from sketchterrain.terrain.building import make_recipe
 from sketchterrain.terrain.drainage import DrainageInput, drain
 

@@ -5,12 +5,11 @@ import pytest
 
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.hydrology.rivers import move_edit
-from sketchterrain.placement.feature_types import FEATURE_TYPES, FILL_BIT
+from sketchterrain.placement.feature_types import FEATURE_TYPES, FILL_BIT, lock_edit, move_edit
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.placement import place
 from sketchterrain.terrain.building import make_recipe
-from sketchterrain.terrain.edits import apply_fill_edits, apply_painted_edits, lock_edit
+from sketchterrain.terrain.edits import apply_fill_edits, apply_painted_edits
 
 SIDE = 128
 

@@ -14,9 +14,7 @@ from sketchterrain.document.material_rules import DEFAULT_RULES, Factor, RuleCha
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.parameters import LOOK, SKETCH, WEATHER, Parameter, Value
 from sketchterrain.document.sketch import TABLES, LabelImage, Sketch
-from sketchterrain.hydrology.rivers import move_edit
-from sketchterrain.placement.feature_types import FILL_BIT
-from sketchterrain.terrain.edits import lock_edit
+from sketchterrain.placement.feature_types import FILL_BIT, lock_edit, move_edit
 from sketchterrain.terrain.terrain import TerrainFeatures
 
 Rng = np.random.Generator

@@ -14,11 +14,10 @@ from sketchterrain.document.edits import Edit
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.placement.differences import row_difference
-from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, FILL_BIT
+from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, FILL_BIT, lock_edit
 from sketchterrain.terrain.building import build, make_recipe, rebuild
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS
 from sketchterrain.terrain.changes import EVERYWHERE, changed_areas, touches
-from sketchterrain.terrain.edits import lock_edit
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer

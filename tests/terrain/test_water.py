@@ -12,9 +12,8 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
-from sketchterrain.hydrology.lakes import distance_inside
 from sketchterrain.hydrology.splines import catmull_rom
-from sketchterrain.placement.feature_types import Cover, Lake, River, ShapeField
+from sketchterrain.placement.feature_types import Cover, Lake, River, ShapeField, distance_inside
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.building import make_recipe as recipe_of
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS, nearest_on_arc, tolerance_cell

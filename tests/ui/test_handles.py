@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from sketchterrain.hydrology.lakes import lake_centre
-from sketchterrain.placement.feature_types import FEATURE, FILL_BIT
+from sketchterrain.placement.feature_types import FEATURE, FILL_BIT, lake_centre
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.selection import FeatureDrag, Handle, handles_of, select_at
 from sketchterrain.ui.models.workspace import Selection

@@ -8,8 +8,7 @@ from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.hydrology.lakes import distance_inside
-from sketchterrain.placement.feature_types import FEATURE_TYPES, River, height_profile
+from sketchterrain.placement.feature_types import FEATURE_TYPES, River, distance_inside, height_profile
 from sketchterrain.ui import commands
 from sketchterrain.ui.commands import drag_title, dragged, find_parent_river, find_point, find_river, name_of
 from sketchterrain.ui.engine.protocol import Placement

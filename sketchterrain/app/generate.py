@@ -10,7 +10,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -45,7 +45,13 @@ from sketchterrain.terrain.realism import realism_entry
 from sketchterrain.terrain.surfaces import Raster
 from sketchterrain.terrain.terrain import Terrain
 
+if TYPE_CHECKING:
+    from sketchterrain.render.offscreen import SnapshotRenderer
+
 REPORT = "report.json"
+TakePicture = Callable[
+    ..., npt.NDArray[np.uint8]
+]  # of a terrain, with requests of `SnapshotRenderer.picture`
 
 
 def terrain_report(terrain: Terrain, facts: dict[str, Any], plants: FoliageResult) -> dict[str, Any]:
@@ -142,7 +148,7 @@ class SharedResources:
 
     devices: DeviceFallback
     memory: LRUCache = field(default_factory=LRUCache)  # of one thread
-    take_picture: Callable[..., npt.NDArray[np.uint8]] | None = None  # by default SnapshotRenderer's
+    take_picture: TakePicture | None = None  # by default that of a `SnapshotRenderer`
 
 
 def generate(
@@ -186,6 +192,11 @@ def _write_files(
     stages: Stages,
 ) -> GenerateResult:
     with _BackgroundWriter() as writer, ExitStack() as stack:
+        painter = ThreadPoolExecutor(1, "preview")
+        stack.callback(painter.shutdown, wait=False)  # after an error nobody waits for the picture
+        take_picture = None
+        if options.preview:
+            take_picture = shared.take_picture or _picture_taker(painter, sketch, context.device)
         with stages.stage("features", "Placing features"):
             terrain = build(sketch, device=context, memory=shared.memory)
             features = terrain.features
@@ -195,10 +206,8 @@ def _write_files(
             raster = terrain.raster(options.size, progress=progress)
         rendering = dict[str, float]()
         rendered = None
-        if options.preview:
-            painter = ThreadPoolExecutor(1, "preview")
-            stack.callback(painter.shutdown, wait=False)  # after an error nobody waits for the picture
-            rendered = painter.submit(render_preview, terrain, options.view, weather, shared, rendering)
+        if take_picture is not None:
+            rendered = painter.submit(render_preview, terrain, options.view, weather, take_picture, rendering)
         writer.add("height.tif", write_height_tif, folder, raster)
         writer.add("height.png", write_height_png, folder, raster)
         writer.add("normal.png", write_normal_png, folder, raster)
@@ -269,21 +278,34 @@ class _BackgroundWriter:
         return tuple(path for job in self._jobs for path in job.result())
 
 
-def _take_picture(terrain: Terrain, **request: Any) -> npt.NDArray[np.uint8]:
-    """Return a picture from a thread of its own, while others use the terrain."""
-    from sketchterrain.render.offscreen import SnapshotRenderer
+def _picture_taker(painter: ThreadPoolExecutor, sketch: Sketch, device: object) -> TakePicture:
+    """Open a renderer on a thread while features are placed; return what takes its one picture there."""
 
-    with closing(SnapshotRenderer()) as renderer:
-        return renderer.picture(terrain, **request)
+    def opened() -> SnapshotRenderer:
+        from sketchterrain.render.offscreen import SnapshotRenderer
+
+        renderer = SnapshotRenderer()
+        renderer.load_textures(sketch, device)
+        return renderer
+
+    def take_picture(terrain: Terrain, **request: Any) -> npt.NDArray[np.uint8]:
+        with closing(future.result()) as renderer:
+            return renderer.picture(terrain, **request)
+
+    future = painter.submit(opened)
+    return take_picture
 
 
 def render_preview(
-    terrain: Terrain, view: str, weather: Weather, shared: SharedResources, timings: dict[str, float]
+    terrain: Terrain,
+    view: str,
+    weather: Weather,
+    take_picture: TakePicture,
+    timings: dict[str, float],
 ) -> tuple[npt.NDArray[np.uint8] | None, str | None]:
     """Return a preview, (height, width, 3), or None and the reason, as on a machine without OpenGL."""
-    take = shared.take_picture or _take_picture
     try:
-        return take(terrain, view=view, weather=weather, timings=timings), None
+        return take_picture(terrain, view=view, weather=weather, timings=timings), None
     except DeviceFailedError:  # the compute device, whose other results are then not trustworthy either
         raise
     except SketchterrainError as error:

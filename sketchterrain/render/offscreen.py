@@ -15,6 +15,7 @@ from sketchterrain.render.overlays import Overlay, check_overlays
 from sketchterrain.render.programs import ResourceCache, close_context, open_context, release_orphans
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
+from sketchterrain.render.scenery import load_textures
 from sketchterrain.render.sharing_probe import moved_to_context, open_device
 from sketchterrain.render.sky import Weather, sun_for_view
 from sketchterrain.render.views import check_view, find_view
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.render.flight import CameraStates
     from sketchterrain.render.overlays import LegendEntry
-    from sketchterrain.render.scene import TerrainSource
+    from sketchterrain.render.scene import Sketch, TerrainSource
     from sketchterrain.render.sky import Sun
     from sketchterrain.terrain.terrain import Terrain
 
@@ -126,6 +127,10 @@ class SnapshotRenderer:
         self._framebuffer = self._context.framebuffer([self._texture])
         self._resources = ResourceCache()
         self._compute: ComputeContext | None = None
+
+    def load_textures(self, sketch: Sketch, device: object) -> None:
+        """Load what pictures of a sketch need, before its terrain is known; see `scenery.load_textures`."""
+        load_textures(self._context, sketch, device, Quality.for_still(self._size), self._resources)
 
     def picture(
         self,

@@ -19,7 +19,7 @@ from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.programs import ResourceCache, Textures, bind_textures
 from sketchterrain.render.quality import Quality, TerrainUpdateStats
-from sketchterrain.render.scene import TerrainSource
+from sketchterrain.render.scene import Sketch, TerrainSource
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Sky, Sun, Weather
 from sketchterrain.render.targets import FrameBlock, RenderTargets, wrap_to_noise_period
@@ -64,17 +64,9 @@ class Scenery:
         self._aridity = _aridity(terrain)
         self._textures = textures
         with timed("textures"):
-            self._materials = resources.get_or_create(
-                "materials",
-                (
-                    repr((terrain.sketch.looks, terrain.sketch.materials)),
-                    textures,
-                    quality.material_texels,
-                    quality.hexes > 1,
-                ),
-                lambda: MaterialTextures.for_terrain(context, terrain, quality, folder=textures),
+            self._materials, self._noise = load_textures(
+                context, terrain.sketch, terrain.context.device, quality, resources, folder=textures
             )
-            self._noise = resources.get_or_create("noise", None, lambda: noise_texture(context))
         with timed("sky"):
             self._sky = Sky(context, sun, weather, extent=terrain.extent)
             self._cloudiness = cloud_defines(quality, weather)
@@ -132,8 +124,8 @@ class Scenery:
     def _update_materials(self, terrain: TerrainSource) -> None:
         aridity, look = _aridity(terrain), terrain.sketch.looks
         if look != self._look:
-            self._materials = MaterialTextures.for_terrain(
-                self._context, terrain, self._quality, folder=self._textures
+            self._materials = MaterialTextures.for_sketch(
+                self._context, terrain.sketch, terrain.context.device, self._quality, folder=self._textures
             )
         if (aridity, look) != (self._aridity, self._look):
             self._aridity, self._look = aridity, look
@@ -250,6 +242,25 @@ class Scenery:
             **self._clouds.textures(targets),
         }
         return bind_textures(textures) | {"wind": self._weather.drift, "means": self._materials.means}
+
+
+def load_textures(
+    context: moderngl.Context,
+    sketch: Sketch,
+    device: object,
+    quality: Quality,
+    resources: ResourceCache,
+    *,
+    folder: Path | None = None,
+) -> tuple[MaterialTextures, moderngl.Texture]:
+    """Return the textures of a sketch's materials, and noise; missing ones are computed on a device."""
+    key = repr((sketch.looks, sketch.materials)), folder, quality.material_texels, quality.hexes > 1
+    materials = resources.get_or_create(
+        "materials",
+        key,
+        lambda: MaterialTextures.for_sketch(context, sketch, device, quality, folder=folder),
+    )
+    return materials, resources.get_or_create("noise", None, lambda: noise_texture(context))
 
 
 def _aridity(terrain: TerrainSource) -> float:

@@ -22,7 +22,7 @@ from sketchterrain.look.texture_levels import (
     read_material_images,
 )
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.scene import TerrainSource
+from sketchterrain.render.scene import Sketch
 from sketchterrain.render.vertex_memory import gl_function
 
 OCTAVES: Final = 6  # number of texture scales
@@ -115,18 +115,23 @@ class MaterialTextures:
             array.filter = (least, moderngl.LINEAR)
 
     @classmethod
-    def for_terrain(
-        cls, context: moderngl.Context, terrain: TerrainSource, quality: Quality, *, folder: Path | None
+    def for_sketch(
+        cls,
+        context: moderngl.Context,
+        sketch: Sketch,
+        device: object,
+        quality: Quality,
+        *,
+        folder: Path | None,
     ) -> MaterialTextures:
-        """Return the textures of a terrain, computed on its device or else on the best one."""
-        device = terrain.context.device
+        """Return the textures of a sketch, computed on a compute device or else on the best one."""
         return cls(
             context,
             device if isinstance(device, Device) else None,
-            terrain.sketch.material_table,
+            sketch.material_table,
             size=quality.material_texels,
-            looks=terrain.sketch.looks,
-            own=terrain.sketch.materials,
+            looks=sketch.looks,
+            own=sketch.materials,
             folder=folder,
             smooth=quality.hexes > 1,
         )

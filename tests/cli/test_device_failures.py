@@ -152,7 +152,7 @@ def test_failure_in_the_preview_restarts(call, tiny, tmp_path, monkeypatch):
             raise DeviceFailedError("it broke")
         return np.zeros((4, 4, 3), np.uint8)
 
-    monkeypatch.setattr("sketchterrain.app.generate._take_picture", picture)
+    monkeypatch.setattr("sketchterrain.app.generate._picture_taker", lambda *_: picture)
     monkeypatch.setattr("sketchterrain.app.pictures.render_picture", picture)
     size = ["--size", 9, "--device", DEVICES[0].index]
     assert call("generate", tiny, "-o", tmp_path, *size).code == 0

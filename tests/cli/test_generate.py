@@ -161,7 +161,7 @@ def test_without_opengl_only_the_preview_is_missing(call, sketch, tmp_path, monk
     def refuse(*_: object, **__: object) -> None:
         raise DeviceError("no OpenGL 4.3 through EGL")
 
-    monkeypatch.setattr(sketchterrain.app.generate, "_take_picture", refuse)
+    monkeypatch.setattr(sketchterrain.app.generate, "_picture_taker", lambda *_: refuse)
     done = call("generate", sketch, "-o", tmp_path, "--size", 9)
     assert done.code == 5
     assert done.error == "no preview, all other files are written: no OpenGL 4.3 through EGL"
@@ -243,7 +243,7 @@ def test_map_and_view_options(call, sketch, tmp_path, monkeypatch):
         requested.update(options)
         return np.zeros((18, 32, 3), np.uint8)
 
-    monkeypatch.setattr(sketchterrain.app.generate, "_take_picture", picture)
+    monkeypatch.setattr(sketchterrain.app.generate, "_picture_taker", lambda *_: picture)
     look = ["--view", "air", "--time", "17", "--clouds", "1", "--map", "svg"]
     done = call("generate", sketch, "-o", tmp_path, "--size", 9, *look)
     assert done.code == 0, done.err

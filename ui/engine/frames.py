@@ -71,7 +71,7 @@ _SOFTWARE_FACTOR: Final = 2.0  # … and at least this times the last frame's du
 _LONGEST_STEP: Final = 0.1  # s by which a frame advances camera and clock at most: no jump after a pause
 _REST_INTERVAL: Final = 0.4  # s between frames at rest, while a software renderer loads what they lack …
 _LOAD: Final = 0.035  # … for so many s at a time
-_JUMP: Final = 2.0  # s for what the first frame of another place shows
+_JUMP: Final = 0.3  # s for what the first frame of another place shows
 _PROGRESS: Final = 1.0  # s at rest for which frames show what is loaded, before the still starts
 _HOLD: Final = (0.12, 0.6)  # s for which refinement, and animation, wait for a pending terrain
 

@@ -35,6 +35,7 @@ from sketchterrain.render.quality import Quality, TimeBudget
 from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.sky import Sun
 
+BLOCK: Final = 8  # cells along the side of a block of plants that a still generates at once
 PIXELS: Final = (170.0, 60.0, 30.0, 14.0, 6.0, 3.0)
 """Height of a plant (px) below which the next coarser detail is used."""
 COARSEST: Final = (20.0, 12.0)
@@ -128,10 +129,9 @@ class Forest:
         """Generate plants and shadows of a still within a budget; return whether they are complete."""
         self._elapsed = None
         self._request(camera, size, lit)
-        while not self._cells.complete:
-            if not budget.left:
-                return False
-            self._cells.finish_block()
+        self._cells.advance(budget, block=BLOCK)
+        if not self._cells.complete:
+            return False
         self._cells.grow(np.inf)
         self._request(camera, size, lit)  # visibility depends on the cells' vertical bounds
         if self._enabled:

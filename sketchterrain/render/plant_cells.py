@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 CELL: Final = 256.0
 """Side of a cell, m. Smaller ones take as long, larger ones longer than a frame can spare."""
-_BLOCK: Final = 2  # cells along the side of a block
 SINK: Final = 0.15  # depth of feet below the ground, m
 PATCH: Final = 32.0  # side of the squares in which neighbours are counted, m
 DENSE: Final = 0.02  # trees per m² of dense forest
@@ -137,7 +136,7 @@ class PlantCells:
         self._terrain = terrain
         self._cells: dict[CellKey, Cell] = {}  # least recently requested first
         self._requested: list[CellKey] = []
-        self._job: tuple[CellKey, Generator[None, None, StructuredArray]] | None = None
+        self._job: tuple[list[CellKey], Generator[None, None, StructuredArray]] | None = None
         self._step = 0
         self._version = self._job_version = 0
         self._rates: list[WorkRate] = []  # of a job's steps
@@ -179,7 +178,7 @@ class PlantCells:
             else:
                 del self._cells[key]
         up_to_date = self._job_version == self._version - 1
-        if self._job is not None and up_to_date and not _near_any(self._job[0], areas):
+        if self._job is not None and up_to_date and not any(_near_any(key, areas) for key in self._job[0]):
             self._job_version = self._version
 
     def grow(self, elapsed: float) -> None:
@@ -187,16 +186,16 @@ class PlantCells:
         for cell in self._cells.values():
             cell.age += elapsed
 
-    def advance(self, budget: TimeBudget) -> None:
-        """Generate cells within a time budget."""
+    def advance(self, budget: TimeBudget, *, block: int = 1) -> None:
+        """Generate cells within a time budget, as many along the sides of a block at once."""
         while True:
             if self._job is None:
                 missing = self._missing()
                 if not missing:
                     return
-                col, row = missing[0]
-                bounds = (CELL * col, CELL * row, CELL * (col + 1), CELL * (row + 1))
-                self._job, self._step = (missing[0], self._terrain.foliage_steps(*bounds)), 0
+                col, row = (place // block for place in missing[0])
+                keys = [key for key in missing if (key[0] // block, key[1] // block) == (col, row)]
+                self._job, self._step = (keys, self._terrain.foliage_steps(*_bounds_of(keys))), 0
                 self._job_version = self._version
             while len(self._rates) <= self._step:
                 self._rates.append(WorkRate(0.004))
@@ -206,38 +205,22 @@ class PlantCells:
     def _run_step(self, _: int) -> None:
         if self._job is None:
             return
-        key, steps = self._job
+        keys, steps = self._job
         try:
             next(steps)
             self._step += 1
         except StopIteration as end:
-            self._store(key, end.value)
+            self._store(keys, end.value)
             self._job = None
 
     def finish(self) -> None:
         """Generate all missing cells at once, fully grown."""
-        self._generate(self._missing())
+        self._job, self._job_version = None, self._version
+        keys = self._missing()
+        if keys:
+            self._store(keys, self._terrain.foliage(*_bounds_of(keys)))
         for cell in self._cells.values():
             cell.age = np.inf
-
-    def finish_block(self) -> None:
-        """Generate the missing cells of a block around the most urgent one at once."""
-        missing = self._missing()
-        col, row = (place // _BLOCK for place in missing[0])
-        self._generate([key for key in missing if (key[0] // _BLOCK, key[1] // _BLOCK) == (col, row)])
-
-    def _generate(self, keys: Sequence[CellKey]) -> None:
-        """Generate cells at once; much faster than one by one."""
-        self._job, self._job_version = None, self._version
-        if not keys:
-            return
-        places = np.array(keys, dtype=np.int64)
-        west, south = (CELL * places.min(axis=0)).tolist()
-        east, north = (CELL * (places.max(axis=0) + 1)).tolist()
-        plants = self._terrain.foliage(west, south, east, north)
-        col, row = (np.floor(plants[axis] / CELL).astype(np.int64) for axis in ("x", "y"))
-        for key in keys:
-            self._store(key, plants[(col == key[0]) & (row == key[1])])
 
     def _missing(self) -> list[CellKey]:
         """Return the cells to generate: missing ones, then stale ones, oldest first."""
@@ -245,7 +228,12 @@ class PlantCells:
         stale = [key for key in self._requested if key in self._cells and self._cells[key].stale]
         return missing + sorted(stale, key=lambda key: self._cells[key].version)
 
-    def _store(self, key: CellKey, plants: StructuredArray) -> None:
+    def _store(self, keys: Sequence[CellKey], plants: StructuredArray) -> None:
+        col, row = (np.floor(plants[axis] / CELL).astype(np.int64) for axis in ("x", "y"))
+        for key in keys:
+            self._store_cell(key, plants[(col == key[0]) & (row == key[1])])
+
+    def _store_cell(self, key: CellKey, plants: StructuredArray) -> None:
         corner = CELL * np.array(key, dtype=np.float64)
         instances = plant_instances(plants, corner)
         top = instances.position[:, 2] + instances.height
@@ -256,6 +244,12 @@ class PlantCells:
         stale = self._job_version != self._version
         self._cells[key] = Cell(corner, instances, low, high, new=new, version=self._job_version, stale=stale)
         self.changes += 1
+
+
+def _bounds_of(keys: Sequence[CellKey]) -> Bounds:
+    """Return the rectangle (west, south, east, north, m) around cells."""
+    places = np.array(keys, dtype=np.int64)
+    return *(CELL * places.min(axis=0)).tolist(), *(CELL * (places.max(axis=0) + 1)).tolist()
 
 
 def _plant_ids(instances: PlantInstances) -> npt.NDArray[np.uint64]:

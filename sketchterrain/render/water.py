@@ -105,6 +105,7 @@ def wave_phases(layers: Float64Array, eye: tuple[float, float, float], clock: fl
 ALPHA_BLEND: Final = (moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA)
 DARKEN_AND_ADD: Final = (moderngl.ONE, moderngl.SRC_ALPHA)
 """Blend function of wet banks: water_bank.frag.glsl."""
+BANDS_PER_PART: Final = 4  # water may fill few bands of a picture, and its pixels cost most
 _NOWHERE: Final = (0.0, 0.0, 0.0, 0.0)
 DEVIATION: Final = 0.25  # of water, in errors of the displayed ground
 
@@ -214,7 +215,7 @@ class Water:
                 for array, anchor in zip(arrays, self._anchors, strict=True):
                     place = (*eye[:2], anchor) if isinstance(anchor, float) else anchor
                     set_uniforms(array.program, {**uniforms, **own, "anchor": tuple(np.subtract(place, eye))})
-                    for _ in bands(targets.scene, parts):
+                    for _ in bands(targets.scene, parts if parts == 1 else BANDS_PER_PART * parts):
                         if isinstance(anchor, float):
                             array.render()
                         elif visible and self._commands is not None:

@@ -14,10 +14,10 @@ const int MARCH = 5;
 const float STRIDE = 2.0;
 const float FIRST_STEP = 16.0;
 #else
-const int MARCH = 25;
-const float STRIDE = 1.3;
+const int MARCH = 44;
+const float STRIDE = 1.14;
 const float FIRST_STEP = 0.5;
-const int HALVINGS = 5;         // bisections of the step with the hit
+const int HALVINGS = 4;         // bisections of the step with the hit
 #endif
 const float SUNK = 0.4;         // m below the height map that count as a hit
 const float THICK = 2.0;        // m, smallest assumed thickness of depth buffer surfaces

@@ -53,7 +53,7 @@ float sun_visibility(float start, float texel)
         float run = gone * texel; // m
         float penumbra = run * softness + 0.35 * texel;
         if (visible <= 0.0 || (start + run * climb - highest >= penumbra && climb > softness)) break;
-        float room = start + run * climb - height_at(uv + ahead * run / frame.w, round(log2(gone) * 0.5 - 1.0));
+        float room = start + run * climb - height_at(uv + ahead * run / frame.w, log2(gone) * 0.5 - 1.0);
         visible = min(visible, smoothstep(-1.0, 1.0, room / penumbra));
         gone *= LONGER;
     }

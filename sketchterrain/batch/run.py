@@ -316,8 +316,6 @@ def _export(
     export_plan = checked_plan(sketch, target, output.options or ExportOptions())
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> GenerateResult:
-        take_picture = shared.take_picture
-        assert take_picture is not None  # noqa: S101 # a batch has one renderer
         prepare_folder(folder)
         with staging(folder) as hidden:
             with stages.stage("features", "Placing features"):
@@ -325,9 +323,11 @@ def _export(
             done = write_export(export_plan, terrain, hidden, stages=stages)
             measured = measure_terrain(terrain, stages)
             files, problem, rendering = list(done.files), None, dict[str, float]()
-            if output.preview:
+            if output.preview and shared.take_picture is not None:
                 with stages.stage("preview", "Preview"):
-                    picture, problem = render_preview(terrain, output.view, weather, take_picture, rendering)
+                    picture, problem = render_preview(
+                        terrain, output.view, weather, shared.take_picture, rendering
+                    )
                     if picture is not None:
                         files += write_picture(hidden / "preview.png", picture)
             facts = report_header(terrain) | run_statistics(stages, rendering, files)

@@ -56,6 +56,25 @@ def parse_metric_crs(text: str) -> CRS:
     )
 
 
+def compound_crs(text: str, vertical: str) -> str:
+    """Return the WKT of a CRS with a vertical datum; raise InputError if it is none."""
+    horizontal, datum = parse_crs(text).to_wkt(), parse_crs(vertical).to_wkt()
+    if not datum.startswith("VERT_CS["):
+        raise InputError(f"{_shorten(vertical)!r} is not a vertical datum: expected one, such as EPSG:5773")
+    if horizontal.startswith("COMPD_CS["):
+        raise InputError(f"{_shorten(text)!r} has a vertical datum: expected no other one, {vertical}")
+    name = " + ".join(wkt.split('"')[1] for wkt in (horizontal, datum))
+    return f'COMPD_CS["{name}",{horizontal},{datum}]'
+
+
+def crs_text(crs: CRS | None) -> str:
+    """Return a CRS as an authority's code, else as WKT; an empty text without one."""
+    if crs is None:
+        return ""
+    code = crs.to_authority()
+    return ":".join(code) if code else str(crs.to_wkt())
+
+
 def is_westward(crs: CRS) -> bool:
     """Return whether the x axis points west."""
     return _WESTWARD.search(crs.to_wkt()) is not None

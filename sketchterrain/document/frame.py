@@ -37,7 +37,7 @@ def georeference(
 
     Another CRS than the frame's has its own origin, by default 0, 0.
     """
-    own = crs is None or crs == frame["crs"]
+    own = crs is None or crs == (frame["crs"] or None)
     if origin is None:
         origin = (frame["east"], frame["north"]) if own else (0.0, 0.0)
     if not own:

@@ -230,7 +230,7 @@ FRAME: Mapping[str, Parameter] = parameter_table(
     Parameter("east", float, 0.0, -1e9, 1e9, "m", "easting of the sketch's south-west corner in it"),
     Parameter("north", float, 0.0, -1e9, 1e9, "m", "northing of that corner"),
     Parameter(
-        *("vertical", str, "", 0, 40, "characters"),
+        *("vertical", str, "", 0, 40, ""),
         "vertical datum of elevations, as EPSG:5773; empty is none",
         form=(_CODE, 'a code as "EPSG:5773"'),
     ),

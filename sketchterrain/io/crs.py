@@ -12,6 +12,7 @@ from sketchterrain.errors import InputError, one_line
 
 # An authority's code, URN, WKT or PROJ string; GDAL would also open files and URLs.
 _FORMS = re.compile(r"[A-Za-z]+:[0-9A-Za-z]+(\+[0-9]+)?|urn:ogc:def:crs:[\w:.]+|\+[^/]*|[A-Z_]+\s*\[.*", re.S)
+_EPSG = re.compile(r"EPSG:[0-9]+", re.I)
 _WESTWARD = re.compile(r'AXIS\["[^"]*",\s*WEST\b', re.I)
 _MAX_LENGTH = 20_000  # characters; the longest WKT of EPSG has about 8000
 _MAX_SHOWN = 60
@@ -57,12 +58,15 @@ def parse_metric_crs(text: str) -> CRS:
 
 
 def compound_crs(text: str, vertical: str) -> str:
-    """Return the WKT of a CRS with a vertical datum; raise InputError if it is none."""
+    """Return a CRS with a vertical datum, as codes or WKT; raise InputError if it is none."""
     horizontal, datum = parse_crs(text).to_wkt(), parse_crs(vertical).to_wkt()
     if not datum.startswith("VERT_CS["):
         raise InputError(f"{_shorten(vertical)!r} is not a vertical datum: expected one, such as EPSG:5773")
     if horizontal.startswith("COMPD_CS["):
         raise InputError(f"{_shorten(text)!r} has a vertical datum: expected no other one, {vertical}")
+    codes = _EPSG.fullmatch(text), _EPSG.fullmatch(vertical)
+    if all(codes):
+        return f"{text}+{vertical.partition(':')[2]}"
     name = " + ".join(wkt.split('"')[1] for wkt in (horizontal, datum))
     return f'COMPD_CS["{name}",{horizontal},{datum}]'
 

@@ -36,6 +36,7 @@ def reference_table() -> str:
         "climate": "Snow and vegetation.",
         "coast": "The sea's level and its shores ([sea](kernels/sea.md)).",
         "weather": "Lighting and air of pictures ([light.md](light.md)); it does not change the terrain.",
+        "frame": "The place on Earth of exports and worlds; it does not change the terrain.",
     }
     sections += [_section(f"`[{name}]`", about[name], table) for name, table in TABLES.items()]
     for layer in LAYERS.values():

@@ -324,6 +324,9 @@ Origin = Annotated[
     Any,
     typer.Option("--origin", parser=_parse_pair, metavar="E,N", help="The sketch's south-west corner in it."),
 ]
+VerticalDatum = Annotated[
+    str | None, typer.Option("--vertical", metavar="CODE", help="Vertical datum, as EPSG:5773.")
+]
 Plants = Annotated[
     bool | None, typer.Option("--plants/--no-plants", help="Write trees and shrubs, as by default.")
 ]

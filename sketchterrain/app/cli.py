@@ -92,11 +92,17 @@ def _program(
 
 
 @app.command()
-def new(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new or an empty folder.")]) -> None:
+def new(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new or an empty folder.")],
+    crs: args.Crs = None,
+    origin: args.Origin = None,
+    vertical: args.VerticalDatum = None,
+) -> None:
     """Write a starter sketch, to be edited in any paint program."""
     from sketchterrain.document.store import new_sketch
 
-    new_sketch(folder)
+    east, north = origin or (0.0, 0.0)
+    new_sketch(folder, frame={"crs": crs or "", "east": east, "north": north, "vertical": vertical or ""})
     print_lines(
         f"wrote a starter sketch to {folder}: paint its PNGs, read its sketch.toml, then run",
         f"sketchterrain generate {folder} -o out",

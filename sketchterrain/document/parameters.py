@@ -221,6 +221,22 @@ WEATHER: Mapping[str, Parameter] = parameter_table(
 )
 """Keys of ``[weather]``: lighting and air of pictures; they do not change the terrain."""
 
+_CODE = r"[A-Za-z]+:[0-9]+"
+FRAME: Mapping[str, Parameter] = parameter_table(
+    Parameter(
+        *("crs", str, "", 0, 20_000, "characters"),
+        "coordinate reference system in metres, as EPSG:25832; empty is none",
+    ),
+    Parameter("east", float, 0.0, -1e9, 1e9, "m", "easting of the sketch's south-west corner in it"),
+    Parameter("north", float, 0.0, -1e9, 1e9, "m", "northing of that corner"),
+    Parameter(
+        *("vertical", str, "", 0, 40, ""),
+        "vertical datum of elevations, as EPSG:5773; empty is none",
+        form=(_CODE, 'a code as "EPSG:5773"'),
+    ),
+)
+"""Keys of ``[frame]``: the sketch's place on Earth; it does not change the terrain."""
+
 LOOK: Mapping[str, Parameter] = parameter_table(
     Parameter(
         "colour",

@@ -13,6 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from sketchterrain.document.edits import MAX_EDITS, Edit
+from sketchterrain.document.frame import check_frame
 from sketchterrain.document.label_layers import (
     MAX_LABELS,
     MAX_SIDE,
@@ -28,6 +29,7 @@ from sketchterrain.document.own_materials import check_own_materials, material_t
 from sketchterrain.document.parameters import (
     CLIMATE,
     COAST,
+    FRAME,
     GROUND,
     LOOK,
     SKETCH,
@@ -43,7 +45,14 @@ from sketchterrain.errors import InputError, did_you_mean, format_value
 __all__ = ["DEFAULT_SIDE", "MAX_LABELS", "MAX_SIDE", "LabelImage", "Sketch", "labels_in"]
 
 TABLES: Mapping[str, Mapping[str, Parameter]] = MappingProxyType(
-    {"density": DENSITY, "ground": GROUND, "climate": CLIMATE, "coast": COAST, "weather": WEATHER}
+    {
+        "density": DENSITY,
+        "ground": GROUND,
+        "climate": CLIMATE,
+        "coast": COAST,
+        "weather": WEATHER,
+        "frame": FRAME,
+    }
 )
 """Tables of the file with one value per key."""
 
@@ -69,9 +78,9 @@ class Sketch:
         0 to 2⁶³ − 1.
     fidelity
         0 (a loose guideline) to 1 (exactly where it was painted).
-    density, ground, climate, coast, weather
-        Settings by the names in `DENSITY`, `GROUND`, `CLIMATE`, `COAST` and `WEATHER`; missing ones have
-        defaults.
+    density, ground, climate, coast, weather, frame
+        Settings by the names in `DENSITY`, `GROUND`, `CLIMATE`, `COAST`, `WEATHER` and `FRAME`; missing ones
+        have defaults.
     layers
         Label images by layer name: uint8, (height, width), 0 is empty. Missing layers are empty. The
         arrays of a sketch are read-only; a writeable array is copied.
@@ -101,6 +110,7 @@ class Sketch:
     climate: Mapping[str, float] = field(default_factory=dict)
     coast: Mapping[str, float] = field(default_factory=dict)
     weather: Mapping[str, float] = field(default_factory=dict)
+    frame: Mapping[str, Any] = field(default_factory=dict)
     layers: Mapping[str, LabelImage] = field(default_factory=dict)
     labels: Mapping[tuple[str, int], Properties] = field(default_factory=dict)
     materials: Mapping[str, Properties] = field(default_factory=dict)
@@ -115,6 +125,7 @@ class Sketch:
         for key, table in TABLES.items():
             given = check_values(getattr(self, key), table, f"[{key}]", f"{key}.")
             checked[key] = MappingProxyType(defaults(table) | given)
+        check_frame(checked["frame"])  # type: ignore[arg-type]
         checked["materials"] = check_own_materials(self.materials)
         materials = material_table(self.materials)
         checked["layers"] = _check_layers(self.layers)

@@ -266,13 +266,20 @@ def save_sketch(sketch: Sketch, path: str | Path) -> None:
         write_atomic(target, pack_sketch(sketch, base=target.parent))
 
 
-def new_sketch(folder: str | Path) -> None:
+def new_sketch(folder: str | Path, *, frame: Mapping[str, object] | None = None) -> None:
     """Write a starter sketch: a small painting, and settings with a comment on every line.
+
+    Parameters
+    ----------
+    folder
+        A new or an empty folder.
+    frame
+        Place on Earth, by the names in `FRAME`; by default none.
 
     Raises
     ------
     InputError
-        If `folder` is a file, or a folder that is not empty.
+        If `folder` is a file, or a folder that is not empty, or the frame is invalid.
     SketchterrainError
         If the system cannot write there.
     """
@@ -280,7 +287,7 @@ def new_sketch(folder: str | Path) -> None:
     with wrap_os_errors(target):
         if target.is_dir() and any(target.iterdir()):
             raise InputError(f"{one_line(target)}: expected a new or an empty folder, this one is not empty")
-    _save_folder(starter_sketch(), target)
+    _save_folder(starter_sketch().replace(frame=frame or {}), target)
 
 
 def pack_sketch(

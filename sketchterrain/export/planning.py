@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.document.frame import georeference
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.sampled import BYTES_PER_VERTEX, SampleGrid
 from sketchterrain.export.target import ExportOptions, Target, Tiling
@@ -156,8 +157,11 @@ def plan_export(sketch: Sketch, target: Target, options: ExportOptions) -> Expor
         first=default.first if options.tile_first is None else options.tile_first,
         from_south=default.from_south if options.tiles_from_south is None else options.tiles_from_south,
     )
-    if options.crs is not None:
-        parse_metric_crs(options.crs)
+    if "crs" in option_names(target):
+        crs, origin = georeference(sketch.frame, options.crs, options.origin)
+        options = replace(options, crs=crs, origin=origin)
+        if crs is not None:
+            parse_metric_crs(crs)
     if target.check is not None:
         target.check(options)
     grid = _grid(sketch.size, target, tiling, options.size)
@@ -192,7 +196,7 @@ def _check_options(target: Target, options: ExportOptions) -> None:
         HeightQuantisation.from_range(*options.heights)
     if options.error is not None and not 0.0 < options.error < math.inf:
         raise InputError(f"error = {options.error:g}: expected more than 0 m")
-    if not all(math.isfinite(coordinate) for coordinate in options.origin):
+    if not all(math.isfinite(coordinate) for coordinate in options.origin or ()):
         raise InputError(f"origin {options.origin}: expected two finite numbers, m")
 
 

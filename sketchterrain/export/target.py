@@ -146,8 +146,8 @@ class ExportOptions:
     format: str | None = None  # one of the target's; None: its first
     heights: tuple[float, float] | None = None  # m, range of 16-bit heights; None: fitted to the terrain
     error: float | None = None  # m, largest error of a mesh; None: a mesh of all vertices
-    crs: str | None = None  # as GDAL reads it, "EPSG:25832"; None: local metres
-    origin: tuple[float, float] = (0.0, 0.0)  # the sketch's south-west corner in the CRS
+    crs: str | None = None  # as GDAL reads it, "EPSG:25832"; None: the sketch's, or local metres
+    origin: tuple[float, float] | None = None  # the sketch's south-west corner in the CRS; None: the sketch's
     plants: bool = True  # write trees and shrubs
     grass: bool = False  # write grass, flowers and ferns as well
 

@@ -41,7 +41,7 @@ from sketchterrain.importing.vector_files import (
     to_longitude_latitude,
     valid_areas,
 )
-from sketchterrain.io.crs import parse_metric_crs
+from sketchterrain.io.crs import crs_text, parse_metric_crs
 
 _SIZE = 512  # px
 _MARGIN = 0.5  # of the bounds' size, around them: wide lines there extend into them
@@ -113,12 +113,13 @@ def sketch_from_vectors(
         name=one_line(path.stem)[:200] if name is None else name,
         extent=area.extent,
         weather={} if latitude is None else {"latitude": latitude},
+        frame={"crs": crs_text(target), "east": area.west, "north": area.south},
         layers=images,
         labels=labels,
     )
     notes += [f"skipped: {_skipped(skipped)}"] if +skipped else []
     notes.append(f"{sketch.width_px}×{sketch.height_px} px, {sketch.pixel_size:.4g} m each")
-    return TraceResult(sketch, (*notes, _position_note(area, target)))
+    return TraceResult(sketch, (*notes, _position_note(sketch.frame)))
 
 
 def _check(layer: str | None, width: float | None, bounds: Box | None, size_px: int) -> None:
@@ -383,11 +384,9 @@ def _skipped(skipped: Counter[str]) -> str:
     return ", ".join(f"{count} {why}" for why, count in sorted((+skipped).items()))
 
 
-def _position_note(area: SketchArea, crs: CRS | None) -> str:
-    corner = f"{area.west:.10g},{area.south:.10g}"
-    code = crs and crs.to_authority()
-    name = "its own metres" if crs is None else "its own coordinate reference system"
-    back = f"--crs {':'.join(code)} --origin {corner}" if code else f"--origin {corner}"
+def _position_note(frame: Mapping[str, Any]) -> str:
+    corner = f"{frame['east']:.10g},{frame['north']:.10g}"
+    code = frame["crs"] if ":" in frame["crs"][:20] else "its own coordinate reference system"
     return (
-        f"south-west corner: {corner} in {':'.join(code) if code else name}; export with {back} restores it"
+        f"south-west corner: {corner} in {code if frame['crs'] else 'its own metres'}; exports return there"
     )

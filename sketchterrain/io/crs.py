@@ -12,6 +12,7 @@ from sketchterrain.errors import InputError, one_line
 
 # An authority's code, URN, WKT or PROJ string; GDAL would also open files and URLs.
 _FORMS = re.compile(r"[A-Za-z]+:[0-9A-Za-z]+(\+[0-9]+)?|urn:ogc:def:crs:[\w:.]+|\+[^/]*|[A-Z_]+\s*\[.*", re.S)
+_EPSG = re.compile(r"EPSG:[0-9]+", re.I)
 _WESTWARD = re.compile(r'AXIS\["[^"]*",\s*WEST\b', re.I)
 _MAX_LENGTH = 20_000  # characters; the longest WKT of EPSG has about 8000
 _MAX_SHOWN = 60
@@ -54,6 +55,28 @@ def parse_metric_crs(text: str) -> CRS:
         f"the coordinate reference system {_shorten(text)!r} {problem}: expected one in metres eastward and "
         "northward, such as EPSG:25832 (UTM zone 32)"
     )
+
+
+def compound_crs(text: str, vertical: str) -> str:
+    """Return a CRS with a vertical datum, as codes or WKT; raise InputError if it is none."""
+    horizontal, datum = parse_crs(text).to_wkt(), parse_crs(vertical).to_wkt()
+    if not datum.startswith("VERT_CS["):
+        raise InputError(f"{_shorten(vertical)!r} is not a vertical datum: expected one, such as EPSG:5773")
+    if horizontal.startswith("COMPD_CS["):
+        raise InputError(f"{_shorten(text)!r} has a vertical datum: expected no other one, {vertical}")
+    codes = _EPSG.fullmatch(text), _EPSG.fullmatch(vertical)
+    if all(codes):
+        return f"{text}+{vertical.partition(':')[2]}"
+    name = " + ".join(wkt.split('"')[1] for wkt in (horizontal, datum))
+    return f'COMPD_CS["{name}",{horizontal},{datum}]'
+
+
+def crs_text(crs: CRS | None) -> str:
+    """Return a CRS as an authority's code, else as WKT; an empty text without one."""
+    if crs is None:
+        return ""
+    code = crs.to_authority()
+    return ":".join(code) if code else str(crs.to_wkt())
 
 
 def is_westward(crs: CRS) -> bool:

@@ -8,6 +8,7 @@ from typing import Any, Final, get_args
 
 from sketchterrain.app.estimates import Estimate, format_count, layer_bytes, plant_bytes
 from sketchterrain.app.listings import pluralize
+from sketchterrain.document.frame import georeference
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
@@ -37,8 +38,8 @@ class WorldOptions:
     layers: tuple[str, ...] = LAYERS
     plants: PlantsForm = "none"
     grass: bool = False
-    crs: str | None = None
-    origin: tuple[float, float] = (0.0, 0.0)
+    crs: str | None = None  # None: the sketch's, as the origin
+    origin: tuple[float, float] | None = None
     step: float = 0.0
     fast: bool = False
     workers: bool = False
@@ -57,7 +58,7 @@ class WorldOptions:
                 f"step {self.step:g}: expected a power of two of metres up to {_COARSEST_STEP:g}, "
                 "as 0.0078125, or 0 for every bit"
             )
-        if not all(math.isfinite(number) for number in self.origin):
+        if not all(math.isfinite(number) for number in self.origin or ()):
             raise InputError(f"expected a finite origin, got {self.origin}")
         if self.crs is not None:
             from sketchterrain.io.crs import parse_metric_crs
@@ -70,7 +71,8 @@ class WorldOptions:
 
     def job(self, sketch: Sketch, recipe: TerrainRecipe, output: Path, form: Form) -> Job:
         """Return the job of writing a sketch's world to an output; raise InputError as `check`."""
-        own = {name: getattr(self, name) for name in ("plants", "grass", "crs", "origin", "step", "fast")}
+        own = {name: getattr(self, name) for name in ("plants", "grass", "step", "fast")}
+        own |= georeference(sketch.frame, self.crs, self.origin)._asdict()
         layers = check_layers(self.layers)
         return Job(sketch, recipe, self.check(sketch), output.absolute(), form, layers, **own)
 

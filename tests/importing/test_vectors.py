@@ -87,7 +87,8 @@ def test_features_are_painted_at_their_positions(written) -> None:
     assert sketch.properties("hill", 1)["height"] == 55
     assert np.flatnonzero(sketch.layers["river"].any(axis=0)).tolist() == [0]
     assert sketch.name == "map"
-    assert any("--crs EPSG:25832 --origin 1000,1000" in note for note in traced.notes)
+    assert sketch.frame == {"crs": "EPSG:25832", "east": 1000.0, "north": 1000.0, "vertical": ""}
+    assert any("corner: 1000,1000 in EPSG:25832" in note for note in traced.notes)
 
 
 def test_rivers_are_painted_by_width_and_tributaries_do_not_cut_the_stem(written) -> None:
@@ -160,9 +161,9 @@ def test_degrees_are_projected_to_utm_also_across_the_antimeridian(written) -> N
     path = written(line([LON, LAT + 0.1], [LON + 0.1, LAT], waterway="river"), crs=None)
     traced = sketch_from_vectors(path, size_px=200)
     (x,), (y,) = rasterio.warp.transform("EPSG:4326", "EPSG:32632", [LON + 0.05], [LAT + 0.05])
-    (note,) = [note for note in traced.notes if "EPSG:32632" in note]
-    west, south = map(float, note.split("--origin ")[1].split()[0].split(","))
     sketch = traced.sketch
+    assert sketch.frame["crs"] == "EPSG:32632"
+    west, south = sketch.frame["east"], sketch.frame["north"]
     row, column = int(sketch.height_px - (y - south) / sketch.pixel_size), int((x - west) / sketch.pixel_size)
     assert sketch.layers["river"][row - 1 : row + 2, column - 1 : column + 2].any()
     assert sketch.weather["latitude"] == pytest.approx(47.05, abs=0.01)

@@ -82,7 +82,7 @@ def _target_fields() -> tuple[Field | Line, ...]:
         Field("format", "F&ormat", "", "Of the heights", choices={"": ""}),
         Line("heights", "&Heights", range_tip, heights),
         replace(error, text="All vertices"),
-        Field("crs", "&CRS", "", crs_tip, text="None, or EPSG:25832"),
+        Field("crs", "&CRS", "", crs_tip, text="The sketch's, or EPSG:25832"),
         Line("origin", "Corner &at", "Position of the sketch's south-west corner", corner),
         Field("plants", "&Plants", True, "Positions and heights of plants", text="Trees and shrubs"),
         _GRASS,
@@ -207,7 +207,7 @@ class TargetForm(Form):
             "heights": (values["low"], values["high"]) if values["ranged"] else None,
             "error": values["error"] or None,
             "crs": values["crs"].strip() or None,
-            "origin": (values["east"], values["north"]),
+            "origin": (values["east"], values["north"]) if values["crs"].strip() else None,
         }
         if tiles != (1, 1):
             options |= {"tiles": tiles} | {name: values[name] for name in _TILE_OPTIONS}

@@ -61,7 +61,7 @@ def _fields(east: float, north: float) -> tuple[Field | Line, ...]:
         Line("layers", "&Layers", "Heights are always written", ("Heights,", normals, materials)),
         Field("steps", "&Heights to", 0.0, "Rounded heights compress better", choices=_STEPS),
         Line("plant_files", "Pla&nts", "Positions of plants, which can be the largest part", (plants, grass)),
-        Field("crs", "C&RS", "", crs_tip, text="None, or EPSG:25832"),
+        Field("crs", "C&RS", "", crs_tip, text="The sketch's, or EPSG:25832"),
         Line("origin", "Corner &at", "Position of the sketch's south-west corner", corner),
         Field("workers", "&Workers", 0, workers_tip, range=(0, 256), text="One process", width=110),
     )
@@ -89,7 +89,7 @@ class WorldForm(Form):
             plants=values["plants"],
             grass=values["grass"] and values["plants"] != "none",
             crs=values["crs"].strip() or None,
-            origin=(values["easting"], values["northing"]),
+            origin=(values["easting"], values["northing"]) if values["crs"].strip() else None,
             step=values["steps"],
             workers=values["workers"] > 0,
         )

@@ -68,7 +68,7 @@ class CancellationPolicy:
         return self._expected
 
 
-_APPEARANCE: Final = frozenset({"name", "weather", "look"})  # settings that do not affect placement
+_APPEARANCE: Final = frozenset({"name", "weather", "look", "frame"})  # settings that do not affect placement
 _REPORT_AFTER: Final = 0.3  # s, after which the window shows that features are being placed
 
 

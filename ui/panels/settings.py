@@ -89,11 +89,13 @@ _GROUPS: Final = {
     "climate": "Climate",
     "coast": "Sea and coast",
     "density": "Unpainted land",
+    "frame": "Place on Earth",
 }
 """Titles of the displayed tables."""
 _TITLES: Final = {
     "density": {layer.name: layer.fill.split()[0].capitalize() for layer in LAYERS.values() if layer.fill},
     "weather": {"hour": "Time of day", "wind_from": "Wind from"},
+    "frame": {"crs": "CRS", "east": "Easting", "north": "Northing", "vertical": "Vertical datum"},
 }
 
 

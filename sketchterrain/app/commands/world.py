@@ -102,7 +102,7 @@ def world(
                 plants=plants,  # type: ignore[arg-type]
                 grass=grass,
                 crs=crs,
-                origin=origin or (0.0, 0.0),
+                origin=origin,
                 step=step,
                 fast=fast,
                 workers=workers is not None or scheduler is not None,

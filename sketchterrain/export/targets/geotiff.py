@@ -40,7 +40,8 @@ _FIELDS = {
 
 def _write(export: Export) -> ExportOutput:
     crs = local_metres() if export.options.crs is None else parse_metric_crs(export.options.crs)
-    georeference = Georeference(crs, *export.options.origin)
+    origin = Origin(*export.options.origin or (0.0, 0.0))
+    georeference = Georeference(crs, *origin)
     with export.stages.stage("rasters", "Writing Cloud-Optimised GeoTIFF"):
         files = _write_rasters(export, georeference)
     vectors = export.folder / f"{export.name}.gpkg"
@@ -48,7 +49,7 @@ def _write(export: Export) -> ExportOutput:
         export.stages.stage("vectors", "Writing the GeoPackage") as progress,
         geopackage(vectors, crs.to_wkt()) as file,
     ):
-        _write_vectors(export, file, Origin(*export.options.origin), progress)
+        _write_vectors(export, file, origin, progress)
     files[vectors] = f"GeoPackage with the layers {', '.join(file.counts)}"
     transform = georeference.transform(export.grid)
     facts: dict[str, Any] = {
@@ -56,7 +57,7 @@ def _write(export: Export) -> ExportOutput:
         "byte_order": "little-endian",
         "axes": {"x": "east", "y": "north", "z": "up", "units": "m"},
         "crs": export.options.crs,
-        "origin": list(export.options.origin),
+        "origin": list(origin),
         "samples": "vertices (AREA_OR_POINT=Point)",
         "geotransform": list(transform.to_gdal()),
         "no_data": NO_DATA,

@@ -4,8 +4,9 @@ import json
 import re
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,7 +22,6 @@ _PREFIX: Final = ".sketchterrain-"  # of a staging folder
 _PNG_LEVEL: Final = 3  # level 6 takes three times as long to save a tenth of the bytes
 _Z_RLE: Final = 3  # zlib strategy: on filtered values as small as a search, and faster
 _FIELD: Final = re.compile(r"%(?:\.(\d)f|[ds])")
-_EXACT: Final = 1 << 52  # numbers of steps below which the nearest float64 has the same decimals
 
 
 def prepare_folder(folder: Path) -> None:
@@ -126,36 +126,16 @@ def format_rows(line: str, *columns: npt.NDArray[Any]) -> bytes:
     r"""Return a line of text for each row of columns in the %-format `line`, such as ``"%d,%.3f\n"``.
 
     Numbers are rounded in float64 to the decimals of their fields, halves to even; "-0.000" is avoided.
-    Columns of ``%s`` are byte strings (dtype S).
     """
-    from sketchterrain.export.decimal_text import remove_zeros  # slow to import
-
-    first, *fields = _FIELD.split(line)
-    parts = [np.frombuffer(first.encode(), np.uint8)[None]]
-    for decimals, column, literal in zip(fields[::2], columns, fields[1::2], strict=True):
-        parts += [_characters(column, int(decimals or 0)), np.frombuffer(literal.encode(), np.uint8)[None]]
-    wide = [np.broadcast_to(part, (len(columns[0]), part.shape[1])) for part in parts]
-    text = np.concatenate(wide, axis=1).ravel()
-    return text[: remove_zeros(text)].tobytes()
-
-
-def _characters(column: npt.NDArray[Any], decimals: int) -> npt.NDArray[np.uint8]:
-    """Return byte strings, or numbers with so many decimals, as characters (n, width) with zeros around."""
-    from sketchterrain.export.decimal_text import write_decimals
-
-    if column.dtype.kind != "S":
-        if not np.isfinite(column).all():
-            invalid = column[~np.isfinite(column)][0]
-            raise InputError(f"expected finite numbers to write as text, got {invalid:g}")
-        steps = np.rint(column.astype(np.float64) * 10.0**decimals)
-        most = int(np.abs(steps).max(initial=0.0))
-        if most < _EXACT:
-            text = np.zeros((len(column), max(len(str(most)), decimals + 1) + 2), np.uint8)
-            write_decimals(text, steps.astype(np.int64), decimals)
-            return text
-        rounded = steps / 10.0**decimals + 0.0  # no -0.0
-        column = np.array([b"%.*f" % (decimals, number) for number in rounded.tolist()])
-    return np.ascontiguousarray(column).view(np.uint8).reshape(len(column), -1)
+    lists: list[Sequence[Any]] = []
+    for decimals, column in zip(_FIELD.findall(line), columns, strict=True):
+        if decimals:
+            if not np.isfinite(column).all():
+                invalid = column[~np.isfinite(column)][0]
+                raise InputError(f"expected finite numbers to write as text, got {invalid:g}")
+            column = np.round(column.astype(np.float64), int(decimals)) + 0.0  # no -0.0
+        lists.append(column.tolist())
+    return (line * len(lists[0]) % tuple(chain.from_iterable(zip(*lists, strict=True)))).encode()
 
 
 def write_json_list(path: Path, head: dict[str, Any], name: str, chunks: Iterable[bytes]) -> Path:

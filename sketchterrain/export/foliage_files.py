@@ -49,7 +49,7 @@ _NOTES = (
     "level j: among the plants of level j and above none are nearer than 2^j times their distance",
 )
 _COUNT_DIGITS = 20  # reserved for the number of plants, which is known at the end
-_PLANTS_AT_ONCE = 1 << 14
+_PLANTS_AT_ONCE = 1 << 12
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ def plant_table(path: Path, species: Sequence[str]) -> Iterator[Callable[[Struct
     Columns: x, y, z (m, to the millimetre), species (a name), scale (1 is grown), rotation (radians,
     counter-clockwise seen from above), tint (0 … 1), and the ground's normal.
     """
-    names = np.array(species, np.bytes_)
+    names = np.array(species, object)
     with atomic_file(path) as stream:
         stream.write(_HEADER)
 

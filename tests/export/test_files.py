@@ -177,7 +177,7 @@ def test_numbers_are_formatted_as_by_python():
             expected = "".join(f"{value:.{places}f}\n" for value in rounded)
             assert format_rows(f"%.{places}f\n", values) == expected.encode(), (places, size)
 
-    names = np.array([b"oak tree", b"fir"])
+    names = np.array(["oak tree", "fir"], object)
     assert format_rows("%d,%s,%.1f\n", np.uint8([7, 255]), names, np.array([-0.04, -22.5])) == (
         b"7,oak tree,0.0\n255,fir,-22.5\n"
     )

@@ -87,7 +87,9 @@ def _write_object(stream: BinaryIO, part: ObjObject, first: dict[str, int]) -> N
             stream.write(format_rows(f"{word} {_ROWS[word]}\n", *values[row : row + _ROWS_AT_ONCE].T))
     starts = [first[word] for word in ("v", "vt", "vn") if word in columns]
     number = np.arange(len(part.position))
-    corners = np.array(format_rows(f"{corner} ", *(number + start for start in starts)).split(), np.bytes_)
+    corners = np.array(
+        format_rows(f"{corner} ", *(number + start for start in starts)).decode().split(), object
+    )
     for row in range(0, len(part.triangles), _ROWS_AT_ONCE):
         faces = corners[part.triangles[row : row + _ROWS_AT_ONCE]]
         stream.write(format_rows("f %s %s %s\n", *faces.T))

@@ -20,7 +20,7 @@ uniform sampler2D far_light;   // light of the wider map
 uniform vec4 widest;           // as frame, in that
 uniform vec3 sun;              // unit vector towards it
 uniform float softness;        // tangent of the penumbra's half angle
-uniform float highest;         // m, of all the maps
+uniform float highest_ground;  // m, of all the maps
 
 in vec2 uv;
 out vec4 light;
@@ -52,7 +52,7 @@ float sun_visibility(float start, float texel)
     for (int i = 0; i < SUN_STEPS; ++i) {
         float run = gone * texel; // m
         float penumbra = run * softness + 0.35 * texel;
-        if (visible <= 0.0 || (start + run * climb - highest >= penumbra && climb > softness)) break;
+        if (visible <= 0.0 || (start + run * climb - highest_ground >= penumbra && climb > softness)) break;
         float room = start + run * climb - height_at(uv + ahead * run / frame.w, log2(gone) * 0.5 - 1.0);
         visible = min(visible, smoothstep(-1.0, 1.0, room / penumbra));
         gone *= LONGER;

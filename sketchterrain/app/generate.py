@@ -6,7 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -49,9 +49,8 @@ if TYPE_CHECKING:
     from sketchterrain.render.offscreen import SnapshotRenderer
 
 REPORT = "report.json"
-TakePicture = Callable[
-    ..., npt.NDArray[np.uint8]
-]  # of a terrain, with requests of `SnapshotRenderer.picture`
+TakePicture = Callable[..., npt.NDArray[np.uint8]]
+"""Takes a picture of a terrain, with the options of `SnapshotRenderer.picture`."""
 
 
 def terrain_report(terrain: Terrain, facts: dict[str, Any], plants: FoliageResult) -> dict[str, Any]:
@@ -80,7 +79,7 @@ def terrain_report(terrain: Terrain, facts: dict[str, Any], plants: FoliageResul
 
 
 def raster_facts(raster: Raster) -> dict[str, Any]:
-    """Return the entries of a report that tell of a raster."""
+    """Return the report's entries of a raster: its size, spacing (m) and range of heights (m)."""
     rows, columns = raster.height.shape
     return {
         "size": {"columns": columns, "rows": rows},
@@ -196,7 +195,7 @@ def _write_files(
         stack.callback(painter.shutdown, wait=False)  # after an error nobody waits for the picture
         take_picture = None
         if options.preview:
-            take_picture = shared.take_picture or _picture_taker(painter, sketch, context.device)
+            take_picture = shared.take_picture or _picture_taker(painter, sketch, context.device, stack)
         with stages.stage("features", "Placing features"):
             terrain = build(sketch, device=context, memory=shared.memory)
             features = terrain.features
@@ -278,8 +277,13 @@ class _BackgroundWriter:
         return tuple(path for job in self._jobs for path in job.result())
 
 
-def _picture_taker(painter: ThreadPoolExecutor, sketch: Sketch, device: object) -> TakePicture:
-    """Open a renderer on a thread while features are placed; return what takes its one picture there."""
+def _picture_taker(
+    painter: ThreadPoolExecutor, sketch: Sketch, device: object, stack: ExitStack
+) -> TakePicture:
+    """Open a renderer on a thread while features are placed; return what takes pictures there.
+
+    The renderer is closed when `stack` is.
+    """
 
     def opened() -> SnapshotRenderer:
         from sketchterrain.render.offscreen import SnapshotRenderer
@@ -288,12 +292,9 @@ def _picture_taker(painter: ThreadPoolExecutor, sketch: Sketch, device: object) 
         renderer.load_textures(sketch, device)
         return renderer
 
-    def take_picture(terrain: Terrain, **request: Any) -> npt.NDArray[np.uint8]:
-        with closing(future.result()) as renderer:
-            return renderer.picture(terrain, **request)
-
     future = painter.submit(opened)
-    return take_picture
+    stack.callback(painter.submit, lambda: future.result().close())
+    return lambda terrain, **request: future.result().picture(terrain, **request)
 
 
 def render_preview(

@@ -2,16 +2,7 @@
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any, NamedTuple
-
-_ANY_CRS = "EPSG:3857"
-
-
-class Georeference(NamedTuple):
-    """The CRS of outputs, None for local metres, and the sketch's south-west corner in it (m)."""
-
-    crs: str | None
-    origin: tuple[float, float]
+from typing import Any
 
 
 def check_frame(frame: Mapping[str, Any]) -> None:
@@ -22,28 +13,29 @@ def check_frame(frame: Mapping[str, Any]) -> None:
 
 @lru_cache(maxsize=16)
 def _check_systems(crs: str, vertical: str) -> None:
-    from sketchterrain.io.crs import compound_crs, parse_metric_crs  # GDAL, which most sketches do without
+    # Imports GDAL, which most sketches do without.
+    from sketchterrain.io.crs import compound_crs, parse_metric_crs, parse_vertical_datum
 
     if crs:
         parse_metric_crs(crs)
-    if vertical:
-        compound_crs(crs or _ANY_CRS, vertical)
+    if crs and vertical:
+        compound_crs(crs, vertical)
+    elif vertical:
+        parse_vertical_datum(vertical)
 
 
 def georeference(
     frame: Mapping[str, Any], crs: str | None = None, origin: tuple[float, float] | None = None
-) -> Georeference:
-    """Return the georeference of a frame's outputs; a given CRS or origin is used instead of the frame's.
+) -> tuple[str | None, tuple[float, float]]:
+    """Return the CRS of outputs, None for local metres, and the sketch's south-west corner in it (m).
 
-    Another CRS than the frame's has its own origin, by default 0, 0.
+    They are the frame's unless given; another CRS than the frame's has its own origin, by default 0, 0.
     """
-    own = crs is None or crs == (frame["crs"] or None)
-    if origin is None:
-        origin = (frame["east"], frame["north"]) if own else (0.0, 0.0)
-    if not own:
-        return Georeference(crs, origin)
-    if not (frame["crs"] and frame["vertical"]):
-        return Georeference(frame["crs"] or None, origin)
-    from sketchterrain.io.crs import compound_crs
+    corner = 0.0, 0.0
+    if crs is None or crs == (frame["crs"] or None):
+        crs, corner = frame["crs"] or None, (frame["east"], frame["north"])
+        if crs and frame["vertical"]:
+            from sketchterrain.io.crs import compound_crs
 
-    return Georeference(compound_crs(frame["crs"], frame["vertical"]), origin)
+            crs = compound_crs(crs, frame["vertical"])
+    return crs, corner if origin is None else origin

@@ -221,7 +221,6 @@ WEATHER: Mapping[str, Parameter] = parameter_table(
 )
 """Keys of ``[weather]``: lighting and air of pictures; they do not change the terrain."""
 
-_CODE = r"[A-Za-z]+:[0-9]+"
 FRAME: Mapping[str, Parameter] = parameter_table(
     Parameter(
         *("crs", str, "", 0, 20_000, "characters"),
@@ -232,7 +231,7 @@ FRAME: Mapping[str, Parameter] = parameter_table(
     Parameter(
         *("vertical", str, "", 0, 40, ""),
         "vertical datum of elevations, as EPSG:5773; empty is none",
-        form=(_CODE, 'a code as "EPSG:5773"'),
+        form=(r"[A-Za-z]+:[0-9]+", 'a code as "EPSG:5773"'),
     ),
 )
 """Keys of ``[frame]``: the sketch's place on Earth; it does not change the terrain."""

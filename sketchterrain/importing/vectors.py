@@ -386,7 +386,6 @@ def _skipped(skipped: Counter[str]) -> str:
 
 def _position_note(frame: Mapping[str, Any]) -> str:
     corner = f"{frame['east']:.10g},{frame['north']:.10g}"
-    code = frame["crs"] if ":" in frame["crs"][:20] else "its own coordinate reference system"
-    return (
-        f"south-west corner: {corner} in {code if frame['crs'] else 'its own metres'}; exports return there"
-    )
+    is_wkt = "[" in frame["crs"]
+    name = "its own coordinate reference system" if is_wkt else frame["crs"] or "its own metres"
+    return f"south-west corner: {corner} in {name}; exports return there"

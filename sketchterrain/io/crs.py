@@ -57,11 +57,17 @@ def parse_metric_crs(text: str) -> CRS:
     )
 
 
+def parse_vertical_datum(text: str) -> CRS:
+    """Return the vertical CRS of a text; raise InputError for others."""
+    crs = parse_crs(text)
+    if not crs.to_wkt().startswith("VERT_CS["):
+        raise InputError(f"{_shorten(text)!r} is not a vertical datum: expected one, such as EPSG:5773")
+    return crs
+
+
 def compound_crs(text: str, vertical: str) -> str:
     """Return a CRS with a vertical datum, as codes or WKT; raise InputError if it is none."""
-    horizontal, datum = parse_crs(text).to_wkt(), parse_crs(vertical).to_wkt()
-    if not datum.startswith("VERT_CS["):
-        raise InputError(f"{_shorten(vertical)!r} is not a vertical datum: expected one, such as EPSG:5773")
+    horizontal, datum = parse_crs(text).to_wkt(), parse_vertical_datum(vertical).to_wkt()
     if horizontal.startswith("COMPD_CS["):
         raise InputError(f"{_shorten(text)!r} has a vertical datum: expected no other one, {vertical}")
     codes = _EPSG.fullmatch(text), _EPSG.fullmatch(vertical)

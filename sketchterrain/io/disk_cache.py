@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import sqlite3
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from threading import Lock
 from typing import Any, Final
@@ -78,7 +78,7 @@ class RecordCache:
             folder = folder or cache_folder()
             folder.mkdir(parents=True, exist_ok=True)
             path = folder / f"{_name(family, recipe)}.sqlite"
-            database = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+            database = sqlite3.connect(path, check_same_thread=False)
             database.executescript(_SCHEMA)
             self._left -= path.stat().st_size
             os.utime(path)
@@ -93,29 +93,28 @@ class RecordCache:
 
     def get(self, key: tuple[int, int, int, int]) -> bytes | None:
         """Return what was added, or None."""
-        row = self._execute("SELECT content FROM records WHERE (a, b, c, d) = (?, ?, ?, ?)", [key])
+        select = "SELECT content FROM records WHERE (a, b, c, d) = (?, ?, ?, ?)"
+        row = self._run(lambda database: database.execute(select, key).fetchone())
         return row[0] if row else None
 
     def add(self, contents: Mapping[tuple[int, int, int, int], bytes]) -> None:
         """Add byte strings, as far as there is room."""
         self._left -= sum(map(len, contents.values()))
         if self._left > 0:
+            insert = "INSERT OR IGNORE INTO records VALUES (?, ?, ?, ?, ?)"
             rows = [(*key, content) for key, content in contents.items()]
-            self._execute("INSERT OR IGNORE INTO records VALUES (?, ?, ?, ?, ?)", rows)
+            self._run(lambda database: database.executemany(insert, rows))
 
-    def _execute(self, statement: str, rows: Sequence[tuple[Any, ...]]) -> Any:
+    def _run(self, work: Callable[[sqlite3.Connection], Any]) -> Any:
+        """Return the result of a transaction, or None without a usable file."""
         with self._lock:
-            if self._database is None:
-                return None
-            try:
-                self._database.execute("BEGIN")
-                for row in rows:
-                    found = self._database.execute(statement, row).fetchone()
-                self._database.execute("COMMIT")
-            except sqlite3.Error:  # a damaged file, or a full disk
-                self._database = None
-                return None
-            return found
+            if self._database is not None:
+                try:
+                    with self._database:
+                        return work(self._database)
+                except sqlite3.Error:  # a damaged file, or a full disk
+                    self._database = None
+            return None
 
 
 def _opened(path: Path) -> float:

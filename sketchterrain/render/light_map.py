@@ -236,7 +236,9 @@ class LightMap:
         light_pass = renderer.close_light_pass if self._close else renderer.light_pass
         frames = {"frame": _frame_in(square, wider.square), "widest": _frame_in(square, widest.square)}
         highest = max(each.highest for each in (self, *self._wider))
-        set_uniforms(light_pass.program, frames | {"sun": tuple(self.sun.direction), "highest": highest})
+        set_uniforms(
+            light_pass.program, frames | {"sun": tuple(self.sun.direction), "highest_ground": highest}
+        )
         renderer.context.enable_only(moderngl.NOTHING)
         self._target.use()
         self._target.scissor = (0, self._lit_rows, square.texels, rows)

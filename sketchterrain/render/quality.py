@@ -127,7 +127,7 @@ SHARED_MEMORY: Final = ("intel", "mali", "adreno", "videocore", "apple")
 STILL_TILES: Final = (128 << 20, 512 << 20)
 """Bytes for the tiles of a still of 1280 × 720 pixels, and at most."""
 STILL_QUADS: Final = 32
-"""Quads along their sides: a third fewer triangles than with 64, which need less planning in motion."""
+"""Quads along their sides: a third fewer triangles than with 64, which take less planning in motion."""
 ON_CPU: Final = 0.1
 ON_SHARED: Final = 0.5
 ON_CARD: Final = 0.8

@@ -150,6 +150,7 @@ class GLVertexMemory:
 
     def close(self) -> None:
         """Release the memory."""
+        self._gl.finish()  # drawing may still read memory that is freed here
         self._written.close()
         self.vertices.release()
         if self.kind == "mapped":  # moderngl does not delete external buffers

@@ -72,7 +72,7 @@ class WorldOptions:
     def job(self, sketch: Sketch, recipe: TerrainRecipe, output: Path, form: Form) -> Job:
         """Return the job of writing a sketch's world to an output; raise InputError as `check`."""
         own = {name: getattr(self, name) for name in ("plants", "grass", "step", "fast")}
-        own |= georeference(sketch.frame, self.crs, self.origin)._asdict()
+        own["crs"], own["origin"] = georeference(sketch.frame, self.crs, self.origin)
         layers = check_layers(self.layers)
         return Job(sketch, recipe, self.check(sketch), output.absolute(), form, layers, **own)
 

@@ -42,7 +42,7 @@ def test_outputs_have_the_georeference_of_the_frame_or_a_given_one() -> None:
 
 def test_a_vertical_datum_makes_the_crs_compound() -> None:
     frame = UTM | {"vertical": "EPSG:5773"}
-    assert georeference(Sketch(frame=frame).frame).crs == "EPSG:25832+5773"
+    assert georeference(Sketch(frame=frame).frame)[0] == "EPSG:25832+5773"
     crs, _ = georeference(Sketch(frame=frame | {"crs": CRS.from_epsg(25832).to_wkt()}).frame)
     assert crs is not None
     assert CRS.from_wkt(crs) == CRS.from_user_input("EPSG:25832+5773")

@@ -19,12 +19,7 @@ from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_samples
 from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.layers.relief import ReliefLayer
-from sketchterrain.terrain.node_raster import (
-    DrainedRaster,
-    NodeReader,
-    PaintedNodes,
-    node_level,
-)
+from sketchterrain.terrain.node_raster import DrainedRaster, NodeReader, PaintedNodes, node_level
 from sketchterrain.terrain.patches import tile_patches, tile_samples
 from sketchterrain.terrain.relief_fields import UnpaintedSettings
 from sketchterrain.terrain.unpainted import Nodes, UnpaintedGround

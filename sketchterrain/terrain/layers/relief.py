@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, ClassVar, Final
 
@@ -110,10 +110,14 @@ class UnpaintedNodes:
 @lru_cache(maxsize=4)
 def _disk_cache(settings: UnpaintedSettings) -> RecordCache:
     """Return the cache on disk of chunks, by the settings and the sources that nodes depend on."""
+    return RecordCache("ground", f"{settings}\n{_sources()}")
+
+
+@cache
+def _sources() -> str:
     folders = files("sketchterrain.placement"), files("sketchterrain.terrain")
     sources = [each for folder in folders for each in folder.iterdir() if each.name.endswith(".py")]
-    texts = "".join(each.read_text("utf-8") for each in sorted(sources, key=str))
-    return RecordCache("ground", f"{settings}\n{texts}")
+    return "".join(each.read_text("utf-8") for each in sorted(sources, key=str))
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ Rng = np.random.Generator
 SIDE = 64  # px
 EXTENTS = (2500.0, 4000.0, 6000.0)  # m
 _LABELS = (1, 2, 7)
+_SYSTEMS = {"crs": ("", "EPSG:25832", "EPSG:3857"), "vertical": ("", "EPSG:5773")}
 _FILL = 6  # features of each type in an unpainted sketch, at most
 
 
@@ -118,6 +119,8 @@ def _random_value(rng: Rng, parameter: Parameter, sketch: Sketch) -> Value:
     name, default = parameter.name, parameter.default
     if parameter.choices:
         return str(rng.choice(parameter.choices))
+    if name in _SYSTEMS:
+        return str(rng.choice(_SYSTEMS[name]))
     if parameter.kind is str:
         return f"Untitled {rng.integers(1000)}"
     if name == "seed":

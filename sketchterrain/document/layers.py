@@ -40,6 +40,7 @@ class Layer:
     light_hatch: bool = False  # on a dark colour
     overlay: Colour | None = None  # of its lines in the overlay of features
     brush: float = 1.0 / 32.0  # radius that its brush opens with, over the sketch's longer side
+    vectors: tuple[str, ...] = ()  # what of ``point``, ``line`` and ``area`` it takes as vectors
     # Of dunes and of forests of the fill from its paint, in their radii; 0: only unpainted; none: any.
     clearance: tuple[float, ...] = ()
     # Of point features:
@@ -176,6 +177,7 @@ _ALL: Final = (
         clearance=(1.20, 0.00),
         light_hatch=True,
         overlay=(40, 120, 255),
+        vectors=("line", "area"),
         map_colours="#0000ff #1f4e9c",
         tags=(
             TagRule("waterway", "river tidal_channel riverbank"),
@@ -247,6 +249,7 @@ _ALL: Final = (
         colour=(98, 178, 214),
         hatch="level",
         overlay=(30, 220, 240),
+        vectors=("area",),
         map_colours="#87ceeb #aad3df",
         tags=(
             TagRule("natural", "water reservoir basin lake pond lagoon"),
@@ -294,6 +297,15 @@ _CODES = {layer.code: layer.name for layer in _ALL}
 def layer_of(feature: int) -> str:
     """Return the layer of a painted feature, river or lake by its id."""
     return _CODES[feature >> 48 & 0x3FFF]  # the two highest bits mark added features and those of the fill
+
+
+VECTOR_BIT: Final = 1 << 46
+"""Set in the ids of rivers and lakes that vectors made; those of the features are below it."""
+
+
+def vector_of(feature: int) -> int | None:
+    """Return the id of the vector that made a river or lake, by the id of that; None if it was painted."""
+    return feature & (VECTOR_BIT - 1) if feature & VECTOR_BIT else None
 
 
 POINT_LAYERS: Final = tuple(layer.name for layer in _ALL if layer.is_points)

@@ -40,6 +40,7 @@ from sketchterrain.document.parameters import (
     check_values,
     defaults,
 )
+from sketchterrain.document.vectors import VectorLayer, check_vectors
 from sketchterrain.errors import InputError, did_you_mean, format_value
 
 __all__ = ["DEFAULT_SIDE", "MAX_LABELS", "MAX_SIDE", "LabelImage", "Sketch", "labels_in"]
@@ -84,6 +85,8 @@ class Sketch:
     layers
         Label images by layer name: uint8, (height, width), 0 is empty. Missing layers are empty. The
         arrays of a sketch are read-only; a writeable array is copied.
+    vectors
+        Points, lines and areas by layer name; missing layers are empty.
     labels
         Properties by (layer name, label); missing ones have defaults.
     materials
@@ -112,6 +115,7 @@ class Sketch:
     weather: Mapping[str, float] = field(default_factory=dict)
     frame: Mapping[str, Any] = field(default_factory=dict)
     layers: Mapping[str, LabelImage] = field(default_factory=dict)
+    vectors: Mapping[str, VectorLayer] = field(default_factory=dict)
     labels: Mapping[tuple[str, int], Properties] = field(default_factory=dict)
     materials: Mapping[str, Properties] = field(default_factory=dict)
     look: Mapping[str, Properties] = field(default_factory=dict)
@@ -129,6 +133,7 @@ class Sketch:
         checked["materials"] = check_own_materials(self.materials)
         materials = material_table(self.materials)
         checked["layers"] = _check_layers(self.layers)
+        checked["vectors"] = check_vectors(self.vectors)
         checked["labels"] = _check_labels(self.labels, materials)
         checked["look"] = _check_look(self.look, materials)
         checked["edits"] = check_items(Edit, self.edits, "edits", most=MAX_EDITS)
@@ -139,7 +144,7 @@ class Sketch:
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields as plain dicts, with compressed layers; empty ones are omitted."""
         state = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
-        for key in TABLES:
+        for key in (*TABLES, "vectors"):
             state[key] = dict(state[key])
         state["labels"] = {key: dict(values) for key, values in self.labels.items()}
         state["materials"] = {key: dict(values) for key, values in self.materials.items()}
@@ -161,7 +166,7 @@ class Sketch:
         state["layers"] = {name: layers.get(name, empty) for name in LAYERS}
         for key in ("labels", "materials", "look"):
             state[key] = {name: MappingProxyType(values) for name, values in state[key].items()}
-        for key in ("layers", "labels", "materials", "look", *TABLES):
+        for key in ("layers", "vectors", "labels", "materials", "look", *TABLES):
             state[key] = MappingProxyType(state[key])
         for key, value in state.items():
             object.__setattr__(self, key, value)
@@ -220,7 +225,16 @@ class Sketch:
         return own | {name: {**own.get(name, {}), **values} for name, values in self.look.items()}
 
     def replace(self, **changes: Any) -> Sketch:
-        """Return a sketch with other values in the named fields, each replaced as a whole."""
+        """Return a sketch with other values in the named fields, each replaced as a whole.
+
+        With another extent vectors are scaled as paint is, unless they are among the changes.
+        """
+        if "extent" in changes and "vectors" not in changes:
+            ratio = float(SKETCH["extent"].check(changes["extent"])) / self.extent
+            changes["vectors"] = {
+                name: layer.with_vertices(layer.vertices * ratio) if ratio != 1.0 else layer
+                for name, layer in self.vectors.items()
+            }
         return dataclasses.replace(self, **changes)
 
     def with_edit(self, edit: Edit) -> Sketch:

@@ -8,6 +8,7 @@ import time
 import zipfile
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
 
@@ -17,15 +18,17 @@ from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.own_materials import relative_folders, resolved_folders
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text, starter_sketch
+from sketchterrain.document.vector_file import SUFFIX, decode_vectors, encode_vectors, vector_files
+from sketchterrain.document.vectors import VECTOR_LAYERS
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
 from sketchterrain.io.files import open_zip, too_large, wrap_os_errors, wrap_read_errors, write_atomic
 from sketchterrain.io.resources import preset, preset_names
 
 SETTINGS = "sketch.toml"
-"""The settings file; each layer's image is ``<layer>.png``."""
+"""The settings file; each layer's image is ``<layer>.png``, and its vectors, if any, are ``<layer>.fgb``."""
 
 MAX_FILE_BYTES = 64 << 20
-"""The most bytes of one layer image."""
+"""The most bytes of one layer's file."""
 
 MAX_TOTAL_BYTES = 256 << 20
 """The most bytes of all files of a sketch together."""
@@ -37,29 +40,34 @@ _OTHER_IMAGES = frozenset({".jpg", ".jpeg", ".gif", ".bmp", ".tif", ".tiff", ".w
 def sketch_files(names: Iterable[str], place: str) -> list[str]:
     """Return the sketch's files among the `names` in a folder: its settings and its layers.
 
-    Raise InputError if the settings are missing, or if an image could be mistaken for a layer.
+    Raise InputError if the settings are missing, or if a file could be mistaken for a layer.
     """
     visible = sorted(name for name in names if not name.startswith("."))
-    images = [f"{layer}.png" for layer in LAYERS]
+    images, vectors = [f"{layer}.png" for layer in LAYERS], vector_files()
     for name in visible:
         path = PurePosixPath(name)
         suffix = path.suffix.lower()
-        if suffix == ".png" and name not in images:
-            raise InputError(
-                f"{place}: unknown layer image {format_value(name)}: expected {', '.join(images)}"
-                f"{did_you_mean(name, images)}"
-            )
+        for ending, known, what in ((".png", images, "layer image"), (SUFFIX, vectors, "vector layer")):
+            if suffix == ending and name not in known:
+                raise InputError(
+                    f"{place}: unknown {what} {format_value(name)}: expected {', '.join(known)}"
+                    f"{did_you_mean(name, known)}"
+                )
         if suffix in _OTHER_IMAGES and path.stem.lower() in LAYERS:
             raise InputError(f"{place}: {format_value(name)}: expected a PNG file, {path.stem.lower()}.png")
     if SETTINGS not in visible:
         raise InputError(
             f"{place}: no {SETTINGS} in it: expected a sketch (`sketchterrain new DIR` writes a starter)"
         )
-    return [name for name in visible if name == SETTINGS or name in images]
+    return [name for name in visible if name == SETTINGS or name in (*images, *vectors)]
 
 
 def read_folder(
-    folder: Traversable, place: str, *, overrides: Mapping[str, bytes] | None = None
+    folder: Traversable,
+    place: str,
+    *,
+    overrides: Mapping[str, bytes] | None = None,
+    without: Collection[str] = (),
 ) -> dict[str, bytes]:
     """Return the content of the sketch's files in a folder, by name; `overrides` replace what is on disk.
 
@@ -68,7 +76,8 @@ def read_folder(
     contents: dict[str, bytes] = {}
     overrides = overrides or {}
     try:
-        for name in sketch_files({*overrides, *(entry.name for entry in folder.iterdir())}, place):
+        present = {entry.name for entry in folder.iterdir()}.difference(without)
+        for name in sketch_files({*overrides, *present}, place):
             if name in overrides:
                 contents[name] = overrides[name]
                 continue
@@ -136,7 +145,7 @@ _STALE = 60 * 10**9
 
 
 def replace_files(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Replace files of a folder, all or none; unchanged ones are not written.
+    """Replace files of a folder, all or none; unchanged ones are not written, other vector layers removed.
 
     Raise OSError or SketchterrainError if the system cannot write there: the files are then as they were, or
     the journal exists.
@@ -144,6 +153,7 @@ def replace_files(folder: Path, files: Mapping[str, bytes]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     journal = folder / JOURNAL
     changed = {name: content for name, content in files.items() if not _has(folder / name, content)}
+    removed = [folder / name for name in vector_files() if name not in files and (folder / name).exists()]
     _remove_stale_files(folder, (*files, JOURNAL))
     temporary: dict[str, Path] = {}
     try:
@@ -153,10 +163,12 @@ def replace_files(folder: Path, files: Mapping[str, bytes]) -> None:
                 stream.write(content)
                 stream.flush()
                 os.fsync(stream.fileno())
-        if len(changed) > 1 or journal.exists():
+        if len(changed) + len(removed) > 1 or journal.exists():
             write_atomic(journal, pack_zip(files))
         for name, path in temporary.items():
             path.replace(folder / name)
+        for path in removed:
+            path.unlink(missing_ok=True)
         journal.unlink(missing_ok=True)
     finally:
         for path in temporary.values():
@@ -176,7 +188,10 @@ def read_saved_folder(folder: Path, place: str) -> dict[str, bytes]:
             raise
         return read_folder(folder, place)  # the save was finished meanwhile
     newer = {name: content for name, content in contents.items() if _modified(folder / name) <= committed}
-    return read_folder(folder, place, overrides=newer)
+    removed = [
+        name for name in vector_files() if name not in contents and _modified(folder / name) <= committed
+    ]
+    return read_folder(folder, place, overrides=newer, without=removed)
 
 
 def _has(path: Path, content: bytes) -> bool:
@@ -201,8 +216,8 @@ def _remove_stale_files(folder: Path, names: Iterable[str]) -> None:
 
 _ZIP_SUFFIX = ".sketch"
 
-_encoded = LRUCache(len(LAYERS))
-"""Files of images: autosave writes most layers unchanged."""
+_encoded = LRUCache(2 * len(LAYERS))
+"""Files of layers: autosave writes most of them unchanged."""
 
 
 def load_sketch(path_or_preset: str | Path) -> Sketch:
@@ -239,7 +254,7 @@ def load_sketch(path_or_preset: str | Path) -> Sketch:
 
 
 def save_sketch(sketch: Sketch, path: str | Path) -> None:
-    """Write a sketch: its settings and the image of every layer.
+    """Write a sketch: its settings, the image of every layer and the vectors of those that have any.
 
     Loading it returns an equal sketch. It is written as a whole or not at all: a reader finds the old or the
     new sketch, even after a crash. Other files in the folder, and unchanged ones, are not touched. Equal
@@ -309,7 +324,13 @@ def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None)
         sketch = parse_settings(contents[SETTINGS], images)
         if base is not None and sketch.materials:
             sketch = sketch.replace(materials=resolved_folders(sketch.materials, base))
-        return sketch
+    vectors = {}
+    for name in VECTOR_LAYERS:
+        if f"{name}{SUFFIX}" in contents:
+            with _prefix_errors(f"{place}/{name}{SUFFIX}"):
+                vectors[name] = decode_vectors(contents[f"{name}{SUFFIX}"], name, sketch.frame)
+    with _prefix_errors(place):
+        return sketch.replace(vectors=vectors) if vectors else sketch
 
 
 def _check_same_size(images: Mapping[str, LabelImage], name: str) -> None:
@@ -325,6 +346,11 @@ def _encode(sketch: Sketch, base: Path | None) -> dict[str, bytes]:
     if base is not None and sketch.materials:
         sketch = sketch.replace(materials=relative_folders(sketch.materials, base))
     files = {f"{name}.png": _encode_cached(name, sketch.layers[name]) for name in LAYERS}
+    frame = sketch.frame
+    for name, layer in sketch.vectors.items():
+        if len(layer):
+            key = (IdentityKey(layer), frame["crs"], frame["east"], frame["north"])
+            files[f"{name}{SUFFIX}"] = _encoded.get_or_compute(key, partial(encode_vectors, layer, frame))
     return files | {SETTINGS: settings_text(sketch).encode("utf-8")}
 
 

@@ -58,9 +58,21 @@ def refusal(path):
 def same(a, b):
     """Assert that two sketches are the same in everything."""
     for field in dataclasses.fields(Sketch):
-        if field.name != "layers":
+        if field.name not in ("layers", "vectors"):
             assert getattr(a, field.name) == getattr(b, field.name), field.name
     assert list(a.labels) == list(b.labels)
     assert list(a.layers) == list(b.layers)
     for name in a.layers:
         np.testing.assert_array_equal(a.layers[name], b.layers[name])
+    for name in a.vectors:
+        same_vectors(a.vectors[name], b.vectors[name])
+
+
+def same_vectors(a, b):
+    """Assert that two vector layers are the same in everything."""
+    for key in ("layer", "vertices", "rings", "parts", "kinds", "ids", "labels"):
+        np.testing.assert_array_equal(getattr(a, key), getattr(b, key), err_msg=key)
+    assert list(a.columns) == list(b.columns)
+    for name, column in a.columns.items():
+        assert type(column) is type(b.columns[name])
+        np.testing.assert_array_equal(np.asarray(column), np.asarray(b.columns[name]), err_msg=name)

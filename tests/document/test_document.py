@@ -13,6 +13,8 @@ from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text
 from sketchterrain.errors import InputError
 
+from .conftest import same
+
 
 def _image(height, width, label=0):
     return np.full((height, width), label, dtype=np.uint8)
@@ -117,12 +119,9 @@ def test_pickled_sketches_are_small_and_equal():
         climate={"aridity": 0.5},
     )
     other = pickle.loads(pickle.dumps(sketch))  # noqa: S301
-    for each in dataclasses.fields(Sketch):
-        if each.name != "layers":
-            assert getattr(other, each.name) == getattr(sketch, each.name)
+    same(other, sketch)
     assert list(other.layers) == list(LAYERS)
-    for name, image in other.layers.items():
-        np.testing.assert_array_equal(image, sketch.layers[name])
+    for image in other.layers.values():
         with pytest.raises(ValueError, match="read-only"):
             image[0, 0] = 3
     for each in (sketch, other):

@@ -1,0 +1,114 @@
+"""Vector layers as FlatGeobuf files, in the sketch's frame."""
+
+import io
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from sketchterrain.document.vectors import AREA, KINDS, LINE, VECTOR_LAYERS, Column, VectorLayer
+from sketchterrain.errors import InputError, one_line
+
+SUFFIX = ".fgb"
+_MAGIC = b"fgb\x03fgb"
+_MULTI = {4: "points", 5: "lines", 6: "areas", 7: "shapes"}  # shapely's type ids
+_MAX_MESSAGE = 160  # characters of GDAL's
+
+
+def vector_files() -> tuple[str, ...]:
+    """Return the names of the files of vector layers."""
+    return tuple(f"{name}{SUFFIX}" for name in VECTOR_LAYERS)
+
+
+def encode_vectors(layer: VectorLayer, frame: Mapping[str, Any]) -> bytes:
+    """Return a layer as a FlatGeobuf file with coordinates in the frame; equal layers give equal bytes."""
+    import pyogrio
+    import shapely
+
+    shapes = layer.shapes()
+    corner = np.array([frame["east"], frame["north"]])
+    columns = {"id": layer.ids, "label": layer.labels.astype(np.int32), **layer.columns}
+    stream = io.BytesIO()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a layer without a CRS
+        pyogrio.raw.write(
+            stream,
+            shapely.to_wkb(shapely.transform(shapes, lambda points: points + corner)),
+            [
+                np.array(column, dtype=object) if isinstance(column, tuple) else column
+                for column in columns.values()
+            ],
+            list(columns),
+            driver="FlatGeobuf",
+            geometry_type=_geometry_type(layer),
+            crs=frame["crs"] or None,
+            layer=layer.layer,
+            layer_options={"SPATIAL_INDEX": "NO"},  # keeps the order
+        )
+    return stream.getvalue()
+
+
+def _geometry_type(layer: VectorLayer) -> str:
+    kinds = set(layer.kinds.tolist())
+    return {frozenset({LINE}): "LineString", frozenset({AREA}): "Polygon"}.get(frozenset(kinds), "Unknown")
+
+
+def decode_vectors(data: bytes, name: str, frame: Mapping[str, Any]) -> VectorLayer:
+    """Return the layer of a FlatGeobuf file; raise InputError if it is damaged, or not in the frame's CRS.
+
+    The properties id and label may be missing; unknown ones are kept.
+    """
+    import pyogrio
+    import shapely
+
+    if not data.startswith(_MAGIC[:3]):
+        raise InputError("expected a FlatGeobuf file")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            meta, _, wkb, fields = pyogrio.raw.read(data, force_2d=True, datetime_as_string=True)
+        shapes = np.asarray(shapely.from_wkb(wkb), dtype=object)
+    except (RuntimeError, ValueError, OSError, MemoryError, shapely.errors.GEOSException) as error:
+        raise InputError(f"not a whole FlatGeobuf file ({one_line(error)[:_MAX_MESSAGE]})") from None
+    _check_crs(meta["crs"], frame)
+    kinds = shapely.get_type_id(shapes)
+    if np.isin(kinds, list(_MULTI)).any():
+        what = _MULTI[int(kinds[np.isin(kinds, list(_MULTI))][0])]
+        raise InputError(f"expected single {' or '.join(KINDS)} features, not features of several {what}")
+    columns = {str(key): _column(values) for key, values in zip(meta["fields"], fields, strict=True)}
+    ids, labels = (_whole(columns.pop(key, None), key) for key in ("id", "label"))
+    corner = np.array([frame["east"], frame["north"]])
+    shapes = shapely.transform(shapes, lambda points: points - corner)
+    return VectorLayer.from_shapes(name, shapes, ids=ids, labels=labels, columns=columns)
+
+
+def _check_crs(found: str | None, frame: Mapping[str, Any]) -> None:
+    if not found or found == frame["crs"]:
+        return
+    from sketchterrain.io.crs import parse_crs
+
+    if not frame["crs"] or parse_crs(found) != parse_crs(frame["crs"]):
+        own = frame["crs"] or "no CRS"
+        raise InputError(
+            f"its CRS is {one_line(found)[:60]}: expected that of the sketch, {one_line(own)[:60]}"
+        )
+
+
+def _column(values: np.ndarray[Any, Any]) -> Column:
+    if values.dtype.kind == "f":
+        return values.astype(np.float64)
+    if values.dtype.kind in "iub":
+        return values.astype(np.int64)
+    return tuple("" if value is None else str(value) for value in values.tolist())
+
+
+def _whole(column: Column | None, name: str) -> np.ndarray[Any, Any] | None:
+    if column is None:
+        return None
+    values = np.asarray(column)
+    if values.dtype.kind not in "if" or (values != np.rint(values)).any() or (np.abs(values) > 2**31).any():
+        raise InputError(f"property {name}: expected whole numbers")
+    if name == "label" and ((values < 1) | (values > 255)).any():
+        raise InputError("property label: expected whole numbers from 1 to 255")
+    return values.astype(np.int64 if name == "id" else np.uint8)

@@ -1,0 +1,408 @@
+"""Vector layers: points, lines and areas with ids, labels and properties, as immutable arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.parameters import Parameter, Properties, Value, parameter_table
+from sketchterrain.errors import InputError, format_value
+
+POINT, LINE, AREA = range(3)
+KINDS: Final = ("point", "line", "area")
+
+STEP: Final = 1.0 / 1024.0
+"""Coordinates are multiples of it (m), so that shared vertices are equal bit for bit."""
+
+MAX_VERTICES, MAX_FEATURE_VERTICES = 4_000_000, 100_000
+_MAX_COORDINATE = 1e7  # m from the sketch's south-west corner
+_MAX_ID = (1 << 31) - 1
+_MAX_COLUMNS, _MAX_NAME = 60, 60
+_RESERVED = ("id", "label")
+
+LINES: Mapping[str, Parameter] = parameter_table(
+    Parameter("smooth", int, 0, 0, 1, "", "1: its vertices are the control points of a smooth curve"),
+    Parameter("directed", int, 0, 0, 1, "", "1: it runs from its first vertex to its last one; 0: downhill"),
+)
+"""Properties of lines besides those of their layer."""
+
+Column: TypeAlias = Float64Array | Int64Array | tuple[str, ...]
+"""A property of each feature; NaN is none."""
+
+VECTOR_LAYERS: Final = tuple(layer.name for layer in LAYERS.values() if layer.vectors)
+
+
+def vector_parameters(layer: str) -> Mapping[str, Parameter]:
+    """Return the declared properties of a layer's features, those of its labels included."""
+    return {**LAYERS[layer].parameters, **(LINES if "line" in LAYERS[layer].vectors else {})}
+
+
+@dataclass(frozen=True, eq=False)
+class VectorFeature:
+    """A point, line or area of a vector layer."""
+
+    kind: int  # POINT, LINE or AREA
+    # (n, 2) each, m: one of a point or a line; an area's border and holes, whose first vertex is not repeated
+    rings: tuple[Float64Array, ...]
+    label: int = 1
+    properties: Properties = field(default_factory=dict)  # those that differ from the label's, and others
+    id: int = 0  # 0: the next free one
+
+
+@dataclass(frozen=True, eq=False)
+class VectorLayer:
+    """Features of one layer, in metres from the sketch's south-west corner.
+
+    Vertices at equal positions are one node: features that share it are connected, and it moves as one.
+
+    Parameters
+    ----------
+    layer : a name in `VECTOR_LAYERS`
+    vertices : (m, 2), m; rounded to `STEP`
+    rings : (k + 1,) ring r has the vertices rings[r] … rings[r + 1]
+    parts : (n + 1,) feature i has the rings parts[i] … parts[i + 1]: of an area its border, then its holes
+    kinds : (n,) uint8, POINT, LINE or AREA
+    ids : (n,) stable, unique, 1 to 2³¹ − 1
+    labels : (n,) uint8, 1 to 255
+    columns : properties by name: (n,) float64 or int64, or n texts
+
+    Raises
+    ------
+    InputError
+        If a value is not as described, a line has less than two vertices or an area touches itself.
+    """
+
+    layer: str
+    vertices: Float64Array = field(default_factory=lambda: np.zeros((0, 2)))
+    rings: Int64Array = field(default_factory=lambda: np.zeros(1, np.int64))
+    parts: Int64Array = field(default_factory=lambda: np.zeros(1, np.int64))
+    kinds: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
+    ids: Int64Array = field(default_factory=lambda: np.zeros(0, np.int64))
+    labels: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
+    columns: Mapping[str, Column] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.layer not in VECTOR_LAYERS:
+            raise InputError(
+                f"{format_value(self.layer)}: expected a vector layer, {', '.join(VECTOR_LAYERS)}"
+            )
+        _check_vertices(self.vertices, self.layer)
+        arrays = {"vertices": np.rint(self.vertices / STEP) * STEP + 0.0}
+        arrays |= {
+            name: np.array(getattr(self, name)) for name in ("rings", "parts", "kinds", "ids", "labels")
+        }
+        columns = {
+            name: column if isinstance(column, tuple) else np.array(column)
+            for name, column in self.columns.items()
+        }
+        for array in (*arrays.values(), *columns.values()):
+            if isinstance(array, np.ndarray):
+                array.setflags(write=False)
+        for name, array in arrays.items():
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "columns", MappingProxyType(columns))
+        _check_features(self)
+        _check_columns(self)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return VectorLayer, (self.layer, *self._arrays, dict(self.columns))
+
+    @property
+    def _arrays(self) -> tuple[npt.NDArray[Any], ...]:
+        return self.vertices, self.rings, self.parts, self.kinds, self.ids, self.labels
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @property
+    def nbytes(self) -> int:
+        """Approximate memory."""
+        columns = sum(
+            column.nbytes if isinstance(column, np.ndarray) else 64 * len(column)
+            for column in self.columns.values()
+        )
+        return int(sum(array.nbytes for array in self._arrays)) + columns
+
+    @cached_property
+    def feature_of_ring(self) -> Int64Array:
+        """(k,) index of each ring's feature."""
+        return np.repeat(np.arange(len(self)), np.diff(self.parts))
+
+    @cached_property
+    def ring_of_vertex(self) -> Int64Array:
+        """(m,) index of each vertex's ring."""
+        return np.repeat(np.arange(len(self.rings) - 1), np.diff(self.rings))
+
+    def ring(self, number: int) -> Float64Array:
+        """Return the vertices of a ring, (n, 2), m."""
+        return self.vertices[self.rings[number] : self.rings[number + 1]]
+
+    def index(self, name: int) -> int:
+        """Return the index of a feature by its id; raise KeyError if there is none."""
+        found = np.flatnonzero(self.ids == name)
+        if not len(found):
+            raise KeyError(name)
+        return int(found[0])
+
+    def feature(self, name: int) -> VectorFeature:
+        """Return a feature by its id; raise KeyError if there is none."""
+        index = self.index(name)
+        rings = tuple(self.ring(each) for each in range(*self.parts[index : index + 2]))
+        properties = {
+            key: _scalar(column[index])
+            for key, column in self.columns.items()
+            if column[index] not in ("", np.nan) and column[index] == column[index]
+        }
+        return VectorFeature(int(self.kinds[index]), rings, int(self.labels[index]), properties, name)
+
+    def values(self, name: str, of_labels: Mapping[int, Value]) -> Float64Array:
+        """Return a declared number of each feature, (n,): its own, else its label's."""
+        values = np.array([float(of_labels[label]) for label in self.labels.tolist()], dtype=np.float64)
+        own = self.columns.get(name)
+        return values if own is None else np.where(np.isnan(own), values, own)
+
+    def edited(self, remove: Collection[int] = (), add: Sequence[VectorFeature] = ()) -> VectorLayer:
+        """Return the layer without some features, by id, and with others appended.
+
+        A new feature of id 0 gets the next free one. Raise InputError for invalid features.
+        """
+        kept = ~np.isin(self.ids, list(remove))
+        rings = kept[self.feature_of_ring]
+        counts = np.diff(self.rings)[rings]
+        free = int(self.ids.max(initial=0)) + 1
+        ids = [each.id or free + number for number, each in enumerate(add)]
+        own = [ring for each in add for ring in each.rings]
+        return VectorLayer(
+            self.layer,
+            np.concatenate([self.vertices[rings[self.ring_of_vertex]], *own]),
+            _starts([*counts.tolist(), *map(len, own)]),
+            _starts([*np.diff(self.parts)[kept].tolist(), *(len(each.rings) for each in add)]),
+            np.append(self.kinds[kept], [each.kind for each in add]).astype(np.uint8),
+            np.append(self.ids[kept], np.array(ids, np.int64)),
+            np.append(self.labels[kept], [each.label for each in add]).astype(np.uint8),
+            _appended(self.columns, kept, [each.properties for each in add]),
+        )
+
+    def with_vertices(self, vertices: Float64Array) -> VectorLayer:
+        """Return the layer with each vertex moved, (m, 2), m."""
+        _, rings, parts, kinds, ids, labels = self._arrays
+        return VectorLayer(self.layer, vertices, rings, parts, kinds, ids, labels, self.columns)
+
+    def shapes(self) -> npt.NDArray[np.object_]:
+        """Return shapely geometries, (n,)."""
+        import shapely
+
+        found = np.empty(len(self), dtype=object)
+        kind_of_ring = self.kinds[self.feature_of_ring]
+        for kind in (POINT, LINE, AREA):
+            rings = np.flatnonzero(kind_of_ring == kind)
+            own = np.isin(self.ring_of_vertex, rings)
+            number = np.searchsorted(rings, self.ring_of_vertex[own])
+            if kind == POINT:
+                made = shapely.points(self.vertices[own])
+            elif kind == LINE:
+                made = shapely.linestrings(self.vertices[own], indices=number)
+            elif len(rings):
+                of = np.searchsorted(np.flatnonzero(self.kinds == AREA), self.feature_of_ring[rings])
+                made = shapely.polygons(shapely.linearrings(self.vertices[own], indices=number), indices=of)
+            else:
+                made = []
+            found[self.kinds == kind] = made
+        return found
+
+    @classmethod
+    def from_shapes(
+        cls,
+        layer: str,
+        shapes: npt.NDArray[np.object_],
+        *,
+        ids: npt.ArrayLike | None = None,
+        labels: npt.ArrayLike | None = None,
+        columns: Mapping[str, Column] = MappingProxyType({}),
+    ) -> VectorLayer:
+        """Return a layer of shapely points, lines and polygons, (n,); ids and labels count from 1, are 1."""
+        import shapely
+
+        kinds = np.asarray(shapely.get_dimensions(shapes))
+        single = np.isin(shapely.get_type_id(shapes), (0, 1, 3)) & ~shapely.is_empty(shapes)
+        if not single.all():
+            number = int(np.argmin(single)) + 1
+            raise InputError(f"feature {number}: expected a point, a line or an area that is not empty")
+        areas = np.flatnonzero(kinds == AREA)
+        borders, of = shapely.get_rings(shapes[areas], return_index=True)
+        others = np.flatnonzero(kinds != AREA)
+        feature = np.concatenate([areas[of], others])
+        order = np.argsort(feature, kind="stable")
+        rings, feature = np.concatenate([borders, shapes[others]])[order], feature[order]
+        at, ring = shapely.get_coordinates(rings, return_index=True)
+        at = np.rint(at / STEP) * STEP if np.isfinite(at).all() else at
+        repeats = np.zeros(len(at), np.bool_)
+        repeats[1:] = (at[1:] == at[:-1]).all(axis=1) & (ring[1:] == ring[:-1])
+        is_last = np.append(ring[1:] != ring[:-1], True)[: len(ring)]
+        repeats |= is_last & (kinds[feature[ring]] == AREA)  # closes the ring
+        at, ring = at[~repeats], ring[~repeats]
+        return cls(
+            layer,
+            at,
+            _starts(np.bincount(ring, minlength=len(rings))),
+            _starts(np.bincount(feature, minlength=len(shapes))),
+            kinds.astype(np.uint8),
+            np.arange(1, len(shapes) + 1) if ids is None else np.asarray(ids),
+            np.ones(len(shapes), np.uint8) if labels is None else np.asarray(labels),
+            columns,
+        )
+
+
+def check_vectors(vectors: Mapping[str, VectorLayer]) -> Mapping[str, VectorLayer]:
+    """Return vector layers by name, empty ones included; raise InputError if one is not as expected."""
+    for name, layer in vectors.items():
+        if not isinstance(layer, VectorLayer) or layer.layer != name:
+            raise InputError(f"vectors of {format_value(name)}: expected a VectorLayer of that name")
+    if sum(len(layer.vertices) for layer in vectors.values()) > MAX_VERTICES:
+        raise InputError(f"more than {MAX_VERTICES / 1e6:g} million vertices: simplify the vector layers")
+    return MappingProxyType({name: vectors.get(name) or _EMPTY[name] for name in VECTOR_LAYERS})
+
+
+def _check_vertices(vertices: Float64Array, layer: str) -> None:
+    if vertices.ndim != 2 or vertices.shape[1] != 2:
+        raise InputError(f"vertices of {layer}: expected the shape (m, 2), got {vertices.shape}")
+    if len(vertices) > MAX_VERTICES:
+        raise InputError(
+            f"{layer}: {len(vertices)} vertices: expected at most {MAX_VERTICES / 1e6:g} million"
+        )
+    bad = ~(np.abs(vertices) <= _MAX_COORDINATE).all(axis=1)  # also NaN
+    if bad.any():
+        x, y = vertices[np.argmax(bad)]
+        raise InputError(
+            f"{layer}: vertex {x:g}, {y:g}: expected numbers, at most {_MAX_COORDINATE:g} m away"
+        )
+
+
+def _check_features(layer: VectorLayer) -> None:
+    """Raise InputError unless ids are unique and shapes are those that the layer takes."""
+    ids, name = layer.ids, layer.layer
+    counts, rings = np.diff(layer.rings), np.diff(layer.parts)
+    sizes = {len(layer.labels), len(layer.kinds), len(rings), len(ids)}
+    if sizes != {len(ids)} or counts.sum() != len(layer.vertices) or rings.sum() != len(counts):
+        raise InputError(f"vectors of {name}: the lengths of their arrays do not match")
+    if len(ids) and (ids.min() < 1 or ids.max() > _MAX_ID or len(np.unique(ids)) < len(ids)):
+        raise InputError(f"{name}: expected unique ids from 1 to {_MAX_ID}")
+    if (layer.labels < 1).any():
+        raise InputError(f"{name}: expected labels from 1 to 255")
+    kinds = layer.kinds[layer.feature_of_ring]
+    vertices = layer.vertices
+    repeats = np.zeros(len(vertices), np.bool_)
+    repeats[1:] = (vertices[1:] == vertices[:-1]).all(axis=1)
+    repeats[layer.rings[:-1][counts > 0]] = False
+    distinct = counts - np.bincount(layer.ring_of_vertex[repeats], minlength=len(counts))
+    allowed = np.isin(kinds, [KINDS.index(kind) for kind in LAYERS[name].vectors])
+    for wrong, expected in (
+        (~allowed, " or ".join(LAYERS[name].vectors)),
+        ((kinds == POINT) & (counts != 1), "one vertex"),
+        (
+            (kinds == LINE) & ((distinct < 2) | (distinct < counts)),
+            "a line of two vertices or more, none twice in a row",
+        ),
+        (
+            (kinds == AREA) & ((distinct < 3) | (distinct < counts)),
+            "an area of three vertices or more, none twice in a row",
+        ),
+        (counts > MAX_FEATURE_VERTICES, f"at most {MAX_FEATURE_VERTICES} vertices a line or border"),
+    ):
+        if wrong.any():
+            which = int(layer.ids[layer.feature_of_ring[np.argmax(wrong)]])
+            raise InputError(f"{name} feature {which}: expected {expected}")
+    if (layer.kinds != AREA).all():
+        return
+    import shapely
+
+    shapes = layer.shapes()
+    broken = ~shapely.is_valid(shapes) & (layer.kinds == AREA)
+    if broken.any():
+        which = int(np.argmax(broken))
+        reason = shapely.is_valid_reason(shapes[which])
+        raise InputError(
+            f"{name} feature {layer.ids[which]}: expected an area that does not touch itself ({reason})"
+        )
+
+
+def _check_columns(layer: VectorLayer) -> None:
+    declared = vector_parameters(layer.layer)
+    if len(layer.columns) > _MAX_COLUMNS:
+        raise InputError(f"{layer.layer}: {len(layer.columns)} properties: expected at most {_MAX_COLUMNS}")
+    for name, column in layer.columns.items():
+        if not 0 < len(name) <= _MAX_NAME or not name.isprintable() or name in _RESERVED:
+            raise InputError(f"{layer.layer}: property {format_value(name)}: expected another name")
+        if len(column) != len(layer):
+            raise InputError(
+                f"{layer.layer}: property {name}: expected {len(layer)} values, got {len(column)}"
+            )
+        parameter = declared.get(name)
+        if parameter is None:
+            continue
+        values = np.asarray(column)
+        if values.dtype.kind not in "if":
+            which = next((number for number, value in enumerate(column) if value != ""), 0)
+            wrong: Any = column[which] if len(column) else ""
+        else:
+            outside = ~((values >= parameter.low) & (values <= parameter.high) | np.isnan(values))
+            if parameter.kind is int:
+                outside |= values != np.rint(np.nan_to_num(values))
+                outside &= ~np.isnan(values)
+            if not outside.any():
+                continue
+            which = int(np.argmax(outside))
+            wrong = values[which].item()
+        raise InputError(
+            f"{layer.layer} feature {layer.ids[which] if len(layer) else 0}: {name} = {format_value(wrong)}: "
+            f"expected {parameter.expected}"
+        )
+
+
+def _scalar(value: Any) -> Value:
+    return value if isinstance(value, str) else value.item()
+
+
+def _starts(counts: npt.ArrayLike) -> Int64Array:
+    return np.concatenate([[0], np.cumsum(np.asarray(counts, dtype=np.int64))]).astype(np.int64)
+
+
+def _appended(
+    columns: Mapping[str, Column], kept: BoolArray, added: Sequence[Properties]
+) -> dict[str, Column]:
+    """Return the kept rows of columns and those of new features; columns without any value are dropped."""
+    names = dict.fromkeys([*columns, *(name for each in added for name in each)])
+    result: dict[str, Column] = {}
+    for name in names:
+        new = [each.get(name) for each in added]
+        old = columns.get(name)
+        texts = isinstance(old, tuple) or any(isinstance(value, str) for value in new)
+        if texts:
+            before = [""] * int(kept.sum()) if old is None else _kept_texts(old, kept)
+            column: Column = (*before, *("" if value is None else str(value) for value in new))
+            empty = not any(column)
+        else:
+            numbers = np.full(int(kept.sum()), np.nan) if old is None else np.asarray(old)[kept]
+            column = np.append(numbers, [np.nan if value is None else float(value) for value in new])
+            whole = len(numbers) == 0 if old is None else np.asarray(old).dtype.kind == "i"
+            if whole and all(isinstance(value, int) for value in new):
+                column = column.astype(np.int64)
+            empty = bool(np.isnan(column).all())
+        if not empty:
+            result[name] = column
+    return result
+
+
+def _kept_texts(column: Column, kept: BoolArray) -> list[str]:
+    return [str(value) for value, keep in zip(column, kept.tolist(), strict=True) if keep]
+
+
+_EMPTY: Final = {name: VectorLayer(name) for name in VECTOR_LAYERS}

@@ -232,7 +232,7 @@ def _layer_image(path: Path, shape: tuple[int, int]) -> LabelImage:
 
 _TRACE_FILTER = (
     "Maps, layers, vectors (*.png *.jpg *.jpeg *.tif *.tiff *.webp *.ora *.geojson *.json *.gpkg"
-    " *.fgb *.shp *.pbf)"
+    " *.fgb *.shp *.pbf *.osm)"
     ";;All files (*)"
 )
 _WORLD_FILES = ("zarr.json", "ledger.jsonl")  # which stand for their folder

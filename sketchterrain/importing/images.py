@@ -1,6 +1,7 @@
 """Images as the source of a sketch: reading, and coloured maps."""
 
 import io
+import re
 import struct
 import warnings
 import zlib
@@ -54,7 +55,7 @@ _DECODE_ERRORS = (
 )
 _EXPECTED = (
     "expected a PNG, JPEG, TIFF or WebP picture, an OpenRaster file (.ora), a folder of pictures, "
-    "or vectors (GeoJSON, GeoPackage, FlatGeobuf, Shapefile, OSM PBF)"
+    "or vectors (GeoJSON, GeoPackage, FlatGeobuf, Shapefile, OpenStreetMap)"
 )
 _UNSUPPORTED = (
     (b"gimp xcf", "a GIMP file", "in GIMP, File ▸ Export As, name.ora"),
@@ -62,7 +63,10 @@ _UNSUPPORTED = (
 )
 # First bytes of vector formats and GDAL's driver that reads them.
 _VECTORS = {b"SQLite format 3\0": "GPKG", b"fgb\x03": "FlatGeobuf", b"\0\0\x27\x0a": "ESRI Shapefile"}
-_JSON_PREFIX = b"\xef\xbb\xbf \t\r\n"  # may precede JSON
+_BLANK = b"\xef\xbb\xbf \t\r\n"  # may precede JSON or XML
+# Other elements than OSM's could make GDAL choose a driver that opens other files.
+_ELEMENT = re.compile(rb"<[/?]?(\w+)\b")
+_OSM_ELEMENTS = set(b"xml osm bounds bound note meta remark node way relation tag nd member center".split())
 _HEAD_BYTES = 4096
 
 
@@ -102,9 +106,11 @@ def detect_kind(path: Path) -> Kind:
 
 def vector_driver(start: bytes) -> str | None:
     """Return GDAL's driver for the first bytes of a vector file, or None."""
-    if start.lstrip(_JSON_PREFIX).startswith(b"{"):
+    text = start.lstrip(_BLANK)
+    if text.startswith(b"{"):
         return "GeoJSON"
-    if start[4:15] == b"\n\tOSMHeader":
+    elements = set(_ELEMENT.findall(start[: start.rfind(b">") + 1])) if text.startswith(b"<") else set()
+    if start[4:15] == b"\n\tOSMHeader" or b"osm" in elements <= _OSM_ELEMENTS:
         return "OSM"
     return next((driver for magic, driver in _VECTORS.items() if start.startswith(magic)), None)
 

@@ -18,6 +18,7 @@ from sketchterrain.document.label_layers import to_oklab
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.parameters import Value
 from sketchterrain.document.toml_format import load_toml
+from sketchterrain.document.vectors import VECTOR_LAYERS, vector_parameters
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
 from sketchterrain.io.files import wrap_read_errors
 
@@ -178,7 +179,7 @@ _Rule = tuple[str, Properties]
 
 @dataclass(frozen=True)
 class FeatureLabel:
-    """The layer of a feature and the properties of its label."""
+    """The layer of a feature and its properties."""
 
     layer: str
     properties: Properties
@@ -193,17 +194,23 @@ def _rules(key: str) -> dict[str, _Rule]:
 
 
 _WATERWAY, _GROUND = _rules("waterway"), _rules("natural")
+# Lines of OpenStreetMap's waterways run downstream.
+_DIRECTED: dict[str, _Rule] = {
+    value: (layer, {**properties, "directed": 1}) for value, (layer, properties) in _WATERWAY.items()
+}
 # OpenStreetMap's keys (wiki: Map features), `fclass` of Geofabrik's extracts, `featurecla` of Natural Earth,
 # `type` of this program's own exports.
 _KEYS: dict[str, dict[str, _Rule]] = {
-    "waterway": _WATERWAY,
+    "waterway": _DIRECTED,
     "water": _rules("water"),
     "natural": _GROUND,
     "landuse": _GROUND,
-    "fclass": _GROUND | _WATERWAY,
+    "fclass": _GROUND | _DIRECTED,
     "featurecla": _GROUND | _WATERWAY,
     "type": {layer: (layer, {}) for layer in LAYERS},
 }
+OSM_KEYS: Final = ("waterway", "water", "natural", "landuse")
+"""OpenStreetMap's keys whose values may assign a feature to a layer."""
 _SOURCES = {source: name for name, layer in LAYERS.items() for source in layer.source_names.split()}
 # Other names of properties: in our own exports strength is the height of hills and mountains.
 _ALIASES = {
@@ -213,8 +220,8 @@ _ALIASES = {
 }
 
 RELEVANT_TAGS: Final = frozenset(
-    {"layer", "tags", "other_tags", "radius", *_KEYS}
-    | {name for layer in LAYERS.values() for name in layer.parameters}
+    {"layer", "name", "tags", "other_tags", "radius", *_KEYS}
+    | {name for layer in LAYERS for name in vector_parameters(layer)}
     | {name for names in _ALIASES.values() for name in names}
 )  # lower-case names of properties that are read
 
@@ -286,7 +293,7 @@ def _layer_of_tags(tags: Mapping[str, Any]) -> tuple[str | None, Properties]:
 def _feature_label(layer: str, defaults: Properties, tags: Mapping[str, Any]) -> FeatureLabel:
     properties: Properties = {}
     clipped = unread = 0
-    for name, parameter in LAYERS[layer].parameters.items():
+    for name, parameter in vector_parameters(layer).items():
         value = next((tags[tag] for tag in _ALIASES.get(name, (name,)) if tag in tags), None)
         number = parse_number(value)
         if parameter.kind is str and isinstance(value, str) and value in parameter.choices:
@@ -298,6 +305,8 @@ def _feature_label(layer: str, defaults: Properties, tags: Mapping[str, Any]) ->
             properties[name] = round(inside) if parameter.kind is int else float(f"{inside:.6g}")
         else:
             unread += value is not None
+    if layer in VECTOR_LAYERS and isinstance(tags.get("name"), str):
+        properties["name"] = tags["name"]
     guessed = frozenset(defaults.keys() - properties.keys())
     return FeatureLabel(layer, defaults | properties, guessed, clipped, unread)
 

@@ -15,6 +15,7 @@ from sketchterrain.document.label_layers import MAX_LABELS, MAX_SIDE, label_rgb,
 from sketchterrain.document.layers import DRAW_ORDER, LAYERS
 from sketchterrain.document.parameters import SKETCH, Value
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.errors import InputError
 
 UNASSIGNED: Final = 255  # value of pixels without a label
@@ -244,10 +245,25 @@ def sketch_picture(sketch: Sketch) -> npt.NDArray[np.uint8]:
     """Return an image of a sketch on white: uint8 (height, width, 3), sRGB."""
     picture = np.full((sketch.height_px, sketch.width_px, 3), 255, dtype=np.uint8)
     for layer in DRAW_ORDER:
-        image = sketch.layers[layer]
+        image, vectors = sketch.layers[layer], sketch.vectors.get(layer)
+        if vectors:
+            drawn = _rasterised(vectors, sketch)
+            image = np.where(drawn, drawn, image)
         for label in labels_in(image):
             picture[image == label] = label_rgb(layer, label)
     return picture
+
+
+def _rasterised(vectors: VectorLayer, sketch: Sketch) -> UInt8Array:
+    """Return the labels of vectors at all pixels that they touch."""
+    import shapely
+    from rasterio.features import rasterize
+
+    scale = np.array([1.0, -1.0]) / sketch.pixel_size
+    shapes = shapely.transform(vectors.shapes(), lambda at: at * scale + (0.0, sketch.height_px))
+    labelled = zip(shapes, vectors.labels.tolist(), strict=True)
+    size = sketch.height_px, sketch.width_px
+    return np.asarray(rasterize(labelled, size, all_touched=True, dtype="uint8"))
 
 
 def preview_png(sketch: Sketch, source: npt.NDArray[np.uint8] | None = None) -> bytes:

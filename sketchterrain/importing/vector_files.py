@@ -1,8 +1,9 @@
-"""Vector layers of GIS files, read by GDAL into shapely geometries, and metric sketch areas."""
+"""Layers of vector files, read by GDAL into shapely geometries, and metric sketch areas."""
 
 import math
 import re
 import sqlite3
+import tempfile
 import warnings
 from collections import Counter
 from collections.abc import Sequence
@@ -25,7 +26,7 @@ from sketchterrain.array_types import Float64Array
 from sketchterrain.document.parameters import SKETCH
 from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.importing.images import vector_driver
-from sketchterrain.importing.legend import RELEVANT_TAGS
+from sketchterrain.importing.legend import OSM_KEYS, RELEVANT_TAGS
 from sketchterrain.io.crs import is_westward, parse_crs, plain_path
 from sketchterrain.io.files import wrap_read_errors
 
@@ -146,12 +147,14 @@ _BYTES_PER_VERTEX = 16  # of WKB
 # Local coordinate systems, as in this program's own exports.
 _LOCAL = re.compile(r"(LOCAL_CS|ENGCRS|ENGINEERINGCRS)\[.*UNIT\[\"met(re|er)\"", re.I | re.S)
 _TABLES = {"gpkg_contents", "gpkg_geometry_columns", "gpkg_spatial_ref_sys"}
+# Of OpenStreetMap; relations of rivers in others consist of ways that are in `lines` too.
+_OSM_LAYERS = ("points", "lines", "multipolygons")
 _POINT, _LINE, _POLYGON = 0, 1, 3  # shapely's type ids
 _NESTED = (-1, 4, 5, 6, 7)  # none, multi geometries and collections
 
 
 @dataclass(frozen=True, eq=False)
-class VectorLayer:
+class SourceLayer:
     """A layer of a file."""
 
     name: str
@@ -161,8 +164,11 @@ class VectorLayer:
     skipped: Counter[str]  # features by reason
 
 
-def read_vector_layers(path: Path) -> list[VectorLayer]:
-    """Read the layers of a vector file, known by its first bytes; raise `InputError` if it cannot be read."""
+def read_vector_layers(path: Path, *, untagged: bool = True) -> list[SourceLayer]:
+    """Read the layers of a vector file, known by its first bytes; raise `InputError` if it cannot be read.
+
+    Of OpenStreetMap only features with a tag that may assign them to a layer, unless `untagged`.
+    """
     location = one_line(path)
     with wrap_read_errors(path), path.open("rb") as stream:
         start, size = stream.read(4096), path.stat().st_size
@@ -183,12 +189,17 @@ def read_vector_layers(path: Path) -> list[VectorLayer]:
             # The prefix excludes other drivers for JSON, such as pipelines that open other files.
             dataset = f"GeoJSON:{file}" if driver == "GeoJSON" else file
             names = [str(name) for name, kind in pyogrio.list_layers(dataset) if kind is not None]
+            if driver == "OSM":
+                names = [name for name in names if name in _OSM_LAYERS]
+                # Many nodes are on disk, by default in the working directory.
+                pyogrio.set_gdal_config_options({"CPL_TMPDIR": tempfile.gettempdir()})
             remaining = MAX_VERTICES
             for name in names:
                 where = f"{location}: layer {format_value(name)}"
                 if tables is not None and name.lower() not in tables:
                     raise InputError(f"{where}: expected a table, not a view")
-                layers.append(_read_layer(dataset, driver, name, where, remaining))
+                tagged = driver == "OSM" and not untagged
+                layers.append(_read_layer(dataset, driver, name, where, remaining, tagged=tagged))
                 remaining -= int(shapely.get_num_coordinates(layers[-1].shapes).sum())
     except (RuntimeError, ValueError, shapely.errors.GEOSException) as error:
         raise InputError(
@@ -221,13 +232,21 @@ def _tables(path: Path, location: str) -> set[str]:
     return tables
 
 
-def _read_layer(dataset: Path | str, driver: str, name: str, where: str, max_vertices: int) -> VectorLayer:
+def _read_layer(
+    dataset: Path | str, driver: str, name: str, where: str, max_vertices: int, *, tagged: bool
+) -> SourceLayer:
     info = pyogrio.read_info(dataset, layer=name)
     if info["driver"] != driver:
         raise InputError(f"{where}: expected {driver}, GDAL detects {info['driver']}")
     columns = [str(field) for field in info["fields"] if str(field).lower() in RELEVANT_TAGS]
     meta, _, wkb, fields = pyogrio.raw.read(
-        dataset, layer=name, columns=columns, force_2d=True, datetime_as_string=True
+        dataset,
+        layer=name,
+        columns=columns,
+        where=_with_tags(columns) if tagged else None,
+        max_features=max_vertices + 1 if driver == "OSM" else None,  # bounds the memory
+        force_2d=True,
+        datetime_as_string=True,
     )
     size = sum(len(geometry) for geometry in wkb if geometry is not None)
     _check_count(size / _BYTES_PER_VERTEX, max_vertices, where)
@@ -236,7 +255,14 @@ def _read_layer(dataset: Path | str, driver: str, name: str, where: str, max_ver
     values = [field.tolist() for field in fields]
     keys = [str(field) for field in meta["fields"]]
     properties = [{key: column[index] for key, column in zip(keys, values, strict=True)} for index in of]
-    return VectorLayer(name, _crs(meta["crs"], where), shapes, properties, skipped)
+    return SourceLayer(name, _crs(meta["crs"], where), shapes, properties, skipped)
+
+
+def _with_tags(columns: Sequence[str]) -> str:
+    """Return the SQL condition that a feature of OpenStreetMap has a tag that may assign it to a layer."""
+    return " OR ".join(
+        f'"{key}" IS NOT NULL' if key in columns else f"other_tags LIKE '%\"{key}\"=>%'" for key in OSM_KEYS
+    )
 
 
 def _check_count(vertices: float, limit: float, where: str) -> None:
@@ -260,7 +286,7 @@ def _usable(wkb: Shapes, skipped: Counter[str]) -> tuple[Shapes, npt.NDArray[np.
     """Return points, lines and valid polygons, with the index of each one's feature."""
     with np.errstate(invalid="ignore"):
         shapes = shapely.from_wkb(wkb, on_invalid="fix")  # closes rings; None if invalid
-    shapes, of = _single_parts(shapes, np.arange(len(shapes)))
+    shapes, of = single_parts(shapes, np.arange(len(shapes)))
     plain = np.isin(shapely.get_type_id(shapes), (_POINT, _LINE, _POLYGON)) & ~shapely.is_empty(shapes)
     shapes, of = shapes[plain], of[plain]
     skipped["without a valid shape"] = len(wkb) - len(np.unique(of))
@@ -272,7 +298,7 @@ def _usable(wkb: Shapes, skipped: Counter[str]) -> tuple[Shapes, npt.NDArray[np.
     shapes = valid_areas(shapes)
     hollow = shapely.is_empty(shapes)
     skipped["with areas of less than three corners"] = int(hollow.sum())
-    return _single_parts(shapes[~hollow], of[~hollow])
+    return single_parts(shapes[~hollow], of[~hollow])
 
 
 def valid_areas(shapes: Shapes) -> Shapes:
@@ -283,7 +309,7 @@ def valid_areas(shapes: Shapes) -> Shapes:
     return shapes
 
 
-def _single_parts(shapes: Shapes, of: npt.NDArray[np.intp]) -> tuple[Shapes, npt.NDArray[np.intp]]:
+def single_parts(shapes: Shapes, of: npt.NDArray[np.intp]) -> tuple[Shapes, npt.NDArray[np.intp]]:
     """Return the parts of multi geometries and collections, with the index of each one's feature."""
     while np.isin(shapely.get_type_id(shapes), _NESTED).any():
         shapes, part = shapely.get_parts(shapes, return_index=True)

@@ -1,4 +1,4 @@
-"""Sketches of vector maps: rivers, lakes, forests and summits rasterised on label layers."""
+"""Sketches of vector maps: rivers and lakes as vectors, forests, summits and others rasterised."""
 
 from __future__ import annotations
 
@@ -17,8 +17,19 @@ from rasterio.features import rasterize
 from sketchterrain.array_types import BoolArray
 from sketchterrain.document.label_layers import MAX_LABELS, MAX_SIDE, LabelImage
 from sketchterrain.document.layers import LAYERS
-from sketchterrain.document.parameters import Value
+from sketchterrain.document.parameters import Properties, Value
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.vectors import (
+    AREA,
+    KINDS,
+    LINE,
+    MAX_FEATURE_VERTICES,
+    POINT,
+    STEP,
+    VECTOR_LAYERS,
+    Column,
+    VectorLayer,
+)
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
 from sketchterrain.importing.legend import (
     FeatureLabel,
@@ -32,11 +43,12 @@ from sketchterrain.importing.vector_files import (
     Box,
     Shapes,
     SketchArea,
-    VectorLayer,
+    SourceLayer,
     mean_longitude,
     metric_crs_at,
     read_vector_layers,
     reproject,
+    single_parts,
     sketch_area,
     to_longitude_latitude,
     valid_areas,
@@ -49,8 +61,7 @@ _NO_AREAS = ("summits", "course")  # kinds of layers whose closed lines are no a
 _MAX_WIDTH = 1e6  # m
 _DEFAULT_WIDTH = 0.04  # of the longer side: lines and discs on layers of areas
 _SIMPLIFICATION = 1 / 16  # px, tolerance for wide lines
-_POINT, _LINE, _AREA = 0, 1, 2  # dimensions
-_KINDS = ("point", "line", "area")
+_JOIN = 0.5  # m, distance from another line within which a line ends on it
 
 
 class _Features(NamedTuple):
@@ -63,9 +74,19 @@ class _Features(NamedTuple):
         return _Features(self.shapes[mask], self.labels[mask], self.widths[mask])
 
     @property
-    def dimensions(self) -> npt.NDArray[np.int32]:
-        """Return 0 for points, 1 for lines, 2 for areas."""
+    def kinds(self) -> npt.NDArray[np.int32]:
+        """Return POINT, LINE or AREA of each."""
         return np.asarray(shapely.get_dimensions(self.shapes), dtype=np.int32)
+
+    @property
+    def names(self) -> npt.NDArray[np.str_]:
+        """Return the layer of each."""
+        return np.array([label.layer for label in self.labels], dtype=np.str_)
+
+    @property
+    def are_vectors(self) -> BoolArray:
+        """Return whether each stays a vector."""
+        return np.isin(self.names, VECTOR_LAYERS)
 
 
 def sketch_from_vectors(
@@ -78,15 +99,16 @@ def sketch_from_vectors(
     size_px: int = _SIZE,
     name: str | None = None,
 ) -> TraceResult:
-    """Paint the lines, areas and summits of a vector file on a sketch of `size_px` along the longer side.
+    """Return a sketch of a vector file: rivers and lakes as vectors, the rest painted.
 
-    `layer` and `width` (m, of lines) are defaults for features without one; `bounds` are west, south, east,
-    north in the file's coordinates (None: all features); `crs` is metric (None: the file's if undistorted,
-    else UTM). Raise `InputError` for invalid options or files, or without any usable feature.
+    It has `size_px` along the longer side. `layer` and `width` (m, of lines) are defaults for features
+    without one; `bounds` are west, south, east, north in the file's coordinates (None: all features); `crs`
+    is metric (None: the file's if undistorted, else UTM).
+    Raise `InputError` for invalid options or files, or without any usable feature.
     """
     _check(layer, width, bounds, size_px)
     target = None if crs is None else parse_metric_crs(crs)
-    layers = read_vector_layers(path)
+    layers = read_vector_layers(path, untagged=layer is not None)
     skipped: Counter[str] = sum((source.skipped for source in layers), Counter())
     try:
         source, features = _collect(layers, layer, width, skipped)
@@ -104,9 +126,14 @@ def sketch_from_vectors(
         elif target is not None:
             raise InputError("it has no coordinate reference system: expected no crs to transform it to")
         area = sketch_area(_bounds(features) if bounds is None else box, size_px, exact=bounds is not None)
-        features = features._replace(shapes=shapely.transform(features.shapes, area.pixels))
-        features = _visible(features, area, skipped)
-        images, labels, notes = _paint(features, area, width)
+        pixels = features._replace(shapes=shapely.transform(features.shapes, area.pixels))
+        visible = _visible(pixels, area, skipped)
+        drawn = _on_grid(features.where(visible & features.are_vectors), area, skipped)
+        painted = pixels.where(visible & ~features.are_vectors)
+        if not len(drawn.shapes) + len(painted.shapes):
+            raise InputError(f"no visible features ({_skipped(skipped)})")
+        images, labels, merged = _paint(painted, area, width)
+        vectors = _vector_layers(drawn, width)
     except (InputError, shapely.errors.GEOSException) as error:
         raise InputError(f"{one_line(path)}: {one_line(error)}") from None
     sketch = Sketch(
@@ -115,8 +142,10 @@ def sketch_from_vectors(
         weather={} if latitude is None else {"latitude": latitude},
         frame={"crs": crs_text(target), "east": area.west, "north": area.south},
         layers=images,
-        labels=labels,
+        vectors=vectors,
+        labels=labels | {(name, 1): _label(name, width) for name in vectors},
     )
+    notes = [_used(drawn, painted), *merged, *_guess_notes(drawn, painted, area, width)]
     notes += [f"skipped: {_skipped(skipped)}"] if +skipped else []
     notes.append(f"{sketch.width_px}×{sketch.height_px} px, {sketch.pixel_size:.4g} m each")
     return TraceResult(sketch, (*notes, _position_note(sketch.frame)))
@@ -137,7 +166,7 @@ def _check(layer: str | None, width: float | None, bounds: Box | None, size_px: 
 
 
 def _collect(
-    layers: Sequence[VectorLayer], layer: str | None, width: float | None, skipped: Counter[str]
+    layers: Sequence[SourceLayer], layer: str | None, width: float | None, skipped: Counter[str]
 ) -> tuple[CRS | None, _Features]:
     """Return the usable features of all layers, in the CRS of the first layer with any."""
     crs, collected = None, list[_Features]()
@@ -161,7 +190,7 @@ def _collect(
 
 
 def _usable_features(
-    source: VectorLayer, layer: str | None, width: float | None, skipped: Counter[str]
+    source: SourceLayer, layer: str | None, width: float | None, skipped: Counter[str]
 ) -> _Features:
     shapes, labels, widths = [], [], []
     for original, properties in zip(source.shapes, source.properties, strict=True):
@@ -184,10 +213,11 @@ def _shape(
     shape: Any, label: FeatureLabel, tags: Mapping[str, Any], width: float | None
 ) -> tuple[Any, float | None]:
     """Return a feature's shape on its layer and its width, or a reason to skip it."""
-    if shape.geom_type == "LineString" and LAYERS[label.layer].kind not in _NO_AREAS and shape.is_closed:
+    is_area = LAYERS[label.layer].kind not in _NO_AREAS or tags.get("waterway") == "riverbank"
+    if shape.geom_type == "LineString" and is_area and shape.is_closed:
         rings = np.array([shapely.Polygon(shape.coords)]) if len(shape.coords) > 3 else np.array([shape])
         shape = valid_areas(rings)[0]
-    if shapely.get_dimensions(shape) == _AREA and not shape.is_empty:
+    if shapely.get_dimensions(shape) == AREA and not shape.is_empty:
         return shape, None
     if shape.geom_type == "Point":
         if not LAYERS[label.layer].is_points:
@@ -195,7 +225,8 @@ def _shape(
         radius = parse_number(tags.get("radius"))
         return shape, None if radius is None else 2.0 * radius
     own_width = parse_number(tags.get("width"))
-    if LAYERS[label.layer].kind not in _NO_AREAS and own_width is None and width is None:
+    takes = LAYERS[label.layer].vectors
+    if "line" not in takes if takes else is_area and own_width is None and width is None:
         return "that are open lines of areas", None
     return shape, own_width
 
@@ -213,7 +244,7 @@ def _clip(
     # Points farther away may be outside of the target CRS.
     box = (west - dx, south - dy, east + dx, north + dy)
     shapes = shapely.clip_by_rect(features.shapes, *box)
-    inside = ~shapely.is_empty(shapes) & (shapely.get_dimensions(shapes) == features.dimensions)
+    inside = ~shapely.is_empty(shapes) & (shapely.get_dimensions(shapes) == features.kinds)
     skipped["outside"] += int((~inside).sum())
     if not inside.any():
         raise InputError("no usable feature within the bounds")
@@ -232,7 +263,7 @@ def _unwrapped(shapes: Shapes, bounds: Box | None) -> Shapes:
         x -= 360.0 * np.rint((x - mean_longitude(x)) / 360.0)
     else:
         west, _, east, _ = shapely.bounds(shapes).T
-        split = (shapely.get_dimensions(shapes) == _LINE) & (east - west > 180.0)  # lines go the short way
+        split = (shapely.get_dimensions(shapes) == LINE) & (east - west > 180.0)  # lines go the short way
         x[split[of]] %= 360.0
         west, _, east, _ = shapely.bounds(shapely.set_coordinates(shapes.copy(), points)).T
         x -= 360.0 * np.rint((0.5 * (west + east) - 0.5 * (bounds[0] + bounds[2])) / 360.0)[of]
@@ -248,23 +279,116 @@ def _bounds(features: _Features) -> Box:
     boxes = shapely.bounds(features.shapes)
     low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
     radius = 0.5 * np.where(np.isnan(features.widths), _DEFAULT_WIDTH * (high - low).max(), features.widths)
-    radius = np.where(features.dimensions == _POINT, radius, 0.0)[:, None]
+    radius = np.where(features.kinds == POINT, radius, 0.0)[:, None]
     return [*(boxes[:, :2] - radius).min(axis=0).tolist(), *(boxes[:, 2:] + radius).max(axis=0).tolist()]
 
 
-def _visible(features: _Features, area: SketchArea, skipped: Counter[str]) -> _Features:
-    """Return the features, in pixels, that are visible in the sketch."""
+def _visible(features: _Features, area: SketchArea, skipped: Counter[str]) -> BoolArray:
+    """Return which features, in pixels, are visible in the sketch."""
     boxes = shapely.bounds(features.shapes)
-    is_area = features.dimensions == _AREA
+    is_area = features.kinds == AREA
     radius = np.where(is_area, 0.0, 0.5 * np.nan_to_num(features.widths) / area.pixel)[:, None]
     size = np.array([area.columns, area.rows])
     outside = ((boxes[:, 2:] < -radius) | (boxes[:, :2] > size + radius)).any(axis=1)
-    tiny = ~outside & is_area & (boxes[:, 2:] - boxes[:, :2] < 0.5).all(axis=1)
+    tiny = is_area & (boxes[:, 2:] - boxes[:, :2] < 0.5).all(axis=1) & ~features.are_vectors & ~outside
     skipped["outside"] += int(outside.sum())
     skipped["smaller than half a pixel"] += int(tiny.sum())
-    if (outside | tiny).all():
-        raise InputError(f"no visible features ({_skipped(skipped)})")
-    return features.where(~outside & ~tiny)
+    return np.asarray(~outside & ~tiny)
+
+
+def _on_grid(features: _Features, area: SketchArea, skipped: Counter[str]) -> _Features:
+    """Return single lines and areas in metres from the sketch's corner, as a vector layer rounds them."""
+    exact = shapely.transform(features.shapes, lambda at: at - (area.west, area.south))
+    shapes = shapely.transform(exact, lambda at: np.rint(at / STEP) * STEP)
+    broken = (features.kinds == AREA) & ~shapely.is_valid(shapes)
+    shapes[broken] = shapely.set_precision(valid_areas(exact[broken]), STEP)
+    shapes, of = single_parts(shapes, np.arange(len(shapes)))
+    same = shapely.get_dimensions(shapes) == features.kinds[of]  # clipped areas may have lines beside them
+    shapes, of = shapes[same], of[same]
+    lines = shapely.get_dimensions(shapes) == LINE
+    shapes[lines] = _joined(shapes[lines])
+    whole = shapely.is_valid(shapes) & ~shapely.is_empty(shapes)
+    skipped["that collapse to a point"] += len(features.shapes) - len(np.unique(of[whole]))
+    return _Features(shapes[whole], features.labels[of[whole]], features.widths[of[whole]])
+
+
+def _joined(lines: Shapes) -> Shapes:
+    """Return lines whose ends have a vertex in common with the lines that they nearly touch."""
+    at, of = shapely.get_coordinates(lines, return_index=True)
+    nodes, node = np.unique(at.view(np.complex128).ravel(), return_inverse=True)
+    start = np.flatnonzero(of[1:] == of[:-1])  # of segments
+    tree = shapely.STRtree(shapely.linestrings(np.stack([at[start], at[start + 1]], axis=1)))
+    changes = np.diff(of, prepend=-1, append=-1) != 0
+    ends = np.unique(node[changes[:-1] | changes[1:]])
+    points = shapely.points(nodes.real, nodes.imag)
+    end, segment = tree.query(points[ends], predicate="dwithin", distance=_JOIN)
+    end = ends[end]
+    apart = ~np.isin(end * len(lines) + of[start[segment]], node * len(lines) + of)
+    end, segment = end[apart], segment[apart]
+    order = np.argsort(shapely.distance(points[end], tree.geometries[segment]), kind="stable")
+    fixed = set[int]()
+    added: list[tuple[int, float, complex]] = []
+    for moved, along in zip(end[order].tolist(), start[segment[order]].tolist(), strict=True):
+        if moved in fixed:
+            continue
+        corners = node[along : along + 2]
+        first, last = nodes[corners]
+        nearest = int(np.argmin(np.abs(nodes[corners] - nodes[moved])))
+        if abs(nodes[corners[nearest]] - nodes[moved]) <= _JOIN:
+            nodes[moved] = nodes[corners[nearest]]
+        else:
+            share = ((nodes[moved] - first) * np.conj(last - first)).real / abs(last - first) ** 2
+            place = (first + share * (last - first)) / STEP
+            nodes[moved] = complex(round(place.real), round(place.imag)) * STEP
+            added.append((along + 1, share, nodes[moved]))
+        fixed |= {moved, *corners.tolist()}
+    added.sort(key=lambda each: each[:2])
+    before = np.array([index for index, _, _ in added], np.int64)
+    at = np.insert(nodes[node], before, [place for _, _, place in added])
+    of = np.insert(of, before, of[before])
+    return np.asarray(shapely.linestrings(at.real, at.imag, indices=of), dtype=object)
+
+
+def _vector_layers(features: _Features, width: float | None) -> dict[str, VectorLayer]:
+    layers = {}
+    for name in dict.fromkeys(features.names.tolist()):
+        layer = features.where(features.names == name)
+        pairs = zip(layer.labels, layer.kinds.tolist(), strict=True)
+        properties = [_properties(label, kind, width) for label, kind in pairs]
+        outlines = np.where(layer.kinds == AREA, shapely.get_exterior_ring(layer.shapes), layer.shapes)
+        counts = shapely.get_num_coordinates(outlines)
+        if (counts > MAX_FEATURE_VERTICES).any():
+            which = int(np.argmax(counts))
+            title = format_value(properties[which].get("name", f"number {which + 1}"))
+            limit = f"expected at most {MAX_FEATURE_VERTICES}, simplify it first"
+            raise InputError(f"{name} {title}: {counts[which]} vertices: {limit}")
+        keys = dict.fromkeys(key for each in properties for key in each)
+        columns = {key: _column([each.get(key) for each in properties]) for key in keys}
+        layers[name] = VectorLayer.from_shapes(name, layer.shapes, columns=columns)
+    return layers
+
+
+def _properties(label: FeatureLabel, kind: int, width: float | None) -> Properties:
+    """Return the properties of a river or lake itself; width 0 of a river's area means as drawn."""
+    properties = dict(label.properties)
+    if kind == AREA and "width" in LAYERS[label.layer].parameters:
+        properties["width"] = 0.0
+        properties.pop("directed", None)
+    elif width is not None and "width" in label.guessed:
+        del properties["width"]
+    return properties
+
+
+def _column(values: Sequence[Value | None]) -> Column:
+    if any(isinstance(value, str) for value in values):
+        return tuple("" if value is None else str(value) for value in values)
+    return np.array([math.nan if value is None else value for value in values], np.float64)
+
+
+def _label(layer: str, width: float | None) -> Properties:
+    """Return the properties of the label of a layer's vectors."""
+    parameter = LAYERS[layer].parameters.get("width")
+    return {} if width is None or parameter is None else {"width": min(width, parameter.high)}
 
 
 def _paint(
@@ -272,67 +396,38 @@ def _paint(
 ) -> tuple[dict[str, LabelImage], dict[tuple[str, int], dict[str, Value]], list[str]]:
     """Return layer images, label properties and notes.
 
-    Where shapes of a layer overlap, the last label wins; of rivers, areas, then the widest line.
+    Where shapes of a layer overlap, the last label wins.
     """
-    images: dict[str, LabelImage] = {}
+    size = (area.rows, area.columns)
+    images: dict[str, LabelImage] = {VECTOR_LAYERS[0]: np.zeros(size, dtype=np.uint8)}  # the sketch's size
     labels: dict[tuple[str, int], dict[str, Value]] = {}
-    used, notes = [], []
-    names = np.array([label.layer for label in features.labels])
-    for name in (known for known in LAYERS if known in names):
-        layer = features.where(names == name)
-        is_area = layer.dimensions == _AREA
-        kinds = Counter(_KINDS[dimension] for dimension in layer.dimensions)
-        used += [f"{count} {kind}{'s' if count > 1 else ''} as {name}" for kind, count in kinds.items()]
-        pairs = zip(layer.labels, layer.dimensions, strict=True)
-        properties = [_properties(label, dimension, width) for label, dimension in pairs]
-        cluster_of, clusters, error = cluster_properties(properties, MAX_LABELS)
-        order = list(range(len(clusters)))
-        if LAYERS[name].kind == "course":
-            # Areas, of width 0, are last: maps also have a line in the middle of a river's area.
-            order.sort(key=[_river_width(name, cluster) or math.inf for cluster in clusters].__getitem__)
-        size = (area.rows, area.columns)
+    notes = []
+    for name in dict.fromkeys(features.names.tolist()):
+        layer = features.where(features.names == name)
+        is_area = layer.kinds == AREA
+        cluster_of, clusters, error = cluster_properties(
+            [label.properties for label in layer.labels], MAX_LABELS
+        )
         images[name] = np.zeros(size, dtype=np.uint8)
-        widths = _line_widths(layer, [clusters[index] for index in cluster_of], area, width) / area.pixel
-        for label, index in enumerate(order, start=1):
-            members = np.array(cluster_of) == index
+        widths = _line_widths(layer, area, width) / area.pixel
+        for label, properties in enumerate(clusters, start=1):
+            members = np.array(cluster_of) == label - 1
             areas, lines = members & is_area, members & ~is_area
-            mask = paint_areas(size, layer.shapes[areas], touched=LAYERS[name].kind == "course")
+            mask = paint_areas(size, layer.shapes[areas], touched=False)
             mask |= paint_lines(size, layer.shapes[lines], widths[lines])
             images[name][mask] = label
-            labels[name, label] = clusters[index]
+            labels[name, label] = properties
         if error:
             effect = f"errors up to {100 * error:.2g} %" if math.isfinite(error) else "all have the defaults"
             notes.append(f"{name}: more than {MAX_LABELS} different labels, so some are merged; {effect}")
-    return images, labels, [f"used: {', '.join(used)}", *notes, *_guess_notes(features, area, width)]
+    return images, labels, notes
 
 
-def _properties(label: FeatureLabel, dimension: int, width: float | None) -> dict[str, Value]:
-    """Return the properties of a feature's label; width 0 of a river's area means as painted."""
-    properties = dict(label.properties)
-    if LAYERS[label.layer].kind == "course":
-        parameter = LAYERS[label.layer].parameters["width"]
-        if dimension == _AREA:
-            properties["width"] = 0.0
-        elif width is not None and ("width" not in properties or "width" in label.guessed):
-            properties["width"] = min(width, parameter.high)
-        properties.setdefault("width", parameter.default)
-    return properties
-
-
-def _river_width(layer: str, properties: Mapping[str, Value]) -> float:
-    return float(properties.get("width", LAYERS[layer].parameters["width"].default))
-
-
-def _line_widths(
-    features: _Features, labels: Sequence[Mapping[str, Value]], area: SketchArea, width: float | None
-) -> npt.NDArray[np.float64]:
-    """Return the widths (m) of a layer's lines and discs; a river's is its label's."""
-    layer = features.labels[0].layer
-    if LAYERS[layer].kind == "course":
-        return np.array([_river_width(layer, label) for label in labels])
+def _line_widths(features: _Features, area: SketchArea, width: float | None) -> npt.NDArray[np.float64]:
+    """Return the widths (m) of painted lines and discs."""
     default = np.full(len(features.shapes), _DEFAULT_WIDTH * area.extent)
     if width is not None:
-        default[features.dimensions == _LINE] = width
+        default[features.kinds == LINE] = width
     return np.where(np.isnan(features.widths), default, features.widths)
 
 
@@ -359,22 +454,36 @@ def paint_lines(size: tuple[int, int], shapes: Shapes, widths: npt.NDArray[np.fl
     return paint_areas(size, near, touched=True) | paint_areas(size, buffers, touched=False)
 
 
-def _guess_notes(features: _Features, area: SketchArea, width: float | None) -> list[str]:
+def _used(*parts: _Features) -> str:
+    counts = Counter(
+        (name, kind)
+        for part in parts
+        for name, kind in zip(part.names.tolist(), part.kinds.tolist(), strict=True)
+    )
+    used = (
+        f"{counts[name, kind]} {KINDS[kind]}{'s' if counts[name, kind] > 1 else ''} as {name}"
+        for name in LAYERS
+        for kind in (POINT, LINE, AREA)
+        if counts[name, kind]
+    )
+    return f"used: {', '.join(used)}"
+
+
+def _guess_notes(drawn: _Features, painted: _Features, area: SketchArea, width: float | None) -> list[str]:
     notes = []
-    no_area = features.dimensions != _AREA
-    is_river = np.array([LAYERS[label.layer].kind == "course" for label in features.labels])
-    rivers = features.labels[is_river & no_area].tolist()
+    rivers = drawn.labels[drawn.kinds == LINE].tolist()
     guessed_rivers = sum("width" not in label.properties or "width" in label.guessed for label in rivers)
     if guessed_rivers:
         default = f"{width:g} m" if width is not None else "by their kind: 12 m, streams 3 m, ditches 1.5 m"
         notes.append(f"lines of rivers without a width ({guessed_rivers} of {len(rivers)}): {default}")
-    guessed = int((np.isnan(features.widths) & no_area & ~is_river).sum())
+    guessed = int((np.isnan(painted.widths) & (painted.kinds != AREA)).sum())
     if guessed:
         notes.append(
             f"lines and points without a size ({guessed}): "
             f"{_DEFAULT_WIDTH * area.extent:.4g} m wide{'' if width is None else f', lines {width:g} m'}"
         )
-    clipped, unread = (sum(getattr(label, key) for label in features.labels) for key in ("clipped", "unread"))
+    labels = [*drawn.labels, *painted.labels]
+    clipped, unread = (sum(getattr(label, key) for label in labels) for key in ("clipped", "unread"))
     notes += [f"{clipped} numbers out of range were clipped"] if clipped else []
     notes += [f"{unread} invalid properties were replaced by defaults"] if unread else []
     return notes

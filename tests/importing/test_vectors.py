@@ -1,4 +1,4 @@
-"""Vector maps as sketches, painting against brute force, and invalid files."""
+"""Vector maps as sketches: geometry kept, painting against brute force, and invalid files."""
 
 import json
 import math
@@ -17,7 +17,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.importing.images import detect_kind
 from sketchterrain.importing.legend import cluster_properties
 from sketchterrain.importing.vector_files import mean_longitude, metric_crs_at, reproject, sketch_area
-from sketchterrain.importing.vectors import paint_areas, paint_lines, sketch_from_vectors
+from sketchterrain.importing.vectors import _joined, paint_areas, paint_lines, sketch_from_vectors
 from sketchterrain.io.crs import parse_crs, parse_metric_crs
 
 LON, LAT = 11.0, 47.0
@@ -54,6 +54,17 @@ def written(tmp_path):
     return write
 
 
+def shapes(sketch, layer: str) -> np.ndarray:
+    """Return the vectors of a layer."""
+    return sketch.vectors[layer].shapes()
+
+
+def properties(sketch, layer: str) -> list[dict]:
+    """Return the properties of each vector of a layer."""
+    vectors = sketch.vectors[layer]
+    return [vectors.feature(number).properties for number in vectors.ids.tolist()]
+
+
 def pack(path, crs, layer, shapes, *, driver="GPKG", geometry_type="Unknown", options=None, **fields) -> None:
     """Append a layer to a GeoPackage, or write another format."""
     values = [np.array(each, object if isinstance(each[0], str) else float) for each in fields.values()]
@@ -62,7 +73,7 @@ def pack(path, crs, layer, shapes, *, driver="GPKG", geometry_type="Unknown", op
     pyogrio.raw.write(path, shapes, values, list(fields), append=path.exists(), **given)
 
 
-def test_features_are_painted_at_their_positions(written) -> None:
+def test_features_are_at_their_positions(written) -> None:
     path = written(
         line([1000, 3000], [1000, 1000], waterway="river"),
         feature("Polygon", [box(2000, 1000, 3000, 2000), box(2400, 1400, 2600, 1600)], natural="water"),
@@ -75,73 +86,126 @@ def test_features_are_painted_at_their_positions(written) -> None:
     traced = sketch_from_vectors(path, bounds=(1000, 1000, 5000, 3000), size_px=400)
     sketch = traced.sketch
     assert (sketch.width_px, sketch.height_px, sketch.pixel_size, sketch.extent) == (400, 200, 10.0, 4000.0)
-    lake, forest = np.zeros((2, 200, 400), bool)
-    lake[100:200, 100:200] = True
-    lake[140:160, 140:160] = False
+    (lake,), (river,) = shapes(sketch, "lake"), shapes(sketch, "river")
+    assert lake.equals(shapely.box(1000, 0, 2000, 1000) - shapely.box(1400, 400, 1600, 600))
+    assert shapely.get_coordinates(river).tolist() == [[0, 2000], [0, 0]]
+    forest = np.zeros((200, 400), bool)
     forest[0:50, 200:300] = forest[0:50, 350:400] = True
-    np.testing.assert_array_equal(sketch.layers["lake"] == 1, lake)
     np.testing.assert_array_equal(sketch.layers["forest"] == 1, forest)
     assert np.argwhere(sketch.layers["material"]).min(axis=0).tolist() == [20, 20]
     assert sketch.properties("material", 1)["material"] == "scree"
     assert sketch.layers["hill"][150:, 300:].all()
     assert sketch.properties("hill", 1)["height"] == 55
-    assert np.flatnonzero(sketch.layers["river"].any(axis=0)).tolist() == [0]
+    assert not sketch.layers["river"].any()
+    assert not sketch.layers["lake"].any()
     assert sketch.name == "map"
     assert sketch.frame == {"crs": "EPSG:25832", "east": 1000.0, "north": 1000.0, "vertical": ""}
     assert any("corner: 1000,1000 in EPSG:25832" in note for note in traced.notes)
 
 
-def test_rivers_are_painted_by_width_and_tributaries_do_not_cut_the_stem(written) -> None:
+def test_rivers_have_properties_of_their_own(written) -> None:
     path = written(
-        line([100, 900], [900, 900], waterway="river", width="40 m"),
-        line([100, 500], [900, 500], waterway="river", width=1),
-        line([100, 98], [900, 98], waterway="river"),
+        line([100, 900], [900, 900], waterway="river", width="40 m", name="Inn"),
+        line([100, 500], [900, 500], waterway="stream"),
+        line([100, 98], [900, 98], waterway="river", depth=3, osm_id=7),
+        line([100, 50], [900, 50], layer="river", flow=90, smooth=1),
+        area(100, 10, 900, 30, natural="water", water="river", name="Ä ö"),
+        area(100, 200, 300, 400, natural="water", depth="9"),
     )
-    sketch = sketch_from_vectors(path, bounds=(0, 0, 1000, 1000), size_px=250, width=20).sketch
-    river = sketch.layers["river"]
-    assert [int((river[:, 125] == label).sum()) for label in (1, 2, 3)] == [1, 5, 10]  # 4 m a pixel
-    assert [sketch.properties("river", label)["width"] for label in (1, 2, 3)] == [1, 20, 40]
-    assert river[24:26, 125].all()
-    assert river[74:76, 125].sum() == 0
+    streams = {"width": 3.0, "depth": 0.5}
+    for width, of_streams in ((None, streams), (20, {"depth": 0.5})):
+        sketch = sketch_from_vectors(path, bounds=(0, 0, 1000, 1000), size_px=250, width=width).sketch
+        assert properties(sketch, "river") == [
+            {"width": 40.0, "directed": 1, "name": "Inn"},
+            of_streams | {"directed": 1},
+            {"depth": 3.0, "directed": 1},
+            {"flow": 90.0, "smooth": 1},
+            {"width": 0.0, "name": "Ä ö"},
+        ]
+        assert sketch.vectors["river"].kinds.tolist() == [1, 1, 1, 1, 2]
+        assert sketch.vectors["river"].labels.tolist() == [1] * 5
+        assert sketch.properties("river", 1)["width"] == width or 12.0
+        assert dict(sketch.labels["lake", 1]) == {}
+        assert properties(sketch, "lake") == [{"depth": 9.0}]
 
+
+def test_lines_that_meet_share_vertices(written) -> None:
+    stem = line([0, 0], [1000, 0], [1000, 500], waterway="river")
+    for tributary, expected in (
+        ([[400, 300], [400, 0.4]], [400, 0]),  # ends before the stem, on it, beyond it
+        ([[400, 300], [400, 0]], [400, 0]),
+        ([[400, 300], [400, -0.4]], [400, 0]),
+        ([[700, 300], [999.8, 0.3]], [1000, 0]),  # at a vertex of the stem
+        ([[999.8, 500.3], [700, 800]], [1000, 500]),  # at its end
+        ([[400, 300], [400, 0.6]], None),  # too far away
+    ):
+        path = written(
+            stem, line(*tributary, waterway="stream"), line([400, 300], [0, 700], waterway="ditch")
+        )
+        sketch = sketch_from_vectors(path, bounds=(0, 0, 1000, 1000)).sketch
+        main, other, third = (shapely.get_coordinates(each).tolist() for each in shapes(sketch, "river"))
+        shared = [at for at in main if at in other]
+        assert shared == ([expected] if expected else []), tributary
+        assert main == [
+            at for at in ([0, 0], [400, 0], [1000, 0], [1000, 500]) if at[0] != 400 or shared == [at]
+        ]
+        assert len(other) == 2
+        assert third == [[400, 300], [0, 700]]
+
+    # Lines that share an end move as one, and two ends beside a third line keep their order.
     path = written(
-        line([500, 1000], [500, 0], waterway="river", width=60),
-        line([0, 500], [1000, 503], waterway="stream"),
+        line([0, 0], [1000, 0], waterway="river"),
+        *(line([x, 500], [200, 0.25], waterway="stream") for x in (100, 300)),
+        line([200, 0.25], [200, 800], waterway="stream"),
+        line([600, 500], [600, -0.1], waterway="stream"),
+        line([601, 500], [601, 0.2], waterway="stream"),
     )
-    river = sketch_from_vectors(path, **SQUARE).sketch.layers["river"]
-    assert (river[:, 49] == 2).all()
-    assert (river[:, 5] == 1).any()
+    lines = shapes(sketch_from_vectors(path, bounds=(0, 0, 1000, 1000)).sketch, "river")
+    assert shapely.get_coordinates(lines[0]).tolist() == [[0, 0], [200, 0], [600, 0], [601, 0], [1000, 0]]
+    assert [shapely.get_coordinates(each).tolist()[-1] for each in lines[1:3]] == [[200, 0]] * 2
+    assert shapely.get_coordinates(lines[3]).tolist()[0] == [200, 0]
 
 
-def test_river_areas_have_their_painted_width(written) -> None:
-    slim = [[0, 500], [1000, 505], [1000, 507], [0, 502], [0, 500]]
-    path = written(feature("Polygon", [slim], natural="water", water="river"))
-    sketch = sketch_from_vectors(path, **SQUARE).sketch
-    assert sketch.layers["river"].any(axis=0).all()
-    assert sketch.properties("river", 1)["width"] == 0.0
-    assert not sketch.layers["lake"].any()
+@given(st.integers(0, 1000))
+def test_ends_of_random_lines_are_connected(seed) -> None:
+    random = np.random.default_rng(seed)
+    corners = random.integers(0, 24, (12, 3, 2)) / 4.0
+    lines = shapely.linestrings(corners[(np.abs(np.diff(corners, axis=1)).sum(axis=2) > 0).all(axis=1)])
+    joined = _joined(lines.copy())
+    at, of = shapely.get_coordinates(joined, return_index=True)
+    assert of.tolist() == sorted(of.tolist())
+    assert (shapely.hausdorff_distance(lines, joined) <= 3 * 0.5).all()
+    np.testing.assert_array_equal(at, np.rint(at * 1024) / 1024)
+    shared = {tuple(each) for number in range(len(lines)) for each in at[of == number].tolist()}
+    for line_, moved in zip(lines, joined, strict=True):
+        for end in (0, -1):
+            point = shapely.get_point(moved, end)
+            assert tuple(shapely.get_coordinates(point)[0].tolist()) in shared, line_
 
+
+def test_riverbanks_are_areas(written) -> None:
+    ring = box(0, 400, 1000, 420)
     path = written(
-        line([0, 500], [1000, 500], waterway="river"),
-        area(200, 400, 700, 600, natural="water", water="river"),
+        line(*ring, waterway="riverbank"),
+        line(*ring, waterway="river"),
+        line([0, 500], [1000, 500], waterway="riverbank"),
     )
-    sketch = sketch_from_vectors(path, **SQUARE).sketch
-    river = sketch.layers["river"]
-    assert (river[41:59, 21:69] == 2).all()
-    assert sketch.properties("river", 2)["width"] == 0
-    assert river[50, [5, 95]].tolist() == [1, 1]
+    traced = sketch_from_vectors(path)
+    assert traced.sketch.vectors["river"].kinds.tolist() == [2, 1, 1]
+    assert traced.notes[0] == "used: 2 lines as river, 1 area as river"
+    assert shapes(traced.sketch, "river")[1].is_closed
 
 
 def test_labels_are_merged_beyond_sixteen(written) -> None:
-    widths = np.geomspace(2, 200, 100).tolist()
-    rivers = (line([0, 10 * i], [1000, 10 * i], waterway="river", width=w) for i, w in enumerate(widths))
-    traced = sketch_from_vectors(written(*rivers))
-    labels = [label for name, label in traced.sketch.labels if name == "river"]
+    heights = np.geomspace(20, 2000, 100).tolist()
+    tops = (area(0, 10 * i, 900, 10 * i + 9, natural="hill", height=h) for i, h in enumerate(heights))
+    traced = sketch_from_vectors(written(*tops))
+    labels = [label for name, label in traced.sketch.labels if name == "hill"]
     assert labels == list(range(1, len(labels) + 1))
     assert 8 <= len(labels) <= 16
-    merged = [traced.sketch.properties("river", label)["width"] for label in labels]
+    merged = [traced.sketch.properties("hill", label)["height"] for label in labels]
     assert merged == sorted(merged)
-    assert np.abs(np.log(np.array(widths)[:, None] / merged)).min(axis=1).max() < 0.35
+    assert np.abs(np.log(np.array(heights)[:, None] / merged)).min(axis=1).max() < 0.35
     assert any("some are merged; errors up to" in note for note in traced.notes)
 
     keys = {"height": 300, "peakiness": 0.2, "erosion": 0.3, "height_limit": 2.0, "multitude": 3}
@@ -160,12 +224,13 @@ def test_labels_are_merged_beyond_sixteen(written) -> None:
 def test_degrees_are_projected_to_utm_also_across_the_antimeridian(written) -> None:
     path = written(line([LON, LAT + 0.1], [LON + 0.1, LAT], waterway="river"), crs=None)
     traced = sketch_from_vectors(path, size_px=200)
-    (x,), (y,) = rasterio.warp.transform("EPSG:4326", "EPSG:32632", [LON + 0.05], [LAT + 0.05])
+    x, y = rasterio.warp.transform("EPSG:4326", "EPSG:32632", [LON, LON + 0.1], [LAT + 0.1, LAT])
     sketch = traced.sketch
     assert sketch.frame["crs"] == "EPSG:32632"
     west, south = sketch.frame["east"], sketch.frame["north"]
-    row, column = int(sketch.height_px - (y - south) / sketch.pixel_size), int((x - west) / sketch.pixel_size)
-    assert sketch.layers["river"][row - 1 : row + 2, column - 1 : column + 2].any()
+    (river,) = shapes(sketch, "river")
+    expected = np.stack([x, y], axis=-1) - (west, south)
+    np.testing.assert_allclose(shapely.get_coordinates(river), expected, atol=0.0005)
     assert sketch.weather["latitude"] == pytest.approx(47.05, abs=0.01)
 
     for places, code in [
@@ -188,15 +253,21 @@ def test_features_are_clipped_to_bounds_also_across_the_antimeridian(written) ->
         rivers = [line(*each, waterway="river") for each in (*places, [[10, 50], [11, 50]])]
         path = written(*rivers, crs=None)
         traced = sketch_from_vectors(path, bounds=(179.9, -17.05, 180.1, -16.95), size_px=100)
-        assert traced.sketch.layers["river"].any(axis=0).all(), places
+        river = shapely.unary_union(shapes(traced.sketch, "river"))
+        west, _, east, _ = river.bounds
+        assert (west, east) == pytest.approx((0, traced.sketch.extent), abs=100), places
+        assert river.length == pytest.approx(east - west, rel=2e-4), places
         assert any("1 outside" in note for note in traced.notes), places
 
     world = area(-179, -89, 11.05, 89, natural="water")
     path = written(world, crs=None)
     sketch = sketch_from_vectors(path, bounds=(11.0, 47.0, 11.1, 47.1), size_px=100).sketch
-    middle = sketch.width_px // 2
-    assert sketch.layers["lake"][:, : middle - 3].all()
-    assert not sketch.layers["lake"][:, middle + 3 :].any()
+    (lake,) = shapes(sketch, "lake")
+    middle = 0.5 * sketch.extent
+    width, height = sketch.size
+    assert lake.covers(shapely.box(0, 0, middle - 60, height))
+    assert not lake.intersects(shapely.box(middle + 60, 0, width, height))
+    assert -0.6 * width < lake.bounds[0] < -0.4 * width  # clipped to a margin
 
 
 def test_undistorted_metric_crs_is_used_unless_another_is_requested(written) -> None:
@@ -240,8 +311,10 @@ def test_skipped_features_are_reported_by_reason(written) -> None:
         feature("Point", [5, 5], amenity="bench"),
         feature("Point", [5, 5], natural="water"),
         line([0, 0], [10, 10], landuse="forest"),
+        line([0, 0], [10, 10], natural="water", width=5),
         feature("Polygon", [[[0, 0], [1, 1], [0, 0]]], natural="water"),
-        area(10, 10, 11, 11, natural="water"),
+        area(10, 10, 11, 11, natural="wood"),
+        line([5, 5], [5.0001, 5.0001], waterway="river"),
         feature("Polygon", [], natural="water"),
         {"type": "Feature", "properties": None, "geometry": None},
     )
@@ -250,9 +323,10 @@ def test_skipped_features_are_reported_by_reason(written) -> None:
     for part in (
         "1 without a known layer",
         "1 that are points of areas",
-        "1 that are open lines of areas",
+        "2 that are open lines of areas",
         "1 with areas of less than three corners",
         "1 smaller than half a pixel",
+        "1 that collapse to a point",
         "2 without a valid shape",
     ):
         assert part in note
@@ -260,7 +334,7 @@ def test_skipped_features_are_reported_by_reason(written) -> None:
 
 
 def test_properties_and_tags_determine_layer_and_parameters(written) -> None:
-    for properties, layer, expected in [
+    for tags, layer, expected in [
         ({"layer": "Lakes", "waterway": "river"}, "lake", {}),
         ({"layer": -1, "waterway": "canal"}, "river", {"width": 10.0}),
         ({"tags": {"waterway": "stream", "width": "2"}}, "river", {"width": 2.0, "depth": 0.5}),
@@ -274,10 +348,12 @@ def test_properties_and_tags_determine_layer_and_parameters(written) -> None:
         ({}, "dune", {}),
     ]:
         ring = box(0, 0, 1000, 1000)
-        path = written(line(*ring, **properties) if layer == "river" else area(0, 0, 1e3, 1e3, **properties))
+        path = written(line(*ring, **tags) if layer == "river" else area(0, 0, 1e3, 1e3, **tags))
         sketch = sketch_from_vectors(path, layer="dune", size_px=40).sketch
-        assert [name for name, image in sketch.layers.items() if image.any()] == [layer], properties
-        assert {key: sketch.properties(layer, 1)[key] for key in expected} == expected, properties
+        found = [name for name, image in sketch.layers.items() if image.any() or sketch.vectors.get(name)]
+        assert found == [layer], tags
+        values = properties(sketch, layer)[0] if layer in sketch.vectors else sketch.properties(layer, 1)
+        assert {key: values[key] for key in expected} == expected, tags
 
 
 def test_geometries_in_collections_and_closed_lines_are_read(tmp_path, written) -> None:
@@ -287,7 +363,7 @@ def test_geometries_in_collections_and_closed_lines_are_read(tmp_path, written) 
         nested = {"type": "GeometryCollection", "geometries": [nested]}
     path.write_bytes(b"\xef\xbb\xbf \n" + json.dumps(nested).encode())
     assert detect_kind(path) == "vectors"
-    assert sketch_from_vectors(path, size_px=20).sketch.layers["lake"].any()  # by the file's name
+    assert len(shapes(sketch_from_vectors(path, size_px=20).sketch, "lake")) == 1  # by the file's name
     path = written(line(*box(0, 0, 1000, 1000), natural="wood"))
     assert sketch_from_vectors(path, size_px=50).sketch.layers["forest"].all()
 
@@ -296,8 +372,8 @@ def test_layers_of_a_geopackage_are_reprojected_and_combined(tmp_path) -> None:
     path = tmp_path / "map.gpkg"
     pack(path, "EPSG:25832", "rivers", [shapely.LineString([(0, 0), (1000, 1000)])], width=[80.0])
     lake = shapely.MultiPolygon([shapely.box(700, 0, 1000, 300)])
-    shapes = [shapely.box(0, 0, 300, 1000), shapely.Point(5, 5), lake]
-    pack(path, "EPSG:25832", "ground", shapes, natural=["wood", "tree", "water"], width=[math.nan] * 3)
+    ground = [shapely.box(0, 0, 300, 1000), shapely.Point(5, 5), lake]
+    pack(path, "EPSG:25832", "ground", ground, natural=["wood", "tree", "water"], width=[math.nan] * 3)
     degrees = shapely.transform(
         shapely.box(600, 600, 800, 800),
         lambda xy: np.stack(rasterio.warp.transform("EPSG:25832", "EPSG:4326", *xy.T), axis=-1),
@@ -307,9 +383,9 @@ def test_layers_of_a_geopackage_are_reprojected_and_combined(tmp_path) -> None:
     layers = traced.sketch.layers
     assert layers["forest"][:, :30].all()
     assert not layers["forest"][:, 30:].any()
-    assert layers["lake"][70:, 70:].all()
-    assert layers["river"][50, 49:51].any()
-    assert traced.sketch.properties("river", 1)["width"] == 80
+    assert shapes(traced.sketch, "lake")[0].equals(shapely.box(700, 0, 1000, 300))
+    assert shapely.get_coordinates(shapes(traced.sketch, "river")).tolist() == [[0, 0], [1000, 1000]]
+    assert properties(traced.sketch, "river") == [{"width": 80}]
     mountain = np.argwhere(layers["mountain"])
     np.testing.assert_allclose([mountain.min(axis=0), mountain.max(axis=0)], [[20, 60], [39, 79]], atol=1)
 
@@ -320,8 +396,8 @@ def test_geopackage_without_crs_is_in_metres(tmp_path) -> None:
         pack(path, None, "lakes", [shapely.box(10, 20, 110, 60)], depth=[3.5])
     traced = sketch_from_vectors(path, size_px=50)
     assert traced.sketch.size == (100.0, 40.0)
-    assert traced.sketch.layers["lake"].all()
-    assert traced.sketch.properties("lake", 1)["depth"] == 3.5
+    assert shapes(traced.sketch, "lake")[0].equals(shapely.box(0, 0, 100, 40))
+    assert properties(traced.sketch, "lake") == [{"depth": 3.5}]
     with pytest.raises(InputError, match="no coordinate reference system"):
         sketch_from_vectors(path, crs="EPSG:25832")
 
@@ -410,9 +486,9 @@ def refused(path, **options) -> str:
 
 
 def write(path, **options) -> None:
-    shapes = [shapely.box(0, 0, 1000, 500), shapely.box(0, 500, 400, 1000)]
+    areas = [shapely.box(0, 0, 1000, 500), shapely.box(0, 500, 400, 1000)]
     fields = {"natural": ["wood", "water"], "density": [0.25, math.nan]}
-    pack(path, "EPSG:25832", "lakes", shapes, geometry_type="Polygon", **fields, **options)
+    pack(path, "EPSG:25832", "lakes", areas, geometry_type="Polygon", **fields, **options)
 
 
 @pytest.fixture
@@ -441,7 +517,7 @@ def test_all_formats_give_the_same_sketch(tmp_path) -> None:
         assert sketch.extent == 1000, name
         assert sketch.layers["forest"][25:].all(), name
         assert sketch.properties("forest", 1)["density"] == 0.25, name
-        assert np.argwhere(sketch.layers["lake"]).max(axis=0).tolist() == [24, 19], name
+        assert shapes(sketch, "lake")[0].equals(shapely.box(0, 500, 400, 1000)), name
 
 
 def test_malformed_geojson_is_refused(tmp_path) -> None:
@@ -513,18 +589,18 @@ def test_unusable_options_are_refused(tmp_path, capfd) -> None:
 def test_file_names_are_not_interpreted(package, tmp_path) -> None:
     for name in ["zip:a.gpkg", "x!y.zip", "späť ?#%20.gpkg", "plain"]:
         package = package.rename(package.with_name(name))
-        assert sketch_from_vectors(package, size_px=20).sketch.layers["lake"].any(), name
+        assert len(sketch_from_vectors(package, size_px=20).sketch.vectors["lake"]) == 1, name
         assert [each.name for each in package.parent.iterdir()] == [name], name
     for name in ["a!b.json", "http:plain"]:
         path = tmp_path / name
         path.write_text(json.dumps({"type": "LineString", "coordinates": [[11, 47], [11.1, 47.1]]}))
-        assert sketch_from_vectors(path, size_px=20, layer="river").sketch.layers["river"].any(), name
+        assert len(sketch_from_vectors(path, size_px=20, layer="river").sketch.vectors["river"]) == 1, name
 
 
 def test_views_of_a_geopackage_are_refused_and_triggers_not_run(package) -> None:
     sql(package, "CREATE TRIGGER bad AFTER INSERT ON lakes BEGIN DELETE FROM lakes; END")
     content = package.read_bytes()
-    assert sketch_from_vectors(package, size_px=20).sketch.layers["lake"].any()
+    assert len(sketch_from_vectors(package, size_px=20).sketch.vectors["lake"]) == 1
     assert package.read_bytes() == content
     endless = "WITH RECURSIVE n(fid) AS (SELECT 1 UNION ALL SELECT fid + 1 FROM n)"
     sql(
@@ -572,17 +648,17 @@ def test_invalid_shapes_are_skipped_or_repaired(package, tmp_path) -> None:
     flat = [(0, 0), (50, 50), (0, 0), (0, 0)]
     with np.errstate(invalid="ignore"):
         endless = shapely.from_wkt(["LINESTRING (0 0, nan 5)", "LINESTRING (0 0, inf 5)"])
-    shapes = [
+    odd = [
         *(shapely.Polygon(each) for each in (bow, overlapping, flat)),
         *endless,
         shapely.GeometryCollection([shapely.box(0, 200, 100, 300), shapely.Point(5, 5)]),
     ]
-    pack(tmp_path / "odd.gpkg", "EPSG:25832", "lakes", shapes)
+    pack(tmp_path / "odd.gpkg", "EPSG:25832", "lakes", odd)
     traced = sketch_from_vectors(tmp_path / "odd.gpkg", bounds=(0, 0, 300, 300), size_px=300)
-    lake = traced.sketch.layers["lake"] > 0
-    assert lake[:100, :100].all()
-    assert lake[200:, 200:].all()
-    assert lake[200:, :100].sum() == pytest.approx(5000, abs=200)
+    lakes = shapes(traced.sketch, "lake")
+    assert [each.area for each in lakes] == [2500, 2500, 10_000, 10_000]
+    assert lakes[2].equals(shapely.box(200, 0, 300, 100))
+    assert lakes[3].equals(shapely.box(0, 200, 100, 300))
     (note,) = (note for note in traced.notes if note.startswith("skipped"))
     assert "2 with coordinates that are not finite" in note
     assert "1 with areas of less than three corners" in note

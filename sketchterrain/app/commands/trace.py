@@ -39,7 +39,7 @@ def trace(
         typer.Argument(
             metavar="FILE",
             help="A coloured map (PNG, JPEG, TIFF, WebP), layers (.ora, a folder of pictures), "
-            "vectors (GeoJSON, GeoPackage, FlatGeobuf, Shapefile, OSM PBF).",
+            "vectors (GeoJSON, GeoPackage, FlatGeobuf, Shapefile, OpenStreetMap).",
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR|FILE.sketch", help="A new sketch.")],
@@ -216,6 +216,7 @@ def _entry(done: TraceResult, output: Path, kind: str) -> dict[str, Any]:
         "seed": sketch.seed,
         "size": {"width": sketch.width_px, "height": sketch.height_px},
         "layers": {name: labels_in(image) for name, image in sketch.layers.items() if image.any()},
+        "vectors": {name: len(layer) for name, layer in sketch.vectors.items() if layer},
         "notes": done.notes,
     }
     if isinstance(done, TracedMap):

@@ -41,7 +41,7 @@ def encode_vectors(layer: VectorLayer, frame: Mapping[str, Any]) -> bytes:
             ],
             list(columns),
             driver="FlatGeobuf",
-            geometry_type=_geometry_type(layer),
+            geometry_type=geometry_type(layer),
             crs=frame["crs"] or None,
             layer=layer.layer,
             layer_options={"SPATIAL_INDEX": "NO"},  # keeps the order
@@ -49,7 +49,8 @@ def encode_vectors(layer: VectorLayer, frame: Mapping[str, Any]) -> bytes:
     return stream.getvalue()
 
 
-def _geometry_type(layer: VectorLayer) -> str:
+def geometry_type(layer: VectorLayer) -> str:
+    """Return OGR's name of the type of all features."""
     kinds = set(layer.kinds.tolist())
     return {frozenset({LINE}): "LineString", frozenset({AREA}): "Polygon"}.get(frozenset(kinds), "Unknown")
 

@@ -14,7 +14,9 @@ import shapely
 from skimage.measure import find_contours
 
 from sketchterrain.array_types import StructuredArray
+from sketchterrain.document import vectors
 from sketchterrain.document.layers import layer_of
+from sketchterrain.document.vector_file import geometry_type
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.sampled import TerrainSamples
 from sketchterrain.io.crs import plain_path
@@ -206,6 +208,19 @@ def lake_layer(lakes: Sequence[Lake], origin: Origin) -> VectorLayer:
             "depth": np.array([lake.depth for lake in lakes], np.float64),
         },
     )
+
+
+def sketch_layer(layer: vectors.VectorLayer, origin: Origin) -> VectorLayer:
+    """Return the vectors of a sketch's layer as they were drawn."""
+    fields: dict[str, npt.NDArray[Any]] = {"id": layer.ids, "label": layer.labels.astype(np.int32)}
+    taken = {"fid", "geom", *fields}  # a GeoPackage ignores case
+    for name, column in layer.columns.items():
+        while name.lower() in taken:
+            name += "_"
+        taken.add(name.lower())
+        fields[name] = np.array(column, object) if isinstance(column, tuple) else column
+    shapes = shapely.transform(layer.shapes(), lambda at: at + origin)
+    return VectorLayer(f"sketch_{layer.layer}", geometry_type(layer), shapes, fields)
 
 
 def sea_layer(level: float, samples: TerrainSamples, origin: Origin) -> VectorLayer:

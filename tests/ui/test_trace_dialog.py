@@ -8,6 +8,7 @@ from PIL import Image
 from PyQt6.QtCore import Qt
 
 from sketchterrain.importing.legend import NOTHING, Meaning
+from sketchterrain.importing.traced_layers import sketch_picture
 from sketchterrain.ui.dialogs.trace import TraceDialog
 
 
@@ -101,7 +102,8 @@ def test_vectors_define_their_own_extent(qtbot, opened, tmp_path):
     assert dialog.before.isHidden() or not dialog.before.isVisible()
     assert not dialog.form["extent"].isEnabled()
     assert dialog.form["extent"].value() == pytest.approx(dialog.sketch().extent, abs=1.0)
-    assert dialog.sketch().layers["river"].any()
+    assert len(dialog.sketch().vectors["river"]) == 1
+    assert (sketch_picture(dialog.sketch()) < 255).any()
 
 
 def test_unreadable_pictures_are_reported_and_reading_can_be_cancelled(qtbot, opened, tmp_path, picture):

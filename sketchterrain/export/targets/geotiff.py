@@ -21,6 +21,7 @@ from sketchterrain.export.vectors import (
     plant_layer,
     river_layer,
     sea_layer,
+    sketch_layer,
     station_layer,
 )
 from sketchterrain.io.crs import parse_metric_crs
@@ -33,6 +34,7 @@ _FIELDS = {
     "lakes": "level, depth: m",
     "sea": "level: m",
     "features": "radius: m; strength: m of height, of forests a share of the trees; wind: degrees, 0 north",
+    "sketch_river, sketch_lake": "as drawn; width, depth: m, if not the label's; directed: 1 or 0, downhill",
     "plants and grass": "scale: 1 is grown; rotation: degrees, counter-clockwise; tint: 0 to 1; "
     "level: a filter level >= n thins them evenly",
 }
@@ -116,6 +118,9 @@ def _write_vectors(
     file.add(station_layer(placed.rivers, origin))
     height = terrain.heights(placed.points["x"], placed.points["y"], cell_size=max(export.grid.spacing))
     file.add(feature_layer(placed.points, height, origin))
+    for vectors in terrain.sketch.vectors.values():
+        if vectors:
+            file.add(sketch_layer(vectors, origin))
     layers = requested_storeys(export.options)
     _, south, _, north = export.grid.bounds
     for index, (storey, name) in enumerate(layers.items()):

@@ -11,6 +11,7 @@ from scipy import ndimage
 import sketchterrain as st
 from sketchterrain.app.console import Stages
 from sketchterrain.app.export import write_export
+from sketchterrain.document.vectors import VectorLayer as Drawn
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions
@@ -260,10 +261,52 @@ def test_geopackage_traces_back_to_the_sketch(outcome, corner):
     bounds = (EAST, NORTH, EAST + 1024, NORTH + 1024)
     traced = sketch_from_vectors(path, bounds=bounds, size_px=64).sketch
     assert traced.extent == corner.extent
-    for layer_name, off in (("river", 2), ("lake", 1), ("forest", 4), ("mountain", 6)):
+    for layer_name, off in (("forest", 4), ("mountain", 6)):
         was, now = corner.layers[layer_name] > 0, traced.layers[layer_name] > 0
         near = ndimage.distance_transform_edt(~was)[now]
         assert near.max() <= off, layer_name
-    lake = [sketch.layers["lake"] > 0 for sketch in (corner, traced)]
-    assert (lake[0] & lake[1]).sum() / (lake[0] | lake[1]).sum() > 0.8
-    assert traced.layers["river"][5:50].any(axis=1).all()
+    (river,), (lake,) = traced.vectors["river"].shapes(), traced.vectors["lake"].shapes()
+    painted = {}
+    for layer_name in ("river", "lake"):
+        rows, columns = np.nonzero(corner.layers[layer_name])
+        pixels = shapely.box(16 * columns, 1024 - 16 * rows - 16, 16 * columns + 16, 1024 - 16 * rows)
+        painted[layer_name] = shapely.union_all(pixels)
+    assert painted["river"].buffer(16).covers(river & shapely.box(0, 256, 1024, 1024))
+    assert river.length > 45 * 16
+    assert (lake & painted["lake"]).area / (lake | painted["lake"]).area > 0.8
+
+
+def test_vectors_are_exported_as_drawn(corner, tmp_path):
+    lines = [shapely.LineString([(100, 100), (200.5, 300.25), (900, 100)]), shapely.box(0, 0, 50, 20)]
+    hole = shapely.box(500, 500, 900, 800) - shapely.box(600, 600, 700, 700)
+    names = {"name": ("Inn", ""), "FID": np.array([7.5, np.nan]), "Geom": ("a", "b"), "ID": ("c", "d")}
+    columns = {"width": np.array([np.nan, 4.0]), "directed": np.array([1, 0]), **names}
+    river = Drawn.from_shapes("river", np.array(lines), ids=[5, 3], labels=[1, 2], columns=columns)
+    lake = Drawn.from_shapes("lake", np.array([hole]))
+    sketch = st.Sketch(
+        extent=1024.0,
+        layers={"hill": np.zeros((8, 8), np.uint8)},
+        vectors={"river": river, "lake": lake},
+        frame={"crs": "EPSG:25832", "east": EAST, "north": NORTH},
+    )
+    plan = checked_plan(sketch, "geotiff", ExportOptions(size=9, plants=False))
+    done = write_export(plan, st.build(sketch), tmp_path, stages=Stages())
+    path = next(each for each in done.files if each.suffix == ".gpkg")
+    found = {}
+    for name in ("sketch_river", "sketch_lake"):
+        meta, _, geometry, fields = pyogrio.raw.read(path, layer=name)
+        assert pyogrio.read_info(path, layer=name)["crs"] == "EPSG:25832"
+        found[name] = shapely.from_wkb(geometry), dict(zip(meta["fields"], fields, strict=True))
+        assert done.report["layers"][name] == len(geometry)
+    shapes, values = found["sketch_river"]
+    moved = shapely.transform(np.array(lines), lambda at: np.add(at, (EAST, NORTH)))
+    assert shapely.equals(shapes, moved).all()
+    assert shapely.get_coordinates(shapes[0]).tolist() == shapely.get_coordinates(moved[0]).tolist()
+    assert values["id"].tolist() == [5, 3]
+    assert values["label"].tolist() == [1, 2]
+    assert np.isnan(values["width"][0])
+    assert values["width"][1] == 4.0
+    assert values["directed"].tolist() == [1, 0]
+    assert [values[key].tolist()[0] for key in ("name", "FID_", "Geom_", "ID_")] == ["Inn", 7.5, "a", "c"]
+    (area,), _ = found["sketch_lake"]
+    assert area.equals(shapely.transform(hole, lambda at: np.add(at, (EAST, NORTH))))

@@ -13,6 +13,7 @@ from sketchterrain.errors import InputError, one_line
 SUFFIX = ".fgb"
 _MAGIC = b"fgb\x03fgb"
 _MULTI = {4: "points", 5: "lines", 6: "areas", 7: "shapes"}  # shapely's type ids
+_LEAST_BYTES = 16  # of a feature
 _MAX_MESSAGE = 160  # characters of GDAL's
 
 
@@ -66,10 +67,13 @@ def decode_vectors(data: bytes, name: str, frame: Mapping[str, Any]) -> VectorLa
     if not data.startswith(_MAGIC[:3]):
         raise InputError("expected a FlatGeobuf file")
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), np.errstate(invalid="ignore"):
             warnings.simplefilter("ignore")
-            meta, _, wkb, fields = pyogrio.raw.read(data, force_2d=True, datetime_as_string=True)
-        shapes = np.asarray(shapely.from_wkb(wkb), dtype=object)
+            count = pyogrio.read_info(data, layer=0)["features"]
+            if count > len(data) // _LEAST_BYTES:  # memory for as many is allocated
+                raise InputError(f"not a whole FlatGeobuf file ({count} features in {len(data)} bytes)")
+            meta, _, wkb, fields = pyogrio.raw.read(data, layer=0, force_2d=True, datetime_as_string=True)
+            shapes = np.asarray(shapely.from_wkb(wkb), dtype=object)
     except (RuntimeError, ValueError, OSError, MemoryError, shapely.errors.GEOSException) as error:
         raise InputError(f"not a whole FlatGeobuf file ({one_line(error)[:_MAX_MESSAGE]})") from None
     _check_crs(meta["crs"], frame)
@@ -80,12 +84,13 @@ def decode_vectors(data: bytes, name: str, frame: Mapping[str, Any]) -> VectorLa
     columns = {str(key): _column(values) for key, values in zip(meta["fields"], fields, strict=True)}
     ids, labels = (_whole(columns.pop(key, None), key) for key in ("id", "label"))
     corner = np.array([frame["east"], frame["north"]])
-    shapes = shapely.transform(shapes, lambda points: points - corner)
-    return VectorLayer.from_shapes(name, shapes, ids=ids, labels=labels, columns=columns)
+    with np.errstate(over="ignore"):  # checked by the layer
+        shapes = shapely.transform(shapes, lambda points: points - corner)
+        return VectorLayer.from_shapes(name, shapes, ids=ids, labels=labels, columns=columns)
 
 
 def _check_crs(found: str | None, frame: Mapping[str, Any]) -> None:
-    if not found or found == frame["crs"]:
+    if found is None or found == frame["crs"]:
         return
     from sketchterrain.io.crs import parse_crs
 

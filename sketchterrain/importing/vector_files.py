@@ -146,6 +146,9 @@ _MAX_MESSAGE = 160  # characters of GDAL's
 _BYTES_PER_VERTEX = 16  # of WKB
 # Local coordinate systems, as in this program's own exports.
 _LOCAL = re.compile(r"(LOCAL_CS|ENGCRS|ENGINEERINGCRS)\[.*UNIT\[\"met(re|er)\"", re.I | re.S)
+_NAMED_CRS = re.compile(
+    rb'"crs"\s*:\s*{\s*"type"\s*:\s*"name"\s*,\s*"properties"\s*:\s*{\s*"name"\s*:\s*"([^"]*)"'
+)
 _TABLES = {"gpkg_contents", "gpkg_geometry_columns", "gpkg_spatial_ref_sys"}
 # Of OpenStreetMap; relations of rivers in others consist of ways that are in `lines` too.
 _OSM_LAYERS = ("points", "lines", "multipolygons")
@@ -162,6 +165,7 @@ class SourceLayer:
     shapes: Shapes  # points, lines and valid polygons
     properties: list[dict[str, Any]]  # of each shape
     skipped: Counter[str]  # features by reason
+    repaired: int  # areas that crossed themselves
 
 
 def read_vector_layers(path: Path, *, untagged: bool = True) -> list[SourceLayer]:
@@ -180,6 +184,9 @@ def read_vector_layers(path: Path, *, untagged: bool = True) -> list[SourceLayer
     if driver == "GeoJSON":  # parsed JSON needs many times its size in memory
         content = path.read_bytes()
         _check_count(0.5 * max(content.count(b"["), content.count(b",") / 4.0), MAX_VERTICES, location)
+        named = _NAMED_CRS.search(content)
+        if named and not named[1].startswith(b"http"):  # GDAL takes an unknown one for degrees
+            _crs(named[1].decode(errors="replace"), location)
         del content
     tables = _tables(path, location) if driver == "GPKG" else None
     layers = []
@@ -238,6 +245,7 @@ def _read_layer(
     info = pyogrio.read_info(dataset, layer=name)
     if info["driver"] != driver:
         raise InputError(f"{where}: expected {driver}, GDAL detects {info['driver']}")
+    _check_count(info["features"], max_vertices, where)  # memory for as many is allocated
     columns = [str(field) for field in info["fields"] if str(field).lower() in RELEVANT_TAGS]
     meta, _, wkb, fields = pyogrio.raw.read(
         dataset,
@@ -251,11 +259,11 @@ def _read_layer(
     size = sum(len(geometry) for geometry in wkb if geometry is not None)
     _check_count(size / _BYTES_PER_VERTEX, max_vertices, where)
     skipped: Counter[str] = Counter()
-    shapes, of = _usable(wkb, skipped)
+    shapes, of, repaired = _usable(wkb, skipped)
     values = [field.tolist() for field in fields]
     keys = [str(field) for field in meta["fields"]]
     properties = [{key: column[index] for key, column in zip(keys, values, strict=True)} for index in of]
-    return SourceLayer(name, _crs(meta["crs"], where), shapes, properties, skipped)
+    return SourceLayer(name, _crs(meta["crs"], where), shapes, properties, skipped, repaired)
 
 
 def _with_tags(columns: Sequence[str]) -> str:
@@ -282,8 +290,8 @@ def _crs(text: str | None, where: str) -> CRS | None:
         raise InputError(f"{where}: {error}") from None
 
 
-def _usable(wkb: Shapes, skipped: Counter[str]) -> tuple[Shapes, npt.NDArray[np.intp]]:
-    """Return points, lines and valid polygons, with the index of each one's feature."""
+def _usable(wkb: Shapes, skipped: Counter[str]) -> tuple[Shapes, npt.NDArray[np.intp], int]:
+    """Return points, lines and valid polygons, the index of each one's feature, and the number of repairs."""
     with np.errstate(invalid="ignore"):
         shapes = shapely.from_wkb(wkb, on_invalid="fix")  # closes rings; None if invalid
     shapes, of = single_parts(shapes, np.arange(len(shapes)))
@@ -295,10 +303,11 @@ def _usable(wkb: Shapes, skipped: Counter[str]) -> tuple[Shapes, npt.NDArray[np.
     finite[at[~np.isfinite(coordinates).all(axis=1)]] = False
     skipped["with coordinates that are not finite"] = int((~finite).sum())
     shapes, of = shapes[finite], of[finite]
+    crossing = ~shapely.is_valid(shapes) & (shapely.get_type_id(shapes) == _POLYGON)
     shapes = valid_areas(shapes)
     hollow = shapely.is_empty(shapes)
     skipped["with areas of less than three corners"] = int(hollow.sum())
-    return single_parts(shapes[~hollow], of[~hollow])
+    return *single_parts(shapes[~hollow], of[~hollow]), int((crossing & ~hollow).sum())
 
 
 def valid_areas(shapes: Shapes) -> Shapes:

@@ -146,6 +146,8 @@ def sketch_from_vectors(
         labels=labels | {(name, 1): _label(name, width) for name in vectors},
     )
     notes = [_used(drawn, painted), *merged, *_guess_notes(drawn, painted, area, width)]
+    repaired = sum(each.repaired for each in layers)
+    notes += [f"areas that cross themselves ({repaired}): repaired"] if repaired else []
     notes += [f"skipped: {_skipped(skipped)}"] if +skipped else []
     notes.append(f"{sketch.width_px}×{sketch.height_px} px, {sketch.pixel_size:.4g} m each")
     return TraceResult(sketch, (*notes, _position_note(sketch.frame)))
@@ -298,6 +300,13 @@ def _visible(features: _Features, area: SketchArea, skipped: Counter[str]) -> Bo
 
 def _on_grid(features: _Features, area: SketchArea, skipped: Counter[str]) -> _Features:
     """Return single lines and areas in metres from the sketch's corner, as a vector layer rounds them."""
+    outlines = np.where(features.kinds == AREA, shapely.get_exterior_ring(features.shapes), features.shapes)
+    counts = shapely.get_num_coordinates(outlines)
+    for label, count in zip(features.labels, counts.tolist(), strict=True):
+        if count > MAX_FEATURE_VERTICES:
+            title = format_value(label.properties.get("name", "without a name"))
+            limit = f"expected at most {MAX_FEATURE_VERTICES}, simplify it first"
+            raise InputError(f"{label.layer} {title}: {count} vertices: {limit}")
     exact = shapely.transform(features.shapes, lambda at: at - (area.west, area.south))
     shapes = shapely.transform(exact, lambda at: np.rint(at / STEP) * STEP)
     broken = (features.kinds == AREA) & ~shapely.is_valid(shapes)
@@ -355,13 +364,6 @@ def _vector_layers(features: _Features, width: float | None) -> dict[str, Vector
         layer = features.where(features.names == name)
         pairs = zip(layer.labels, layer.kinds.tolist(), strict=True)
         properties = [_properties(label, kind, width) for label, kind in pairs]
-        outlines = np.where(layer.kinds == AREA, shapely.get_exterior_ring(layer.shapes), layer.shapes)
-        counts = shapely.get_num_coordinates(outlines)
-        if (counts > MAX_FEATURE_VERTICES).any():
-            which = int(np.argmax(counts))
-            title = format_value(properties[which].get("name", f"number {which + 1}"))
-            limit = f"expected at most {MAX_FEATURE_VERTICES}, simplify it first"
-            raise InputError(f"{name} {title}: {counts[which]} vertices: {limit}")
         keys = dict.fromkeys(key for each in properties for key in each)
         columns = {key: _column([each.get(key) for each in properties]) for key in keys}
         layers[name] = VectorLayer.from_shapes(name, layer.shapes, columns=columns)

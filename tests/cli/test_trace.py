@@ -1,12 +1,19 @@
 """`trace`: outputs and refusals."""
 
+import io
 import json
+from pathlib import Path
 
 import numpy as np
+import pyogrio
 import pytest
+import shapely
 from PIL import Image
 
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.store import load_sketch
+
+RIVERS = Path(__file__).parent.parent / "data" / "openstreetmap" / "valira_d_orient.osm"
 
 
 @pytest.fixture
@@ -97,3 +104,83 @@ def test_existing_outputs_and_unknown_formats_are_refused(call, island, tmp_path
     assert (tmp_path / "a.sketch").read_text() == "mine"
     assert [path.name for path in (tmp_path / "full").iterdir()] == ["mine.txt"]
     assert not (tmp_path / "b").exists()
+
+
+def geojson(geometry, crs="EPSG:25832", **properties):
+    """Return the text of a file with one feature."""
+    feature = {"type": "Feature", "properties": properties, "geometry": geometry}
+    system = {"type": "name", "properties": {"name": crs}}
+    return json.dumps({"type": "FeatureCollection", "crs": system, "features": [feature]})
+
+
+def flatgeobuf(shapes, crs, **texts):
+    """Return a file of shapes with texts."""
+    stream = io.BytesIO()
+    columns = [np.array(column, object) for column in texts.values()]
+    pyogrio.raw.write(
+        *(stream, shapely.to_wkb(shapes), columns, list(texts)),
+        driver="FlatGeobuf",
+        geometry_type="LineString",
+        crs=crs,
+        layer_options={"SPATIAL_INDEX": "NO"},
+    )
+    return stream.getvalue()
+
+
+def test_unusable_vectors_are_refused_in_one_line(call, tmp_path):
+    zigzag = np.stack([np.arange(1e6), np.arange(1e6) % 2], axis=-1)
+    long = flatgeobuf([shapely.LineString(zigzag)], "EPSG:25832", waterway=["river"], name=["Inn"])
+    start = b"\0\0\0\x0d\n\tOSMHeader\x18\x05"
+    osm = RIVERS.read_bytes()
+    flat = flatgeobuf(shapely.linestrings([[(0, 0), (900, 900)]] * 99), "EPSG:25832")
+    nan = geojson({"type": "LineString", "coordinates": [[0, 0], [9, 9]]}, waterway="river")
+    for name, content, part in (
+        (
+            "a.json",
+            geojson({"type": "Point", "coordinates": [5, 5]}, waterway="river"),
+            "no feature has a layer",
+        ),
+        ("a.json", nan.replace("9, 9", "NaN, 9"), "no feature has a layer"),
+        ("a.fgb", long, "river 'Inn': 1000000 vertices: expected at most 100000"),
+        (
+            "a.json",
+            geojson(
+                {"type": "LineString", "coordinates": [[0, 0], [9, 9]]}, crs="EPSG:77777", waterway="river"
+            ),
+            "a.json: 'EPSG:77777' is not a coordinate reference system",
+        ),
+        ("a.osm.pbf", start + b"\xff" * 99, "cannot be read as OSM"),
+        ("a.osm", osm[: len(osm) // 2], "cannot be read as OSM"),
+        ("a.osm", osm[:3000] + b"<<&" + osm[3000:], "cannot be read as OSM"),
+        ("a.osm", b"<osm><OGRVRTDataSource></OGRVRTDataSource></osm>", "begins with"),
+        ("a.osm", b"<osm></osm>", "found none"),
+        ("a.fgb", flat[:4000], "cannot be read as FlatGeobuf"),
+        ("a.fgb", flat[:3000] + b"\xff" * 400 + flat[3400:], ""),
+        ("a.fgb", b"fgb\x03" + b"\xff" * 400, "found none"),
+    ):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        done = call("trace", path, "-o", tmp_path / "new", "--layer", "river")
+        assert done.code == 3, part
+        assert part in done.error, done.error
+        assert not (tmp_path / "new").exists(), part
+
+
+def test_crossing_areas_are_repaired_and_mentioned(call, tmp_path):
+    bow = {"type": "Polygon", "coordinates": [[[0, 0], [900, 900], [900, 0], [0, 900], [0, 0]]]}
+    (tmp_path / "a.json").write_text(geojson(bow, natural="water"))
+    done = call("trace", tmp_path / "a.json", "-o", tmp_path / "new", "--json")
+    assert done.code == 0, done.err
+    data = json.loads(done.out)
+    assert data["vectors"] == {"lake": 2}
+    assert "areas that cross themselves (1): repaired" in data["notes"]
+
+
+def test_openstreetmap_becomes_vectors_with_a_preview(call, tmp_path):
+    done = call("trace", RIVERS, "-o", tmp_path / "a", "--preview", tmp_path / "p.png", "--size", 128)
+    assert done.code == 0, done.err
+    assert "used: 18 lines as river, 1 area as river, 7 areas as lake" in done.out
+    assert sorted(each.name for each in (tmp_path / "a").glob("*.fgb")) == ["lake.fgb", "river.fgb"]
+    with Image.open(tmp_path / "p.png") as picture:
+        colours = {colour for _, colour in picture.getcolors()}
+    assert {LAYERS["river"].colour, LAYERS["lake"].colour} < colours

@@ -662,3 +662,4 @@ def test_invalid_shapes_are_skipped_or_repaired(package, tmp_path) -> None:
     assert "2 with coordinates that are not finite" in note
     assert "1 with areas of less than three corners" in note
     assert "1 that are points" in note
+    assert "areas that cross themselves (2): repaired" in traced.notes

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -457,16 +458,11 @@ def paint_lines(size: tuple[int, int], shapes: Shapes, widths: npt.NDArray[np.fl
 
 
 def _used(*parts: _Features) -> str:
-    counts = Counter(
-        (name, kind)
-        for part in parts
-        for name, kind in zip(part.names.tolist(), part.kinds.tolist(), strict=True)
-    )
+    order = list(LAYERS)
+    ranks = chain(*(zip(map(order.index, part.names), part.kinds.tolist(), strict=True) for part in parts))
     used = (
-        f"{counts[name, kind]} {KINDS[kind]}{'s' if counts[name, kind] > 1 else ''} as {name}"
-        for name in LAYERS
-        for kind in (POINT, LINE, AREA)
-        if counts[name, kind]
+        f"{count} {KINDS[kind]}{'s' if count > 1 else ''} as {order[rank]}"
+        for (rank, kind), count in sorted(Counter(ranks).items())
     )
     return f"used: {', '.join(used)}"
 

@@ -62,6 +62,7 @@ _NO_AREAS = ("summits", "course")  # kinds of layers whose closed lines are no a
 _MAX_WIDTH = 1e6  # m
 _DEFAULT_WIDTH = 0.04  # of the longer side: lines and discs on layers of areas
 _SIMPLIFICATION = 1 / 16  # px, tolerance for wide lines
+_UNKNOWN = "without a known layer"
 _JOIN = 0.5  # m, distance from another line within which a line ends on it
 
 
@@ -185,6 +186,8 @@ def _collect(
             raise InputError("some of its layers have a CRS and some do not: expected all or none")
         collected.append(features)
     if not collected:
+        if set(+skipped) - {_UNKNOWN}:
+            raise InputError(f"no usable feature ({_skipped(skipped)})")
         raise InputError(
             f"no feature has a layer: expected a property layer ({', '.join(LAYERS)}), "
             "tags such as waterway=river or natural=water, or one layer for all"
@@ -200,7 +203,7 @@ def _usable_features(
         tags = relevant_tags(properties)
         label = feature_label(tags, source.name, layer)
         if label is None:
-            skipped["without a known layer"] += 1
+            skipped[_UNKNOWN] += 1
             continue
         shape, own_width = _shape(original, label, tags, width)
         if isinstance(shape, str):

@@ -138,9 +138,9 @@ def test_unusable_vectors_are_refused_in_one_line(call, tmp_path):
         (
             "a.json",
             geojson({"type": "Point", "coordinates": [5, 5]}, waterway="river"),
-            "no feature has a layer",
+            "no usable feature (1 that are points of areas)",
         ),
-        ("a.json", nan.replace("9, 9", "NaN, 9"), "no feature has a layer"),
+        ("a.json", nan.replace("9, 9", "NaN, 9"), "no usable feature (1 with"),
         ("a.fgb", long, "river 'Inn': 1000000 vertices: expected at most 100000"),
         (
             "a.json",

@@ -9,7 +9,7 @@ import pyogrio
 import pytest
 import rasterio.warp
 import shapely
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import ndimage
 
@@ -166,21 +166,28 @@ def test_lines_that_meet_share_vertices(written) -> None:
     assert shapely.get_coordinates(lines[3]).tolist()[0] == [200, 0]
 
 
-@given(st.integers(0, 1000))
-def test_ends_of_random_lines_are_connected(seed) -> None:
+@given(st.integers(0, 1000), st.integers(1, 12))
+def test_tributaries_of_random_stems_join_them(seed, count) -> None:
     random = np.random.default_rng(seed)
-    corners = random.integers(0, 24, (12, 3, 2)) / 4.0
-    lines = shapely.linestrings(corners[(np.abs(np.diff(corners, axis=1)).sum(axis=2) > 0).all(axis=1)])
-    joined = _joined(lines.copy())
-    at, of = shapely.get_coordinates(joined, return_index=True)
-    assert of.tolist() == sorted(of.tolist())
-    assert (shapely.hausdorff_distance(lines, joined) <= 3 * 0.5).all()
-    np.testing.assert_array_equal(at, np.rint(at * 1024) / 1024)
-    shared = {tuple(each) for number in range(len(lines)) for each in at[of == number].tolist()}
-    for line_, moved in zip(lines, joined, strict=True):
-        for end in (0, -1):
-            point = shapely.get_point(moved, end)
-            assert tuple(shapely.get_coordinates(point)[0].tolist()) in shared, line_
+    stem = shapely.LineString(np.cumsum(random.uniform(-20, 100, (5, 2)), axis=0))
+    along = np.sort(random.choice(np.arange(2, int(stem.length) - 2, 3), count, replace=False))
+    ends = shapely.get_coordinates(shapely.line_interpolate_point(stem, along))
+    ends += random.uniform(-0.3, 0.3, ends.shape)
+    tops = ends + random.choice([-1, 1]) * np.array([1000.0, -1000.0])
+    before = [stem, *shapely.linestrings(np.stack([tops, ends], axis=1))]
+    before = shapely.transform(np.array(before), lambda at: np.rint(at * 1024) / 1024)
+    away = shapely.distance(before[1:, None], shapely.points(ends))
+    assume((away[~np.eye(count, dtype=bool)] > 1.0).all() and stem.is_simple)
+    main, *others = _joined(before)
+    vertices = [tuple(at) for at in main.coords]
+    for line_, original in zip(others, before[1:], strict=True):
+        assert line_.coords[0] == original.coords[0]
+        assert line_.coords[-1] in vertices
+        assert math.dist(line_.coords[-1], original.coords[-1]) <= 0.5
+    assert main.hausdorff_distance(before[0]) < 0.001
+    assert set(before[0].coords) <= set(vertices)
+    places = [before[0].project(shapely.Point(at)) for at in vertices]
+    assert np.diff(places).min() > -0.002
 
 
 def test_riverbanks_are_areas(written) -> None:
@@ -531,7 +538,7 @@ def test_malformed_geojson_is_refused(tmp_path) -> None:
         ('{"type": "FeatureCollection"}', "Missing 'features' member"),
         (collection % "[]", "found none"),
         *(
-            (FEATURE % shape, "no feature has a layer")
+            (FEATURE % shape, "no usable feature (1 with")
             for shape in ("null", '{"type":"Curve"}', LINE % "[[1],[2]]", LINE % "[[1,2],[3,NaN]]")
         ),
         (FEATURE % (LINE % "[[452000,5403000],[453000,5404000]]"), "not a longitude and latitude"),

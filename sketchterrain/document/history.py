@@ -250,9 +250,10 @@ class History:
         # Equal settings are stored as one object.
         last = self._steps[self._at].settings
         settings = {key: last[key] if last[key] == each else each for key, each in _settings(sketch).items()}
-        former = [*last["vectors"].values(), *last["rasters"]]
-        new = [each for each in (*sketch.vectors.values(), *sketch.rasters) if each not in former]
-        self._steps.append(_Step(title, settings, changes, sum(each.nbytes for each in new)))
+        former = last["vectors"].values()
+        new_bytes = sum(each.nbytes for each in sketch.vectors.values() if each not in former)
+        new_bytes += sum(each.nbytes for each in sketch.rasters if each not in last["rasters"])
+        self._steps.append(_Step(title, settings, changes, new_bytes))
         self._bytes += self._steps[-1].bytes
         self._at += 1
         self._enforce_limits()

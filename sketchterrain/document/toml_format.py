@@ -277,24 +277,23 @@ def starter_sketch(size: tuple[float, float] | None = None) -> Sketch:
 
     `size` is that of the sketch in metres, eastward and northward.
     """
-    east, north = size or (SKETCH["extent"].default,) * 2
-    extent = SKETCH["extent"].check(max(east, north), "extent")
-    rows, columns = (
-        np.arange(sides) * DEFAULT_SIDE // sides
-        for sides in (max(round(DEFAULT_SIDE * side / extent), 1) for side in (north, east))
-    )
-    paint = {"mountain": _stroke(_MOUNTAIN), "river": _stroke(_RIVER)}
-    return Sketch(
+    sketch = Sketch(
         name="My sketch",
-        extent=extent,
         seed=1,
         density={"hill": 0.5, "forest": 0.5},
-        layers={name: image[np.ix_(rows, columns)] for name, image in paint.items()},
+        layers={"mountain": _stroke(_MOUNTAIN), "river": _stroke(_RIVER)},
         labels={
             (layer.name, 1): {name: parameter.default for name, parameter in layer.parameters.items()}
             for layer in LAYERS.values()
         },
     )
+    if size is None:
+        return sketch
+    extent = float(SKETCH["extent"].check(max(size), "extent"))
+    sides = [max(round(DEFAULT_SIDE * side / extent), 1) for side in size]
+    columns, rows = (np.arange(side) * DEFAULT_SIDE // side for side in sides)
+    layers = {name: image[np.ix_(rows, columns)] for name, image in sketch.layers.items()}
+    return sketch.replace(extent=extent, layers=layers)
 
 
 def _stroke(dabs: Sequence[_Dab]) -> LabelImage:

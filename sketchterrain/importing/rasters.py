@@ -89,24 +89,24 @@ def read_picture(source: RasterSource, sketch: Sketch) -> RasterPicture:
         is_aligned = file.crs is None or file.crs == crs
         if not is_aligned:
             bounds = transform_bounds(file.crs, crs, *bounds)
-        corner = np.array([frame["east"], frame["north"]])
-        low = np.maximum(np.array(bounds[:2]) - corner, 0.0)
-        high = np.minimum(np.array(bounds[2:]) - corner, sketch.size)
-        if not (low < high).all():
+        east, north = frame["east"], frame["north"]
+        left, right = max(bounds[0] - east, 0.0), min(bounds[2] - east, sketch.size[0])
+        bottom, top = max(bounds[1] - north, 0.0), min(bounds[3] - north, sketch.size[1])
+        if left >= right or bottom >= top:
             raise InputError(f"{_place(source)}: expected a picture inside the sketch, it lies outside of it")
-        box = (*low.tolist(), *high.tolist())
+        box = left, bottom, right, top
         rows, columns = _shape(box, sketch)
-        west, south, east, north = (*(low + corner).tolist(), *(high + corner).tolist())
+        place = east + left, north + bottom, east + right, north + top
         at = file.transform
         if is_aligned and at.a > 0 and at.e < 0 and at.b == at.d == 0:
-            window = file.window(west, south, east, north)
+            window = file.window(*place)
             bands, mask = _read(file, source.band, {"window": window, "out_shape": (rows, columns)})
         else:
             warped = WarpedVRT(
                 file,
                 src_crs=file.crs or crs or _LOCAL,
                 crs=crs or _LOCAL,
-                transform=from_bounds(west, south, east, north, columns, rows),
+                transform=from_bounds(*place, columns, rows),
                 width=columns,
                 height=rows,
                 add_alpha=ColorInterp.alpha not in file.colorinterp,
@@ -161,7 +161,7 @@ def _shape(box: tuple[float, float, float, float], sketch: Sketch) -> tuple[int,
 
 
 def _is_rgb(file: DatasetReader, band: int) -> bool:
-    return file.dtypes[band - 1] == "uint8" and file.colorinterp[band - 1 : band + 2] == _RGB
+    return bool(file.dtypes[band - 1] == "uint8" and file.colorinterp[band - 1 : band + 2] == _RGB)
 
 
 def _resampling(file: DatasetReader, band: int) -> Resampling:
@@ -186,7 +186,7 @@ def _colours(
         table = np.zeros((256, 4), np.uint8)
         for index, colour in file.colormap(band).items():
             table[index] = colour
-        pixels = table[bands[0].astype(np.uint8)]
+        pixels: npt.NDArray[np.uint8] = table[bands[0].astype(np.uint8)]
         pixels[..., 3] = np.minimum(pixels[..., 3], mask)
         return pixels
     if bands.dtype != np.uint8:  # stretched over its range

@@ -174,8 +174,8 @@ def _read(
 ) -> tuple[npt.NDArray[Any], npt.NDArray[np.uint8]]:
     """Return the bands of a picture, (bands, rows, columns), and its opacity."""
     indexes = [band, band + 1, band + 2] if _is_rgb(file, band) else [band]
-    bands = np.stack([file.read(index, resampling=_resampling(file, band), **where) for index in indexes])
-    return bands, file.dataset_mask(**where)
+    bands = file.read(indexes, resampling=_resampling(file, band), **where)
+    return bands, file.read_masks(indexes, **where).max(axis=0)
 
 
 def _colours(

@@ -22,8 +22,8 @@ from tests.terrain.sketch_edits import CHANGES, SETTINGS, State, random_sketch
 
 Rng = np.random.Generator
 
-_PLACED = ("move", "resize", "strength", "delete", "lock", "undo", "withdraw")  # need placed features
-_CHANGES = [name for name in CHANGES if name in SETTINGS or not name.startswith(_PLACED) and "river" != name[-5:]]
+_PLACED = ("move", "resize", "strength", "delete", "lock", "undo", "withdraw", "width ")  # of features
+_CHANGES = [name for name in CHANGES if name in SETTINGS or not name.startswith(_PLACED)]
 _LETTERS = "abz AZ09_-.,;:'\"\\/#=[]{}%ßéÅıİ中国日本語ไทยשלום🏔️\u0301\u200d"
 _CONTROLS = "\n\t\r\x01\x7f\u2028"
 

@@ -13,7 +13,8 @@ from sketchterrain.document.store import load_sketch, save_sketch
 from .conftest import same
 from .random_documents import random_document
 
-PROGRAM = Path(__file__).with_name("save_until_killed.py")
+PROGRAM = "tests.document.save_until_killed"
+ROOT = Path(__file__).parents[2]
 
 
 def contents(path: Path) -> dict[str, bytes]:
@@ -36,3 +37,13 @@ def test_random_documents_are_loaded_as_saved_and_saved_as_loaded(tmp_path, firs
             assert contents(place) == before, seed
             save_sketch(document, place)
             assert contents(place) == before, seed
+
+
+@pytest.mark.parametrize("name", ["valley", "valley.sketch"])
+@pytest.mark.parametrize("kills", [10, pytest.param(1000, marks=pytest.mark.soak)])
+def test_kills_while_saving_lose_nothing_older_than_the_last_save(tmp_path, name, kills):
+    # A process of its own: it forks, which one with threads may not.
+    command = [sys.executable, "-m", PROGRAM, str(tmp_path / name), str(kills), "1"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    print(done.stdout)  # noqa: T201

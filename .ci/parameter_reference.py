@@ -77,8 +77,8 @@ def _section(title: str, text: str, table: Mapping[str, Parameter]) -> str:
 
 def _rasters() -> str:
     text = (
-        f"A georeferenced file, at most {MAX_RASTERS}. It is not copied unless it is embedded, of all rasters "
-        f"at most {MAX_EMBEDDED_BYTES >> 20} MiB. One that is missing or has changed is reported and kept "
+        f"A georeferenced file, at most {MAX_RASTERS}. It is not copied unless it is embedded, in all at "
+        f"most {MAX_EMBEDDED_BYTES >> 20} MiB. One that is missing or has changed is reported and kept "
         "([saving.md](saving.md)). The role `elevation` has no effect yet."
     )
     return _section("`[[raster]]`", text, RASTER)

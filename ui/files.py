@@ -163,13 +163,10 @@ class Files(QObject):
         start, kinds = str(self._preferences.last_folder), ";;".join(_RASTERS)
         name, kind = QFileDialog.getOpenFileName(self._window, "Add a raster", start, kinds)
         if name:
-            self.add_raster(Path(name), _RASTERS[kind])
-
-    def add_raster(self, path: Path, role: str) -> None:
-        """Add a raster source in one undo step; a sketch without a CRS gets the raster's place."""
-        self.reading.read(partial(_read_raster, path, role), self._add_raster)
+            self.reading.read(partial(_read_raster, Path(name), _RASTERS[kind]), self._add_raster)
 
     def _add_raster(self, found: object) -> None:
+        """Add a raster source in one undo step; a sketch without a CRS gets the raster's place."""
         source, area = cast("tuple[RasterSource, RasterArea | None]", found)
         sketch = self._document.sketch
         frame = sketch.frame if area is None or sketch.frame["crs"] else {**sketch.frame, **area.frame}

@@ -113,7 +113,7 @@ def raster_source(path: Path, role: str, *, band: int = 1, embed: bool = False) 
     if problem := raster_problem(source):
         raise InputError(problem)
     with wrap_read_errors(path):
-        source = replace(source, sha256=_file_hash(path.absolute()))
+        source = replace(source, sha256=_content_hash(path.absolute(), None))
     return embedded(source) if embed else source
 
 
@@ -145,26 +145,19 @@ def raster_problem(source: RasterSource) -> str:
     try:
         if source.content is None and not path.is_file():
             return f"{place}: {'expected a file' if path.exists() else 'the file is missing'}"
-        if source.sha256 and source.sha256 != _content_hash(source):
+        if source.sha256 and source.sha256 != _content_hash(path, source.content):
             return f"{place}: its content has changed since it was added"
     except OSError as error:
         return f"{place}: cannot be read ({one_line(error.strerror or error)})"
     return ""
 
 
-def _content_hash(source: RasterSource) -> str:
-    content = source.content
-    if content is None:
-        return _file_hash(Path(source.path))
-    digest: str = _hashes.get_or_compute(IdentityKey(content), lambda: _sha256(content).hexdigest())
-    return digest
-
-
-def _file_hash(path: Path) -> str:
+def _content_hash(path: Path, content: bytes | None) -> str:
+    if content is not None:
+        return _hashes.get_or_compute(IdentityKey(content), lambda: _sha256(content).hexdigest())
     facts = path.stat()
     key = str(path), facts.st_size, facts.st_mtime_ns
-    digest: str = _hashes.get_or_compute(key, lambda: hash_file(path)[1])
-    return digest
+    return _hashes.get_or_compute(key, lambda: hash_file(path)[1])
 
 
 def resolved_rasters(

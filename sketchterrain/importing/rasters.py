@@ -26,27 +26,15 @@ from sketchterrain.importing.vector_files import metric_crs_at
 from sketchterrain.io.crs import crs_text, parse_crs
 
 _SIDE = 2048  # px of a picture along the sketch's longer side
+_LOCAL = CRS.from_wkt('LOCAL_CS["local",UNIT["metre",1]]')
 _RGB = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
 
 
 class RasterArea(NamedTuple):
-    """The bounds of a georeferenced raster."""
+    """The area of a georeferenced raster."""
 
-    crs: str  # metric
-    west: float  # m
-    south: float
-    east: float
-    north: float
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Metres eastward and northward."""
-        return self.east - self.west, self.north - self.south
-
-    @property
-    def frame(self) -> dict[str, Any]:
-        """Values by the names in `FRAME` of a sketch with the same south-west corner."""
-        return {"crs": self.crs, "east": self.west, "north": self.south}
+    frame: dict[str, Any]  # of a sketch with the same south-west corner, by the names in `FRAME`
+    size: tuple[float, float]  # m eastward and northward
 
 
 class RasterPicture(NamedTuple):
@@ -66,7 +54,9 @@ def raster_area(source: RasterSource) -> RasterArea | None:
             return None
         west, south, east, north = _bounds(file)
         target = metric_crs_at(file.crs, (0.5 * (west + east), 0.5 * (south + north)))
-        return RasterArea(crs_text(target), *transform_bounds(file.crs, target, west, south, east, north))
+        west, south, east, north = transform_bounds(file.crs, target, west, south, east, north)
+        frame = {"crs": crs_text(target), "east": west, "north": south}
+        return RasterArea(frame, (east - west, north - south))
 
 
 def read_picture(source: RasterSource, sketch: Sketch) -> RasterPicture:
@@ -75,48 +65,39 @@ def read_picture(source: RasterSource, sketch: Sketch) -> RasterPicture:
     Without a georeference it covers the sketch; without a CRS its coordinates are those of the sketch's
     frame. Raise InputError if it cannot be read or has no place in the sketch.
     """
-    frame = sketch.frame
-    with _open(source) as file, ExitStack() as stack:
+    frame, (width, height) = sketch.frame, sketch.size
+    with _open(source) as file:
         if file.crs is None and file.transform.is_identity:
-            box = (0.0, 0.0, *sketch.size)
-            rows, columns = _shape(box, sketch)
-            bands, mask = _read(file, source.band, {"out_shape": (rows, columns)})
-            return RasterPicture(_colours(file, source.band, bands, mask), box)
+            box = 0.0, 0.0, width, height
+            return RasterPicture(_pixels(file, source.band, out_shape=_shape(box, sketch)), box)
         if file.crs is not None and not frame["crs"]:
             raise InputError(f"{_place(source)}: expected a sketch with a CRS, [frame] has none")
-        crs = parse_crs(frame["crs"]) if frame["crs"] else None
-        bounds = _bounds(file)
-        is_aligned = file.crs is None or file.crs == crs
-        if not is_aligned:
-            bounds = transform_bounds(file.crs, crs, *bounds)
+        target = parse_crs(frame["crs"]) if frame["crs"] else _LOCAL
+        crs, bounds, at = file.crs or target, _bounds(file), file.transform
+        if crs != target:
+            bounds = transform_bounds(crs, target, *bounds)
         east, north = frame["east"], frame["north"]
-        left, right = max(bounds[0] - east, 0.0), min(bounds[2] - east, sketch.size[0])
-        bottom, top = max(bounds[1] - north, 0.0), min(bounds[3] - north, sketch.size[1])
+        left, right = max(bounds[0] - east, 0.0), min(bounds[2] - east, width)
+        bottom, top = max(bounds[1] - north, 0.0), min(bounds[3] - north, height)
         if left >= right or bottom >= top:
             raise InputError(f"{_place(source)}: expected a picture inside the sketch, it lies outside of it")
         box = left, bottom, right, top
         rows, columns = _shape(box, sketch)
         place = east + left, north + bottom, east + right, north + top
-        at = file.transform
-        if is_aligned and at.a > 0 and at.e < 0 and at.b == at.d == 0:
+        if crs == target and at.a > 0 and at.e < 0 and at.b == at.d == 0:  # reads overviews
             window = file.window(*place)
-            bands, mask = _read(file, source.band, {"window": window, "out_shape": (rows, columns)})
-        else:
-            warped = WarpedVRT(
-                file,
-                src_crs=file.crs or crs or _LOCAL,
-                crs=crs or _LOCAL,
-                transform=from_bounds(*place, columns, rows),
-                width=columns,
-                height=rows,
-                add_alpha=ColorInterp.alpha not in file.colorinterp,
-                resampling=_resampling(file, source.band),
-            )
-            bands, mask = _read(stack.enter_context(warped), source.band, {})
-        return RasterPicture(_colours(file, source.band, bands, mask), box)
-
-
-_LOCAL = CRS.from_wkt('LOCAL_CS["local",UNIT["metre",1]]')
+            return RasterPicture(_pixels(file, source.band, window=window, out_shape=(rows, columns)), box)
+        with WarpedVRT(
+            file,
+            src_crs=crs,
+            crs=target,
+            transform=from_bounds(*place, columns, rows),
+            width=columns,
+            height=rows,
+            add_alpha=ColorInterp.alpha not in file.colorinterp,
+            resampling=_resampling(file, source.band),
+        ) as warped:
+            return RasterPicture(_pixels(warped, source.band), box)
 
 
 def _place(source: RasterSource) -> str:
@@ -160,38 +141,25 @@ def _shape(box: tuple[float, float, float, float], sketch: Sketch) -> tuple[int,
     return rows, columns
 
 
-def _is_rgb(file: DatasetReader, band: int) -> bool:
-    return bool(file.dtypes[band - 1] == "uint8" and file.colorinterp[band - 1 : band + 2] == _RGB)
-
-
 def _resampling(file: DatasetReader, band: int) -> Resampling:
     is_indexed = file.colorinterp[band - 1] == ColorInterp.palette
     return Resampling.nearest if is_indexed else Resampling.average
 
 
-def _read(
-    file: DatasetReader, band: int, where: dict[str, Any]
-) -> tuple[npt.NDArray[Any], npt.NDArray[np.uint8]]:
-    """Return the bands of a picture, (bands, rows, columns), and its opacity."""
-    indexes = [band, band + 1, band + 2] if _is_rgb(file, band) else [band]
-    bands = file.read(indexes, resampling=_resampling(file, band), **where)
-    return bands, file.read_masks(indexes, **where).max(axis=0)
-
-
-def _colours(
-    file: DatasetReader, band: int, bands: npt.NDArray[Any], mask: npt.NDArray[np.uint8]
-) -> npt.NDArray[np.uint8]:
+def _pixels(file: DatasetReader, band: int, **where: Any) -> npt.NDArray[np.uint8]:
     """Return sRGB and opacity, (rows, columns, 4), of bands in colour, of indices, or in grey."""
+    is_rgb = file.dtypes[band - 1] == "uint8" and file.colorinterp[band - 1 : band + 2] == _RGB
+    indexes = [band, band + 1, band + 2] if is_rgb else [band]
+    bands = file.read(indexes, resampling=_resampling(file, band), **where)
+    mask = file.read_masks(indexes, **where).max(axis=0)
     if file.colorinterp[band - 1] == ColorInterp.palette:
-        table = np.zeros((256, 4), np.uint8)
+        table = np.zeros((256, 3), np.uint8)
         for index, colour in file.colormap(band).items():
-            table[index] = colour
-        pixels: npt.NDArray[np.uint8] = table[bands[0].astype(np.uint8)]
-        pixels[..., 3] = np.minimum(pixels[..., 3], mask)
-        return pixels
-    if bands.dtype != np.uint8:  # stretched over its range
+            table[index] = colour[:3]
+        bands = table[bands[0].astype(np.uint8)].transpose(2, 0, 1)
+    elif bands.dtype != np.uint8:  # stretched over its range
         values = np.where((mask > 0) & np.isfinite(bands[0]), bands[0], np.nan).astype(np.float64)
         low, high = (np.nanmin(values), np.nanmax(values)) if np.isfinite(values).any() else (0.0, 1.0)
-        grey = np.nan_to_num(255.0 * (values - low) / max(high - low, 1e-30))
-        bands, mask = grey.astype(np.uint8)[None], np.where(np.isnan(values), np.uint8(0), mask)
-    return np.concatenate([np.broadcast_to(bands, (3, *mask.shape)), mask[None]]).transpose(1, 2, 0).copy()
+        bands = np.nan_to_num(255.0 * (values - low) / max(high - low, 1e-30)).astype(np.uint8)[None]
+        mask = np.where(np.isnan(values), np.uint8(0), mask)
+    return np.stack([*np.broadcast_to(bands, (3, *mask.shape)), mask], axis=-1)

@@ -56,9 +56,9 @@ def test_areas_are_metric(halves, written):
     assert (area.frame, area.size) == (UTM, (2000.0, 1000.0))
     assert raster_area(halves(None)) is None
     degrees = raster_area(halves("EPSG:4326", Affine(0.0001, 0.0, 9.0, 0.0, -0.0001, 48.0)))
-    assert degrees.crs == "EPSG:32632"
+    assert degrees.frame["crs"] == "EPSG:32632"
     assert degrees.size == pytest.approx((1492.0, 1112.0), abs=1.0)
-    assert raster_area(halves("EPSG:3857")).crs == "EPSG:32631"  # its metres are no metres
+    assert raster_area(halves("EPSG:3857")).frame["crs"] == "EPSG:32631"  # its metres are no metres
     for each in (area, degrees):
         Sketch(frame=each.frame, extent=max(each.size))
 

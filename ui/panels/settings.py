@@ -127,25 +127,19 @@ class RasterRows(QWidget):
             label.setText(f"{source.title}, {source.role}")
             store = tool_button("save", f"Store {source.title}", tip="Store a copy in the sketch")
             store.setEnabled(source.content is None)
-            store.clicked.connect(partial(self._replace, "Store", place, source, embedded))
+            store.clicked.connect(partial(self._replace, f"Store {source.title}", place, embedded))
             remove = tool_button("delete", f"Remove {source.title}", tip="Remove from the sketch")
-            remove.clicked.connect(partial(self._replace, "Remove", place, source, None))
+            remove.clicked.connect(partial(self._replace, f"Remove {source.title}", place, None))
             row(line, (label, 1), store, remove, spacing=SMALL)
             self.buttons.append((store, remove))
             self._column.addWidget(line)
 
     def _replace(
-        self,
-        verb: str,
-        place: int,
-        source: RasterSource,
-        change: Callable[[RasterSource], RasterSource] | None,
-        _: bool = False,
+        self, title: str, place: int, change: Callable[[RasterSource], RasterSource] | None, _: bool = False
     ) -> None:
-        others = list(self._document.sketch.rasters)
-        others[place : place + 1] = [] if change is None else [change(source)]
-        changed = self._document.sketch.replace(rasters=tuple(others))
-        self._document.do(f"{verb} {source.title}", changed)
+        rasters = list(self._document.sketch.rasters)
+        rasters[place : place + 1] = [] if change is None else [change(rasters[place])]
+        self._document.do(title, self._document.sketch.replace(rasters=tuple(rasters)))
 
 
 class WorldPanel(ScrollingPanel):

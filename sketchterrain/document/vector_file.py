@@ -14,6 +14,7 @@ SUFFIX = ".fgb"
 _MAGIC = b"fgb\x03fgb"
 _MULTI = {4: "points", 5: "lines", 6: "areas", 7: "shapes"}  # shapely's type ids
 _LEAST_BYTES = 16  # of a feature
+_ERRORS = (RuntimeError, ValueError, LookupError, OSError, MemoryError)  # of damaged files
 _MAX_MESSAGE = 160  # characters of GDAL's
 
 
@@ -74,7 +75,7 @@ def decode_vectors(data: bytes, name: str, frame: Mapping[str, Any]) -> VectorLa
                 raise InputError(f"not a whole FlatGeobuf file ({count} features in {len(data)} bytes)")
             meta, _, wkb, fields = pyogrio.raw.read(data, layer=0, force_2d=True, datetime_as_string=True)
             shapes = np.asarray(shapely.from_wkb(wkb), dtype=object)
-    except (RuntimeError, ValueError, OSError, MemoryError, shapely.errors.GEOSException) as error:
+    except (*_ERRORS, shapely.errors.GEOSException) as error:
         raise InputError(f"not a whole FlatGeobuf file ({one_line(error)[:_MAX_MESSAGE]})") from None
     _check_crs(meta["crs"], frame)
     kinds = shapely.get_type_id(shapes)

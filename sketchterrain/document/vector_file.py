@@ -74,6 +74,8 @@ def decode_vectors(data: bytes, name: str, frame: Mapping[str, Any]) -> VectorLa
             if count > len(data) // _LEAST_BYTES:  # memory for as many is allocated
                 raise InputError(f"not a whole FlatGeobuf file ({count} features in {len(data)} bytes)")
             meta, _, wkb, fields = pyogrio.raw.read(data, layer=0, force_2d=True, datetime_as_string=True)
+            if len(wkb) < count:
+                raise InputError(f"not a whole FlatGeobuf file ({len(wkb)} of {count} features)")
             shapes = np.asarray(shapely.from_wkb(wkb), dtype=object)
     except (*_ERRORS, shapely.errors.GEOSException) as error:
         raise InputError(f"not a whole FlatGeobuf file ({one_line(error)[:_MAX_MESSAGE]})") from None

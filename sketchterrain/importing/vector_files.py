@@ -256,6 +256,8 @@ def _read_layer(
         force_2d=True,
         datetime_as_string=True,
     )
+    if driver == "FlatGeobuf" and len(wkb) < info["features"]:  # cut between two
+        raise InputError(f"{where}: expected {info['features']} features, the file ends after {len(wkb)}")
     size = sum(len(geometry) for geometry in wkb if geometry is not None)
     _check_count(size / _BYTES_PER_VERTEX, max_vertices, where)
     skipped: Counter[str] = Counter()

@@ -75,6 +75,14 @@ def test_damaged_files_load_or_are_refused(layer) -> None:
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - peak < 200_000  # KiB
 
 
+def test_no_feature_of_a_short_file_is_lost_silently(layer) -> None:
+    many = VectorLayer.from_shapes("river", np.repeat(layer.shapes()[1:2], 40))
+    data = encode_vectors(many, FRAME)
+    for length in range(len(data) - 400, len(data)):  # one of them ends between two features
+        with pytest.raises(InputError, match="not a whole FlatGeobuf file"):
+            decode_vectors(data[:length], "river", FRAME)
+
+
 def test_wrong_files_in_a_sketch_are_refused_by_name(layer, tmp_path) -> None:
     save_sketch(Sketch(extent=1000.0, frame=FRAME, vectors={"river": layer}), tmp_path / "a")
     path = tmp_path / "a" / "river.fgb"

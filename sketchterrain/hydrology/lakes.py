@@ -40,7 +40,7 @@ _ABOVE_SEA = 0.2  # m that a lake beside the sea lies above it, at least
 _MOUTH_WIDTHS = 5.0  # of the river: radius of the lake in which it ends
 _MOUTH_EXTENT = (0.012, 0.05)  # … between these shares of the sketch's extent
 _MOUTH_DEPTHS = 3.0  # of the river: depth of that lake
-_MIN_SIDE, _MAX_SIDE = 32, 512  # samples along the longer side of an area, without its margin
+_MIN_SIDE, _MAX_SIDE = 16, 512  # samples along the longer side of an area, without its margin
 _LEAST_SPACING = 0.25  # m
 _BEYOND_BIT = 1 << 47  # in the ids of lakes that were not painted
 
@@ -124,20 +124,24 @@ def _area_outlines(sketch: Sketch) -> list[_LakeOutline]:
 
 
 def area_field(area: Any, *, spacing: float, margin: float) -> ShapeField:
-    """Return the signed distance to the border of an area (shapely, m), with `margin` (m) around it.
+    """Return the signed distance to the border of an area (shapely, m), with up to `margin` (m) around it.
 
-    Samples are `spacing` (m) apart, or closer in small areas.
+    Samples are `spacing` (m) apart, or closer in small areas, whose margin is smaller too.
     """
     import shapely
 
     west, south, east, north = area.bounds
     longer = max(east - west, north - south)
     spacing = float(np.clip(spacing, longer / _MAX_SIDE, max(longer / _MIN_SIDE, _LEAST_SPACING)))
-    rim = int(np.ceil(margin / spacing)) + 1
+    rim = int(np.ceil(min(margin, _MARGIN + longer) / spacing)) + 1
     x = west + spacing * np.arange(-rim, int(np.ceil((east - west) / spacing)) + rim + 1)
     y = south + spacing * np.arange(-rim, int(np.ceil((north - south) / spacing)) + rim + 1)
     at_x, at_y = (each.ravel() for each in np.meshgrid(x, y))
-    away = shapely.distance(shapely.points(at_x, at_y), area.boundary)
+    corners = [shapely.get_coordinates(ring) for ring in shapely.get_rings(area)]
+    sides = [np.stack([ring[:-1], ring[1:]], axis=1) for ring in corners]
+    border = shapely.STRtree(shapely.linestrings(np.concatenate(sides)))
+    points = shapely.points(at_x, at_y)
+    away = border.query_nearest(points, all_matches=False, return_distance=True)[1]
     inside = np.where(shapely.contains_xy(area, at_x, at_y), away, -away).reshape(len(y), len(x))
     return ShapeField(float(x[0]), float(y[0]), spacing, inside.astype(np.float32))
 
@@ -188,14 +192,24 @@ def runs_inside(lakes: Sequence[Lake], line: Float64Array) -> Runs:
     return sorted(
         (first, last, number)
         for number, lake in enumerate(lakes)
+        if _meets(lake.shape, line)
         for first, last in index_runs(distance_inside(lake.shape, line) > 0.0)
     )
+
+
+def _meets(field: ShapeField, line: Float64Array) -> bool:
+    """Return whether the box of a line meets that of a field."""
+    low = np.array([field.west, field.south])
+    high = low + field.spacing * (np.array(field.inside.shape[::-1]) - 1)
+    return bool(((line.min(axis=0) <= high) & (line.max(axis=0) >= low)).all())
 
 
 def lake_reaches(lakes: Sequence[Lake], line: Float64Array) -> list[tuple[int, int, int, int]]:
     """Return (shore, first, last, lake) of a centreline's runs in and beside lakes; see `LakeReach`."""
     found = []
     for number, lake in enumerate(lakes):
+        if not _meets(lake.shape, line):
+            continue
         depth = distance_inside(lake.shape, line)
         rim = _RIM * float(lake.shape.inside[[0, -1]].max())  # below zero: outside
         inside = index_runs(depth > 0.0)

@@ -97,8 +97,8 @@ COMMANDS: Final[dict[str, Command]] = {
         for key, (name, layer) in enumerate(LAYERS.items(), start=1)
     },
     "new-label": Command("&New label", "Add a label to this layer", "add", ("Ctrl+Shift+N",)),
-    "delete-label": Command("&Delete label", "Delete the label and all of its paint", "delete"),
-    "clear-layer": Command("&Clear layer", "Erase all paint of this layer"),
+    "delete-label": Command("&Delete label", "Delete the label with its paint and vectors", "delete"),
+    "clear-layer": Command("&Clear layer", "Erase all paint and vectors of this layer"),
     "show-layer": Command("&Visible", "Show this layer's paint", "eye", (), "check"),
     "lock-layer": Command("&Locked", "Protect this layer from painting", "lock", (), "check"),
     "only-layer": Command("Show &only this layer", "Hide the paint of all other layers", "", (), "check"),

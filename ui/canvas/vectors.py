@@ -222,9 +222,10 @@ class VectorEditor:
         after = int(curves.start[found[0]])
         title = "Insert a vertex in"
         self.attempt(
-            lambda: vectors.change_selected(
+            lambda: vectors.change_vector(
                 context.document,
                 context.workspace,
+                selection,
                 title,
                 lambda layer, _: edits.insert_vertex(layer, after, *found[1]),
             )
@@ -249,7 +250,7 @@ class VectorEditor:
 
     def delete(self) -> None:
         """Delete the active vertex or the vector."""
-        self.attempt(lambda: vectors.delete(self._context.document, self._context.workspace))
+        self.attempt(lambda: vectors.delete_vector(self._context.document, self._context.workspace))
 
     def attempt(self, change: Callable[[], None]) -> None:
         """Make a change, or report why it is not possible."""

@@ -15,7 +15,7 @@ from sketchterrain.document.layers import DRAW_ORDER, LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import AREA, LINE, VECTOR_LAYERS, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError
-from sketchterrain.hydrology.splines import cubics
+from sketchterrain.hydrology.splines import cubics, drop_repeats
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Selection, Workspace
 
@@ -176,6 +176,17 @@ def with_node(layer: VectorLayer, x: float, y: float, reach: float) -> VectorLay
     return layer if found is None else edits.insert_vertex(layer, int(curves.start[found[0]]), x, y)
 
 
+def lines_of(feature: VectorFeature) -> list[Float64Array]:
+    """Return a feature's curve or closed rings as polylines (n, 2), m."""
+    if feature.kind == AREA:
+        return [np.concatenate([ring, ring[:1]]) for ring in feature.rings]
+    points = drop_repeats(feature.rings[0])
+    if feature.properties.get("smooth") != 1 or len(points) < 2:
+        return [points]
+    curve = _BERNSTEIN[:-1] @ bezier(cubics(points))
+    return [np.concatenate([curve.reshape(-1, 2), points[-1:]])]
+
+
 def with_moved_node(
     feature: VectorFeature, start: tuple[float, float], end: tuple[float, float]
 ) -> VectorFeature:
@@ -245,16 +256,16 @@ def store(document: Document, title: str, layer: VectorLayer, *, merge: Hashable
         document.do(title, sketch.replace(vectors={**sketch.vectors, layer.layer: layer}), merge=merge)
 
 
-def change_selected(
+def change_vector(
     document: Document,
     workspace: Workspace,
+    selection: Selection | None,
     title: str,
     change: Callable[[VectorLayer, Selection], VectorLayer],
     *,
     merge: Hashable | None = None,
 ) -> None:
-    """Record a change of the selected vector; raise InputError if it is not possible."""
-    selection = workspace.selection
+    """Record a change of a selected vector; raise InputError if it is not possible."""
     if selection is None or find_vector(document.sketch, selection) is None:
         return
     if refusal := workspace.refusal(selection.kind):
@@ -263,7 +274,7 @@ def change_selected(
     store(document, f"{title} {LAYERS[selection.kind].title.lower()}", changed, merge=merge)
 
 
-def delete(document: Document, workspace: Workspace) -> None:
+def delete_vector(document: Document, workspace: Workspace) -> None:
     """Delete the active vertex, or without one the selected vector."""
     selection = workspace.selection
     if selection is None:
@@ -276,7 +287,7 @@ def delete(document: Document, workspace: Workspace) -> None:
         return edits.delete_vertex(layer, edits.vertices_of(layer, own.id)[index])
 
     what = "Delete a vector of" if index is None else "Delete a vertex of"
-    change_selected(document, workspace, what, change)
+    change_vector(document, workspace, selection, what, change)
     exists = find_vector(document.sketch, selection) is not None
     workspace.selection = replace(selection, index=max((index or 0) - 1, 0)) if exists else None
 
@@ -286,7 +297,7 @@ Command: TypeAlias = Callable[[Document, Workspace], None]
 
 def _command(title: str, change: Callable[[VectorLayer, Selection], VectorLayer]) -> Command:
     def command(document: Document, workspace: Workspace) -> None:
-        change_selected(document, workspace, title, change)
+        change_vector(document, workspace, workspace.selection, title, change)
         if workspace.selection is not None:
             workspace.selection = replace(workspace.selection, index=None)  # vertices have other numbers
 
@@ -300,7 +311,7 @@ VECTOR_COMMANDS: Final[Mapping[str, Command]] = {
     ),
     "join-lines": _command("Join lines of", lambda layer, own: edits.join_lines(layer, own.id, own.index)),
     "reverse-line": _command("Reverse a line of", lambda layer, own: edits.reverse_line(layer, own.id)),
-    "delete-selection": delete,
+    "delete-selection": delete_vector,
 }
 """Commands for the selected vector, by the names of their actions."""
 

@@ -98,8 +98,8 @@ class LayersPanel(QWidget):
         self._percent.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         new_tip = "Another label of this layer, with properties of its own"
         self.add = tool_button("add", "New label", tip=new_tip)
-        self.remove = tool_button("delete", "Delete label", tip="Delete this label and its paint")
-        self.clear = tool_button("eraser", "Clear layer", tip="Erase all paint of this layer")
+        self.remove = tool_button("delete", "Delete label", tip="Delete this label, its paint and vectors")
+        self.clear = tool_button("eraser", "Clear layer", tip="Erase all paint and vectors of this layer")
         title = QLabel("&Opacity")
         title.setBuddy(self.opacity)
         buttons = row(None, self.add, self.remove, self.clear, spacing=0)

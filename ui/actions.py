@@ -79,7 +79,7 @@ COMMANDS: Final[dict[str, Command]] = {
     "undo": Command("&Undo", "Undo the last step", "undo", ("Ctrl+Z",)),
     "redo": Command("&Redo", "Redo the undone step", "redo", ("Ctrl+Shift+Z", "Ctrl+Y")),
     "copy": Command("&Copy", "Copy the selected line or area", "", ("Ctrl+C",)),
-    "paste": Command("&Paste", "Paste a copied line or area beside the first one", "", ("Ctrl+V",)),
+    "paste": Command("P&aste", "Paste a copied line or area beside the first one", "", ("Ctrl+V",)),
     "delete-selection": Command("&Delete", "Delete the selected feature, vertex, line or area", "delete"),
     "split-line": Command("&Split line", "Split the selected line at the active vertex", "", ("S",)),
     "join-lines": Command("&Join lines", "Join the selected line with one that shares an end", "", ("J",)),

@@ -9,13 +9,14 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vector_edits import at_node
 from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError
+from sketchterrain.ui import commands
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.models import vectors
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Selection
+from sketchterrain.ui.panels.vector_page import VectorPage
 
 from . import events
-from .events import LEFT
 
 SIDE = 128  # px of 10 m
 
@@ -286,3 +287,70 @@ def test_ten_thousand_rivers_are_drawn_and_hit_quickly(canvas, blank, workspace)
     x, y = layer.ring(77)[4]
     found = vectors.vector_at(blank.sketch, workspace, float(x), float(y), reach=0.01)
     assert found is not None
+
+
+@pytest.fixture
+def page(rivers, workspace, show_widget):
+    widget = show_widget(VectorPage(rivers, workspace))
+    workspace.selection = Selection("river", 1)
+    return widget
+
+
+def test_the_panel_sets_properties_in_one_step_each(page, rivers, workspace, qtbot):
+    rows = page.forms["river"].rows
+    rows["name"].field.setText("Inn")
+    rows["name"].field.editingFinished.emit()
+    rows["smooth"].box.click()
+    rows["directed"].box.click()
+    with qtbot.waitSignal(rivers.sketch_changed):
+        rows["width"].slider.sliderPressed.emit()
+        for step in (300, 400, 500):
+            rows["width"].slider.setValue(step)
+        rows["width"].slider.sliderReleased.emit()
+    titles = ("Set name of rivers", "Set smooth of rivers", "Set directed of rivers", "Set width of rivers")
+    assert steps(rivers) == titles
+    own = layer_of(rivers).feature(1).properties
+    assert (own["name"], own["smooth"], own["directed"], own["width"]) == ("Inn", 0, 1, rows["width"].number)
+    assert rows["width"].reset.isVisible()
+    rows["width"].reset.click()
+    assert "width" not in layer_of(rivers).feature(1).properties
+    assert rows["width"].number == 12.0  # its label's
+    assert rows["depth"].isVisible()
+    workspace.selection = Selection("river", 2)
+    assert rows["name"].field.text() == ""
+    workspace.set_look("river", locked=True)
+    assert not page.isEnabled()
+    rivers.do("Clear", commands.clear_layer(rivers.sketch, "river"))
+    assert not page.isEnabled()
+
+
+def test_a_vector_has_the_properties_of_its_label(page, rivers):
+    rivers.do("Declare", commands.new_label(rivers.sketch, "river", 4))
+    assert [page.label.itemData(i) for i in range(page.label.count())] == [1, 4]
+    page.label.setCurrentIndex(1)
+    page.label.activated.emit(1)
+    assert layer_of(rivers).feature(1).label == 4
+    assert commands.labels_of(rivers.sketch, "river") == (1, 4)
+    gone = commands.delete_label(rivers.sketch, "river", 4)
+    assert gone.vectors["river"].ids.tolist() == [2]
+
+
+def test_actions_and_menus_edit_vectors(window, document, workspace, link, qtbot):
+    layer = VectorLayer("river").edited(add=[line((200, 600), (400, 640), (600, 600)), line((0, 0), (5, 5))])
+    document.open(document.sketch.replace(vectors={"river": layer}))
+    actions = window.actions_by_name
+    names = ("copy", "split-line", "join-lines", "reverse-line", "delete-selection")
+    assert not any(actions[name].isEnabled() for name in names)
+    workspace.selection = Selection("river", 1, 1)
+    assert all(actions[name].isEnabled() for name in names)
+    assert window.findChild(VectorPage).isVisibleTo(window)
+    for name in ("copy", "split-line", "join-lines", "reverse-line", "paste", "delete-selection"):
+        actions[name].trigger()
+    assert steps(document) == (
+        *("Split a line of rivers", "Join lines of rivers", "Reverse a line of rivers", "Paste rivers"),
+        "Delete a vector of rivers",
+    )
+    QGuiApplication.clipboard().setText("other text")
+    actions["paste"].trigger()
+    assert "copied from a sketch" in window.banner.message.line
+    assert len(steps(document)) == 5

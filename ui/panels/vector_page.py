@@ -17,7 +17,7 @@ from sketchterrain.document.vectors import (
     vector_parameters,
 )
 from sketchterrain.ui import commands
-from sketchterrain.ui.look.theme import MARGIN, column, row
+from sketchterrain.ui.look.theme import MARGIN, column, described, row
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.vectors import change_vector, find_vector, lines_of
 from sketchterrain.ui.models.workspace import Selection, Workspace
@@ -40,8 +40,7 @@ class VectorPage(QWidget):
         self._document, self._workspace = document, workspace
         self._shown: Selection | None = None
         self._head = PageHead()
-        self.label = scroll_past(QComboBox())
-        self.label.setAccessibleName("Label")
+        self.label = described(scroll_past(QComboBox()), "Label", "Its label, which it has properties of")
         title = QLabel("La&bel")
         title.setBuddy(self.label)
         self.forms = {name: _form(name) for name in VECTOR_LAYERS}

@@ -83,7 +83,11 @@ def preset_entry(name: str, sketch: Sketch) -> dict[str, Any]:
         "title": sketch.name,
         "extent": sketch.extent,
         "seed": sketch.seed,
-        "layers": [layer for layer, image in sketch.layers.items() if image.any()],
+        "layers": [
+            layer
+            for layer, image in sketch.layers.items()
+            if image.any() or len(sketch.vectors.get(layer, ()))
+        ],
         "material_rules": [change.name for change in sketch.material_rules],
     }
 

@@ -157,7 +157,8 @@ def fingerprint(sketch: Sketch, output: Output) -> str:
     """Return a hash of everything that determines a terrain's files, which the device does not."""
     layers = {name: image_digest(image) for name, image in sketch.layers.items()}
     whole = {"version": version("sketchterrain"), "output": msgspec.to_builtins(output)}
-    whole |= {"layers": layers, "settings": settings_text(sketch)}
+    vectors = {name: layer.digest for name, layer in sketch.vectors.items() if len(layer)}
+    whole |= {"layers": layers, "settings": settings_text(sketch)} | ({"vectors": vectors} if vectors else {})
     return sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
 
 

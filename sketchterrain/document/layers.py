@@ -300,12 +300,13 @@ def layer_of(feature: int) -> str:
 
 
 VECTOR_BIT: Final = 1 << 46
-"""Set in the ids of rivers and lakes that vectors made; those of the features are below it."""
+"""Set in the ids of rivers and lakes that vectors made; the id of the vector is in the lowest 31 bits."""
 
 
 def vector_of(feature: int) -> int | None:
-    """Return the id of the vector that made a river or lake, by the id of that; None if it was painted."""
-    return feature & (VECTOR_BIT - 1) if feature & VECTOR_BIT else None
+    """Return the id of the vector that made a river or lake, by the id of that; None if no vector did."""
+    is_vector = feature & VECTOR_BIT and not feature & VECTOR_BIT << 1  # set in ids of streams and mouths
+    return feature & 0x7FFFFFFF if is_vector else None
 
 
 POINT_LAYERS: Final = tuple(layer.name for layer in _ALL if layer.is_points)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from hashlib import blake2b
 from types import MappingProxyType
 from typing import Any, Final, TypeAlias
 
@@ -130,6 +131,13 @@ class VectorLayer:
             for column in self.columns.values()
         )
         return int(sum(array.nbytes for array in self._arrays)) + columns
+
+    @cached_property
+    def digest(self) -> str:
+        """Hash of everything in the layer."""
+        columns = sorted((name, np.asarray(column).tolist()) for name, column in self.columns.items())
+        parts = [self.layer.encode(), *(array.tobytes() for array in self._arrays), repr(columns).encode()]
+        return blake2b(b"".join(blake2b(part).digest() for part in parts), digest_size=16).hexdigest()
 
     @cached_property
     def feature_of_ring(self) -> Int64Array:

@@ -162,6 +162,7 @@ class RiverCourse:
     depth: Float64Array  # (m,) by the labels, m
     taper: float  # m over which the river widens from its spring
     grows: bool = True  # widens from its spring and at confluences, unless it is as wide as painted
+    given: tuple[int, int] | None = None  # first point and last one, exclusive, that a line gave it
 
 
 def pixel_positions(sketch: Sketch, skeleton: Skeleton, pixels: Int64Array) -> Float64Array:
@@ -329,4 +330,5 @@ def part_of_course(course: RiverCourse, first: int, last: int) -> RiverCourse:
         controls=np.concatenate([[0], controls, [last - first - 1]]),
         width=course.width[first:last],
         depth=course.depth[first:last],
+        given=course.given and (max(course.given[0] - first, 0), min(course.given[1], last) - first),
     )

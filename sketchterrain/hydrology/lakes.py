@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.document.layers import VECTOR_BIT
 from sketchterrain.hydrology.courses import RiverCourse, arc_length
 from sketchterrain.hydrology.river_shape import Network
 from sketchterrain.hydrology.water_levels import LakeReach, join_water_levels, solve_water_levels
@@ -39,6 +40,8 @@ _ABOVE_SEA = 0.2  # m that a lake beside the sea lies above it, at least
 _MOUTH_WIDTHS = 5.0  # of the river: radius of the lake in which it ends
 _MOUTH_EXTENT = (0.012, 0.05)  # … between these shares of the sketch's extent
 _MOUTH_DEPTHS = 3.0  # of the river: depth of that lake
+_MIN_SIDE, _MAX_SIDE = 32, 512  # samples along the longer side of an area, without its margin
+_LEAST_SPACING = 0.25  # m
 _BEYOND_BIT = 1 << 47  # in the ids of lakes that were not painted
 
 
@@ -49,16 +52,20 @@ def painted_lakes(
     *,
     sea_level: float | None = None,
 ) -> list[Lake]:
-    """Return the painted lakes in reading order, each as high as the low parts of its shore allow.
+    """Return the painted lakes in reading order, then those from vectors, as high as their low shores allow.
 
     Those in the sea are left out, others lie above its level.
     """
     cache = LRUCache() if cache is None else cache
     lowest = -np.inf if sea_level is None else sea_level + _ABOVE_SEA
-    image = sketch.layers["lake"]
+    image, areas = sketch.layers["lake"], sketch.vectors["lake"]
     outlines: list[_LakeOutline] = cache.get_or_compute(
         ("lakes", IdentityKey(image), sketch.extent, sketch.fidelity), lambda: _lake_outlines(sketch)
     )
+    if len(areas):
+        outlines = outlines + cache.get_or_compute(
+            ("lake areas", IdentityKey(areas), sketch.pixel_size), lambda: _area_outlines(sketch)
+        )
     if not outlines:
         return []
     at = np.concatenate([each.shore for each in outlines])
@@ -70,7 +77,7 @@ def painted_lakes(
             label=each.label,
             shape=each.field,
             level=max(_rim_level(shore), lowest),
-            depth=float(sketch.properties("lake", each.label)["depth"]),
+            depth=float(sketch.properties("lake", each.label)["depth"]) if each.depth is None else each.depth,
         )
         for each, shore in zip(outlines, shores, strict=True)
         if sea_level is None or np.median(shore) > sea_level
@@ -89,6 +96,7 @@ class _LakeOutline(NamedTuple):
     label: int
     field: ShapeField
     shore: Float64Array
+    depth: float | None = None  # m; None: its label's
 
 
 def _lake_outlines(sketch: Sketch) -> list[_LakeOutline]:
@@ -99,6 +107,39 @@ def _lake_outlines(sketch: Sketch) -> list[_LakeOutline]:
         name = LAYER_CODES["lake"] << 48 | shape.id
         found.append(_LakeOutline(name, shape.label, field, shore_positions(field)))
     return found
+
+
+def _area_outlines(sketch: Sketch) -> list[_LakeOutline]:
+    """Return the outlines of the lakes from vectors."""
+    areas = sketch.vectors["lake"]
+    depths = areas.columns.get("depth", np.full(len(areas), np.nan))
+    margin = max(_MARGIN_PIXELS * sketch.pixel_size, _MARGIN)
+    found = []
+    for shape, name, label, depth in zip(areas.shapes(), areas.ids, areas.labels, depths, strict=True):
+        field = area_field(shape, spacing=sketch.pixel_size, margin=margin)
+        known = None if np.isnan(depth) else float(depth)
+        lake = LAYER_CODES["lake"] << 48 | VECTOR_BIT | int(name)
+        found.append(_LakeOutline(lake, int(label), field, shore_positions(field), known))
+    return found
+
+
+def area_field(area: Any, *, spacing: float, margin: float) -> ShapeField:
+    """Return the signed distance to the border of an area (shapely, m), with `margin` (m) around it.
+
+    Samples are `spacing` (m) apart, or closer in small areas.
+    """
+    import shapely
+
+    west, south, east, north = area.bounds
+    longer = max(east - west, north - south)
+    spacing = float(np.clip(spacing, longer / _MAX_SIDE, max(longer / _MIN_SIDE, _LEAST_SPACING)))
+    rim = int(np.ceil(margin / spacing)) + 1
+    x = west + spacing * np.arange(-rim, int(np.ceil((east - west) / spacing)) + rim + 1)
+    y = south + spacing * np.arange(-rim, int(np.ceil((north - south) / spacing)) + rim + 1)
+    at_x, at_y = (each.ravel() for each in np.meshgrid(x, y))
+    away = shapely.distance(shapely.points(at_x, at_y), area.boundary)
+    inside = np.where(shapely.contains_xy(area, at_x, at_y), away, -away).reshape(len(y), len(x))
+    return ShapeField(float(x[0]), float(y[0]), spacing, inside.astype(np.float32))
 
 
 def mouth_lakes(

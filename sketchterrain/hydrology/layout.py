@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sketchterrain.array_types import Float64Array
+from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.errors import InputError
 from sketchterrain.hydrology.courses import (
@@ -57,7 +57,7 @@ def separate_beyond_edge(courses: list[RiverCourse], size: tuple[float, float]) 
     # By old course: the new one, and the number of points removed at its head.
     replaced: dict[int, tuple[RiverCourse, int]] = {}
     for course in courses:
-        head, tail = _beyond(course.line, size)
+        head, tail = _beyond(course, size)
         first, last = 0, len(course.line)
         if tail < last:
             others = [*finished, *([part_of_course(course, 0, head)] if head > 1 else [])]
@@ -75,10 +75,15 @@ def separate_beyond_edge(courses: list[RiverCourse], size: tuple[float, float]) 
     return finished
 
 
-def _beyond(line: Float64Array, size: tuple[float, float]) -> tuple[int, int]:
-    """Return the number of points before a river enters the sketch, and the first after it leaves."""
-    inside = np.flatnonzero(((line >= 0.0) & (line <= np.array(size))).all(axis=1))
-    return (int(inside[0]), int(inside[-1]) + 1) if len(inside) else (0, len(line))
+def _beyond(course: RiverCourse, size: tuple[float, float]) -> tuple[int, int]:
+    """Return the number of points before a river enters the sketch, and the first after it leaves.
+
+    Points of a line count as in the sketch wherever they are.
+    """
+    if course.given is not None:
+        return course.given
+    inside = np.flatnonzero(((course.line >= 0.0) & (course.line <= np.array(size))).all(axis=1))
+    return (int(inside[0]), int(inside[-1]) + 1) if len(inside) else (0, len(course.line))
 
 
 def _free(line: Float64Array, width: Float64Array, others: list[RiverCourse]) -> int:
@@ -109,7 +114,7 @@ def ranges_beyond_edge(
     """
     ranges = []
     for course, ground in zip(courses, grounds, strict=True):
-        first, last = _allowed_range(ground, *_beyond(course.line, size))
+        first, last = _allowed_range(ground, *_beyond(course, size))
         if course.parent is not None or course.id in at_sea:
             last = len(ground)
         joints = [other.joint for other in courses if other.parent is course]
@@ -154,7 +159,7 @@ def shortened(courses: Sequence[RiverCourse], ranges: Sequence[tuple[int, int]])
 _EDGE_BONUS = (10.0, 0.02)
 """Preference for mouths at the sketch's edge: m, and m per metre of river."""
 
-_SURROUNDINGS = 1 / 16  # extents around an end whose mean height tells springs from mouths
+_SURROUNDINGS = 1 / 16  # extents
 _RING = np.array(
     [(0, 0), (1, 0), (0, 1), (-1, 0), (0, -1), (0.7, 0.7), (-0.7, 0.7), (-0.7, -0.7), (0.7, -0.7)]
 )
@@ -162,8 +167,18 @@ _RING = np.array(
 _MAX_DAB = 2.0  # px; a shorter skeleton is a dab, however thin
 
 
-def lay_out_rivers(sketch: Sketch, *, seed: int, ground: GroundHeight, cache: LRUCache) -> list[RiverCourse]:
-    """Return the courses of all painted networks, parents first; unchanged ones are the identical objects."""
+def lay_out_rivers(
+    sketch: Sketch,
+    *,
+    seed: int,
+    ground: GroundHeight,
+    cache: LRUCache,
+    water: cKDTree | None = None,
+) -> list[RiverCourse]:
+    """Return the courses of all painted networks, parents first; unchanged ones are the identical objects.
+
+    Ends beside `water`, a tree of rows and columns, lead into it; by default it is that of painted lakes.
+    """
     skeletons, outlines = _networks(sketch, seed, cache)
     if not skeletons:
         return []
@@ -181,17 +196,23 @@ def lay_out_rivers(sketch: Sketch, *, seed: int, ground: GroundHeight, cache: LR
         sketch = sketch.replace(layers={**sketch.layers, "river": closed})
         skeletons, outlines = _networks(sketch, seed, cache)
     lakes = sketch.layers["lake"]
-    lake = cache.get_or_compute(("lake pixels", IdentityKey(lakes)), lambda: lake_pixels(sketch))
+    if water is None:
+        water = cache.get_or_compute(("lake pixels", IdentityKey(lakes)), lambda: lake_pixels(sketch))
     positions = [_end_positions(sketch, *each) for each in zip(skeletons, outlines, strict=True)]
-    around = [(each[:, None] + _RING * _SURROUNDINGS * sketch.extent).reshape(-1, 2) for each in positions]
+    around = [ring_around(sketch, each) for each in positions]
     found = heights_at(ground, [*positions, *around])
     courses: list[RiverCourse] = []
     for skeleton, outline, heights, near in zip(
         skeletons, outlines, found[: len(positions)], found[len(positions) :], strict=True
     ):
         means = near.reshape(len(heights), -1).mean(axis=1)
-        courses.extend(_courses(sketch, skeleton, outline, (heights, means), seed, lake, cache))
+        courses.extend(_courses(sketch, skeleton, outline, (heights, means), seed, water, cache))
     return courses
+
+
+def ring_around(sketch: Sketch, at: Float64Array) -> Float64Array:
+    """Return nine positions (m) around each position (n, 2), whose mean height tells springs from mouths."""
+    return np.asarray((at[:, None] + _RING * _SURROUNDINGS * sketch.extent).reshape(-1, 2))
 
 
 def heights_at(ground: GroundHeight, groups: Sequence[Float64Array]) -> list[Float64Array]:
@@ -203,8 +224,8 @@ def heights_at(ground: GroundHeight, groups: Sequence[Float64Array]) -> list[Flo
     return np.split(rounded(heights), np.cumsum([len(group) for group in groups])[:-1])
 
 
-def _settings(sketch: Sketch, seed: int) -> tuple[object, ...]:
-    """Return everything but pixels that courses depend on."""
+def river_settings(sketch: Sketch, seed: int) -> tuple[object, ...]:
+    """Return everything but pixels and vectors that courses depend on."""
     labels = tuple((key, tuple(each.items())) for key, each in sketch.labels.items() if key[0] == "river")
     return sketch.extent, sketch.height_px, sketch.width_px, sketch.fidelity, seed, labels
 
@@ -213,7 +234,7 @@ def _networks(
     sketch: Sketch, seed: int, cache: LRUCache
 ) -> tuple[tuple[Skeleton, ...], list[RiverCourse | tuple[RiverEnd, ...]]]:
     """Return the skeletons of painted rivers, and for each the dab's course or its ends."""
-    image, settings = sketch.layers["river"], _settings(sketch, seed)
+    image, settings = sketch.layers["river"], river_settings(sketch, seed)
     skeletons: tuple[Skeleton, ...] = cache.get_or_compute(
         ("skeletons", IdentityKey(image), settings), lambda: _skeletons(sketch, settings, cache)
     )
@@ -292,29 +313,50 @@ def _mouth(
 
     On land it is the one with the lowest surroundings (`means`, m): at the foot of mountains rivers spring.
     """
-    flow = _flow(sketch, skeleton)
     at = np.array([end.pixel for end in ends])
-    if flow is not None:
-        return ends[int(np.argmax(pixel_positions(sketch, skeleton, at) @ flow))].pixel
-    sea = sea_level(sketch)
-    if sea is not None and heights.min() < sea:
-        return ends[int(np.argmin(heights))].pixel
-    length = max(end.length for end in ends) * sketch.pixel_size
-    bonus = _EDGE_BONUS[0] + _EDGE_BONUS[1] * length
     size = (sketch.height_px, sketch.width_px)
     preferred = np.array([exit_normal(skeleton, end.lead, size) is not None for end in ends])
     if lake is not None:
         pixels = np.stack([skeleton.rows[at], skeleton.columns[at]], axis=-1)
         preferred |= lake.query(pixels)[0] <= skeleton.depth[at] + LAKE_GAP
-    return ends[int(np.argmin(means - bonus * preferred))].pixel
+    length = max(end.length for end in ends) * sketch.pixel_size
+    positions, flow = pixel_positions(sketch, skeleton, at), _flow(sketch, skeleton)
+    return ends[best_mouth(sketch, positions, flow, heights, means, preferred, length)].pixel
 
 
-def _flow(sketch: Sketch, skeleton: Skeleton) -> Float64Array | None:
-    """Return the flow direction (east, north) of a network's main label; None: downhill."""
+def best_mouth(
+    sketch: Sketch,
+    at: Float64Array,
+    flow: float,
+    heights: Float64Array,
+    means: Float64Array,
+    preferred: BoolArray,
+    length: float,
+) -> int:
+    """Return which end of a network is its mouth; see `_mouth`.
+
+    Parameters
+    ----------
+    at : (n, 2) positions of the ends, m
+    flow : azimuth (°) that the network flows to, below 0 downhill
+    heights, means : (n,) terrain at the ends, and around them, m
+    preferred : (n,) ends in a lake or at the sketch's edge
+    length : of the network's main stem, m
+    """
+    if flow >= 0.0:
+        angle = np.deg2rad(flow)
+        return int(np.argmax(at @ np.array([np.sin(angle), np.cos(angle)])))
+    sea = sea_level(sketch)
+    if sea is not None and heights.min() < sea:
+        return int(np.argmin(heights))
+    bonus = _EDGE_BONUS[0] + _EDGE_BONUS[1] * length
+    return int(np.argmin(means - bonus * preferred))
+
+
+def _flow(sketch: Sketch, skeleton: Skeleton) -> float:
+    """Return the azimuth (°) that a network's main label flows to, below 0 downhill."""
     labels = sketch.layers["river"][skeleton.rows, skeleton.columns]
-    azimuth = float(sketch.properties("river", int(np.argmax(np.bincount(labels))))["flow"])
-    angle = np.deg2rad(azimuth)
-    return None if azimuth < 0.0 else np.array([np.sin(angle), np.cos(angle)])
+    return float(sketch.properties("river", int(np.argmax(np.bincount(labels))))["flow"])
 
 
 def _courses(
@@ -327,7 +369,7 @@ def _courses(
     cache: LRUCache,
 ) -> list[RiverCourse]:
     """Lay out one network, parents first; `heights` (m) are those of its ends and of their surroundings."""
-    key = (IdentityKey(skeleton), _settings(sketch, seed))
+    key = (IdentityKey(skeleton), river_settings(sketch, seed))
     if isinstance(outline, RiverCourse):
         dab = outline
         if heights[0][0] >= heights[0][1]:

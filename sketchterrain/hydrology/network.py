@@ -127,16 +127,27 @@ def split_into_reaches(skeleton: Skeleton, root: int) -> tuple[Reach, ...]:
     the root are equally long, and so become two arms.
     """
     length, predecessor = skeleton.paths_from(root)
+    weighted = _weighted(skeleton, length, predecessor)
+    return split_paths(length, predecessor, weighted, 2.0 * skeleton.depth + 2.0)
+
+
+def split_paths(
+    length: Float64Array, predecessor: Int64Array, weighted: Float64Array, spur: Float64Array
+) -> tuple[Reach, ...]:
+    """Split a tree of paths to mouths into reaches, the longest by `weighted` first; parents first.
+
+    A reach that is shorter than `spur` at its joint is left out. All arrays are by pixel.
+    """
     has_successor = np.zeros(len(length), dtype=np.bool_)
     has_successor[predecessor[predecessor >= 0]] = True
     leaves = np.flatnonzero(~has_successor)
     owner = np.full(len(length), -1, dtype=np.int64)
     reaches: list[Reach] = []
-    for leaf in leaves[np.lexsort((leaves, -_weighted(skeleton, length, predecessor)[leaves]))]:
+    for leaf in leaves[np.lexsort((leaves, -weighted[leaves]))]:
         path = _path_to_root(int(leaf), predecessor, owner)
         joint = path[-1]
         parent = int(owner[joint])
-        if parent >= 0 and length[leaf] - length[joint] < 2.0 * skeleton.depth[joint] + 2.0:
+        if parent >= 0 and length[leaf] - length[joint] < spur[joint]:
             continue
         owner[path if parent < 0 else path[:-1]] = len(reaches)
         reaches.append(Reach(np.asarray(path, dtype=np.int64), parent))

@@ -25,7 +25,6 @@ from sketchterrain.hydrology.courses import RiverCourse, course_through
 from sketchterrain.hydrology.lakes import GroundHeight, mouth_lakes, painted_lakes, solve_lake_levels
 from sketchterrain.hydrology.layout import (
     heights_at,
-    lay_out_rivers,
     ranges_beyond_edge,
     separate_beyond_edge,
     shortened,
@@ -33,6 +32,7 @@ from sketchterrain.hydrology.layout import (
 from sketchterrain.hydrology.river_shape import build_network
 from sketchterrain.hydrology.sea import CoursesToSea, above_sea, end_in_sea, sea_resolutions, tidal_reaches
 from sketchterrain.hydrology.streams import is_stream
+from sketchterrain.hydrology.vector_layout import lay_out_lines, lay_out_painted
 from sketchterrain.hydrology.water_levels import build_rivers
 from sketchterrain.placement.feature_types import LAYER_CODES, Lake, River
 from sketchterrain.placement.sea import sea_level
@@ -214,9 +214,10 @@ def lay_out_water(
     level = sea_level(sketch)
     lakes = painted_lakes(sketch, ground, cache, sea_level=level)
     checkpoint()
-    painted = lay_out_rivers(sketch, seed=seed, ground=ground, cache=cache)
+    drawn = lay_out_lines(sketch, seed=seed, ground=ground, cache=cache)
+    painted = lay_out_painted(sketch, drawn, seed=seed, ground=ground, cache=cache)
     edits = [edit for edit in sketch.edits if not is_stream(edit.feature or 0)]
-    courses, orphans = apply_river_edits(painted, edits)
+    courses, orphans = apply_river_edits([*drawn, *painted], edits)
     checkpoint()
     courses = cache.get_or_compute(
         ("apart", sketch.size, *map(IdentityKey, courses)), lambda: separate_beyond_edge(courses, sketch.size)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from sketchterrain.array_types import BoolArray, Float64Array
+from sketchterrain.document.layers import VECTOR_BIT
 from sketchterrain.hydrology.conflicts import Resolution
 from sketchterrain.hydrology.courses import RiverCourse, arc_length, part_of_course
 from sketchterrain.hydrology.lakes import index_runs
@@ -146,4 +147,9 @@ def sea_resolutions(
             x, y = shape.centre[1] + 0.5, sketch.height_px - shape.centre[0] - 0.5
             at = (x * sketch.pixel_size, y * sketch.pixel_size)
             found.append(Resolution("a lake painted in the sea is ignored", *at))
+    areas = sketch.vectors["lake"]
+    for index, name in enumerate(areas.ids.tolist()):
+        if LAYER_CODES["lake"] << 48 | VECTOR_BIT | name not in laid:
+            x, y = areas.ring(int(areas.parts[index])).mean(axis=0).tolist()
+            found.append(Resolution("a lake drawn in the sea is ignored", x, y))
     return tuple(found)

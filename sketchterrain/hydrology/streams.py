@@ -98,6 +98,9 @@ def stream_courses(
         arc_length(each.line[::-1])[::-1] + raster.spacing * (each.parent is not None) for each in courses
     ]
     is_end = np.concatenate([*left, np.zeros(0)]) < raster.spacing
+    # At the bank of a river that is a line: it may be far from its nodes.
+    reach = [np.maximum(raster.spacing, (each.given is not None) * 0.5 * each.width) for each in courses]
+    joins_within = np.concatenate([*reach, np.zeros(0)])
     found: list[RiverCourse | None] = []
     for path, number in paths:
         parent = found[number] if number >= 0 else None
@@ -112,7 +115,7 @@ def stream_courses(
         ends_dry = parent is None and not wet[path[-1]]
         if rivers is not None:
             away, nearest = (np.asarray(each) for each in rivers.query(line[:, :2]))
-            beside = np.flatnonzero(away < raster.spacing)
+            beside = np.flatnonzero(away < joins_within[nearest])
             if len(beside):
                 first = beside[0]
                 ends_dry = bool(is_end[nearest[first]])

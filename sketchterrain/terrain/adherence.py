@@ -19,6 +19,7 @@ from skimage.morphology import skeletonize
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import DRAW_ORDER, LAYERS, layer_of
+from sketchterrain.hydrology.vector_layout import with_vectors_painted
 from sketchterrain.placement.feature_types import FEATURE_TYPES, TAN_70
 from sketchterrain.placement.heights import ShapeHeight, shape_height
 from sketchterrain.placement.shapes import Shape, label_shapes
@@ -74,6 +75,7 @@ class SampledTerrain:
     """A terrain at its sketch's pixel centres in reading order: positions, heights (m), masks."""
 
     terrain: Terrain
+    sketch: Sketch  # its vectors are painted
     x: LatticeArray
     y: LatticeArray
     height: Float32Array
@@ -84,13 +86,13 @@ class SampledTerrain:
         """Evaluate a terrain at full detail."""
         x, y = (to_lattice(axis, terrain.extent).ravel() for axis in pixel_centres(terrain.sketch))
         height, masks = terrain.evaluator.points(x, y, cell_size=0.0)
-        return cls(terrain, x, y, height.astype(np.float32), masks.astype(np.float32))
+        drawn = with_vectors_painted(terrain.sketch, LRUCache())
+        return cls(terrain, drawn, x, y, height.astype(np.float32), masks.astype(np.float32))
 
 
 def measure_layer(sampled: SampledTerrain, layer: str) -> tuple[tuple[ShapeAdherence, ...], AreaImages]:
     """Measure the shapes of one layer; see :func:`~sketchterrain.terrain.adherence.measure_adherence`."""
-    terrain = sampled.terrain
-    sketch = terrain.sketch
+    terrain, sketch = sampled.terrain, sampled.sketch
     shapes = label_shapes(layer, sketch.layers[layer])
     declared = LAYERS[layer]
     if declared.is_water:
@@ -313,12 +315,13 @@ def measure_adherence(terrain: Terrain) -> Adherence:
     painted shapes differs from the height without them by more than a quarter of the height that is built for
     them. Mountains and hills are removed on the same drainage network. Forests have no height: theirs is
     where the tree cover differs by more than a quarter of the label's density. Troughs between dune crests at
-    most a wavelength apart count as dunes. Lakes and rivers are standing water. Every pixel belongs to the
+    most a wavelength apart count as dunes. Lakes and rivers are standing water; vectors
+    are measured as if they were painted, and lines also by their distance. Every pixel belongs to the
     nearest painted shape.
     """
     sampled = SampledTerrain.evaluate(terrain)
     measured = {
-        name: measure_layer(sampled, name) for name in AREA_LAYERS if terrain.sketch.layers[name].any()
+        name: measure_layer(sampled, name) for name in AREA_LAYERS if sampled.sketch.layers[name].any()
     }
     shapes = tuple(shape for layer_shapes, _ in measured.values() for shape in layer_shapes)
     return Adherence(

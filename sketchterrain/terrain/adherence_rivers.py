@@ -7,10 +7,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
-from sketchterrain.document.layers import LAYERS, layer_of
+from sketchterrain.document.layers import LAYERS, layer_of, vector_of
+from sketchterrain.document.vectors import LINE
 from sketchterrain.hydrology.network import skeletons
+from sketchterrain.hydrology.vector_rivers import line_path, line_sizes
 from sketchterrain.placement.feature_types import Lake
-from sketchterrain.placement.shapes import Shape, label_shapes
+from sketchterrain.placement.shapes import label_shapes
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
 
@@ -70,22 +72,26 @@ def _within(lake: Lake, x: Float64Array, y: Float64Array) -> BoolArray:
 
 @dataclass(frozen=True)
 class RiverAdherence:
-    """One painted river network (a connected region of the river layer) and its centrelines; None if lost."""
+    """A river as given and its centrelines; None if lost.
+
+    It is a line of the vector layer, or a painted network: a connected region of the river layer.
+    """
 
     label: int
-    id: int
-    area: int
+    id: int  # of the line, or index of the network's first pixel
+    area: int  # px
     lost: bool  # no centreline runs near it
-    mean_distance: float | None  # sketch pixels from the painted skeleton to the centreline and back
+    # Sketch pixels from the line, or from the skeleton of the paint, to the centreline and back.
+    mean_distance: float | None
     greatest_distance: float | None
     descending: float | None  # share of the centreline, in 1 m steps, where the bed rises by at most 1 cm
     deepest_pit: float | None  # m that the bed lies below a point farther downstream, lakes excluded
 
 
 def measure_river_adherence(terrain: Terrain) -> tuple[RiverAdherence, ...]:
-    """Measure every painted river; labels that touch are one network, with the label of its first pixel.
+    """Measure every line, then every painted network, which has the label of its first pixel.
 
-    The river beyond the sketch's edge is not measured: nothing is painted there.
+    The river beyond the sketch's edge is not measured: nothing is asked for there.
     """
     sketch = terrain.sketch
     painted = sketch.layers["river"] > 0
@@ -96,7 +102,7 @@ def measure_river_adherence(terrain: Terrain) -> tuple[RiverAdherence, ...]:
         (bone.rows[0] * sketch.width_px + bone.columns[0], _positions(terrain, bone.rows, bone.columns))
         for bone in skeletons(painted)
     ]
-    result = []
+    result = _measure_lines(terrain) if len(sketch.vectors["river"]) else []
     for network in label_shapes("river", painted.astype(np.uint8)):
         rows, columns = network.pixels(network.mask)
         own = set((rows * sketch.width_px + columns).tolist())
@@ -106,7 +112,9 @@ def measure_river_adherence(terrain: Terrain) -> tuple[RiverAdherence, ...]:
         courses = [
             (line, bed) for line, bed in zip(lines, beds, strict=True) if _is_near(line, skeleton, limit)
         ]
-        result.append(_measure(network, label, skeleton, courses, sketch.pixel_size))
+        to, back = _distances(skeleton, [line for line, _ in courses])
+        beds_of = [bed for _, pieces in courses for bed in pieces]
+        result.append(_measure((label, network.id, network.area), to, back, beds_of, sketch.pixel_size))
     return tuple(result)
 
 
@@ -127,30 +135,64 @@ def _beds(terrain: Terrain, line: Float64Array) -> list[Float64Array]:
     return [height[start:end].astype(np.float64) for start, end in zip(starts, ends, strict=True)]
 
 
+def _distances(given: Float64Array, lines: list[Float64Array]) -> tuple[Float64Array, Float64Array]:
+    """Return the distances (m) of given positions from lines, and of the lines from those; empty if lost."""
+    if not lines:
+        return np.zeros(0), np.zeros(0)
+    line = np.concatenate(lines)
+    return np.asarray(cKDTree(line).query(given)[0]), np.asarray(cKDTree(given).query(line)[0])
+
+
 def _measure(
-    network: Shape,
-    label: int,
-    skeleton: Float64Array,
-    courses: list[tuple[Float64Array, list[Float64Array]]],
+    key: tuple[int, int, int],
+    to: Float64Array,
+    back: Float64Array,
+    beds: list[Float64Array],
     pixel_size: float,
 ) -> RiverAdherence:
-    if not courses:
-        return RiverAdherence(label, network.id, network.area, True, None, None, None, None)
-    line = np.concatenate([line for line, _ in courses])
-    to = np.asarray(cKDTree(line).query(skeleton)[0])
-    back = np.asarray(cKDTree(skeleton).query(line)[0])
-    beds = [bed for _, pieces in courses for bed in pieces]
+    """Return the adherence of a river (label, id and area), of distances (m) to its centrelines and back."""
+    label, name, area = key
+    if not len(to) or not len(back):
+        return RiverAdherence(label, name, area, True, None, None, None, None)
     steps = np.concatenate([np.zeros(0), *(np.diff(bed) for bed in beds)])
     return RiverAdherence(
         label=label,
-        id=network.id,
-        area=network.area,
+        id=name,
+        area=area,
         lost=False,
         mean_distance=float(max(to.mean(), back.mean()) / pixel_size),
         greatest_distance=float(max(to.max(), back.max()) / pixel_size),
         descending=float(np.mean(steps <= _RISE)) if steps.size else 1.0,
         deepest_pit=max((float((bed - np.minimum.accumulate(bed)).max()) for bed in beds), default=0.0),
     )
+
+
+def _measure_lines(terrain: Terrain) -> list[RiverAdherence]:
+    """Measure the lines of the vector layer, each by the centrelines that are nearest to it."""
+    import shapely
+
+    sketch, layer = terrain.sketch, terrain.sketch.vectors["river"]
+    rivers = [each for each in terrain.recipe.rivers if vector_of(each.id) is not None]
+    built = shapely.MultiLineString([river.centreline[:, :2] for river in rivers])
+    numbers = np.flatnonzero(layer.kinds == LINE)
+    given = np.array([shapely.linestrings(line_path(layer, number)) for number in numbers.tolist()])
+    places = [_inside(terrain, resample(shapely.get_coordinates(each))) for each in given]
+    lines = [_inside(terrain, resample(river.centreline[:, :2])) for river in rivers]
+    tree = shapely.STRtree(given)
+    owners = [np.asarray(tree.nearest(shapely.points(line)), np.int64) for line in lines]
+    widths = line_sizes(sketch)[0]
+    found = []
+    for number, index in enumerate(numbers.tolist()):
+        if not len(places[number]):
+            continue
+        own = [line[owner == number] for line, owner in zip(lines, owners, strict=True)]
+        back = [shapely.distance(shapely.points(line), given[number]) for line in own]
+        to = shapely.distance(shapely.points(places[number]), built)
+        area = round(len(places[number]) * _STEP * float(widths[index]) / sketch.pixel_size**2)
+        key = int(layer.labels[index]), int(layer.ids[index]), area
+        beds = [bed for line in own if len(line) for bed in _beds(terrain, line)]
+        found.append(_measure(key, np.asarray(to), np.concatenate(back), beds, sketch.pixel_size))
+    return found
 
 
 def _is_near(line: Float64Array, skeleton: Float64Array, limit: float) -> bool:

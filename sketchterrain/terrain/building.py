@@ -18,6 +18,7 @@ from sketchterrain.hydrology.drainage_constraints import course_slopes, lake_out
 from sketchterrain.hydrology.lakes import GroundHeight
 from sketchterrain.hydrology.rivers import WaterLayout, lay_out_water, solve_water
 from sketchterrain.hydrology.streams import stream_courses
+from sketchterrain.hydrology.vector_layout import with_vectors_painted
 from sketchterrain.placement.covers import create_covers
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.placement import place
@@ -124,7 +125,7 @@ def recipe_of_plan(
     )
     dry, bare = (each.with_layers([relief]) for each in (plan.dry, plan.bare))
     checkpoint()
-    plateaus = PlateausLayer(create_plateaus(sketch, _ground(bare), memory))
+    plateaus = PlateausLayer(create_plateaus(with_vectors_painted(sketch, memory), _ground(bare), memory))
     ground = _ground(bare.with_layers([plateaus]))
     checkpoint()
     waters = solve_water(
@@ -207,6 +208,7 @@ def plan_terrain(
     sketch: Sketch, memory: LRUCache, checkpoint: Callable[[], None] = lambda: None
 ) -> TerrainPlan:
     """Place the features of a sketch and lay out its water; see `make_recipe`."""
+    given, sketch = sketch, with_vectors_painted(sketch, memory)
     placed = place(sketch, seed=sketch.seed, cache=memory, checkpoint=checkpoint)
     painted = apply_painted_edits(placed, sketch.edits)
     fill = Fill.from_sketch(sketch, painted.points, seed=sketch.seed, cache=memory)
@@ -238,7 +240,7 @@ def plan_terrain(
     coarse = painted_ground(settings, land, PaintedWater(sea=sea), memory, coarse=True)
     first = _ground(bare.with_layers([ReliefLayer(UnpaintedNodes(settings), coarse)]), 1 << COARSE_LEVEL)
     checkpoint()
-    layout = lay_out_water(sketch, seed=sketch.seed, ground=first, cache=memory, checkpoint=checkpoint)
+    layout = lay_out_water(given, seed=sketch.seed, ground=first, cache=memory, checkpoint=checkpoint)
     lakes = tuple(lake for lake in layout.lakes if lake.label)
     checkpoint()
     bare_land = PaintedLand(land.features.of(np.zeros(0, np.int64)), {})

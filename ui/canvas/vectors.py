@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF, QTransform
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document import vector_edits as edits
 from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError
-from sketchterrain.hydrology.splines import cubics, drop_repeats
 from sketchterrain.ui.canvas.marks import SELECTED, OverlayImage, draw_haloed
 from sketchterrain.ui.canvas.tool_context import Pointer, ToolContext
 from sketchterrain.ui.look.layer_colours import label_colour
@@ -37,62 +33,12 @@ def polygon(points: Float64Array) -> QPolygonF:
     return QPolygonF([QPointF(x, y) for x, y in points.tolist()])
 
 
-def _add_curve(path: QPainterPath, points: Float64Array) -> None:
-    """Add Bézier curves (n, 4, 2), each beginning where the last one ends."""
-    path.moveTo(*points[0, 0].tolist())
-    for curve in points[:, 1:].reshape(-1, 6).tolist():
-        path.cubicTo(*curve)
-
-
 def path_of(feature: VectorFeature) -> QPainterPath:
-    """Return the path of a line or area, m."""
+    """Return the path of a feature, m, for previews."""
     path = QPainterPath()
-    for ring in feature.rings:
-        points = drop_repeats(ring)
-        if feature.kind == LINE and feature.properties.get("smooth") == 1 and len(points) > 1:
-            _add_curve(path, vectors.bezier(cubics(points)))
-        elif feature.kind in (LINE, AREA):
-            path.addPolygon(polygon(ring))
-            if feature.kind == AREA:
-                path.closeSubpath()
+    for line in vectors.lines_of(feature):
+        path.addPolygon(polygon(line))
     return path
-
-
-class _LayerPaths:
-    """The paths of a layer's features, m, each made when it is first drawn."""
-
-    def __init__(self, layer: VectorLayer, known: dict[tuple[bytes, bool], QPainterPath]) -> None:
-        self._layer, self._curves, self._known = layer, vectors.curves_of(layer), known
-        self._ends = np.searchsorted(self._curves.features, np.arange(len(layer) + 1))
-        self._smooth = (layer.kinds == LINE) & (vectors.own_numbers(layer, "smooth") == 1)
-        self.boxes = np.repeat([[np.inf, np.inf, -np.inf, -np.inf]], len(layer), axis=0)
-        for side, ufunc in enumerate((np.minimum, np.minimum, np.maximum, np.maximum)):
-            ufunc.at(self.boxes[:, side], self._curves.features, self._curves.boxes[:, side])
-
-    def path(self, index: int, scale: float) -> QPainterPath:
-        """Return the path of a feature, straight between vertices if these are near at a scale, px/m."""
-        points = self._curves.points[self._ends[index] : self._ends[index + 1]]
-        west, south, east, north = self.boxes[index].tolist()
-        is_curved = bool(self._smooth[index]) and max(east - west, north - south) * scale > _NEAR * len(
-            points
-        )
-        key = points.tobytes(), is_curved
-        if key not in self._known:  # else it was in another layer, before an edit
-            self._known[key] = self._curve(points) if is_curved else self._polygons(index)
-        return self._known[key]
-
-    def _curve(self, points: Float64Array) -> QPainterPath:
-        path = QPainterPath()
-        _add_curve(path, points)
-        return path
-
-    def _polygons(self, index: int) -> QPainterPath:
-        layer, path = self._layer, QPainterPath()
-        for number in range(*layer.parts[index : index + 2].tolist()):
-            path.addPolygon(polygon(layer.ring(number)))
-            if layer.kinds[index] == AREA:
-                path.closeSubpath()
-        return path
 
 
 class VectorMarks:
@@ -101,35 +47,38 @@ class VectorMarks:
     def __init__(self, context: ToolContext) -> None:
         self._context = context
         self._image = OverlayImage(context, self._draw)
-        self._layers = LRUCache(4)
-        self._paths: dict[tuple[bytes, bool], QPainterPath] = {}  # by their segments
-        self.hidden: tuple[str, tuple[int, ...]] = ("", ())  # layer and features that are dragged
+        self._paths: dict[tuple[bytes, bool], QPainterPath] = {}  # by their segments: edits keep the others
 
     def image(self) -> QImage | None:
         """Return the image of the whole canvas, device pixels; None if there is nothing to draw."""
         sketch = self._context.document.sketch
         layers = vectors.visible_vectors(sketch, self._context.workspace)
-        return self._image.updated(*layers, sketch.labels, sketch.pixel_size, self.hidden) if layers else None
+        return self._image.updated(*layers, sketch.labels, sketch.pixel_size) if layers else None
 
     def to_screen(self) -> QTransform:
         """Return the transform from m to logical px."""
         scale, at = self._context.px_per_metre, self._context.screen_from_world(0.0, 0.0)
         return QTransform(scale, 0.0, 0.0, -scale, at.x(), at.y())
 
-    def set_pen(self, painter: QPainter, kind: int, colour: QColor, width: float) -> None:
-        """Set pen and brush for features of a kind and width (m), for a painter whose units are m."""
-        pen = QPen(colour, _LEAST_WIDTH, cap=Qt.PenCapStyle.FlatCap, join=Qt.PenJoinStyle.BevelJoin)
-        if width * self._context.px_per_metre > _LEAST_WIDTH:
-            cap, join = Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin
-            pen = QPen(colour, width, cap=cap, join=join)
-        else:  # round caps and joins would take three times the time
-            pen.setCosmetic(True)
-        painter.setPen(pen)
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        if kind == AREA:
-            fill = QColor(colour)
-            fill.setAlpha(128)
-            painter.setBrush(fill)
+    def path(self, layer: VectorLayer, index: int) -> QPainterPath:
+        """Return the path of a feature, m; straight between vertices if these are near on the screen."""
+        curves = vectors.curves_of(layer)
+        points = curves.points[curves.ends[index] : curves.ends[index + 1]]
+        west, south, east, north = curves.bounds[index].tolist()
+        size = max(east - west, north - south) * self._context.px_per_metre
+        is_curved = bool(curves.smooth[index]) and size > _NEAR * len(points)
+        key = points.tobytes(), is_curved
+        if key not in self._paths:
+            path = self._paths[key] = QPainterPath()
+            if is_curved:
+                path.moveTo(*points[0, 0].tolist())
+                for curve in points[:, 1:].reshape(-1, 6).tolist():
+                    path.cubicTo(*curve)
+            for number in () if is_curved else range(*layer.parts[index : index + 2].tolist()):
+                path.addPolygon(polygon(layer.ring(number)))
+                if layer.kinds[index] == AREA:
+                    path.closeSubpath()
+        return self._paths[key]
 
     def _draw(self, painter: QPainter, area: QRectF) -> None:
         context = self._context
@@ -139,23 +88,27 @@ class VectorMarks:
         if len(self._paths) > _MAX_PATHS:
             self._paths.clear()
         for layer in vectors.visible_vectors(context.document.sketch, context.workspace):
-            make = partial(_LayerPaths, layer, self._paths)
-            paths = self._layers.get_or_compute(IdentityKey(layer), make)
             widths = vectors.widths_of(context.document.sketch, layer)
             margin = 0.5 * widths + 2.0 * _LEAST_WIDTH / context.px_per_metre
-            boxes = paths.boxes.T
-            visible = (boxes[0] - margin < east) & (boxes[2] + margin > west)
-            visible &= (boxes[1] - margin < north) & (boxes[3] + margin > south)
-            if self.hidden[0] == layer.layer:
-                visible &= ~np.isin(layer.ids, self.hidden[1])
-            rows = np.flatnonzero(visible)
+            left, below, right, above = vectors.curves_of(layer).bounds.T
+            visible = (left - margin < east) & (right + margin > west)
+            rows = np.flatnonzero(visible & (below - margin < north) & (above + margin > south))
             last: tuple[int, int, float] | None = None
             for index in rows[np.argsort(layer.kinds[rows] == LINE, kind="stable")].tolist():
-                kind, label, width = int(layer.kinds[index]), int(layer.labels[index]), float(widths[index])
-                if last != (kind, label, width):
-                    self.set_pen(painter, kind, label_colour(layer.layer, label), width)
-                    last = kind, label, width
-                painter.drawPath(paths.path(index, context.px_per_metre))
+                look = int(layer.kinds[index]), int(layer.labels[index]), float(widths[index])
+                if look != last:
+                    self._set_pen(painter, label_colour(layer.layer, look[1]), look[0], look[2])
+                    last = look
+                painter.drawPath(self.path(layer, index))
+
+    def _set_pen(self, painter: QPainter, colour: QColor, kind: int, width: float) -> None:
+        pen = QPen(colour, width, cap=Qt.PenCapStyle.RoundCap, join=Qt.PenJoinStyle.RoundJoin)
+        if width * self._context.px_per_metre <= _LEAST_WIDTH:  # round ones would take three times the time
+            pen = QPen(colour, _LEAST_WIDTH, cap=Qt.PenCapStyle.FlatCap, join=Qt.PenJoinStyle.BevelJoin)
+            pen.setCosmetic(True)
+        painter.setPen(pen)
+        fill = QColor(colour.red(), colour.green(), colour.blue(), 128)
+        painter.setBrush(fill if kind == AREA else Qt.BrushStyle.NoBrush)
 
 
 class VectorEditor:
@@ -185,54 +138,37 @@ class VectorEditor:
     def move(self, pointer: Pointer) -> bool:
         """Drag the pressed vertex, or find what is under the mouse; return whether there is something."""
         at, context = self._world(pointer), self._context
-        if self._pressed is not None and self._drag is None:
+        if self._pressed is not None:
             handle, start = self._pressed
-            refusal = context.workspace.refusal(handle.selection.kind)
-            if math.dist(at, start) * context.px_per_metre <= _DRAG:
-                return True
-            if refusal:
+            if math.dist(at, start) * context.px_per_metre > _DRAG:
                 self._pressed = None
-                context.signals.message.emit(refusal)
-                return True
-            self._drag = vectors.VectorDrag(context.document, handle, grab=start, reach=self._reach)
-            self._marks.hidden = (handle.selection.kind, self._drag.ids)
+                refusal = context.workspace.refusal(handle.selection.kind)
+                if refusal:
+                    context.signals.message.emit(refusal)
+                else:
+                    self._drag = vectors.VectorDrag(context.document, handle, grab=start, reach=self._reach)
         if self._drag is not None:
             self._drag.to(*at)
             context.signals.redraw()
+        if self._drag is not None or self._pressed is not None:
             return True
-        hovered = None if self.vertex_at(at) else self.selection_at(at)
+        is_vertex = self.vertex_at(at) is not None
+        hovered = None if is_vertex else self.selection_at(at)
         if hovered != self.hovered:
             self.hovered = hovered
             context.signals.redraw()
-        return hovered is not None
+        return is_vertex or hovered is not None
 
     def double(self, pointer: Pointer) -> bool:
-        """Insert a vertex where the selected vector is; return whether it is there."""
-        context, (x, y) = self._context, self._world(pointer)
-        selection = context.workspace.selection
-        feature = vectors.find_vector(context.document.sketch, selection)
-        if selection is None or feature is None:
+        """Insert a vertex in the selected vector; return whether it is under the mouse."""
+        at, context = self._world(pointer), self._context
+        if self.vertex_at(at) is not None:
             return False
-        layer = context.document.sketch.vectors[selection.kind]
-        curves, first = vectors.curves_of(layer), edits.vertices_of(layer, selection.id)[0]
-        own = curves.features == layer.index(selection.id)
-        found = curves.nearest(x, y, np.where(own, self._reach, -np.inf))
-        if found is None or self.vertex_at((x, y)) is not None:
-            return False
-        after = int(curves.start[found[0]])
-        title = "Insert a vertex in"
-        self.attempt(
-            lambda: vectors.change_vector(
-                context.document,
-                context.workspace,
-                selection,
-                title,
-                lambda layer, _: edits.insert_vertex(layer, after, *found[1]),
-            )
-        )
-        if layer is not context.document.sketch.vectors[selection.kind]:
-            context.workspace.selection = replace(selection, index=after + 1 - first)
-        return True
+        try:
+            return vectors.insert_vertex(context.document, context.workspace, *at, reach=self._reach)
+        except InputError as error:
+            context.signals.message.emit(str(error))
+            return True
 
     def finish(self) -> None:
         """Record the drag as a history step."""
@@ -245,17 +181,12 @@ class VectorEditor:
 
     def cancel(self) -> None:
         self._drag = self._pressed = None
-        self._marks.hidden = ("", ())
         self._context.signals.redraw()
 
     def delete(self) -> None:
         """Delete the active vertex or the vector."""
-        self.attempt(lambda: vectors.delete_vector(self._context.document, self._context.workspace))
-
-    def attempt(self, change: Callable[[], None]) -> None:
-        """Make a change, or report why it is not possible."""
         try:
-            change()
+            vectors.delete_vector(self._context.document, self._context.workspace)
         except InputError as error:
             self._context.signals.message.emit(str(error))
 
@@ -281,29 +212,30 @@ class VectorEditor:
         return Handle("point", replace(selection, index=index), x, y, x, y)
 
     def draw(self, painter: QPainter) -> None:
-        """Draw the selected and the hovered vector, and what is dragged."""
-        context = self._context
-        sketch, selection = context.document.sketch, context.workspace.selection
-        if self._drag is not None:
-            self._draw_drag(painter, self._drag)
-        hovered = vectors.find_vector(sketch, self.hovered) if self._drag is None else None
-        if hovered is not None and self.hovered != selection:
+        """Draw the hovered and the selected vector, and while it is dragged all that share the node."""
+        context, drag, to_screen = self._context, self._drag, self._marks.to_screen()
+        sketch, selection, hovered = context.document.sketch, context.workspace.selection, self.hovered
+        if hovered is not None and drag is None and vectors.find_vector(sketch, hovered) is not None:
+            layer = sketch.vectors[hovered.kind]
+            path = self._marks.path(layer, layer.index(hovered.id))
             colour = QColor(SELECTED)
             colour.setAlpha(150)
-            draw_haloed(painter, self._marks.to_screen().map(path_of(hovered)), colour, 2.0)
+            draw_haloed(painter, to_screen.map(path), colour, 2.0)
         feature = vectors.find_vector(sketch, selection)
         if feature is None or selection is None:
             return
         layer = sketch.vectors[selection.kind]
+        paths = [] if drag is None else [path_of(each) for each in drag.features]
         numbers = edits.vertices_of(layer, selection.id)
         shared = vectors.curves_of(layer).shared[numbers.start : numbers.stop]
-        if self._drag is not None:
-            feature = next(each for each in self._drag.features if each.id == feature.id)
-        path = self._marks.to_screen().map(path_of(feature))
-        draw_haloed(painter, path, SELECTED, 2.0)
-        if feature.properties.get("directed") == 1:
-            _draw_arrow(painter, path)
-        x, y = context.screens_from_world(*np.concatenate(feature.rings).T)
+        for path in paths or [self._marks.path(layer, layer.index(selection.id))]:
+            draw_haloed(painter, to_screen.map(path), SELECTED, 2.0)
+            if feature.properties.get("directed") == 1 and not paths:
+                _draw_arrow(painter, to_screen.map(path))
+        places = np.concatenate(feature.rings)
+        if drag is not None:
+            places[(places == (drag.handle.x, drag.handle.y)).all(axis=1)] = drag.x, drag.y
+        x, y = context.screens_from_world(*places.T)
         width, height = context.viewport.width / context.ratio, context.viewport.height / context.ratio
         visible = np.flatnonzero((x > -REACH) & (x < width + REACH) & (y > -REACH) & (y < height + REACH))
         painter.setPen(QPen(SELECTED, 1.8))
@@ -311,19 +243,6 @@ class VectorEditor:
             painter.setBrush(SELECTED if index == selection.index else QColor(255, 255, 255))
             square = QRectF(float(x[index]) - 3.5, float(y[index]) - 3.5, 7.0, 7.0)
             painter.drawEllipse(square.adjusted(-1, -1, 1, 1)) if shared[index] else painter.drawRect(square)
-
-    def _draw_drag(self, painter: QPainter, drag: vectors.VectorDrag) -> None:
-        """Draw the dragged features, which the image lacks."""
-        sketch, name = self._context.document.sketch, drag.handle.selection.kind
-        layer = sketch.vectors[name]
-        widths = vectors.widths_of(sketch, layer)
-        painter.save()
-        painter.setTransform(self._marks.to_screen(), True)
-        for feature in drag.features:
-            colour, width = label_colour(name, feature.label), float(widths[layer.index(feature.id)])
-            self._marks.set_pen(painter, feature.kind, colour, width)
-            painter.drawPath(path_of(feature))
-        painter.restore()
 
     @property
     def _reach(self) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
@@ -38,8 +39,9 @@ class Curves:
     start, end : (n,) numbers of the vertices that each segment joins, by ring in their order
     points : (n, 4, 2) Bézier points, m
     boxes : (n, 4) west, south, east, north, m
-    features : (n,) index of each segment's feature
+    features : (n,) index of each segment's feature, ascending
     shared : (m,) whether each vertex is a node with others
+    smooth : (number of features,) which are curved
     """
 
     start: Int64Array
@@ -48,6 +50,7 @@ class Curves:
     boxes: Float64Array
     features: Int64Array
     shared: BoolArray
+    smooth: BoolArray
 
     @classmethod
     def from_layer(cls, layer: VectorLayer) -> Curves:
@@ -60,17 +63,31 @@ class Curves:
         features = layer.feature_of_ring[ring[start]]
         at, to = vertices[start], vertices[end]
         c = np.stack([at, to - at, np.zeros_like(at), np.zeros_like(at)], axis=-1)
-        smooth = (own_numbers(layer, "smooth") == 1)[features] & (layer.kinds[features] == LINE)
-        if smooth.any():
-            s, e = start[smooth], end[smooth]
+        smooth = (np.asarray(layer.columns.get("smooth", layer.kinds * 0.0)) == 1) & (layer.kinds == LINE)
+        curved = smooth[features]
+        if curved.any():
+            s, e = start[curved], end[curved]
             before = np.where((s > first[s])[:, None], vertices[s - 1], 2.0 * vertices[s] - vertices[e])
             after = vertices[np.minimum(e + 1, len(vertices) - 1)]
             after = np.where((e < last[e])[:, None], after, 2.0 * vertices[e] - vertices[s])
-            c[smooth] = cubics(np.stack([before, vertices[s], vertices[e], after], axis=1))[:, 1]
+            c[curved] = cubics(np.stack([before, vertices[s], vertices[e], after], axis=1))[:, 1]
         points = bezier(c)
         boxes = np.concatenate([points.min(axis=1), points.max(axis=1)], axis=1)
         _, node, counts = np.unique(vertices @ np.array([1.0, 1.0j]), return_inverse=True, return_counts=True)
-        return cls(start, end, points, boxes, features, counts[node] > 1)
+        return cls(start, end, points, boxes, features, counts[node] > 1, smooth)
+
+    @cached_property
+    def ends(self) -> Int64Array:
+        """(number of features + 1,) feature i has the segments ends[i] … ends[i + 1]."""
+        return np.searchsorted(self.features, np.arange(len(self.smooth) + 1))
+
+    @cached_property
+    def bounds(self) -> Float64Array:
+        """(number of features, 4) west, south, east, north of each feature, m."""
+        bounds = np.repeat([[np.inf, np.inf, -np.inf, -np.inf]], len(self.smooth), axis=0)
+        for side, ufunc in enumerate((np.minimum, np.minimum, np.maximum, np.maximum)):
+            ufunc.at(bounds[:, side], self.features, self.boxes[:, side])
+        return bounds
 
     def nearest(
         self, x: float, y: float, reach: float | Float64Array
@@ -108,11 +125,6 @@ def bezier(c: Float64Array) -> Float64Array:
     """Return the Bézier points of cubic polynomials (n, 2, 4), (n, 4, 2)."""
     c0, c1, c2, c3 = np.moveaxis(c, -1, 0)
     return np.stack([c0, c0 + c1 / 3.0, c0 + (2.0 * c1 + c2) / 3.0, c0 + c1 + c2 + c3], axis=1)
-
-
-def own_numbers(layer: VectorLayer, name: str) -> Float64Array:
-    """Return a property of each feature, without that of its label."""
-    return np.asarray(layer.columns.get(name, np.zeros(len(layer))), np.float64)
 
 
 def _pair(place: Float64Array) -> tuple[float, float]:
@@ -274,12 +286,36 @@ def change_vector(
     store(document, f"{title} {LAYERS[selection.kind].title.lower()}", changed, merge=merge)
 
 
+def insert_vertex(document: Document, workspace: Workspace, x: float, y: float, *, reach: float) -> bool:
+    """Insert a vertex in the selected vector and activate it; return whether it is within a distance (m)."""
+    selection = workspace.selection
+    if selection is None or find_vector(document.sketch, selection) is None:
+        return False
+    layer = document.sketch.vectors[selection.kind]
+    curves = curves_of(layer)
+    own = curves.features == layer.index(selection.id)
+    found = curves.nearest(x, y, np.where(own, reach, -np.inf))
+    if found is None:
+        return False
+    after = int(curves.start[found[0]])
+
+    def change(layer: VectorLayer, _: Selection) -> VectorLayer:
+        return edits.insert_vertex(layer, after, *found[1])
+
+    change_vector(document, workspace, selection, "Insert a vertex in", change)
+    workspace.selection = replace(selection, index=after + 1 - edits.vertices_of(layer, selection.id)[0])
+    return True
+
+
 def delete_vector(document: Document, workspace: Workspace) -> None:
     """Delete the active vertex, or without one the selected vector."""
     selection = workspace.selection
-    if selection is None:
+    feature = find_vector(document.sketch, selection)
+    if selection is None or feature is None:
         return
     index = selection.index
+    if index is not None and index >= sum(map(len, feature.rings)):  # it has fewer vertices since an undo
+        index = None
 
     def change(layer: VectorLayer, own: Selection) -> VectorLayer:
         if index is None:

@@ -195,6 +195,10 @@ class ViewMouse(QObject):
         mark = self._marks().handle_at(at.x(), at.y(), reach=_REACH)
         if event.button() == _Button.LeftButton and plain and mark and projection and placed and document:
             self._forget_drag()
+            kind = mark.handle.selection.kind
+            if mark.handle.selection.is_vector and (refusal := self._workspace.refusal(kind)):
+                self.message.emit(refusal)
+                return
             self._drag = HandleDrag(document, placed, mark, projection, at)
             self._workspace.selection = mark.handle.selection
             self._scene.drag = self._drag.state

@@ -295,8 +295,15 @@ def _clamp(action: str, name: str, value: float) -> float:
 def labels_of(sketch: Sketch, layer: str) -> tuple[int, ...]:
     """Return the declared labels of a layer and those of its paint and vectors, ascending."""
     declared = {label for name, label in sketch.labels if name == layer}
-    drawn = set(sketch.vectors[layer].labels.tolist()) if layer in sketch.vectors else set()
-    return tuple(sorted(declared | drawn | set(labels_in(sketch.layers[layer]))))
+    return tuple(sorted(declared | set(vector_counts(sketch, layer)) | set(labels_in(sketch.layers[layer]))))
+
+
+def vector_counts(sketch: Sketch, layer: str) -> dict[int, int]:
+    """Return how many vectors each label of a layer has."""
+    if layer not in sketch.vectors:
+        return {}
+    labels, counts = np.unique(sketch.vectors[layer].labels, return_counts=True)
+    return dict(zip(labels.tolist(), counts.tolist(), strict=True))
 
 
 def free_label(sketch: Sketch, layer: str) -> int:

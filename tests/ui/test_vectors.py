@@ -14,6 +14,7 @@ from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.models import vectors
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Selection
+from sketchterrain.ui.panels.layers import LayersPanel, label_detail
 from sketchterrain.ui.panels.vector_page import VectorPage
 
 from . import events
@@ -354,3 +355,14 @@ def test_actions_and_menus_edit_vectors(window, document, workspace, link, qtbot
     actions["paste"].trigger()
     assert "copied from a sketch" in window.banner.message.line
     assert len(steps(document)) == 5
+
+
+def test_the_list_of_layers_counts_vectors(rivers, workspace, show_widget):
+    panel = show_widget(LayersPanel(rivers, workspace))
+    workspace.use_label("river", 1)
+    assert label_detail(rivers.sketch, "river", 1, 0) == "12 m · 2 drawn"
+    assert label_detail(rivers.sketch, "lake", 1, 0) == "6 m · not painted"
+    assert panel.clear.isEnabled()
+    panel.clear_layer()
+    assert len(layer_of(rivers)) == 0
+    assert not panel.clear.isEnabled()

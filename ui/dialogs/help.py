@@ -159,11 +159,7 @@ _STEPS = (
     ("brush", "Paint where it should be", "The terrain follows at the right. Draw rivers and lakes with L."),
     ("settings", "Set its properties", "Height, sharpness, width. A new label has its own."),
     ("target", "Follow the sketch closely or loosely", "World: fidelity; another seed, another terrain."),
-    (
-        "select",
-        "Move what was generated",
-        "With V, drag a mountain, a river's points or handles, in either view.",
-    ),
+    ("select", "Move what was generated", "With V, drag mountains, points of rivers, or handles, in a view."),
     ("export", "Export it", "File ▸ Export terrain writes heights, materials, plants and maps."),
 )
 

@@ -24,7 +24,7 @@ from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.panels.controls import PageHead, label_title, number, scroll_past, title_from_key
 from sketchterrain.ui.panels.form import ParameterForm
 
-_NAME = Parameter("name", str, "", 0, 80, "characters", "")
+_NAME = Parameter("name", str, "", 0, 200, "characters", "")
 _HELP = {
     "smooth": "its vertices are the control points of a smooth curve",
     "directed": "it runs from its first vertex to its last one, not downhill",

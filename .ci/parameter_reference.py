@@ -22,6 +22,7 @@ from sketchterrain.document.material_rules import (
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.own_materials import MAX_MATERIALS, OWN
 from sketchterrain.document.parameters import FORMAT, LOOK, SKETCH, Parameter, Value, format_number
+from sketchterrain.document.rasters import MAX_EMBEDDED_BYTES, MAX_RASTERS, RASTER
 from sketchterrain.document.sketch import TABLES
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -42,7 +43,7 @@ def reference_table() -> str:
     for layer in LAYERS.values():
         text = f"{layer.title} (`{layer.name}.png`): {layer.help}. One table a label, 1 to 255."
         sections.append(_section(f"`[{layer.name}.1]`", text, layer.parameters))
-    return "\n".join([*sections, _own(), _look(), _rules(), _edits()])
+    return "\n".join([*sections, _rasters(), _own(), _look(), _rules(), _edits()])
 
 
 def rule_table(rules: Iterable[MaterialRule] = DEFAULT_RULES) -> str:
@@ -72,6 +73,15 @@ def _section(title: str, text: str, table: Mapping[str, Parameter]) -> str:
     ]
     head = ["| key | default | range | unit | meaning |", "|---|---|---|---|---|"]
     return "\n".join([f"### {title}", "", text, "", *head, *rows, ""])
+
+
+def _rasters() -> str:
+    text = (
+        f"A georeferenced file, at most {MAX_RASTERS}. It is not copied unless it is embedded, in all at "
+        f"most {MAX_EMBEDDED_BYTES >> 20} MiB. One that is missing or has changed is reported and kept "
+        "([saving.md](saving.md)). The role `elevation` has no effect yet."
+    )
+    return _section("`[[raster]]`", text, RASTER)
 
 
 def _own() -> str:

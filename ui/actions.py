@@ -53,6 +53,7 @@ _MODES = {
 }
 _OVERLAYS = {
     "relief": ("&Relief beneath the paint", "eye"),
+    "pictures": ("Pictur&es beneath the paint", "gallery"),
     "features": ("Placed feat&ures and rivers", "target"),
     "contradictions": ("Co&ntradictions", "warning"),
     "adherence": ("&Adherence", "adherence"),
@@ -71,6 +72,7 @@ COMMANDS: Final[dict[str, Command]] = {
     "save": Command("&Save", "Save the sketch", "save", ("Ctrl+S",)),
     "save-as": Command("Save &as…", "Save the sketch under another name", "", ("Ctrl+Shift+S",)),
     "import": Command("&Import layer image…", "Import a layer from a PNG of the sketch's size", "layers"),
+    "add-raster": Command("A&dd raster…", "Show a georeferenced picture beneath the paint", "gallery"),
     "export": Command("&Export terrain…", "Write heights, materials and plants", "export", ("Ctrl+E",)),
     "write-world": Command("Write wor&ld…", "Write a world of any size, with overviews", "world"),
     "save-picture": Command("Save pic&ture…", "Save the 3-D view", "screenshot", ("Ctrl+Shift+P",)),
@@ -342,7 +344,8 @@ _LOOKS = ("look-all", "look-best", "look-selection")
 MENUS: Final[dict[str, tuple[str, ...]]] = {
     "&File": (
         *("new", "trace", "open", "open-folder", "open-world", ">Open &recent", "presets", _RULE),
-        *("save", "save-as", _RULE, "import", "export", "write-world", "save-picture", _RULE, "quit"),
+        *("save", "save-as", _RULE, "import", "add-raster", "export", "write-world", "save-picture"),
+        *(_RULE, "quit"),
     ),
     "&Edit": (
         *("undo", "redo", _RULE, ">&Tool", "brush-smaller", "brush-larger", _RULE, "copy", "paste"),

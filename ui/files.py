@@ -14,6 +14,7 @@ from PyQt6.QtWidgets import QDialog, QFileDialog, QMessageBox, QWidget
 
 from sketchterrain.document.label_layers import LabelImage, decode_layer
 from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError, SketchterrainError
@@ -27,6 +28,7 @@ from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Preferences, RecentFiles
 
 if TYPE_CHECKING:
+    from sketchterrain.importing.rasters import RasterArea
     from sketchterrain.ui.world_window import WorldWindow
 
 
@@ -34,6 +36,7 @@ _MESSAGE_DELAY = 400  # ms of reading until a message is shown
 _SUFFIX, _SETTINGS = ".sketch", "sketch.toml"
 _OPEN_FILTER = f"Sketches (*{_SUFFIX} {_SETTINGS});;All files (*)"
 _ONE_FILE, _FOLDER = f"Sketch in one file (*{_SUFFIX})", "Sketch as a folder of images (*)"
+_RASTERS = {"Picture beneath the paint (*)": "picture", "Elevation (*)": "elevation"}  # roles
 
 
 class Files(QObject):
@@ -155,6 +158,25 @@ class Files(QObject):
 
         self.reading.read(read, self._import)
 
+    def ask_add_raster(self) -> None:
+        """Ask for a raster file, and its role by the kind of file, and add it to the sketch."""
+        start, kinds = str(self._preferences.last_folder), ";;".join(_RASTERS)
+        name, kind = QFileDialog.getOpenFileName(self._window, "Add a raster", start, kinds)
+        if name:
+            self.reading.read(partial(_read_raster, Path(name), _RASTERS[kind]), self._add_raster)
+
+    def _add_raster(self, found: object) -> None:
+        """Add a raster source in one undo step; a sketch without a CRS gets the raster's place."""
+        source, area = cast("tuple[RasterSource, RasterArea | None]", found)
+        sketch = self._document.sketch
+        frame = sketch.frame if area is None or sketch.frame["crs"] else {**sketch.frame, **area.frame}
+        try:
+            changed = sketch.replace(rasters=(*sketch.rasters, source), frame=frame)
+        except InputError as error:
+            self._report_read_error(str(error))
+            return
+        self._document.do(f"Add {source.title}", changed)
+
     def open_dropped(self, paths: Iterable[Path], layer: str) -> None:
         """Open a dropped sketch, or import dropped images of layers."""
         files = list(paths)
@@ -217,6 +239,13 @@ def _load(path: Path) -> Sketch:
     if not path.exists():
         raise InputError(f"{path.name} no longer exists: {path.parent}")
     return load_sketch(path)
+
+
+def _read_raster(path: Path, role: str) -> tuple[RasterSource, RasterArea | None]:
+    from sketchterrain.importing.rasters import raster_area  # GDAL
+
+    source = raster_source(path, role)
+    return source, raster_area(source)
 
 
 def _layer_image(path: Path, shape: tuple[int, int]) -> LabelImage:

@@ -119,6 +119,7 @@ class MainWindow(QMainWindow):
         super().__init__()
         self._document, self._workspace, self._link = document, workspace, link
         self._preferences = preferences
+        self._raster_problems: tuple[str, ...] = ()
         self._needs_default_sizes = preferences.layout is None
         self.setWindowIcon(app_icon())
         self.setMinimumSize(_MIN_SIZE)
@@ -141,6 +142,8 @@ class MainWindow(QMainWindow):
             saving=saving,
             banner=self.banner,
         )
+        self.canvas.underlay.changed.connect(self._show_raster_problems)
+        self._show_raster_problems()
         self._add_menus(recent)
         ErrorReporter(self.banner, link)
         self._bind()
@@ -216,6 +219,7 @@ class MainWindow(QMainWindow):
                 "save": files.save,
                 "save-as": files.save_as,
                 "import": self._import,
+                "add-raster": files.ask_add_raster,
                 "quit": self.close,
                 "fit": self.canvas.fit,
                 "zoom-in": self.canvas.zoom_in,
@@ -285,6 +289,13 @@ class MainWindow(QMainWindow):
 
     def _show_hint(self, line: str) -> None:
         self.banner.show_message(Message("info", line, "hint"))
+
+    def _show_raster_problems(self) -> None:
+        for line in self._raster_problems:
+            self.banner.withdraw(line)
+        self._raster_problems = self.canvas.underlay.problems
+        for line in self._raster_problems:
+            self.banner.show_message(Message("warning", line, line))
 
     def _import(self) -> None:
         self.files.ask_import(self._workspace.layer)

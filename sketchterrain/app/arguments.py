@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,8 +19,10 @@ from sketchterrain.app.option_groups import reject_combination
 
 if TYPE_CHECKING:
     from sketchterrain.app.pictures import PictureOptions
+    from sketchterrain.document.rasters import RasterSource
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.export.target import ExportOptions
+    from sketchterrain.importing.rasters import RasterArea
 
 Point = tuple[float, float, float]
 
@@ -327,6 +329,11 @@ Origin = Annotated[
 VerticalDatum = Annotated[
     str | None, typer.Option("--vertical", metavar="CODE", help="Vertical datum, as EPSG:5773.")
 ]
+Rasters = Annotated[
+    list[str] | None,
+    typer.Option("--raster", metavar="ROLE=FILE", help="A raster source, as picture=map.tif; repeatable."),
+]
+Embed = Annotated[bool, typer.Option("--embed", help="Store copies of the rasters in the sketch.")]
 Plants = Annotated[
     bool | None, typer.Option("--plants/--no-plants", help="Write trees and shrubs, as by default.")
 ]
@@ -359,6 +366,23 @@ def read_sketch(name: str, seed: int | None, stages: Stages) -> Sketch:
 
         sketch = load_sketch(name)
         return sketch if seed is None else sketch.replace(seed=seed)
+
+
+def read_rasters(texts: Sequence[str], *, embed: bool) -> tuple[tuple[RasterSource, ...], RasterArea | None]:
+    """Return the sources ``ROLE=FILE``, and the area of the first georeferenced one."""
+    if not texts:
+        return (), None
+    from sketchterrain.document.rasters import raster_source
+    from sketchterrain.importing.rasters import raster_area
+
+    sources = []
+    for text in texts:
+        role, sign, path = text.partition("=")
+        if not sign:
+            raise typer.BadParameter(f"--raster {text}: expected ROLE=FILE, as picture=map.tif")
+        sources.append(raster_source(Path(path), role, embed=embed))
+    areas = [raster_area(source) for source in sources]
+    return tuple(sources), next((area for area in areas if area is not None), None)
 
 
 @dataclass(frozen=True)

@@ -97,12 +97,21 @@ def new(
     crs: args.Crs = None,
     origin: args.Origin = None,
     vertical: args.VerticalDatum = None,
+    raster: args.Rasters = None,
+    embed: args.Embed = False,
 ) -> None:
     """Write a starter sketch, to be edited in any paint program."""
     from sketchterrain.document.store import new_sketch
 
+    if embed and not raster:
+        raise USAGE_ERROR("--embed without --raster: expected a raster to store")
     east, north = origin or (0.0, 0.0)
-    new_sketch(folder, frame={"crs": crs or "", "east": east, "north": north, "vertical": vertical or ""})
+    frame = {"crs": crs or "", "east": east, "north": north, "vertical": vertical or ""}
+    sources, area = args.read_rasters(raster or (), embed=embed)
+    if area is None or crs is not None or origin is not None:
+        new_sketch(folder, frame=frame, rasters=sources)
+    else:
+        new_sketch(folder, frame=frame | area.frame, size=area.size, rasters=sources)
     print_lines(
         f"wrote a starter sketch to {folder}: paint its PNGs, read its sketch.toml, then run",
         f"sketchterrain generate {folder} -o out",

@@ -21,6 +21,7 @@ from sketchterrain.app.listings import device_entry, undescribed_labels
 from sketchterrain.app.pictures import sketch_weather
 from sketchterrain.caching import LRUCache
 from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.rasters import raster_problem
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceFailedError, SketchterrainError
 from sketchterrain.export.files import move_files, prepare_folder, staging, stale_files, write_json
@@ -98,7 +99,8 @@ def report_header(terrain: Terrain) -> dict[str, Any]:
         "seed": sketch.seed,
         "device": device_entry(context.device),
         "fast": context.fast,
-        "notes": undescribed_labels(sketch),
+        "notes": [*undescribed_labels(sketch), *filter(None, map(raster_problem, sketch.rasters))],
+        "rasters": [source.values | {"found": not raster_problem(source)} for source in sketch.rasters],
         "resolutions": [resolution.line for resolution in recipe.resolutions],
         "edits": {"count": len(sketch.edits), "orphans": list(recipe.orphans)},
     }

@@ -173,12 +173,12 @@ class _Step:
     title: str
     settings: Mapping[str, Any]
     changes: Mapping[str, LayerChange] = field(default_factory=dict)
-    vector_bytes: int = 0  # of layers that the step before does not have
+    new_bytes: int = 0  # of vectors and rasters that the step before does not have
     key: object = field(default_factory=object)
 
     @property
     def bytes(self) -> int:
-        return _STEP_BYTES + self.vector_bytes + sum(change.bytes for change in self.changes.values())
+        return _STEP_BYTES + self.new_bytes + sum(change.bytes for change in self.changes.values())
 
 
 class History:
@@ -250,9 +250,10 @@ class History:
         # Equal settings are stored as one object.
         last = self._steps[self._at].settings
         settings = {key: last[key] if last[key] == each else each for key, each in _settings(sketch).items()}
-        known_vectors = last["vectors"].values()
-        new_vectors = [each for each in sketch.vectors.values() if each not in known_vectors]
-        self._steps.append(_Step(title, settings, changes, sum(each.nbytes for each in new_vectors)))
+        former = last["vectors"].values()
+        new_bytes = sum(each.nbytes for each in sketch.vectors.values() if each not in former)
+        new_bytes += sum(each.nbytes for each in sketch.rasters if each not in last["rasters"])
+        self._steps.append(_Step(title, settings, changes, new_bytes))
         self._bytes += self._steps[-1].bytes
         self._at += 1
         self._enforce_limits()

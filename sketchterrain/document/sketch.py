@@ -40,6 +40,7 @@ from sketchterrain.document.parameters import (
     check_values,
     defaults,
 )
+from sketchterrain.document.rasters import RasterSource, check_rasters
 from sketchterrain.document.vectors import VectorLayer, check_vectors
 from sketchterrain.errors import InputError, did_you_mean, format_value
 
@@ -87,6 +88,8 @@ class Sketch:
         arrays of a sketch are read-only; a writeable array is copied.
     vectors
         Points, lines and areas by layer name; missing layers are empty.
+    rasters
+        Georeferenced grids and pictures by path; none is copied unless it is embedded.
     labels
         Properties by (layer name, label); missing ones have defaults.
     materials
@@ -116,6 +119,7 @@ class Sketch:
     frame: Mapping[str, Any] = field(default_factory=dict)
     layers: Mapping[str, LabelImage] = field(default_factory=dict)
     vectors: Mapping[str, VectorLayer] = field(default_factory=dict)
+    rasters: tuple[RasterSource, ...] = ()
     labels: Mapping[tuple[str, int], Properties] = field(default_factory=dict)
     materials: Mapping[str, Properties] = field(default_factory=dict)
     look: Mapping[str, Properties] = field(default_factory=dict)
@@ -134,6 +138,7 @@ class Sketch:
         materials = material_table(self.materials)
         checked["layers"] = _check_layers(self.layers)
         checked["vectors"] = check_vectors(self.vectors)
+        checked["rasters"] = check_rasters(self.rasters)
         checked["labels"] = _check_labels(self.labels, materials)
         checked["look"] = _check_look(self.look, materials)
         checked["edits"] = check_items(Edit, self.edits, "edits", most=MAX_EDITS)

@@ -16,6 +16,13 @@ from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.own_materials import relative_folders, resolved_folders
+from sketchterrain.document.rasters import (
+    RasterSource,
+    embedded_files,
+    is_embedded_name,
+    relative_rasters,
+    resolved_rasters,
+)
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text, starter_sketch
 from sketchterrain.document.vector_file import SUFFIX, decode_vectors, encode_vectors, vector_files
@@ -59,7 +66,7 @@ def sketch_files(names: Iterable[str], place: str) -> list[str]:
         raise InputError(
             f"{place}: no {SETTINGS} in it: expected a sketch (`sketchterrain new DIR` writes a starter)"
         )
-    return [name for name in visible if name == SETTINGS or name in (*images, *vectors)]
+    return [name for name in visible if name in (SETTINGS, *images, *vectors) or is_embedded_name(name)]
 
 
 def read_folder(
@@ -144,16 +151,15 @@ _STALE = 60 * 10**9
 """ns since the last write after which a temporary file is from a save that was killed."""
 
 
-def replace_files(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Replace files of a folder, all or none; unchanged ones are not written, other vector layers removed.
+def replace_files(folder: Path, files: Mapping[str, bytes], *, without: Collection[str] = ()) -> None:
+    """Replace files of a folder and remove others, all or none; unchanged ones are not written.
 
     Raise OSError or SketchterrainError if the system cannot write there: the files are then as they were, or
     the journal exists.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     journal = folder / JOURNAL
     changed = {name: content for name, content in files.items() if not _has(folder / name, content)}
-    removed = [folder / name for name in vector_files() if name not in files and (folder / name).exists()]
+    removed = [folder / name for name in without if (folder / name).exists()]
     _remove_stale_files(folder, (*files, JOURNAL))
     temporary: dict[str, Path] = {}
     try:
@@ -189,9 +195,17 @@ def read_saved_folder(folder: Path, place: str) -> dict[str, bytes]:
         return read_folder(folder, place)  # the save was finished meanwhile
     newer = {name: content for name, content in contents.items() if _modified(folder / name) <= committed}
     removed = [
-        name for name in vector_files() if name not in contents and _modified(folder / name) <= committed
+        name
+        for name in _optional_files(folder)
+        if name not in contents and _modified(folder / name) <= committed
     ]
     return read_folder(folder, place, overrides=newer, without=removed)
+
+
+def _optional_files(folder: Path) -> list[str]:
+    """Return the names of a folder's vector layers and rasters, which a sketch may be without."""
+    names = [path.name for path in folder.iterdir()]
+    return [name for name in names if name in vector_files() or is_embedded_name(name)]
 
 
 def _has(path: Path, content: bytes) -> bool:
@@ -254,7 +268,7 @@ def load_sketch(path_or_preset: str | Path) -> Sketch:
 
 
 def save_sketch(sketch: Sketch, path: str | Path) -> None:
-    """Write a sketch: its settings, the image of every layer and the vectors of those that have any.
+    """Write a sketch: its settings, the image of every layer, its vectors and embedded rasters.
 
     Loading it returns an equal sketch. It is written as a whole or not at all: a reader finds the old or the
     new sketch, even after a crash. Other files in the folder, and unchanged ones, are not touched. Equal
@@ -281,7 +295,13 @@ def save_sketch(sketch: Sketch, path: str | Path) -> None:
         write_atomic(target, pack_sketch(sketch, base=target.parent))
 
 
-def new_sketch(folder: str | Path, *, frame: Mapping[str, object] | None = None) -> None:
+def new_sketch(
+    folder: str | Path,
+    *,
+    frame: Mapping[str, object] | None = None,
+    size: tuple[float, float] | None = None,
+    rasters: Iterable[RasterSource] = (),
+) -> None:
     """Write a starter sketch: a small painting, and settings with a comment on every line.
 
     Parameters
@@ -290,6 +310,10 @@ def new_sketch(folder: str | Path, *, frame: Mapping[str, object] | None = None)
         A new or an empty folder.
     frame
         Place on Earth, by the names in `FRAME`; by default none.
+    size
+        Metres eastward and northward; by default 4096 × 4096.
+    rasters
+        Raster sources.
 
     Raises
     ------
@@ -302,7 +326,7 @@ def new_sketch(folder: str | Path, *, frame: Mapping[str, object] | None = None)
     with wrap_os_errors(target):
         if target.is_dir() and any(target.iterdir()):
             raise InputError(f"{one_line(target)}: expected a new or an empty folder, this one is not empty")
-    _save_folder(starter_sketch().replace(frame=frame or {}), target)
+    _save_folder(starter_sketch(size).replace(frame=frame or {}, rasters=tuple(rasters)), target)
 
 
 def pack_sketch(
@@ -313,7 +337,7 @@ def pack_sketch(
 
 
 def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None) -> Sketch:
-    """Return a sketch whose folders of pictures are relative to `base`."""
+    """Return a sketch whose folders of pictures and rasters are relative to `base`."""
     images: dict[str, LabelImage] = {}
     for name in LAYERS:
         if f"{name}.png" in contents:
@@ -324,6 +348,8 @@ def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None)
         sketch = parse_settings(contents[SETTINGS], images)
         if base is not None and sketch.materials:
             sketch = sketch.replace(materials=resolved_folders(sketch.materials, base))
+        if sketch.rasters:
+            sketch = sketch.replace(rasters=resolved_rasters(sketch.rasters, contents, base))
     vectors = {}
     for name in VECTOR_LAYERS:
         if f"{name}{SUFFIX}" in contents:
@@ -343,14 +369,17 @@ def _check_same_size(images: Mapping[str, LabelImage], name: str) -> None:
 
 
 def _encode(sketch: Sketch, base: Path | None) -> dict[str, bytes]:
-    if base is not None and sketch.materials:
-        sketch = sketch.replace(materials=relative_folders(sketch.materials, base))
+    if base is not None and (sketch.materials or sketch.rasters):
+        sketch = sketch.replace(
+            materials=relative_folders(sketch.materials, base), rasters=relative_rasters(sketch.rasters, base)
+        )
     files = {f"{name}.png": _encode_cached(name, sketch.layers[name]) for name in LAYERS}
     frame = sketch.frame
     for name, layer in sketch.vectors.items():
         if len(layer):
             key = (IdentityKey(layer), frame["crs"], frame["east"], frame["north"])
             files[f"{name}{SUFFIX}"] = _encoded.get_or_compute(key, partial(encode_vectors, layer, frame))
+    files |= embedded_files(sketch.rasters)
     return files | {SETTINGS: settings_text(sketch).encode("utf-8")}
 
 
@@ -363,7 +392,10 @@ def _save_folder(sketch: Sketch, folder: Path) -> None:
     with wrap_os_errors(folder):
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{one_line(folder)}: expected a folder or a name that ends in {_ZIP_SUFFIX}")
-        replace_files(folder, _encode(sketch, folder))
+        folder.mkdir(parents=True, exist_ok=True)
+        files = _encode(sketch, folder)
+        kept = {*files, *(Path(each.path).name for each in sketch.rasters)}  # one that was missing at first
+        replace_files(folder, files, without=[each for each in _optional_files(folder) if each not in kept])
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from sketchterrain.document.material_rules import FACTOR, RULE, RuleChange, pars
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.own_materials import OWN
 from sketchterrain.document.parameters import FORMAT, LOOK, SKETCH, Parameter, Properties, Value
+from sketchterrain.document.rasters import RASTER, parse_raster
 from sketchterrain.document.sketch import DEFAULT_SIDE, TABLES, Sketch
 from sketchterrain.errors import InputError, format_value, one_line, unknown_key
 
@@ -83,8 +84,11 @@ def parse_settings(data: bytes, layers: Mapping[str, LabelImage] = _UNPAINTED) -
             fields["edits"] = (_parse_former_edits if version == 1 else _parse_edits)(value)
         elif key == "material_rule":
             fields["material_rules"] = _parse_tables(key, value, parse_rule_change)
+        elif key == "raster":
+            fields["rasters"] = _parse_tables(key, value, parse_raster)
         else:
-            known = ["format", *SKETCH, *TABLES, *LAYERS, "materials", "look", "material_rule", "edit"]
+            others = ("materials", "look", "raster", "material_rule", "edit")
+            known = ["format", *SKETCH, *TABLES, *LAYERS, *others]
             raise unknown_key(key, value, known)
     if version == 1:
         labels = _with_former_heights(_without_former_widths(labels), layers)
@@ -108,6 +112,8 @@ def settings_text(sketch: Sketch) -> str:
             lines.append(f"# {name}.png: {LAYERS[name].help}")
             explained.add(name)
         lines += [f"[{name}.{label}]", *_lines(properties, LAYERS[name].parameters)]
+    for source in sketch.rasters:
+        lines += ["", "[[raster]]", *_lines(source.values, RASTER)]
     if sketch.material_rules:
         lines += ["", "# Changes of the default material rules."]
     for change in sketch.material_rules:
@@ -266,9 +272,12 @@ _RIVER: Sequence[_Dab] = (
 )
 
 
-def starter_sketch() -> Sketch:
-    """Return a sketch of one mountain and one river, with label 1 of every layer declared in full."""
-    return Sketch(
+def starter_sketch(size: tuple[float, float] | None = None) -> Sketch:
+    """Return a sketch of one mountain and one river, with label 1 of every layer declared in full.
+
+    `size` is that of the sketch in metres, eastward and northward.
+    """
+    sketch = Sketch(
         name="My sketch",
         seed=1,
         density={"hill": 0.5, "forest": 0.5},
@@ -278,6 +287,13 @@ def starter_sketch() -> Sketch:
             for layer in LAYERS.values()
         },
     )
+    if size is None:
+        return sketch
+    extent = float(SKETCH["extent"].check(max(size), "extent"))
+    sides = [max(round(DEFAULT_SIDE * side / extent), 1) for side in size]
+    columns, rows = (np.arange(side) * DEFAULT_SIDE // side for side in sides)
+    layers = {name: image[np.ix_(rows, columns)] for name, image in sketch.layers.items()}
+    return sketch.replace(extent=extent, layers=layers)
 
 
 def _stroke(dabs: Sequence[_Dab]) -> LabelImage:

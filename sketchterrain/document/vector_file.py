@@ -13,6 +13,7 @@ from sketchterrain.errors import InputError, one_line
 SUFFIX = ".fgb"
 _MAGIC = b"fgb\x03fgb"
 _MULTI = {4: "points", 5: "lines", 6: "areas", 7: "shapes"}  # shapely's type ids
+_ERRORS = (RuntimeError, ValueError, LookupError, OSError, MemoryError)  # of damaged files
 _MAX_MESSAGE = 160  # characters of GDAL's
 
 
@@ -69,7 +70,7 @@ def decode_vectors(data: bytes, name: str, frame: Mapping[str, Any]) -> VectorLa
             warnings.simplefilter("ignore")
             meta, _, wkb, fields = pyogrio.raw.read(data, force_2d=True, datetime_as_string=True)
         shapes = np.asarray(shapely.from_wkb(wkb), dtype=object)
-    except (RuntimeError, ValueError, OSError, MemoryError, shapely.errors.GEOSException) as error:
+    except (*_ERRORS, shapely.errors.GEOSException) as error:
         raise InputError(f"not a whole FlatGeobuf file ({one_line(error)[:_MAX_MESSAGE]})") from None
     _check_crs(meta["crs"], frame)
     kinds = shapely.get_type_id(shapes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -28,6 +29,14 @@ _MAX_COORDINATE = 1e7  # m from the sketch's south-west corner
 _MAX_ID = (1 << 31) - 1
 _MAX_COLUMNS, _MAX_NAME = 60, 60
 _RESERVED = ("id", "label")
+_WHOLE: Final = {
+    "rings": np.int64,
+    "parts": np.int64,
+    "kinds": np.uint8,
+    "ids": np.int64,
+    "labels": np.uint8,
+}
+"""Types of the arrays of whole numbers."""
 
 LINES: Mapping[str, Parameter] = parameter_table(
     Parameter("smooth", int, 0, 0, 1, "", "1: its vertices are the control points of a smooth curve"),
@@ -95,15 +104,12 @@ class VectorLayer:
             raise InputError(
                 f"{format_value(self.layer)}: expected a vector layer, {', '.join(VECTOR_LAYERS)}"
             )
-        _check_vertices(self.vertices, self.layer)
-        arrays = {"vertices": np.rint(self.vertices / STEP) * STEP + 0.0}
-        arrays |= {
-            name: np.array(getattr(self, name)) for name in ("rings", "parts", "kinds", "ids", "labels")
-        }
-        columns = {
-            name: column if isinstance(column, tuple) else np.array(column)
-            for name, column in self.columns.items()
-        }
+        vertices = np.asarray(self.vertices)
+        _check_vertices(vertices, self.layer)
+        arrays = {"vertices": np.rint(vertices / STEP) * STEP + 0.0}
+        for name, dtype in _WHOLE.items():
+            arrays[name] = _whole_numbers(getattr(self, name), dtype, f"{self.layer}: {name}")
+        columns = {name: _column(column, name, self.layer) for name, column in self.columns.items()}
         for array in (*arrays.values(), *columns.values()):
             if isinstance(array, np.ndarray):
                 array.setflags(write=False)
@@ -251,7 +257,7 @@ class VectorLayer:
         order = np.argsort(feature, kind="stable")
         rings, feature = np.concatenate([borders, shapes[others]])[order], feature[order]
         at, ring = shapely.get_coordinates(rings, return_index=True)
-        at = np.rint(at / STEP) * STEP if np.isfinite(at).all() else at
+        at = np.rint(at / STEP) * STEP if (np.abs(at) <= _MAX_COORDINATE).all() else at
         repeats = np.zeros(len(at), np.bool_)
         repeats[1:] = (at[1:] == at[:-1]).all(axis=1) & (ring[1:] == ring[:-1])
         is_last = np.append(ring[1:] != ring[:-1], True)[: len(ring)]
@@ -279,9 +285,44 @@ def check_vectors(vectors: Mapping[str, VectorLayer]) -> Mapping[str, VectorLaye
     return MappingProxyType({name: vectors.get(name) or _EMPTY[name] for name in VECTOR_LAYERS})
 
 
+def _whole_numbers(given: object, dtype: type, what: str) -> npt.NDArray[Any]:
+    """Return whole numbers, (n,), as a type; raise InputError for other values."""
+    array = np.asarray(given)
+    if array.ndim != 1 or (len(array) and array.dtype.kind not in "iu"):
+        raise InputError(f"{what}: expected whole numbers (n,), got {array.dtype} {array.shape}")
+    whole: npt.NDArray[Any] = array.astype(dtype)
+    if (whole != array).any():
+        raise InputError(f"{what}: expected numbers from {np.iinfo(dtype).min} to {np.iinfo(dtype).max}")
+    return whole
+
+
+def _column(given: object, name: object, layer: str) -> Column:
+    """Return a property's values; raise InputError if they or its name cannot be stored."""
+    if (
+        not isinstance(name, str)
+        or not 0 < len(name) <= _MAX_NAME
+        or not name.isprintable()
+        or name in _RESERVED
+    ):
+        raise InputError(f"{layer}: property {format_value(name)}: expected another name")
+    what = f"{layer}: property {name}"
+    if isinstance(given, tuple) and all(isinstance(value, str) for value in given):
+        if re.search("[\0\ud800-\udfff]", "".join(given)):
+            raise InputError(f"{what}: expected texts without NUL that can be encoded in UTF-8")
+        return given
+    array = np.asarray(given)
+    if array.ndim == 1 and array.dtype.kind == "f":
+        return array.astype(np.float64)
+    if array.ndim == 1 and array.dtype.kind in "iu":
+        return _whole_numbers(array, np.int64, what)
+    raise InputError(f"{what}: expected an array of numbers (n,), or a tuple of texts")
+
+
 def _check_vertices(vertices: Float64Array, layer: str) -> None:
-    if vertices.ndim != 2 or vertices.shape[1] != 2:
-        raise InputError(f"vertices of {layer}: expected the shape (m, 2), got {vertices.shape}")
+    if vertices.ndim != 2 or vertices.shape[1] != 2 or vertices.dtype.kind not in "fiu":
+        raise InputError(
+            f"vertices of {layer}: expected numbers (m, 2), got {vertices.dtype} {vertices.shape}"
+        )
     if len(vertices) > MAX_VERTICES:
         raise InputError(
             f"{layer}: {len(vertices)} vertices: expected at most {MAX_VERTICES / 1e6:g} million"
@@ -299,8 +340,10 @@ def _check_features(layer: VectorLayer) -> None:
     ids, name = layer.ids, layer.layer
     counts, rings = np.diff(layer.rings), np.diff(layer.parts)
     sizes = {len(layer.labels), len(layer.kinds), len(rings), len(ids)}
-    if sizes != {len(ids)} or counts.sum() != len(layer.vertices) or rings.sum() != len(counts):
-        raise InputError(f"vectors of {name}: the lengths of their arrays do not match")
+    ends = ((layer.rings, len(layer.vertices)), (layer.parts, len(counts)))
+    matches = all(len(at) and at[0] == 0 and at[-1] == end for at, end in ends)
+    if sizes != {len(ids)} or not matches or (counts < 0).any() or (rings < 1).any():
+        raise InputError(f"vectors of {name}: their arrays do not match in length")
     if len(ids) and (ids.min() < 1 or ids.max() > _MAX_ID or len(np.unique(ids)) < len(ids)):
         raise InputError(f"{name}: expected unique ids from 1 to {_MAX_ID}")
     if (layer.labels < 1).any():
@@ -311,9 +354,13 @@ def _check_features(layer: VectorLayer) -> None:
     repeats[1:] = (vertices[1:] == vertices[:-1]).all(axis=1)
     repeats[layer.rings[:-1][counts > 0]] = False
     distinct = counts - np.bincount(layer.ring_of_vertex[repeats], minlength=len(counts))
+    borders = (kinds == AREA) & (counts > 1)
+    first, last = layer.rings[:-1][borders], layer.rings[1:][borders] - 1
+    distinct[borders] -= (vertices[first] == vertices[last]).all(axis=1)  # the first vertex is not repeated
     allowed = np.isin(kinds, [KINDS.index(kind) for kind in LAYERS[name].vectors])
     for wrong, expected in (
         (~allowed, " or ".join(LAYERS[name].vectors)),
+        ((kinds != AREA) & (np.repeat(rings, rings) != 1), "one part, unless it is an area"),
         ((kinds == POINT) & (counts != 1), "one vertex"),
         (
             (kinds == LINE) & ((distinct < 2) | (distinct < counts)),
@@ -347,8 +394,6 @@ def _check_columns(layer: VectorLayer) -> None:
     if len(layer.columns) > _MAX_COLUMNS:
         raise InputError(f"{layer.layer}: {len(layer.columns)} properties: expected at most {_MAX_COLUMNS}")
     for name, column in layer.columns.items():
-        if not 0 < len(name) <= _MAX_NAME or not name.isprintable() or name in _RESERVED:
-            raise InputError(f"{layer.layer}: property {format_value(name)}: expected another name")
         if len(column) != len(layer):
             raise InputError(
                 f"{layer.layer}: property {name}: expected {len(layer)} values, got {len(column)}"

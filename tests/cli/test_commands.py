@@ -11,6 +11,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 import rasterio
+from affine import Affine
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -48,6 +49,44 @@ def test_new_writes_into_empty_folders_only(call, tmp_path):
     done = call("new", tmp_path)
     assert (done.code, "not empty" in done.error) == (3, True)
     assert [entry.name for entry in tmp_path.iterdir()] == ["mine"]
+
+
+def test_new_takes_place_and_size_from_a_georeferenced_raster(call, tmp_path):
+    path = tmp_path / "map.tif"
+    profile = {"count": 1, "height": 50, "width": 100, "dtype": "uint8", "crs": "EPSG:25832"}
+    at = Affine(20.0, 0.0, 600000.0, 0.0, -20.0, 5270000.0)
+    with rasterio.open(path, "w", driver="GTiff", transform=at, **profile) as file:
+        file.write(np.zeros((1, 50, 100), np.uint8))
+    Image.new("L", (4, 4)).save(tmp_path / "plain.png")
+
+    options = ("--raster", f"elevation={tmp_path / 'plain.png'}", "--raster", f"picture={path}")
+    assert call("new", tmp_path / "linked", *options).code == 0
+    sketch = load_sketch(tmp_path / "linked")
+    assert (sketch.size, sketch.width_px, sketch.height_px) == ((2000.0, 1000.0), 512, 256)
+    assert sketch.frame == {"crs": "EPSG:25832", "east": 600000.0, "north": 5269000.0, "vertical": ""}
+    assert [(each.role, each.path) for each in sketch.rasters] == [
+        ("elevation", str(tmp_path / "plain.png")),
+        ("picture", str(path)),
+    ]
+    assert all(each.sha256 for each in sketch.rasters)
+
+    assert call("new", tmp_path / "own", *options, "--embed", "--crs", "EPSG:25833").code == 0
+    own = load_sketch(tmp_path / "own")
+    assert (own.size, own.frame["crs"]) == ((4096.0, 4096.0), "EPSG:25833")
+    assert own.rasters[1].content == path.read_bytes()
+
+    for options, code, problem in (
+        (("--raster", f"map={path}"), 3, "raster.role = 'map': expected 'elevation' or 'picture'"),
+        (("--raster", f"picture={tmp_path / 'none.tif'}"), 3, "none.tif: the file is missing"),
+        (("--raster", f"picture={tmp_path / 'own/sketch.toml'}"), 3, "cannot be read as a raster"),
+        (("--raster", "picture="), 3, "expected a file"),
+        (("--raster", str(path)), 2, "expected ROLE=FILE, as picture=map.tif"),
+        (("--embed",), 2, "--embed without --raster"),
+    ):
+        done = call("new", tmp_path / "refused", *options)
+        assert done.code == code, options
+        assert problem in done.error
+        assert not (tmp_path / "refused").exists()
 
 
 @pytest.mark.slow

@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.label_layers import encode_layer
 from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import JOURNAL, load_sketch, new_sketch, save_sketch
+from sketchterrain.document.vectors import KINDS, VECTOR_LAYERS, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.io.resources import preset, preset_names
 
@@ -261,28 +263,48 @@ def test_starter_declares_every_layer(tmp_path):
     assert settings.read_text() == "mine"
 
 
+_TRIANGLE = np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 50.0]])
+
+
 class Killed(BaseException):
     """Not caught anywhere in the program."""
 
 
-JOURNALLED = 2 * len(LAYERS) + 6  # disk operations until all new files are written beside the old ones
+JOURNALLED = 2 * len(LAYERS) + 10  # disk operations until all new files are written beside the old ones
 
 
 def numbered_sketch(label):
-    """Return a sketch whose files all depend on a number."""
+    """Return a sketch whose files all depend on a number; each has other vectors than the one before."""
     image = np.full((20, 30), label, dtype=np.uint8)
-    return Sketch(seed=label, layers=dict.fromkeys(LAYERS, image))
+    name = VECTOR_LAYERS[label % 2]
+    feature = VectorFeature(KINDS.index(LAYERS[name].vectors[-1]), (_TRIANGLE * label,))
+    content = bytes([label])
+    return Sketch(
+        seed=label,
+        layers=dict.fromkeys(LAYERS, image),
+        vectors={name: VectorLayer(name).edited(add=[feature])},
+        rasters=(RasterSource(f"map-{label:08}.raster", content=content),),
+    )
 
 
 def interrupted_at(monkeypatch, moment, act):
     """Call `act`, killed at a numbered disk operation; return whether it was killed."""
-    count = 0
+    count, is_killed, unlink = 0, False, Path.unlink
 
     def pass_moment():
-        nonlocal count
+        nonlocal count, is_killed
         count += 1
         if count - 1 == moment:
+            is_killed = True
             raise Killed
+
+    def unlink_alive(path, missing_ok=False):
+        """Remove a file, but a killed process does not clean up."""
+        if path.suffix == ".tmp":
+            return is_killed or unlink(path, missing_ok=missing_ok)
+        pass_moment()
+        unlink(path, missing_ok=missing_ok)
+        return pass_moment()
 
     def counted(function):
         def wrapped(*arguments):
@@ -296,7 +318,7 @@ def interrupted_at(monkeypatch, moment, act):
     with monkeypatch.context() as patch:
         patch.setattr(Path, "replace", counted(Path.replace))
         patch.setattr(os, "fsync", counted(lambda _: None))
-        patch.setattr(Path, "unlink", lambda *_, **__: None)  # a killed process does not clean up
+        patch.setattr(Path, "unlink", unlink_alive)
         try:
             act()
         except Killed:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,8 @@ from sketchterrain.document.material_rules import DEFAULT_RULES, Factor, RuleCha
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.parameters import LOOK, SKETCH, WEATHER, Parameter, Value
 from sketchterrain.document.sketch import TABLES, LabelImage, Sketch
+from sketchterrain.document.vectors import AREA, LINE, VECTOR_LAYERS, VectorFeature, VectorLayer
+from sketchterrain.errors import InputError
 from sketchterrain.placement.feature_types import FILL_BIT, lock_edit, move_edit
 from sketchterrain.terrain.terrain import TerrainFeatures
 
@@ -224,6 +227,48 @@ def _edit_water(action: str) -> Change:
     return edit_water
 
 
+def _draw(name: str) -> Change:
+    def draw(rng: Rng, state: State) -> Sketch:
+        """Add a vector, move one of its vertices or erase it."""
+        sketch = state.sketch
+        layer, part = sketch.vectors[name], rng.random()
+        if part < 0.6 or not len(layer):
+            added = _random_line(rng, layer, sketch) if name == "river" else _random_area(rng, sketch)
+            layer = layer.edited(add=[added])
+        elif part < 0.85:
+            vertices = layer.vertices.copy()
+            at = vertices[rng.integers(len(vertices))]
+            moved = at + rng.normal(0, 0.01 * sketch.extent, 2)
+            vertices[(vertices == at).all(axis=1)] = moved
+            with suppress(InputError):  # the area would cross itself
+                layer = layer.with_vertices(vertices)
+        else:
+            layer = layer.edited([int(rng.choice(layer.ids))])
+        return sketch.replace(vectors={**sketch.vectors, name: layer})
+
+    return draw
+
+
+def _random_line(rng: Rng, layer: VectorLayer, sketch: Sketch) -> VectorFeature:
+    steps = rng.normal(0, 0.08 * sketch.extent, (int(rng.integers(2, 8)), 2))
+    path = rng.uniform(-0.05, 1.05, 2) * sketch.size + np.cumsum(steps, axis=0)
+    if len(layer) and rng.random() < 0.5:
+        path[-1] = layer.vertices[rng.integers(len(layer.vertices))]
+    flags = {key: 1 for key in ("smooth", "directed") if rng.random() < 0.5}
+    width = {"width": float(rng.uniform(2, 60))} if rng.random() < 0.5 else {}
+    return VectorFeature(LINE, (path,), int(rng.choice(_LABELS)), {**flags, **width})
+
+
+def _random_area(rng: Rng, sketch: Sketch) -> VectorFeature:
+    angle = np.linspace(0.0, 2.0 * np.pi, int(rng.integers(4, 12)))[:-1]
+    radius = rng.uniform(0.02, 0.08) * sketch.extent * rng.uniform(0.5, 1.0, len(angle))
+    ring = rng.uniform(0, 1, 2) * sketch.size + radius[:, None] * np.stack(
+        [np.cos(angle), np.sin(angle)], axis=-1
+    )
+    depth = {"depth": float(rng.uniform(1, 30))} if rng.random() < 0.5 else {}
+    return VectorFeature(AREA, (ring,), int(rng.choice(_LABELS)), depth)
+
+
 def _withdraw_edit(rng: Rng, state: State) -> Sketch:
     edits = list(state.sketch.edits)
     if edits:
@@ -295,6 +340,7 @@ CHANGES: dict[str, Change] = {
     "add": _add,
     **{f"{action} river": _edit_water(action) for action in ("move_point", "width", "delete")},
     "delete lake": _edit_water("delete lake"),
+    **{f"draw {name} {number}": _draw(name) for name in VECTOR_LAYERS for number in range(3)},
     "withdraw edit": _withdraw_edit,
     **{f"material rule {number}": _change_rule for number in range(3)},
     "own material": _own_material,

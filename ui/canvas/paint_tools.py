@@ -338,6 +338,8 @@ class LineTool(Tool):
         """Add a line or area; its points stay if it is not possible."""
         context, (name, label) = self.context, self._target
         places = drop_repeats(on_grid([context.world_from_sketch(*point) for point in points]))
+        if kind == AREA and (places[0] == places[-1]).all():
+            places = places[:-1]
         title, least = LAYERS[name].title, 2 if kind == LINE else 3
         try:
             if len(places) < least:

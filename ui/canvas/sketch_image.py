@@ -1,4 +1,4 @@
-"""The composited raster of the sketch: paper, relief, paint and adherence, redrawn where it is stale."""
+"""The composited raster of the sketch: paper, relief, pictures, paint, adherence, redrawn where stale."""
 
 from dataclasses import replace
 from functools import reduce
@@ -6,7 +6,7 @@ from functools import reduce
 import numpy as np
 import numpy.typing as npt
 from PyQt6.QtCore import QObject, QPoint, QPointF, QRect, QRectF, QSizeF, pyqtSignal
-from PyQt6.QtGui import QColor, QImage, QPainter, QPen, QRegion
+from PyQt6.QtGui import QColor, QImage, QPainter, QPen, QRegion, QTransform
 
 from sketchterrain.document.label_layers import Box
 from sketchterrain.ui.canvas.compositing import (
@@ -18,6 +18,7 @@ from sketchterrain.ui.canvas.compositing import (
     paints_of,
 )
 from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
+from sketchterrain.ui.canvas.underlay import RasterUnderlay
 from sketchterrain.ui.engine.protocol import Adherence, Relief
 from sketchterrain.ui.look.theme import active_theme, theme
 
@@ -161,6 +162,7 @@ class SketchView(QObject):
         self._relief: Relief | None = None
         self._relief_image: QImage | None = None
         self._relief_step = 1
+        self.underlay = RasterUnderlay(context.document, self)
         self._tint: tuple[Adherence | None, str] = (None, "")
         self._tint_image: QImage | None = None
         self._viewport: Viewport | None = None
@@ -171,6 +173,7 @@ class SketchView(QObject):
         context.document.painted.connect(self._on_painted)
         context.workspace.look_changed.connect(self.refresh)
         context.workspace.overlays_changed.connect(self.refresh_overlays)
+        self.underlay.changed.connect(self.refresh)
         context.workspace.label_changed.connect(self.refresh_overlays)
         context.link.adherence_changed.connect(self.refresh_overlays)
         context.link.relief_changed.connect(self._on_relief)
@@ -191,6 +194,8 @@ class SketchView(QObject):
         if (relief is None) != (self._relief_image is None):
             self._relief = self._relief_image = None
             self._update_relief()
+            self._invalidate()
+        if self.underlay.pictures:
             self._invalidate()
         shows_faults = "realism" in overlays
         measured = context.link.adherence if {"adherence", "realism"} & overlays else None
@@ -331,6 +336,12 @@ class SketchView(QObject):
                 side = scale * self._relief_step
                 samples = QSizeF(self._relief_image.width() * side, self._relief_image.height() * side)
                 painter.drawImage(QRectF(corner, samples), self._relief_image)
+            if "pictures" in self._context.workspace.overlays:
+                to_screen = QTransform(
+                    viewport.columns * scale, 0, 0, viewport.rows * scale, corner.x(), corner.y()
+                )
+                for image, place in self.underlay.pictures:
+                    painter.drawImage(to_screen.mapRect(place), image)
             if self._compositor.paints:
                 for top in range(inner.top(), inner.bottom() + 1, _BAND):
                     height = min(_BAND, inner.bottom() + 1 - top)

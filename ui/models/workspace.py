@@ -320,6 +320,7 @@ def _bookmark(table: dict[str, Any]) -> Bookmark:
 TOOLS: Final = ("select", "brush", "eraser", "line", "fill", "pick", "pan")
 OVERLAYS: Final = {
     "relief": "the terrain's relief beneath the paint",
+    "pictures": "pictures of raster sources beneath the paint",
     "features": "placed features and rivers",
     "contradictions": "where layers contradict each other, and how it was resolved",
     "adherence": "where the terrain agrees with the sketch",
@@ -370,7 +371,8 @@ class Workspace(QObject):
         self._longer_side = DEFAULT_SIDE
         self._looks = {name: LayerLook() for name in LAYERS}
         self._selection: Selection | None = None
-        self.overlays = frozenset({"relief", "features", "eye"})  # visible, changed by `show_overlay` only
+        # Visible, changed by `show_overlay` only.
+        self.overlays = frozenset({"relief", "pictures", "features", "eye"})
 
     @property
     def tool(self) -> str:

@@ -1,5 +1,6 @@
 """Panels of settings: those of the sketch as a whole, and those of the 3-D view."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Final
@@ -10,7 +11,8 @@ from PyQt6.QtWidgets import QLabel, QLineEdit, QMenu, QToolButton, QWidget
 
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.parameters import SKETCH, Parameter, Sentinel, Value
-from sketchterrain.errors import InputError
+from sketchterrain.document.rasters import RasterSource, embedded
+from sketchterrain.errors import InputError, one_line
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.commands import WORLD, declared, random_seed, reset_setting, set_setting, settings
 from sketchterrain.ui.engine.link import EngineLink
@@ -23,6 +25,7 @@ from sketchterrain.ui.panels.controls import (
     faint_label,
     help_text,
     number,
+    status_label,
     title_from_key,
     tool_tip,
 )
@@ -99,6 +102,46 @@ _TITLES: Final = {
 }
 
 
+class RasterRows(QWidget):
+    """The raster sources of a sketch, each to be stored in it or removed."""
+
+    def __init__(self, document: Document) -> None:
+        super().__init__()
+        self._document = document
+        self._shown: tuple[RasterSource, ...] = ()
+        self.buttons: list[tuple[QToolButton, QToolButton]] = []  # to store and to remove each source
+        self._column = column(self, spacing=SMALL)
+        document.sketch_changed.connect(self._refresh)
+        self._refresh()
+
+    def _refresh(self) -> None:
+        rasters = self._document.sketch.rasters
+        if rasters == self._shown:
+            return
+        while (item := self._column.takeAt(0)) is not None:
+            if (widget := item.widget()) is not None:
+                widget.deleteLater()
+        self._shown, self.buttons = rasters, []
+        for place, source in enumerate(rasters):
+            line, label = QWidget(), status_label(one_line(source.path))
+            label.setText(f"{source.title}, {source.role}")
+            store = tool_button("save", f"Store {source.title}", tip="Store a copy in the sketch")
+            store.setEnabled(source.content is None)
+            store.clicked.connect(partial(self._replace, f"Store {source.title}", place, embedded))
+            remove = tool_button("delete", f"Remove {source.title}", tip="Remove from the sketch")
+            remove.clicked.connect(partial(self._replace, f"Remove {source.title}", place, None))
+            row(line, (label, 1), store, remove, spacing=SMALL)
+            self.buttons.append((store, remove))
+            self._column.addWidget(line)
+
+    def _replace(
+        self, title: str, place: int, change: Callable[[RasterSource], RasterSource] | None, _: bool = False
+    ) -> None:
+        rasters = list(self._document.sketch.rasters)
+        rasters[place : place + 1] = [] if change is None else [change(rasters[place])]
+        self._document.do(title, self._document.sketch.replace(rasters=tuple(rasters)))
+
+
 class WorldPanel(ScrollingPanel):
     """The settings of a sketch as a whole."""
 
@@ -113,6 +156,8 @@ class WorldPanel(ScrollingPanel):
         self.add(self.fidelity, self.seed, self.top, self._size)
         for table, title in _GROUPS.items():
             self.add(CollapsibleGroup(title, self.forms[table], is_open=table == "ground"))
+        self.rasters = RasterRows(document)
+        self.add(CollapsibleGroup("Rasters", self.rasters))
         self.fidelity.edited.connect(partial(_set, document, WORLD, "fidelity"))
         self.fidelity.reset_requested.connect(partial(_reset, document, WORLD, "fidelity"))
         self.seed.edited.connect(lambda seed: _set(document, WORLD, "seed", seed, object()))

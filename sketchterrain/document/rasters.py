@@ -1,0 +1,185 @@
+"""Raster sources: georeferenced grids and pictures that a sketch refers to by path and hash."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from hashlib import sha256 as _sha256
+from pathlib import Path
+from typing import Any, Final
+
+from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.document.parameters import Parameter, check_items, check_values, parameter_table
+from sketchterrain.errors import InputError, format_value, one_line, unknown_key
+from sketchterrain.io.files import hash_file, too_large, wrap_read_errors
+
+MAX_RASTERS: Final = 64
+"""The most raster sources of a sketch."""
+
+MAX_EMBEDDED_BYTES: Final = 64 << 20
+"""The most bytes of all raster files that are stored in a sketch."""
+
+RASTER: Final = parameter_table(
+    Parameter(
+        *("path", str, "", 1, 4096, "", "file, absolute or relative to the sketch"),
+        # A line of the settings may have 250 dots.
+        form=(r"(?:[^\0.]*\.){0,200}[^\0.]*", "a path of 1 to 4096 characters"),
+    ),
+    Parameter(
+        *("role", str, "picture", 0, 10, "", "what it is for: a picture lies beneath the paint"),
+        choices=("elevation", "picture"),
+    ),
+    Parameter("band", int, 1, 1, 65535, "", "its band; of a picture in colour the first one"),
+    Parameter(
+        *("sha256", str, "", 0, 64, "", "hash of the file when it was added; empty is any content"),
+        form=("[0-9a-f]{64}", "64 hexadecimal digits"),
+    ),
+)
+"""Keys of ``[[raster]]``."""
+
+_EMBEDDED: Final = re.compile(r"[A-Za-z0-9_-]{1,40}-[0-9a-f]{8}\.raster")
+_hashes = LRUCache(256)  # of files by path, size and time of modification, and of embedded contents
+
+
+@dataclass(frozen=True, eq=False)
+class RasterSource:
+    """A raster file by its path, absolute once a sketch is loaded, with the keys of `RASTER`.
+
+    `content` is that of a file stored in the sketch, whose path is its name there. Raise InputError if a
+    value is not as declared.
+    """
+
+    path: str
+    role: str = "picture"
+    band: int = 1
+    sha256: str = ""
+    content: bytes | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in check_values(self.values, RASTER, "[[raster]]", "raster.").items():
+            object.__setattr__(self, name, value)
+        if self.content is not None and not is_embedded_name(self.path):
+            raise InputError(f"raster.path = {format_value(self.path)}: expected the name of a stored raster")
+
+    # By hand: messages to other processes contain frozen values compared by identity only once.
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, RasterSource) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key[:-1])
+
+    @property
+    def _key(self) -> tuple[object, ...]:
+        return self.path, self.role, self.band, self.sha256, self.content
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Values by the names in `RASTER`."""
+        return {name: getattr(self, name) for name in RASTER}
+
+    @property
+    def title(self) -> str:
+        """The file's name."""
+        return one_line(Path(self.path).name)
+
+    @property
+    def nbytes(self) -> int:
+        """Approximate memory."""
+        return 0 if self.content is None else len(self.content)
+
+
+def parse_raster(table: Mapping[str, object]) -> RasterSource:
+    """Return the source in one ``[[raster]]`` table; raise InputError if it is invalid."""
+    for key, value in table.items():
+        if key not in RASTER:
+            raise unknown_key(key, value, RASTER)
+    if "path" not in table:
+        raise InputError(f"no path: expected {', '.join(RASTER)}")
+    return RasterSource(**table)  # type: ignore[arg-type] # it checks every value
+
+
+def check_rasters(rasters: Iterable[object]) -> tuple[RasterSource, ...]:
+    """Return a sketch's raster sources; raise InputError if they are too many or too large."""
+    checked = check_items(RasterSource, rasters, "rasters", most=MAX_RASTERS)
+    if sum(map(len, embedded_files(checked).values())) > MAX_EMBEDDED_BYTES:
+        raise too_large("rasters stored in the sketch", MAX_EMBEDDED_BYTES)
+    return checked
+
+
+def raster_source(path: Path, role: str, *, band: int = 1, embed: bool = False) -> RasterSource:
+    """Return a source of a file, with its hash; `embed`: with a copy of it to store in the sketch."""
+    source = RasterSource(str(path.absolute()), role, band)
+    if problem := raster_problem(source):
+        raise InputError(problem)
+    with wrap_read_errors(path):
+        source = replace(source, sha256=_content_hash(path.absolute(), None))
+    return embedded(source) if embed else source
+
+
+def embedded(source: RasterSource) -> RasterSource:
+    """Return a source with a copy of its file to store in the sketch; raise InputError if it is too large."""
+    path = Path(source.path)
+    with wrap_read_errors(path), path.open("rb") as stream:
+        content = stream.read(MAX_EMBEDDED_BYTES + 1)
+    if len(content) > MAX_EMBEDDED_BYTES:
+        raise too_large(one_line(path), MAX_EMBEDDED_BYTES)
+    digest = _sha256(content).hexdigest()
+    stem = re.sub(r"[^A-Za-z0-9_-]+", "_", path.stem)[:40] or "raster"
+    return replace(source, path=f"{stem}-{digest[:8]}.raster", sha256=digest, content=content)
+
+
+def is_embedded_name(name: str) -> bool:
+    """Return whether a file of a sketch is a raster stored in it, by its name."""
+    return _EMBEDDED.fullmatch(name) is not None
+
+
+def embedded_files(rasters: Iterable[RasterSource]) -> dict[str, bytes]:
+    """Return the files stored in the sketch by name."""
+    return {each.path: each.content for each in rasters if each.content is not None}
+
+
+def raster_problem(source: RasterSource) -> str:
+    """Return in one line that a source is missing or has changed since it was added; empty if neither."""
+    place, path = f"raster {one_line(source.path)}", Path(source.path)
+    try:
+        if source.content is None and not path.is_file():
+            return f"{place}: {'expected a file' if path.exists() else 'the file is missing'}"
+        if source.sha256 and source.sha256 != _content_hash(path, source.content):
+            return f"{place}: its content has changed since it was added"
+    except OSError as error:
+        return f"{place}: cannot be read ({one_line(error.strerror or error)})"
+    return ""
+
+
+def _content_hash(path: Path, content: bytes | None) -> str:
+    if content is not None:
+        return _hashes.get_or_compute(IdentityKey(content), lambda: _sha256(content).hexdigest())
+    facts = path.stat()
+    key = str(path), facts.st_size, facts.st_mtime_ns
+    return _hashes.get_or_compute(key, lambda: hash_file(path)[1])
+
+
+def resolved_rasters(
+    rasters: Iterable[RasterSource], files: Mapping[str, bytes], base: Path | None
+) -> tuple[RasterSource, ...]:
+    """Return sources with the content of those among the sketch's `files`, other paths absolute."""
+    return tuple(
+        replace(each, content=files[each.path])
+        if each.path in files and is_embedded_name(each.path)
+        else each
+        if base is None
+        else replace(each, path=str(base.absolute() / each.path))
+        for each in rasters
+    )
+
+
+def relative_rasters(rasters: Iterable[RasterSource], base: Path) -> tuple[RasterSource, ...]:
+    """Return sources with paths inside a sketch's folder relative to it."""
+    folder = base.absolute()
+    return tuple(
+        replace(each, path=Path(each.path).relative_to(folder).as_posix())
+        if Path(each.path).is_relative_to(folder)
+        else each
+        for each in rasters
+    )

@@ -9,13 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from PyQt6.QtCore import QEvent, QObject, QSize, Qt
-from PyQt6.QtGui import QAction, QActionGroup, QKeyEvent, QKeySequence
+from PyQt6.QtGui import QAction, QActionGroup, QGuiApplication, QKeyEvent, QKeySequence
 from PyQt6.QtWidgets import QMainWindow, QMenu, QToolBar, QWidget
 
 from sketchterrain.document.layers import LAYERS
+from sketchterrain.errors import InputError
 from sketchterrain.ui.commands import is_edited, is_locked, name_of
 from sketchterrain.ui.look.theme import icon
 from sketchterrain.ui.models.selection import delete, lock, reset, unlock
+from sketchterrain.ui.models.vectors import VECTOR_COMMANDS, paste, selected_text
 from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, RecentFiles, Selection, Workspace
 
 if TYPE_CHECKING:
@@ -36,10 +38,10 @@ class Command:
 
 
 _TOOLS = {
-    "select": ("V", "&Select", "Select and move generated features"),
+    "select": ("V", "&Select", "Select and move generated features, lines and areas"),
     "brush": ("B", "&Brush", "Paint with the active label; [ and ] change the size"),
     "eraser": ("E", "&Eraser", "Erase paint of the active layer"),
-    "line": ("L", "&Line", "Draw a smooth line, such as a river: click its points, or drag"),
+    "line": ("L", "&Line", "Draw a river or line, or the outline of a lake: click its points, or drag"),
     "fill": ("F", "&Fill", "Fill an area with the active label"),
     "pick": ("I", "P&ick", "Pick the label from the sketch"),
     "pan": ("H", "&Hand", "Move the sketch; Space does so with any tool"),
@@ -78,7 +80,12 @@ COMMANDS: Final[dict[str, Command]] = {
     # edit
     "undo": Command("&Undo", "Undo the last step", "undo", ("Ctrl+Z",)),
     "redo": Command("&Redo", "Redo the undone step", "redo", ("Ctrl+Shift+Z", "Ctrl+Y")),
-    "delete-selection": Command("&Delete", "Delete the selected feature from the terrain", "delete"),
+    "copy": Command("&Copy", "Copy the selected line or area", "", ("Ctrl+C",)),
+    "paste": Command("P&aste", "Paste a copied line or area beside the first one", "", ("Ctrl+V",)),
+    "delete-selection": Command("&Delete", "Delete the selected feature, vertex, line or area", "delete"),
+    "split-line": Command("&Split line", "Split the selected line at the active vertex", "", ("S",)),
+    "join-lines": Command("&Join lines", "Join the selected line with one that shares an end", "", ("J",)),
+    "reverse-line": Command("Re&verse line", "Reverse the direction of the selected line"),
     "lock-selection": Command("&Lock", "Protect the selected feature", "lock", ("Ctrl+L",), "check"),
     "reset-selection": Command("Reset &edits", "Restore the selected feature as it was generated", "reset"),
     "select-none": Command("Select &nothing", "Clear the selection", "", ("Ctrl+Shift+A",)),
@@ -92,8 +99,8 @@ COMMANDS: Final[dict[str, Command]] = {
         for key, (name, layer) in enumerate(LAYERS.items(), start=1)
     },
     "new-label": Command("&New label", "Add a label to this layer", "add", ("Ctrl+Shift+N",)),
-    "delete-label": Command("&Delete label", "Delete the label and all of its paint", "delete"),
-    "clear-layer": Command("&Clear layer", "Erase all paint of this layer"),
+    "delete-label": Command("&Delete label", "Delete the label with its paint and vectors", "delete"),
+    "clear-layer": Command("&Clear layer", "Erase all paint and vectors of this layer"),
     "show-layer": Command("&Visible", "Show this layer's paint", "eye", (), "check"),
     "lock-layer": Command("&Locked", "Protect this layer from painting", "lock", (), "check"),
     "only-layer": Command("Show &only this layer", "Hide the paint of all other layers", "", (), "check"),
@@ -265,6 +272,37 @@ def add_selection_commands(
         action.setEnabled(verb != "reset" or is_edited(sketch, placed, selection))
 
 
+def copy_vector(document: Document, workspace: Workspace) -> None:
+    """Copy the selected vector to the clipboard."""
+    clipboard, text = QGuiApplication.clipboard(), selected_text(document, workspace)
+    if clipboard is not None and text:
+        clipboard.setText(text)
+
+
+def paste_vectors(document: Document, workspace: Workspace) -> None:
+    """Paste the vectors of the clipboard; raise InputError if it has none."""
+    clipboard = QGuiApplication.clipboard()
+    paste(document, workspace, "" if clipboard is None else clipboard.text())
+
+
+CLIPBOARD_COMMANDS = {"copy": copy_vector, "paste": paste_vectors}
+
+
+def add_vector_commands(
+    menu: ContextMenu, document: Document, workspace: Workspace, report: Callable[[str], object]
+) -> None:
+    """Add the commands for the selected vector to a menu; `report` gets why one is not possible."""
+
+    def run(command: Callable[[Document, Workspace], None]) -> None:
+        try:
+            command(document, workspace)
+        except InputError as error:
+            report(str(error))
+
+    for name, command in {**VECTOR_COMMANDS, **CLIPBOARD_COMMANDS}.items():
+        menu.add_command(COMMANDS[name].icon, COMMANDS[name].text.replace("&", ""), partial(run, command))
+
+
 class RecentMenu(QMenu):
     """Menu of recently opened files."""
 
@@ -310,8 +348,9 @@ MENUS: Final[dict[str, tuple[str, ...]]] = {
         *(_RULE, "quit"),
     ),
     "&Edit": (
-        *("undo", "redo", _RULE, ">&Tool", "brush-smaller", "brush-larger", _RULE, "delete-selection"),
-        *("lock-selection", "reset-selection", "select-none", _RULE, "preferences"),
+        *("undo", "redo", _RULE, ">&Tool", "brush-smaller", "brush-larger", _RULE, "copy", "paste"),
+        *("delete-selection", "lock-selection", "reset-selection", "select-none", _RULE, "split-line"),
+        *("join-lines", "reverse-line", _RULE, "preferences"),
     ),
     "&Layer": (
         *(f"layer-{name}" for name in LAYERS),

@@ -293,9 +293,17 @@ def _clamp(action: str, name: str, value: float) -> float:
 
 
 def labels_of(sketch: Sketch, layer: str) -> tuple[int, ...]:
-    """Return the painted or declared labels of a layer, ascending."""
+    """Return the declared labels of a layer and those of its paint and vectors, ascending."""
     declared = {label for name, label in sketch.labels if name == layer}
-    return tuple(sorted(declared | set(labels_in(sketch.layers[layer]))))
+    return tuple(sorted(declared | set(vector_counts(sketch, layer)) | set(labels_in(sketch.layers[layer]))))
+
+
+def vector_counts(sketch: Sketch, layer: str) -> dict[int, int]:
+    """Return how many vectors each label of a layer has."""
+    if layer not in sketch.vectors:
+        return {}
+    labels, counts = np.unique(sketch.vectors[layer].labels, return_counts=True)
+    return dict(zip(labels.tolist(), counts.tolist(), strict=True))
 
 
 def free_label(sketch: Sketch, layer: str) -> int:
@@ -320,7 +328,8 @@ def copy_label(sketch: Sketch, layer: str, label: int, *, source: int) -> Sketch
 
 
 def delete_label(sketch: Sketch, layer: str, label: int) -> Sketch:
-    """Remove a label: its properties and its paint."""
+    """Remove a label: its properties, its paint and its vectors."""
+    sketch = _without_vectors(sketch, layer, label)
     labels = {key: value for key, value in sketch.labels.items() if key != (layer, label)}
     image = sketch.layers[layer]
     painted = image == label
@@ -331,11 +340,23 @@ def delete_label(sketch: Sketch, layer: str, label: int) -> Sketch:
 
 
 def clear_layer(sketch: Sketch, layer: str) -> Sketch:
-    """Erase a layer's paint; its labels keep their properties."""
+    """Erase a layer's paint and vectors; its labels keep their properties."""
+    sketch = _without_vectors(sketch, layer)
     image = sketch.layers[layer]
     if not image.any():
         return sketch
     return sketch.replace(layers={**sketch.layers, layer: freeze_image(np.zeros_like(image))})
+
+
+def _without_vectors(sketch: Sketch, layer: str, label: int | None = None) -> Sketch:
+    """Remove the vectors of a layer, or of a label of it."""
+    if layer not in sketch.vectors:
+        return sketch
+    vectors = sketch.vectors[layer]
+    gone = vectors.ids if label is None else vectors.ids[vectors.labels == label]
+    if not len(gone):
+        return sketch
+    return sketch.replace(vectors={**sketch.vectors, layer: vectors.edited(remove=gone.tolist())})
 
 
 def set_property(sketch: Sketch, layer: str, label: int, name: str, value: Value) -> Sketch:

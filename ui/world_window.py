@@ -15,7 +15,7 @@ from PyQt6.QtWidgets import QFileDialog, QLabel, QMainWindow, QMenu
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.ui import commands
-from sketchterrain.ui.actions import Actions, add_menus
+from sketchterrain.ui.actions import CLIPBOARD_COMMANDS, Actions, add_menus
 from sketchterrain.ui.banner import Banner, Message
 from sketchterrain.ui.dialogs.help import KeysDialog
 from sketchterrain.ui.engine.link import EngineLink, EngineProcesses, ViewSource
@@ -34,6 +34,7 @@ from sketchterrain.ui.layout import Dock, FullScreenActions, fitting_size
 from sketchterrain.ui.look.theme import app_icon
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import delete, lock, reset, unlock
+from sketchterrain.ui.models.vectors import VECTOR_COMMANDS, find_vector
 from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, Bookmarks, Selection, Workspace, state_folder
 from sketchterrain.ui.panels.lists import BookmarksPanel
 from sketchterrain.ui.view3d.camera import length_text
@@ -89,7 +90,11 @@ class SketchActions(QObject):
             {
                 "undo": document.undo,
                 "redo": document.redo,
-                "delete-selection": partial(self._apply, delete),
+                **{
+                    name: partial(self._apply_to_vector, command)
+                    for name, command in {**VECTOR_COMMANDS, **CLIPBOARD_COMMANDS}.items()
+                },
+                "delete-selection": self._delete,
                 "reset-selection": partial(self._apply, reset),
                 "select-none": partial(setattr, workspace, "selection", None),
                 "brush-smaller": partial(self._scale_brush, 1.0 / _BRUSH_STEP),
@@ -147,9 +152,11 @@ class SketchActions(QObject):
             can_lock = commands.find_point(placed, selection) is not None
             locked = can_lock and commands.is_locked(sketch, selection)
             edited = commands.is_edited(sketch, placed, selection)
+        is_vector = find_vector(sketch, selection) is not None
         for name, enabled in (
+            *((name, is_vector) for name in ("copy", *VECTOR_COMMANDS)),
             ("select-none", selection is not None),
-            ("delete-selection", is_placed),
+            ("delete-selection", is_placed or is_vector),
             ("look-selection", is_placed),
             ("lock-selection", can_lock),
             ("reset-selection", edited),
@@ -162,6 +169,15 @@ class SketchActions(QObject):
             change()
         except InputError as error:
             self._banner.show_message(Message("warning", str(error), "command"))
+
+    def _apply_to_vector(self, command: Callable[[Document, Workspace], None]) -> None:
+        self._try(lambda: command(self._document, self._workspace))
+
+    def _delete(self) -> None:
+        if find_vector(self._document.sketch, self._workspace.selection) is None:
+            self._apply(delete)
+        else:
+            self._apply_to_vector(VECTOR_COMMANDS["delete-selection"])
 
     def _apply(self, command: Callable[[Document, Workspace, Placement, Selection], None]) -> None:
         selection, placed = self._workspace.selection, self._link.placed

@@ -189,7 +189,8 @@ def test_painting_on_a_locked_or_hidden_layer_is_refused(canvas, blank, workspac
 
 def test_a_line_by_clicks_double_click_or_freehand(canvas, blank, workspace, qtbot):
     workspace.tool = "line"
-    workspace.use_label("river", 1)
+    workspace.use_label("hill", 1)
+    workspace.brush = 0.6
     for x, y in ((20.0, 20.0), (60.0, 40.0), (110.0, 110.0), (100.0, 30.0)):
         qtbot.mouseClick(canvas, LEFT, pos=at(canvas, x, y))
     assert steps(blank) == ()
@@ -197,12 +198,12 @@ def test_a_line_by_clicks_double_click_or_freehand(canvas, blank, workspace, qtb
     move(canvas, at(canvas, 90.0, 90.0))
     canvas.grab()
     qtbot.keyClick(canvas, Qt.Key.Key_Return)
-    image = blank.sketch.layers["river"]
-    assert steps(blank) == ("Draw a line of rivers",)
+    image = blank.sketch.layers["hill"]
+    assert steps(blank) == ("Draw a line of hills",)
     for x, y in ((20, 20), (60, 40), (110, 110)):
         assert image[y - 1 : y + 2, x - 1 : x + 2].any()
     assert not image[28:33, 97:104].any()
-    assert (image > 0).sum() < 400  # the label's 12 m are 1.2 px
+    assert (image > 0).sum() < 400  # 1.2 px wide
     blank.undo()
     qtbot.mouseClick(canvas, LEFT, pos=at(canvas, 20.0, 20.0))
     qtbot.keyClick(canvas, Qt.Key.Key_Escape)
@@ -210,12 +211,12 @@ def test_a_line_by_clicks_double_click_or_freehand(canvas, blank, workspace, qtb
     qtbot.mouseClick(canvas, LEFT, pos=at(canvas, 20.0, 60.0))
     qtbot.mouseClick(canvas, LEFT, pos=at(canvas, 90.0, 60.0))
     qtbot.mouseDClick(canvas, LEFT, pos=at(canvas, 90.0, 60.0))
-    assert steps(blank) == ("Draw a line of rivers",)
-    assert blank.sketch.layers["river"][60, 22:88].all()
+    assert steps(blank) == ("Draw a line of hills",)
+    assert blank.sketch.layers["hill"][60, 22:88].all()
     blank.undo()
     drag(canvas, (20.0, 20.0), (40.0, 30.0), (60.0, 28.0), (90.0, 50.0))
-    assert steps(blank) == ("Draw a line of rivers",)
-    assert blank.sketch.layers["river"][48:53, 87:93].any()
+    assert steps(blank) == ("Draw a line of hills",)
+    assert blank.sketch.layers["hill"][48:53, 87:93].any()
 
 
 def test_fill_and_clear(canvas, blank, workspace, qtbot):

@@ -1,8 +1,11 @@
 """Hit testing of placed features, positions of drag handles, drags as single history steps."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+from sketchterrain.document.layers import LAYERS, VECTOR_BIT
 from sketchterrain.placement.feature_types import FEATURE, FILL_BIT, lake_centre
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.selection import FeatureDrag, Handle, handles_of, select_at
@@ -43,6 +46,14 @@ def test_a_click_in_water_selects_the_river_or_lake(placed):
     assert all(
         each in (None, Selection("water", lake.id)) for each, lake in zip(found, placed.lakes, strict=True)
     )
+
+
+def test_water_that_a_vector_made_selects_the_vector(placed):
+    code = LAYERS["river"].code << 48
+    river = dataclasses.replace(placed.rivers[0], id=code | VECTOR_BIT | 7)
+    x, y = river.centreline[9, :2]
+    found = select_at(Placement(1, placed.points[:0], (river,), ()), x, y, reach=0.0)
+    assert found == Selection("river", 7)
 
 
 def test_handles_are_at_centre_radius_points_and_width(placed):

@@ -8,6 +8,7 @@ from PyQt6.QtCore import QEvent, QRectF, Qt
 from PyQt6.QtGui import QColor, QFocusEvent, QImage
 from PyQt6.QtWidgets import QApplication, QLabel, QPushButton, QToolButton
 
+from sketchterrain.document.vectors import LINE, VectorFeature, VectorLayer
 from sketchterrain.render.camera import Camera
 from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.engine import protocol as msg
@@ -391,3 +392,37 @@ def test_every_selection_and_viewpoint_can_be_painted(view, link, document, work
     for name in ("relief", "placed"):
         setattr(link, name, None)
         assert not view.grab().isNull()
+
+
+def test_vertices_of_a_vector_are_dragged_in_one_step(view, link, document, workspace, placed):
+    places = np.array([(800.0, 900.0), (1000.0, 1000.0), (1200.0, 900.0)])
+    lines = [VectorFeature(LINE, (part,)) for part in (places, places[[2, 0]] - (0.0, 300.0))]
+    document.open(
+        document.sketch.replace(vectors={"river": VectorLayer("river").edited(add=lines)}), modified=True
+    )
+    click(view, 320, 240)
+    answer(link, (900.0, 950.0, 0.0))
+    assert workspace.selection == Selection("river", 1)
+    assert [each.handle.role for each in marks(view).handles] == ["point"] * 3
+    mark = marks(view).handles[1]
+    mouse(view, PRESS, mark.x, mark.y)
+    mouse(view, MOVE, mark.x + 30, mark.y)
+    dragged = marks(view)
+    assert dragged.handles[1].x == pytest.approx(mark.x + 30, abs=1.0)
+    assert dragged.outline[0].pixels[0, 2] == pytest.approx(mark.x + 30, abs=1.0)
+    assert len(document.history.titles) == 1
+    mouse(view, RELEASE, mark.x + 30, mark.y)
+    assert document.history.titles == ("Open", "Move a node of rivers")
+    assert document.sketch.vectors["river"].feature(1).rings[0][1, 0] > 1000.0
+    assert workspace.selection == Selection("river", 1, 1)
+    view.grab()
+    key(view, Qt.Key.Key_F)
+    assert isinstance(link.requests[-1], GoTo)
+    key(view, Qt.Key.Key_Delete)
+    assert len(document.sketch.vectors["river"].feature(1).rings[0]) == 2
+    click(view, 320, 240, RIGHT)
+    answer(link, (1000.0, 600.0, 0.0))
+    (menu,) = (each for each in view.findChildren(ContextMenu) if each.isVisible())
+    next(each for each in menu.actions() if each.text() == "Reverse line").trigger()
+    menu.close()
+    assert document.sketch.vectors["river"].feature(2).rings[0][0].tolist() == [800.0, 600.0]

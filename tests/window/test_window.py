@@ -9,7 +9,7 @@ import pytest
 
 from sketchterrain.document.store import load_sketch, new_sketch
 
-from .user import HANDLES, centre_of, on_canvas, on_terrain, view_of, wait_for_terrain
+from .user import centre_of, on_canvas, on_terrain, view_of, wait_for_terrain
 
 pytestmark = pytest.mark.window
 
@@ -148,16 +148,14 @@ def test_a_tour(user, tmp_path):
     # Widen the river.
     x, y = user.evaluate(f"[float(v) for v in {RIVERS}[0].points[2, :2]]")
     user.click(*at_metres(x, y))
-    user.wait("window._workspace.selection is not None and window._workspace.selection.kind == 'course'")
+    user.wait("window._workspace.selection is not None and window._workspace.selection.kind == 'river'")
     width = f"max(float(r.width.max()) for r in {RIVERS})"
     before = user.evaluate(width)
-    grip, base = user.evaluate(
-        f"(lambda h: [[h.x, h.y], [h.base_x, h.base_y]])([h for h in {HANDLES} if h.role == 'width'][0])"
-    )
-    away = np.subtract(grip, base) / np.hypot(*np.subtract(grip, base))
-    # The handle is drawn 12 px off the bank.
-    grip = np.add(grip, away * 12.0 / np.hypot(*np.subtract(at_metres(1.0, 0.0), at_metres(0.0, 0.0))))
-    user.drag(at_metres(*grip), at_metres(*(grip + 60.0 * away)))
+    page = "[each for each in app.allWidgets() if type(each).__name__ == 'VectorPage'][0]"
+    user.click(*centre_of(user, f"{page}.forms['river'].rows['width'].box"), times=3)
+    user.write("130")
+    user.key("Return")
+    user.evaluate("window.canvas.setFocus()")  # else Ctrl+Z is the number's
     step(user, 6)
     assert user.evaluate(width) > before + 40.0
     see("wider")

@@ -126,10 +126,6 @@ class User:
             self._program = None
 
 
-HANDLES = (
-    "__import__('sketchterrain.ui.models.selection', fromlist=['handles_of'])"
-    ".handles_of(window._link.placed, window._workspace.selection)"
-)
 _IS_UP_TO_DATE = (
     "(lambda link: not link._timer.isActive() and None not in (link.frame, link.placed, link.relief) and "
     "link.frame.version == link.relief.version == link.placed.version == link._updates._version)"

@@ -9,6 +9,7 @@ from sketchterrain.ui.canvas.decorations import Decorations
 from sketchterrain.ui.canvas.marks import FeatureMarks
 from sketchterrain.ui.canvas.sketch_image import SketchView
 from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
+from sketchterrain.ui.canvas.vectors import VectorMarks
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import FrameFacts
 from sketchterrain.ui.look.theme import draw_focus
@@ -31,8 +32,9 @@ class Canvas(QWidget):
         self._marks = FeatureMarks(self._context)
         self._sketch_view = SketchView(self._context, self)
         self.underlay = self._sketch_view.underlay
-        self._input = CanvasInput(self._context, self._marks, self)
-        self._decorations = Decorations(self._context, self._marks)
+        self._vectors = VectorMarks(self._context)
+        self._input = CanvasInput(self._context, self._marks, self._vectors, self)
+        self._decorations = Decorations(self._context, self._marks, self._vectors)
         self._fitted = True
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
@@ -49,6 +51,7 @@ class Canvas(QWidget):
         document.sketch_changed.connect(self._on_sketch)
         document.opened.connect(self._on_opened)
         workspace.selection_changed.connect(self._redraw)
+        workspace.look_changed.connect(self._redraw)
         link.placed_changed.connect(self._redraw)
         link.frame_shown.connect(self._on_frame)
         self._context.signals.message.connect(self.message)

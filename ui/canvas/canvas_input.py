@@ -20,12 +20,18 @@ from PyQt6.QtGui import (
 from PyQt6.QtWidgets import QToolTip
 
 from sketchterrain.placement.feature_types import FEATURE_TYPES
-from sketchterrain.ui.actions import ContextMenu, ShortcutOverride, add_selection_commands
+from sketchterrain.ui.actions import (
+    ContextMenu,
+    ShortcutOverride,
+    add_selection_commands,
+    add_vector_commands,
+)
 from sketchterrain.ui.canvas.decorations import warning_at
 from sketchterrain.ui.canvas.marks import FeatureMarks
 from sketchterrain.ui.canvas.paint_tools import BrushTool, FillTool, LineTool, PickTool, pick_label
 from sketchterrain.ui.canvas.select_tool import SelectTool
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
+from sketchterrain.ui.canvas.vectors import VectorMarks
 from sketchterrain.ui.engine.protocol import GoTo
 from sketchterrain.ui.models.selection import add
 
@@ -64,11 +70,13 @@ class PanTool(Tool):
 class CanvasInput(QObject):
     """Event filter of the canvas: passes input to the active tool, pans and zooms."""
 
-    def __init__(self, context: ToolContext, marks: FeatureMarks, canvas: Canvas) -> None:
+    def __init__(
+        self, context: ToolContext, marks: FeatureMarks, vectors: VectorMarks, canvas: Canvas
+    ) -> None:
         super().__init__(canvas)  # the parent disconnects it
         self._context = context
         self._canvas = canvas
-        self._select = SelectTool(context, marks)
+        self._select = SelectTool(context, marks, vectors)
         self._tools: dict[str, Tool] = {
             "select": self._select,
             "brush": BrushTool(context),
@@ -208,7 +216,10 @@ class CanvasInput(QObject):
         x, y = context.world_from_sketch(*context.sketch_from_screen(place))
         selection = workspace.selection = self._select.selection_under(place)
         menu = ContextMenu(self._canvas)
-        if selection is not None and placed is not None:
+        if selection is not None and selection.is_vector:
+            add_vector_commands(menu, document, workspace, context.signals.message.emit)
+            menu.addSeparator()
+        elif selection is not None and placed is not None:
             add_selection_commands(menu, document, workspace, placed, selection)
             menu.addSeparator()
         submenu = menu.add_submenu("add", "Add here")

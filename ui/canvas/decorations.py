@@ -10,6 +10,7 @@ from sketchterrain.document.layers import LAYERS
 from sketchterrain.ui.canvas.marks import DARK, SELECTED, FeatureMarks
 from sketchterrain.ui.canvas.sketch_image import AGREEMENT, FAULT_COLOURS
 from sketchterrain.ui.canvas.tool_context import Tool, ToolContext
+from sketchterrain.ui.canvas.vectors import VectorMarks
 from sketchterrain.ui.engine.protocol import FrameFacts, Pose
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular, theme
 
@@ -182,9 +183,9 @@ def _draw_legend(painter: QPainter, rows: list[tuple[QColor | None, str]], width
 class Decorations:
     """Draws everything over the sketch image."""
 
-    def __init__(self, context: ToolContext, marks: FeatureMarks) -> None:
+    def __init__(self, context: ToolContext, marks: FeatureMarks, vectors: VectorMarks) -> None:
         self._context = context
-        self._marks = marks
+        self._marks, self._vectors = marks, vectors
         self._pose: Pose | None = None
 
     def reset(self) -> None:
@@ -204,10 +205,13 @@ class Decorations:
     def draw(self, painter: QPainter, area: QRect, tool: Tool, width: float, height: float) -> None:
         """Draw an area (logical px) of a canvas of a size."""
         context, overlays, placed = self._context, self._context.workspace.overlays, self._context.link.placed
+        ratio = context.ratio
+        source = QRectF(area.x() * ratio, area.y() * ratio, area.width() * ratio, area.height() * ratio)
+        vectors = self._vectors.image()
+        if vectors is not None:
+            painter.drawImage(QRectF(area), vectors, source)
         if placed is not None and "features" in overlays:
-            image, ratio = self._marks.image(placed), context.ratio
-            source = QRectF(area.x() * ratio, area.y() * ratio, area.width() * ratio, area.height() * ratio)
-            painter.drawImage(QRectF(area), image, source)
+            painter.drawImage(QRectF(area), self._marks.image(placed), source)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         if "contradictions" in overlays:
             draw_warnings(painter, context)

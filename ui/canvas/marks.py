@@ -1,6 +1,7 @@
 """Placed features over the sketch: glyphs and rings, rivers with banks, lake shores."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 
@@ -77,36 +78,62 @@ def shore_lines(field: ShapeField) -> Float64Array:
     return np.asarray(segments * (field.spacing * step) + origin)
 
 
+class OverlayImage:
+    """A cached image of the whole canvas: when it is scrolled, only what is new is drawn.
+
+    `draw` draws a rectangle (logical px) with a painter in logical pixels.
+    """
+
+    def __init__(self, context: ToolContext, draw: Callable[[QPainter, QRectF], None]) -> None:
+        self._context, self._draw_area = context, draw
+        self._image = QImage()
+        self._key: tuple[object, ...] = ()
+        self._viewport: Viewport | None = None
+
+    def updated(self, *key: object) -> QImage:
+        """Return the image, device pixels, premultiplied, of what a key stands for."""
+        viewport, last = self._context.viewport, self._viewport
+        is_same, self._key, self._viewport = key == self._key, key, viewport
+        if is_same and viewport == last:
+            return self._image
+        if is_same and last is not None and replace(last, left=viewport.left, top=viewport.top) == viewport:
+            for area in scroll_image(self._image, viewport.left - last.left, viewport.top - last.top):
+                self._draw(area)
+            return self._image
+        whole = QRect(0, 0, viewport.width, viewport.height)
+        if self._image.size() != whole.size():
+            self._image = QImage(whole.size(), QImage.Format.Format_ARGB32_Premultiplied)
+        self._draw(whole)
+        return self._image
+
+    def _draw(self, area: QRect) -> None:
+        """Draw an area, device pixels."""
+        painter, ratio = QPainter(self._image), self._context.ratio
+        painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_Source)
+        painter.fillRect(area, Qt.GlobalColor.transparent)
+        painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_SourceOver)
+        painter.setClipRect(area)
+        painter.scale(ratio, ratio)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        size = (area.width() / ratio, area.height() / ratio)
+        self._draw_area(painter, QRectF(area.x() / ratio, area.y() / ratio, *size))
+        painter.end()
+
+
 class FeatureMarks:
     """A cached image of the placed features; rings of influence are drawn with the selection tool only."""
 
     def __init__(self, context: ToolContext) -> None:
         self._context = context
-        self._image = QImage()
-        self._key: tuple[Placement | None, Viewport | None, bool] = (None, None, False)
+        self._image = OverlayImage(context, self._draw)
+        self._placed: Placement | None = None
+        self._rings = False
         self._spacings = LRUCache(1)
 
     def image(self, placed: Placement) -> QImage:
         """Return the image of the whole canvas, device pixels, premultiplied."""
-        viewport, rings = self._context.viewport, self._context.workspace.tool == "select"
-        (last, last_viewport, last_rings), key = self._key, (placed, viewport, rings)
-        if self._key == key:
-            return self._image
-        self._key = key
-        if (
-            last_viewport is not None
-            and (last is placed, last_rings) == (True, rings)
-            and replace(last_viewport, left=viewport.left, top=viewport.top) == viewport
-        ):
-            right, down = viewport.left - last_viewport.left, viewport.top - last_viewport.top
-            for area in scroll_image(self._image, right, down):
-                self._draw(placed, area)
-            return self._image
-        whole = QRect(0, 0, viewport.width, viewport.height)
-        if self._image.size() != whole.size():
-            self._image = QImage(whole.size(), QImage.Format.Format_ARGB32_Premultiplied)
-        self._draw(placed, whole)
-        return self._image
+        self._placed, self._rings = placed, self._context.workspace.tool == "select"
+        return self._image.updated(placed, self._rings)
 
     def draw_selection(
         self, painter: QPainter, placed: Placement, selection: Selection, colour: QColor
@@ -127,27 +154,19 @@ class FeatureMarks:
         elif lake is not None:
             self._draw_shore(painter, lake, colour, 2.4, canvas)
 
-    def _draw(self, placed: Placement, area: QRect) -> None:
-        """Draw an area of the image, device pixels."""
-        context, ratio = self._context, self._context.ratio
-        painter = QPainter(self._image)
-        painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_Source)
-        painter.fillRect(area, Qt.GlobalColor.transparent)
-        painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_SourceOver)
-        painter.setClipRect(area)
-        painter.scale(ratio, ratio)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        if not self._key[2]:
+    def _draw(self, painter: QPainter, visible: QRectF) -> None:
+        context, placed = self._context, self._placed
+        if placed is None:
+            return
+        if not self._rings:
             corner = context.screen_from_sketch(context.viewport.columns, context.viewport.rows)
             sketch = QRectF(context.screen_from_sketch(0, 0), corner)
             painter.setClipRect(sketch, Qt.ClipOperation.IntersectClip)
-        visible = QRectF(area.x() / ratio, area.y() / ratio, area.width() / ratio, area.height() / ratio)
         for lake in placed.lakes:
             self._draw_shore(painter, lake, QColor(_SHORE), 1.2, visible)
         for river in placed.rivers:
             self._draw_river(painter, river, QColor(_RIVER), visible)
         self._draw_points(painter, placed, visible)
-        painter.end()
 
     def _neighbour_distances(self, placed: Placement) -> Float64Array:
         """Return each feature's distance (m) from its nearest neighbour."""
@@ -159,7 +178,7 @@ class FeatureMarks:
         return self._spacings.get_or_compute(IdentityKey(placed.points), compute)
 
     def _draw_points(self, painter: QPainter, placed: Placement, area: QRectF) -> None:
-        context, points, rings = self._context, placed.points, self._key[2]
+        context, points, rings = self._context, placed.points, self._rings
         # Glyphs shrink where they would overlap, and while painting.
         largest = 1.0 if rings else _SIZE_WHILE_PAINTING
         free = self._neighbour_distances(placed) * context.px_per_metre / _SPACING

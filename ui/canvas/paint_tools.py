@@ -1,4 +1,4 @@
-"""Paint tools: brush and eraser, flood fill, label picker, lines."""
+"""Paint tools: brush and eraser, flood fill, label picker, lines and outlines."""
 
 import math
 
@@ -6,11 +6,17 @@ from PyQt6.QtCore import QPointF, QRectF, QSizeF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen, QPolygonF
 
 from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.vector_edits import on_grid
+from sketchterrain.document.vectors import AREA, LINE, VectorFeature
+from sketchterrain.errors import InputError
+from sketchterrain.hydrology.splines import drop_repeats
 from sketchterrain.placement.heights import ShapeHeight, shape_height
 from sketchterrain.ui.canvas.compositing import visible_layers
 from sketchterrain.ui.canvas.decorations import write_beside
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
+from sketchterrain.ui.canvas.vectors import REACH
 from sketchterrain.ui.look.layer_colours import label_colour
+from sketchterrain.ui.models import vectors
 from sketchterrain.ui.models.document import Draft
 from sketchterrain.ui.models.painting import (
     Stroke,
@@ -210,13 +216,16 @@ def pick_label(context: ToolContext, pointer: Pointer) -> None:
 
 _DRAG = 6.0  # logical px after which a press draws freehand
 _NODE_DISTANCE = 5.0  # logical px between the points of a freehand line
+_TOLERANCE = 1.5  # logical px that a freehand vector may be off the pen
 _FINISH_KEYS = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
 class LineTool(Tool):
-    """Paints a smooth line through points, finished by Enter or a double click, cancelled by Escape.
+    """Draws a smooth line through points, finished by Enter or a double click, cancelled by Escape.
 
-    A drag draws freehand. Backspace or the right button removes the last point.
+    A drag draws freehand. Backspace or the right button removes the last point. The line is a vector on
+    layers that take lines, the outline of one where they only take areas, and else it is painted. Points
+    of vectors snap to vertices and lines of their layer.
     """
 
     cursor = Qt.CursorShape.CrossCursor
@@ -227,6 +236,8 @@ class LineTool(Tool):
         self._place: tuple[float, float] | None = None
         self._pressed: tuple[float, float] | None = None
         self._freehand = False
+        self._first = 0  # index of the point that a drag started from
+        self._nodes: list[tuple[float, float, float]] = []  # places and reach of clicks, m
         self._target: tuple[str, int] = ("", 0)  # layer, label
 
     @property
@@ -234,8 +245,14 @@ class LineTool(Tool):
         return bool(self._points)
 
     @property
+    def _kind(self) -> int | None:
+        """Kind of the vectors that the active layer takes; None: lines are painted."""
+        taken = LAYERS[self.context.workspace.layer].vectors
+        return LINE if "line" in taken else AREA if "area" in taken else None
+
+    @property
     def width(self) -> float:
-        """Painted width, px of the sketch."""
+        """Width of the line, px of the sketch."""
         workspace = self.context.workspace
         return line_width(self.context.document.sketch, workspace.layer, workspace.label, workspace.brush)
 
@@ -251,17 +268,24 @@ class LineTool(Tool):
             return
         if self._target != (workspace.layer, workspace.label):
             self._points.clear()
+        if not self._points:
+            self._nodes.clear()
         self._target = (workspace.layer, workspace.label)
-        at = (pointer.x, pointer.y)
+        at = self._snapped(pointer)
+        closes = self._kind == AREA and len(self._points) > 2
+        if closes and math.dist(at, self._points[0]) * self.context.scale < REACH:
+            self.finish()
+            return
         if not self._points or math.dist(at, self._points[-1]) * self.context.scale > 1.0:
-            self._points.append(at)
+            self._add_click(at)
         self._pressed, self._place = at, at
+        self._first = len(self._points) - 1
         self.context.signals.redraw()
 
     def move(self, pointer: Pointer) -> None:
         """Move the tip, or draw freehand."""
         at = (pointer.x, pointer.y)
-        self._place = at
+        self._place = at if self._freehand else self._snapped(pointer)
         if self._pressed is not None and self._points:
             self._freehand |= math.dist(at, self._pressed) * self.context.scale > _DRAG
             distance = math.dist(at, self._points[-1]) * self.context.scale
@@ -273,8 +297,11 @@ class LineTool(Tool):
         self._pressed = None
         if self._freehand:
             self._freehand = False
-            if self._points and math.dist(self._points[-1], (pointer.x, pointer.y)) > 0.5:
-                self._points.append((pointer.x, pointer.y))
+            at = self._snapped(pointer)
+            if self._points and math.dist(self._points[-1], at) > 0.5:
+                self._add_click(at)
+            if self._kind is not None and len(self._points) > self._first + 1:
+                self._simplify()
             self.finish()
 
     def double(self, pointer: Pointer) -> None:
@@ -293,16 +320,62 @@ class LineTool(Tool):
         self.context.signals.redraw()
 
     def finish(self) -> None:
-        """Paint the line as a history step."""
+        """Add or paint the line as a history step."""
         points = self._points
         self.cancel()
         layer, label = self._target
         if not points or layer != self.context.workspace.layer or not self.context.may_paint():
             return
+        if self._kind is not None:
+            self._add_vector(self._kind, points)
+            return
         width = line_width(self.context.document.sketch, layer, label, self.context.workspace.brush)
         draft = self.context.document.begin_draft(layer)
         box = draw_line(draft.image, points, width, label)
         draft.commit(f"Draw a line of {LAYERS[layer].title.lower()}", box)
+
+    def _add_vector(self, kind: int, points: list[tuple[float, float]]) -> None:
+        """Add a line or area; its points stay if it is not possible."""
+        context, (name, label) = self.context, self._target
+        places = drop_repeats(on_grid([context.world_from_sketch(*point) for point in points]))
+        if kind == AREA and (places[0] == places[-1]).all():
+            places = places[:-1]
+        title, least = LAYERS[name].title, 2 if kind == LINE else 3
+        try:
+            if len(places) < least:
+                raise InputError(f"{title}: expected {least} points or more")
+            layer = context.document.sketch.vectors[name]
+            for x, y, reach in self._nodes:
+                if (places == (x, y)).all(axis=1).any():
+                    layer = vectors.with_node(layer, x, y, reach)
+            feature = VectorFeature(kind, (places,), label, {"smooth": 1} if kind == LINE else {})
+            what = "a line" if kind == LINE else "an area"
+            vectors.store(context.document, f"Draw {what} of {title.lower()}", layer.edited(add=[feature]))
+        except InputError as error:
+            context.signals.message.emit(str(error))
+            self._points = points
+
+    def _add_click(self, at: tuple[float, float]) -> None:
+        self._points.append(at)
+        x, y = on_grid(self.context.world_from_sketch(*at)).tolist()
+        self._nodes.append((x, y, REACH / self.context.px_per_metre))
+
+    def _snapped(self, pointer: Pointer) -> tuple[float, float]:
+        """Return the position, or that of a vertex of the layer or of a line near it."""
+        context, name = self.context, self.context.workspace.layer
+        at = context.world_from_sketch(pointer.x, pointer.y)
+        place = None
+        if self._kind is not None:
+            layer = context.document.sketch.vectors[name]
+            place = vectors.snapped(layer, *at, REACH / context.px_per_metre, to_lines=True)
+        return (pointer.x, pointer.y) if place is None else context.sketch_from_world(*place)
+
+    def _simplify(self) -> None:
+        """Leave out the points of a drag that are nearly on the line between others."""
+        import shapely
+
+        drawn = shapely.LineString(self._points[self._first :])
+        self._points[self._first :] = list(drawn.simplify(_TOLERANCE / self.context.scale).coords)
 
     def cancel(self) -> None:
         self._points = []
@@ -323,12 +396,18 @@ class LineTool(Tool):
 
     def draw(self, painter: QPainter) -> None:
         context, points = self.context, list(self._points)
-        wide = max(self.width * context.scale, 1.0)
+        is_area = self._kind == AREA
+        wide = 2.0 if is_area else max(self.width * context.scale, 1.0)
         if points and self._place is not None and not self._freehand and self._place != points[-1]:
             points.append(self._place)
         if len(points) > 1:
-            path = QPolygonF([context.screen_from_sketch(x, y) for x, y in line_path(points)])
+            curve = points if is_area else line_path(points)
+            path = QPolygonF([context.screen_from_sketch(x, y) for x, y in curve])
             colour = label_colour(context.workspace.layer, context.workspace.label)
+            if is_area:
+                painter.setPen(Qt.PenStyle.NoPen)
+                painter.setBrush(QColor(colour.red(), colour.green(), colour.blue(), 128))
+                painter.drawPolygon(path)
             outlines = ((QColor(255, 255, 255, 170), 3.0), (QColor(20, 20, 20, 150), 1.5), (colour, 0.0))
             cap, join = Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin
             for shade, more in outlines:
@@ -336,7 +415,8 @@ class LineTool(Tool):
                 painter.drawPolyline(path)
         if self._place is not None:
             tip = context.screen_from_sketch(*self._place)
-            _draw_ring(painter, tip, 0.5 * wide)
+            _draw_ring(painter, tip, 4.0 if is_area else 0.5 * wide)
+        if self._place is not None and not is_area:
             metres = self.width * context.document.sketch.pixel_size
             text = f"{metres:.0f} m wide" if metres >= 9.5 else f"{metres:.1f} m wide"
             height = self._height()

@@ -1,4 +1,4 @@
-"""The selection tool: selects placed features, drags them and their handles."""
+"""The selection tool: selects placed features and vectors, drags them and their handles."""
 
 import math
 
@@ -8,6 +8,7 @@ from PyQt6.QtGui import QColor, QPainter, QPen
 from sketchterrain.ui.canvas.decorations import write_beside
 from sketchterrain.ui.canvas.marks import SELECTED, FeatureMarks
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
+from sketchterrain.ui.canvas.vectors import VectorEditor, VectorMarks
 from sketchterrain.ui.commands import exists, name_of
 from sketchterrain.ui.engine.protocol import GoTo, Placement
 from sketchterrain.ui.models.selection import FeatureDrag, Handle, delete, handles_of, select_at
@@ -23,9 +24,10 @@ _DELETE_KEYS = (Qt.Key.Key_Delete, Qt.Key.Key_Backspace)
 class SelectTool(Tool):
     """A click selects, a drag moves, handles resize."""
 
-    def __init__(self, context: ToolContext, marks: FeatureMarks) -> None:
+    def __init__(self, context: ToolContext, marks: FeatureMarks, vectors: VectorMarks) -> None:
         super().__init__(context)
         self._marks = marks
+        self.vectors = VectorEditor(context, vectors)
         self._hovered: Selection | None = None
         self._drag: FeatureDrag | None = None
         self._pressed: tuple[float, float] | None = None
@@ -34,11 +36,14 @@ class SelectTool(Tool):
 
     @property
     def is_busy(self) -> bool:
-        return self._drag is not None
+        return self._drag is not None or self.vectors.is_busy
 
     def press(self, pointer: Pointer) -> None:
         placed = self.context.link.placed
-        if placed is None or pointer.erases:
+        if pointer.erases or self.vectors.press(pointer):
+            return
+        if placed is None:
+            self.context.workspace.selection = None
             return
         at = self.context.world_from_sketch(pointer.x, pointer.y)
         handle = self._handle_at(placed, self.context.screen_from_sketch(pointer.x, pointer.y))
@@ -54,7 +59,10 @@ class SelectTool(Tool):
         """Drag, or highlight what a click would select."""
         at = self.context.world_from_sketch(pointer.x, pointer.y)
         placed = self.context.link.placed
-        if self._drag is not None:
+        is_free = self._drag is None and self._pressed is None
+        if is_free and self.vectors.move(pointer):
+            self._hovered = None
+        elif self._drag is not None:
             self._drag.to(*at)
             if self._drag.problem:
                 self.context.signals.message.emit(self._drag.problem)
@@ -80,12 +88,14 @@ class SelectTool(Tool):
             self.context.link.send(GoTo(*self.context.world_from_sketch(*at)))
 
     def double(self, pointer: Pointer) -> None:
-        """Press: a click followed at once by a drag is a drag."""
-        self.press(pointer)
-        self._double_clicked = (pointer.x, pointer.y)
+        """Insert a vertex in the selected vector, else press: a drag may follow at once."""
+        if not self.vectors.double(pointer):
+            self.press(pointer)
+            self._double_clicked = (pointer.x, pointer.y)
 
     def finish(self) -> None:
         """Record the drag as a history step."""
+        self.vectors.finish()
         drag, self._drag = self._drag, None
         self._pressed = None
         if drag is not None:
@@ -93,6 +103,7 @@ class SelectTool(Tool):
             self.context.signals.redraw()
 
     def cancel(self) -> None:
+        self.vectors.cancel()
         drag, self._drag = self._drag, None
         self._last_drag = self._pressed = None
         if drag is not None:
@@ -100,7 +111,7 @@ class SelectTool(Tool):
             self.context.signals.redraw()
 
     def leave(self) -> None:
-        self._hovered = None
+        self._hovered = self.vectors.hovered = None
         self.context.signals.redraw()
 
     def takes_key(self, key: int) -> bool:
@@ -113,6 +124,9 @@ class SelectTool(Tool):
             self.cancel()
         elif key == Qt.Key.Key_Escape:
             workspace.selection = None
+        elif workspace.selection is not None and workspace.selection.is_vector:
+            self.finish()
+            self.vectors.delete()
         elif placed is not None and workspace.selection is not None:
             self.finish()
             delete(self.context.document, workspace, placed, workspace.selection)
@@ -121,18 +135,25 @@ class SelectTool(Tool):
         """Return what a click at a screen position would select."""
         placed = self.context.link.placed
         at = self.context.world_from_sketch(*self.context.sketch_from_screen(place))
-        return None if placed is None else self._selection_at(placed, at)
+        vertex = self.vectors.vertex_at(at)
+        selection = self.vectors.selection_at(at) if vertex is None else vertex.selection
+        return self._selection_at(placed, at) if selection is None and placed is not None else selection
 
     def cursor_at(self, place: QPointF) -> Qt.CursorShape:
-        if self._drag is not None:
+        if self.is_busy:
             return Qt.CursorShape.ClosedHandCursor
         placed = self.context.link.placed
+        at = self.context.world_from_sketch(*self.context.sketch_from_screen(place))
+        if self.vectors.vertex_at(at) is not None:
+            return Qt.CursorShape.SizeAllCursor
         if placed is not None and self._handle_at(placed, place) is not None:
             return Qt.CursorShape.SizeAllCursor
-        return Qt.CursorShape.PointingHandCursor if self._hovered else Qt.CursorShape.ArrowCursor
+        is_over = self._hovered is not None or self.vectors.hovered is not None
+        return Qt.CursorShape.PointingHandCursor if is_over else Qt.CursorShape.ArrowCursor
 
     def draw(self, painter: QPainter) -> None:
         placed, selection, hovered = self.context.link.placed, self.context.workspace.selection, self._hovered
+        self.vectors.draw(painter)
         if placed is None:
             return
         if hovered is not None and self._drag is None and exists(placed, hovered):

@@ -10,7 +10,6 @@ from PyQt6.QtCore import QObject, QPointF, QRectF, Qt, pyqtSignal
 from PyQt6.QtGui import QPainter
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
@@ -159,12 +158,10 @@ class ToolContext:
 
     def may_paint(self) -> bool:
         """Return whether the active layer is visible and unlocked; otherwise report why not."""
-        look, title = self.workspace.look(self.workspace.layer), LAYERS[self.workspace.layer].title
-        if look.locked:
-            self.signals.message.emit(f"{title} are locked. Unlock the layer to paint on it.")
-        elif not look.visible:
-            self.signals.message.emit(f"{title} are hidden. Show the layer to paint on it.")
-        return look.visible and not look.locked
+        refusal = self.workspace.refusal(self.workspace.layer)
+        if refusal:
+            self.signals.message.emit(refusal)
+        return not refusal
 
 
 class Tool:

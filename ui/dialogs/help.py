@@ -156,10 +156,10 @@ def _environment(facts: EngineFacts) -> dict[str, str]:
 
 _STEPS = (
     ("layers", "Select a layer", "Mountains, hills, rivers and others, at the left or with 1 … 9."),
-    ("brush", "Paint where it should be", "The terrain follows at the right. Paint rivers as a line (L)."),
+    ("brush", "Paint where it should be", "The terrain follows at the right. Draw rivers and lakes with L."),
     ("settings", "Set its properties", "Height, sharpness, width. A new label has its own."),
     ("target", "Follow the sketch closely or loosely", "World: fidelity; another seed, another terrain."),
-    ("select", "Move what was generated", "With V, drag a mountain, a river or its handles, in either view."),
+    ("select", "Move what was generated", "With V, drag mountains, points of rivers, or handles, in a view."),
     ("export", "Export it", "File ▸ Export terrain writes heights, materials, plants and maps."),
 )
 
@@ -199,7 +199,8 @@ _MOUSE = {
         ("Move the sketch", "Space + drag, or middle button"),
         ("Finish a line, remove its last point", "Enter, Backspace"),
         ("Cancel a stroke", "Esc"),
-        ("Delete the selection", "Delete"),
+        ("Delete the selection, of a line or area its vertex", "Delete"),
+        ("Insert a vertex in the selected line or area", "double click"),
     ),
     "In the 3-D view": (
         ("Turn", "left drag"),

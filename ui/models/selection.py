@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sketchterrain.array_types import Float64Array, StructuredArray
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, layer_of, vector_of
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.placement.feature_types import FEATURE_TYPES, River, distance_inside, height_profile
@@ -13,8 +13,10 @@ from sketchterrain.ui import commands
 from sketchterrain.ui.commands import drag_title, dragged, find_parent_river, find_point, find_river, name_of
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.vectors import VectorDrag, find_vector
 from sketchterrain.ui.models.workspace import Selection, Workspace
 
+_MAX_HANDLES = 1000  # of a vector
 _TREE_HEIGHT = 20.0  # m that a dense forest counts when compared with mountains
 
 
@@ -22,7 +24,7 @@ _TREE_HEIGHT = 20.0  # m that a dense forest counts when compared with mountains
 class Handle:
     """A drag handle of a selection, which for a river's control point has its index."""
 
-    role: str  # move, radius, point (of a river) or width
+    role: str  # move, radius, point (of a river or vector) or width
     selection: Selection
     x: float  # position, m
     y: float
@@ -34,6 +36,7 @@ def select_at(placed: Placement, x: float, y: float, *, reach: float) -> Selecti
     """Return the object at a position (m), within a tolerance (m).
 
     A feature's centre goes before a river, a river before a lake; elsewhere it is the highest feature.
+    For a river or lake that a vector made it is the vector.
     """
     points = placed.points
     distance = np.hypot(points["x"] - x, points["y"] - y)
@@ -41,15 +44,33 @@ def select_at(placed: Placement, x: float, y: float, *, reach: float) -> Selecti
         return Selection("feature", int(points["id"][int(np.argmin(distance))]))
     rivers = [(_bank_distance(river, x, y), river.id) for river in placed.rivers]
     if rivers and min(rivers)[0] <= reach:
-        return Selection("course", min(rivers)[1])
+        return _of_water("course", min(rivers)[1])
     at = np.array([[x, y]])
     lake = next((each for each in placed.lakes if distance_inside(each.shape, at)[0] > 0.0), None)
     if lake is not None:
-        return Selection("water", lake.id)
+        return _of_water("water", lake.id)
     heights = _heights(points, distance)
     if not len(heights) or heights.max() <= 0.0:
         return None
     return Selection("feature", int(points["id"][int(np.argmax(heights))]))
+
+
+def _of_water(kind: str, name: int) -> Selection:
+    vector = vector_of(name)
+    return Selection(kind, name) if vector is None else Selection(layer_of(name), vector)
+
+
+def vector_handles(sketch: Sketch, selection: Selection | None) -> tuple[Handle, ...]:
+    """Return a handle for each vertex of the selected vector, for every so many of a large one."""
+    feature = find_vector(sketch, selection)
+    if feature is None or selection is None:
+        return ()
+    places = np.concatenate(feature.rings).tolist()
+    step = -(-len(places) // _MAX_HANDLES)
+    return tuple(
+        Handle("point", Selection(selection.kind, selection.id, i), *places[i], *places[i])
+        for i in range(0, len(places), step)
+    )
 
 
 def handles_of(placed: Placement, selection: Selection | None) -> tuple[Handle, ...]:
@@ -157,6 +178,20 @@ class FeatureDrag:
     def _do(self, sketch: Sketch) -> None:
         self._document.do(self._title, sketch, merge=self._merge)
         self._last = self._document.sketch
+
+
+def start_drag(
+    document: Document,
+    placed: Placement,
+    handle: Handle,
+    *,
+    grab: tuple[float, float] | None = None,
+    reach: float = 0.0,
+) -> FeatureDrag | VectorDrag:
+    """Return a drag of a handle; vertices of vectors snap to others within a distance (m)."""
+    if handle.selection.is_vector:
+        return VectorDrag(document, handle, grab=grab, reach=reach)
+    return FeatureDrag(document, placed, handle, grab=grab)
 
 
 def add(document: Document, workspace: Workspace, kind: str, x: float, y: float) -> None:

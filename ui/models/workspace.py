@@ -16,6 +16,7 @@ from PyQt6.QtCore import QByteArray, QObject, QSettings, pyqtSignal
 
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import DEFAULT_SIDE
+from sketchterrain.document.vectors import VECTOR_LAYERS
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.io.files import write_atomic
 from sketchterrain.ui.engine.protocol import MODES, Pose
@@ -341,11 +342,15 @@ class LayerLook:
 
 @dataclass(frozen=True)
 class Selection:
-    """A selected feature, river or lake, by its id in `features.json`."""
+    """A selected feature, river or lake, by its id in `features.json`, or a vector, by its own."""
 
-    kind: str  # feature, or the kind of the layer of a river (course) or lake (water)
+    kind: str  # feature; the kind of the layer of a river (course) or lake (water); a vector's layer
     id: int
-    index: int | None = None  # of a river's control point
+    index: int | None = None  # of a river's control point or of a vector's vertex
+
+    @property
+    def is_vector(self) -> bool:
+        return self.kind in VECTOR_LAYERS
 
 
 class Workspace(QObject):
@@ -416,6 +421,13 @@ class Workspace(QObject):
         if look != self._looks[layer]:
             self._looks[layer] = look
             self.look_changed.emit(layer)
+
+    def refusal(self, layer: str) -> str:
+        """Return why a layer cannot be edited; empty if it can."""
+        look, title = self._looks[layer], LAYERS[layer].title
+        if look.locked:
+            return f"{title} are locked. Unlock the layer to paint on it."
+        return "" if look.visible else f"{title} are hidden. Show the layer to paint on it."
 
     @property
     def selection(self) -> Selection | None:

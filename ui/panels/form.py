@@ -168,6 +168,20 @@ class NumberRow(ParameterRow):
         return NumberBox(low, high, suffix=suffix_of(parameter), decimals=decimals)
 
 
+class CheckRow(ParameterRow):
+    """A parameter that is 0 or 1."""
+
+    def __init__(self, parameter: Parameter, *, title: str = "") -> None:
+        super().__init__(parameter, title=title)
+        self.box = QCheckBox()
+        self.box.clicked.connect(lambda on: self.edited.emit(int(on), object()))
+        self._add(self.box)
+
+    def show_value(self, value: Value) -> None:
+        super().show_value(value)
+        self.box.setChecked(value == 1)  # emits only `toggled`
+
+
 class ChoiceRow(ParameterRow):
     """A parameter with a few allowed values."""
 
@@ -207,6 +221,12 @@ class TextRow(ParameterRow):
             self.edited.emit(self.field.text(), object())
 
 
+def _row_class(parameter: Parameter) -> type[CheckRow | ChoiceRow | TextRow | NumberRow]:
+    if parameter.kind is int and (parameter.low, parameter.high) == (0, 1):
+        return CheckRow
+    return ChoiceRow if parameter.choices else TextRow if parameter.kind is str else NumberRow
+
+
 class ParameterForm(QWidget):
     """Rows of parameters; `titles` replaces titles by name."""
 
@@ -219,8 +239,7 @@ class ParameterForm(QWidget):
         self.rows: dict[str, ParameterRow] = {}
         for parameter in parameters:
             name = parameter.name
-            kind = ChoiceRow if parameter.choices else TextRow if parameter.kind is str else NumberRow
-            field = kind(parameter, title=(titles or {}).get(name, ""))
+            field = _row_class(parameter)(parameter, title=(titles or {}).get(name, ""))
             field.edited.connect(partial(self.edited.emit, name))
             field.reset_requested.connect(partial(self.reset_requested.emit, name))
             self.rows[name] = field

@@ -73,8 +73,10 @@ def label_detail(sketch: Sketch, layer: str, label: int, pixels: int) -> str:
     if shown.kind is not str and not shown.unit:
         main = f"{shown.name} {main}"
     area = pixels * sketch.pixel_size**2  # m²
+    drawn = commands.vector_counts(sketch, layer).get(label, 0)
+    main += f" · {drawn} drawn" if drawn else ""
     if not area:
-        return f"{main} · not painted"
+        return main if drawn else f"{main} · not painted"
     if area < 1e4:
         return f"{main} · {number(area, decimals=0)} m²"
     return f"{main} · {number(area / 1e6, decimals=1 if area >= 1e6 else 2)} km²"
@@ -98,8 +100,8 @@ class LayersPanel(QWidget):
         self._percent.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         new_tip = "Another label of this layer, with properties of its own"
         self.add = tool_button("add", "New label", tip=new_tip)
-        self.remove = tool_button("delete", "Delete label", tip="Delete this label and its paint")
-        self.clear = tool_button("eraser", "Clear layer", tip="Erase all paint of this layer")
+        self.remove = tool_button("delete", "Delete label", tip="Delete this label, its paint and vectors")
+        self.clear = tool_button("eraser", "Clear layer", tip="Erase all paint and vectors of this layer")
         title = QLabel("&Opacity")
         title.setBuddy(self.opacity)
         buttons = row(None, self.add, self.remove, self.clear, spacing=0)
@@ -134,7 +136,7 @@ class LayersPanel(QWidget):
         layer = self._workspace.layer
         changed = commands.clear_layer(self._document.sketch, layer)
         if changed is self._document.sketch:
-            self.message.emit(f"No {LAYERS[layer].title.lower()} are painted")
+            self.message.emit(f"No {LAYERS[layer].title.lower()} are painted or drawn")
         elif self._check_unlocked(layer):
             self._document.do(f"Clear {LAYERS[layer].title.lower()}", changed)
 
@@ -238,14 +240,15 @@ class LayersPanel(QWidget):
         with QSignalBlocker(self.opacity):
             self.opacity.setValue(round(look.opacity * SLIDER_STEPS))
         self.add.setEnabled(len(self._labels(layer)) < MAX_LABELS)
+        used = {*self._areas[layer], *commands.vector_counts(self._document.sketch, layer)}
         declared = (layer, label) in self._document.sketch.labels
-        self.remove.setEnabled((declared or label in self._areas[layer]) and not look.locked)
-        self.clear.setEnabled(bool(self._areas[layer]) and not look.locked)
+        self.remove.setEnabled((declared or label in used) and not look.locked)
+        self.clear.setEnabled(bool(used) and not look.locked)
 
     def _labels(self, layer: str) -> list[int]:
         """Return the labels of a layer that have a row."""
         labels = {label for name, label in self._document.sketch.labels if name == layer}
-        labels |= set(self._areas[layer])
+        labels |= {*self._areas[layer], *commands.vector_counts(self._document.sketch, layer)}
         if layer == self._workspace.layer:
             labels.add(self._workspace.label)
         return sorted(labels) or [1]

@@ -30,6 +30,7 @@ from sketchterrain.ui.panels.controls import (
     title_from_key,
 )
 from sketchterrain.ui.panels.form import NumberRow, ParameterForm
+from sketchterrain.ui.panels.vector_page import VectorPage
 
 _SHAPE = ACTIONS["add"].required
 _HEIGHT = replace(_SHAPE["strength"], name="height", low=0.0, unit="m", help="from foot to top")
@@ -293,7 +294,7 @@ class SelectionPage(QWidget):
         self.refresh()
 
     def refresh(self, *_: object) -> None:
-        if self._workspace.selection is None:
+        if self._workspace.selection is None or self._workspace.selection.is_vector:
             return
         placed, selection = self._link.placed, self._existing_selection()
         for kind, form in self.forms.items():
@@ -345,18 +346,21 @@ class PropertiesPanel(ScrollingPanel):
         super().__init__()
         self._workspace = workspace
         self.selection_page = SelectionPage(document, workspace, link)
+        self.vector_page = VectorPage(document, workspace)
         self.label_page = LabelPage(document, workspace)
         self.back = QPushButton()
         self.back.setToolTip("Clear the selection and show the active label")
         self.back.clicked.connect(self._clear_selection)
-        self.add(self.selection_page, self.back, self.label_page)
+        self.add(self.selection_page, self.vector_page, self.back, self.label_page)
         workspace.selection_changed.connect(self._refresh)
         workspace.label_changed.connect(self._refresh)
         self._refresh()
 
     def _refresh(self) -> None:
-        is_selected = self._workspace.selection is not None
-        self.selection_page.setVisible(is_selected)
+        selection = self._workspace.selection
+        is_selected, is_vector = selection is not None, selection is not None and selection.is_vector
+        self.selection_page.setVisible(is_selected and not is_vector)
+        self.vector_page.setVisible(is_vector)
         self.back.setVisible(is_selected)
         self.label_page.setVisible(not is_selected)
         title = f"Back to {label_title(self._workspace.layer, self._workspace.label).lower()}"

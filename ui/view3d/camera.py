@@ -9,6 +9,7 @@ import numpy.typing as npt
 from PyQt6.QtCore import Qt
 
 from sketchterrain.array_types import BoolArray, Float64Array
+from sketchterrain.document.vectors import VectorFeature
 from sketchterrain.placement.feature_types import lake_centre
 from sketchterrain.ui.canvas.decorations import nice_length
 from sketchterrain.ui.commands import find_lake, find_point, find_river
@@ -265,9 +266,15 @@ def overview(bounds: tuple[float, float, float, float], height: float, *, aspect
 
 
 def motion_to(
-    placed: Placement | None, selection: Selection | None, *, size: tuple[float, float]
+    placed: Placement | None,
+    selection: Selection | None,
+    vector: VectorFeature | None = None,
+    *,
+    size: tuple[float, float],
 ) -> GoTo | None:
     """Return the motion that shows the selection; None without one or if it no longer exists."""
+    if vector is not None:
+        return _show_line(np.concatenate(vector.rings), size)
     if placed is None or selection is None:
         return None
     find = (placed, selection)
@@ -279,14 +286,19 @@ def motion_to(
         if selection.index is not None and selection.index < len(line):
             x, y = line[selection.index].tolist()
             return _go_to(x, y, 8.0 * float(river.width[selection.index]))
-        inside = ((line >= 0.0) & (line <= np.array(size))).all(axis=1)
-        line = line[inside] if inside.any() else line
-        x, y = (0.5 * (line.min(axis=0) + line.max(axis=0))).tolist()
-        return _go_to(x, y, float(np.ptp(line, axis=0).max()))
+        return _show_line(line, size)
     if lake is not None:
         x, y = lake_centre(lake).tolist()
         return _go_to(x, y, lake.shape.spacing * max(lake.shape.inside.shape))
     return None
+
+
+def _show_line(line: Float64Array, size: tuple[float, float]) -> GoTo:
+    """Return the motion that shows a line (n, 2), or its part in the sketch if there is one."""
+    inside = ((line >= 0.0) & (line <= np.array(size))).all(axis=1)
+    line = line[inside] if inside.any() else line
+    x, y = (0.5 * (line.min(axis=0) + line.max(axis=0))).tolist()
+    return _go_to(x, y, float(np.ptp(line, axis=0).max()))
 
 
 def _go_to(x: float, y: float, diameter: float) -> GoTo:

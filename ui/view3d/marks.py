@@ -6,11 +6,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River
 from sketchterrain.ui.canvas.marks import shore_lines
 from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
-from sketchterrain.ui.models.selection import Handle, handles_of
+from sketchterrain.ui.models.selection import Handle, handles_of, vector_handles
+from sketchterrain.ui.models.vectors import find_vector, lines_of, with_moved_node
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, circle
 
@@ -86,6 +88,7 @@ class MarkBuilder:
     placed: Placement
     selection: Selection | None
     drag: Drag | None = None
+    sketch: Sketch | None = None  # of vectors
 
     def marks(self, *, all_features: bool) -> Marks:
         """Return the marks of all features, or of the selection only."""
@@ -122,9 +125,7 @@ class MarkBuilder:
 
     def _course(self, river: River) -> Float64Array:
         """Return a river's simplified line (n, 3), within the sketch at least as high as the terrain."""
-        last = len(river.centreline) - 1
-        step = max(last // _MAX_RIVER_SEGMENTS, 1)
-        line: Float64Array = river.centreline[[*range(0, last, step), last]]
+        line: Float64Array = river.centreline[_thin(len(river.centreline), _MAX_RIVER_SEGMENTS)]
         inside = self.terrain.contains(line[:, 0], line[:, 1])
         line[inside, 2] = np.maximum(line[inside, 2], self.terrain.height(line[inside, 0], line[inside, 1]))
         return line
@@ -132,6 +133,13 @@ class MarkBuilder:
     def _outline(self) -> tuple[Segments, ...]:
         if self.selection is None:
             return ()
+        vector = None if self.sketch is None else find_vector(self.sketch, self.selection)
+        if vector is not None:
+            if self.drag is not None:
+                handle, x, y = self.drag
+                vector = with_moved_node(vector, (handle.x, handle.y), (x, y))
+            lines = (line[_thin(len(line), _MAX_SHORE_SEGMENTS)] for line in lines_of(vector))
+            return tuple(self._segments(self.terrain.drape(line)) for line in lines)
         find = (self.placed, self.selection)
         river, point, lake = find_river(*find), find_point(*find), find_lake(*find)
         if lake is not None:
@@ -164,6 +172,8 @@ class MarkBuilder:
 
     def _handles(self) -> tuple[HandleMark, ...]:
         handles = handles_of(self.placed, self.selection)
+        if self.sketch is not None and not handles:
+            handles = vector_handles(self.sketch, self.selection)
         if not handles:
             return ()
         places, bases = self._handle_places(handles)
@@ -201,6 +211,11 @@ class MarkBuilder:
             dragged = [each == handle for each in handles]
             places[dragged] = x, y
         return self.terrain.drape(places), self.terrain.drape(bases)
+
+
+def _thin(count: int, most: int) -> list[int]:
+    """Return the indices of about `most` of a line's points, the last one among them."""
+    return [*range(0, count - 1, max((count - 1) // most, 1)), count - 1]
 
 
 def _thinned(order: npt.NDArray[np.intp], pixels: Float64Array) -> npt.NDArray[np.intp]:

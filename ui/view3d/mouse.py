@@ -10,13 +10,14 @@ from PyQt6.QtGui import QMouseEvent, QWheelEvent
 from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.placement.feature_types import FEATURE_TYPES
-from sketchterrain.ui.actions import ContextMenu, add_selection_commands
+from sketchterrain.ui.actions import ContextMenu, add_selection_commands, add_vector_commands
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.commands import exists
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.selection import FeatureDrag, Handle, add, handles_of, select_at
+from sketchterrain.ui.models.selection import Handle, add, handles_of, select_at, start_drag
+from sketchterrain.ui.models.vectors import vector_at
 from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.view3d.camera import Projection, drag_motion, zoom_motion
 from sketchterrain.ui.view3d.marks import HandleMark, Marks
@@ -27,6 +28,7 @@ _Button = Qt.MouseButton
 
 _CLICK = 4.0  # px that the mouse may move during a click
 _REACH = 11.0  # px from a handle or a mark
+_SNAP = 10.0  # px in which a vertex snaps to another
 _PICK_INTERVAL = 120  # ms between picks of the terrain under the mouse
 _MAX_DRAG = 3.0  # extents from the sketch's centre
 _PLACEMENT_TIMEOUT = 1500  # ms that a dropped handle waits for its placement
@@ -61,7 +63,8 @@ class HandleDrag:
         self._limit = _MAX_DRAG * document.sketch.extent
         self._is_moved = False
         grab = projection.intersect_level(start.x(), start.y(), mark.z)
-        self._drag = FeatureDrag(document, placed, mark.handle, grab=grab)
+        reach = _SNAP * projection.metres_per_px((mark.handle.x, mark.handle.y, mark.z))
+        self._drag = start_drag(document, placed, mark.handle, grab=grab, reach=reach)
         self.finish, self.cancel = self._drag.finish, self._drag.cancel
 
     @property
@@ -167,7 +170,9 @@ class ViewMouse(QObject):
         if place is not None:
             workspace.selection = self._find(place)
         selection = workspace.selection
-        if selection is not None and exists(placed, selection):
+        if selection is not None and selection.is_vector:
+            add_vector_commands(menu, document, workspace, self.message.emit)
+        elif selection is not None and exists(placed, selection):
             add_selection_commands(menu, document, workspace, placed, selection)
         if place is not None:
             menu.addSeparator()
@@ -190,6 +195,10 @@ class ViewMouse(QObject):
         mark = self._marks().handle_at(at.x(), at.y(), reach=_REACH)
         if event.button() == _Button.LeftButton and plain and mark and projection and placed and document:
             self._forget_drag()
+            kind = mark.handle.selection.kind
+            if mark.handle.selection.is_vector and (refusal := self._workspace.refusal(kind)):
+                self.message.emit(refusal)
+                return
             self._drag = HandleDrag(document, placed, mark, projection, at)
             self._workspace.selection = mark.handle.selection
             self._scene.drag = self._drag.state
@@ -214,6 +223,8 @@ class ViewMouse(QObject):
         at, self._start = event.position(), None
         if self._drag is not None:
             self._drag.finish()
+            if self._drag.problem:
+                self.message.emit(self._drag.problem)
             self._drag = None
             self._drop_timer.start()
             self._confirm_drop()
@@ -289,10 +300,12 @@ class ViewMouse(QObject):
         self._workspace.selection = None if place is None else self._find(place)
 
     def _find(self, place: Place) -> Selection | None:
-        projection, placed = self._projection(), self._link.placed
-        if projection is None or placed is None:
+        projection, placed, document = self._projection(), self._link.placed, self._document
+        if projection is None or placed is None or document is None:
             return None
-        return select_at(placed, place[0], place[1], reach=_REACH * projection.metres_per_px(place))
+        (x, y, _), reach = place, _REACH * projection.metres_per_px(place)
+        vector = vector_at(document.sketch, self._workspace, x, y, reach=reach)
+        return select_at(placed, x, y, reach=reach) if vector is None else vector
 
     def _go_to(self, place: Place | None) -> None:
         if place is not None:
@@ -317,6 +330,8 @@ class ViewMouse(QObject):
         if self._drag is not None or drag is None or placed is None:
             return
         handle, x, y = drag
+        if handle.selection.is_vector:  # it moves at once
+            self._forget_drag()
         for each in handles_of(placed, handle.selection):
             is_same = (each.role, each.selection) == (handle.role, handle.selection)
             if is_same and max(abs(each.x - x), abs(each.y - y)) < _PLACED:

@@ -158,13 +158,15 @@ class Scene:
         link, workspace = self._link, self._workspace
         all_features = "features" in workspace.overlays and workspace.tool == "select"
         inputs = (link.frame, link.placed, link.relief, workspace.selection, self.drag)
-        key = (*inputs, all_features, width, height)
+        sketch = None if self._document is None else self._document.sketch
+        vectors = () if sketch is None else tuple(sketch.vectors.values())
+        key = (*inputs, *vectors, all_features, width, height)
         if key != self._marks_key:
             self._marks_key = key
             projection, terrain, placed = self.projection(width, height), self.terrain(), link.placed
             self._marks = Marks()
             if projection is not None and terrain is not None and placed is not None:
-                builder = MarkBuilder(projection, terrain, placed, workspace.selection, self.drag)
+                builder = MarkBuilder(projection, terrain, placed, workspace.selection, self.drag, sketch)
                 self._marks = builder.marks(all_features=all_features)
         return self._marks
 

@@ -8,12 +8,14 @@ from PyQt6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt
 from PyQt6.QtGui import QFocusEvent, QHideEvent, QKeyEvent, QPainter, QPaintEvent, QResizeEvent, QShowEvent
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
+from sketchterrain.errors import InputError
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import MODES, ErrorReport, Look
 from sketchterrain.ui.look.theme import active_theme, draw_focus
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import delete_or_reset
+from sketchterrain.ui.models.vectors import delete_vector, find_vector
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.view3d.camera import FLYING_KEYS, FlightKeys, motion_to, overview
 from sketchterrain.ui.view3d.hud import Hud
@@ -136,6 +138,8 @@ class View3D(QWidget):
             *(workspace.selection_changed, workspace.overlays_changed, workspace.tool_changed),
         ):
             signal.connect(self._refresh)
+        if document is not None:
+            document.sketch_changed.connect(self._refresh)
         self.hovered, self.message = self._mouse.terrain_hovered, self._mouse.message
         self.bar = self._hud.bar
         self.picture_requested = self.bar.picture_requested
@@ -161,16 +165,22 @@ class View3D(QWidget):
 
     def see_selection(self) -> None:
         area, selection = self._link.area(), self._workspace.selection
-        motion = None if area is None else motion_to(self._link.placed, selection, size=area[0][2:])
+        vector = None if self._document is None else find_vector(self._document.sketch, selection)
+        motion = None if area is None else motion_to(self._link.placed, selection, vector, size=area[0][2:])
         if motion is None:
             self.see_all()
         else:
             self._link.send(motion)
 
     def delete_selection(self) -> None:
-        """Delete the selection; a river's control point is reset instead."""
+        """Delete the selection, of a vector its active vertex; a river's control point is reset instead."""
         placed, selection = self._link.placed, self._workspace.selection
-        if self._document is not None and placed is not None and selection is not None:
+        if self._document is not None and selection is not None and selection.is_vector:
+            try:
+                delete_vector(self._document, self._workspace)
+            except InputError as error:
+                self.message.emit(str(error))
+        elif self._document is not None and placed is not None and selection is not None:
             self.message.emit(delete_or_reset(self._document, self._workspace, placed, selection))
 
     def _open_menu(self) -> None:

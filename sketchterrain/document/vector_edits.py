@@ -1,0 +1,204 @@
+"""Edits of vector layers: nodes, vertices, lines, and features as text; each returns another layer."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.document.parameters import Value
+from sketchterrain.document.vectors import AREA, KINDS, LINE, STEP, VectorFeature, VectorLayer
+from sketchterrain.errors import InputError
+
+_LEAST = np.array([1, 2, 3])  # vertices of a point, a line, a ring of an area
+_GEOJSON = ("Point", "LineString", "Polygon")
+
+
+def on_grid(places: object) -> Float64Array:
+    """Return positions (m) rounded as those of vertices are."""
+    return np.asarray(np.rint(np.asarray(places, np.float64) / STEP) * STEP + 0.0)
+
+
+def vertices_of(layer: VectorLayer, name: int) -> range:
+    """Return the numbers of a feature's vertices in its layer; raise KeyError if there is none."""
+    index = layer.index(name)
+    first, end = layer.rings[layer.parts[index : index + 2]].tolist()
+    return range(first, end)
+
+
+def nearest_vertex(layer: VectorLayer, x: float, y: float, radius: float) -> int | None:
+    """Return the number of the vertex nearest to a position, within a radius (m)."""
+    distance = np.hypot(*(layer.vertices - (x, y)).T)
+    best = int(np.argmin(distance)) if len(distance) else 0
+    return best if len(distance) and distance[best] <= radius else None
+
+
+def nearest_points(segments: Float64Array, x: float, y: float) -> tuple[Float64Array, Float64Array]:
+    """Return the point of each segment (n, 4) nearest to a position, (n, 2), and its distance (n,); m."""
+    start, along = segments[:, :2], segments[:, 2:] - segments[:, :2]
+    share = ((np.array([x, y]) - start) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12)
+    points = start + np.clip(share, 0.0, 1.0)[:, None] * along
+    return points, np.hypot(*(points - (x, y)).T)
+
+
+def at_node(layer: VectorLayer, x: float, y: float) -> BoolArray:
+    """Return which vertices are at a position, (m,): those of one node."""
+    return np.asarray((layer.vertices == on_grid([x, y])).all(axis=1))
+
+
+def move_node(layer: VectorLayer, start: tuple[float, float], end: tuple[float, float]) -> VectorLayer:
+    """Move a node from a position to another (m); at that of another node they are one."""
+    at = at_node(layer, *start)[:, None]
+    return _rebuilt(layer, np.where(at, on_grid(end), layer.vertices), np.ones(len(at), np.bool_))
+
+
+def insert_vertex(layer: VectorLayer, after: int, x: float, y: float) -> VectorLayer:
+    """Insert a vertex at a position (m) after a vertex, by its number, in the same ring."""
+    rings = layer.rings + (layer.rings > after)
+    vertices = np.insert(layer.vertices, after + 1, (x, y), axis=0)
+    return VectorLayer(
+        layer.layer, vertices, rings, layer.parts, layer.kinds, layer.ids, layer.labels, layer.columns
+    )
+
+
+def delete_vertex(layer: VectorLayer, vertex: int) -> VectorLayer:
+    """Delete a vertex by its number; what then has too few is deleted: a line, an area or a hole."""
+    keep = np.ones(len(layer.vertices), np.bool_)
+    keep[vertex] = False
+    return _rebuilt(layer, layer.vertices, keep)
+
+
+def _rebuilt(layer: VectorLayer, vertices: Float64Array, keep: BoolArray) -> VectorLayer:
+    """Return the layer with moved vertices, without some, without repeats and without what is too small."""
+    kinds, ring = layer.kinds[layer.feature_of_ring], layer.ring_of_vertex
+    numbers = np.flatnonzero(keep)
+    at, of = vertices[numbers], ring[numbers]
+    previous = np.roll(np.arange(len(numbers)), 1)
+    starts = np.append(True, of[1:] != of[:-1])[: len(of)]
+    counts = np.bincount(of, minlength=len(kinds))
+    # The vertex before the first one of a border or hole is its last one.
+    previous[starts] = np.flatnonzero(starts) + counts[of[starts]] - 1
+    repeats = (at == at[previous]).all(axis=1) & ~(starts & (kinds[of] != AREA))
+    keep = keep.copy()
+    keep[numbers[repeats]] = False
+    counts = np.bincount(ring[keep], minlength=len(kinds))
+    small = counts < _LEAST[kinds]
+    gone = small[layer.parts[:-1]]
+    if gone.any():
+        own = ~gone[layer.feature_of_ring[ring]]
+        return _rebuilt(layer.edited(remove=layer.ids[gone].tolist()), vertices[own], keep[own])
+    keep &= ~small[ring]
+    return VectorLayer(
+        layer.layer,
+        vertices[keep],
+        _starts(counts[~small]),
+        _starts(np.bincount(layer.feature_of_ring[~small], minlength=len(layer))),
+        *(layer.kinds, layer.ids, layer.labels, layer.columns),
+    )
+
+
+def _starts(counts: Int64Array) -> Int64Array:
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+
+def split_line(layer: VectorLayer, name: int, index: int) -> VectorLayer:
+    """Split a line at one of its inner vertices into two that share it; the second one has the last id."""
+    line = layer.feature(name)
+    if line.kind != LINE or not 0 < index < len(line.rings[0]) - 1:
+        raise InputError("a line is split at a vertex between its ends")
+    first, second = line.rings[0][: index + 1], line.rings[0][index:]
+    return layer.edited([name], [replace(line, rings=(first,)), replace(line, rings=(second,), id=0)])
+
+
+def join_lines(layer: VectorLayer, name: int, index: int | None = None) -> VectorLayer:
+    """Join a line with the one that shares an end with it, that of vertex `index` if it is an end.
+
+    Of several it is the one that continues it most nearly straight. The line keeps id, direction and
+    properties.
+    """
+    line = layer.feature(name)
+    places = line.rings[0]
+    ends = [end for end in (0, -1) if index in (None, end % len(places))] or [0, -1]
+    found: list[tuple[float, Float64Array, int]] = []
+    for end in ends if line.kind == LINE else ():
+        one = places[::-1] if end == 0 else places  # the end that is shared is its last
+        vertices = np.flatnonzero(at_node(layer, *one[-1]))
+        for ring in np.unique(layer.ring_of_vertex[vertices]).tolist():
+            feature, other = layer.feature_of_ring[ring], layer.ring(ring)
+            if layer.ids[feature] == name or layer.kinds[feature] != LINE:
+                continue
+            for rest in (other, other[::-1]):
+                if (rest[0] == one[-1]).all():
+                    both = np.concatenate([one, rest[1:]])
+                    turn = _turn(one[-1] - one[-2], rest[1] - rest[0])
+                    found.append((turn, both[::-1] if end == 0 else both, int(layer.ids[feature])))
+    if not found:
+        raise InputError("no other line shares an end with this one")
+    _, both, other_name = min(found, key=lambda each: each[0])
+    return layer.edited([name, other_name], [replace(line, rings=(both,))])
+
+
+def _turn(before: Float64Array, after: Float64Array) -> float:
+    cross = float(before[0] * after[1] - before[1] * after[0])
+    return abs(math.atan2(cross, float(before @ after)))
+
+
+def reverse_line(layer: VectorLayer, name: int) -> VectorLayer:
+    """Reverse the order of a line's vertices."""
+    line = layer.feature(name)
+    if line.kind != LINE:
+        raise InputError("only lines can be reversed")
+    return layer.edited([name], [replace(line, rings=(line.rings[0][::-1],))])
+
+
+def set_value(layer: VectorLayer, name: int, key: str, value: Value | None) -> VectorLayer:
+    """Set a property of a feature, or its ``label``; None removes its own value."""
+    feature = layer.feature(name)
+    if key == "label":
+        return layer.edited([name], [replace(feature, label=int(value or 1))])
+    rest = {other: own for other, own in feature.properties.items() if other != key}
+    properties = rest if value is None else {**rest, key: value}
+    return layer.edited([name], [replace(feature, properties=properties)])
+
+
+def moved(feature: VectorFeature, east: float, north: float) -> VectorFeature:
+    """Return a new feature beside another, at an offset (m)."""
+    return replace(feature, rings=tuple(ring + np.array([east, north]) for ring in feature.rings), id=0)
+
+
+def to_text(layer: VectorLayer, names: Sequence[int]) -> str:
+    """Return features as GeoJSON, in metres from the sketch's south-west corner, with their layer."""
+    features = []
+    for feature in map(layer.feature, names):
+        rings: Any = [ring.tolist() for ring in feature.rings]
+        closed = [[*ring, ring[0]] for ring in rings]
+        coordinates = (rings[0][0], rings[0], closed)[feature.kind]
+        geometry = {"type": _GEOJSON[feature.kind], "coordinates": coordinates}
+        properties = {**feature.properties, "label": feature.label}
+        features.append({"type": "Feature", "geometry": geometry, "properties": properties})
+    return json.dumps({"type": "FeatureCollection", "sketchterrain": layer.layer, "features": features})
+
+
+def from_text(text: str) -> tuple[str, list[VectorFeature]]:
+    """Return the layer and features of `to_text`, without ids; raise InputError for another text."""
+    try:
+        table = json.loads(text)
+        layer = VectorLayer(table["sketchterrain"]).edited(add=[_parsed(each) for each in table["features"]])
+    except (ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError):
+        raise InputError("expected vectors copied from a sketch") from None
+    return layer.layer, [replace(layer.feature(name), id=0) for name in layer.ids.tolist()]
+
+
+def _parsed(table: dict[str, Any]) -> VectorFeature:
+    kind, coordinates = _GEOJSON.index(table["geometry"]["type"]), table["geometry"]["coordinates"]
+    nested = ([[coordinates]], [coordinates], coordinates)[kind]
+    rings = tuple(np.array(ring[:-1] if KINDS[kind] == "area" else ring, np.float64) for ring in nested)
+    properties = dict(table["properties"])
+    if not all(isinstance(value, str | int | float) for value in properties.values()):
+        raise TypeError("expected texts and numbers")
+    return VectorFeature(kind, rings, int(properties.pop("label")), properties)

@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.document.layers import LAYERS, VECTOR_BIT
-from sketchterrain.document.vectors import AREA, LINE, VectorLayer
+from sketchterrain.document.vectors import AREA, LINE, STEP, VectorLayer
 from sketchterrain.hydrology.courses import EXTENSION_SHARE, RiverCourse, arc_length, extend_path, smoothed
 from sketchterrain.hydrology.network import Reach, split_paths
 from sketchterrain.hydrology.splines import sample_catmull_rom
@@ -33,10 +33,8 @@ _SPUR = 0.25  # widths; a shorter branch lies in the bed that it joins
 _EDGE_GAP = 2.5  # px between a line's end and the sketch's edge that is unintended
 _LEAST_EXIT = 0.2  # cosine between a river's heading and the edge's normal
 _WIDTH_BLUR = 3.0  # widths over which a width changes
-_WIDEST_BANK, _BANK_BLUR = (
-    1000.0,
-    1.0,
-)  # m from an axis, and widths over which the banks of areas are smoothed
+_WIDEST_BANK = 1000.0  # m from an axis
+_BANK_BLUR = 1.0  # widths over which the banks of areas are smoothed
 
 
 def line_tolerance(sketch: Sketch) -> float:
@@ -137,16 +135,17 @@ def line_networks(layer: VectorLayer, widths: Float64Array) -> list[LineNetwork]
     _, component = connected_components(graph, directed=False)
     vertices = {tuple(each) for each in layer.vertices.tolist()}
     is_vertex = np.array([tuple(each) in vertices for each in at.tolist()])
+    of_piece = component[pieces[:, 0]]
+    order = np.argsort(of_piece, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(of_piece[order])) + 1)
     found = []
-    for name in dict.fromkeys(component[pieces[:, 0]].tolist()):
-        own = component[pieces[:, 0]] == name
+    for own in sorted(groups, key=lambda group: int(group[0])):
         nodes, number = np.unique(pieces[own], return_inverse=True)
-        ends = at[nodes][number.reshape(-1, 2)]
-        lengths = np.sqrt(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=-1))
+        number = number.reshape(-1, 2)
+        tail, head = (at[nodes[side]] for side in number.T)
+        lengths = np.sqrt(((head - tail) ** 2).sum(axis=-1))
         found.append(
-            LineNetwork(
-                at[nodes], is_vertex[nodes], number.reshape(-1, 2), lines[of[own]], directed[of[own]], lengths
-            )
+            LineNetwork(at[nodes], is_vertex[nodes], number, lines[of[own]], directed[of[own]], lengths)
         )
     return found
 
@@ -169,13 +168,16 @@ def _with_joints(paths: list[Float64Array], widths: Float64Array) -> list[Float6
     nearest = order[np.unique(end[order], return_index=True)[1]]
     inserted: dict[int, list[tuple[float, Float64Array]]] = {}
     longer = list(paths)
-    for index in nearest[away[nearest] > 0.0] if len(nearest) else ():
-        number, line = int(end[index]), int(other[index])
+    for number, line, distance in zip(end[nearest], other[nearest], away[nearest], strict=True):
+        if (paths[line] == ends[number]).all(axis=1).any():
+            continue
         arc = float(shapely.line_locate_point(shapes[line], points[number]))
         joint = shapely.get_coordinates(shapely.line_interpolate_point(shapes[line], arc))
-        inserted.setdefault(line, []).append((arc, joint))
-        parts = [joint, longer[number // 2]] if number % 2 == 0 else [longer[number // 2], joint]
-        longer[number // 2] = np.concatenate(parts)
+        if distance < STEP:  # it is on the line but for rounding
+            joint = ends[[number]]
+        inserted.setdefault(int(line), []).append((arc, joint))
+        own = longer[number // 2]
+        longer[number // 2] = np.concatenate([joint, own] if number % 2 == 0 else [own, joint])
     for line, joints in inserted.items():
         offset = int((longer[line][0] != paths[line][0]).any())  # an end of its own was added
         after = np.searchsorted(arc_length(paths[line]), [arc for arc, _ in joints], side="left") + offset

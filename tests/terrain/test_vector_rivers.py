@@ -131,6 +131,11 @@ def test_a_line_that_ends_in_the_bed_of_another_one_joins_it():
     assert [each.parent is None for each in courses(sketch(stem, apart))] == [True, True]
 
 
+def test_a_line_that_ends_between_two_vertices_of_another_one_joins_it():
+    stem, branch = line([300, 2000], [3800, 2000], directed=1), line([1000, 3500], [2000, 2000], directed=1)
+    assert [each.parent is None for each in courses(sketch(stem, branch))] == [True, False]
+
+
 def test_arms_of_a_loop_begin_and_end_at_the_stem():
     found = courses(
         sketch(

@@ -215,22 +215,15 @@ class VectorLayer:
         """Return shapely geometries, (n,)."""
         import shapely
 
-        found = np.empty(len(self), dtype=object)
-        kind_of_ring = self.kinds[self.feature_of_ring]
-        for kind in (POINT, LINE, AREA):
-            rings = np.flatnonzero(kind_of_ring == kind)
-            own = np.isin(self.ring_of_vertex, rings)
-            number = np.searchsorted(rings, self.ring_of_vertex[own])
-            if kind == POINT:
-                made = shapely.points(self.vertices[own])
-            elif kind == LINE:
-                made = shapely.linestrings(self.vertices[own], indices=number)
-            elif len(rings):
-                of = np.searchsorted(np.flatnonzero(self.kinds == AREA), self.feature_of_ring[rings])
-                made = shapely.polygons(shapely.linearrings(self.vertices[own], indices=number), indices=of)
-            else:
-                made = []
-            found[self.kinds == kind] = made
+        kinds, of = self.kinds[self.feature_of_ring], self.ring_of_vertex
+        rings = np.empty(len(kinds), dtype=object)
+        rings[kinds == POINT] = shapely.points(self.vertices[kinds[of] == POINT])
+        for kind, make in ((LINE, shapely.linestrings), (AREA, shapely.linearrings)):
+            own = kinds[of] == kind
+            make(self.vertices[own], indices=of[own], out=rings)
+        found = rings[self.parts[:-1]]
+        areas = kinds == AREA
+        shapely.polygons(rings[areas], indices=self.feature_of_ring[areas], out=found)
         return found
 
     @classmethod

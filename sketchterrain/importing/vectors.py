@@ -24,6 +24,7 @@ from sketchterrain.document.vectors import (
     AREA,
     KINDS,
     LINE,
+    MAX_FEATURE_VERTICES,
     POINT,
     STEP,
     VECTOR_LAYERS,
@@ -303,6 +304,13 @@ def _visible(features: _Features, area: SketchArea, skipped: Counter[str]) -> Bo
 
 def _on_grid(features: _Features, area: SketchArea, skipped: Counter[str]) -> _Features:
     """Return single lines and areas in metres from the sketch's corner, as a vector layer rounds them."""
+    outlines = np.where(features.kinds == AREA, shapely.get_exterior_ring(features.shapes), features.shapes)
+    counts = shapely.get_num_coordinates(outlines)
+    for label, count in zip(features.labels, counts.tolist(), strict=True):
+        if count > MAX_FEATURE_VERTICES:
+            title = format_value(label.properties.get("name", "without a name"))
+            limit = f"expected at most {MAX_FEATURE_VERTICES}, simplify it first"
+            raise InputError(f"{label.layer} {title}: {count} vertices: {limit}")
     exact = shapely.transform(features.shapes, lambda at: at - (area.west, area.south))
     shapes = shapely.transform(exact, lambda at: np.rint(at / STEP) * STEP)
     broken = (features.kinds == AREA) & ~shapely.is_valid(shapes)

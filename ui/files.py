@@ -170,12 +170,7 @@ class Files(QObject):
         source, area = cast("tuple[RasterSource, RasterArea | None]", found)
         sketch = self._document.sketch
         frame = sketch.frame if area is None or sketch.frame["crs"] else {**sketch.frame, **area.frame}
-        try:
-            changed = sketch.replace(rasters=(*sketch.rasters, source), frame=frame)
-        except InputError as error:
-            self._report_read_error(str(error))
-            return
-        self._document.do(f"Add {source.title}", changed)
+        self._change(f"Add {source.title}", rasters=(*sketch.rasters, source), frame=frame)
 
     def open_dropped(self, paths: Iterable[Path], layer: str) -> None:
         """Open a dropped sketch, or import dropped images of layers."""
@@ -208,12 +203,16 @@ class Files(QObject):
         new = cast("dict[str, LabelImage]", images)
         sketch = self._document.sketch
         titles = " and ".join(LAYERS[name].title.lower() for name in new)
+        self._change(f"Import {titles}", layers={**sketch.layers, **new})
+
+    def _change(self, title: str, **changes: object) -> None:
+        """Change the sketch in one undo step, unless one that was opened meanwhile does not take it."""
         try:
-            changed = sketch.replace(layers={**sketch.layers, **new})
-        except InputError as error:  # a sketch of another size was opened meanwhile
+            changed = self._document.sketch.replace(**changes)
+        except InputError as error:
             self._report_read_error(str(error))
             return
-        self._document.do(f"Import {titles}", changed)
+        self._document.do(title, changed)
 
     def _remember(self, path: Path) -> None:
         self._banner.withdraw("file")

@@ -83,13 +83,6 @@ def _parse_point(text: str) -> tuple[float, ...]:
     return point
 
 
-def _parse_source_bounds(text: str) -> tuple[float, ...]:
-    west, south, east, north = bounds = _numbers(4, "WEST,SOUTH,EAST,NORTH")(text)
-    if not (west < east and south < north):
-        raise typer.BadParameter(f"expected west < east and south < north, got {text!r}")
-    return bounds
-
-
 def _check_picture_file(path: Path | None) -> Path | None:
     if path is not None and (path.suffix.lower() != ".png" or path.is_dir()):
         raise typer.BadParameter(f"expected the name of a .png file, got {str(path)!r}")
@@ -131,12 +124,6 @@ def _check_seconds(seconds: float | None) -> float | None:
     if seconds is None or 0.0 < seconds <= _MAX_SECONDS:
         return seconds
     raise typer.BadParameter(f"expected more than 0 and at most {_MAX_SECONDS:g} seconds, got {seconds:g}")
-
-
-def _check_target(name: str) -> str:
-    if name not in TARGETS:
-        raise typer.BadParameter(f"expected one of {', '.join(TARGETS)}, got {name!r}")
-    return name
 
 
 _parse_pair = _numbers(2, "two numbers with a comma between them")
@@ -276,7 +263,7 @@ TargetName = Annotated[
     typer.Option(
         "--to",
         metavar="TARGET",
-        callback=_check_target,
+        callback=_one_of(*TARGETS),
         help=f"One of {', '.join(TARGETS)}; `targets` describes them.",
     ),
 ]
@@ -352,7 +339,7 @@ SourceBounds = Annotated[
     Any,
     typer.Option(
         "--bounds",
-        parser=_parse_source_bounds,
+        parser=_numbers(4, "WEST,SOUTH,EAST,NORTH"),
         metavar="W,S,E,N",
         help="Part of vectors, in their own coordinates.",
     ),

@@ -12,6 +12,7 @@ from typing import Any, Final
 from sketchterrain.document.materials import BUILT_IN, MATERIALS, Colour, Material, MaterialTable
 from sketchterrain.document.parameters import LOOK, Parameter, Properties, check_values, parameter_table
 from sketchterrain.errors import InputError, format_value
+from sketchterrain.io.files import relative_path
 
 MAX_MATERIALS: Final = 16
 """The most materials of a sketch, the program's included."""
@@ -137,7 +138,6 @@ def relative_folders(own: Mapping[str, Properties], base: Path) -> dict[str, dic
     """Return values with folders inside a sketch's relative to it."""
     relative = {name: dict(values) for name, values in own.items()}
     for values in relative.values():
-        folder = Path(values.get("folder", ""))
-        if folder.is_relative_to(base.absolute()):
-            values["folder"] = folder.relative_to(base.absolute()).as_posix()
+        if "folder" in values:
+            values["folder"] = relative_path(values["folder"], base)
     return relative

@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from hashlib import sha256 as _sha256
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
 
-from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.caching import LRUCache
 from sketchterrain.document.parameters import Parameter, check_items, check_values, parameter_table
 from sketchterrain.errors import InputError, format_value, one_line, unknown_key
-from sketchterrain.io.files import hash_file, too_large, wrap_read_errors
+from sketchterrain.io.files import hash_file, relative_path, too_large, wrap_read_errors
 
 MAX_RASTERS: Final = 64
 """The most raster sources of a sketch."""
@@ -62,16 +62,12 @@ class RasterSource:
         if self.content is not None and not is_embedded_name(self.path):
             raise InputError(f"raster.path = {format_value(self.path)}: expected the name of a stored raster")
 
-    # By hand: messages to other processes contain frozen values compared by identity only once.
+    # By hand: messages to other processes contain values of eq=False only once.
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, RasterSource) and self._key == other._key
+        return isinstance(other, RasterSource) and vars(self) == vars(other)
 
     def __hash__(self) -> int:
-        return hash(self._key[:-1])
-
-    @property
-    def _key(self) -> tuple[object, ...]:
-        return self.path, self.role, self.band, self.sha256, self.content
+        return hash(self.path)
 
     @property
     def values(self) -> dict[str, Any]:
@@ -86,7 +82,7 @@ class RasterSource:
     @property
     def nbytes(self) -> int:
         """Approximate memory."""
-        return 0 if self.content is None else len(self.content)
+        return len(self.content or b"")
 
 
 def parse_raster(table: Mapping[str, object]) -> RasterSource:
@@ -113,8 +109,7 @@ def raster_source(path: Path, role: str, *, band: int = 1, embed: bool = False) 
     if problem := raster_problem(source):
         raise InputError(problem)
     with wrap_read_errors(path):
-        source = replace(source, sha256=_content_hash(path.absolute(), None))
-    return embedded(source) if embed else source
+        return embedded(source) if embed else replace(source, sha256=_content_hash(source))
 
 
 def embedded(source: RasterSource) -> RasterSource:
@@ -124,7 +119,7 @@ def embedded(source: RasterSource) -> RasterSource:
         content = stream.read(MAX_EMBEDDED_BYTES + 1)
     if len(content) > MAX_EMBEDDED_BYTES:
         raise too_large(one_line(path), MAX_EMBEDDED_BYTES)
-    digest = _sha256(content).hexdigest()
+    digest = sha256(content).hexdigest()
     stem = re.sub(r"[^A-Za-z0-9_-]+", "_", path.stem)[:40] or "raster"
     return replace(source, path=f"{stem}-{digest[:8]}.raster", sha256=digest, content=content)
 
@@ -145,41 +140,34 @@ def raster_problem(source: RasterSource) -> str:
     try:
         if source.content is None and not path.is_file():
             return f"{place}: {'expected a file' if path.exists() else 'the file is missing'}"
-        if source.sha256 and source.sha256 != _content_hash(path, source.content):
+        if source.sha256 and source.sha256 != _content_hash(source):
             return f"{place}: its content has changed since it was added"
     except OSError as error:
         return f"{place}: cannot be read ({one_line(error.strerror or error)})"
     return ""
 
 
-def _content_hash(path: Path, content: bytes | None) -> str:
-    if content is not None:
-        return _hashes.get_or_compute(IdentityKey(content), lambda: _sha256(content).hexdigest())
+def _content_hash(source: RasterSource) -> str:
+    if source.content is not None:
+        return _hashes.get_or_compute(source.content, sha256(source.content).hexdigest)
+    path = Path(source.path)
     facts = path.stat()
-    key = str(path), facts.st_size, facts.st_mtime_ns
-    return _hashes.get_or_compute(key, lambda: hash_file(path)[1])
+    return _hashes.get_or_compute((path, facts.st_size, facts.st_mtime_ns), lambda: hash_file(path)[1])
 
 
 def resolved_rasters(
     rasters: Iterable[RasterSource], files: Mapping[str, bytes], base: Path | None
 ) -> tuple[RasterSource, ...]:
     """Return sources with the content of those among the sketch's `files`, other paths absolute."""
-    return tuple(
-        replace(each, content=files[each.path])
-        if each.path in files and is_embedded_name(each.path)
-        else each
-        if base is None
-        else replace(each, path=str(base.absolute() / each.path))
-        for each in rasters
-    )
+
+    def resolved(source: RasterSource) -> RasterSource:
+        if source.path in files and is_embedded_name(source.path):
+            return replace(source, content=files[source.path])
+        return source if base is None else replace(source, path=str(base.absolute() / source.path))
+
+    return tuple(map(resolved, rasters))
 
 
 def relative_rasters(rasters: Iterable[RasterSource], base: Path) -> tuple[RasterSource, ...]:
     """Return sources with paths inside a sketch's folder relative to it."""
-    folder = base.absolute()
-    return tuple(
-        replace(each, path=Path(each.path).relative_to(folder).as_posix())
-        if Path(each.path).is_relative_to(folder)
-        else each
-        for each in rasters
-    )
+    return tuple(replace(each, path=relative_path(each.path, base)) for each in rasters)

@@ -237,7 +237,7 @@ class Sketch:
         if "extent" in changes and "vectors" not in changes:
             ratio = float(SKETCH["extent"].check(changes["extent"])) / self.extent
             changes["vectors"] = {
-                name: layer.with_vertices(layer.vertices * ratio) if ratio != 1.0 else layer
+                name: dataclasses.replace(layer, vertices=layer.vertices * ratio) if ratio != 1.0 else layer
                 for name, layer in self.vectors.items()
             }
         return dataclasses.replace(self, **changes)

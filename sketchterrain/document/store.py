@@ -373,19 +373,17 @@ def _encode(sketch: Sketch, base: Path | None) -> dict[str, bytes]:
         sketch = sketch.replace(
             materials=relative_folders(sketch.materials, base), rasters=relative_rasters(sketch.rasters, base)
         )
-    files = {f"{name}.png": _encode_cached(name, sketch.layers[name]) for name in LAYERS}
-    frame = sketch.frame
+    files = {}
+    for name, image in sketch.layers.items():
+        encode = partial(encode_layer, image, LAYERS[name].colour)
+        files[f"{name}.png"] = _encoded.get_or_compute((IdentityKey(image), name), encode)
+    place = sketch.frame["crs"], sketch.frame["east"], sketch.frame["north"]
     for name, layer in sketch.vectors.items():
         if len(layer):
-            key = (IdentityKey(layer), frame["crs"], frame["east"], frame["north"])
-            files[f"{name}{SUFFIX}"] = _encoded.get_or_compute(key, partial(encode_vectors, layer, frame))
+            write = partial(encode_vectors, layer, sketch.frame)
+            files[f"{name}{SUFFIX}"] = _encoded.get_or_compute((IdentityKey(layer), *place), write)
     files |= embedded_files(sketch.rasters)
     return files | {SETTINGS: settings_text(sketch).encode("utf-8")}
-
-
-def _encode_cached(name: str, image: LabelImage) -> bytes:
-    colour = LAYERS[name].colour
-    return _encoded.get_or_compute((IdentityKey(image), colour), lambda: encode_layer(image, colour))
 
 
 def _save_folder(sketch: Sketch, folder: Path) -> None:

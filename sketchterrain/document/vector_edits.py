@@ -6,17 +6,22 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.document.parameters import Value
-from sketchterrain.document.vectors import AREA, KINDS, LINE, STEP, VectorFeature, VectorLayer
+from sketchterrain.document.vectors import (
+    AREA,
+    LINE,
+    STEP,
+    VectorFeature,
+    VectorLayer,
+    property_columns,
+    repeats,
+    starts,
+)
 from sketchterrain.errors import InputError
-
-_LEAST = np.array([1, 2, 3])  # vertices of a point, a line, a ring of an area
-_GEOJSON = ("Point", "LineString", "Polygon")
 
 
 def on_grid(places: object) -> Float64Array:
@@ -60,10 +65,7 @@ def move_node(layer: VectorLayer, start: tuple[float, float], end: tuple[float, 
 def insert_vertex(layer: VectorLayer, after: int, x: float, y: float) -> VectorLayer:
     """Insert a vertex at a position (m) after a vertex, by its number, in the same ring."""
     rings = layer.rings + (layer.rings > after)
-    vertices = np.insert(layer.vertices, after + 1, (x, y), axis=0)
-    return VectorLayer(
-        layer.layer, vertices, rings, layer.parts, layer.kinds, layer.ids, layer.labels, layer.columns
-    )
+    return replace(layer, vertices=np.insert(layer.vertices, after + 1, (x, y), axis=0), rings=rings)
 
 
 def delete_vertex(layer: VectorLayer, vertex: int) -> VectorLayer:
@@ -76,34 +78,18 @@ def delete_vertex(layer: VectorLayer, vertex: int) -> VectorLayer:
 def _rebuilt(layer: VectorLayer, vertices: Float64Array, keep: BoolArray) -> VectorLayer:
     """Return the layer with moved vertices, without some, without repeats and without what is too small."""
     kinds, ring = layer.kinds[layer.feature_of_ring], layer.ring_of_vertex
-    numbers = np.flatnonzero(keep)
-    at, of = vertices[numbers], ring[numbers]
-    previous = np.roll(np.arange(len(numbers)), 1)
-    starts = np.append(True, of[1:] != of[:-1])[: len(of)]
-    counts = np.bincount(of, minlength=len(kinds))
-    # The vertex before the first one of a border or hole is its last one.
-    previous[starts] = np.flatnonzero(starts) + counts[of[starts]] - 1
-    repeats = (at == at[previous]).all(axis=1) & ~(starts & (kinds[of] != AREA))
     keep = keep.copy()
-    keep[numbers[repeats]] = False
+    keep[keep] = ~repeats(vertices[keep], ring[keep], kinds == AREA)
     counts = np.bincount(ring[keep], minlength=len(kinds))
-    small = counts < _LEAST[kinds]
+    small = counts <= kinds  # a line has two vertices, an area three
     gone = small[layer.parts[:-1]]
     if gone.any():
         own = ~gone[layer.feature_of_ring[ring]]
         return _rebuilt(layer.edited(remove=layer.ids[gone].tolist()), vertices[own], keep[own])
-    keep &= ~small[ring]
-    return VectorLayer(
-        layer.layer,
-        vertices[keep],
-        _starts(counts[~small]),
-        _starts(np.bincount(layer.feature_of_ring[~small], minlength=len(layer))),
-        *(layer.kinds, layer.ids, layer.labels, layer.columns),
+    parts = np.bincount(layer.feature_of_ring[~small], minlength=len(layer))
+    return replace(
+        layer, vertices=vertices[keep & ~small[ring]], rings=starts(counts[~small]), parts=starts(parts)
     )
-
-
-def _starts(counts: Int64Array) -> Int64Array:
-    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
 def split_line(layer: VectorLayer, name: int, index: int) -> VectorLayer:
@@ -173,32 +159,32 @@ def moved(feature: VectorFeature, east: float, north: float) -> VectorFeature:
 
 def to_text(layer: VectorLayer, names: Sequence[int]) -> str:
     """Return features as GeoJSON, in metres from the sketch's south-west corner, with their layer."""
-    features = []
-    for feature in map(layer.feature, names):
-        rings: Any = [ring.tolist() for ring in feature.rings]
-        closed = [[*ring, ring[0]] for ring in rings]
-        coordinates = (rings[0][0], rings[0], closed)[feature.kind]
-        geometry = {"type": _GEOJSON[feature.kind], "coordinates": coordinates}
-        properties = {**feature.properties, "label": feature.label}
-        features.append({"type": "Feature", "geometry": geometry, "properties": properties})
+    import shapely
+
+    indices = [layer.index(name) for name in names]
+    features = [
+        {"type": "Feature", "geometry": json.loads(geometry), "properties": {**own, "label": label}}
+        for geometry, own, label in zip(
+            shapely.to_geojson(layer.shapes()[indices]),
+            layer.properties(indices),
+            layer.labels[indices].tolist(),
+            strict=True,
+        )
+    ]
     return json.dumps({"type": "FeatureCollection", "sketchterrain": layer.layer, "features": features})
 
 
 def from_text(text: str) -> tuple[str, list[VectorFeature]]:
     """Return the layer and features of `to_text`, without ids; raise InputError for another text."""
+    import shapely
+
     try:
         table = json.loads(text)
-        layer = VectorLayer(table["sketchterrain"]).edited(add=[_parsed(each) for each in table["features"]])
-    except (ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError):
+        name, features = table["sketchterrain"], table["features"]
+        shapes = shapely.from_geojson([json.dumps(each["geometry"]) for each in features])
+        columns = property_columns([each["properties"] for each in features])
+        labels = columns.pop("label")
+        layer = VectorLayer.from_shapes(name, shapes, labels=labels, columns=columns)
+    except (ValueError, TypeError, LookupError, OverflowError, RecursionError, shapely.GEOSException):
         raise InputError("expected vectors copied from a sketch") from None
-    return layer.layer, [replace(layer.feature(name), id=0) for name in layer.ids.tolist()]
-
-
-def _parsed(table: dict[str, Any]) -> VectorFeature:
-    kind, coordinates = _GEOJSON.index(table["geometry"]["type"]), table["geometry"]["coordinates"]
-    nested = ([[coordinates]], [coordinates], coordinates)[kind]
-    rings = tuple(np.array(ring[:-1] if KINDS[kind] == "area" else ring, np.float64) for ring in nested)
-    properties = dict(table["properties"])
-    if not all(isinstance(value, str | int | float) for value in properties.values()):
-        raise TypeError("expected texts and numbers")
-    return VectorFeature(kind, rings, int(properties.pop("label")), properties)
+    return layer.layer, [replace(layer.feature(each), id=0) for each in layer.ids.tolist()]

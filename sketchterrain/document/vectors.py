@@ -170,12 +170,18 @@ class VectorLayer:
         """Return a feature by its id; raise KeyError if there is none."""
         index = self.index(name)
         rings = tuple(self.ring(each) for each in range(*self.parts[index : index + 2]))
-        properties = {
-            key: _scalar(column[index])
-            for key, column in self.columns.items()
-            if column[index] not in ("", np.nan) and column[index] == column[index]
-        }
+        (properties,) = self.properties([index])
         return VectorFeature(int(self.kinds[index]), rings, int(self.labels[index]), properties, name)
+
+    def properties(self, indices: Sequence[int] | Int64Array) -> list[dict[str, Value]]:
+        """Return the own properties of features by their indices."""
+        rows: list[dict[str, Value]] = [{} for _ in indices]
+        for name, column in self.columns.items():
+            values = np.array(column, object)[indices].tolist()
+            for row, value in zip(rows, values, strict=True):
+                if value != "" and value == value:  # NaN is none
+                    row[name] = value
+        return rows
 
     def values(self, name: str, of_labels: Mapping[int, Value]) -> Float64Array:
         """Return a declared number of each feature, (n,): its own, else its label's."""
@@ -197,39 +203,27 @@ class VectorLayer:
         return VectorLayer(
             self.layer,
             np.concatenate([self.vertices[rings[self.ring_of_vertex]], *own]),
-            _starts([*counts.tolist(), *map(len, own)]),
-            _starts([*np.diff(self.parts)[kept].tolist(), *(len(each.rings) for each in add)]),
+            starts([*counts.tolist(), *map(len, own)]),
+            starts([*np.diff(self.parts)[kept].tolist(), *(len(each.rings) for each in add)]),
             np.append(self.kinds[kept], [each.kind for each in add]).astype(np.uint8),
             np.append(self.ids[kept], np.array(ids, np.int64)),
             np.append(self.labels[kept], [each.label for each in add]).astype(np.uint8),
-            _appended(self.columns, kept, [each.properties for each in add]),
+            property_columns([*self.properties(np.flatnonzero(kept)), *(each.properties for each in add)]),
         )
-
-    def with_vertices(self, vertices: Float64Array) -> VectorLayer:
-        """Return the layer with each vertex moved, (m, 2), m."""
-        _, rings, parts, kinds, ids, labels = self._arrays
-        return VectorLayer(self.layer, vertices, rings, parts, kinds, ids, labels, self.columns)
 
     def shapes(self) -> npt.NDArray[np.object_]:
         """Return shapely geometries, (n,)."""
         import shapely
 
-        found = np.empty(len(self), dtype=object)
-        kind_of_ring = self.kinds[self.feature_of_ring]
-        for kind in (POINT, LINE, AREA):
-            rings = np.flatnonzero(kind_of_ring == kind)
-            own = np.isin(self.ring_of_vertex, rings)
-            number = np.searchsorted(rings, self.ring_of_vertex[own])
-            if kind == POINT:
-                made = shapely.points(self.vertices[own])
-            elif kind == LINE:
-                made = shapely.linestrings(self.vertices[own], indices=number)
-            elif len(rings):
-                of = np.searchsorted(np.flatnonzero(self.kinds == AREA), self.feature_of_ring[rings])
-                made = shapely.polygons(shapely.linearrings(self.vertices[own], indices=number), indices=of)
-            else:
-                made = []
-            found[self.kinds == kind] = made
+        kinds, of = self.kinds[self.feature_of_ring], self.ring_of_vertex
+        rings = np.empty(len(kinds), dtype=object)
+        rings[kinds == POINT] = shapely.points(self.vertices[kinds[of] == POINT])
+        for kind, make in ((LINE, shapely.linestrings), (AREA, shapely.linearrings)):
+            own = kinds[of] == kind
+            make(self.vertices[own], indices=of[own], out=rings)
+        found = rings[self.parts[:-1]]
+        areas = kinds == AREA
+        shapely.polygons(rings[areas], indices=self.feature_of_ring[areas], out=found)
         return found
 
     @classmethod
@@ -258,16 +252,16 @@ class VectorLayer:
         rings, feature = np.concatenate([borders, shapes[others]])[order], feature[order]
         at, ring = shapely.get_coordinates(rings, return_index=True)
         at = np.rint(at / STEP) * STEP if (np.abs(at) <= _MAX_COORDINATE).all() else at
-        repeats = np.zeros(len(at), np.bool_)
-        repeats[1:] = (at[1:] == at[:-1]).all(axis=1) & (ring[1:] == ring[:-1])
-        is_last = np.append(ring[1:] != ring[:-1], True)[: len(ring)]
-        repeats |= is_last & (kinds[feature[ring]] == AREA)  # closes the ring
-        at, ring = at[~repeats], ring[~repeats]
+        closed = kinds[feature] == AREA
+        closing = np.append(ring[1:] != ring[:-1], True)[: len(ring)] & closed[ring]
+        at, ring = at[~closing], ring[~closing]
+        twice = repeats(at, ring, closed)
+        at, ring = at[~twice], ring[~twice]
         return cls(
             layer,
             at,
-            _starts(np.bincount(ring, minlength=len(rings))),
-            _starts(np.bincount(feature, minlength=len(shapes))),
+            starts(np.bincount(ring, minlength=len(rings))),
+            starts(np.bincount(feature, minlength=len(shapes))),
             kinds.astype(np.uint8),
             np.arange(1, len(shapes) + 1) if ids is None else np.asarray(ids),
             np.ones(len(shapes), np.uint8) if labels is None else np.asarray(labels),
@@ -349,27 +343,15 @@ def _check_features(layer: VectorLayer) -> None:
     if (layer.labels < 1).any():
         raise InputError(f"{name}: expected labels from 1 to 255")
     kinds = layer.kinds[layer.feature_of_ring]
-    vertices = layer.vertices
-    repeats = np.zeros(len(vertices), np.bool_)
-    repeats[1:] = (vertices[1:] == vertices[:-1]).all(axis=1)
-    repeats[layer.rings[:-1][counts > 0]] = False
-    distinct = counts - np.bincount(layer.ring_of_vertex[repeats], minlength=len(counts))
-    borders = (kinds == AREA) & (counts > 1)
-    first, last = layer.rings[:-1][borders], layer.rings[1:][borders] - 1
-    distinct[borders] -= (vertices[first] == vertices[last]).all(axis=1)  # the first vertex is not repeated
+    twice = layer.ring_of_vertex[repeats(layer.vertices, layer.ring_of_vertex, kinds == AREA)]
+    few = (counts <= kinds) | (np.bincount(twice, minlength=len(counts)) > 0)
     allowed = np.isin(kinds, [KINDS.index(kind) for kind in LAYERS[name].vectors])
     for wrong, expected in (
         (~allowed, " or ".join(LAYERS[name].vectors)),
         ((kinds != AREA) & (np.repeat(rings, rings) != 1), "one part, unless it is an area"),
         ((kinds == POINT) & (counts != 1), "one vertex"),
-        (
-            (kinds == LINE) & ((distinct < 2) | (distinct < counts)),
-            "a line of two vertices or more, none twice in a row",
-        ),
-        (
-            (kinds == AREA) & ((distinct < 3) | (distinct < counts)),
-            "an area of three vertices or more, none twice in a row",
-        ),
+        (few & (kinds == LINE), "a line of two vertices or more, none twice in a row"),
+        (few & (kinds == AREA), "an area of three vertices or more, none twice in a row"),
         (counts > MAX_FEATURE_VERTICES, f"at most {MAX_FEATURE_VERTICES} vertices a line or border"),
     ):
         if wrong.any():
@@ -398,64 +380,51 @@ def _check_columns(layer: VectorLayer) -> None:
             raise InputError(
                 f"{layer.layer}: property {name}: expected {len(layer)} values, got {len(column)}"
             )
-        parameter = declared.get(name)
-        if parameter is None:
+        if name not in declared:
             continue
-        values = np.asarray(column)
-        if values.dtype.kind not in "if":
-            which = next((number for number, value in enumerate(column) if value != ""), 0)
-            wrong: Any = column[which] if len(column) else ""
+        parameter, values = declared[name], np.asarray(column)
+        if isinstance(column, tuple):
+            wrong = np.ones(len(values), np.bool_)
         else:
-            outside = ~((values >= parameter.low) & (values <= parameter.high) | np.isnan(values))
-            if parameter.kind is int:
-                outside |= values != np.rint(np.nan_to_num(values))
-                outside &= ~np.isnan(values)
-            if not outside.any():
-                continue
-            which = int(np.argmax(outside))
-            wrong = values[which].item()
-        raise InputError(
-            f"{layer.layer} feature {layer.ids[which] if len(layer) else 0}: {name} = {format_value(wrong)}: "
-            f"expected {parameter.expected}"
-        )
+            allowed = (values >= parameter.low) & (values <= parameter.high)
+            wrong = ~(allowed & ((parameter.kind is float) | (values == np.rint(values))) | np.isnan(values))
+        if wrong.any():
+            which = int(np.argmax(wrong))
+            raise InputError(
+                f"{layer.layer} feature {layer.ids[which]}: {name} = {format_value(values[which].item())}: "
+                f"expected {parameter.expected}"
+            )
 
 
-def _scalar(value: Any) -> Value:
-    return value if isinstance(value, str) else value.item()
+def repeats(vertices: Float64Array, ring: Int64Array, closed: BoolArray) -> BoolArray:
+    """Return which vertices are at the place of the one before them in their ring.
+
+    `ring` is each vertex's ring; before the first vertex of a closed one is its last.
+    """
+    first = np.append(True, ring[1:] != ring[:-1])[: len(ring)]
+    last = np.append(first[1:], True)[: len(ring)]
+    found = np.append(False, (vertices[1:] == vertices[:-1]).all(axis=1))[: len(ring)]
+    found[first] = (vertices[first] == vertices[last]).all(axis=1) & closed[ring[first]]
+    return found
 
 
-def _starts(counts: npt.ArrayLike) -> Int64Array:
+def property_columns(properties: Sequence[Properties]) -> dict[str, Column]:
+    """Return properties of features as columns; those that no feature has are left out."""
+    columns: dict[str, Column] = {}
+    for name in dict.fromkeys(name for each in properties for name in each):
+        values = [each.get(name) for each in properties]
+        if any(isinstance(value, str) for value in values):
+            columns[name] = tuple("" if value is None else str(value) for value in values)
+        elif all(isinstance(value, int) for value in values):
+            columns[name] = np.array(values, np.int64)
+        else:
+            columns[name] = np.array([np.nan if value is None else value for value in values], np.float64)
+    return columns
+
+
+def starts(counts: npt.ArrayLike) -> Int64Array:
+    """Return where each of successive parts of some lengths starts, and the end of the last one."""
     return np.concatenate([[0], np.cumsum(np.asarray(counts, dtype=np.int64))]).astype(np.int64)
-
-
-def _appended(
-    columns: Mapping[str, Column], kept: BoolArray, added: Sequence[Properties]
-) -> dict[str, Column]:
-    """Return the kept rows of columns and those of new features; columns without any value are dropped."""
-    names = dict.fromkeys([*columns, *(name for each in added for name in each)])
-    result: dict[str, Column] = {}
-    for name in names:
-        new = [each.get(name) for each in added]
-        old = columns.get(name)
-        texts = isinstance(old, tuple) or any(isinstance(value, str) for value in new)
-        if texts:
-            before = [""] * int(kept.sum()) if old is None else _kept_texts(old, kept)
-            column: Column = (*before, *("" if value is None else str(value) for value in new))
-            empty = not any(column)
-        else:
-            numbers = np.full(int(kept.sum()), np.nan) if old is None else np.asarray(old)[kept]
-            column = np.append(numbers, [np.nan if value is None else float(value) for value in new])
-            whole = len(numbers) == 0 if old is None else np.asarray(old).dtype.kind == "i"
-            if whole and all(isinstance(value, int) for value in new):
-                column = column.astype(np.int64)
-            empty = bool(np.isnan(column).all())
-        if not empty:
-            result[name] = column
-    return result
-
-
-def _kept_texts(column: Column, kept: BoolArray) -> list[str]:
-    return [str(value) for value, keep in zip(column, kept.tolist(), strict=True) if keep]
 
 
 _EMPTY: Final = {name: VectorLayer(name) for name in VECTOR_LAYERS}

@@ -15,9 +15,9 @@ from rasterio import CRS, DatasetReader, Env, MemoryFile
 from rasterio._err import CPLE_BaseError
 from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import RasterioError
-from rasterio.transform import from_bounds
 from rasterio.vrt import WarpedVRT
 from rasterio.warp import transform_bounds
+from rasterio.windows import Window
 
 from sketchterrain.document.rasters import RasterSource, raster_problem
 from sketchterrain.document.sketch import Sketch
@@ -52,7 +52,8 @@ def raster_area(source: RasterSource) -> RasterArea | None:
     with _open(source) as file:
         if file.crs is None:
             return None
-        west, south, east, north = _bounds(file)
+        with WarpedVRT(file) as upright:
+            west, south, east, north = upright.bounds
         target = metric_crs_at(file.crs, (0.5 * (west + east), 0.5 * (south + north)))
         west, south, east, north = transform_bounds(file.crs, target, west, south, east, north)
         frame = {"crs": crs_text(target), "east": west, "north": south}
@@ -69,35 +70,23 @@ def read_picture(source: RasterSource, sketch: Sketch) -> RasterPicture:
     with _open(source) as file:
         if file.crs is None and file.transform.is_identity:
             box = 0.0, 0.0, width, height
-            return RasterPicture(_pixels(file, source.band, out_shape=_shape(box, sketch)), box)
+            return RasterPicture(_pixels(file, source.band, _shape(box, sketch)), box)
         if file.crs is not None and not frame["crs"]:
             raise InputError(f"{_place(source)}: expected a sketch with a CRS, [frame] has none")
         target = parse_crs(frame["crs"]) if frame["crs"] else _LOCAL
-        crs, bounds, at = file.crs or target, _bounds(file), file.transform
-        if crs != target:
-            bounds = transform_bounds(crs, target, *bounds)
-        east, north = frame["east"], frame["north"]
-        left, right = max(bounds[0] - east, 0.0), min(bounds[2] - east, width)
-        bottom, top = max(bounds[1] - north, 0.0), min(bounds[3] - north, height)
-        if left >= right or bottom >= top:
-            raise InputError(f"{_place(source)}: expected a picture inside the sketch, it lies outside of it")
-        box = left, bottom, right, top
-        rows, columns = _shape(box, sketch)
-        place = east + left, north + bottom, east + right, north + top
-        if crs == target and at.a > 0 and at.e < 0 and at.b == at.d == 0:  # reads overviews
-            window = file.window(*place)
-            return RasterPicture(_pixels(file, source.band, window=window, out_shape=(rows, columns)), box)
-        with WarpedVRT(
-            file,
-            src_crs=crs,
-            crs=target,
-            transform=from_bounds(*place, columns, rows),
-            width=columns,
-            height=rows,
-            add_alpha=ColorInterp.alpha not in file.colorinterp,
-            resampling=_resampling(file, source.band),
-        ) as warped:
-            return RasterPicture(_pixels(warped, source.band), box)
+        has_mask = file.nodata is not None or ColorInterp.alpha in file.colorinterp
+        options = {"resampling": _resampling(file, source.band), "add_alpha": not has_mask}
+        with WarpedVRT(file, src_crs=file.crs or target, crs=target, **options) as warped:
+            east, north, bounds = frame["east"], frame["north"], warped.bounds
+            left, right = max(bounds.left - east, 0.0), min(bounds.right - east, width)
+            bottom, top = max(bounds.bottom - north, 0.0), min(bounds.top - north, height)
+            if left >= right or bottom >= top:
+                raise InputError(
+                    f"{_place(source)}: expected a picture inside the sketch, it lies outside of it"
+                )
+            box = left, bottom, right, top
+            window = warped.window(east + left, north + bottom, east + right, north + top)
+            return RasterPicture(_pixels(warped, source.band, _shape(box, sketch), window), box)
 
 
 def _place(source: RasterSource) -> str:
@@ -125,15 +114,6 @@ def _open(source: RasterSource) -> Iterator[DatasetReader]:
         raise InputError(f"{_place(source)}: cannot be read as a raster ({one_line(error)[:160]})") from None
 
 
-def _bounds(file: DatasetReader) -> tuple[float, float, float, float]:
-    """Return west, south, east and north of a raster, which may be rotated."""
-    at = file.transform
-    corners = [(column, row) for column in (0, file.width) for row in (0, file.height)]
-    x = [at.c + at.a * column + at.b * row for column, row in corners]
-    y = [at.f + at.d * column + at.e * row for column, row in corners]
-    return min(x), min(y), max(x), max(y)
-
-
 def _shape(box: tuple[float, float, float, float], sketch: Sketch) -> tuple[int, int]:
     """Return the rows and columns of a picture in a box (m) of a sketch."""
     west, south, east, north = box
@@ -146,20 +126,22 @@ def _resampling(file: DatasetReader, band: int) -> Resampling:
     return Resampling.nearest if is_indexed else Resampling.average
 
 
-def _pixels(file: DatasetReader, band: int, **where: Any) -> npt.NDArray[np.uint8]:
+def _pixels(
+    file: DatasetReader, band: int, shape: tuple[int, int], window: Window | None = None
+) -> npt.NDArray[np.uint8]:
     """Return sRGB and opacity, (rows, columns, 4), of bands in colour, of indices, or in grey."""
     is_rgb = file.dtypes[band - 1] == "uint8" and file.colorinterp[band - 1 : band + 2] == _RGB
     indexes = [band, band + 1, band + 2] if is_rgb else [band]
-    bands = file.read(indexes, resampling=_resampling(file, band), **where)
-    mask = file.read_masks(indexes, **where).max(axis=0)
+    bands = file.read(indexes, window=window, out_shape=shape, resampling=_resampling(file, band))
+    mask = file.read_masks(indexes, window=window, out_shape=shape).max(axis=0)
     if file.colorinterp[band - 1] == ColorInterp.palette:
         table = np.zeros((256, 3), np.uint8)
         for index, colour in file.colormap(band).items():
             table[index] = colour[:3]
         bands = table[bands[0].astype(np.uint8)].transpose(2, 0, 1)
     elif bands.dtype != np.uint8:  # stretched over its range
-        values = np.where((mask > 0) & np.isfinite(bands[0]), bands[0], np.nan).astype(np.float64)
-        low, high = (np.nanmin(values), np.nanmax(values)) if np.isfinite(values).any() else (0.0, 1.0)
-        bands = np.nan_to_num(255.0 * (values - low) / max(high - low, 1e-30)).astype(np.uint8)[None]
-        mask = np.where(np.isnan(values), np.uint8(0), mask)
+        values = np.ma.masked_where(mask == 0, np.ma.masked_invalid(bands[0].astype(np.float64)))
+        low, high = (values.min(), values.max()) if values.count() else (0.0, 1.0)
+        bands = (255.0 * (values - low) / max(high - low, 1e-30)).filled(0.0).astype(np.uint8)[None]
+        mask = np.where(np.ma.getmaskarray(values), np.uint8(0), mask)
     return np.stack([*np.broadcast_to(bands, (3, *mask.shape)), mask], axis=-1)

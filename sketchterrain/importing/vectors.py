@@ -28,8 +28,8 @@ from sketchterrain.document.vectors import (
     POINT,
     STEP,
     VECTOR_LAYERS,
-    Column,
     VectorLayer,
+    property_columns,
 )
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
 from sketchterrain.importing.legend import (
@@ -63,7 +63,7 @@ _MAX_WIDTH = 1e6  # m
 _DEFAULT_WIDTH = 0.04  # of the longer side: lines and discs on layers of areas
 _SIMPLIFICATION = 1 / 16  # px, tolerance for wide lines
 _UNKNOWN = "without a known layer"
-_JOIN = 0.5  # m, distance from another line within which a line ends on it
+_JOIN = 1.5 * STEP  # m, distance of an end on a line from it after both were rounded
 
 
 class _Features(NamedTuple):
@@ -326,40 +326,17 @@ def _on_grid(features: _Features, area: SketchArea, skipped: Counter[str]) -> _F
 
 
 def _joined(lines: Shapes) -> Shapes:
-    """Return lines whose ends have a vertex in common with the lines that they nearly touch."""
-    at, of = shapely.get_coordinates(lines, return_index=True)
-    nodes, node = np.unique(at.view(np.complex128).ravel(), return_inverse=True)
-    start = np.flatnonzero(of[1:] == of[:-1])  # of segments
-    tree = shapely.STRtree(shapely.linestrings(np.stack([at[start], at[start + 1]], axis=1)))
-    changes = np.diff(of, prepend=-1, append=-1) != 0
-    ends = np.unique(node[changes[:-1] | changes[1:]])
-    points = shapely.points(nodes.real, nodes.imag)
-    end, segment = tree.query(points[ends], predicate="dwithin", distance=_JOIN)
-    end = ends[end]
-    apart = ~np.isin(end * len(lines) + of[start[segment]], node * len(lines) + of)
-    end, segment = end[apart], segment[apart]
-    order = np.argsort(shapely.distance(points[end], tree.geometries[segment]), kind="stable")
-    fixed = set[int]()
-    added: list[tuple[int, float, complex]] = []
-    for moved, along in zip(end[order].tolist(), start[segment[order]].tolist(), strict=True):
-        if moved in fixed:
-            continue
-        corners = node[along : along + 2]
-        first, last = nodes[corners]
-        nearest = int(np.argmin(np.abs(nodes[corners] - nodes[moved])))
-        if abs(nodes[corners[nearest]] - nodes[moved]) <= _JOIN:
-            nodes[moved] = nodes[corners[nearest]]
-        else:
-            share = ((nodes[moved] - first) * np.conj(last - first)).real / abs(last - first) ** 2
-            place = (first + share * (last - first)) / STEP
-            nodes[moved] = complex(round(place.real), round(place.imag)) * STEP
-            added.append((along + 1, share, nodes[moved]))
-        fixed |= {moved, *corners.tolist()}
-    added.sort(key=lambda each: each[:2])
-    before = np.array([index for index, _, _ in added], np.int64)
-    at = np.insert(nodes[node], before, [place for _, _, place in added])
-    of = np.insert(of, before, of[before])
-    return np.asarray(shapely.linestrings(at.real, at.imag, indices=of), dtype=object)
+    """Return lines with a vertex wherever another one ends on them.
+
+    Ends that lie apart within a river's bed are joined when the terrain is built.
+    """
+    ends = shapely.points(np.unique(shapely.get_coordinates(shapely.boundary(lines)), axis=0))
+    line, end = shapely.STRtree(ends).query(lines, predicate="dwithin", distance=_JOIN)
+    joined, start = np.unique(line, return_index=True)
+    places = [shapely.multipoints(each) for each in np.split(ends[end], start[1:])]
+    lines = lines.copy()
+    lines[joined] = shapely.snap(lines[joined], places[: len(joined)], _JOIN)
+    return lines
 
 
 def _vector_layers(features: _Features, width: float | None) -> dict[str, VectorLayer]:
@@ -367,9 +344,7 @@ def _vector_layers(features: _Features, width: float | None) -> dict[str, Vector
     for name in dict.fromkeys(features.names.tolist()):
         layer = features.where(features.names == name)
         pairs = zip(layer.labels, layer.kinds.tolist(), strict=True)
-        properties = [_properties(label, kind, width) for label, kind in pairs]
-        keys = dict.fromkeys(key for each in properties for key in each)
-        columns = {key: _column([each.get(key) for each in properties]) for key in keys}
+        columns = property_columns([_properties(label, kind, width) for label, kind in pairs])
         layers[name] = VectorLayer.from_shapes(name, layer.shapes, columns=columns)
     return layers
 
@@ -383,12 +358,6 @@ def _properties(label: FeatureLabel, kind: int, width: float | None) -> Properti
     elif width is not None and "width" in label.guessed:
         del properties["width"]
     return properties
-
-
-def _column(values: Sequence[Value | None]) -> Column:
-    if any(isinstance(value, str) for value in values):
-        return tuple("" if value is None else str(value) for value in values)
-    return np.array([math.nan if value is None else value for value in values], np.float64)
 
 
 def _label(layer: str, width: float | None) -> Properties:

@@ -66,6 +66,12 @@ def write_atomic(path: Path, content: bytes) -> Path:
     return path
 
 
+def relative_path(path: str, base: Path) -> str:
+    """Return a path inside a folder relative to it, with ``/``; another one as it is."""
+    folder = base.absolute()
+    return Path(path).relative_to(folder).as_posix() if Path(path).is_relative_to(folder) else path
+
+
 def hash_file(path: Path) -> tuple[int, str]:
     """Return the length of a file and its SHA-256 as hexadecimal digits; raise OSError."""
     with path.open("rb") as stream:

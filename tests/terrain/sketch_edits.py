@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -241,7 +241,7 @@ def _draw(name: str) -> Change:
             moved = at + rng.normal(0, 0.01 * sketch.extent, 2)
             vertices[(vertices == at).all(axis=1)] = moved
             with suppress(InputError):  # the area would cross itself
-                layer = layer.with_vertices(vertices)
+                layer = replace(layer, vertices=vertices)
         else:
             layer = layer.edited([int(rng.choice(layer.ids))])
         return sketch.replace(vectors={**sketch.vectors, name: layer})

@@ -13,8 +13,7 @@ from sketchterrain.hydrology.splines import drop_repeats
 from sketchterrain.placement.heights import ShapeHeight, shape_height
 from sketchterrain.ui.canvas.compositing import visible_layers
 from sketchterrain.ui.canvas.decorations import write_beside
-from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
-from sketchterrain.ui.canvas.vectors import REACH
+from sketchterrain.ui.canvas.tool_context import REACH, Pointer, Tool, ToolContext
 from sketchterrain.ui.look.layer_colours import label_colour
 from sketchterrain.ui.models import vectors
 from sketchterrain.ui.models.document import Draft

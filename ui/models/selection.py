@@ -1,19 +1,20 @@
 """The selection: hit testing of placed features, drag handles and drags, commands; one history step each."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.document.layers import LAYERS, layer_of, vector_of
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.vector_edits import nearest_vertex, on_grid
 from sketchterrain.errors import InputError
 from sketchterrain.placement.feature_types import FEATURE_TYPES, River, distance_inside, height_profile
 from sketchterrain.ui import commands
 from sketchterrain.ui.commands import drag_title, dragged, find_parent_river, find_point, find_river, name_of
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.vectors import VectorDrag, find_vector
+from sketchterrain.ui.models.vectors import find_vector
 from sketchterrain.ui.models.workspace import Selection, Workspace
 
 _MAX_HANDLES = 1000  # of a vector
@@ -73,6 +74,22 @@ def vector_handles(sketch: Sketch, selection: Selection | None) -> tuple[Handle,
     )
 
 
+def vertex_at(
+    sketch: Sketch, selection: Selection | None, x: float, y: float, *, reach: float
+) -> Handle | None:
+    """Return the vertex of the selected vector within a distance (m) of a position; the active one first."""
+    feature = find_vector(sketch, selection)
+    if feature is None or selection is None:
+        return None
+    places = np.concatenate(feature.rings)
+    distance = np.hypot(*(places - (x, y)).T)
+    if selection.index is not None and selection.index < len(places):
+        distance[selection.index] -= 1e-6
+    index = int(np.argmin(distance))
+    x, y = places[index].tolist()
+    return Handle("point", replace(selection, index=index), x, y, x, y) if distance[index] <= reach else None
+
+
 def handles_of(placed: Placement, selection: Selection | None) -> tuple[Handle, ...]:
     """Return a selection's handles: none for lakes and missing objects, none where a river joins another."""
     if selection is None:
@@ -127,21 +144,26 @@ def _heights(points: StructuredArray, distance: Float64Array) -> Float64Array:
 
 
 class FeatureDrag:
-    """A drag of a handle: edits the document, as one history step."""
+    """A drag of a handle: edits the document, as one history step.
+
+    Placed features follow at once. A vertex of a vector moves with its node when the drag is finished; it
+    snaps to others within `reach` (m).
+    """
 
     def __init__(
         self,
         document: Document,
-        placed: Placement,
+        placed: Placement | None,
         handle: Handle,
         *,
         grab: tuple[float, float] | None = None,
+        reach: float = 0.0,
     ) -> None:
         self._document = document
         self._placed = placed
         self._before = document.sketch
         self._last: Sketch | None = document.sketch
-        self._title = drag_title(placed, handle)
+        self._reach = reach
         self._offset = (0.0, 0.0) if grab is None else (handle.x - grab[0], handle.y - grab[1])
         self._merge = object()
         self.handle = handle
@@ -158,14 +180,18 @@ class FeatureDrag:
         if not self.is_alive:
             return
         x, y = x + self._offset[0], y + self._offset[1]
-        self.problem = ""
-        try:
-            self._do(dragged(self._before, self._placed, self.handle, x, y))
-            self.x, self.y = x, y
-        except InputError as error:
-            self.problem = str(error)
+        if not self.handle.selection.is_vector:
+            self._change(x, y)
+            return
+        layer = self._before.vectors[self.handle.selection.kind]
+        near = nearest_vertex(layer, x, y, self._reach, other_than=(self.handle.x, self.handle.y))
+        self.x, self.y = on_grid((x, y) if near is None else layer.vertices[near]).tolist()
 
     def finish(self) -> None:
+        """End the drag; `problem` tells why the last motion was not possible."""
+        is_moved = (self.x, self.y) != (self.handle.x, self.handle.y)
+        if self.handle.selection.is_vector and is_moved and self.is_alive:
+            self._change(self.x, self.y)
         self._last = None
 
     def cancel(self) -> None:
@@ -173,25 +199,19 @@ class FeatureDrag:
         if self.is_alive and self._last is not self._before:
             self._do(self._before)
         self.x, self.y = self.handle.x, self.handle.y
-        self.finish()
+        self._last = None
+
+    def _change(self, x: float, y: float) -> None:
+        self.problem = ""
+        try:
+            self._do(dragged(self._before, self._placed, self.handle, x, y))
+            self.x, self.y = x, y
+        except InputError as error:
+            self.problem = str(error)
 
     def _do(self, sketch: Sketch) -> None:
-        self._document.do(self._title, sketch, merge=self._merge)
+        self._document.do(drag_title(self._placed, self.handle), sketch, merge=self._merge)
         self._last = self._document.sketch
-
-
-def start_drag(
-    document: Document,
-    placed: Placement,
-    handle: Handle,
-    *,
-    grab: tuple[float, float] | None = None,
-    reach: float = 0.0,
-) -> FeatureDrag | VectorDrag:
-    """Return a drag of a handle; vertices of vectors snap to others within a distance (m)."""
-    if handle.selection.is_vector:
-        return VectorDrag(document, handle, grab=grab, reach=reach)
-    return FeatureDrag(document, placed, handle, grab=grab)
 
 
 def add(document: Document, workspace: Workspace, kind: str, x: float, y: float) -> None:

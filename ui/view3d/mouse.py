@@ -16,7 +16,7 @@ from sketchterrain.ui.commands import exists
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.selection import Handle, add, handles_of, select_at, start_drag
+from sketchterrain.ui.models.selection import FeatureDrag, Handle, add, handles_of, select_at
 from sketchterrain.ui.models.vectors import vector_at
 from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.view3d.camera import Projection, drag_motion, zoom_motion
@@ -64,7 +64,7 @@ class HandleDrag:
         self._is_moved = False
         grab = projection.intersect_level(start.x(), start.y(), mark.z)
         reach = _SNAP * projection.metres_per_px((mark.handle.x, mark.handle.y, mark.z))
-        self._drag = start_drag(document, placed, mark.handle, grab=grab, reach=reach)
+        self._drag = FeatureDrag(document, placed, mark.handle, grab=grab, reach=reach)
         self.finish, self.cancel = self._drag.finish, self._drag.cancel
 
     @property

@@ -20,7 +20,7 @@ from sketchterrain.ui.models.workspace import Selection
 
 _LEAST_WIDTH = 1.5  # logical px of a line
 _MAX_HANDLES = 1500
-_NEAR = 1.5  # logical px; of points in a square of this side one is drawn
+_TOLERANCE = 0.3  # logical px of drawn lines
 
 
 class VectorMarks:
@@ -41,7 +41,9 @@ class VectorMarks:
         sketch = self._context.document.sketch
         feature = vectors.find_vector(sketch, selection)
         if feature is not None:
-            (path,) = self._paths([vectors.outline_of(sketch, selection)])
+            layer = sketch.vectors[selection.kind]
+            shape = vectors.curves_of(layer).shapes[layer.index(selection.id)]
+            (path,) = self._paths(np.array([shape]), self._canvas())
             draw_haloed(painter, path, colour, 2.0)
             if feature.properties.get("directed") == 1:
                 _draw_arrow(painter, path)
@@ -58,55 +60,61 @@ class VectorMarks:
         else:
             start, end = (drag.handle.x, drag.handle.y), (drag.x, drag.y)
             places[(places == start).all(axis=1)] = end
-            moved = vectors.outlines_with_moved_node(sketch.vectors[selection.kind], start, end)
-            for path in self._paths(moved):
+            moved = vectors.shapes_with_moved_node(sketch.vectors[selection.kind], start, end)
+            for path in self._paths(moved, self._canvas()):
                 draw_haloed(painter, path, SELECTED, 2.0)
         numbers = vertices_of(sketch.vectors[selection.kind], selection.id)
         shared = vectors.curves_of(sketch.vectors[selection.kind]).shared[numbers.start : numbers.stop]
         x, y = context.screens_from_world(*places.T)
-        width, height = context.viewport.width / context.ratio, context.viewport.height / context.ratio
-        visible = np.flatnonzero((np.abs(x - 0.5 * width) < width) & (np.abs(y - 0.5 * height) < height))
+        left, top, right, bottom = self._canvas().getCoords()
+        visible = np.flatnonzero((x > left) & (x < right) & (y > top) & (y < bottom))
         painter.setPen(QPen(SELECTED, 1.8))
         for index in visible.tolist() if len(visible) <= _MAX_HANDLES else []:
             painter.setBrush(SELECTED if index == selection.index else QColor(255, 255, 255))
             square = QRectF(float(x[index]) - 3.5, float(y[index]) - 3.5, 7.0, 7.0)
             painter.drawEllipse(square.adjusted(-1, -1, 1, 1)) if shared[index] else painter.drawRect(square)
 
-    def _paths(self, outlines: Any) -> list[QPainterPath]:
-        """Return the path of each outline, logical px."""
-        import shapely
+    def _canvas(self) -> QRectF:
+        """Return the visible area, with room for lines."""
+        viewport, ratio = self._context.viewport, self._context.ratio
+        return QRectF(0.0, 0.0, viewport.width / ratio, viewport.height / ratio).adjusted(
+            -9.0, -9.0, 9.0, 9.0
+        )
 
-        parts, of = shapely.get_parts(outlines, return_index=True)
-        points, part = shapely.get_coordinates(parts, return_index=True)
-        points = np.stack(self._context.screens_from_world(*points.T), axis=-1)
-        # The first and last point of each part, and of the others those that are apart from the one before.
-        kept = np.ones((len(points), 2), np.bool_)
-        near = np.diff(np.floor(points / _NEAR), axis=0).any(axis=1)
-        starts = part[1:] != part[:-1]
-        kept[1:, 0], kept[:-1, 1] = near | starts, starts
-        rows = kept.any(axis=1)
-        paths = [QPainterPath() for _ in outlines]
-        ends = np.searchsorted(part[rows], np.arange(1, len(parts)))
-        for path, line in zip(of.tolist(), np.split(points[rows], ends), strict=True):
-            paths[path].addPolygon(QPolygonF([QPointF(x, y) for x, y in line.tolist()]))
-        return paths
-
-    def _draw(self, painter: QPainter, area: QRectF) -> None:
+    def _paths(self, shapes: Any, area: QRectF) -> list[QPainterPath]:
+        """Return the path of each shape within an area, logical px."""
         import shapely
 
         context = self._context
         west, north = context.world_from_sketch(*context.sketch_from_screen(area.topLeft()))
         east, south = context.world_from_sketch(*context.sketch_from_screen(area.bottomRight()))
+        clipped = shapely.clip_by_rect(shapes, west, south, east, north)
+        lines = vectors.outlines(
+            shapely.simplify(clipped, _TOLERANCE / context.px_per_metre, preserve_topology=False)
+        )
+        parts, of = shapely.get_parts(lines, return_index=True)
+        points, part = shapely.get_coordinates(parts, return_index=True)
+        points = np.stack(context.screens_from_world(*points.T))
+        ends = np.searchsorted(part, np.arange(1, len(parts)))
+        paths = [QPainterPath() for _ in shapes]
+        for path, line in zip(of.tolist(), np.split(points, ends, axis=1), strict=True):
+            paths[path].addPolygon(QPolygonF(list(map(QPointF, *line.tolist()))))
+        return paths
+
+    def _draw(self, painter: QPainter, area: QRectF) -> None:
+        context = self._context
         for layer in vectors.visible_vectors(context.document.sketch, context.workspace):
-            widths = vectors.widths_of(context.document.sketch, layer)
-            margin = 0.5 * widths.max() + 2.0 * _LEAST_WIDTH / context.px_per_metre
-            box = shapely.box(west - margin, south - margin, east + margin, north + margin)
-            curves = vectors.curves_of(layer)
-            rows = np.sort(curves.tree.query(box))
-            rows = rows[np.argsort(layer.kinds[rows] == LINE, kind="stable")]
-            for index, path in zip(rows.tolist(), self._paths(curves.outlines[rows]), strict=True):
+            widths = vectors.widths_of(context.document.sketch, layer) * context.px_per_metre
+            margin = 0.5 * float(widths.max()) + 2.0 * _LEAST_WIDTH
+            order = np.argsort(layer.kinds == LINE, kind="stable")
+            paths = self._paths(
+                vectors.curves_of(layer).shapes[order], area.adjusted(-margin, -margin, margin, margin)
+            )
+            for index, path in zip(order.tolist(), paths, strict=True):
+                if path.isEmpty():
+                    continue
                 colour = label_colour(layer.layer, int(layer.labels[index]))
-                self._set_pen(painter, colour, float(widths[index]) * context.px_per_metre)
+                self._set_pen(painter, colour, float(widths[index]))
                 fill = QColor(colour.red(), colour.green(), colour.blue(), 128)
                 painter.setBrush(fill if layer.kinds[index] == AREA else Qt.BrushStyle.NoBrush)
                 painter.drawPath(path)

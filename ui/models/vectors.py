@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -24,10 +24,13 @@ from sketchterrain.ui.models.workspace import Selection, Workspace
 if TYPE_CHECKING:  # it takes a quarter of a second
     import shapely
 
-_PIECES = 16  # straight ones of a curve between two vertices
+_PIECES = 12  # straight ones of a curve between two vertices
 _POWERS = (np.arange(_PIECES) / _PIECES) ** np.arange(4)[:, None]
 _OFFSET = 0.02  # of what is pasted, over the sketch's extent
 _curves = LRUCache(4)
+
+Shapes: TypeAlias = npt.NDArray[np.object_]
+"""Shapely geometries."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,13 +39,13 @@ class Curves:
 
     Parameters
     ----------
-    shapes, outlines : (n,) shapely geometries, m; the outline of an area is its border and holes
+    shapes, outlines : (n,) m; the outline of an area is its border and holes
     tree : index of the shapes
     shared : (m,) whether each vertex is a node with others
     """
 
-    shapes: npt.NDArray[np.object_]
-    outlines: npt.NDArray[np.object_]
+    shapes: Shapes
+    outlines: Shapes
     tree: shapely.STRtree
     shared: BoolArray
 
@@ -57,20 +60,27 @@ class Curves:
             lengths = np.diff(layer.rings)[own]
             points, line = _sampled(layer.vertices[own[layer.ring_of_vertex]], lengths)
             shapes[smooth] = shapely.linestrings(points, indices=line)
-        outlines = shapes.copy()
-        outlines[layer.kinds == AREA] = shapely.boundary(shapes[layer.kinds == AREA])
         places = layer.vertices @ np.array([1.0, 1.0j])
         _, node, counts = np.unique(places, return_inverse=True, return_counts=True)
-        return cls(shapes, outlines, shapely.STRtree(shapes), counts[node] > 1)
+        return cls(shapes, outlines(shapes), shapely.STRtree(shapes), counts[node] > 1)
 
     def nearest(self, x: float, y: float, reach: float | Float64Array) -> int | None:
         """Return the index of the feature with the nearest outline within a distance (m), or each its own."""
         import shapely
 
         point, reach = shapely.Point(x, y), np.broadcast_to(reach, len(self.shapes))
-        rows = self.tree.query(point, predicate="dwithin", distance=reach.max(initial=0.0))
+        rows = self.tree.query(point.buffer(max(reach.max(initial=0.0), 0.0), cap_style="square"))
         excess = shapely.distance(self.outlines[rows], point) - reach[rows]
         return int(rows[np.argmin(excess)]) if excess.min(initial=np.inf) <= 0.0 else None
+
+
+def outlines(shapes: Shapes) -> Shapes:
+    """Return shapes with their borders and holes in place of areas."""
+    import shapely
+
+    lines, areas = shapes.copy(), shapely.get_dimensions(shapes) == 2
+    lines[areas] = shapely.boundary(shapes[areas])
+    return lines
 
 
 def curves_of(layer: VectorLayer) -> Curves:
@@ -129,12 +139,6 @@ def find_vector(sketch: Sketch, selection: Selection | None) -> VectorFeature | 
     return layer.feature(selection.id) if selection.id in layer.ids else None
 
 
-def outline_of(sketch: Sketch, selection: Selection) -> Any:
-    """Return the outline of a vector, a shapely geometry."""
-    layer = sketch.vectors[selection.kind]
-    return curves_of(layer).outlines[layer.index(selection.id)]
-
-
 def visible_vectors(sketch: Sketch, workspace: Workspace) -> list[VectorLayer]:
     """Return the visible layers that have vectors, from bottom to top."""
     names = [name for name in DRAW_ORDER if name in VECTOR_LAYERS and workspace.look(name).visible]
@@ -174,16 +178,18 @@ def with_node(layer: VectorLayer, x: float, y: float, reach: float) -> VectorLay
     return layer if index is None else edits.insert_vertex(layer, nearest_place(layer, index, x, y)[0], x, y)
 
 
-def outlines_with_moved_node(
+def shapes_with_moved_node(
     layer: VectorLayer, start: tuple[float, float], end: tuple[float, float]
-) -> list[Any]:
+) -> Shapes:
     """Return the outlines of the features at a node, moved to another position (m), for previews."""
     import shapely
 
     at = np.flatnonzero(edits.at_node(layer, *start))
     names = layer.ids[np.unique(layer.feature_of_ring[layer.ring_of_vertex[at]])].tolist()
     moved = [with_moved_node(layer.feature(name), start, end) for name in names]
-    return [shapely.MultiLineString([line for line in lines_of(each) if len(line) > 1]) for each in moved]
+    return np.array(
+        [shapely.MultiLineString([line for line in lines_of(each) if len(line) > 1]) for each in moved]
+    )
 
 
 def lines_of(feature: VectorFeature) -> list[Float64Array]:

@@ -128,6 +128,11 @@ class ToolContext:
         """Logical pixels along a metre."""
         return self.scale / self.document.sketch.pixel_size
 
+    @property
+    def area(self) -> QRectF:
+        """The canvas, logical pixels."""
+        return QRectF(0.0, 0.0, self.viewport.width / self.ratio, self.viewport.height / self.ratio)
+
     def screen_from_sketch(self, x: float, y: float) -> QPointF:
         right, down = self.viewport.to_screen(x, y)
         return QPointF(right / self.ratio, down / self.ratio)

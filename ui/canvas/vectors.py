@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from functools import lru_cache
 
 import numpy as np
 from PyQt6.QtCore import QPointF, QRectF, Qt
@@ -11,7 +11,7 @@ from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF,
 
 from sketchterrain.document.vector_edits import vertices_of
 from sketchterrain.document.vectors import AREA, LINE
-from sketchterrain.ui.canvas.marks import SELECTED, OverlayImage, draw_haloed
+from sketchterrain.ui.canvas.marks import SELECTED, OverlayImage, draw_haloed, screen_paths
 from sketchterrain.ui.canvas.tool_context import ToolContext
 from sketchterrain.ui.look.layer_colours import label_colour
 from sketchterrain.ui.models import vectors
@@ -20,7 +20,6 @@ from sketchterrain.ui.models.workspace import Selection
 
 _LEAST_WIDTH = 1.5  # logical px of a line
 _MAX_HANDLES = 1500
-_TOLERANCE = 0.3  # logical px of drawn lines
 
 
 class VectorMarks:
@@ -43,30 +42,29 @@ class VectorMarks:
         if feature is not None:
             layer = sketch.vectors[selection.kind]
             shape = vectors.curves_of(layer).shapes[layer.index(selection.id)]
-            (path,) = self._paths(np.array([shape]), self._canvas())
+            (path,) = screen_paths(self._context, np.array([shape]), self._context.area)
             draw_haloed(painter, path, colour, 2.0)
-            if feature.properties.get("directed") == 1:
+            if feature.properties.get("directed") == 1 and not path.isEmpty():
                 _draw_arrow(painter, path)
 
     def draw_selection(self, painter: QPainter, selection: Selection, drag: FeatureDrag | None) -> None:
         """Draw the selected vector with its vertices, and while one is dragged all that share the node."""
-        context, sketch = self._context, self._context.document.sketch
-        feature = vectors.find_vector(sketch, selection)
-        if feature is None:
+        context, layer = self._context, self._context.document.sketch.vectors[selection.kind]
+        if selection.id not in layer.ids:
             return
-        places = np.concatenate(feature.rings)
+        numbers = vertices_of(layer, selection.id)
+        places = layer.vertices[numbers.start : numbers.stop].copy()
+        shared = vectors.curves_of(layer).shared[numbers.start : numbers.stop]
         if drag is None:
             self.draw_outline(painter, selection, SELECTED)
         else:
             start, end = (drag.handle.x, drag.handle.y), (drag.x, drag.y)
             places[(places == start).all(axis=1)] = end
-            moved = vectors.shapes_with_moved_node(sketch.vectors[selection.kind], start, end)
-            for path in self._paths(moved, self._canvas()):
+            moved = vectors.Curves.from_layer(vectors.with_moved_node(layer, start, end))
+            for path in screen_paths(context, moved.shapes, context.area):
                 draw_haloed(painter, path, SELECTED, 2.0)
-        numbers = vertices_of(sketch.vectors[selection.kind], selection.id)
-        shared = vectors.curves_of(sketch.vectors[selection.kind]).shared[numbers.start : numbers.stop]
         x, y = context.screens_from_world(*places.T)
-        left, top, right, bottom = self._canvas().getCoords()
+        left, top, right, bottom = context.area.adjusted(-5.0, -5.0, 5.0, 5.0).getCoords()
         visible = np.flatnonzero((x > left) & (x < right) & (y > top) & (y < bottom))
         painter.setPen(QPen(SELECTED, 1.8))
         for index in visible.tolist() if len(visible) <= _MAX_HANDLES else []:
@@ -74,56 +72,29 @@ class VectorMarks:
             square = QRectF(float(x[index]) - 3.5, float(y[index]) - 3.5, 7.0, 7.0)
             painter.drawEllipse(square.adjusted(-1, -1, 1, 1)) if shared[index] else painter.drawRect(square)
 
-    def _canvas(self) -> QRectF:
-        """Return the visible area, with room for lines."""
-        viewport, ratio = self._context.viewport, self._context.ratio
-        return QRectF(0.0, 0.0, viewport.width / ratio, viewport.height / ratio).adjusted(
-            -9.0, -9.0, 9.0, 9.0
-        )
-
-    def _paths(self, shapes: Any, area: QRectF) -> list[QPainterPath]:
-        """Return the path of each shape within an area, logical px."""
-        import shapely
-
-        context = self._context
-        west, north = context.world_from_sketch(*context.sketch_from_screen(area.topLeft()))
-        east, south = context.world_from_sketch(*context.sketch_from_screen(area.bottomRight()))
-        clipped = shapely.clip_by_rect(shapes, west, south, east, north)
-        lines = vectors.outlines(
-            shapely.simplify(clipped, _TOLERANCE / context.px_per_metre, preserve_topology=False)
-        )
-        parts, of = shapely.get_parts(lines, return_index=True)
-        points, part = shapely.get_coordinates(parts, return_index=True)
-        points = np.stack(context.screens_from_world(*points.T))
-        ends = np.searchsorted(part, np.arange(1, len(parts)))
-        paths = [QPainterPath() for _ in shapes]
-        for path, line in zip(of.tolist(), np.split(points, ends, axis=1), strict=True):
-            paths[path].addPolygon(QPolygonF(list(map(QPointF, *line.tolist()))))
-        return paths
-
     def _draw(self, painter: QPainter, area: QRectF) -> None:
         context = self._context
         for layer in vectors.visible_vectors(context.document.sketch, context.workspace):
             widths = vectors.widths_of(context.document.sketch, layer) * context.px_per_metre
-            margin = 0.5 * float(widths.max()) + 2.0 * _LEAST_WIDTH
             order = np.argsort(layer.kinds == LINE, kind="stable")
-            paths = self._paths(
-                vectors.curves_of(layer).shapes[order], area.adjusted(-margin, -margin, margin, margin)
-            )
+            shapes = vectors.curves_of(layer).shapes[order]
+            paths = screen_paths(context, shapes, area, margin=0.5 * float(widths.max()))
             for index, path in zip(order.tolist(), paths, strict=True):
-                if path.isEmpty():
-                    continue
-                colour = label_colour(layer.layer, int(layer.labels[index]))
-                self._set_pen(painter, colour, float(widths[index]))
-                fill = QColor(colour.red(), colour.green(), colour.blue(), 128)
-                painter.setBrush(fill if layer.kinds[index] == AREA else Qt.BrushStyle.NoBrush)
-                painter.drawPath(path)
+                if not path.isEmpty():
+                    pen = _pen(layer.layer, int(layer.labels[index]), float(widths[index]))
+                    colour = pen.color()
+                    colour.setAlpha(128)
+                    painter.setPen(pen)
+                    painter.setBrush(colour if layer.kinds[index] == AREA else Qt.BrushStyle.NoBrush)
+                    painter.drawPath(path)
 
-    def _set_pen(self, painter: QPainter, colour: QColor, width: float) -> None:
-        pen = QPen(colour, width, cap=Qt.PenCapStyle.RoundCap, join=Qt.PenJoinStyle.RoundJoin)
-        if width <= _LEAST_WIDTH:  # round ones would take three times the time
-            pen = QPen(colour, _LEAST_WIDTH, cap=Qt.PenCapStyle.FlatCap, join=Qt.PenJoinStyle.BevelJoin)
-        painter.setPen(pen)
+
+@lru_cache(maxsize=256)
+def _pen(layer: str, label: int, width: float) -> QPen:
+    colour = label_colour(layer, label)
+    if width <= _LEAST_WIDTH:  # round ones would take three times the time
+        return QPen(colour, _LEAST_WIDTH, cap=Qt.PenCapStyle.FlatCap, join=Qt.PenJoinStyle.BevelJoin)
+    return QPen(colour, width, cap=Qt.PenCapStyle.RoundCap, join=Qt.PenJoinStyle.RoundJoin)
 
 
 def _draw_arrow(painter: QPainter, path: QPainterPath) -> None:

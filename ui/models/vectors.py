@@ -14,9 +14,9 @@ from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document import vector_edits as edits
 from sketchterrain.document.layers import DRAW_ORDER, LAYERS
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import AREA, LINE, VECTOR_LAYERS, VectorFeature, VectorLayer
+from sketchterrain.document.vectors import LINE, VECTOR_LAYERS, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError
-from sketchterrain.hydrology.splines import cubics, drop_repeats
+from sketchterrain.hydrology.splines import cubics
 from sketchterrain.ui.commands import with_vectors
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Selection, Workspace
@@ -24,8 +24,9 @@ from sketchterrain.ui.models.workspace import Selection, Workspace
 if TYPE_CHECKING:  # it takes a quarter of a second
     import shapely
 
-_PIECES = 12  # straight ones of a curve between two vertices
+_PIECES = 10  # straight ones of a curve between two vertices
 _POWERS = (np.arange(_PIECES) / _PIECES) ** np.arange(4)[:, None]
+_ON_LINE = 0.01  # m
 _OFFSET = 0.02  # of what is pasted, over the sketch's extent
 _curves = LRUCache(4)
 
@@ -73,6 +74,12 @@ class Curves:
         excess = shapely.distance(self.outlines[rows], point) - reach[rows]
         return int(rows[np.argmin(excess)]) if excess.min(initial=np.inf) <= 0.0 else None
 
+    def lines(self, index: int) -> list[Float64Array]:
+        """Return the outline of a feature as lines (n, 2), m."""
+        import shapely
+
+        return [shapely.get_coordinates(each) for each in shapely.get_parts(self.outlines[index])]
+
 
 def outlines(shapes: Shapes) -> Shapes:
     """Return shapes with their borders and holes in place of areas."""
@@ -110,9 +117,10 @@ def nearest_place(layer: VectorLayer, index: int, x: float, y: float) -> tuple[i
 
     point, lines = shapely.Point(x, y), shapely.get_parts(curves_of(layer).outlines[index])
     part = int(np.argmin(shapely.distance(lines, point)))
-    along = shapely.line_locate_point(lines[part], point)
-    place = shapely.get_coordinates(shapely.line_interpolate_point(lines[part], along))[0]
-    ends = np.cumsum(np.hypot(*np.diff(shapely.get_coordinates(lines[part]), axis=0).T))
+    line = lines[part]
+    along = line.project(point)
+    place = np.array(line.interpolate(along).coords[0])
+    ends = np.cumsum(np.hypot(*np.diff(shapely.get_coordinates(line), axis=0).T))
     first, end = layer.rings[layer.parts[index] + part :][:2].tolist()
     pieces = len(ends) // (end - first - int(layer.kinds[index] == LINE))
     return first + int(np.searchsorted(ends[:-1], along, side="right")) // pieces, _pair(place)
@@ -172,42 +180,32 @@ def snapped(
     return None if index is None else nearest_place(layer, index, x, y)[1]
 
 
-def with_node(layer: VectorLayer, x: float, y: float, reach: float) -> VectorLayer:
-    """Return the layer with a vertex at a position (m) in the line or border that is nearest to it."""
+def with_nodes(layer: VectorLayer, places: Float64Array, reach: float) -> VectorLayer:
+    """Return the layer with vertices at those of some positions (m) that are on its lines and borders.
+
+    A smooth line that gets a vertex moves a little: further ones may be off it by `reach` (m).
+    """
+    curves = curves_of(layer)
+    for x, y in places.tolist():
+        if curves.nearest(x, y, _ON_LINE) is not None:
+            layer = _with_node(layer, x, y, reach)
+    return layer
+
+
+def _with_node(layer: VectorLayer, x: float, y: float, reach: float) -> VectorLayer:
     index = None if edits.at_node(layer, x, y).any() else curves_of(layer).nearest(x, y, reach)
     return layer if index is None else edits.insert_vertex(layer, nearest_place(layer, index, x, y)[0], x, y)
 
 
-def shapes_with_moved_node(
-    layer: VectorLayer, start: tuple[float, float], end: tuple[float, float]
-) -> Shapes:
-    """Return the outlines of the features at a node, moved to another position (m), for previews."""
-    import shapely
-
-    at = np.flatnonzero(edits.at_node(layer, *start))
-    names = layer.ids[np.unique(layer.feature_of_ring[layer.ring_of_vertex[at]])].tolist()
-    moved = [with_moved_node(layer.feature(name), start, end) for name in names]
-    return np.array(
-        [shapely.MultiLineString([line for line in lines_of(each) if len(line) > 1]) for each in moved]
-    )
-
-
-def lines_of(feature: VectorFeature) -> list[Float64Array]:
-    """Return a feature's curve or closed rings as polylines (n, 2), m."""
-    if feature.kind == AREA:
-        return [np.concatenate([ring, ring[:1]]) for ring in feature.rings]
-    points = drop_repeats(feature.rings[0])
-    if feature.properties.get("smooth") != 1 or len(points) < 2:
-        return [points]
-    return [_sampled(points, np.array([len(points)]))[0]]
-
-
-def with_moved_node(
-    feature: VectorFeature, start: tuple[float, float], end: tuple[float, float]
-) -> VectorFeature:
-    """Return a feature with its vertices at a position (m) moved to another, for previews."""
-    rings = (np.where((ring == start).all(axis=1)[:, None], end, ring) for ring in feature.rings)
-    return replace(feature, rings=tuple(rings))
+def with_moved_node(layer: VectorLayer, start: tuple[float, float], end: tuple[float, float]) -> VectorLayer:
+    """Return the features at a node, moved to another position (m) where that is possible, for previews."""
+    at_node = np.unique(layer.ring_of_vertex[edits.at_node(layer, *start)])
+    others = np.delete(layer.ids, layer.feature_of_ring[at_node])
+    own = layer.edited(remove=others.tolist())
+    try:
+        return edits.move_node(own, start, end)
+    except InputError:
+        return own
 
 
 def store(document: Document, title: str, layer: VectorLayer, *, merge: Hashable | None = None) -> None:

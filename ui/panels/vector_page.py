@@ -3,23 +3,15 @@
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
 from PyQt6.QtWidgets import QComboBox, QLabel, QWidget
 
 from sketchterrain.document.parameters import Parameter, Value
-from sketchterrain.document.vector_edits import set_value
-from sketchterrain.document.vectors import (
-    AREA,
-    LINE,
-    VECTOR_LAYERS,
-    VectorFeature,
-    VectorLayer,
-    vector_parameters,
-)
+from sketchterrain.document.vector_edits import set_value, vertices_of
+from sketchterrain.document.vectors import LINE, VECTOR_LAYERS, VectorLayer, vector_parameters
 from sketchterrain.ui import commands
 from sketchterrain.ui.look.theme import MARGIN, column, described, row
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.vectors import change_vector, find_vector, lines_of
+from sketchterrain.ui.models.vectors import change_vector, curves_of, find_vector
 from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.panels.controls import PageHead, label_title, number, scroll_past, title_from_key
 from sketchterrain.ui.panels.form import ParameterForm
@@ -68,7 +60,11 @@ class VectorPage(QWidget):
             return
         self._shown = selection
         name, own = selection.kind, feature.properties
-        self._head.show_text(str(own.get("name", name.capitalize())), _facts(feature), (name, feature.label))
+        self._head.show_text(
+            str(own.get("name", name.capitalize())),
+            _facts(sketch.vectors[name], selection.id),
+            (name, feature.label),
+        )
         self.label.clear()
         for label in sorted({*commands.labels_of(sketch, name), feature.label}):
             self.label.addItem(label_title(name, label), label)
@@ -102,13 +98,9 @@ def _form(layer: str) -> ParameterForm:
     return form
 
 
-def _facts(feature: VectorFeature) -> str:
+def _facts(layer: VectorLayer, name: int) -> str:
     """Return length or area, and how many vertices there are."""
-    lines = lines_of(feature)
-    count = f"{sum(map(len, feature.rings))} vertices"
-    if feature.kind == AREA:
-        twice = [abs(float((x[:-1] * y[1:] - x[1:] * y[:-1]).sum())) for x, y in (each.T for each in lines)]
-        area = 0.5 * (twice[0] - sum(twice[1:]))
-        return f"{number(area / 1e6, decimals=2)} km², {count}"
-    length = float(np.hypot(*np.diff(lines[0], axis=0).T).sum())
-    return f"{number(length / 1000, decimals=2)} km, {count}"
+    shape = curves_of(layer).shapes[layer.index(name)]
+    length, area = number(shape.length / 1000, decimals=2), number(shape.area / 1e6, decimals=2)
+    size = f"{area} km²" if shape.area > 0.0 else f"{length} km"
+    return f"{size}, {len(vertices_of(layer, name))} vertices"

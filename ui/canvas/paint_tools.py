@@ -344,7 +344,8 @@ class LineTool(Tool):
             layer = vectors.with_nodes(layer, places, REACH / context.px_per_metre)
             feature = VectorFeature(kind, (places,), label, {"smooth": 1} if kind == LINE else {})
             what = "a line" if kind == LINE else "an area"
-            vectors.store(context.document, f"Draw {what} of {title.lower()}", layer.edited(add=[feature]))
+            added = layer.edited(add=[feature])
+            vectors.change_vectors(context.document, context.workspace, f"Draw {what} of", added)
         except InputError as error:
             context.signals.message.emit(str(error))
             self._points = points

@@ -13,7 +13,7 @@ from sketchterrain.ui.canvas.vectors import VectorMarks
 from sketchterrain.ui.commands import exists, name_of
 from sketchterrain.ui.engine.protocol import GoTo, Placement
 from sketchterrain.ui.models.selection import FeatureDrag, Handle, delete, handles_of, select_at, vertex_at
-from sketchterrain.ui.models.vectors import delete_vector, insert_vertex, vector_at
+from sketchterrain.ui.models.vectors import insert_vertex, vector_at
 from sketchterrain.ui.models.workspace import Selection
 
 _TOLERANCE = 9.0  # logical px around a handle or feature
@@ -112,7 +112,7 @@ class SelectTool(Tool):
         return (key == Qt.Key.Key_Escape and (self.is_busy or selected)) or (key in _DELETE_KEYS and selected)
 
     def press_key(self, key: int) -> None:
-        workspace, placed = self.context.workspace, self.context.link.placed
+        workspace = self.context.workspace
         if key == Qt.Key.Key_Escape and self.is_busy:
             self.cancel()
         elif key == Qt.Key.Key_Escape:
@@ -120,10 +120,7 @@ class SelectTool(Tool):
         elif workspace.selection is not None:
             self.finish()
             try:
-                if workspace.selection.is_vector:
-                    delete_vector(self.context.document, workspace)
-                elif placed is not None:
-                    delete(self.context.document, workspace, placed, workspace.selection)
+                delete(self.context.document, workspace, self.context.link.placed, workspace.selection)
             except InputError as error:
                 self._report(str(error))
 

@@ -1,5 +1,6 @@
 """The selection: hit testing of placed features, drag handles and drags, commands; one history step each."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from sketchterrain.ui import commands
 from sketchterrain.ui.commands import drag_title, dragged, find_parent_river, find_point, find_river, name_of
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.vectors import find_vector
+from sketchterrain.ui.models.vectors import delete_vector, find_vector
 from sketchterrain.ui.models.workspace import Selection, Workspace
 
 _MAX_HANDLES = 1000  # of a vector
@@ -221,34 +222,35 @@ def add(document: Document, workspace: Workspace, kind: str, x: float, y: float)
     workspace.selection = Selection("feature", sketch.edits[-1].feature or 0)
 
 
-def lock(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
-    """Lock a feature: it keeps its values whatever is painted."""
-    changed = commands.locked(document.sketch, placed, selection)
-    document.do(f"Lock {name_of(placed, selection)}", changed)
+def _command(
+    verb: str, change: Callable[[Sketch, Placement, Selection], Sketch]
+) -> Callable[[Document, Workspace, Placement, Selection], None]:
+    def command(document: Document, _: Workspace, placed: Placement, selection: Selection) -> None:
+        document.do(f"{verb} {name_of(placed, selection)}", change(document.sketch, placed, selection))
+
+    return command
 
 
-def unlock(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
-    """Unlock a feature: it follows the sketch again."""
-    changed = commands.unlocked(document.sketch, selection)
-    document.do(f"Unlock {name_of(placed, selection)}", changed)
+lock = _command("Lock", commands.locked)
+unlock = _command("Unlock", lambda sketch, _, selection: commands.unlocked(sketch, selection))
+reset = _command("Reset", commands.reset)
+"""Remove the edits of an object."""
 
 
-def reset(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
-    """Remove the edits of an object."""
-    changed = commands.reset(document.sketch, placed, selection)
-    document.do(f"Reset {name_of(placed, selection)}", changed)
+def delete(document: Document, workspace: Workspace, placed: Placement | None, selection: Selection) -> None:
+    """Delete an object and deselect it; of a vector its active vertex if there is one."""
+    if selection.is_vector:
+        delete_vector(document, workspace)
+    elif placed is not None:
+        document.do(f"Delete {name_of(placed, selection)}", commands.deleted(document.sketch, selection))
+        workspace.selection = None
 
 
-def delete(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
-    """Delete an object and deselect it."""
-    changed = commands.deleted(document.sketch, selection)
-    document.do(f"Delete {name_of(placed, selection)}", changed)
-    workspace.selection = None
-
-
-def delete_or_reset(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> str:
+def delete_or_reset(
+    document: Document, workspace: Workspace, placed: Placement | None, selection: Selection
+) -> str:
     """Delete the selection, or reset a river's control point; return why not, or nothing."""
-    if selection.index is None:
+    if placed is None or selection.index is None or selection.is_vector:
         delete(document, workspace, placed, selection)
     elif commands.is_edited(document.sketch, placed, selection):
         document.do("Reset a point of a river", commands.reset(document.sketch, placed, selection))

@@ -208,29 +208,15 @@ def with_moved_node(layer: VectorLayer, start: tuple[float, float], end: tuple[f
         return own
 
 
-def store(document: Document, title: str, layer: VectorLayer, *, merge: Hashable | None = None) -> None:
-    """Record a step that replaces a vector layer."""
-    sketch = document.sketch
-    if layer is not sketch.vectors[layer.layer]:
-        document.do(title, with_vectors(sketch, layer), merge=merge)
-
-
-def change_vector(
-    document: Document,
-    workspace: Workspace,
-    selection: Selection | None,
-    title: str,
-    change: Callable[[VectorLayer, Selection], VectorLayer],
-    *,
-    merge: Hashable | None = None,
+def change_vectors(
+    document: Document, workspace: Workspace, title: str, layer: VectorLayer, *, merge: Hashable | None = None
 ) -> None:
-    """Record a change of a selected vector; raise InputError if it is not possible."""
-    if selection is None or find_vector(document.sketch, selection) is None:
-        return
-    if refusal := workspace.refusal(selection.kind):
+    """Record a step that replaces a vector layer; raise InputError if it is locked or hidden."""
+    if refusal := workspace.refusal(layer.layer):
         raise InputError(refusal)
-    changed = change(document.sketch.vectors[selection.kind], selection)
-    store(document, f"{title} {LAYERS[selection.kind].title.lower()}", changed, merge=merge)
+    if layer is not document.sketch.vectors[layer.layer]:
+        changed = with_vectors(document.sketch, layer)
+        document.do(f"{title} {LAYERS[layer.layer].title.lower()}", changed, merge=merge)
 
 
 def insert_vertex(document: Document, workspace: Workspace, x: float, y: float, *, reach: float) -> bool:
@@ -243,11 +229,8 @@ def insert_vertex(document: Document, workspace: Workspace, x: float, y: float, 
     if index is None:
         return False
     after, place = nearest_place(layer, index, x, y)
-
-    def change(layer: VectorLayer, _: Selection) -> VectorLayer:
-        return edits.insert_vertex(layer, after, *place)
-
-    change_vector(document, workspace, selection, "Insert a vertex in", change)
+    changed = edits.insert_vertex(layer, after, *place)
+    change_vectors(document, workspace, "Insert a vertex in", changed)
     workspace.selection = replace(selection, index=after + 1 - edits.vertices_of(layer, selection.id)[0])
     return True
 
@@ -255,21 +238,16 @@ def insert_vertex(document: Document, workspace: Workspace, x: float, y: float, 
 def delete_vector(document: Document, workspace: Workspace) -> None:
     """Delete the active vertex, or without one the selected vector."""
     selection = workspace.selection
-    feature = find_vector(document.sketch, selection)
-    if selection is None or feature is None:
+    if selection is None or find_vector(document.sketch, selection) is None:
         return
-    index = selection.index
-    if index is not None and index >= sum(map(len, feature.rings)):  # it has fewer vertices since an undo
-        index = None
-
-    def change(layer: VectorLayer, own: Selection) -> VectorLayer:
-        if index is None:
-            return layer.edited(remove=[own.id])
-        return edits.delete_vertex(layer, edits.vertices_of(layer, own.id)[index])
-
-    what = "Delete a vector of" if index is None else "Delete a vertex of"
-    change_vector(document, workspace, selection, what, change)
-    exists = find_vector(document.sketch, selection) is not None
+    layer, index = document.sketch.vectors[selection.kind], selection.index
+    vertices = edits.vertices_of(layer, selection.id)
+    if index is None or index >= len(vertices):  # it has fewer vertices since an undo
+        title, changed = "Delete a vector of", layer.edited(remove=[selection.id])
+    else:
+        title, changed = "Delete a vertex of", edits.delete_vertex(layer, vertices[index])
+    change_vectors(document, workspace, title, changed)
+    exists = selection.id in changed.ids
     workspace.selection = replace(selection, index=max((index or 0) - 1, 0)) if exists else None
 
 
@@ -278,9 +256,11 @@ Command: TypeAlias = Callable[[Document, Workspace], None]
 
 def _command(title: str, change: Callable[[VectorLayer, Selection], VectorLayer]) -> Command:
     def command(document: Document, workspace: Workspace) -> None:
-        change_vector(document, workspace, workspace.selection, title, change)
-        if workspace.selection is not None:
-            workspace.selection = replace(workspace.selection, index=None)  # vertices have other numbers
+        selection = workspace.selection
+        if selection is not None and find_vector(document.sketch, selection) is not None:
+            changed = change(document.sketch.vectors[selection.kind], selection)
+            change_vectors(document, workspace, title, changed)
+            workspace.selection = replace(selection, index=None)  # vertices have other numbers
 
     return command
 
@@ -308,12 +288,10 @@ def selected_text(document: Document, workspace: Workspace) -> str:
 def paste(document: Document, workspace: Workspace, text: str) -> None:
     """Add the vectors of a text beside those that they were copied from, and select the first one."""
     name, features = edits.from_text(text)
-    if refusal := workspace.refusal(name):
-        raise InputError(refusal)
     layer, step, count = document.sketch.vectors[name], _OFFSET * document.sketch.extent, 1
     first = features[0].rings[0][0]
     while edits.at_node(layer, *(first + count * step * np.array([1.0, -1.0]))).any():
         count += 1
     added = layer.edited(add=[edits.moved(each, count * step, -count * step) for each in features])
-    store(document, f"Paste {LAYERS[name].title.lower()}", added)
+    change_vectors(document, workspace, "Paste", added)
     workspace.selection = Selection(name, int(added.ids[len(layer)]))

@@ -1,7 +1,6 @@
 """Properties of the selected vector."""
 
 from dataclasses import replace
-from functools import partial
 
 from PyQt6.QtWidgets import QComboBox, QLabel, QWidget
 
@@ -11,7 +10,7 @@ from sketchterrain.document.vectors import LINE, VECTOR_LAYERS, VectorLayer, vec
 from sketchterrain.ui import commands
 from sketchterrain.ui.look.theme import MARGIN, column, described, row
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.vectors import change_vector, curves_of, find_vector
+from sketchterrain.ui.models.vectors import change_vectors, curves_of, find_vector
 from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.panels.controls import PageHead, label_title, number, scroll_past, title_from_key
 from sketchterrain.ui.panels.form import ParameterForm
@@ -79,13 +78,12 @@ class VectorPage(QWidget):
                 field.reset.setVisible(key in own)
 
     def _set(self, name: str, value: Value | None, key: object) -> None:
-        change = partial(_changed, key=name, value=None if value == "" else value)
-        title = f"Set {title_from_key(name).lower()} of"
-        change_vector(self._document, self._workspace, self._shown, title, change, merge=key)
-
-
-def _changed(layer: VectorLayer, own: Selection, *, key: str, value: Value | None) -> VectorLayer:
-    return set_value(layer, own.id, key, value)
+        shown, sketch = self._shown, self._document.sketch
+        if shown is not None and find_vector(sketch, shown) is not None:
+            own = None if value == "" else value
+            changed = set_value(sketch.vectors[shown.kind], shown.id, name, own)
+            title = f"Set {title_from_key(name).lower()} of"
+            change_vectors(self._document, self._workspace, title, changed, merge=key)
 
 
 def _form(layer: str) -> ParameterForm:

@@ -74,12 +74,11 @@ def _rebuilt(layer: VectorLayer, vertices: Float64Array, keep: BoolArray) -> Vec
     kinds, ring = layer.kinds[layer.feature_of_ring], layer.ring_of_vertex
     numbers = np.flatnonzero(keep)
     at, of = vertices[numbers], ring[numbers]
-    previous = np.roll(np.arange(len(numbers)), 1)
-    starts = np.append(True, of[1:] != of[:-1])[: len(of)]
-    counts = np.bincount(of, minlength=len(kinds))
+    number, first = np.arange(len(of)), np.searchsorted(of, of)
     # The vertex before the first one of a border or hole is its last one.
-    previous[starts] = np.flatnonzero(starts) + counts[of[starts]] - 1
-    repeats = (at == at[previous]).all(axis=1) & ~(starts & (kinds[of] != AREA))
+    last = np.searchsorted(of, of, side="right") - 1
+    previous = np.where(number > first, number - 1, last)
+    repeats = (at == at[previous]).all(axis=1) & ((number > first) | (kinds[of] == AREA))
     keep = keep.copy()
     keep[numbers[repeats]] = False
     counts = np.bincount(ring[keep], minlength=len(kinds))
@@ -185,6 +184,8 @@ def from_text(text: str) -> tuple[str, list[VectorFeature]]:
     try:
         table = json.loads(text)
         layer = VectorLayer(table["sketchterrain"]).edited(add=[_parsed(each) for each in table["features"]])
+        if not len(layer):
+            raise ValueError("no features")
     except (ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError):
         raise InputError("expected vectors copied from a sketch") from None
     return layer.layer, [replace(layer.feature(name), id=0) for name in layer.ids.tolist()]

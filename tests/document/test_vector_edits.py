@@ -141,6 +141,7 @@ def test_text_round_trip_is_exact(rivers):
     "text",
     [
         *("", "{}", "[]", "null", "[[[[", '{"sketchterrain": "river", "features": 3}'),
+        '{"sketchterrain": "river", "features": []}',
         '{"sketchterrain": "river", "features": [{"geometry": {"type": "Polygon", "coordinates": [[0]]}}]}',
         edits.to_text(VectorLayer("lake").edited(add=[area(square(0, 0, 9))]), [1]).replace("lake", "river2"),
         edits.to_text(VectorLayer("lake").edited(add=[area(square(0, 0, 9))]), [1]).replace("9.0", "NaN"),

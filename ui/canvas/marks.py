@@ -29,7 +29,7 @@ DARK = QColor(24, 26, 30)  # lines
 SELECTED = QColor(112, 38, 200)  # a hue of no layer, equally dark on paper in either theme
 _RIVER = QColor(12, 52, 110)
 _SHORE = QColor(8, 70, 110)
-_TOLERANCE = 0.3  # logical px of drawn lines
+_TOLERANCE = 0.25  # logical px of drawn lines
 _MARGIN = 4.0  # logical px, of thin lines with their halo
 _SPACING = 13.0  # px between features below which glyphs would overlap
 _LEAST_SIZE = 0.4  # of a glyph
@@ -252,6 +252,6 @@ class FeatureMarks:
         """Draw the part of a lake's shore in an area."""
         import shapely
 
-        shapes = np.array([shapely.LineString(line) for line in shore_lines(lake.shape)])
+        shapes = np.array([shapely.LineString(line) for line in shore_lines(lake.shape)], object)
         for path in screen_paths(self._context, shapes, area):
             draw_haloed(painter, path, colour, width)

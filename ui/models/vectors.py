@@ -24,7 +24,7 @@ from sketchterrain.ui.models.workspace import Selection, Workspace
 if TYPE_CHECKING:  # it takes a quarter of a second
     import shapely
 
-_PIECES = 10  # straight ones of a curve between two vertices
+_PIECES = 16  # straight ones of a curve between two vertices
 _POWERS = (np.arange(_PIECES) / _PIECES) ** np.arange(4)[:, None]
 _ON_LINE = 0.01  # m
 _OFFSET = 0.02  # of what is pasted, over the sketch's extent
@@ -69,9 +69,12 @@ class Curves:
         """Return the index of the feature with the nearest outline within a distance (m), or each its own."""
         import shapely
 
-        point, reach = shapely.Point(x, y), np.broadcast_to(reach, len(self.shapes))
-        rows = self.tree.query(point.buffer(max(reach.max(initial=0.0), 0.0), cap_style="square"))
-        excess = shapely.distance(self.outlines[rows], point) - reach[rows]
+        reach = np.broadcast_to(reach, len(self.shapes))
+        most = max(reach.max(initial=0.0), 0.0)
+        box = (x - most, y - most, x + most, y + most)
+        rows = self.tree.query(shapely.box(*box))
+        distance = shapely.distance(shapely.clip_by_rect(self.outlines[rows], *box), shapely.Point(x, y))
+        excess = np.where(np.isnan(distance), np.inf, distance - reach[rows])  # nan: of what is outside
         return int(rows[np.argmin(excess)]) if excess.min(initial=np.inf) <= 0.0 else None
 
     def lines(self, index: int) -> list[Float64Array]:
@@ -187,14 +190,11 @@ def with_nodes(layer: VectorLayer, places: Float64Array, reach: float) -> Vector
     """
     curves = curves_of(layer)
     for x, y in places.tolist():
-        if curves.nearest(x, y, _ON_LINE) is not None:
-            layer = _with_node(layer, x, y, reach)
+        is_on_line = curves.nearest(x, y, _ON_LINE) is not None
+        index = curves_of(layer).nearest(x, y, reach) if is_on_line else None
+        if index is not None and not edits.at_node(layer, x, y).any():
+            layer = edits.insert_vertex(layer, nearest_place(layer, index, x, y)[0], x, y)
     return layer
-
-
-def _with_node(layer: VectorLayer, x: float, y: float, reach: float) -> VectorLayer:
-    index = None if edits.at_node(layer, x, y).any() else curves_of(layer).nearest(x, y, reach)
-    return layer if index is None else edits.insert_vertex(layer, nearest_place(layer, index, x, y)[0], x, y)
 
 
 def with_moved_node(layer: VectorLayer, start: tuple[float, float], end: tuple[float, float]) -> VectorLayer:

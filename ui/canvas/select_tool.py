@@ -40,13 +40,16 @@ class SelectTool(Tool):
         return self._drag is not None
 
     def press(self, pointer: Pointer) -> None:
-        """Select what is there; a handle, or else the centre of a feature, may be dragged."""
+        """Select what is there; a handle is dragged at once, a vertex or centre after a few px."""
         if pointer.erases:
             return
         at = self.context.world_from_sketch(pointer.x, pointer.y)
         handle = self._handle_at(at)
         selection = self._selection_at(at) if handle is None else handle.selection
         self.context.workspace.selection = selection
+        if handle is not None and not handle.selection.is_vector:
+            self._start_drag(handle, at)
+            return
         if handle is None and self.context.link.placed is not None:
             handle = next(iter(handles_of(self.context.link.placed, selection)), None)
             handle = handle if handle is not None and handle.role == "move" else None
@@ -203,7 +206,8 @@ class SelectTool(Tool):
         reach = REACH / context.px_per_metre
         self._drag = FeatureDrag(context.document, placed, handle, grab=at, reach=reach)
         self._last_drag = None if handle.selection.is_vector else (placed, self._drag)
-        self._hover(None)
+        self._hovered = None
+        context.signals.redraw()
 
     def _hover(self, hovered: Selection | None) -> None:
         if hovered != self._hovered:

@@ -19,6 +19,8 @@ from sketchterrain.document.label_layers import MAX_LABELS, freeze_image, labels
 from sketchterrain.document.layers import LAYERS, layer_of
 from sketchterrain.document.parameters import SKETCH, Parameter, Value
 from sketchterrain.document.sketch import TABLES, Sketch
+from sketchterrain.document.vector_edits import move_node
+from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.errors import InputError
 from sketchterrain.placement.feature_types import FEATURE_TYPES, TYPES, Lake, River, lock_edit, move_edit
 from sketchterrain.placement.heights import UNSET_HEIGHT
@@ -81,9 +83,13 @@ def name_of(placed: Placement, selection: Selection) -> str:
     return f"{layer} {ids.index(selection.id) + 1}" if selection.id in ids else layer
 
 
-def dragged(sketch: Sketch, placed: Placement, handle: Handle, x: float, y: float) -> Sketch:
-    """Return the sketch with a handle dragged to a position (m)."""
+def dragged(sketch: Sketch, placed: Placement | None, handle: Handle, x: float, y: float) -> Sketch:
+    """Return the sketch with a handle dragged to a position (m); only vectors need no placement."""
     selection = handle.selection
+    if selection.is_vector:
+        return with_vectors(sketch, move_node(sketch.vectors[selection.kind], (handle.x, handle.y), (x, y)))
+    if placed is None:
+        return sketch
     if handle.role == "move":
         return moved(sketch, placed, selection, x, y)
     if handle.role == "point":
@@ -99,8 +105,10 @@ def dragged(sketch: Sketch, placed: Placement, handle: Handle, x: float, y: floa
     return widened(sketch, selection, (_declared_width(sketch, river) or visible) * 2.0 * distance / visible)
 
 
-def drag_title(placed: Placement, handle: Handle) -> str:
+def drag_title(placed: Placement | None, handle: Handle) -> str:
     """Return the history title of a drag."""
+    if handle.selection.is_vector or placed is None:
+        return f"Move a node of {LAYERS[handle.selection.kind].title.lower()}"
     return _TITLES[handle.role].format(name_of(placed, handle.selection))
 
 
@@ -356,7 +364,12 @@ def _without_vectors(sketch: Sketch, layer: str, label: int | None = None) -> Sk
     gone = vectors.ids if label is None else vectors.ids[vectors.labels == label]
     if not len(gone):
         return sketch
-    return sketch.replace(vectors={**sketch.vectors, layer: vectors.edited(remove=gone.tolist())})
+    return with_vectors(sketch, vectors.edited(remove=gone.tolist()))
+
+
+def with_vectors(sketch: Sketch, layer: VectorLayer) -> Sketch:
+    """Return the sketch with another vector layer in place of that of its name."""
+    return sketch.replace(vectors={**sketch.vectors, layer.layer: layer})
 
 
 def set_property(sketch: Sketch, layer: str, label: int, name: str, value: Value) -> Sketch:

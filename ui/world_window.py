@@ -174,10 +174,10 @@ class SketchActions(QObject):
         self._try(lambda: command(self._document, self._workspace))
 
     def _delete(self) -> None:
-        if find_vector(self._document.sketch, self._workspace.selection) is None:
-            self._apply(delete)
-        else:
-            self._apply_to_vector(VECTOR_COMMANDS["delete-selection"])
+        selection, placed = self._workspace.selection, self._link.placed
+        if selection is not None:
+            self._try(lambda: delete(self._document, self._workspace, placed, selection))
+            self.refresh()
 
     def _apply(self, command: Callable[[Document, Workspace, Placement, Selection], None]) -> None:
         selection, placed = self._workspace.selection, self._link.placed

@@ -36,19 +36,15 @@ def vertices_of(layer: VectorLayer, name: int) -> range:
     return range(first, end)
 
 
-def nearest_vertex(layer: VectorLayer, x: float, y: float, radius: float) -> int | None:
+def nearest_vertex(
+    layer: VectorLayer, x: float, y: float, radius: float, *, other_than: tuple[float, float] | None = None
+) -> int | None:
     """Return the number of the vertex nearest to a position, within a radius (m)."""
     distance = np.hypot(*(layer.vertices - (x, y)).T)
+    if other_than is not None:
+        distance[at_node(layer, *other_than)] = np.inf
     best = int(np.argmin(distance)) if len(distance) else 0
     return best if len(distance) and distance[best] <= radius else None
-
-
-def nearest_points(segments: Float64Array, x: float, y: float) -> tuple[Float64Array, Float64Array]:
-    """Return the point of each segment (n, 4) nearest to a position, (n, 2), and its distance (n,); m."""
-    start, along = segments[:, :2], segments[:, 2:] - segments[:, :2]
-    share = ((np.array([x, y]) - start) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12)
-    points = start + np.clip(share, 0.0, 1.0)[:, None] * along
-    return points, np.hypot(*(points - (x, y)).T)
 
 
 def at_node(layer: VectorLayer, x: float, y: float) -> BoolArray:
@@ -185,6 +181,8 @@ def from_text(text: str) -> tuple[str, list[VectorFeature]]:
         columns = property_columns([each["properties"] for each in features])
         labels = columns.pop("label")
         layer = VectorLayer.from_shapes(name, shapes, labels=labels, columns=columns)
+        if not len(layer):
+            raise ValueError("no features")
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError, shapely.GEOSException):
         raise InputError("expected vectors copied from a sketch") from None
     return layer.layer, [replace(layer.feature(each), id=0) for each in layer.ids.tolist()]

@@ -36,14 +36,11 @@ def square(west, south, side):
     return [(west, south), (west + side, south), (west + side, south + side), (west, south + side)]
 
 
-def test_nearest_vertex_and_points_within_a_radius(rivers):
+def test_nearest_vertex_within_a_radius(rivers):
     assert edits.nearest_vertex(rivers, 5.5, 1.0, 1.0) == 1
+    assert edits.nearest_vertex(rivers, 5.5, 1.0, 9.0, other_than=(5.0, 1.0)) == 2
     assert edits.nearest_vertex(rivers, 5.5, 1.0, 0.4) is None
     assert edits.nearest_vertex(VectorLayer("river"), 0.0, 0.0, 1e9) is None
-    segments = np.array([[0, 0, 10, 0], [0, 5, 0, 9], [3, 3, 3, 3]], float)
-    points, distance = edits.nearest_points(segments, 4.0, 2.0)
-    assert points.tolist() == [[4, 0], [0, 5], [3, 3]]
-    assert distance == pytest.approx([2.0, 5.0, 2**0.5])
 
 
 def test_a_node_moves_in_every_feature_and_snaps_to_another(rivers):
@@ -144,6 +141,7 @@ def test_text_round_trip_is_exact(rivers):
     "text",
     [
         *("", "{}", "[]", "null", "[[[[", '{"sketchterrain": "river", "features": 3}'),
+        '{"sketchterrain": "river", "features": []}',
         '{"sketchterrain": "river", "features": [{"geometry": {"type": "Polygon", "coordinates": [[0]]}}]}',
         edits.to_text(VectorLayer("lake").edited(add=[area(square(0, 0, 9))]), [1]).replace("lake", "river2"),
         edits.to_text(VectorLayer("lake").edited(add=[area(square(0, 0, 9))]), [1]).replace("9.0", "NaN"),

@@ -212,6 +212,16 @@ def test_dragging_a_node_moves_both_lines_in_one_step(canvas, rivers, workspace)
     assert workspace.selection is None
 
 
+def test_the_preview_of_a_drag_has_the_features_at_the_node_where_it_is_possible(rivers):
+    layer = layer_of(rivers).edited(add=[line((0, 0), (50, 0))])
+    moved = vectors.with_moved_node(layer, (600, 600), (700, 500))
+    assert moved.ids.tolist() == [1, 2]
+    assert moved.feature(2).rings[0].tolist() == [[600, 1000], [700, 500]]
+    corners = [(0, 0), (100, 0), (100, 100), (0, 100)]
+    lakes = VectorLayer("lake").edited(add=[VectorFeature(AREA, (np.array(corners, float),))])
+    assert vectors.with_moved_node(lakes, (0, 0), (300, 50)).vertices.tolist() == lakes.vertices.tolist()
+
+
 def test_vertices_are_inserted_and_deleted_then_the_line(canvas, rivers, workspace):
     workspace.tool = "select"
     double(canvas, 600, 800)
@@ -264,6 +274,26 @@ def test_copied_vectors_are_pasted_beside(rivers, workspace):
     for other in ("", "no vectors", '{"type": "FeatureCollection", "features": []}'):
         with pytest.raises(InputError, match="copied from a sketch"):
             vectors.paste(rivers, workspace, other)
+
+
+def test_lines_are_hit_on_their_curve_and_within_their_width_and_areas_inside(blank, workspace):
+    def hit(x, y):
+        return vectors.vector_at(blank.sketch, workspace, x, y, reach=5.0)
+
+    border, hole = ((np.array([(a, a), (b, a), (b, b), (a, b)], float)) for a, b in ((0, 1200), (900, 1100)))
+    rivers = VectorLayer("river").edited(
+        add=[line((100, 300), (300, 700), (500, 300), smooth=1), line((600, 100), (600, 800), width=80.0)]
+    )
+    lakes = VectorLayer("lake").edited(add=[VectorFeature(AREA, (border, hole))])
+    blank.open(blank.sketch.replace(vectors={"river": rivers, "lake": lakes}))
+    ((x, y), *_) = [each for each in vectors.curves_of(rivers).lines(0)[0] if 345 < each[0] < 365]
+    assert abs(y - (700 - 2 * (x - 300))) > 20.0  # off the chord
+    assert hit(x, y) == Selection("river", 1)
+    assert hit(635, 400) == Selection("river", 2)
+    assert hit(650, 400) == hit(903, 1000) == hit(1203, 50) == Selection("lake", 1)
+    assert hit(1000, 1000) is None
+    workspace.set_look("river", visible=False)
+    assert hit(x, y) == Selection("lake", 1)
 
 
 def test_ten_thousand_rivers_are_drawn_and_hit_quickly(canvas, blank, workspace):

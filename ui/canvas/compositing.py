@@ -25,7 +25,6 @@ MASK: Final = (1 << len(LAYERS)) - 1
 
 _TILE = 256  # px of a level along a tile's side
 _MAX_TILES = 240  # 126 MB
-_BLOCK = 1024  # px of the sketch along a block that may be known to be unpainted
 _HASH_FACTORS = np.random.default_rng(1).integers(2**32, size=len(LAYERS), dtype=np.uint32) | np.uint32(1)
 _HASH_BITS = np.uint32(0xFFFF0000)
 _MAX_MIXTURES = 4096  # label combinations of a look-up table
@@ -55,22 +54,13 @@ class LayerCompositor:
     def __init__(self, layer: Callable[[str], LabelImage], paints: Sequence[LayerPaint] = ()) -> None:
         self._layer = layer
         self.paints = tuple(paints)  # of the visible layers from bottom to top
-        self._empty_blocks: dict[tuple[str, int, int], bool] = {}
         self._tiles = LRUCache(_MAX_TILES)  # by level, row and column
 
     def invalidate(self, box: Box | None = None) -> None:
         """Mark a box of the sketch as stale, or everything."""
         if box is None:
             self._tiles = LRUCache(_MAX_TILES)
-            self._empty_blocks.clear()
             return
-        rows = range(box[0] // _BLOCK, -(-box[2] // _BLOCK))
-        columns = range(box[1] // _BLOCK, -(-box[3] // _BLOCK))
-        self._empty_blocks = {
-            key: empty
-            for key, empty in self._empty_blocks.items()
-            if key[1] not in rows or key[2] not in columns
-        }
         for (level, row, column), tile in self._tiles.items():
             step, side = 1 << level, _TILE << level
             top, left = row * side, column * side
@@ -115,10 +105,8 @@ class LayerCompositor:
         area = np.s_[box[0] << level : box[2] << level, box[1] << level : box[3] << level]
         images, bits = [], []
         for bit, paint in enumerate(self.paints):
-            if self._is_empty(paint.layer, level, box):  # as most layers are in most places
-                continue
             image = self._layer(paint.layer)[area]
-            if image.max(initial=0) > 0:
+            if image.max(initial=0) > 0:  # most layers are unpainted in most places
                 images.append(_reduce(image, level))
                 bits.append(bit)
         if not images:
@@ -126,22 +114,6 @@ class LayerCompositor:
         mixture, labels = _label_mixtures(images)
         colour, code = _blend([self.paints[bit] for bit in bits], bits, labels)
         return colour[mixture], code[mixture]
-
-    def _is_empty(self, layer: str, level: int, box: Box) -> bool:
-        """Return whether a large box of a level is unpainted; blocks are scanned only once."""
-        step = 1 << level
-        if (box[2] - box[0]) * step < _BLOCK or (box[3] - box[1]) * step < _BLOCK:
-            return False
-        image = self._layer(layer)
-        empty = True
-        for row in range(box[0] * step // _BLOCK, -(-box[2] * step // _BLOCK)):
-            for column in range(box[1] * step // _BLOCK, -(-box[3] * step // _BLOCK)):
-                key = (layer, row, column)
-                if key not in self._empty_blocks:
-                    block = image[row * _BLOCK : (row + 1) * _BLOCK, column * _BLOCK : (column + 1) * _BLOCK]
-                    self._empty_blocks[key] = not block.max(initial=0)
-                empty &= self._empty_blocks[key]
-        return empty
 
 
 class _Tile:

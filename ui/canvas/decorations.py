@@ -93,9 +93,8 @@ def draw_camera(painter: QPainter, context: ToolContext, pose: Pose) -> None:
 
 def _camera_place(context: ToolContext, pose: Pose) -> QPointF:
     at = context.screen_from_world(pose.eye[0], pose.eye[1])
-    width, height = context.viewport.width / context.ratio, context.viewport.height / context.ratio
-    x = min(max(at.x(), _EDGE), max(width - _EDGE, _EDGE))
-    return QPointF(x, min(max(at.y(), _EDGE), max(height - _EDGE, _EDGE)))
+    x = min(max(at.x(), _EDGE), max(context.area.width() - _EDGE, _EDGE))
+    return QPointF(x, min(max(at.y(), _EDGE), max(context.area.height() - _EDGE, _EDGE)))
 
 
 def draw_warnings(painter: QPainter, context: ToolContext) -> None:
@@ -129,41 +128,31 @@ def warning_at(context: ToolContext, place: QPointF) -> str:
     return "\n".join(line for line, at in found if QLineF(place, at).length() <= _WARNING)
 
 
-def draw_agreement(painter: QPainter, context: ToolContext, width: float) -> None:
-    """Draw the active layer's adherence and the legend of its colours in the upper right corner."""
-    adherence, placed, layer = context.link.adherence, context.link.placed, context.workspace.layer
-    title = LAYERS[layer].title
-    figures = adherence.figures.get("layers", {}).get(layer) if adherence is not None else None
-    if adherence is None or figures is None:
-        rows: list[tuple[QColor | None, str]] = [
-            (None, f"{title}: {'measuring …' if adherence is None else 'not measured'}")
-        ]
-    else:
-        overlap, spill = figures.get("iou_mean"), figures.get("spill")
-        heading = f"{title}: overlap {overlap:.0%}" if overlap is not None else f"{title}"
-        rows = [(None, heading), (AGREEMENT["as painted"], "as painted"), (AGREEMENT["missing"], "missing")]
-        rows.append((AGREEMENT["spill"], "spill" if spill is None else f"spill {spill:.0%}"))
-        if placed is not None and placed.version > adherence.version:
-            rows.append((None, "before the last change"))
-    _draw_legend(painter, rows, width)
-
-
-def draw_realism(painter: QPainter, context: ToolContext, width: float) -> None:
-    """Draw the distance to real land and the legend of the faults in the upper right corner."""
-    measured, placed = context.link.adherence, context.link.placed
-    if measured is None or measured.realism is None:
-        rows: list[tuple[QColor | None, str]] = [
-            (None, f"Realism: {'measuring …' if measured is None else 'not measured'}")
-        ]
-    else:
+def draw_legend(painter: QPainter, context: ToolContext, width: float, *, realism: bool) -> None:
+    """Draw the active layer's adherence, or the distance to real land, with its colours, upper right."""
+    measured, placed, layer = context.link.adherence, context.link.placed, context.workspace.layer
+    title = "Realism" if realism else LAYERS[layer].title
+    figures = None if measured is None else measured.figures.get("layers", {}).get(layer)
+    rows: list[tuple[QColor | None, str]]
+    if measured is not None and realism and measured.realism is not None:
         rows = [(None, f"Realism: {measured.realism['distance']:.2f} from {measured.realism['kind']}")]
         rows += [(colour, text) for text, colour in FAULT_COLOURS.items()]
-        if placed is not None and placed.version > measured.version:
-            rows.append((None, "before the last change"))
-    _draw_legend(painter, rows, width)
+    elif measured is not None and not realism and figures is not None:
+        overlap, spill = figures.get("iou_mean"), figures.get("spill")
+        rows = [(None, title if overlap is None else f"{title}: overlap {overlap:.0%}")]
+        rows += [(AGREEMENT[name], name) for name in ("as painted", "missing")]
+        rows.append((AGREEMENT["spill"], "spill" if spill is None else f"spill {spill:.0%}"))
+    else:
+        _draw_rows(
+            painter, [(None, f"{title}: {'measuring …' if measured is None else 'not measured'}")], width
+        )
+        return
+    if placed is not None and placed.version > measured.version:
+        rows.append((None, "before the last change"))
+    _draw_rows(painter, rows, width)
 
 
-def _draw_legend(painter: QPainter, rows: list[tuple[QColor | None, str]], width: float) -> None:
+def _draw_rows(painter: QPainter, rows: list[tuple[QColor | None, str]], width: float) -> None:
     painter.setFont(tabular(painter.font()))
     font = QFontMetricsF(painter.font())
     wide = max(font.horizontalAdvance(text) + (18.0 if colour else 0.0) for colour, text in rows)
@@ -219,7 +208,5 @@ class Decorations:
             draw_camera(painter, context, context.link.frame.pose)
         tool.draw(painter)
         draw_scale_bar(painter, context, height)
-        if "realism" in overlays:
-            draw_realism(painter, context, width)
-        elif "adherence" in overlays:
-            draw_agreement(painter, context, width)
+        if {"realism", "adherence"} & overlays:
+            draw_legend(painter, context, width, realism="realism" in overlays)

@@ -4,10 +4,11 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from contourpy import LineType, contour_generator
-from PyQt6.QtCore import QLineF, QPointF, QRect, QRectF, Qt
+from PyQt6.QtCore import QPointF, QRect, QRectF, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 from scipy.spatial import cKDTree
 
@@ -20,6 +21,7 @@ from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
 from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.look.layer_colours import FILLED_GLYPHS, layer_glyph
+from sketchterrain.ui.models.vectors import Shapes, outlines
 from sketchterrain.ui.models.workspace import Selection
 
 LIGHT = QColor(255, 255, 255, 205)  # halo of lines
@@ -27,7 +29,8 @@ DARK = QColor(24, 26, 30)  # lines
 SELECTED = QColor(112, 38, 200)  # a hue of no layer, equally dark on paper in either theme
 _RIVER = QColor(12, 52, 110)
 _SHORE = QColor(8, 70, 110)
-_STEP = 3.0  # px between points of a drawn line
+_TOLERANCE = 0.25  # logical px of drawn lines
+_MARGIN = 4.0  # logical px, of thin lines with their halo
 _SPACING = 13.0  # px between features below which glyphs would overlap
 _LEAST_SIZE = 0.4  # of a glyph
 _SIZE_WHILE_PAINTING = 0.8
@@ -67,15 +70,37 @@ def draw_haloed(
     painter.drawPath(path)
 
 
+def screen_paths(
+    context: ToolContext, shapes: Shapes, area: QRectF, *, margin: float = 0.0
+) -> list[QPainterPath]:
+    """Return the path (logical px) of each shape (m) within an area and a margin around it."""
+    import shapely
+
+    margin += _MARGIN
+    area = area.adjusted(-margin, -margin, margin, margin)
+    west, north = context.world_from_sketch(*context.sketch_from_screen(area.topLeft()))
+    east, south = context.world_from_sketch(*context.sketch_from_screen(area.bottomRight()))
+    clipped = shapely.clip_by_rect(shapes, west, south, east, north)
+    tolerance = _TOLERANCE / context.px_per_metre
+    lines = outlines(shapely.simplify(clipped, tolerance, preserve_topology=False))
+    parts, of = shapely.get_parts(lines, return_index=True)
+    points, part = shapely.get_coordinates(parts, return_index=True)
+    x, y = context.screens_from_world(*points.T)
+    starts = np.searchsorted(part, np.arange(len(parts) + 1)).tolist()
+    paths = [QPainterPath() for _ in shapes]
+    for path, (first, end) in zip(of.tolist(), pairwise(starts), strict=True):
+        paths[path].addPolygon(QPolygonF(list(map(QPointF, x[first:end].tolist(), y[first:end].tolist()))))
+    return paths
+
+
 @lru_cache(maxsize=64)
-def shore_lines(field: ShapeField) -> Float64Array:
-    """Return a shape's border as line segments, (n, 4) m."""
+def shore_lines(field: ShapeField) -> list[Float64Array]:
+    """Return a shape's border as lines, (n, 2) m."""
     step = max(-(-max(field.inside.shape) // _MAX_SAMPLES), 1)
     inside = np.asarray(field.inside[::step, ::step], np.float64)
     lines = contour_generator(z=inside, line_type=LineType.Separate).lines(0.0)
-    segments = np.concatenate([np.empty((0, 4)), *(np.hstack([line[:-1], line[1:]]) for line in lines)])
-    origin = np.array([field.west, field.south, field.west, field.south])
-    return np.asarray(segments * (field.spacing * step) + origin)
+    origin = np.array([field.west, field.south])
+    return [line * (field.spacing * step) + origin for line in lines]
 
 
 class OverlayImage:
@@ -139,8 +164,7 @@ class FeatureMarks:
         self, painter: QPainter, placed: Placement, selection: Selection, colour: QColor
     ) -> None:
         """Highlight the selected or hovered object."""
-        viewport, ratio = self._context.viewport, self._context.ratio
-        canvas = QRectF(0.0, 0.0, viewport.width / ratio, viewport.height / ratio)
+        canvas = self._context.area
         point = find_point(placed, selection)
         river, lake = find_river(placed, selection), find_lake(placed, selection)
         if point is not None:
@@ -207,66 +231,27 @@ class FeatureMarks:
         self, painter: QPainter, river: River, colour: QColor, area: QRectF, *, selected: bool = False
     ) -> None:
         """Draw the part of a river in an area: centreline and, where wide enough, banks."""
-        context, scale = self._context, self._context.px_per_metre
-        line = river.centreline[:, :2]
-        half = 0.5 * river.centreline_width.astype(np.float64)
-        length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))]) * scale
-        steps = np.arange(0.0, length[-1] + _STEP, _STEP)
-        nodes = np.unique(np.searchsorted(length, steps).clip(max=len(line) - 1))
-        x, y = (np.array(each) for each in context.sketch_from_world(*line[nodes].T))
-        near = context.sketch_from_screen(area.topLeft())
-        far = context.sketch_from_screen(area.bottomRight())
-        margin = float(half.max()) / context.document.sketch.pixel_size + 2.0 * _STEP / context.scale
-        visible = (x > near[0] - margin) & (x < far[0] + margin)
-        visible &= (y > near[1] - margin) & (y < far[1] + margin)
-        runs = np.flatnonzero(np.diff(np.concatenate([[False], visible, [False]])))
-        for first, last in runs.reshape(-1, 2).tolist():
-            run = nodes[max(first - 1, 0) : last + 1]
-            if len(run) > 1:
-                self._draw_reach(painter, line[run], half[run], colour, selected)
+        import shapely
 
-    def _draw_reach(
-        self,
-        painter: QPainter,
-        line: Float64Array,
-        half: Float64Array,
-        colour: QColor,
-        selected: bool,
-    ) -> None:
+        line, half = river.centreline[:, :2], 0.5 * river.centreline_width[:, None].astype(np.float64)
+        tangent = np.gradient(line, axis=0)
+        tangent /= np.maximum(np.hypot(*tangent.T), 1e-9)[:, None]
+        offset = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1) * half
+        lines = shapely.linestrings([line, line + offset, line - offset])
+        centre, *banks = screen_paths(self._context, lines, area)
         if 2.0 * float(half.max()) * self._context.px_per_metre > 5.0:
-            tangent = np.gradient(line, axis=0)
-            tangent /= np.maximum(np.hypot(*tangent.T), 1e-9)[:, None]
-            offset = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1) * half[:, None]
             faint = QColor(colour)
             faint.setAlphaF(colour.alphaF() * 0.75)
-            for bank in (line + offset, line - offset):
-                painter.setBrush(Qt.BrushStyle.NoBrush)
-                painter.setPen(QPen(faint, 1.6 if selected else 0.9))
-                painter.drawPath(self._path(bank))
-        draw_haloed(painter, self._path(line), colour, 2.4 if selected else 1.4)
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.setPen(QPen(faint, 1.6 if selected else 0.9))
+            for bank in banks:
+                painter.drawPath(bank)
+        draw_haloed(painter, centre, colour, 2.4 if selected else 1.4)
 
     def _draw_shore(self, painter: QPainter, lake: Lake, colour: QColor, width: float, area: QRectF) -> None:
-        """Draw the part of a lake's shore in an area, with a light halo."""
-        context, segments = self._context, shore_lines(lake.shape)
-        margin = 4.0 / context.px_per_metre
-        west, north = context.world_from_sketch(*context.sketch_from_screen(area.topLeft()))
-        east, south = context.world_from_sketch(*context.sketch_from_screen(area.bottomRight()))
-        x, y = segments[:, 0], segments[:, 1]
-        visible = (x > west - margin) & (x < east + margin) & (y > south - margin) & (y < north + margin)
-        segments = segments[visible]
-        if not len(segments):
-            return
-        ends = (
-            *context.screens_from_world(*segments[:, :2].T),
-            *context.screens_from_world(*segments[:, 2:].T),
-        )
-        lines = [QLineF(*each) for each in np.stack(ends, axis=-1).tolist()]
-        for shade, wide in ((QColor(255, 255, 255, 130), width + 2.0), (colour, width)):
-            painter.setPen(QPen(shade, wide, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
-            painter.drawLines(*lines)
+        """Draw the part of a lake's shore in an area."""
+        import shapely
 
-    def _path(self, line: Float64Array) -> QPainterPath:
-        path = QPainterPath()
-        x, y = self._context.screens_from_world(line[:, 0], line[:, 1])
-        path.addPolygon(QPolygonF([QPointF(*each) for each in zip(x.tolist(), y.tolist(), strict=True)]))
-        return path
+        shapes = np.array([shapely.LineString(line) for line in shore_lines(lake.shape)], object)
+        for path in screen_paths(self._context, shapes, area):
+            draw_haloed(painter, path, colour, width)

@@ -13,8 +13,7 @@ from sketchterrain.hydrology.splines import drop_repeats
 from sketchterrain.placement.heights import ShapeHeight, shape_height
 from sketchterrain.ui.canvas.compositing import visible_layers
 from sketchterrain.ui.canvas.decorations import write_beside
-from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
-from sketchterrain.ui.canvas.vectors import REACH
+from sketchterrain.ui.canvas.tool_context import REACH, Pointer, Tool, ToolContext
 from sketchterrain.ui.look.layer_colours import label_colour
 from sketchterrain.ui.models import vectors
 from sketchterrain.ui.models.document import Draft
@@ -237,7 +236,6 @@ class LineTool(Tool):
         self._pressed: tuple[float, float] | None = None
         self._freehand = False
         self._first = 0  # index of the point that a drag started from
-        self._nodes: list[tuple[float, float, float]] = []  # places and reach of clicks, m
         self._target: tuple[str, int] = ("", 0)  # layer, label
 
     @property
@@ -268,8 +266,6 @@ class LineTool(Tool):
             return
         if self._target != (workspace.layer, workspace.label):
             self._points.clear()
-        if not self._points:
-            self._nodes.clear()
         self._target = (workspace.layer, workspace.label)
         at = self._snapped(pointer)
         closes = self._kind == AREA and len(self._points) > 2
@@ -277,7 +273,7 @@ class LineTool(Tool):
             self.finish()
             return
         if not self._points or math.dist(at, self._points[-1]) * self.context.scale > 1.0:
-            self._add_click(at)
+            self._points.append(at)
         self._pressed, self._place = at, at
         self._first = len(self._points) - 1
         self.context.signals.redraw()
@@ -299,7 +295,7 @@ class LineTool(Tool):
             self._freehand = False
             at = self._snapped(pointer)
             if self._points and math.dist(self._points[-1], at) > 0.5:
-                self._add_click(at)
+                self._points.append(at)
             if self._kind is not None and len(self._points) > self._first + 1:
                 self._simplify()
             self.finish()
@@ -345,20 +341,14 @@ class LineTool(Tool):
             if len(places) < least:
                 raise InputError(f"{title}: expected {least} points or more")
             layer = context.document.sketch.vectors[name]
-            for x, y, reach in self._nodes:
-                if (places == (x, y)).all(axis=1).any():
-                    layer = vectors.with_node(layer, x, y, reach)
+            layer = vectors.with_nodes(layer, places, REACH / context.px_per_metre)
             feature = VectorFeature(kind, (places,), label, {"smooth": 1} if kind == LINE else {})
             what = "a line" if kind == LINE else "an area"
-            vectors.store(context.document, f"Draw {what} of {title.lower()}", layer.edited(add=[feature]))
+            added = layer.edited(add=[feature])
+            vectors.change_vectors(context.document, context.workspace, f"Draw {what} of", added)
         except InputError as error:
             context.signals.message.emit(str(error))
             self._points = points
-
-    def _add_click(self, at: tuple[float, float]) -> None:
-        self._points.append(at)
-        x, y = on_grid(self.context.world_from_sketch(*at)).tolist()
-        self._nodes.append((x, y, REACH / self.context.px_per_metre))
 
     def _snapped(self, pointer: Pointer) -> tuple[float, float]:
         """Return the position, or that of a vertex of the layer or of a line near it."""

@@ -5,13 +5,15 @@ import math
 from PyQt6.QtCore import QLineF, QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen
 
+from sketchterrain.errors import InputError
 from sketchterrain.ui.canvas.decorations import write_beside
 from sketchterrain.ui.canvas.marks import SELECTED, FeatureMarks
-from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
-from sketchterrain.ui.canvas.vectors import VectorEditor, VectorMarks
+from sketchterrain.ui.canvas.tool_context import REACH, Pointer, Tool, ToolContext
+from sketchterrain.ui.canvas.vectors import VectorMarks
 from sketchterrain.ui.commands import exists, name_of
 from sketchterrain.ui.engine.protocol import GoTo, Placement
-from sketchterrain.ui.models.selection import FeatureDrag, Handle, delete, handles_of, select_at
+from sketchterrain.ui.models.selection import FeatureDrag, Handle, delete, handles_of, select_at, vertex_at
+from sketchterrain.ui.models.vectors import insert_vertex, vector_at
 from sketchterrain.ui.models.workspace import Selection
 
 _TOLERANCE = 9.0  # logical px around a handle or feature
@@ -26,59 +28,47 @@ class SelectTool(Tool):
 
     def __init__(self, context: ToolContext, marks: FeatureMarks, vectors: VectorMarks) -> None:
         super().__init__(context)
-        self._marks = marks
-        self.vectors = VectorEditor(context, vectors)
+        self._marks, self._vectors = marks, vectors
         self._hovered: Selection | None = None
         self._drag: FeatureDrag | None = None
-        self._pressed: tuple[float, float] | None = None
+        self._pressed: tuple[tuple[float, float], Handle | None] | None = None  # place, m
         self._double_clicked: tuple[float, float] | None = None
-        self._last_drag: tuple[Placement, FeatureDrag] | None = None  # drawn until it is placed
+        self._last_drag: tuple[Placement | None, FeatureDrag] | None = None  # drawn until it is placed
 
     @property
     def is_busy(self) -> bool:
-        return self._drag is not None or self.vectors.is_busy
+        return self._drag is not None
 
     def press(self, pointer: Pointer) -> None:
-        placed = self.context.link.placed
-        if pointer.erases or self.vectors.press(pointer):
-            return
-        if placed is None:
-            self.context.workspace.selection = None
+        """Select what is there; a handle is dragged at once, a vertex or centre after a few px."""
+        if pointer.erases:
             return
         at = self.context.world_from_sketch(pointer.x, pointer.y)
-        handle = self._handle_at(placed, self.context.screen_from_sketch(pointer.x, pointer.y))
-        if handle is not None:
-            self.context.workspace.selection = handle.selection
-            self._start_drag(placed, handle, at)
+        handle = self._handle_at(at)
+        selection = self._selection_at(at) if handle is None else handle.selection
+        self.context.workspace.selection = selection
+        if handle is not None and not handle.selection.is_vector:
+            self._start_drag(handle, at)
             return
-        self.context.workspace.selection = self._selection_at(placed, at)
-        self._pressed = at
+        if handle is None and self.context.link.placed is not None:
+            handle = next(iter(handles_of(self.context.link.placed, selection)), None)
+            handle = handle if handle is not None and handle.role == "move" else None
+        self._pressed = at, handle
         self.context.signals.redraw()
 
     def move(self, pointer: Pointer) -> None:
         """Drag, or highlight what a click would select."""
         at = self.context.world_from_sketch(pointer.x, pointer.y)
-        placed = self.context.link.placed
-        is_free = self._drag is None and self._pressed is None
-        if is_free and self.vectors.move(pointer):
-            self._hovered = None
-        elif self._drag is not None:
+        if self._drag is None and self._pressed is not None:
+            start, handle = self._pressed
+            if handle is not None and math.dist(at, start) * self.context.px_per_metre > _DRAG:
+                self._start_drag(handle, start)
+        if self._drag is not None:
             self._drag.to(*at)
-            if self._drag.problem:
-                self.context.signals.message.emit(self._drag.problem)
+            self._report(self._drag.problem)
             self.context.signals.redraw()
-        elif placed is not None and self._pressed is not None:
-            if math.dist(at, self._pressed) * self.context.px_per_metre > _DRAG:
-                handles = handles_of(placed, self.context.workspace.selection)
-                if handles and handles[0].role == "move":
-                    self._start_drag(placed, handles[0], self._pressed)
-                    self.move(pointer)
-        elif placed is not None:
-            handle = self._handle_at(placed, self.context.screen_from_sketch(pointer.x, pointer.y))
-            hovered = None if handle else self._selection_at(placed, at)
-            if hovered != self._hovered:
-                self._hovered = hovered
-                self.context.signals.redraw()
+        elif self._pressed is None:
+            self._hover(None if self._handle_at(at) else self._selection_at(at))
 
     def release(self, pointer: Pointer) -> None:
         """Finish the drag; after a double click without one, move the 3-D view there."""
@@ -89,21 +79,28 @@ class SelectTool(Tool):
 
     def double(self, pointer: Pointer) -> None:
         """Insert a vertex in the selected vector, else press: a drag may follow at once."""
-        if not self.vectors.double(pointer):
+        at, context = self.context.world_from_sketch(pointer.x, pointer.y), self.context
+        try:
+            is_inserted = self._handle_at(at) is None and insert_vertex(
+                context.document, context.workspace, *at, reach=REACH / context.px_per_metre
+            )
+        except InputError as error:
+            self._report(str(error))
+            return
+        if not is_inserted:
             self.press(pointer)
             self._double_clicked = (pointer.x, pointer.y)
 
     def finish(self) -> None:
         """Record the drag as a history step."""
-        self.vectors.finish()
         drag, self._drag = self._drag, None
         self._pressed = None
         if drag is not None:
             drag.finish()
+            self._report(drag.problem)
             self.context.signals.redraw()
 
     def cancel(self) -> None:
-        self.vectors.cancel()
         drag, self._drag = self._drag, None
         self._last_drag = self._pressed = None
         if drag is not None:
@@ -111,55 +108,52 @@ class SelectTool(Tool):
             self.context.signals.redraw()
 
     def leave(self) -> None:
-        self._hovered = self.vectors.hovered = None
-        self.context.signals.redraw()
+        self._hover(None)
 
     def takes_key(self, key: int) -> bool:
         selected = self.context.workspace.selection is not None
         return (key == Qt.Key.Key_Escape and (self.is_busy or selected)) or (key in _DELETE_KEYS and selected)
 
     def press_key(self, key: int) -> None:
-        workspace, placed = self.context.workspace, self.context.link.placed
+        workspace = self.context.workspace
         if key == Qt.Key.Key_Escape and self.is_busy:
             self.cancel()
         elif key == Qt.Key.Key_Escape:
             workspace.selection = None
-        elif workspace.selection is not None and workspace.selection.is_vector:
+        elif workspace.selection is not None:
             self.finish()
-            self.vectors.delete()
-        elif placed is not None and workspace.selection is not None:
-            self.finish()
-            delete(self.context.document, workspace, placed, workspace.selection)
+            try:
+                delete(self.context.document, workspace, self.context.link.placed, workspace.selection)
+            except InputError as error:
+                self._report(str(error))
 
     def selection_under(self, place: QPointF) -> Selection | None:
-        """Return what a click at a screen position would select."""
-        placed = self.context.link.placed
+        """Return what a command at a screen position is for: a vertex, or what a click would select."""
         at = self.context.world_from_sketch(*self.context.sketch_from_screen(place))
-        vertex = self.vectors.vertex_at(at)
-        selection = self.vectors.selection_at(at) if vertex is None else vertex.selection
-        return self._selection_at(placed, at) if selection is None and placed is not None else selection
+        handle = self._handle_at(at)
+        is_vertex = handle is not None and handle.selection.is_vector
+        return handle.selection if handle is not None and is_vertex else self._selection_at(at)
 
     def cursor_at(self, place: QPointF) -> Qt.CursorShape:
         if self.is_busy:
             return Qt.CursorShape.ClosedHandCursor
-        placed = self.context.link.placed
         at = self.context.world_from_sketch(*self.context.sketch_from_screen(place))
-        if self.vectors.vertex_at(at) is not None:
+        if self._handle_at(at) is not None:
             return Qt.CursorShape.SizeAllCursor
-        if placed is not None and self._handle_at(placed, place) is not None:
-            return Qt.CursorShape.SizeAllCursor
-        is_over = self._hovered is not None or self.vectors.hovered is not None
-        return Qt.CursorShape.PointingHandCursor if is_over else Qt.CursorShape.ArrowCursor
+        return Qt.CursorShape.ArrowCursor if self._hovered is None else Qt.CursorShape.PointingHandCursor
 
     def draw(self, painter: QPainter) -> None:
         placed, selection, hovered = self.context.link.placed, self.context.workspace.selection, self._hovered
-        self.vectors.draw(painter)
+        faint = QColor(SELECTED)
+        faint.setAlpha(150)
+        if hovered is not None and hovered.is_vector and self._drag is None:
+            self._vectors.draw_outline(painter, hovered, faint)
+        if selection is not None and selection.is_vector:
+            self._vectors.draw_selection(painter, selection, self._drag)
         if placed is None:
             return
         if hovered is not None and self._drag is None and exists(placed, hovered):
-            colour = QColor(SELECTED)
-            colour.setAlpha(150)
-            self._marks.draw_selection(painter, placed, hovered, colour)
+            self._marks.draw_selection(painter, placed, hovered, faint)
             handles = handles_of(placed, hovered)
             other = selection is None or hovered.id != selection.id
             if other and handles and handles[0].role == "move":
@@ -203,17 +197,40 @@ class SelectTool(Tool):
         text = texts.get(handle.role, f"{drag.x:.0f} m, {drag.y:.0f} m")
         write_beside(painter, at + QPointF(12.0, -10.0), text)
 
-    def _start_drag(self, placed: Placement, handle: Handle, at: tuple[float, float]) -> None:
-        self._drag = FeatureDrag(self.context.document, placed, handle, grab=at)
-        self._last_drag = (placed, self._drag)
+    def _start_drag(self, handle: Handle, at: tuple[float, float]) -> None:
+        context, placed = self.context, self.context.link.placed
+        self._pressed = None
+        if handle.selection.is_vector and (refusal := context.workspace.refusal(handle.selection.kind)):
+            self._report(refusal)
+            return
+        reach = REACH / context.px_per_metre
+        self._drag = FeatureDrag(context.document, placed, handle, grab=at, reach=reach)
+        self._last_drag = None if handle.selection.is_vector else (placed, self._drag)
         self._hovered = None
-        self.context.signals.redraw()
+        context.signals.redraw()
 
-    def _selection_at(self, placed: Placement, at: tuple[float, float]) -> Selection | None:
-        return select_at(placed, *at, reach=_TOLERANCE / self.context.px_per_metre)
+    def _hover(self, hovered: Selection | None) -> None:
+        if hovered != self._hovered:
+            self._hovered = hovered
+            self.context.signals.redraw()
 
-    def _handle_at(self, placed: Placement, place: QPointF) -> Handle | None:
-        handles = self._visible_handles(placed)
+    def _report(self, problem: str) -> None:
+        if problem:
+            self.context.signals.message.emit(problem)
+
+    def _selection_at(self, at: tuple[float, float]) -> Selection | None:
+        """Return the vector or placed object at a position, m."""
+        context, placed, px = self.context, self.context.link.placed, self.context.px_per_metre
+        vector = vector_at(context.document.sketch, context.workspace, *at, reach=REACH / px)
+        return select_at(placed, *at, reach=_TOLERANCE / px) if vector is None and placed else vector
+
+    def _handle_at(self, at: tuple[float, float]) -> Handle | None:
+        """Return the handle at a position, m."""
+        sketch, selection = self.context.document.sketch, self.context.workspace.selection
+        if selection is None or selection.is_vector:
+            return vertex_at(sketch, selection, *at, reach=REACH / self.context.px_per_metre)
+        placed, place = self.context.link.placed, self.context.screen_from_world(*at)
+        handles = [] if placed is None else self._visible_handles(placed)
         near = [(QLineF(place, self._handle_place(each)).length(), each) for each in handles]
         best = min(near, key=lambda pair: pair[0], default=None)
         return best[1] if best is not None and best[0] <= _TOLERANCE else None

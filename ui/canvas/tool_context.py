@@ -14,6 +14,7 @@ from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
 
+REACH: Final = 10.0  # logical px in which a vertex is hit, or snapped to
 LARGEST: Final = 64.0  # screen px per sketch px
 _LEAST_VISIBLE = 48  # px of the sketch that stay on the screen
 _SMALLEST = 96.0  # screen px along the sketch's longer side
@@ -126,6 +127,11 @@ class ToolContext:
     def px_per_metre(self) -> float:
         """Logical pixels along a metre."""
         return self.scale / self.document.sketch.pixel_size
+
+    @property
+    def area(self) -> QRectF:
+        """The canvas, logical pixels."""
+        return QRectF(0.0, 0.0, self.viewport.width / self.ratio, self.viewport.height / self.ratio)
 
     def screen_from_sketch(self, x: float, y: float) -> QPointF:
         right, down = self.viewport.to_screen(x, y)

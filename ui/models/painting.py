@@ -5,10 +5,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy import ndimage
 
-from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.array_types import Float64Array
 from sketchterrain.document.label_layers import Box, LabelImage, union_box
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
@@ -17,7 +16,6 @@ from sketchterrain.placement.heights import ShapeHeight, shape_height
 from sketchterrain.placement.shapes import find_regions, measure_shape
 
 _MEASURED = 256  # px along a side on which shapes are measured while they are painted
-_ROWS = 256  # scanned at once, so that they stay in the CPU's cache
 
 
 def flood_fill(image: LabelImage, row: int, column: int, label: int) -> Box | None:
@@ -28,47 +26,12 @@ def flood_fill(image: LabelImage, row: int, column: int, label: int) -> Box | No
     """
     if not (0 <= row < image.shape[0] and 0 <= column < image.shape[1]) or image[row, column] == label:
         return None
-    starts, ends, rows = _runs(image, int(image[row, column]))
-    component = _components(starts, ends, rows, touch=int(image[row, column] != 0))
-    first = np.searchsorted(rows, row)
-    clicked = first + np.searchsorted(
-        ends[first : np.searchsorted(rows, row, side="right")], column, side="right"
-    )
-    filled = component == component[clicked]
-    rows, starts, ends = rows[filled], starts[filled], ends[filled]
-    for each, begin, stop in zip(rows.tolist(), starts.tolist(), ends.tolist(), strict=True):
-        image[each, begin:stop] = label
-    return int(rows[0]), int(starts.min()), int(rows[-1]) + 1, int(ends.max())
-
-
-def _runs(image: LabelImage, label: int) -> tuple[Int64Array, Int64Array, Int64Array]:
-    """Return the runs of a label in row order: first columns, columns after the last, rows."""
-    height, width = image.shape
-    found = []
-    # A column of other labels on either side, so that each run begins and ends.
-    inside = np.zeros((min(_ROWS, height), width + 2), dtype=np.bool_)
-    changes = np.empty((len(inside), width + 1), dtype=np.bool_)
-    for top in range(0, height, _ROWS):
-        count = min(_ROWS, height - top)
-        np.equal(image[top : top + count], label, out=inside[:count, 1:-1])
-        np.not_equal(inside[:count, 1:], inside[:count, :-1], out=changes[:count])
-        rows, columns = np.divmod(np.flatnonzero(changes[:count]), width + 1)
-        found.append((columns[::2], columns[1::2], rows[::2] + top))
-    starts, ends, rows = (np.concatenate(part) for part in zip(*found, strict=True))
-    return starts, ends, rows
-
-
-def _components(starts: Int64Array, ends: Int64Array, rows: Int64Array, *, touch: int) -> Int64Array:
-    """Return a component number for each run; `touch` 1: also diagonally connected."""
-    stride = int(ends.max()) + 2  # so that no run reaches into the next row
-    begin, stop = rows * stride + starts, rows * stride + ends
-    first = np.searchsorted(stop, begin + stride - touch, side="right")
-    last = np.searchsorted(begin, stop + stride + touch, side="left")
-    counts = np.maximum(last - first, 0)
-    above = np.repeat(np.arange(len(starts)), counts)
-    below = np.arange(len(above)) + np.repeat(first - (np.cumsum(counts) - counts), counts)
-    adjacent = coo_array((np.ones(len(above), np.bool_), (above, below)), (len(starts), len(starts)))
-    return np.asarray(connected_components(adjacent, directed=False)[1], np.int64)
+    below = image[row, column]
+    regions, _ = ndimage.label(image == below, np.ones((3, 3)) if below else None)
+    filled = regions == regions[row, column]
+    image[filled] = label
+    rows, columns = np.flatnonzero(filled.any(axis=1)), np.flatnonzero(filled.any(axis=0))
+    return int(rows[0]), int(columns[0]), int(rows[-1]) + 1, int(columns[-1]) + 1
 
 
 def pick(layers: Iterable[tuple[str, LabelImage]], row: int, column: int) -> tuple[str, int] | None:

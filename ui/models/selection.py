@@ -1,19 +1,21 @@
 """The selection: hit testing of placed features, drag handles and drags, commands; one history step each."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.document.layers import LAYERS, layer_of, vector_of
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.vector_edits import nearest_vertex, on_grid
 from sketchterrain.errors import InputError
 from sketchterrain.placement.feature_types import FEATURE_TYPES, River, distance_inside, height_profile
 from sketchterrain.ui import commands
 from sketchterrain.ui.commands import drag_title, dragged, find_parent_river, find_point, find_river, name_of
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.vectors import VectorDrag, find_vector
+from sketchterrain.ui.models.vectors import delete_vector, find_vector
 from sketchterrain.ui.models.workspace import Selection, Workspace
 
 _MAX_HANDLES = 1000  # of a vector
@@ -73,6 +75,22 @@ def vector_handles(sketch: Sketch, selection: Selection | None) -> tuple[Handle,
     )
 
 
+def vertex_at(
+    sketch: Sketch, selection: Selection | None, x: float, y: float, *, reach: float
+) -> Handle | None:
+    """Return the vertex of the selected vector within a distance (m) of a position; the active one first."""
+    feature = find_vector(sketch, selection)
+    if feature is None or selection is None:
+        return None
+    places = np.concatenate(feature.rings)
+    distance = np.hypot(*(places - (x, y)).T)
+    if selection.index is not None and selection.index < len(places):
+        distance[selection.index] -= 1e-6
+    index = int(np.argmin(distance))
+    x, y = places[index].tolist()
+    return Handle("point", replace(selection, index=index), x, y, x, y) if distance[index] <= reach else None
+
+
 def handles_of(placed: Placement, selection: Selection | None) -> tuple[Handle, ...]:
     """Return a selection's handles: none for lakes and missing objects, none where a river joins another."""
     if selection is None:
@@ -127,21 +145,26 @@ def _heights(points: StructuredArray, distance: Float64Array) -> Float64Array:
 
 
 class FeatureDrag:
-    """A drag of a handle: edits the document, as one history step."""
+    """A drag of a handle: edits the document, as one history step.
+
+    Placed features follow at once. A vertex of a vector moves with its node when the drag is finished; it
+    snaps to others within `reach` (m).
+    """
 
     def __init__(
         self,
         document: Document,
-        placed: Placement,
+        placed: Placement | None,
         handle: Handle,
         *,
         grab: tuple[float, float] | None = None,
+        reach: float = 0.0,
     ) -> None:
         self._document = document
         self._placed = placed
         self._before = document.sketch
         self._last: Sketch | None = document.sketch
-        self._title = drag_title(placed, handle)
+        self._reach = reach
         self._offset = (0.0, 0.0) if grab is None else (handle.x - grab[0], handle.y - grab[1])
         self._merge = object()
         self.handle = handle
@@ -158,14 +181,18 @@ class FeatureDrag:
         if not self.is_alive:
             return
         x, y = x + self._offset[0], y + self._offset[1]
-        self.problem = ""
-        try:
-            self._do(dragged(self._before, self._placed, self.handle, x, y))
-            self.x, self.y = x, y
-        except InputError as error:
-            self.problem = str(error)
+        if not self.handle.selection.is_vector:
+            self._change(x, y)
+            return
+        layer = self._before.vectors[self.handle.selection.kind]
+        near = nearest_vertex(layer, x, y, self._reach, other_than=(self.handle.x, self.handle.y))
+        self.x, self.y = on_grid((x, y) if near is None else layer.vertices[near]).tolist()
 
     def finish(self) -> None:
+        """End the drag; `problem` tells why the last motion was not possible."""
+        is_moved = (self.x, self.y) != (self.handle.x, self.handle.y)
+        if self.handle.selection.is_vector and is_moved and self.is_alive:
+            self._change(self.x, self.y)
         self._last = None
 
     def cancel(self) -> None:
@@ -173,25 +200,19 @@ class FeatureDrag:
         if self.is_alive and self._last is not self._before:
             self._do(self._before)
         self.x, self.y = self.handle.x, self.handle.y
-        self.finish()
+        self._last = None
+
+    def _change(self, x: float, y: float) -> None:
+        self.problem = ""
+        try:
+            self._do(dragged(self._before, self._placed, self.handle, x, y))
+            self.x, self.y = x, y
+        except InputError as error:
+            self.problem = str(error)
 
     def _do(self, sketch: Sketch) -> None:
-        self._document.do(self._title, sketch, merge=self._merge)
+        self._document.do(drag_title(self._placed, self.handle), sketch, merge=self._merge)
         self._last = self._document.sketch
-
-
-def start_drag(
-    document: Document,
-    placed: Placement,
-    handle: Handle,
-    *,
-    grab: tuple[float, float] | None = None,
-    reach: float = 0.0,
-) -> FeatureDrag | VectorDrag:
-    """Return a drag of a handle; vertices of vectors snap to others within a distance (m)."""
-    if handle.selection.is_vector:
-        return VectorDrag(document, handle, grab=grab, reach=reach)
-    return FeatureDrag(document, placed, handle, grab=grab)
 
 
 def add(document: Document, workspace: Workspace, kind: str, x: float, y: float) -> None:
@@ -201,34 +222,35 @@ def add(document: Document, workspace: Workspace, kind: str, x: float, y: float)
     workspace.selection = Selection("feature", sketch.edits[-1].feature or 0)
 
 
-def lock(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
-    """Lock a feature: it keeps its values whatever is painted."""
-    changed = commands.locked(document.sketch, placed, selection)
-    document.do(f"Lock {name_of(placed, selection)}", changed)
+def _command(
+    verb: str, change: Callable[[Sketch, Placement, Selection], Sketch]
+) -> Callable[[Document, Workspace, Placement, Selection], None]:
+    def command(document: Document, _: Workspace, placed: Placement, selection: Selection) -> None:
+        document.do(f"{verb} {name_of(placed, selection)}", change(document.sketch, placed, selection))
+
+    return command
 
 
-def unlock(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
-    """Unlock a feature: it follows the sketch again."""
-    changed = commands.unlocked(document.sketch, selection)
-    document.do(f"Unlock {name_of(placed, selection)}", changed)
+lock = _command("Lock", commands.locked)
+unlock = _command("Unlock", lambda sketch, _, selection: commands.unlocked(sketch, selection))
+reset = _command("Reset", commands.reset)
+"""Remove the edits of an object."""
 
 
-def reset(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
-    """Remove the edits of an object."""
-    changed = commands.reset(document.sketch, placed, selection)
-    document.do(f"Reset {name_of(placed, selection)}", changed)
+def delete(document: Document, workspace: Workspace, placed: Placement | None, selection: Selection) -> None:
+    """Delete an object and deselect it; of a vector its active vertex if there is one."""
+    if selection.is_vector:
+        delete_vector(document, workspace)
+    elif placed is not None:
+        document.do(f"Delete {name_of(placed, selection)}", commands.deleted(document.sketch, selection))
+        workspace.selection = None
 
 
-def delete(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
-    """Delete an object and deselect it."""
-    changed = commands.deleted(document.sketch, selection)
-    document.do(f"Delete {name_of(placed, selection)}", changed)
-    workspace.selection = None
-
-
-def delete_or_reset(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> str:
+def delete_or_reset(
+    document: Document, workspace: Workspace, placed: Placement | None, selection: Selection
+) -> str:
     """Delete the selection, or reset a river's control point; return why not, or nothing."""
-    if selection.index is None:
+    if placed is None or selection.index is None or selection.is_vector:
         delete(document, workspace, placed, selection)
     elif commands.is_edited(document.sketch, placed, selection):
         document.do("Reset a point of a river", commands.reset(document.sketch, placed, selection))

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 from PyQt6.QtCore import (
     QBuffer,
@@ -14,7 +14,6 @@ from PyQt6.QtCore import (
     QRectF,
     QSignalBlocker,
     QSize,
-    QStringListModel,
     Qt,
     pyqtSignal,
 )
@@ -28,7 +27,6 @@ from PyQt6.QtWidgets import (
     QStyle,
     QStyledItemDelegate,
     QStyleOptionViewItem,
-    QWidget,
 )
 
 from sketchterrain.ui.actions import ContextMenu
@@ -112,7 +110,7 @@ class HistoryPanel(Panel):
         super().__init__()
         self._document = document
         self._is_filling = False
-        self._steps = _Steps(document, self)
+        self._steps = QStandardItemModel(self)
         self.list = _list_view("History", "Click a step to undo or redo up to there")
         self.list.setUniformItemSizes(True)
         self.list.setModel(self._steps)
@@ -128,8 +126,10 @@ class HistoryPanel(Panel):
     def _refresh(self) -> None:
         history = self._document.history
         self._is_filling = True  # blocked signals of the selection would leave removed rows in the list
-        self._steps.refresh()
-        current = self._steps.index(history.position)
+        self._steps.clear()
+        for number, title in enumerate(history.titles):
+            self._steps.appendRow(_item(title, "", is_pale=number > history.position))
+        current = self._steps.index(history.position, 0)
         self.list.setCurrentIndex(current)
         self._is_filling = False
         self.list.scrollTo(current)
@@ -140,26 +140,6 @@ class HistoryPanel(Panel):
     def _go_to(self, index: QModelIndex) -> None:
         if index.isValid() and not self._is_filling:
             self._document.go_to(index.row())
-
-
-class _Steps(QStringListModel):
-    """List model of a history's titles."""
-
-    def __init__(self, document: Document, parent: QWidget) -> None:
-        super().__init__(parent)
-        self._document = document
-
-    def data(self, index: QModelIndex, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
-        if role == PALE:
-            return index.row() > self._document.history.position
-        return super().data(index, role)
-
-    def refresh(self) -> None:
-        titles = self._document.history.titles
-        if titles != tuple(self.stringList()):
-            self.setStringList(titles)
-        else:
-            self.dataChanged.emit(self.index(0), self.index(len(titles) - 1), [PALE])
 
 
 class ContradictionsPanel(Panel):
@@ -203,9 +183,9 @@ class ContradictionsPanel(Panel):
         self._lines = (resolutions, orphans)
         self._model.clear()
         for line, x, y in resolutions:
-            self._model.appendRow(_item(line, "warning", (x, y)))
+            self._model.appendRow(_item(line, "warning", place=(x, y)))
         for line in orphans:
-            self._model.appendRow(_item(f"Edit without its feature: {line}", "delete", None))
+            self._model.appendRow(_item(f"Edit without its feature: {line}", "delete", is_pale=True))
         self._none.setHidden(bool(resolutions or orphans))
         self.list.setVisible(bool(resolutions or orphans))
 
@@ -215,10 +195,12 @@ class ContradictionsPanel(Panel):
             self.place_activated.emit(*place)
 
 
-def _item(line: str, icon: str, place: tuple[float, float] | None) -> QStandardItem:
+def _item(
+    line: str, icon: str, *, place: tuple[float, float] | None = None, is_pale: bool = False
+) -> QStandardItem:
     item = QStandardItem(line[:1].upper() + line[1:])
     item.setData(icon, ICON)
-    item.setData(place is None, PALE)
+    item.setData(is_pale, PALE)
     item.setData(place, _PLACE)
     return item
 

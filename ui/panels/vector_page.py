@@ -1,35 +1,27 @@
 """Properties of the selected vector."""
 
 from dataclasses import replace
-from functools import partial
 
-import numpy as np
 from PyQt6.QtWidgets import QComboBox, QLabel, QWidget
 
 from sketchterrain.document.parameters import Parameter, Value
-from sketchterrain.document.vector_edits import set_value
-from sketchterrain.document.vectors import (
-    AREA,
-    LINE,
-    VECTOR_LAYERS,
-    VectorFeature,
-    VectorLayer,
-    vector_parameters,
-)
+from sketchterrain.document.vector_edits import set_value, vertices_of
+from sketchterrain.document.vectors import LINE, VECTOR_LAYERS, VectorLayer, vector_parameters
 from sketchterrain.ui import commands
 from sketchterrain.ui.look.theme import MARGIN, column, described, row
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.vectors import change_vector, find_vector, lines_of
+from sketchterrain.ui.models.vectors import change_vectors, curves_of, find_vector
 from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.panels.controls import PageHead, label_title, number, scroll_past, title_from_key
 from sketchterrain.ui.panels.form import ParameterForm
 
 _NAME = Parameter("name", str, "", 0, 200, "characters", "")
 _HELP = {
+    "width": "from bank to bank",
     "smooth": "its vertices are the control points of a smooth curve",
     "directed": "it runs from its first vertex to its last one, not downhill",
 }
-_OF_LINES = ("width", *_HELP)
+_OF_LINES = tuple(_HELP)
 
 
 class VectorPage(QWidget):
@@ -68,7 +60,11 @@ class VectorPage(QWidget):
             return
         self._shown = selection
         name, own = selection.kind, feature.properties
-        self._head.show_text(str(own.get("name", name.capitalize())), _facts(feature), (name, feature.label))
+        self._head.show_text(
+            str(own.get("name", name.capitalize())),
+            _facts(sketch.vectors[name], selection.id),
+            (name, feature.label),
+        )
         self.label.clear()
         for label in sorted({*commands.labels_of(sketch, name), feature.label}):
             self.label.addItem(label_title(name, label), label)
@@ -83,18 +79,18 @@ class VectorPage(QWidget):
                 field.reset.setVisible(key in own)
 
     def _set(self, name: str, value: Value | None, key: object) -> None:
-        change = partial(_changed, key=name, value=None if value == "" else value)
-        title = f"Set {title_from_key(name).lower()} of"
-        change_vector(self._document, self._workspace, self._shown, title, change, merge=key)
-
-
-def _changed(layer: VectorLayer, own: Selection, *, key: str, value: Value | None) -> VectorLayer:
-    return set_value(layer, own.id, key, value)
+        shown, sketch = self._shown, self._document.sketch
+        if shown is not None and find_vector(sketch, shown) is not None:
+            own = None if value == "" else value
+            changed = set_value(sketch.vectors[shown.kind], shown.id, name, own)
+            title = f"Set {title_from_key(name).lower()} of"
+            change_vectors(self._document, self._workspace, title, changed, merge=key)
 
 
 def _form(layer: str) -> ParameterForm:
     declared = {name: each for name, each in vector_parameters(layer).items() if name != "flow"}
-    rows = [replace(each, help=_HELP.get(name, each.help)) for name, each in declared.items()]
+    # Without the sentinel of a width: nothing is painted.
+    rows = [replace(each, help=_HELP.get(name, each.help), sentinel=None) for name, each in declared.items()]
     form = ParameterForm([_NAME, *rows])
     for field in form.rows.values():
         if field.reset is not None:
@@ -102,13 +98,9 @@ def _form(layer: str) -> ParameterForm:
     return form
 
 
-def _facts(feature: VectorFeature) -> str:
+def _facts(layer: VectorLayer, name: int) -> str:
     """Return length or area, and how many vertices there are."""
-    lines = lines_of(feature)
-    count = f"{sum(map(len, feature.rings))} vertices"
-    if feature.kind == AREA:
-        twice = [abs(float((x[:-1] * y[1:] - x[1:] * y[:-1]).sum())) for x, y in (each.T for each in lines)]
-        area = 0.5 * (twice[0] - sum(twice[1:]))
-        return f"{number(area / 1e6, decimals=2)} km², {count}"
-    length = float(np.hypot(*np.diff(lines[0], axis=0).T).sum())
-    return f"{number(length / 1000, decimals=2)} km, {count}"
+    shape = curves_of(layer).shapes[layer.index(name)]
+    length, area = number(shape.length / 1000, decimals=2), number(shape.area / 1e6, decimals=2)
+    size = f"{area} km²" if shape.area > 0.0 else f"{length} km"
+    return f"{size}, {len(vertices_of(layer, name))} vertices"

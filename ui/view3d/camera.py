@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from PyQt6.QtCore import Qt
+from scipy.ndimage import map_coordinates
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.document.vectors import VectorFeature
@@ -109,15 +110,13 @@ class TerrainHeights:
 
     def height(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Float64Array:
         """Return heights at places (m), clamped to the sketch's edge."""
-        rows, columns = self._height.shape
-        column = np.clip(np.asarray(x, np.float64) / self.spacing - 0.5, 0.0, columns - 1.0)
-        row = np.clip(rows - np.asarray(y, np.float64) / self.spacing - 0.5, 0.0, rows - 1.0)
-        left, top = np.floor(column).astype(np.intp), np.floor(row).astype(np.intp)
-        right, below = np.minimum(left + 1, columns - 1), np.minimum(top + 1, rows - 1)
-        across, down = column - left, row - top
-        upper = (1.0 - across) * self._height[top, left] + across * self._height[top, right]
-        lower = (1.0 - across) * self._height[below, left] + across * self._height[below, right]
-        return np.asarray((1.0 - down) * upper + down * lower)
+        column, row = (
+            np.asarray(x) / self.spacing - 0.5,
+            len(self._height) - np.asarray(y) / self.spacing - 0.5,
+        )
+        places = np.stack([row, column]).reshape(2, -1)
+        heights = map_coordinates(self._height, places, np.float64, order=1, mode="nearest")
+        return np.asarray(heights).reshape(row.shape)
 
     def contains(self, x: npt.ArrayLike, y: npt.ArrayLike) -> BoolArray:
         """Return which places (m) lie in the sketch."""

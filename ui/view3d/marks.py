@@ -7,12 +7,13 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River
+from sketchterrain.document.vectors import VectorLayer
+from sketchterrain.placement.feature_types import FEATURE_TYPES, River
 from sketchterrain.ui.canvas.marks import shore_lines
 from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.selection import Handle, handles_of, vector_handles
-from sketchterrain.ui.models.vectors import find_vector, lines_of, with_moved_node
+from sketchterrain.ui.models.vectors import Curves, curves_of, find_vector, with_moved_node
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, circle
 
@@ -133,17 +134,13 @@ class MarkBuilder:
     def _outline(self) -> tuple[Segments, ...]:
         if self.selection is None:
             return ()
-        vector = None if self.sketch is None else find_vector(self.sketch, self.selection)
-        if vector is not None:
-            if self.drag is not None:
-                handle, x, y = self.drag
-                vector = with_moved_node(vector, (handle.x, handle.y), (x, y))
-            lines = (line[_thin(len(line), _MAX_SHORE_SEGMENTS)] for line in lines_of(vector))
-            return tuple(self._segments(self.terrain.drape(line)) for line in lines)
+        if self.sketch is not None and find_vector(self.sketch, self.selection) is not None:
+            return self._vector(self.sketch.vectors[self.selection.kind], self.selection.id)
         find = (self.placed, self.selection)
         river, point, lake = find_river(*find), find_point(*find), find_lake(*find)
         if lake is not None:
-            return (self._shore(lake),)
+            shore = (line[_thin(len(line), _MAX_SHORE_SEGMENTS)] for line in shore_lines(lake.shape))
+            return tuple(self._segments(np.insert(line, 2, lake.level, axis=1)) for line in shore)
         if river is not None:
             return (self._segments(self._course(river)),)
         if point is None:
@@ -155,20 +152,22 @@ class MarkBuilder:
             radius = float(np.hypot(self.drag[1] - x, self.drag[2] - y))
         return (self._segments(self.terrain.drape(circle(x, y, radius))),)
 
+    def _vector(self, layer: VectorLayer, name: int) -> tuple[Segments, ...]:
+        curves = curves_of(layer)
+        if self.drag is not None:
+            handle, x, y = self.drag
+            layer = with_moved_node(layer, (handle.x, handle.y), (x, y))
+            curves = Curves.from_layer(layer)
+        lines = curves.lines(layer.index(name)) if name in layer.ids else []
+        return tuple(
+            self._segments(self.terrain.drape(line[_thin(len(line), _MAX_SHORE_SEGMENTS)])) for line in lines
+        )
+
     def _segments(self, line: Float64Array) -> Segments:
         """Return the visible segments of a line (n, 3), hidden where the terrain hides both ends."""
         pixels, visible = self.projection.project_segments(line[:-1], line[1:])
         hidden = self.terrain.occludes(self.projection.eye, line)
         return Segments(pixels, (hidden[:-1] & hidden[1:])[visible])
-
-    def _shore(self, lake: Lake) -> Segments:
-        segments = shore_lines(lake.shape)
-        if len(segments) > 2 * _MAX_SHORE_SEGMENTS:
-            segments = segments[:: len(segments) // _MAX_SHORE_SEGMENTS]
-        level = np.full((len(segments), 1), lake.level)
-        starts, ends = np.hstack([segments[:, :2], level]), np.hstack([segments[:, 2:], level])
-        pixels, visible = self.projection.project_segments(starts, ends)
-        return Segments(pixels, self.terrain.occludes(self.projection.eye, starts[visible]))
 
     def _handles(self) -> tuple[HandleMark, ...]:
         handles = handles_of(self.placed, self.selection)

@@ -16,7 +16,7 @@ from sketchterrain.ui.commands import exists
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.selection import Handle, add, handles_of, select_at, start_drag
+from sketchterrain.ui.models.selection import FeatureDrag, Handle, add, handles_of, select_at
 from sketchterrain.ui.models.vectors import vector_at
 from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.view3d.camera import Projection, drag_motion, zoom_motion
@@ -49,7 +49,7 @@ def handle_cursor(mark: HandleMark) -> Qt.CursorShape:
     return _CURSORS[round(angle / 45.0) % 4]
 
 
-class HandleDrag:
+class HandleDrag(FeatureDrag):
     """Drags a handle by rays on the level plane where it was pressed.
 
     Not on the visible terrain, which the drag changes: a mountain would come nearer with every motion.
@@ -58,23 +58,17 @@ class HandleDrag:
     def __init__(
         self, document: Document, placed: Placement, mark: HandleMark, projection: Projection, start: QPointF
     ) -> None:
+        grab = projection.intersect_level(start.x(), start.y(), mark.z)
+        reach = _SNAP * projection.metres_per_px((mark.handle.x, mark.handle.y, mark.z))
+        super().__init__(document, placed, mark.handle, grab=grab, reach=reach)
         self._level, self._start = mark.z, start
         self._centre = (0.5 * document.sketch.size[0], 0.5 * document.sketch.size[1])
         self._limit = _MAX_DRAG * document.sketch.extent
         self._is_moved = False
-        grab = projection.intersect_level(start.x(), start.y(), mark.z)
-        reach = _SNAP * projection.metres_per_px((mark.handle.x, mark.handle.y, mark.z))
-        self._drag = start_drag(document, placed, mark.handle, grab=grab, reach=reach)
-        self.finish, self.cancel = self._drag.finish, self._drag.cancel
 
     @property
     def state(self) -> tuple[Handle, float, float]:
-        return self._drag.handle, self._drag.x, self._drag.y
-
-    @property
-    def problem(self) -> str:
-        """Why the last motion changed nothing."""
-        return self._drag.problem
+        return self.handle, self.x, self.y
 
     def move(self, projection: Projection, at: QPointF) -> None:
         """Drag to a pixel; above the horizon nothing changes."""
@@ -86,7 +80,7 @@ class HandleDrag:
         if place is None:
             return
         if max(abs(place[0] - self._centre[0]), abs(place[1] - self._centre[1])) <= self._limit:
-            self._drag.to(*place)
+            self.to(*place)
 
 
 class ViewMouse(QObject):

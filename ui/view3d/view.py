@@ -15,7 +15,7 @@ from sketchterrain.ui.engine.protocol import MODES, ErrorReport, Look
 from sketchterrain.ui.look.theme import active_theme, draw_focus
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import delete_or_reset
-from sketchterrain.ui.models.vectors import delete_vector, find_vector
+from sketchterrain.ui.models.vectors import find_vector
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.view3d.camera import FLYING_KEYS, FlightKeys, motion_to, overview
 from sketchterrain.ui.view3d.hud import Hud
@@ -175,13 +175,11 @@ class View3D(QWidget):
     def delete_selection(self) -> None:
         """Delete the selection, of a vector its active vertex; a river's control point is reset instead."""
         placed, selection = self._link.placed, self._workspace.selection
-        if self._document is not None and selection is not None and selection.is_vector:
+        if self._document is not None and selection is not None:
             try:
-                delete_vector(self._document, self._workspace)
+                self.message.emit(delete_or_reset(self._document, self._workspace, placed, selection))
             except InputError as error:
                 self.message.emit(str(error))
-        elif self._document is not None and placed is not None and selection is not None:
-            self.message.emit(delete_or_reset(self._document, self._workspace, placed, selection))
 
     def _open_menu(self) -> None:
         self._mouse.open_menu(QPointF(self.rect().center()), None)

@@ -1,0 +1,379 @@
+"""Selection of patches: the fewest that cover the data at an accuracy, or for a cell size.
+
+Patches are ordered by area, then by error, then by id. A patch is used from its error up to its top: the
+least error at which greater patches cover its kernel (Rocca, Panozzo & Puppo 2012, §3.3). Tops are a function
+of the set of patches alone, so that grids can be added and removed in any order.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.caching import LRUCache
+from sketchterrain.elevation.patches import (
+    COEFFICIENTS,
+    KERNEL,
+    GridPatches,
+    Patches,
+    concatenated,
+    in_threads,
+    subset,
+)
+from sketchterrain.elevation.surface import BoxIndex, PatchSurface
+from sketchterrain.errors import InputError
+
+CELL_ERRORS: Final = 64.0
+"""Errors of a cell size: heights for cells of h m are within h / 64."""
+
+_MAX_PIECES, _MAX_CORNERS = 512, 20
+_CACHED = 16  # selections for cell sizes
+
+
+class _Tops(NamedTuple):
+    top: Float64Array  # m: the patch is left out from this error on
+    is_best: BoolArray  # of a finest level that no more accurate grid covers: used whatever accuracy is asked
+
+
+class Patchwork:
+    """The patches of any number of overlapping grids; a value.
+
+    Patches are numbered by the ids of their grids, then by level, row and column.
+    """
+
+    def __init__(self, grids: Mapping[bytes, GridPatches] | None = None) -> None:
+        self.grids: dict[bytes, GridPatches] = dict(sorted((grids or {}).items()))
+        parts = list(self.grids.values())
+        self.patches = concatenated([each.patches for each in parts]) if parts else None
+        counts = [len(each.patches) for each in parts]
+        self.grid = np.repeat(np.arange(len(parts)), counts)
+        self._starts = np.cumsum([0, *counts])
+        self._corners = np.concatenate([each.corners for each in parts]) if parts else np.zeros((0, 4, 2))
+        self._tops: _Tops | None = None
+        self._for_cells = LRUCache(_CACHED)
+
+    @property
+    def tops(self) -> _Tops:
+        """Tops of all patches."""
+        if self._tops is None:
+            patches = self._table()
+            self._tops = _find_tops(patches, self.grid, self._corners, np.arange(len(patches)))
+        return self._tops
+
+    def with_grid(self, grid: GridPatches) -> Patchwork:
+        """Return the patchwork with one more grid; only tops of patches that touch it are computed."""
+        return self if grid.id in self.grids else self._changed({**self.grids, grid.id: grid}, grid)
+
+    def without_grid(self, grid_id: bytes) -> Patchwork:
+        """Return the patchwork without a grid; patches that it made redundant are used again."""
+        if grid_id not in self.grids:
+            return self
+        rest = {key: each for key, each in self.grids.items() if key != grid_id}
+        return self._changed(rest, self.grids[grid_id])
+
+    def _changed(self, grids: dict[bytes, GridPatches], grid: GridPatches) -> Patchwork:
+        changed = Patchwork(grids)
+        if self.patches is None or changed.patches is None:
+            return changed
+        old, kernel = self.tops, changed.patches.kernel
+        top, is_best = np.empty(len(kernel)), np.zeros(len(kernel), bool)
+        growth = 2.0 * max(float(self.patches.growth.max()), float(changed.patches.growth.max()))
+        low = grid.patches.kernel[:, :2].min(axis=0) - growth
+        high = grid.patches.kernel[:, 2:].max(axis=0) + growth
+        stale = (kernel[:, :2] <= high).all(axis=1) & (kernel[:, 2:] >= low).all(axis=1)
+        for number, key in enumerate(changed.grids):
+            here = slice(changed._starts[number], changed._starts[number + 1])
+            if key in self.grids:
+                there = list(self.grids).index(key)
+                before = slice(self._starts[there], self._starts[there + 1])
+                top[here], is_best[here] = old.top[before], old.is_best[before]
+        which = np.flatnonzero(stale)
+        top[which], is_best[which] = _find_tops(changed.patches, changed.grid, changed._corners, which)
+        changed._tops = _Tops(top, is_best)
+        return changed
+
+    def cover(self, error: float) -> Int64Array:
+        """Return the patches of the minimal cover within an error (m).
+
+        Where no grid is so accurate, the most accurate ones there are.
+        """
+        top, is_best = self.tops
+        return np.flatnonzero(((self._table().error <= error) | is_best) & (error < top))
+
+    def cover_for_cells(self, cell_size: float) -> Int64Array:
+        """Return the patches for samples `cell_size` (m) apart: a minimal cover within 1/64 of it.
+
+        Their steps are at least half of it, except where grids end. The finest levels of grids that are left
+        count as accurate as the grid, as what they lack is finer than the cells.
+        """
+        if not cell_size > 0.0:
+            raise InputError(f"cell size {cell_size}: expected metres above 0")
+        lowest = tuple(
+            int(np.clip(np.ceil(np.log2(0.5 * cell_size / each.step) - 1e-9), 0, len(each.coefficients) - 1))
+            for each in self.grids.values()
+        )
+        which, patches, (top, is_best) = self._for_cells.get_or_compute(
+            lowest, lambda: self._without_fine_levels(np.array(lowest))
+        )
+        error = cell_size / CELL_ERRORS
+        kept: Int64Array = which[((patches.error <= error) | is_best) & (error < top)]
+        return kept
+
+    def _without_fine_levels(self, lowest: Int64Array) -> tuple[Int64Array, Patches, _Tops]:
+        """Return the patches from each grid's lowest level on, and their tops."""
+        patches, accuracy = self._table(), np.array([each.accuracy for each in self.grids.values()])
+        which = np.flatnonzero(patches.level >= lowest[self.grid])
+        if len(which) == len(patches):
+            return which, patches, self.tops
+        owner = np.repeat(np.arange(len(patches)), patches.rectangles)
+        corners = self._corners[np.isin(owner, which)]
+        patches = subset(patches, which)
+        grid = self.grid[which]
+        patches.finest[:] = patches.level == lowest[grid]
+        patches.error[:] = np.where(patches.finest, accuracy[grid], patches.error)
+        return which, patches, _find_tops(patches, grid, corners, np.arange(len(which)))
+
+    def _table(self) -> Patches:
+        if self.patches is None:
+            raise InputError("expected at least one elevation grid")
+        return self.patches
+
+    def surface(self, which: Int64Array, *, wendland: bool = False) -> PatchSurface:
+        """Return the surface of some patches, as of `cover`; by the paper's weights if `wendland`."""
+        patches, parts = subset(self._table(), which), list(self.grids.values())
+        coefficients = np.empty((len(which), COEFFICIENTS, COEFFICIENTS), np.float32)
+        mask_of = np.where(patches.has_mask, np.cumsum(patches.has_mask) - 1, -1)
+        masks = np.empty((int(patches.has_mask.sum()), COEFFICIENTS, COEFFICIENTS), np.uint8)
+        for slot, (grid, level, row, column, mask) in enumerate(
+            zip(
+                self.grid[which].tolist(),
+                *(each.tolist() for each in (patches.level, patches.row, patches.column, mask_of)),
+                strict=True,
+            )
+        ):
+            part = np.s_[
+                KERNEL * row : KERNEL * row + COEFFICIENTS, KERNEL * column : KERNEL * column + COEFFICIENTS
+            ]
+            coefficients[slot] = parts[grid].coefficients[level][part]
+            if mask >= 0:
+                masks[mask] = parts[grid].masks[level][part]
+        return PatchSurface(
+            centre=patches.centre,
+            to_steps=patches.to_steps,
+            step_area=patches.step_area,
+            reach=patches.reach,
+            base=np.array([each.base for each in parts])[self.grid[which]],
+            coefficients=coefficients,
+            mask_of=mask_of,
+            masks=masks,
+            wendland=wendland,
+        )
+
+
+def _find_tops(patches: Patches, grid: Int64Array, corners: Float64Array, which: Int64Array) -> _Tops:
+    """Return the tops of some patches."""
+    first = np.concatenate([[0], np.cumsum(patches.rectangles)])
+    index = BoxIndex.from_boxes(patches.kernel + patches.growth[:, None] * np.array([-1.0, -1.0, 1.0, 1.0]))
+    top, is_best = np.empty(len(which)), np.empty(len(which), bool)
+    arrays: Any = (
+        grid,
+        patches.finest,
+        patches.rank,
+        patches.error,
+        patches.kernel,
+        patches.growth,
+        first,
+        corners,
+        *index,
+    )
+    in_threads(lambda start, end: _compute_tops(which, *arrays, top, is_best, start, end), len(which), 256)
+    return _Tops(top, is_best)
+
+
+@njit(cache=True, nogil=True)
+def _compute_tops(  # type: ignore[no-untyped-def]
+    which,
+    grid,
+    finest,
+    rank,
+    error,
+    kernel,
+    growth,
+    first,
+    corners,
+    places,
+    shapes,
+    starts,
+    items,
+    top,
+    is_best,
+    start,
+    end,
+):
+    """Compute the tops of the patches which[start:end]: algorithm 1 of the paper, `cutter`."""
+    seen = np.full(len(rank), -1, np.int64)
+    near = np.empty(len(rank), np.int64)
+    pieces = np.empty((2, _MAX_PIECES, _MAX_CORNERS, 2))
+    sizes = np.empty((2, _MAX_PIECES), np.int64)
+    for n in range(start, end):
+        p = which[n]
+        # Greater patches, by error, until they cover the kernel.
+        count = 0
+        for c in range(len(places)):
+            count = _touching(p, c, kernel, growth, places, shapes, starts, items, seen, near, count)
+        greater = np.empty(count, np.int64)
+        found = 0
+        for k in range(count):
+            q = near[k]
+            if (-rank[q], error[q], q) < (-rank[p], error[p], p):
+                greater[found] = q
+                found += 1
+        greater = np.sort(greater[:found])
+        order = np.argsort(error[greater], kind="mergesort")
+        last = _covering(p, greater[order], growth, first, corners, pieces, sizes)
+        top[n] = np.inf if last < 0 else error[last]
+        # What no other grid knows better is used whatever accuracy is asked.
+        better, found = np.empty(count, np.int64), 0
+        for k in range(count):
+            q = near[k]
+            if finest[q] and grid[q] != grid[p] and (error[q], -rank[q], q) < (error[p], -rank[p], p):
+                better[found] = q
+                found += 1
+        is_best[n] = finest[p] and (
+            found == 0 or _covering(p, better[:found], growth, first, corners, pieces, sizes) < 0
+        )
+
+
+@njit(cache=True, nogil=True)
+def _touching(p, c, kernel, growth, places, shapes, starts, items, seen, near, count):  # type: ignore[no-untyped-def]
+    """Append the patches of a class whose grown kernels touch that of p, each once."""
+    cell = places[c, 2]
+    west, east = kernel[p, 0] - places[c, 0], kernel[p, 2] - places[c, 0]
+    south, north = kernel[p, 1] - places[c, 1], kernel[p, 3] - places[c, 1]
+    for row in range(max(int(south // cell), 0), min(int(north // cell), shapes[c, 1] - 1) + 1):
+        for column in range(max(int(west // cell), 0), min(int(east // cell), shapes[c, 0] - 1) + 1):
+            key = shapes[c, 2] + row * shapes[c, 0] + column
+            for k in range(starts[key], starts[key + 1]):
+                q = items[k]
+                if q == p or seen[q] == p:
+                    continue
+                g = growth[q]
+                if (
+                    kernel[q, 0] - g < kernel[p, 2]
+                    and kernel[q, 2] + g > kernel[p, 0]
+                    and kernel[q, 1] - g < kernel[p, 3]
+                    and kernel[q, 3] + g > kernel[p, 1]
+                ):
+                    seen[q] = p
+                    near[count] = q
+                    count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _covering(p, others, growth, first, corners, pieces, sizes):  # type: ignore[no-untyped-def]
+    """Return the patch with which others, in this order, cover the kernel of p; -1 if they don't."""
+    side, left = 0, _begin(p, first, corners, pieces, sizes)
+    for q in others:
+        side, left = _without_patch(q, growth, first, corners, pieces, sizes, side, left)
+        if left == 0:
+            return q
+        if left < 0:
+            return -1
+    return -1
+
+
+@njit(cache=True, nogil=True)
+def _begin(p, first, corners, pieces, sizes):  # type: ignore[no-untyped-def]
+    """Write the rectangles of a kernel as pieces; return how many."""
+    count = first[p + 1] - first[p]
+    for k in range(count):
+        sizes[0, k] = 4
+        for i in range(4):
+            pieces[0, k, i, 0] = corners[first[p] + k, i, 0]
+            pieces[0, k, i, 1] = corners[first[p] + k, i, 1]
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _without_patch(q, growth, first, corners, pieces, sizes, side, left):  # type: ignore[no-untyped-def]
+    """Return the buffer and number of pieces outside of the kernel of q; -1 if there are too many."""
+    for k in range(first[q], first[q + 1]):
+        left = _without(corners[k], growth[q], pieces, sizes, side, left)
+        side = 1 - side
+        if left <= 0:
+            break
+    return side, left
+
+
+@njit(cache=True, nogil=True)
+def _without(corners, grow, pieces, sizes, side, left):  # type: ignore[no-untyped-def]
+    """Write the pieces outside of a rectangle, grown by some metres, to the other buffer; return how many."""
+    other, count = 1 - side, 0
+    lines = np.empty((4, 3))  # of the edges: distance outward = a·x + b·y + c
+    for i in range(4):
+        x, y = corners[i, 0], corners[i, 1]
+        dx, dy = corners[(i + 1) % 4, 0] - x, corners[(i + 1) % 4, 1] - y
+        length = math.hypot(dx, dy)
+        lines[i, 0], lines[i, 1] = dy / length, -dx / length
+        lines[i, 2] = -(lines[i, 0] * x + lines[i, 1] * y) - grow
+    sliver = 1e-6 * grow
+    rest = np.empty((_MAX_CORNERS, 2))
+    for k in range(left):
+        size, apart = sizes[side, k], False
+        for i in range(4):
+            apart = True
+            for j in range(size):
+                if _distance(lines[i], pieces[side, k, j]) < -sliver:
+                    apart = False
+                    break
+            if apart:
+                break
+        if apart:
+            if count == _MAX_PIECES:
+                return -1
+            sizes[other, count] = size
+            pieces[other, count, :size] = pieces[side, k, :size]
+            count += 1
+            continue
+        rest[:size] = pieces[side, k, :size]
+        for i in range(4):
+            if count == _MAX_PIECES or size + 1 > _MAX_CORNERS:
+                return -1
+            # The part beyond this edge is left, the other one goes on to the next edge.
+            beyond, inside, most = 0, 0, 0.0
+            kept = np.empty((_MAX_CORNERS, 2))
+            for j in range(size):
+                here, there = rest[j], rest[(j + 1) % size]
+                d, e = _distance(lines[i], here), _distance(lines[i], there)
+                most = max(most, d)
+                if d >= 0.0:
+                    pieces[other, count, beyond] = here
+                    beyond += 1
+                if d <= 0.0:
+                    kept[inside] = here
+                    inside += 1
+                if (d < 0.0 and e > 0.0) or (d > 0.0 and e < 0.0):
+                    t = d / (d - e)
+                    for axis in range(2):
+                        at = here[axis] + t * (there[axis] - here[axis])
+                        pieces[other, count, beyond, axis] = at
+                        kept[inside, axis] = at
+                    beyond, inside = beyond + 1, inside + 1
+            if most > sliver:
+                sizes[other, count] = beyond
+                count += 1
+                rest, size = kept, inside
+            if size < 3:
+                break
+    return count
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _distance(line, point):  # type: ignore[no-untyped-def]
+    return line[0] * point[0] + line[1] * point[1] + line[2]

@@ -34,14 +34,14 @@ def mip_levels(samples: Float32Array) -> list[Float32Array]:
 
 
 def valid_levels(valid: BoolArray, shapes: list[tuple[int, int]]) -> list[BoolArray]:
-    """Return which samples of each level are filtered from valid ones; those beyond the grid's rim are not.
+    """Return which samples of each level are filtered from valid ones, those beyond the grid's rim included.
 
     Voids grow from level to level, so that no level has heights where the grid has none.
     """
     levels = [valid]
     for level, shape in enumerate(shapes[1:], start=1):
         wide = ndimage.minimum_filter(levels[-1], 3, mode="nearest") if not valid.all() else levels[-1]
-        each = np.zeros(shape, bool)
+        each = np.ones(shape, bool)
         inside = tuple(slice(((n - 1) >> level) + 1) for n in valid.shape)
         each[inside] = wide[::2, ::2][inside]
         levels.append(each)
@@ -49,7 +49,7 @@ def valid_levels(valid: BoolArray, shapes: list[tuple[int, int]]) -> list[BoolAr
 
 
 def without_voids(samples: Float32Array) -> Float32Array:
-    """Return the grid with the nearest sample in place of voids, which splines need and surfaces leave out."""
+    """Return the grid with the nearest sample in place of voids: splines need it, surfaces leave it out."""
     void = np.isnan(samples)
     if not void.any():
         return samples

@@ -31,7 +31,7 @@ COEFFICIENTS: Final = KERNEL + 2 * MARGIN + 3
 """Coefficients along a patch."""
 
 FADE: Final = 9
-"""Samples along which the weight of data rises from its rim and from voids; masks are in parts of it."""
+"""Samples along which the weight of a grid rises from its rim and from voids; masks are in parts of it."""
 
 _BLOCK = 4  # steps along the blocks of which kernels beside voids consist
 _BEFORE = MARGIN + 1
@@ -56,6 +56,7 @@ class Patches:
     kernel: Float64Array  # (n, 4)
     growth: Float64Array  # of the kernel where it is compared with others
     has_mask: BoolArray
+    rim: Float64Array  # (n, 4): west, east, north and south side of the grid, in steps from the centre
     rectangles: Int64Array  # number of those that the kernel consists of
     finest: BoolArray  # of level 0
 
@@ -103,7 +104,7 @@ def build_patches(grid: ElevationGrid) -> GridPatches:
         counts = [max(-(-(n - 1) // (KERNEL << level)), 1) for n in samples.shape]
         shape = (KERNEL * counts[0] + 2 * _BEFORE + 1, KERNEL * counts[1] + 2 * _BEFORE + 1)
         solved = spline_coefficients(heights, _BEFORE, shape)
-        spline, mask = (solved - base).astype(np.float32), _mask(known, shape)
+        spline, mask = (solved - base).astype(np.float32), _mask(known, level, shape)
         error, least = _facts(spline, mask, centred, level, (counts[0], counts[1]))
         boxes, owners = _kernel_boxes(known, level, (counts[0], counts[1]), samples.shape)
         centre, to_steps = _maps(grid, level, (counts[0], counts[1]))
@@ -131,6 +132,7 @@ def build_patches(grid: ElevationGrid) -> GridPatches:
                 kernel=np.hstack([np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)]),
                 growth=_GROWTH * np.sqrt(area),
                 has_mask=least.ravel()[which] < FADE,
+                rim=_rims(row, column, level, samples.shape),
                 rectangles=rectangles,
                 finest=np.full(count, level == 0),
             )
@@ -150,12 +152,21 @@ def build_patches(grid: ElevationGrid) -> GridPatches:
     )
 
 
-def _mask(known: BoolArray, shape: tuple[int, int]) -> UInt8Array:
-    """Return coefficients of the weight of a level's data: 0 at its rim and at voids, `FADE` inside."""
-    padded = np.pad(known, 1)
-    distance = ndimage.distance_transform_cdt(padded, "chessboard")[1:-1, 1:-1]
-    width = min(FADE, (min(known.shape) - 1) // 2)  # of a narrow grid
-    part = np.clip(np.minimum(distance - 1, width) * FADE // width, 0, FADE).astype(np.uint8)
+def _rims(row: Int64Array, column: Int64Array, level: int, shape: tuple[int, ...]) -> Float64Array:
+    """Return the sides (n, 4) of the grid, in steps from the centres of patches: see `Patches.rim`."""
+    ends = [(n - 1) / (1 << level) for n in shape]
+    middle = [KERNEL * each + KERNEL / 2 for each in (row, column)]
+    return np.stack([-middle[1], ends[1] - middle[1], -middle[0], ends[0] - middle[0]], axis=1)
+
+
+def _mask(known: BoolArray, level: int, shape: tuple[int, int]) -> UInt8Array:
+    """Return coefficients of the weight of a level's data: 0 at voids, 1 at its rim, `FADE` further inside."""
+    width = min(max(FADE >> level, 1), (min(known.shape) + 1) // 2)  # the latter of a narrow grid
+    row, column = (np.minimum(np.arange(n) + 1, n - np.arange(n)) for n in known.shape)
+    distance = np.minimum(row[:, None], column)
+    if not known.all():
+        distance = np.minimum(distance, ndimage.distance_transform_cdt(known, "chessboard") - 1)
+    part = (np.clip(distance, 0, width) * FADE // width).astype(np.uint8)
     part = part[: shape[0] - _BEFORE, : shape[1] - _BEFORE]
     return np.pad(part, [(_BEFORE, n - _BEFORE - m) for n, m in zip(shape, part.shape, strict=True)])
 
@@ -242,12 +253,10 @@ def _kernel_boxes(
     row, column = (each.ravel() for each in np.indices(counts))
     boxes = np.stack([row, row + 1, column, column + 1], axis=1) * KERNEL
     owners = np.arange(len(boxes))
-    inside = tuple(slice(((n - 1) >> level) + 1) for n in shape)
-    if not known[inside].all():
-        size = [KERNEL * n + 1 for n in counts]
-        every = np.ones(size, bool)
-        part = known[inside]
-        every[: part.shape[0], : part.shape[1]] = part[: size[0], : size[1]]
+    if not known.all():
+        every = np.ones([KERNEL * n + 1 for n in counts], bool)
+        part = known[: every.shape[0], : every.shape[1]]
+        every[: part.shape[0], : part.shape[1]] = part
         for _ in range(2):  # along rows, then along columns
             last = every[_BLOCK::_BLOCK]
             every = (every[:-1].reshape(len(last), _BLOCK, -1).all(axis=1) & last).T

@@ -171,6 +171,7 @@ class Patchwork:
             coefficients=coefficients,
             mask_of=mask_of,
             masks=masks,
+            rims=np.column_stack([patches.rim, 2.0**patches.level])[patches.has_mask],
             wendland=wendland,
         )
 

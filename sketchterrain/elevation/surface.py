@@ -12,6 +12,8 @@ from sketchterrain.array_types import Float32Array, Float64Array, Int64Array, UI
 from sketchterrain.elevation.patches import FADE, KERNEL, MARGIN, in_threads
 
 _HALF = KERNEL // 2 + MARGIN
+_BEYOND = 1.5  # samples beyond a grid's rim where its weight is 0; it is 1 half a sample beyond
+_CORNER = 36.0 * FADE  # masks are at least 1 over it at samples beside voids; in parts of 1
 _CHUNK = 4096  # points below which no thread starts
 
 
@@ -83,15 +85,16 @@ class Heights(NamedTuple):
     height: Float64Array  # m; NaN without data
     east: Float64Array  # slope, m/m
     north: Float64Array
-    weight: Float64Array  # of the data: 1 where a kernel is, 0 beyond the outermost rim, C² between
+    weight: Float64Array  # of the data: 1 between samples, 0 further than 1.5 samples from them, C²
 
 
 class PatchSurface:
     """Mean of patches by C² weights of the same volume (Rocca et al. 2012, equation 1).
 
-    Weights are those of the paper (Wendland 1995), or flat in the middle and falling over the four steps that
-    neighbours share, where the weights of both sum to that of one: a coarse patch that overlaps fine ones then
-    has the same small share everywhere, and does not prevail where fine kernels meet. Weights are summed by size and then by id: the same bits in whatever order grids were added.
+    The weights are flat in the middle and fall over the four steps that neighbours share, where both sum to
+    that of one: a coarse patch that overlaps fine ones has the same small share everywhere. With the paper's
+    (Wendland 1995) it would prevail where fine kernels meet. Weights are summed by size and then by id: the
+    same bits in whatever order grids were added.
     """
 
     def __init__(
@@ -105,10 +108,11 @@ class PatchSurface:
         coefficients: Float32Array,
         mask_of: Int64Array,
         masks: UInt8Array,
+        rims: Float64Array,
         wendland: bool,
     ) -> None:
         self._wendland = wendland
-        self._patches = centre, to_steps, 1.0 / step_area, base, coefficients, mask_of, masks
+        self._patches = centre, to_steps, 1.0 / step_area, base, coefficients, mask_of, masks, rims
         self._index = BoxIndex.from_boxes(reach)
 
     def __len__(self) -> int:
@@ -155,11 +159,26 @@ def _wendland(u):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, inline="always")
+def _inside(u, low, high, scale):  # type: ignore[no-untyped-def]
+    """Return 1 between the sides of a grid, C² down to 0 beyond them, and its derivative."""
+    distance, sign = (u - low, scale) if u - low < high - u else (high - u, -scale)
+    t = min(max(_BEYOND + scale * distance, 0.0), 1.0)
+    return _smooth(t), sign * 30.0 * t * t * (1.0 - t) * (1.0 - t)
+
+
+@njit(cache=True, nogil=True, inline="always")
 def _faded(u, width):  # type: ignore[no-untyped-def]
     """Return 1 in the middle, C² down to 0 over some steps to the border of the patch, and its derivative."""
     t = min((_HALF - abs(u)) / width, 1.0)
     slope = 30.0 * t * t * (1.0 - t) * (1.0 - t) / width
-    return t * t * t * (10.0 + t * (6.0 * t - 15.0)), -slope if u > 0.0 else slope
+    return _smooth(t), -slope if u > 0.0 else slope
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _smooth(t):  # type: ignore[no-untyped-def]
+    """Return a step from 0 at 0 to 1 at 1 and on, C²."""
+    t = min(max(t, 0.0), 1.0)
+    return t * t * t * (10.0 + t * (6.0 * t - 15.0))
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -198,6 +217,7 @@ def _evaluate(  # type: ignore[no-untyped-def]
     coefficients,
     mask_of,
     masks,
+    rims,
     places,
     shapes,
     starts,
@@ -233,10 +253,20 @@ def _evaluate(  # type: ignore[no-untyped-def]
                 else:
                     (a, a1), (b, b1) = _faded(u, 2.0 * MARGIN), _faded(v, 2.0 * MARGIN)
                 weight, weight_u, weight_v = a * b, a1 * b, a * b1
-                part = 1.0
+                known = 1.0
                 if mask_of[p] >= 0:
+                    west, east, north, south, scale = rims[mask_of[p]]
+                    (a, a1), (b, b1) = _inside(u, west, east, scale), _inside(v, north, south, scale)
+                    if a * b == 0.0:
+                        continue
                     part, part_u, part_v = _spline(masks, mask_of[p], i, j, wu, du, wv, dv)
                     part, part_u, part_v = part / FADE, part_u / FADE, part_v / FADE
+                    known = a * b * _smooth(_CORNER * part)
+                    part_u, part_v, part = (
+                        part_u * a * b + part * a1 * b,
+                        part_v * a * b + part * a * b1,
+                        part * a * b,
+                    )
                     weight_u = weight_u * part + weight * part_u
                     weight_v = weight_v * part + weight * part_v
                     weight *= part
@@ -247,7 +277,7 @@ def _evaluate(  # type: ignore[no-untyped-def]
                 weight *= density[p]
                 weight_x = density[p] * (weight_u * ux + weight_v * vx)
                 weight_y = density[p] * (weight_u * uy + weight_v * vy)
-                missing *= 1.0 - part * _faded(u, MARGIN)[0] * _faded(v, MARGIN)[0]
+                missing *= 1.0 - known * _faded(u, 1.0)[0] * _faded(v, 1.0)[0]
                 total += weight
                 total_x += weight_x
                 total_y += weight_y
@@ -259,7 +289,7 @@ def _evaluate(  # type: ignore[no-untyped-def]
             found[0, n] = height
             found[1, n] = (sum_x - height * total_x) / total
             found[2, n] = (sum_y - height * total_y) / total
-            found[3, n] = 1.0 - missing
+            found[3, n] = min(1.0 - missing, 1.0)
         else:
             found[0, n] = found[1, n] = found[2, n] = np.nan
             found[3, n] = 0.0

@@ -160,7 +160,7 @@ def _rims(row: Int64Array, column: Int64Array, level: int, shape: tuple[int, ...
 
 
 def _mask(known: BoolArray, level: int, shape: tuple[int, int]) -> UInt8Array:
-    """Return coefficients of the weight of a level's data: 0 at voids, 1 at its rim, `FADE` further inside."""
+    """Return coefficients of the weight of a level's data: 0 at voids, 1 at its rim, `FADE` inside."""
     width = min(max(FADE >> level, 1), (min(known.shape) + 1) // 2)  # the latter of a narrow grid
     row, column = (np.minimum(np.arange(n) + 1, n - np.arange(n)) for n in known.shape)
     distance = np.minimum(row[:, None], column)

@@ -50,9 +50,9 @@ def clean_samples(raw: Any, known: BoolArray, step: float) -> tuple[Float32Array
         found.append(f"{np.count_nonzero(collar)} zeros in collars along the rim, taken for no data")
         known &= ~collar
     samples = np.where(known, values, np.float32(np.nan))
-    found += _spikes(samples, step) + _terraces(samples)
-    if not known.all() and known.any():
-        found += _fill_small_voids(samples)
+    if known.any():
+        found += _spikes(samples, step) + _terraces(samples)
+        found += [] if known.all() else _fill_small_voids(samples)
     return samples, tuple(found)
 
 

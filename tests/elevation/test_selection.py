@@ -69,6 +69,11 @@ def test_removed_grids_leave_no_trace(four: list[GridPatches]) -> None:
         empty.cover(1.0)
 
 
+def is_covered(kernel: shapely.Geometry, others: list[shapely.Geometry]) -> bool:
+    union = shapely.union_all([each for each in others if each.intersects(kernel)])
+    return bool(kernel.difference(union).area < 1e-3 * kernel.area / 28**2)
+
+
 def test_covers_equal_brute_force(four: list[GridPatches]) -> None:
     for parts in (four[:1], four[1:3], four):
         work = together(parts)
@@ -88,10 +93,6 @@ def test_covers_equal_brute_force(four: list[GridPatches]) -> None:
             (-int(r), float(e), i) for i, (r, e) in enumerate(zip(patches.rank, patches.error, strict=True))
         ]
 
-        def covered(p: int, others: list[int]) -> bool:
-            union = shapely.union_all([grown[q] for q in others if grown[q].intersects(kernels[p])])
-            return bool(kernels[p].difference(union).area < 1e-3 * kernels[p].area / 28**2)
-
         everything = shapely.union_all(kernels)
         for error in (0.0, 0.5, 1.0, 4.5, 8.0, 15.0, 30.0, 100.0):
             expected = []
@@ -106,8 +107,10 @@ def test_covers_equal_brute_force(four: list[GridPatches]) -> None:
                     and work.grid[q] != work.grid[p]
                     and (patches.error[q], order[q]) < (patches.error[p], order[p])
                 ]
-                asked = patches.error[p] <= error or (patches.finest[p] and not covered(p, better))
-                if asked and not covered(p, greater):
+                asked = patches.error[p] <= error or (
+                    patches.finest[p] and not is_covered(kernels[p], [grown[q] for q in better])
+                )
+                if asked and not is_covered(kernels[p], [grown[q] for q in greater]):
                     expected.append(p)
             found = work.cover(error).tolist()
             assert found == expected, error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -77,12 +78,12 @@ _SEAMS = (
 def measure(_: TimedContext, effort: Effort) -> Outcome:
     """Patchworks of generated DEM grids (Rocca, Panozzo & Puppo 2012), times in seconds beside the paper's.
 
-    The ground is noise whose amplitudes fall as k^-1.9, in steps of 10 m, its heights with a deviation of 600 m.
-    Errors are those at all samples of one grid; queries are uniform covers of all of it. Times of building are
-    medians; the paper's were taken on one core, of Puget Sound, with bilinear patches, ours by bicubic ones.
-    Seams: a grid of 30 m, rotated, in one of 120 m, both filtered from a truth in steps of 10 m, beside the
-    same grids resampled to 30 m: by GDAL's bilinear warp with rasterio.merge (the fine grid first), by its
-    cubic spline warp one over the other, and by that with Mapterhorn's feathered mask, 250 m wide.
+    The ground is noise whose amplitudes fall as k^-1.9, in steps of 10 m, with a deviation of 600 m. Errors
+    are those at all samples of one grid; queries are uniform covers of all of it. Times of building are
+    medians; the paper's are those of one core, Puget Sound and bilinear patches, ours of bicubic ones. Seams:
+    a grid of 30 m, rotated, in one of 120 m, both filtered from a truth in steps of 10 m, beside the same
+    grids resampled to 30 m: by GDAL's bilinear warp with rasterio.merge (the fine grid first), by its cubic
+    spline warp one over the other, and by that with Mapterhorn's feathered mask, 250 m wide.
     """
     sides = effort.elevation_sides
     return Outcome(
@@ -119,15 +120,14 @@ def _patchwork(*grids: ElevationGrid) -> Patchwork:
 def _bounds(side: int) -> list[Row]:
     grid = _grid(side)
     work = _patchwork(grid)
-    row, column = np.indices(grid.samples.shape).astype(np.float64)
-    x, y = grid.to_metres(column, row)
+    x, y = grid.to_metres(*np.meshgrid(np.arange(float(side)), np.arange(float(side))))
     rows: list[Row] = []
     for error in _ERRORS:
         which = work.cover(float(error))
         surface = work.surface(which)
-        off = surface.evaluate(x, y).height - grid.samples
-        count = surface.overlap(x.ravel(), y.ravel())
-        shares = 100.0 * np.bincount(count)[1:] / count.size
+        found = surface.evaluate(x, y)
+        off, count = found.height - grid.samples, found.patches.astype(np.int64)
+        shares = 100.0 * np.bincount(count.ravel())[1:] / count.size
         rows.append(
             {
                 "error": float(error),
@@ -166,7 +166,7 @@ def _build(side: int, rounds: int) -> Row:
         "total_s": median[1] + median[2],
         "paper_s": _PAPER.get(side),
         "patches": len(tops.top),
-        "add_s": lap(lambda: work.with_grid(inset)).wall,
+        "add_s": lap(partial(work.with_grid, inset)).wall,
     }
 
 
@@ -179,10 +179,10 @@ def _rates(side: int) -> list[Row]:
     rows: list[Row] = []
     for error in (50.0, 0.0):
         which = work.cover(error)
-        queries = lap(lambda error=error: [work.cover(error) for _ in range(_QUERIES)]).wall  # type: ignore[misc]
+        queries = [lap(partial(work.cover, error)).wall for _ in range(_QUERIES)]
         surface = work.surface(which)
         rates = [
-            len(x) / 1e6 / min(lap(lambda x=x, y=y: surface.evaluate(x, y)).wall for _ in range(3))  # type: ignore[misc]
+            len(x) / 1e6 / min(lap(partial(surface.evaluate, x, y)).wall for _ in range(3))
             for x, y in (lines, anywhere)
         ]
         rows.append(
@@ -190,9 +190,9 @@ def _rates(side: int) -> list[Row]:
                 "side": side,
                 "error": error,
                 "patches": len(which),
-                "queries": _QUERIES / queries,
+                "queries": 1.0 / spread(queries).median,
                 "paper": _PAPER_QUERIES[error],
-                "surface_ms": 1e3 * lap(lambda which=which: work.surface(which)).wall,  # type: ignore[misc]
+                "surface_ms": 1e3 * lap(partial(work.surface, which)).wall,
                 "rows": rates[0],
                 "random": rates[1],
             }
@@ -247,7 +247,7 @@ def _sampled(truth: Float64Array, step: float, side: float, degrees: float, accu
     a, d = step * math.cos(math.radians(degrees)), step * math.sin(math.radians(degrees))
     half = 0.5 * (count - 1)
     place = (a, d, middle - (a + d) * half, d, -a, middle - (d - a) * half)
-    row, column = np.indices((count, count)).astype(np.float64)
+    column, row = np.meshgrid(np.arange(float(count)), np.arange(float(count)))
     x, y = place[0] * column + place[1] * row + place[2], place[3] * column + place[4] * row + place[5]
     filtered = ndimage.gaussian_filter(truth, 0.4 * step / _TRUTH_STEP)
     samples = ndimage.map_coordinates(filtered, [y / _TRUTH_STEP, x / _TRUTH_STEP], order=3)

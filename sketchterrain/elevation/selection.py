@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
+from scipy import ndimage
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.caching import LRUCache
@@ -25,13 +26,15 @@ from sketchterrain.elevation.patches import (
     in_threads,
     subset,
 )
-from sketchterrain.elevation.surface import BoxIndex, PatchSurface
+from sketchterrain.elevation.surface import BoxIndex, PatchSlots, PatchSurface
 from sketchterrain.errors import InputError
 
 CELL_ERRORS: Final = 64.0
 """Errors of a cell size: heights for cells of h m are within h / 64."""
 
 _MAX_PIECES, _MAX_CORNERS = 512, 20
+_RIM_NODES, _MAX_NODES = 8.0, 1 << 24  # along the margin of a rim, and of a whole raster
+_HALF_STEP = 4.0  # growths, and a little more: tiles of areas end a step apart
 _CACHED = 16  # selections for cell sizes
 
 
@@ -138,6 +141,27 @@ class Patchwork:
         patches.error[:] = np.where(patches.finest, accuracy[grid], patches.error)
         return which, patches, _find_tops(patches, grid, corners, np.arange(len(which)))
 
+    def rim_fade(self, margin: float) -> RimFade:
+        """Return a weight that blends all data into other ground over a margin (m) inside of their rim.
+
+        It does not see where one grid ends beside another; gaps narrower than a step are none.
+        """
+        patches, spacing = self._table(), margin / _RIM_NODES
+        low, high = patches.kernel[:, :2].min(axis=0), patches.kernel[:, 2:].max(axis=0)
+        shape = np.ceil((high - low) / max(spacing, 1e-9)) + 5
+        if not margin > 0.0 or shape.prod() > _MAX_NODES:
+            raise InputError(
+                f"margin {margin:g}: expected more metres, of an extent of {max(high - low):.0f} m"
+            )
+        west, south = low - 2.0 * spacing
+        inside = np.zeros((int(shape[1]), int(shape[0])), bool)
+        finest, kernels = np.flatnonzero(patches.finest), _kernels(patches, self._corners)
+        _mark(finest, kernels, west, south, spacing, inside)
+        # Coefficients two nodes from the rim are 0, as each reaches two nodes.
+        depth = ndimage.distance_transform_edt(inside)
+        part = np.clip((depth - 2.0) / (_RIM_NODES - 4.0), 0.0, 1.0)
+        return RimFade(float(west), float(south), spacing, part)
+
     def _table(self) -> Patches:
         if self.patches is None:
             raise InputError("expected at least one elevation grid")
@@ -149,180 +173,154 @@ class Patchwork:
         coefficients = np.empty((len(which), COEFFICIENTS, COEFFICIENTS), np.float32)
         mask_of = np.where(patches.has_mask, np.cumsum(patches.has_mask) - 1, -1)
         masks = np.empty((int(patches.has_mask.sum()), COEFFICIENTS, COEFFICIENTS), np.uint8)
-        for slot, (grid, level, row, column, mask) in enumerate(
-            zip(
-                self.grid[which].tolist(),
-                *(each.tolist() for each in (patches.level, patches.row, patches.column, mask_of)),
-                strict=True,
-            )
-        ):
-            part = np.s_[
-                KERNEL * row : KERNEL * row + COEFFICIENTS, KERNEL * column : KERNEL * column + COEFFICIENTS
-            ]
-            coefficients[slot] = parts[grid].coefficients[level][part]
-            if mask >= 0:
-                masks[mask] = parts[grid].masks[level][part]
-        return PatchSurface(
+        for slot, number in enumerate(which):
+            part, level = parts[self.grid[number]], patches.level[slot]
+            row, column = KERNEL * patches.row[slot], KERNEL * patches.column[slot]
+            window = np.s_[row : row + COEFFICIENTS, column : column + COEFFICIENTS]
+            coefficients[slot] = part.coefficients[level][window]
+            if mask_of[slot] >= 0:
+                masks[mask_of[slot]] = part.masks[level][window]
+        slots = PatchSlots(
             centre=patches.centre,
             to_steps=patches.to_steps,
-            step_area=patches.step_area,
-            reach=patches.reach,
+            density=1.0 / patches.step_area,
             base=np.array([each.base for each in parts])[self.grid[which]],
             coefficients=coefficients,
             mask_of=mask_of,
             masks=masks,
             rims=np.column_stack([patches.rim, 2.0**patches.level])[patches.has_mask],
-            wendland=wendland,
         )
+        return PatchSurface(slots, patches.reach, wendland=wendland)
+
+
+class RimFade(NamedTuple):
+    """Weight of all data from 0 along their outermost rim to 1 some metres inside: a cubic B-spline."""
+
+    west: float  # place of the first coefficient, m
+    south: float
+    spacing: float
+    coefficients: Float64Array  # by rows northward
+
+    def weight(self, x: Float64Array, y: Float64Array) -> Float64Array:
+        """Return weights at points (m) of one shape, C²."""
+        places = [(y - self.south) / self.spacing, (x - self.west) / self.spacing]
+        found: Float64Array = ndimage.map_coordinates(
+            self.coefficients, places, order=3, prefilter=False, mode="constant"
+        )
+        return found
+
+
+class _Kernels(NamedTuple):
+    """Kernels for compiled functions."""
+
+    boxes: Float64Array  # (n, 4)
+    growth: Float64Array
+    first: Int64Array  # (n + 1): number of the first rectangle
+    corners: Float64Array
+
+
+def _kernels(patches: Patches, corners: Float64Array) -> _Kernels:
+    first = np.concatenate([[0], np.cumsum(patches.rectangles)])
+    return _Kernels(patches.kernel, patches.growth, first, corners)
 
 
 def _find_tops(patches: Patches, grid: Int64Array, corners: Float64Array, which: Int64Array) -> _Tops:
     """Return the tops of some patches."""
-    first = np.concatenate([[0], np.cumsum(patches.rectangles)])
-    index = BoxIndex.from_boxes(patches.kernel + patches.growth[:, None] * np.array([-1.0, -1.0, 1.0, 1.0]))
-    top, is_best = np.empty(len(which)), np.empty(len(which), bool)
-    arrays: Any = (
-        grid,
-        patches.finest,
-        patches.rank,
-        patches.error,
-        patches.kernel,
-        patches.growth,
-        first,
-        corners,
-        *index,
+    grown = patches.kernel + patches.growth[:, None] * np.array([-1.0, -1.0, 1.0, 1.0])
+    kernels, index = _kernels(patches, corners), BoxIndex.from_boxes(grown)
+    order = patches.rank, patches.error, patches.finest, grid
+    tops = _Tops(np.empty(len(which)), np.empty(len(which), bool))
+    in_threads(
+        lambda start, end: _compute_tops(which, order, kernels, index, tops, start, end), len(which), 256
     )
-    in_threads(lambda start, end: _compute_tops(which, *arrays, top, is_best, start, end), len(which), 256)
-    return _Tops(top, is_best)
+    return tops
 
 
 @njit(cache=True, nogil=True)
-def _compute_tops(  # type: ignore[no-untyped-def]
-    which,
-    grid,
-    finest,
-    rank,
-    error,
-    kernel,
-    growth,
-    first,
-    corners,
-    places,
-    shapes,
-    starts,
-    items,
-    top,
-    is_best,
-    start,
-    end,
-):
+def _compute_tops(which, order, kernels, index, tops, start, end):  # type: ignore[no-untyped-def]
     """Compute the tops of the patches which[start:end]: algorithm 1 of the paper, `cutter`."""
+    rank, error, finest, grid = order
     seen = np.full(len(rank), -1, np.int64)
     near = np.empty(len(rank), np.int64)
     pieces = np.empty((2, _MAX_PIECES, _MAX_CORNERS, 2))
     sizes = np.empty((2, _MAX_PIECES), np.int64)
     for n in range(start, end):
         p = which[n]
-        # Greater patches, by error, until they cover the kernel.
-        count = 0
-        for c in range(len(places)):
-            count = _touching(p, c, kernel, growth, places, shapes, starts, items, seen, near, count)
-        greater = np.empty(count, np.int64)
-        found = 0
-        for k in range(count):
-            q = near[k]
+        count = _touching(p, kernels, index, seen, near)
+        greater, better = np.empty(count, np.int64), np.empty(count, np.int64)
+        found = known = 0
+        for q in np.sort(near[:count]):
             if (-rank[q], error[q], q) < (-rank[p], error[p], p):
                 greater[found] = q
                 found += 1
-        greater = np.sort(greater[:found])
-        order = np.argsort(error[greater], kind="mergesort")
-        last = _covering(p, greater[order], growth, first, corners, pieces, sizes)
-        top[n] = np.inf if last < 0 else error[last]
-        # What no other grid knows better is used whatever accuracy is asked.
-        better, found = np.empty(count, np.int64), 0
-        for k in range(count):
-            q = near[k]
             if finest[q] and grid[q] != grid[p] and (error[q], -rank[q], q) < (error[p], -rank[p], p):
-                better[found] = q
-                found += 1
-        is_best[n] = finest[p] and (
-            found == 0 or _covering(p, better[:found], growth, first, corners, pieces, sizes) < 0
-        )
+                better[known] = q
+                known += 1
+        # Greater patches, by error, until they cover the kernel.
+        greater = greater[:found]
+        by_error = greater[np.argsort(error[greater], kind="mergesort")]
+        last = _covering(p, by_error, kernels, pieces, sizes)
+        tops.top[n] = np.inf if last < 0 else error[last]
+        # What no other grid knows better is used whatever accuracy is asked.
+        tops.is_best[n] = finest[p] and _covering(p, better[:known], kernels, pieces, sizes) < 0
 
 
 @njit(cache=True, nogil=True)
-def _touching(p, c, kernel, growth, places, shapes, starts, items, seen, near, count):  # type: ignore[no-untyped-def]
-    """Append the patches of a class whose grown kernels touch that of p, each once."""
-    cell = places[c, 2]
-    west, east = kernel[p, 0] - places[c, 0], kernel[p, 2] - places[c, 0]
-    south, north = kernel[p, 1] - places[c, 1], kernel[p, 3] - places[c, 1]
-    for row in range(max(int(south // cell), 0), min(int(north // cell), shapes[c, 1] - 1) + 1):
-        for column in range(max(int(west // cell), 0), min(int(east // cell), shapes[c, 0] - 1) + 1):
-            key = shapes[c, 2] + row * shapes[c, 0] + column
-            for k in range(starts[key], starts[key + 1]):
-                q = items[k]
-                if q == p or seen[q] == p:
-                    continue
-                g = growth[q]
-                if (
-                    kernel[q, 0] - g < kernel[p, 2]
-                    and kernel[q, 2] + g > kernel[p, 0]
-                    and kernel[q, 1] - g < kernel[p, 3]
-                    and kernel[q, 3] + g > kernel[p, 1]
-                ):
-                    seen[q] = p
-                    near[count] = q
-                    count += 1
+def _touching(p, kernels, index, seen, near):  # type: ignore[no-untyped-def]
+    """Write the patches whose grown kernels touch that of p, each once; return how many."""
+    box, count = kernels.boxes[p], 0
+    for c in range(len(index.places)):
+        west, south, cell = index.places[c]
+        wide, deep, first = index.shapes[c]
+        x0, x1 = max(int((box[0] - west) // cell), 0), min(int((box[2] - west) // cell), wide - 1)
+        y0, y1 = max(int((box[1] - south) // cell), 0), min(int((box[3] - south) // cell), deep - 1)
+        for row in range(y0, y1 + 1):
+            for key in range(first + row * wide + x0, first + row * wide + x1 + 1):
+                for k in range(index.starts[key], index.starts[key + 1]):
+                    q = index.items[k]
+                    other, g = kernels.boxes[q], kernels.growth[q]
+                    across = other[0] - g < box[2] and other[2] + g > box[0]
+                    if q != p and seen[q] != p and across and other[1] - g < box[3] and other[3] + g > box[1]:
+                        seen[q] = p
+                        near[count] = q
+                        count += 1
     return count
 
 
 @njit(cache=True, nogil=True)
-def _covering(p, others, growth, first, corners, pieces, sizes):  # type: ignore[no-untyped-def]
+def _covering(p, others, kernels, pieces, sizes):  # type: ignore[no-untyped-def]
     """Return the patch with which others, in this order, cover the kernel of p; -1 if they don't."""
-    side, left = 0, _begin(p, first, corners, pieces, sizes)
+    side, left = 0, kernels.first[p + 1] - kernels.first[p]
+    for k in range(left):
+        sizes[0, k] = 4
+        pieces[0, k, :4] = kernels.corners[kernels.first[p] + k]
     for q in others:
-        side, left = _without_patch(q, growth, first, corners, pieces, sizes, side, left)
-        if left == 0:
-            return q
-        if left < 0:
-            return -1
+        for k in range(kernels.first[q], kernels.first[q + 1]):
+            left = _without(kernels.corners[k], kernels.growth[q], pieces, sizes, side, left)
+            side = 1 - side
+            if left <= 0:
+                return q if left == 0 else -1
     return -1
 
 
 @njit(cache=True, nogil=True)
-def _begin(p, first, corners, pieces, sizes):  # type: ignore[no-untyped-def]
-    """Write the rectangles of a kernel as pieces; return how many."""
-    count = first[p + 1] - first[p]
-    for k in range(count):
-        sizes[0, k] = 4
-        for i in range(4):
-            pieces[0, k, i, 0] = corners[first[p] + k, i, 0]
-            pieces[0, k, i, 1] = corners[first[p] + k, i, 1]
-    return count
-
-
-@njit(cache=True, nogil=True)
-def _without_patch(q, growth, first, corners, pieces, sizes, side, left):  # type: ignore[no-untyped-def]
-    """Return the buffer and number of pieces outside of the kernel of q; -1 if there are too many."""
-    for k in range(first[q], first[q + 1]):
-        left = _without(corners[k], growth[q], pieces, sizes, side, left)
-        side = 1 - side
-        if left <= 0:
-            break
-    return side, left
-
-
-@njit(cache=True, nogil=True)
-def _without(corners, grow, pieces, sizes, side, left):  # type: ignore[no-untyped-def]
-    """Write the pieces outside of a rectangle, grown by some metres, to the other buffer; return how many."""
-    other, count = 1 - side, 0
-    lines = np.empty((4, 3))  # of the edges: distance outward = a·x + b·y + c
+def _edges(corners, grow):  # type: ignore[no-untyped-def]
+    """Return a, b, c of the edges of a rectangle, grown by some metres: distance outward = a·x + b·y + c."""
+    lines = np.empty((4, 3))
     for i in range(4):
         x, y = corners[i, 0], corners[i, 1]
         dx, dy = corners[(i + 1) % 4, 0] - x, corners[(i + 1) % 4, 1] - y
         length = math.hypot(dx, dy)
         lines[i, 0], lines[i, 1] = dy / length, -dx / length
         lines[i, 2] = -(lines[i, 0] * x + lines[i, 1] * y) - grow
+    return lines
+
+
+@njit(cache=True, nogil=True)
+def _without(corners, grow, pieces, sizes, side, left):  # type: ignore[no-untyped-def]
+    """Write the pieces outside of a rectangle, grown by some metres, to the other buffer; return how many."""
+    other, count = 1 - side, 0
+    lines = _edges(corners, grow)
     sliver = 1e-6 * grow
     rest = np.empty((_MAX_CORNERS, 2))
     for k in range(left):
@@ -378,3 +376,19 @@ def _without(corners, grow, pieces, sizes, side, left):  # type: ignore[no-untyp
 @njit(cache=True, nogil=True, inline="always")
 def _distance(line, point):  # type: ignore[no-untyped-def]
     return line[0] * point[0] + line[1] * point[1] + line[2]
+
+
+@njit(cache=True, nogil=True)
+def _mark(which, kernels, west, south, spacing, inside):  # type: ignore[no-untyped-def]
+    """Mark the nodes of a raster in kernels, grown by half a step."""
+    for p in which:
+        grow = _HALF_STEP * kernels.growth[p]
+        x0, y0 = (kernels.boxes[p, 0] - grow - west) / spacing, (kernels.boxes[p, 1] - grow - south) / spacing
+        x1, y1 = (kernels.boxes[p, 2] + grow - west) / spacing, (kernels.boxes[p, 3] + grow - south) / spacing
+        for k in range(kernels.first[p], kernels.first[p + 1]):
+            lines = _edges(kernels.corners[k], grow)
+            for row in range(max(math.ceil(y0), 0), min(math.floor(y1) + 1, inside.shape[0])):
+                for column in range(max(math.ceil(x0), 0), min(math.floor(x1) + 1, inside.shape[1])):
+                    point = (west + column * spacing, south + row * spacing)
+                    if max([_distance(lines[i], point) for i in range(4)]) <= 0.0:
+                        inside[row, column] = True

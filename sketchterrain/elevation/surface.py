@@ -86,6 +86,20 @@ class Heights(NamedTuple):
     east: Float64Array  # slope, m/m
     north: Float64Array
     weight: Float64Array  # of the data: 1 between samples, 0 further than 1.5 samples from them, C²
+    patches: Float64Array  # number of those that have a weight
+
+
+class PatchSlots(NamedTuple):
+    """Columns of the n patches of a surface."""
+
+    centre: Float64Array  # (n, 2)
+    to_steps: Float64Array  # (n, 2, 6)
+    density: Float64Array  # 1 / area of a step, 1/m²
+    base: Float64Array  # m
+    coefficients: Float32Array  # (n, 35, 35), m above the base
+    mask_of: Int64Array  # index of the mask, -1 where data are all around
+    masks: UInt8Array  # (masks, 35, 35)
+    rims: Float64Array  # (masks, 5): sides of the grid as `Patches.rim`, and 2^level
 
 
 class PatchSurface:
@@ -97,26 +111,12 @@ class PatchSurface:
     same bits in whatever order grids were added.
     """
 
-    def __init__(
-        self,
-        *,
-        centre: Float64Array,
-        to_steps: Float64Array,
-        step_area: Float64Array,
-        reach: Float64Array,
-        base: Float64Array,
-        coefficients: Float32Array,
-        mask_of: Int64Array,
-        masks: UInt8Array,
-        rims: Float64Array,
-        wendland: bool,
-    ) -> None:
-        self._wendland = wendland
-        self._patches = centre, to_steps, 1.0 / step_area, base, coefficients, mask_of, masks, rims
+    def __init__(self, slots: PatchSlots, reach: Float64Array, *, wendland: bool = False) -> None:
+        self._slots, self._wendland = slots, wendland
         self._index = BoxIndex.from_boxes(reach)
 
     def __len__(self) -> int:
-        return len(self._patches[0])
+        return len(self._slots.centre)
 
     def evaluate(self, x: Float64Array, y: Float64Array) -> Heights:
         """Return heights, slopes and weights of data at points (m) of one shape, from its corner.
@@ -124,22 +124,10 @@ class PatchSurface:
         The height and its first two derivatives are continuous where the weight is not 0.
         """
         east, north = np.ascontiguousarray(x, np.float64).ravel(), np.ascontiguousarray(y, np.float64).ravel()
-        found = np.empty((4, len(east)))
-        in_threads(
-            lambda first, last: _evaluate(
-                east, north, *self._patches, *self._index, self._wendland, found, first, last
-            ),
-            len(east),
-            _CHUNK,
-        )
-        return Heights(*found.reshape(4, *np.shape(x)))
-
-    def overlap(self, x: Float64Array, y: Float64Array) -> Int64Array:
-        """Return how many patches speak at each point (n,)."""
-        count = np.zeros(len(x), np.int64)
-        centre, to_steps = self._patches[:2]
-        _overlap(np.ascontiguousarray(x), np.ascontiguousarray(y), centre, to_steps, *self._index, count)
-        return count
+        found = np.empty((5, len(east)))
+        fixed = east, north, self._slots, self._index, self._wendland, found
+        in_threads(lambda first, last: _evaluate(*fixed, first, last), len(east), _CHUNK)
+        return Heights(*found.reshape(5, *np.shape(x)))
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -207,31 +195,14 @@ def _spline(table, p, i, j, wu, du, wv, dv):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _evaluate(  # type: ignore[no-untyped-def]
-    xs,
-    ys,
-    centre,
-    to_steps,
-    density,
-    base,
-    coefficients,
-    mask_of,
-    masks,
-    rims,
-    places,
-    shapes,
-    starts,
-    items,
-    wendland,
-    found,
-    first,
-    last,
-):
+def _evaluate(xs, ys, slots, index, wendland, found, first, last):  # type: ignore[no-untyped-def]
     """Evaluate points first … last - 1."""
+    centre, to_steps, density, base, coefficients, mask_of, masks, rims = slots
+    places, shapes, starts, items = index
     for n in range(first, last):
         total = total_x = total_y = 0.0
         sum_h = sum_x = sum_y = 0.0
-        missing = 1.0
+        missing, count = 1.0, 0
         for c in range(len(places)):
             column = math.floor((xs[n] - places[c, 0]) / places[c, 2])
             row = math.floor((ys[n] - places[c, 1]) / places[c, 2])
@@ -278,6 +249,7 @@ def _evaluate(  # type: ignore[no-untyped-def]
                 weight_x = density[p] * (weight_u * ux + weight_v * vx)
                 weight_y = density[p] * (weight_u * uy + weight_v * vy)
                 missing *= 1.0 - known * _faded(u, 1.0)[0] * _faded(v, 1.0)[0]
+                count += 1
                 total += weight
                 total_x += weight_x
                 total_y += weight_y
@@ -293,19 +265,4 @@ def _evaluate(  # type: ignore[no-untyped-def]
         else:
             found[0, n] = found[1, n] = found[2, n] = np.nan
             found[3, n] = 0.0
-
-
-@njit(cache=True, nogil=True)
-def _overlap(xs, ys, centre, to_steps, places, shapes, starts, items, count):  # type: ignore[no-untyped-def]
-    """Count the patches at each point."""
-    for n in range(len(xs)):
-        for c in range(len(places)):
-            column = math.floor((xs[n] - places[c, 0]) / places[c, 2])
-            row = math.floor((ys[n] - places[c, 1]) / places[c, 2])
-            if 0 <= column < shapes[c, 0] and 0 <= row < shapes[c, 1]:
-                key = shapes[c, 2] + int(row) * shapes[c, 0] + int(column)
-                for k in range(starts[key], starts[key + 1]):
-                    p = items[k]
-                    x, y = xs[n] - centre[p, 0], ys[n] - centre[p, 1]
-                    u, v = _steps(to_steps[p, 0], x, y)[0], _steps(to_steps[p, 1], x, y)[0]
-                    count[n] += abs(u) < _HALF and abs(v) < _HALF
+        found[4, n] = count

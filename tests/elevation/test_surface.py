@@ -220,6 +220,12 @@ def test_tiles_side_by_side_leave_no_gap(make_grid: MakeGrid) -> None:
         alone = patchwork(whole)
         expected = alone.surface(alone.cover(0.0)).evaluate(*whole.to_metres(column, row))
         assert found.weight.min() == 1.0
+        fade = work.rim_fade(300.0)
+        assert fade.weight(*whole.to_metres(column, row)).min() > 1.0 - 1e-9
+        sides = np.array([0.0, 60.0, 119.0, 60.0, 2.0]), np.array([50.0, 0.0, 50.0, 99.0, 50.0])
+        x, y = whole.to_metres(*sides)
+        assert np.abs(fade.weight(x, y)[:4]).max() < 0.01
+        assert 0.0 < fade.weight(x, y)[4] < 0.5
         assert (
             np.abs(found.height - expected.height).max() < 2.0
         )  # steep waves of 300 m, extrapolated by a step

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from functools import partial
 from time import perf_counter
@@ -281,7 +282,9 @@ def _peers(
             with file.open(**profile, crs=crs, transform=target, nodata=np.nan) as each:
                 each.write(warped(grid, Resampling.bilinear).astype(np.float32), 1)
         sources = [file.open() for file in files]
-        found, _ = merge(sources)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # rasterio multiplies transforms by `*`
+            found, _ = merge(sources)
         return np.asarray(found[0], np.float64)
 
     def cubic() -> Float64Array:

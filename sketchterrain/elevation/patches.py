@@ -7,9 +7,7 @@ B-spline, so that they agree where they overlap, and those of level 0 interpolat
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Final, NamedTuple
 
@@ -19,7 +17,13 @@ from scipy import ndimage
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array, UInt8Array
 from sketchterrain.elevation.grids import ElevationGrid
-from sketchterrain.elevation.mips import mip_levels, spline_coefficients, valid_levels, without_voids
+from sketchterrain.elevation.mips import (
+    in_threads,
+    mip_levels,
+    spline_coefficients,
+    valid_levels,
+    without_voids,
+)
 
 KERNEL: Final = 28
 """Steps along a kernel."""
@@ -37,7 +41,6 @@ _BLOCK = 4  # steps along the blocks of which kernels beside voids consist
 _BEFORE = MARGIN + 1
 _GROWTH = 0.15  # steps by which kernels reach further, as maps of neighbours differ by less
 _RANKS = 8.0  # a factor of two in area: patches nearer in size are compared by error
-_THREADS = min(os.cpu_count() or 1, 8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +98,6 @@ def build_patches(grid: ElevationGrid) -> GridPatches:
     samples, valid = grid.samples, np.isfinite(grid.samples)
     levels = mip_levels(without_voids(samples))
     base = float(np.round(np.nanmean(samples, dtype=np.float64)))
-    centred = (samples - np.float32(base)).astype(np.float32)
     coefficients, masks, tables, corners = [], [], [], []
     step = 0.0
     for level, (heights, known) in enumerate(
@@ -103,9 +105,9 @@ def build_patches(grid: ElevationGrid) -> GridPatches:
     ):
         counts = [max(-(-(n - 1) // (KERNEL << level)), 1) for n in samples.shape]
         shape = (KERNEL * counts[0] + 2 * _BEFORE + 1, KERNEL * counts[1] + 2 * _BEFORE + 1)
-        solved = spline_coefficients(heights, _BEFORE, shape)
-        spline, mask = (solved - base).astype(np.float32), _mask(known, level, shape)
-        error, least = _facts(spline, mask, centred, level, (counts[0], counts[1]))
+        spline = spline_coefficients(heights, base, _BEFORE, shape)
+        mask = _mask(known, level, shape)
+        error, least = _facts(spline, mask, samples, base, level, (counts[0], counts[1]))
         boxes, owners = _kernel_boxes(known, level, (counts[0], counts[1]), samples.shape)
         centre, to_steps = _maps(grid, level, (counts[0], counts[1]))
         which, rectangles = np.unique(owners, return_counts=True)
@@ -162,51 +164,45 @@ def _rims(row: Int64Array, column: Int64Array, level: int, shape: tuple[int, ...
 def _mask(known: BoolArray, level: int, shape: tuple[int, int]) -> UInt8Array:
     """Return coefficients of the weight of a level's data: 0 at voids, 1 at its rim, `FADE` inside."""
     width = min(max(FADE >> level, 1), (min(known.shape) + 1) // 2)  # the latter of a narrow grid
-    row, column = (np.minimum(np.arange(n) + 1, n - np.arange(n)) for n in known.shape)
-    distance = np.minimum(row[:, None], column)
+    rim = [np.minimum(np.minimum(np.arange(n) + 1, n - np.arange(n)), width) for n in known.shape]
+    distance = np.minimum.outer(*(each.astype(np.uint8) for each in rim))
     if not known.all():
-        distance = np.minimum(distance, ndimage.distance_transform_cdt(known, "chessboard") - 1)
-    part = (np.clip(distance, 0, width) * FADE // width).astype(np.uint8)
+        inside = ndimage.distance_transform_cdt(known, "chessboard") - 1
+        distance = np.minimum(distance, np.clip(inside, 0, width).astype(np.uint8))
+    part = (np.arange(width + 1) * FADE // width).astype(np.uint8)[distance]
     part = part[: shape[0] - _BEFORE, : shape[1] - _BEFORE]
     return np.pad(part, [(_BEFORE, n - _BEFORE - m) for n, m in zip(shape, part.shape, strict=True)])
 
 
 def _facts(
-    spline: Float32Array, mask: UInt8Array, samples: Float32Array, level: int, counts: tuple[int, int]
+    spline: Float32Array,
+    mask: UInt8Array,
+    samples: Float32Array,
+    base: float,
+    level: int,
+    counts: tuple[int, int],
 ) -> tuple[Float64Array, UInt8Array]:
     """Return the largest distance (m) of each patch from the samples of the grid, and its lowest mask."""
     error, least = np.zeros(counts), np.full(counts, FADE, np.uint8)
     t = np.arange(1 << level) / (1 << level)
-    weights = np.stack(
-        [(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3], axis=1
-    ) / np.float64(6)
+    weights = (
+        np.stack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3], axis=1)
+        / 6.0
+    )
     in_threads(
-        lambda first, last: _measure(
-            spline, mask, samples, weights.astype(np.float32), first, last, error, least
-        ),
+        lambda first, last: _measure(spline, mask, samples, base, weights, first, last, error, least),
         counts[0],
     )
     return error, least
 
 
-def in_threads(work: Callable[[int, int], object], count: int, least: int = 1) -> None:
-    """Call compiled work for parts (first, last) of a range, on all processors."""
-    parts = max(min(_THREADS, count // least), 1)
-    ends = [count * each // parts for each in range(parts + 1)]
-    if parts == 1:
-        work(0, count)
-        return
-    with ThreadPoolExecutor(parts, thread_name_prefix="elevation") as pool:
-        list(pool.map(work, ends[:-1], ends[1:]))
-
-
 @njit(cache=True, nogil=True)
-def _measure(spline, mask, samples, weights, first, last, error, least):  # type: ignore[no-untyped-def]
+def _measure(spline, mask, samples, base, weights, first, last, error, least):  # type: ignore[no-untyped-def]
     """Measure patches of rows first … last - 1 against the samples, and their lowest mask."""
     scale = len(weights)
     size = KERNEL + 2 * MARGIN
     rows, columns = samples.shape
-    line = np.empty(COEFFICIENTS, np.float32)
+    line = np.empty(COEFFICIENTS)
     for a in range(first, last):
         for b in range(error.shape[1]):
             lowest = np.uint8(FADE)
@@ -216,7 +212,7 @@ def _measure(spline, mask, samples, weights, first, last, error, least):  # type
             least[a, b] = lowest
             if scale == 1:
                 continue  # interpolates
-            most = np.float32(0.0)
+            most = 0.0
             north, west = (KERNEL * a - MARGIN) * scale, (KERNEL * b - MARGIN) * scale
             for r in range(max(north, 0), min(north + size * scale, rows)):
                 k, p = (r - north) // scale, (r - north) % scale
@@ -239,7 +235,9 @@ def _measure(spline, mask, samples, weights, first, last, error, least):  # type
                             + weights[q, 2] * line[k + 2]
                             + weights[q, 3] * line[k + 3]
                         )
-                        most = max(most, abs(value - samples[r, start + q]))  # NaN, of a void, is not more
+                        most = max(
+                            most, abs(value + base - samples[r, start + q])
+                        )  # NaN, of a void, is not more
             error[a, b] = most
 
 

@@ -17,13 +17,13 @@ from scipy import ndimage
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.caching import LRUCache
+from sketchterrain.elevation.mips import in_threads
 from sketchterrain.elevation.patches import (
     COEFFICIENTS,
     KERNEL,
     GridPatches,
     Patches,
     concatenated,
-    in_threads,
     subset,
 )
 from sketchterrain.elevation.surface import BoxIndex, PatchSlots, PatchSurface

@@ -9,7 +9,8 @@ import numpy as np
 from numba import njit
 
 from sketchterrain.array_types import Float32Array, Float64Array, Int64Array, UInt8Array
-from sketchterrain.elevation.patches import FADE, KERNEL, MARGIN, in_threads
+from sketchterrain.elevation.mips import in_threads
+from sketchterrain.elevation.patches import FADE, KERNEL, MARGIN
 
 _HALF = KERNEL // 2 + MARGIN
 _BEYOND = 1.5  # samples beyond a grid's rim where its weight is 0; it is 1 half a sample beyond

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -32,6 +33,17 @@ MAX_SAMPLES: Final = 1 << 29
 """Most samples that are read at once."""
 
 _FEET = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us-ft": 1200 / 3937, "us survey foot": 1200 / 3937}
+_DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".hgt": "SRTMHGT", ".asc": "AAIGrid", ".vrt": "VRT"}
+_UNREADABLE = (
+    OSError,
+    ValueError,
+    MemoryError,
+    KeyError,
+    EOFError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 _MAX_VRT = 1 << 24  # bytes
 _SPANS = ("xmin", "xmax", "ymin", "ymax")  # of .npz files: outer borders of the cells, as matplotlib's sample
 
@@ -171,7 +183,7 @@ def read_grid(
             findings: Findings = ()
         else:
             raw, known, place_in_file, crs_in_file, findings = _read_raster(path, band, window)
-    except (OSError, ValueError, MemoryError, KeyError, zipfile.BadZipFile) as error:
+    except _UNREADABLE as error:
         raise InputError(f"{name}: cannot be read as elevation ({one_line(error)[:160]})") from None
     source = crs_in_file if crs is None else crs
     at = place or place_in_file
@@ -191,15 +203,13 @@ def read_grid(
 
 
 def _checked_window(shape: tuple[int, int], window: Window | None) -> Window:
-    """Return the window to read; raise InputError if it is not inside or too large."""
+    """Return the window to read; raise ValueError if it is not inside or too large."""
     rows, columns = shape
     row, column, height, width = window or (0, 0, rows, columns)
     if min(row, column) < 0 or min(height, width) < 1 or row + height > rows or column + width > columns:
-        raise InputError(f"window {window}: expected one inside of {rows} × {columns} samples")
+        raise ValueError(f"window {window}: expected one inside of {rows} × {columns} samples")
     if height * width > MAX_SAMPLES:
-        raise InputError(
-            f"{height} × {width} samples: expected at most {MAX_SAMPLES}, read a window or an overview"
-        )
+        raise ValueError(f"{height} × {width} samples: expected at most {MAX_SAMPLES}, or a window")
     return row, column, height, width
 
 
@@ -207,12 +217,13 @@ def _read_array(path: Path, window: Window | None) -> tuple[Any, Any, Affine6 | 
     """Return heights, which are known, their place and CRS from a NumPy file."""
     place: Affine6 | None = None
     crs = ""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        loaded: Any = np.load(path, allow_pickle=False, mmap_mode="r" if path.suffix == ".npy" else None)
-    if isinstance(loaded, np.lib.npyio.NpzFile):
-        with loaded:
-            arrays = {key: loaded[key] for key in loaded.files}
+    if path.suffix.lower() == ".npy":
+        loaded: Any = np.load(path, allow_pickle=False, mmap_mode="r")
+    else:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            if sum(each.file_size for each in archive.zip.infolist()) > 8 * MAX_SAMPLES:
+                raise ValueError(f"expected at most {MAX_SAMPLES} samples")
+            arrays = {key: archive[key] for key in archive.files}
         planes = [each for each in arrays.values() if each.ndim == 2]
         if len(planes) != 1:
             raise ValueError(f"expected one array of rows and columns, got {len(planes)}")
@@ -279,7 +290,7 @@ def _open(path: Path) -> Iterator[Any]:
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError
 
-    target = _gdal_path(path)
+    target, driver = _gdal_path(path)
     try:
         with (
             warnings.catch_warnings(),
@@ -287,14 +298,15 @@ def _open(path: Path) -> Iterator[Any]:
             rasterio.Env(GTIFF_POINT_GEO_IGNORE=False, GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR"),
         ):
             warnings.simplefilter("ignore")  # of a file without a georeference
-            with rasterio.open(target) as file:
+            with rasterio.open(target, driver=driver) as file:
                 yield file
     except (RasterioError, CPLE_BaseError) as error:
         raise ValueError(one_line(error)) from None
 
 
-def _gdal_path(path: Path) -> Path | str:
-    """Return what GDAL opens: names of files that do not exist would be addresses to it."""
+def _gdal_path(path: Path) -> tuple[Path | str, str]:
+    """Return what GDAL opens, and by which driver; names of missing files and VRTs may be addresses to it."""
+    driver = _DRIVERS.get(path.suffix.lower(), "")
     for archive in (path, *path.parents):
         if archive.suffix.lower() == ".zip" and archive.is_file():
             inside = path.relative_to(archive).as_posix()
@@ -304,15 +316,17 @@ def _gdal_path(path: Path) -> Path | str:
                 inside = names[0]
             if inside not in names:
                 raise ValueError(f"expected an archive of one file, or the name of one of its {len(names)}")
-            if inside.lower().endswith(".vrt"):
-                raise ValueError("expected no VRT in an archive")
-            return f"/vsizip/{{{archive.absolute()}}}/{inside}"
+            driver = _DRIVERS.get(Path(inside).suffix.lower(), "")
+            if driver in ("", "VRT"):
+                raise ValueError("expected a file .tif, .hgt or .asc in an archive")
+            return f"/vsizip/{{{archive.absolute()}}}/{inside}", driver
     if not path.is_file():
         raise ValueError("no such file")
-    with path.open("rb") as file:
-        head = file.read(_MAX_VRT + 1) if path.suffix.lower() == ".vrt" else file.read(64)
-    if b"<VRTDataset" in head and any(each in head for each in (b"/vsi", b"://", b"&#")):
-        raise ValueError("expected a VRT of files, it refers to an address")
-    if b"<VRTDataset" in head and len(head) in (64, _MAX_VRT + 1):
-        raise ValueError("expected a VRT of at most 16 MB, with the suffix .vrt")
-    return path.absolute()
+    if not driver:
+        raise ValueError(f"expected a file {', '.join(_DRIVERS)}, .npy, .npz or .zip")
+    if driver == "VRT":
+        with path.open("rb") as file:
+            content = file.read(_MAX_VRT + 1)
+        if len(content) > _MAX_VRT or any(each in content for each in (b"/vsi", b"://", b"&#")):
+            raise ValueError("expected a VRT of files, of at most 16 MB, without addresses")
+    return path.absolute(), driver

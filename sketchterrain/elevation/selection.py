@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from scipy import ndimage
 
-from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.elevation.mips import in_threads
 from sketchterrain.elevation.patches import (
@@ -105,6 +105,8 @@ class Patchwork:
 
         Where no grid is so accurate, the most accurate ones there are.
         """
+        if not error >= 0.0:
+            raise InputError(f"error {error}: expected metres, 0 or more")
         top, is_best = self.tops
         return np.flatnonzero(((self._table().error <= error) | is_best) & (error < top))
 
@@ -166,6 +168,13 @@ class Patchwork:
         if self.patches is None:
             raise InputError("expected at least one elevation grid")
         return self.patches
+
+    def within(self, which: Int64Array, area: Bounds) -> Int64Array:
+        """Return those of some patches that reach into an area (m); the others change no bit there."""
+        west, south, east, north = area
+        reach = self._table().reach[which]
+        near = (reach[:, 0] <= east) & (reach[:, 2] >= west) & (reach[:, 1] <= north) & (reach[:, 3] >= south)
+        return which[near]
 
     def surface(self, which: Int64Array, *, wendland: bool = False) -> PatchSurface:
         """Return the surface of some patches, as of `cover`; by the paper's weights if `wendland`."""

@@ -179,7 +179,8 @@ def test_feet_and_scales(tmp_path: Path) -> None:
 def test_bad_files_are_one_line(tmp_path: Path) -> None:
     good = write(tmp_path / "good.tif").read_bytes()
     (tmp_path / "truncated.tif").write_bytes(good[: len(good) // 2])
-    (tmp_path / "empty.tif").write_bytes(b"")
+    for name in ("empty.tif", "empty.npy", "notes.pdf"):
+        (tmp_path / name).write_bytes(b"")
     (tmp_path / "noise.tif").write_bytes(np.random.default_rng(1).bytes(5000))
     (tmp_path / "text.asc").write_text("ncols 5\nnrows x\n")
     (tmp_path / "noise.zip").write_bytes(b"PK\3\4" + bytes(100))
@@ -211,6 +212,7 @@ def test_bad_files_are_one_line(tmp_path: Path) -> None:
     np.save(tmp_path / "line.npy", np.zeros(9))
     np.save(tmp_path / "objects.npy", np.array([{}]), allow_pickle=True)
     np.savez(tmp_path / "two.npz", a=HEIGHTS, b=HEIGHTS)
+    (tmp_path / "plain.npz").write_bytes((tmp_path / "line.npy").read_bytes())
     np.save(tmp_path / "place.npy", HEIGHTS)
     place = (1.0, 0.0, 0.0, 0.0, -1.0, 0.0)
     cases: list[tuple[str, dict[str, Any], str]] = [
@@ -219,13 +221,16 @@ def test_bad_files_are_one_line(tmp_path: Path) -> None:
         ("two.zip", {}, "archive of one file"),
         ("two.zip/c.tif", {}, "archive of one file"),
         ("address.vrt", {}, "address"),
-        ("address.tif", {}, "VRT"),
+        ("address.tif", {}, "cannot be read"),
+        ("empty.npy", {"place": place}, "cannot be read"),
+        ("notes.pdf", {}, "expected a file .tif"),
         ("huge.tif", {}, "at most"),
         ("voids.tif", {}, "no heights"),
         ("small.tif", {}, "at least 4"),
         ("degrees.tif", {}, "look like degrees"),
         ("objects.npy", {"place": place}, "cannot be read"),
         ("two.npz", {}, "one array"),
+        ("plain.npz", {}, "cannot be read"),
         ("place.npy", {}, "no georeference"),
         ("place.npy", {"place": (1.0, 1.0, 0.0, 1.0, 1.0, 0.0)}, "degenerate"),
         ("good.tif", {"band": 2}, "band = 2"),
@@ -243,3 +248,28 @@ def test_bad_files_are_one_line(tmp_path: Path) -> None:
 
 def read_and_place(path: Path, arguments: dict[str, Any]) -> None:
     read_grid(path, **arguments).to_metres(np.array(0.0), np.array(0.0))
+
+
+def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
+    whole = write(tmp_path / "whole.tif", compress="deflate").read_bytes()
+    np.savez_compressed(tmp_path / "whole.npz", z=HEIGHTS)
+    (tmp_path / "whole.vrt").write_text(
+        '<VRTDataset rasterXSize="25" rasterYSize="20"><GeoTransform>5, 30, 0, 9, 0, -30</GeoTransform>'
+        '<VRTRasterBand dataType="Float32" band="1"><SimpleSource><SourceFilename relativeToVRT="1">whole.tif'
+        "</SourceFilename></SimpleSource></VRTRasterBand></VRTDataset>"
+    )
+    place = (1.0, 0.0, 0.0, 0.0, -1.0, 0.0)
+    assert np.array_equal(read_grid(tmp_path / "whole.vrt").samples, HEIGHTS)
+    rng = np.random.default_rng(3)
+    refused = 0
+    for suffix, content in ((".tif", whole), (".npz", (tmp_path / "whole.npz").read_bytes())):
+        for _ in range(60):
+            damaged = bytearray(content)
+            for at in rng.integers(len(damaged), size=4):
+                damaged[at] = rng.integers(256)
+            (tmp_path / f"damaged{suffix}").write_bytes(damaged)
+            try:
+                read_grid(tmp_path / f"damaged{suffix}", FRAME, place=place)
+            except InputError:
+                refused += 1
+    assert refused > 10

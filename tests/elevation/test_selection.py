@@ -145,3 +145,15 @@ def test_same_grid_at_another_accuracy_is_redundant(make_grid: MakeGrid) -> None
     work = together([other, one])
     assert set(work.grid[work.cover(0.0)]) == {list(work.grids).index(one.id)}
     assert len(work.cover(0.0)) == len(together([one]).cover(0.0))
+
+
+def test_patches_of_an_area_give_the_same_bits(four: list[GridPatches]) -> None:
+    work = together(four)
+    which = work.cover(1.0)
+    near = work.within(which, (4800.0, 4900.0, 5100.0, 5200.0))
+    assert len(near) < len(which) // 2
+    x, y = (each.ravel() for each in np.meshgrid(np.linspace(4800, 5100, 40), np.linspace(4900, 5200, 40)))
+    for one, other in zip(work.surface(which).evaluate(x, y), work.surface(near).evaluate(x, y), strict=True):
+        assert one.tobytes() == other.tobytes()
+    with pytest.raises(InputError, match="expected metres"):
+        work.cover(-1.0)

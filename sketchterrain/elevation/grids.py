@@ -41,6 +41,7 @@ _UNREADABLE = (
     KeyError,
     EOFError,
     RuntimeError,
+    TypeError,
     zipfile.BadZipFile,
     zlib.error,
 )

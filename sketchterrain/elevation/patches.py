@@ -34,9 +34,10 @@ MARGIN: Final = 2
 COEFFICIENTS: Final = KERNEL + 2 * MARGIN + 3
 """Coefficients along a patch."""
 
-FADE: Final = 9
-"""Samples along which the weight of a grid rises from its rim and from voids; masks are in parts of it."""
+WHOLE: Final = 225
+"""Masks are in parts of it."""
 
+_FADE = 15  # samples along which the weight of a grid rises from its rim and from voids
 _BLOCK = 4  # steps along the blocks of which kernels beside voids consist
 _BEFORE = MARGIN + 1
 _GROWTH = 0.15  # steps by which kernels reach further, as maps of neighbours differ by less
@@ -75,7 +76,7 @@ class GridPatches(NamedTuple):
     step: float  # m, of level 0
     base: float  # m: coefficients are relative to it
     coefficients: tuple[Float32Array, ...]  # by level
-    masks: tuple[UInt8Array, ...]  # B-spline coefficients of the weight of data, in parts of FADE
+    masks: tuple[UInt8Array, ...]  # B-spline coefficients of the weight of data, in parts of WHOLE
     patches: Patches
     corners: Float64Array  # (rectangles, 4, 2), counter-clockwise
 
@@ -133,7 +134,7 @@ def build_patches(grid: ElevationGrid) -> GridPatches:
                 reach=_reach(centre[which], a, b),
                 kernel=np.hstack([np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)]),
                 growth=_GROWTH * np.sqrt(area),
-                has_mask=least.ravel()[which] < FADE,
+                has_mask=least.ravel()[which] < WHOLE,
                 rim=_rims(row, column, level, samples.shape),
                 rectangles=rectangles,
                 finest=np.full(count, level == 0),
@@ -162,14 +163,14 @@ def _rims(row: Int64Array, column: Int64Array, level: int, shape: tuple[int, ...
 
 
 def _mask(known: BoolArray, level: int, shape: tuple[int, int]) -> UInt8Array:
-    """Return coefficients of the weight of a level's data: 0 at voids, 1 at its rim, `FADE` inside."""
-    width = min(max(FADE >> level, 1), (min(known.shape) + 1) // 2)  # the latter of a narrow grid
+    """Return coefficients of the weight of a level's data: 0 at voids, 1 at its rim, `WHOLE` inside."""
+    width = min(max(_FADE >> level, 1), (min(known.shape) + 1) // 2)  # the latter of a narrow grid
     rim = [np.minimum(np.minimum(np.arange(n) + 1, n - np.arange(n)), width) for n in known.shape]
     distance = np.minimum.outer(*(each.astype(np.uint8) for each in rim))
     if not known.all():
         inside = ndimage.distance_transform_cdt(known, "chessboard") - 1
         distance = np.minimum(distance, np.clip(inside, 0, width).astype(np.uint8))
-    part = (np.arange(width + 1) * FADE // width).astype(np.uint8)[distance]
+    part = ((np.arange(width + 1) * _FADE // width) ** 2).astype(np.uint8)[distance]
     part = part[: shape[0] - _BEFORE, : shape[1] - _BEFORE]
     return np.pad(part, [(_BEFORE, n - _BEFORE - m) for n, m in zip(shape, part.shape, strict=True)])
 
@@ -183,7 +184,7 @@ def _facts(
     counts: tuple[int, int],
 ) -> tuple[Float64Array, UInt8Array]:
     """Return the largest distance (m) of each patch from the samples of the grid, and its lowest mask."""
-    error, least = np.zeros(counts), np.full(counts, FADE, np.uint8)
+    error, least = np.zeros(counts), np.full(counts, WHOLE, np.uint8)
     t = np.arange(1 << level) / (1 << level)
     weights = (
         np.stack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3], axis=1)
@@ -205,7 +206,7 @@ def _measure(spline, mask, samples, base, weights, first, last, error, least):  
     line = np.empty(COEFFICIENTS)
     for a in range(first, last):
         for b in range(error.shape[1]):
-            lowest = np.uint8(FADE)
+            lowest = np.uint8(WHOLE)
             for i in range(KERNEL * a, KERNEL * a + COEFFICIENTS):
                 for j in range(KERNEL * b, KERNEL * b + COEFFICIENTS):
                     lowest = min(lowest, mask[i, j])
@@ -243,7 +244,7 @@ def _measure(spline, mask, samples, base, weights, first, last, error, least):  
 
 def _kernel_boxes(
     known: BoolArray, level: int, counts: tuple[int, int], shape: tuple[int, ...]
-) -> tuple[Int64Array, Int64Array]:
+) -> tuple[Float64Array, Int64Array]:
     """Return boxes (first and last row and column, in samples of the grid) of the kernels, and their patches.
 
     A kernel beside voids consists of the blocks of 4 × 4 steps without a void.
@@ -271,6 +272,8 @@ def _kernel_boxes(
         boxes, owners = boxes[order], owners[order]
     limits = np.array([shape[0] - 1, shape[0] - 1, shape[1] - 1, shape[1] - 1])
     boxes = np.minimum(boxes << level, limits)
+    # At the rim half a sample more: tiles side by side may end a sample apart.
+    boxes = boxes + 0.5 * ((boxes == limits).astype(np.float64) - (boxes == 0))
     full = (boxes[:, 1] > boxes[:, 0]) & (boxes[:, 3] > boxes[:, 2])
     return boxes[full], owners[full]
 
@@ -289,9 +292,9 @@ def _rectangles(blocks: BoolArray) -> list[tuple[int, int, int, int]]:
     return found
 
 
-def _outlines(grid: ElevationGrid, boxes: Int64Array) -> Float64Array:
+def _outlines(grid: ElevationGrid, boxes: Float64Array) -> Float64Array:
     """Return the corners (n, 4, 2), m, of boxes in a grid, counter-clockwise."""
-    row, column = boxes[:, [0, 0, 1, 1]].astype(np.float64), boxes[:, [2, 3, 3, 2]].astype(np.float64)
+    row, column = boxes[:, [0, 0, 1, 1]], boxes[:, [2, 3, 3, 2]]
     outline = np.stack(grid.to_metres(column, row), axis=-1)
     across = outline[:, 2] - outline[:, 0], outline[:, 3] - outline[:, 1]
     clockwise = across[0][:, 0] * across[1][:, 1] < across[0][:, 1] * across[1][:, 0]

@@ -10,11 +10,11 @@ from numba import njit
 
 from sketchterrain.array_types import Float32Array, Float64Array, Int64Array, UInt8Array
 from sketchterrain.elevation.mips import in_threads
-from sketchterrain.elevation.patches import FADE, KERNEL, MARGIN
+from sketchterrain.elevation.patches import KERNEL, MARGIN, WHOLE
 
 _HALF = KERNEL // 2 + MARGIN
 _BEYOND = 1.5  # samples beyond a grid's rim where its weight is 0; it is 1 half a sample beyond
-_CORNER = 36.0 * FADE  # masks are at least 1 over it at samples beside voids; in parts of 1
+_CORNER = 36.0 * WHOLE  # masks are at least 1 over it at samples beside voids; in parts of 1
 _CHUNK = 4096  # points below which no thread starts
 
 
@@ -232,7 +232,7 @@ def _evaluate(xs, ys, slots, index, wendland, found, first, last):  # type: igno
                     if a * b == 0.0:
                         continue
                     part, part_u, part_v = _spline(masks, mask_of[p], i, j, wu, du, wv, dv)
-                    part, part_u, part_v = part / FADE, part_u / FADE, part_v / FADE
+                    part, part_u, part_v = part / WHOLE, part_u / WHOLE, part_v / WHOLE
                     known = a * b * _smooth(_CORNER * part)
                     part_u, part_v, part = (
                         part_u * a * b + part * a1 * b,

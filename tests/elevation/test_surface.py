@@ -117,7 +117,7 @@ def oracle(work: Patchwork, which: np.ndarray, x: Float64Array, y: Float64Array)
         ]
         along, across = (basis(each[:, None] + 17.0 - np.arange(COEFFICIENTS)) for each in (u, v))
         height = np.einsum("ni,ij,nj->n", across, part.coefficients[level][window].astype(float), along)
-        mask = np.einsum("ni,ij,nj->n", across, part.masks[level][window] / 9.0, along)
+        mask = np.einsum("ni,ij,nj->n", across, part.masks[level][window] / 225.0, along)
         inside = (np.abs(u) < 16.0) & (np.abs(v) < 16.0)
 
         def fade(t: Float64Array, width: float) -> Float64Array:
@@ -132,7 +132,9 @@ def oracle(work: Patchwork, which: np.ndarray, x: Float64Array, y: Float64Array)
         weight = rim * fade(u, 4.0) * fade(v, 4.0) * mask / patches.step_area[p]
         total += weight
         heights += weight * (height + part.base)
-        missing *= 1.0 - rim * fade(u, 1.0) * fade(v, 1.0) * fade(16.0 - np.minimum(324.0 * mask, 1.0), 1.0)
+        missing *= 1.0 - rim * fade(u, 1.0) * fade(v, 1.0) * fade(
+            16.0 - np.minimum(36.0 * 225.0 * mask, 1.0), 1.0
+        )
     with np.errstate(invalid="ignore"):
         return heights / total, 1.0 - missing
 
@@ -177,9 +179,9 @@ def test_second_derivative_is_continuous_across_seams(make_grid: MakeGrid, degre
         slope = along[0] * found.east + along[1] * found.north
         return float(np.abs(np.diff(np.diff(slope) / step)).max())
 
-    jumps = [jump(each) for each in (4.0, 2.0, 1.0, 0.5)]
-    for one, other in itertools.pairwise(jumps):
-        assert other < 0.6 * one, jumps
+    jumps = [jump(each) for each in (2.0, 1.0, 0.5, 0.25)]
+    assert all(other < 0.7 * one for one, other in itertools.pairwise(jumps)), jumps
+    assert jumps[-1] < 0.2 * jumps[0], jumps
 
 
 def test_weight_of_data_is_zero_beyond_rims_and_in_voids(make_grid: MakeGrid) -> None:

@@ -38,6 +38,7 @@ WHOLE: Final = 225
 """Masks are in parts of it."""
 
 _FADE = 15  # samples along which the weight of a grid rises from its rim and from voids
+_MAX_STEP = 8000.0  # m: a quadratic map of a patch of 256 km is off by 0.01 steps, and 8 times for twice that
 _BLOCK = 4  # steps along the blocks of which kernels beside voids consist
 _BEFORE = MARGIN + 1
 _GROWTH = 0.15  # steps by which kernels reach further, as maps of neighbours differ by less
@@ -104,6 +105,8 @@ def build_patches(grid: ElevationGrid) -> GridPatches:
     for level, (heights, known) in enumerate(
         zip(levels, valid_levels(valid, [each.shape for each in levels]), strict=True)
     ):
+        if step * (1 << level) > _MAX_STEP and not grid.is_affine:
+            break
         counts = [max(-(-(n - 1) // (KERNEL << level)), 1) for n in samples.shape]
         shape = (KERNEL * counts[0] + 2 * _BEFORE + 1, KERNEL * counts[1] + 2 * _BEFORE + 1)
         spline = spline_coefficients(heights, base, _BEFORE, shape)

@@ -69,6 +69,7 @@ class Effort:
     batch_fresh: int = 1  # terrains of single processes, in a round
     batch_jobs: tuple[int, ...] = (2,)
     batch_rounds: int = 1
+    elevation_sides: tuple[int, ...] = (1024,)  # samples along a grid
     world_sides: tuple[int, ...] = (513, 1025)  # vertices along a side
     world_workers_side: int = 513  # of the world that workers share
     world_workers: tuple[int, ...] = (2,)
@@ -131,6 +132,7 @@ FULL = replace(
     batch_fresh=2,
     batch_jobs=(1, 2),
     batch_rounds=2,
+    elevation_sides=(1024, 4096, 16384),
     world_sides=(1025, 2049, 4097, 8193, 16385, 32769),
     world_workers_side=8193,
     world_workers=(1, 2),

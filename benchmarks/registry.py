@@ -8,6 +8,7 @@ from sketchterrain.benchmarks import (
     accuracy,
     batches,
     culling,
+    elevation,
     erosion,
     flight,
     kernel_times,
@@ -74,6 +75,7 @@ BENCHMARKS = {
         Benchmark("flight", "valley_river over 4096 m, and a round over it", _OWN, flight.measure),
         Benchmark("live", "20 shapes on 512 px, and views of presets", str(live.SEED), live.measure),
         Benchmark("pictures", "valley_river, and flights over presets", _OWN, pictures.measure),
+        Benchmark("elevation", "generated DEM grids", str(elevation.SEED), elevation.measure),
         Benchmark("erosion", "the middle of alpine_range, 8 km wide in a full run", _OWN, erosion.measure),
         Benchmark(
             "landforms",

@@ -16,6 +16,7 @@ MAY_IMPORT = {
     "caching": set(),
     "io": {"errors"},
     "document": {"errors", "array_types", "caching", "io"},
+    "elevation": BASE - {"document"},
     "placement": BASE,
     "hydrology": BASE | {"placement"},
     "compute": {"errors", "array_types", "io"},
@@ -98,6 +99,7 @@ def test_planted_violations_are_found() -> None:
     for room, planted in (
         ("placement", "from sketchterrain.terrain.building import build"),
         ("tiles", "import sketchterrain.compute.device"),
+        ("elevation", "from sketchterrain.placement import hashing"),
         ("terrain", "import pyopencl as cl"),
         ("document", "def f():\n    from sketchterrain.app import cli"),
     ):

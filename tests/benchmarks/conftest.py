@@ -18,6 +18,7 @@ TINY = replace(
     thesis_tiles=2,
     spline_count=2,
     culling_features=(30, 300),
+    elevation_sides=(128,),
     point_side=24.0,
     point_distances=(1, 2),
     point_trials=(4,),

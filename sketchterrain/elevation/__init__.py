@@ -1,0 +1,1 @@
+"""Real elevation: overlapping DEM grids as one smooth surface (patchwork terrain)."""

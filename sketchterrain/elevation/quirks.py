@@ -1,0 +1,164 @@
+"""Defects of DEM samples: values that mean "no data", collars, voids, spikes and terraces."""
+
+from __future__ import annotations
+
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+from numba import njit
+from scipy import ndimage
+
+from sketchterrain.array_types import BoolArray, Float32Array
+
+Findings: TypeAlias = tuple[str, ...]
+"""What was found, in words, with counts."""
+
+MAX_FILLED: Final = 64
+"""Largest side (samples) of a void that is filled."""
+
+_SENTINELS = (-9999.0, 9999.0, -999.0)  # where no height is near them
+_SENTINEL_GAP = 100.0  # m
+_HEIGHTS = 12_000.0  # m: deeper and higher is no place on Earth
+_COLLAR_HEIGHT = 20.0  # m: zeros along a rim are not the sea where the ground beside them is so high
+_EIGHT = np.ones((3, 3), np.uint8)
+_SPIKE_SLOPE, _SPIKE_TIMES = 1.5, 12.0
+_TERRACED = 0.3  # share of samples equal to their neighbour
+_MAX_ROUNDS, _CLOSE = 2000, 1e-4  # of the membrane; m
+
+
+def clean_samples(raw: Any, known: BoolArray, step: float) -> tuple[Float32Array, Findings]:
+    """Return heights (m) with NaN for voids, of which small ones are filled, and what was found.
+
+    `raw` (rows, columns) are a file's values, `known` where it has data, `step` the distance (m) of samples.
+    Spikes and terraces are reported and kept.
+    """
+    found = []
+    values = raw.astype(np.float32)
+    with np.errstate(invalid="ignore"):
+        odd = known & ~(np.abs(values) <= _HEIGHTS)
+    if odd.any():
+        names = sorted({f"{each:.6g}" for each in np.unique(values[odd])[:4]})
+        found.append(f"{np.count_nonzero(odd)} samples of no data ({', '.join(names)})")
+    known = known & ~odd
+    for sentinel in _SENTINELS:
+        hit = known & (values == sentinel)
+        if hit.any() and not (known & ~hit & (np.abs(values - sentinel) < _SENTINEL_GAP)).any():
+            found.append(f"{np.count_nonzero(hit)} samples of no data ({sentinel:g})")
+            known &= ~hit
+    collar = _collar(values, known)
+    if collar.any():
+        found.append(f"{np.count_nonzero(collar)} zeros in collars along the rim, taken for no data")
+        known &= ~collar
+    samples = np.where(known, values, np.float32(np.nan))
+    if known.any():
+        found += _spikes(samples, step) + _terraces(samples)
+        found += [] if known.all() else _fill_small_voids(samples)
+    return samples, tuple(found)
+
+
+def _collar(values: Float32Array, known: BoolArray) -> BoolArray:
+    """Return where zeros form a collar along the rim, or beside voids, at the foot of a cliff."""
+    zero = known & (values == 0.0)
+    collar = np.zeros(zero.shape, bool)
+    if not zero.any():
+        return collar
+    labels, _ = ndimage.label(zero, _EIGHT)
+    rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    for label in np.unique(rim[rim > 0]):
+        region = labels == label
+        beside = ndimage.binary_dilation(region, _EIGHT) & known & ~zero
+        if beside.any() and np.median(np.abs(values[beside])) > _COLLAR_HEIGHT:
+            collar |= region
+    return collar
+
+
+def _spikes(samples: Float32Array, step: float) -> list[str]:
+    """Report samples that stand out from all their neighbours, by steep slopes and unlike others."""
+    inner = samples[1:-1, 1:-1]
+    if not inner.size:
+        return []
+    rows, columns = samples.shape
+    least = np.full(inner.shape, np.inf, np.float32)
+    above, below = least.copy(), least.copy()
+    with np.errstate(invalid="ignore"):
+        for row in range(3):
+            for column in range(3):
+                if (row, column) != (1, 1):
+                    rise = inner - samples[row : row + rows - 2, column : column + columns - 2]
+                    np.fmin(above, rise, out=above)
+                    np.fmin(below, -rise, out=below)
+        stands_out = np.maximum(above, below)
+        usual = (
+            float(np.median(np.abs(np.diff(samples, axis=0)[np.isfinite(np.diff(samples, axis=0))]))) + 1e-6
+        )
+        count = np.count_nonzero(
+            (stands_out > max(_SPIKE_SLOPE * step, _SPIKE_TIMES * usual)) & np.isfinite(stands_out)
+        )
+    return [f"{count} spikes, higher or lower than all their neighbours (kept)"] if count else []
+
+
+def _terraces(samples: Float32Array) -> list[str]:
+    """Report heights in steps, where many neighbours are equal."""
+    rise = np.abs(np.diff(samples[: 1 << 11, : 1 << 11], axis=1))
+    rise = rise[np.isfinite(rise)]
+    moved = rise[rise > 1e-4]
+    if not len(moved) or len(moved) > (1.0 - _TERRACED) * len(rise):
+        return []
+    quantum = float(moved.min())
+    multiples = moved / quantum
+    if np.mean(np.abs(multiples - np.round(multiples)) < 0.02) < 0.99:
+        return []
+    share = 100.0 * (1.0 - len(moved) / len(rise))
+    return [
+        f"terraces: {share:.0f} % of neighbours are equal, heights are in steps of {quantum:.3g} m (kept)"
+    ]
+
+
+def _fill_small_voids(samples: Float32Array) -> list[str]:
+    """Fill voids that don't touch the rim and are at most `MAX_FILLED` across, in place, by a membrane."""
+    labels, _ = ndimage.label(np.isnan(samples), _EIGHT)
+    filled = voids = left = 0
+    for label, box in enumerate(ndimage.find_objects(labels), start=1):
+        rows, columns = box
+        inside = rows.start > 0 and columns.start > 0
+        inside &= rows.stop < samples.shape[0] and columns.stop < samples.shape[1]
+        if not inside or max(rows.stop - rows.start, columns.stop - columns.start) > MAX_FILLED:
+            left += int(np.count_nonzero(labels[box] == label))
+            continue
+        part = np.s_[rows.start - 1 : rows.stop + 1, columns.start - 1 : columns.stop + 1]
+        void = labels[part] == label
+        window = samples[part].astype(np.float64)
+        window[void] = np.nanmean(window[ndimage.binary_dilation(void, _EIGHT) & ~void])
+        _membrane(window, void, np.isnan(window))
+        samples[part][void] = window[void]
+        filled, voids = filled + int(np.count_nonzero(void)), voids + 1
+    report = []
+    if voids:
+        report.append(f"{filled} samples in {voids} small voids, filled")
+    if left:
+        report.append(f"{left} samples in large voids or at the rim, left out")
+    return report
+
+
+@njit(cache=True, nogil=True)
+def _membrane(height, void, missing):  # type: ignore[no-untyped-def]
+    """Solve Laplace's equation in a void by successive over-relaxation, in place."""
+    rows, columns = height.shape
+    relaxation = 2.0 / (1.0 + np.sin(np.pi / max(rows, columns)))
+    for _ in range(_MAX_ROUNDS):
+        most = 0.0
+        for r in range(1, rows - 1):
+            for c in range(1, columns - 1):
+                if not void[r, c]:
+                    continue
+                total, count = 0.0, 0
+                for dr, dc in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+                    if not missing[r + dr, c + dc]:
+                        total += height[r + dr, c + dc]
+                        count += 1
+                if count:
+                    change = relaxation * (total / count - height[r, c])
+                    height[r, c] += change
+                    most = max(most, abs(change))
+        if most < _CLOSE:
+            break

@@ -425,7 +425,8 @@ def test_a_part_that_is_left_out_is_noticed(terrain, share, monkeypatch) -> None
 def test_changes_of_sketches_reach_every_part(terrain) -> None:
     sequences = chain(
         (sequence(number, terrain.context) for number in range(SEQUENCES)),
-        (walk([23, number], [["hill.height"]] * 8, terrain.context) for number in range(1)),  # of label 1
+        # Of label 1, on which unpainted ground depends.
+        (walk([23, 0], [[name]] * 8, terrain.context) for name in ("hill.height", "mountain.height")),
         (random_sequence(number, terrain.context) for number in range(100)),
     )
     missing = {part.name: part.value for part in parts_of(terrain.recipe) if part.value and part.has_effect}

@@ -191,7 +191,9 @@ def _measure_lines(terrain: Terrain) -> list[RiverAdherence]:
         area = round(len(places[number]) * _STEP * float(widths[index]) / sketch.pixel_size**2)
         key = int(layer.labels[index]), int(layer.ids[index]), area
         beds = [bed for line in own if len(line) for bed in _beds(terrain, line)]
-        found.append(_measure(key, np.asarray(to), np.concatenate(back), beds, sketch.pixel_size))
+        found.append(
+            _measure(key, np.asarray(to), np.concatenate([np.zeros(0), *back]), beds, sketch.pixel_size)
+        )
     return found
 
 

@@ -91,6 +91,12 @@ def test_built_rivers_are_within_half_a_metre_at_fidelity_1(context):
         assert each.descending == 1.0
 
 
+def test_a_line_without_a_river_is_lost(context):
+    drowned = sketch(line([300.0, 600.0], [900.0, 1500.0]), coast={"sea_level": 5000.0})
+    (measured,) = measure_adherence(st.build(drowned, device=context)).rivers
+    assert measured.lost
+
+
 def test_widths_and_depths_are_those_of_the_lines():
     stem, branch = (
         line([0, 2000], [2000, 2000], [4000, 2000], width=30.0, depth=4.0, directed=1),

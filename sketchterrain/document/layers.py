@@ -299,13 +299,17 @@ def layer_of(feature: int) -> str:
     return _CODES[feature >> 48 & 0x3FFF]  # the two highest bits mark added features and those of the fill
 
 
-VECTOR_BIT: Final = 1 << 46
-"""Set in the ids of rivers and lakes that vectors made; the id of the vector is in the lowest 31 bits."""
+_VECTOR_BIT = 1 << 46  # the id of the vector is in the lowest 31 bits
+
+
+def id_of_vector(layer: str, vector: int) -> int:
+    """Return the id of the river or lake that a vector makes, by the id of that."""
+    return LAYERS[layer].code << 48 | _VECTOR_BIT | vector
 
 
 def vector_of(feature: int) -> int | None:
     """Return the id of the vector that made a river or lake, by the id of that; None if no vector did."""
-    is_vector = feature & VECTOR_BIT and not feature & VECTOR_BIT << 1  # set in ids of streams and mouths
+    is_vector = feature & _VECTOR_BIT and not feature & _VECTOR_BIT << 1  # set in ids of streams and mouths
     return feature & 0x7FFFFFFF if is_vector else None
 
 

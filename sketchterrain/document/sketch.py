@@ -12,6 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.document.edits import MAX_EDITS, Edit
 from sketchterrain.document.frame import check_frame
 from sketchterrain.document.label_layers import (
@@ -214,6 +215,14 @@ class Sketch:
         table = _layer(layer).parameters
         declared = self.labels.get((layer, _check_label(layer, label)), {})
         return MappingProxyType(defaults(table) | dict(declared))
+
+    def vector_values(self, layer: str, name: str) -> Float64Array:
+        """Return a number of each vector of a layer, (n,), by its name: its own, else its label's."""
+        vectors = self.vectors[layer]
+        labels, number = np.unique(vectors.labels, return_inverse=True)
+        of_labels = np.array([float(self.properties(layer, int(label))[name]) for label in labels])
+        values, own = of_labels[number], vectors.columns.get(name)
+        return values if own is None else np.where(np.isnan(own), values, own)
 
     @property
     def material_table(self) -> MaterialTable:

@@ -14,9 +14,9 @@ from sketchterrain.document.parameters import Value
 from sketchterrain.document.vectors import (
     AREA,
     LINE,
-    STEP,
     VectorFeature,
     VectorLayer,
+    on_grid,
     property_columns,
     repeats,
     starts,
@@ -24,13 +24,8 @@ from sketchterrain.document.vectors import (
 from sketchterrain.errors import InputError
 
 
-def on_grid(places: object) -> Float64Array:
-    """Return positions (m) rounded as those of vertices are."""
-    return np.asarray(np.rint(np.asarray(places, np.float64) / STEP) * STEP + 0.0)
-
-
 def vertices_of(layer: VectorLayer, name: int) -> range:
-    """Return the numbers of a feature's vertices in its layer; raise KeyError if there is none."""
+    """Return the numbers of a feature's vertices in its layer; raise KeyError for an unknown id."""
     index = layer.index(name)
     first, end = layer.rings[layer.parts[index : index + 2]].tolist()
     return range(first, end)

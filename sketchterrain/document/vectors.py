@@ -47,6 +47,12 @@ LINES: Mapping[str, Parameter] = parameter_table(
 Column: TypeAlias = Float64Array | Int64Array | tuple[str, ...]
 """A property of each feature; NaN is none."""
 
+
+def on_grid(places: npt.ArrayLike) -> Float64Array:
+    """Return positions (m) rounded as those of vertices are."""
+    return np.asarray(np.rint(np.asarray(places, np.float64) / STEP) * STEP + 0.0)
+
+
 VECTOR_LAYERS: Final = tuple(layer.name for layer in LAYERS.values() if layer.vectors)
 
 
@@ -106,7 +112,7 @@ class VectorLayer:
             )
         vertices = np.asarray(self.vertices)
         _check_vertices(vertices, self.layer)
-        arrays = {"vertices": np.rint(vertices / STEP) * STEP + 0.0}
+        arrays = {"vertices": on_grid(vertices)}
         for name, dtype in _WHOLE.items():
             arrays[name] = _whole_numbers(getattr(self, name), dtype, f"{self.layer}: {name}")
         columns = {name: _column(column, name, self.layer) for name, column in self.columns.items()}
@@ -160,14 +166,14 @@ class VectorLayer:
         return self.vertices[self.rings[number] : self.rings[number + 1]]
 
     def index(self, name: int) -> int:
-        """Return the index of a feature by its id; raise KeyError if there is none."""
+        """Return the index of a feature by its id; raise KeyError for an unknown one."""
         found = np.flatnonzero(self.ids == name)
         if not len(found):
             raise KeyError(name)
         return int(found[0])
 
     def feature(self, name: int) -> VectorFeature:
-        """Return a feature by its id; raise KeyError if there is none."""
+        """Return a feature by its id; raise KeyError for an unknown one."""
         index = self.index(name)
         rings = tuple(self.ring(each) for each in range(*self.parts[index : index + 2]))
         (properties,) = self.properties([index])
@@ -182,12 +188,6 @@ class VectorLayer:
                 if value != "" and value == value:  # NaN is none
                     row[name] = value
         return rows
-
-    def values(self, name: str, of_labels: Mapping[int, Value]) -> Float64Array:
-        """Return a declared number of each feature, (n,): its own, else its label's."""
-        values = np.array([float(of_labels[label]) for label in self.labels.tolist()], dtype=np.float64)
-        own = self.columns.get(name)
-        return values if own is None else np.where(np.isnan(own), values, own)
 
     def edited(self, remove: Collection[int] = (), add: Sequence[VectorFeature] = ()) -> VectorLayer:
         """Return the layer without some features, by id, and with others appended.
@@ -251,7 +251,7 @@ class VectorLayer:
         order = np.argsort(feature, kind="stable")
         rings, feature = np.concatenate([borders, shapes[others]])[order], feature[order]
         at, ring = shapely.get_coordinates(rings, return_index=True)
-        at = np.rint(at / STEP) * STEP if (np.abs(at) <= _MAX_COORDINATE).all() else at
+        at = on_grid(at) if (np.abs(at) <= _MAX_COORDINATE).all() else at
         closed = kinds[feature] == AREA
         closing = np.append(ring[1:] != ring[:-1], True)[: len(ring)] & closed[ring]
         at, ring = at[~closing], ring[~closing]

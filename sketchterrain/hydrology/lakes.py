@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.caching import IdentityKey, LRUCache
-from sketchterrain.document.layers import VECTOR_BIT
+from sketchterrain.document.layers import id_of_vector
 from sketchterrain.hydrology.courses import RiverCourse, arc_length
 from sketchterrain.hydrology.river_shape import Network
 from sketchterrain.hydrology.water_levels import LakeReach, join_water_levels, solve_water_levels
@@ -118,8 +118,9 @@ def _area_outlines(sketch: Sketch) -> list[_LakeOutline]:
     for shape, name, label, depth in zip(areas.shapes(), areas.ids, areas.labels, depths, strict=True):
         field = area_field(shape, spacing=sketch.pixel_size, margin=margin)
         known = None if np.isnan(depth) else float(depth)
-        lake = LAYER_CODES["lake"] << 48 | VECTOR_BIT | int(name)
-        found.append(_LakeOutline(lake, int(label), field, shore_positions(field), known))
+        found.append(
+            _LakeOutline(id_of_vector("lake", int(name)), int(label), field, shore_positions(field), known)
+        )
     return found
 
 

@@ -108,7 +108,9 @@ def _graph(thin: npt.NDArray[np.bool_], rows: Int64Array, columns: Int64Array) -
     return graph
 
 
-_EDGE_GAP = 2.5  # px between a river's painted end and the sketch's edge that is unintended
+EDGE_GAP = 2.5  # px between a river's painted end and the sketch's edge that is unintended
+_OUTWARD = ((0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0))  # east, north: normals of the edges
+_LEAST_EXIT = 0.2  # cosine between a river's heading and the edge's normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,19 +197,25 @@ def exit_normal(skeleton: Skeleton, pixels: Int64Array, size: tuple[int, int]) -
     row, column = float(skeleton.rows[end]) + 0.5, float(skeleton.columns[end]) + 0.5
     back = int(pixels[max(len(pixels) - 1 - max(6, round(2.0 * skeleton.depth[end])), 0)])
     east, north = column - 0.5 - skeleton.columns[back], skeleton.rows[back] + 0.5 - row
+    gaps = size[0] - row, size[1] - column, row, column
+    return edge_normal(gaps, east, north, float(skeleton.depth[end]) + EDGE_GAP)
+
+
+def edge_normal(
+    gaps: tuple[float, float, float, float], east: float, north: float, limit: float
+) -> tuple[float, float] | None:
+    """Return the normal of the edge that a heading (east, north) leaves through; None if it does not.
+
+    `gaps` are the distances to the south, east, north and west edge, `limit` the greatest that counts.
+    """
     run = max(float(np.hypot(east, north)), 1e-9)
-    limit = float(skeleton.depth[end]) + _EDGE_GAP
-    edges = (
-        (size[0] - row, (0.0, -1.0)),
-        (size[1] - column, (1.0, 0.0)),
-        (row, (0.0, 1.0)),
-        (column, (-1.0, 0.0)),
-    )
     towards = [
-        ((normal[0] * east + normal[1] * north) / run, normal) for gap, normal in edges if gap <= limit
+        ((normal[0] * east + normal[1] * north) / run, normal)
+        for gap, normal in zip(gaps, _OUTWARD, strict=True)
+        if gap <= limit
     ]
     steepest = max(towards, default=(0.0, None), key=lambda each: each[0])
-    return steepest[1] if steepest[0] > 0.2 else None
+    return steepest[1] if steepest[0] > _LEAST_EXIT else None
 
 
 def _weighted(skeleton: Skeleton, length: Float64Array, predecessor: Int64Array) -> Float64Array:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from sketchterrain.array_types import BoolArray, Float64Array
-from sketchterrain.document.layers import VECTOR_BIT
+from sketchterrain.document.layers import id_of_vector
 from sketchterrain.hydrology.conflicts import Resolution
 from sketchterrain.hydrology.courses import RiverCourse, arc_length, part_of_course
 from sketchterrain.hydrology.lakes import index_runs
@@ -149,7 +149,7 @@ def sea_resolutions(
             found.append(Resolution("a lake painted in the sea is ignored", *at))
     areas = sketch.vectors["lake"]
     for index, name in enumerate(areas.ids.tolist()):
-        if LAYER_CODES["lake"] << 48 | VECTOR_BIT | name not in laid:
+        if id_of_vector("lake", name) not in laid:
             x, y = areas.ring(int(areas.parts[index])).mean(axis=0).tolist()
             found.append(Resolution("a lake drawn in the sea is ignored", x, y))
     return tuple(found)

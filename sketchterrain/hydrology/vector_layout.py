@@ -43,6 +43,8 @@ def lay_out_lines(sketch: Sketch, *, seed: int, ground: GroundHeight, cache: LRU
     A network of lines without a direction flows to one end, as a painted one does.
     """
     layer, settings = sketch.vectors["river"], river_settings(sketch, seed)
+    if not len(layer):
+        return []
     networks: list[LineNetwork] = cache.get_or_compute(
         ("line networks", IdentityKey(layer), settings), lambda: line_networks(layer, line_sizes(sketch)[0])
     )
@@ -51,7 +53,7 @@ def lay_out_lines(sketch: Sketch, *, seed: int, ground: GroundHeight, cache: LRU
     if free:
         ends = [networks[number].at[networks[number].ends()] for number in free]
         found = heights_at(ground, [*ends, *(ring_around(sketch, at) for at in ends)])
-        flows = layer.values("flow", _label_values(sketch, "flow"))
+        flows = sketch.vector_values("river", "flow")
         for number, at, heights, near in zip(free, ends, found, found[len(ends) :], strict=False):
             network = networks[number]
             size, gap = np.array(sketch.size), LAKE_GAP * sketch.pixel_size
@@ -68,17 +70,15 @@ def lay_out_lines(sketch: Sketch, *, seed: int, ground: GroundHeight, cache: LRU
 def _courses(
     sketch: Sketch, networks: Sequence[LineNetwork], mouths: Sequence[Int64Array], seed: int
 ) -> list[RiverCourse]:
-    taken: set[int] = set()
+    import shapely
+
+    layer, sizes, taken = sketch.vectors["river"], line_sizes(sketch), set[int]()
+    areas = shapely.STRtree(layer.shapes()[layer.kinds == AREA])
     return [
         course
         for network, nodes in zip(networks, mouths, strict=True)
-        for course in network_courses(sketch, network, nodes, seed=seed, taken=taken)
+        for course in network_courses(sketch, network, nodes, sizes, areas, seed=seed, taken=taken)
     ]
-
-
-def _label_values(sketch: Sketch, name: str) -> dict[int, float]:
-    labels = np.unique(sketch.vectors["river"].labels).tolist()
-    return {label: float(sketch.properties("river", label)[name]) for label in labels}
 
 
 def lay_out_painted(
@@ -93,21 +93,24 @@ def lay_out_painted(
         return lay_out_rivers(sketch, seed=seed, ground=ground, cache=cache)
     key = ("drawn water", *map(IdentityKey, drawn), IdentityKey(sketch.layers["lake"]), sketch.extent)
     tree, owner, water = cache.get_or_compute(key, partial(_drawn_water, sketch, drawn))
-    found: list[RiverCourse] = []
     after: dict[int, RiverCourse] = {}
     for course in lay_out_rivers(sketch, seed=seed, ground=ground, cache=cache, water=water):
-        if course.parent is None:
+        new, parent = course, None if course.parent is None else after[id(course.parent)]
+        if parent is None:
             compute = partial(_joined_to, course, drawn, tree, owner, sketch.pixel_size)
             new = cache.get_or_compute(("joined", IdentityKey(course), key), compute)
-        elif after[id(course.parent)] is course.parent:
-            new = course
-        else:
-            parent = after[id(course.parent)]
-            new = replace(course, parent=parent if course.joint < len(parent.line) else None)
-            new = new if new.parent is not None else replace(new, joint=-1)
+        elif parent is not course.parent:
+            compute = partial(_with_parent, course, parent)
+            new = cache.get_or_compute(("joined", IdentityKey(course), IdentityKey(parent)), compute)
         after[id(course)] = new
-        found.append(new)
-    return found
+    return list(after.values())
+
+
+def _with_parent(course: RiverCourse, parent: RiverCourse) -> RiverCourse:
+    """Return a tributary of a shortened river: a river of its own if it joined what was cut off."""
+    if course.joint < len(parent.line) - 1:
+        return replace(course, parent=parent)
+    return replace(course, parent=None, joint=-1)
 
 
 def _drawn_water(sketch: Sketch, drawn: Sequence[RiverCourse]) -> tuple[cKDTree, Int64Array, cKDTree]:

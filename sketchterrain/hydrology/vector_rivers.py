@@ -8,20 +8,20 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
-from sketchterrain.document.layers import LAYERS, VECTOR_BIT
+from sketchterrain.document.layers import LAYERS, id_of_vector
 from sketchterrain.document.vectors import AREA, LINE, STEP, VectorLayer
 from sketchterrain.hydrology.courses import EXTENSION_SHARE, RiverCourse, arc_length, extend_path, smoothed
-from sketchterrain.hydrology.network import Reach, split_paths
+from sketchterrain.hydrology.network import EDGE_GAP, Reach, edge_normal, split_paths
 from sketchterrain.hydrology.splines import sample_catmull_rom
-from sketchterrain.placement.feature_types import LAYER_CODES
 from sketchterrain.placement.hashing import rounded
 
 if TYPE_CHECKING:
+    import shapely
+
     from sketchterrain.document.sketch import Sketch
 
 _CURVE_ERROR, _CURVE_SAMPLES = 0.05, 64  # m of chords from smooth curves, and their number between vertices
@@ -30,8 +30,6 @@ _CORNER_STEP = 0.2  # of the sine of half a corner's angle
 _STRAIGHT = 1e-3  # the same of a vertex that is no corner
 _AGAINST = 1e3  # a way against the direction of a line counts as so many times its length
 _SPUR = 0.25  # widths; a shorter branch lies in the bed that it joins
-_EDGE_GAP = 2.5  # px between a line's end and the sketch's edge that is unintended
-_LEAST_EXIT = 0.2  # cosine between a river's heading and the edge's normal
 _WIDTH_BLUR = 3.0  # widths over which a width changes
 _WIDEST_BANK = 1000.0  # m from an axis
 _BANK_BLUR = 1.0  # widths over which the banks of areas are smoothed
@@ -229,18 +227,26 @@ def rounded_corners(path: Float64Array, tolerance: float, step: float) -> tuple[
 
 
 def network_courses(
-    sketch: Sketch, network: LineNetwork, mouths: Int64Array, *, seed: int, taken: set[int]
+    sketch: Sketch,
+    network: LineNetwork,
+    mouths: Int64Array,
+    sizes: tuple[Float64Array, Float64Array],
+    areas: shapely.STRtree,
+    *,
+    seed: int,
+    taken: set[int],
 ) -> list[RiverCourse]:
     """Return the courses of a network that flows to some of its nodes, parents first.
 
-    `taken` are ids of courses, to which theirs are added.
+    Parameters
+    ----------
+    sizes : widths and depths of all features, m
+    areas : those of the layer
+    taken : ids of courses, to which theirs are added
     """
     layer = sketch.vectors["river"]
-    widths, depths = line_sizes(sketch)
-    own_widths = widths[network.line]
-    spur = _SPUR * float(own_widths.max())
-    found, reaches = network.reaches(mouths, own_widths, spur)
-    areas = layer.shapes()[layer.kinds == AREA]
+    own_widths = sizes[0][network.line]
+    found, reaches = network.reaches(mouths, own_widths, _SPUR * float(own_widths.max()))
     piece_of = {
         pair: number for number, (a, b) in enumerate(network.pieces.tolist()) for pair in ((a, b), (b, a))
     }
@@ -248,10 +254,10 @@ def network_courses(
     for reach in reaches:
         nodes = found[reach.pixels]
         lines = network.line[[piece_of[pair] for pair in pairwise(nodes.tolist())]]
-        sizes = np.stack([widths[lines], depths[lines]], axis=-1)
+        own = np.stack([each[lines] for each in sizes], axis=-1)
         parent = courses[reach.parent] if reach.parent >= 0 else None
         name = _course_id(layer, lines, taken)
-        course = _course(sketch, network.at[nodes], network.is_vertex[nodes], sizes, parent, name, seed)
+        course = _course(sketch, network.at[nodes], network.is_vertex[nodes], own, parent, name, seed)
         course = replace(course, label=int(layer.labels[lines[0]]), grows=_grows(layer, lines))
         courses.append(with_banks(course, areas) if len(areas) else course)
     return courses
@@ -259,19 +265,14 @@ def network_courses(
 
 def line_sizes(sketch: Sketch) -> tuple[Float64Array, Float64Array]:
     """Return the width and the depth (m) of each river of the vector layer."""
-    layer = sketch.vectors["river"]
-    properties = {int(label): sketch.properties("river", int(label)) for label in np.unique(layer.labels)}
-    widths, depths = (
-        layer.values(name, {label: each[name] for label, each in properties.items()})
-        for name in ("width", "depth")
-    )
+    widths, depths = (sketch.vector_values("river", name) for name in ("width", "depth"))
     default = float(LAYERS["river"].parameters["width"].default)
     return np.where(widths > 0.0, np.maximum(widths, 0.5), default), depths
 
 
 def _course_id(layer: VectorLayer, lines: Int64Array, taken: set[int]) -> int:
     """Return the id of a course: that of its first line, with a number if another one has it."""
-    name = LAYER_CODES["river"] << 48 | VECTOR_BIT | int(layer.ids[lines[0]])
+    name = id_of_vector("river", int(layer.ids[lines[0]]))
     while name in taken:
         name += 1 << 31
     taken.add(name)
@@ -334,12 +335,16 @@ def _smooth_sizes(sizes: Float64Array, arc: Float64Array) -> tuple[Float64Array,
     """Return widths and depths along a course, (m,) each, without steps."""
     if (sizes == sizes[0]).all():
         return sizes[:, 0].copy(), sizes[:, 1].copy()
-    even = np.linspace(0.0, arc[-1], max(len(arc), 2))
-    at_even = np.stack([np.interp(even, arc, column) for column in sizes.T], axis=-1)
-    sigma = _WIDTH_BLUR * float(sizes[:, 0].mean()) / max(float(even[1]), 1e-9)
-    blurred = smoothed(at_even, sigma)
-    width, depth = (np.interp(arc, even, column) for column in blurred.T)
+    width, depth = _blurred_along(sizes, arc, _WIDTH_BLUR * float(sizes[:, 0].mean()))
     return width, depth
+
+
+def _blurred_along(values: Float64Array, arc: Float64Array, distance: float) -> list[Float64Array]:
+    """Return columns of values (m, c) at some lengths along a course, blurred over a distance (m)."""
+    even = np.linspace(0.0, arc[-1], len(arc))
+    at_even = np.stack([np.interp(even, arc, column) for column in values.T], axis=-1)
+    blurred = smoothed(at_even, distance / max(float(even[1]), 1e-9))
+    return [np.interp(arc, even, column) for column in blurred.T]
 
 
 def _exit(sketch: Sketch, path: Float64Array, width: float) -> tuple[float, float] | None:
@@ -347,20 +352,9 @@ def _exit(sketch: Sketch, path: Float64Array, width: float) -> tuple[float, floa
     end = path[-1]
     back = path[np.searchsorted(-arc_length(path[::-1])[::-1], -8.0 * sketch.pixel_size)]
     run = end - (back if (back != end).any() else path[-2])
-    run = run / np.sqrt((run**2).sum())
-    gap = 0.5 * width + _EDGE_GAP * sketch.pixel_size
     east, north = sketch.size
-    edges = (
-        (end[1], (0.0, -1.0)),
-        (east - end[0], (1.0, 0.0)),
-        (north - end[1], (0.0, 1.0)),
-        (end[0], (-1.0, 0.0)),
-    )
-    towards = [
-        (float(normal @ run), each) for away, each in edges if away <= gap for normal in (np.array(each),)
-    ]
-    steepest = max(towards, default=(0.0, None), key=lambda each: each[0])
-    return steepest[1] if steepest[0] > _LEAST_EXIT else None
+    gaps = end[1], east - end[0], north - end[1], end[0]
+    return edge_normal(gaps, run[0], run[1], 0.5 * width + EDGE_GAP * sketch.pixel_size)
 
 
 def areas_with_axes(layer: VectorLayer) -> BoolArray:
@@ -372,23 +366,23 @@ def areas_with_axes(layer: VectorLayer) -> BoolArray:
     lines = shapes[layer.kinds == LINE]
     if not (areas.any() and len(lines)):
         return np.zeros(len(layer), np.bool_)
-    found, _ = shapely.STRtree(lines).query(shapes[areas], predicate="crosses")
-    within, _ = shapely.STRtree(lines).query(shapes[areas], predicate="contains")
+    tree = shapely.STRtree(lines)
+    found, within = (tree.query(shapes[areas], predicate=each)[0] for each in ("crosses", "contains"))
     has_axis = np.zeros(len(layer), np.bool_)
     has_axis[np.flatnonzero(areas)[np.union1d(found, within)]] = True
     return has_axis
 
 
-def with_banks(course: RiverCourse, areas: npt.NDArray[np.object_]) -> RiverCourse:
-    """Return a course in the middle of the areas (shapely) that it runs through, as wide as they are.
+def with_banks(course: RiverCourse, areas: shapely.STRtree) -> RiverCourse:
+    """Return a course in the middle of the areas that it runs through, as wide as they are.
 
     The line is the axis that carries the river's profile, the area bounds its surface (Bruneton & Neyret
     2008, section 3.1).
     """
     import shapely
 
-    here = shapely.STRtree(areas).query(shapely.linestrings(course.line), predicate="intersects")
-    area = shapely.union_all(areas[here])
+    here = areas.query(shapely.linestrings(course.line), predicate="intersects")
+    area = shapely.union_all(areas.geometries[here])
     points = shapely.points(course.line)
     inside = shapely.contains_xy(area, *course.line.T)
     if not inside.any():
@@ -402,11 +396,8 @@ def with_banks(course: RiverCourse, areas: npt.NDArray[np.object_]) -> RiverCour
         rays = shapely.linestrings(np.stack([course.line, far], axis=1))
         sides[:, side] = shapely.distance(points, shapely.intersection(rays, area.boundary))
     sides = np.where(inside[:, None] & np.isfinite(sides), sides, 0.5 * course.width[:, None])
-    arc = arc_length(course.line)
-    even = np.linspace(0.0, arc[-1], len(arc))
-    at_even = np.stack([np.interp(even, arc, column) for column in sides.T], axis=-1)
-    sigma = _BANK_BLUR * float(sides.sum(axis=1).mean()) / max(float(even[1]), 1e-9)
-    left, right = (np.interp(arc, even, column) for column in smoothed(at_even, sigma).T)
+    distance = _BANK_BLUR * float(sides.sum(axis=1).mean())
+    left, right = _blurred_along(sides, arc_length(course.line), distance)
     moved = rounded(course.line + (0.5 * (left - right))[:, None] * across)
     if course.parent is not None:
         moved[-1] = course.line[-1]

@@ -315,9 +315,8 @@ def measure_adherence(terrain: Terrain) -> Adherence:
     painted shapes differs from the height without them by more than a quarter of the height that is built for
     them. Mountains and hills are removed on the same drainage network. Forests have no height: theirs is
     where the tree cover differs by more than a quarter of the label's density. Troughs between dune crests at
-    most a wavelength apart count as dunes. Lakes and rivers are standing water; vectors
-    are measured as if they were painted, and lines also by their distance. Every pixel belongs to the
-    nearest painted shape.
+    most a wavelength apart count as dunes. Lakes and rivers are standing water; vectors are measured as if
+    they were painted, and lines also by their distance. Every pixel belongs to the nearest painted shape.
     """
     sampled = SampledTerrain.evaluate(terrain)
     measured = {

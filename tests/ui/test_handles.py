@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sketchterrain.document.layers import LAYERS, VECTOR_BIT
+from sketchterrain.document.layers import id_of_vector
 from sketchterrain.placement.feature_types import FEATURE, FILL_BIT, lake_centre
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.selection import FeatureDrag, Handle, handles_of, select_at
@@ -49,8 +49,7 @@ def test_a_click_in_water_selects_the_river_or_lake(placed):
 
 
 def test_water_that_a_vector_made_selects_the_vector(placed):
-    code = LAYERS["river"].code << 48
-    river = dataclasses.replace(placed.rivers[0], id=code | VECTOR_BIT | 7)
+    river = dataclasses.replace(placed.rivers[0], id=id_of_vector("river", 7))
     x, y = river.centreline[9, :2]
     found = select_at(Placement(1, placed.points[:0], (river,), ()), x, y, reach=0.0)
     assert found == Selection("river", 7)

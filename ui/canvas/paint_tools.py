@@ -6,8 +6,7 @@ from PyQt6.QtCore import QPointF, QRectF, QSizeF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen, QPolygonF
 
 from sketchterrain.document.layers import LAYERS
-from sketchterrain.document.vector_edits import on_grid
-from sketchterrain.document.vectors import AREA, LINE, VectorFeature
+from sketchterrain.document.vectors import AREA, LINE, VectorFeature, on_grid
 from sketchterrain.errors import InputError
 from sketchterrain.hydrology.splines import drop_repeats
 from sketchterrain.placement.heights import ShapeHeight, shape_height

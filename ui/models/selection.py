@@ -8,7 +8,8 @@ import numpy as np
 from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.document.layers import LAYERS, layer_of, vector_of
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vector_edits import nearest_vertex, on_grid
+from sketchterrain.document.vector_edits import nearest_vertex
+from sketchterrain.document.vectors import on_grid
 from sketchterrain.errors import InputError
 from sketchterrain.placement.feature_types import FEATURE_TYPES, River, distance_inside, height_profile
 from sketchterrain.ui import commands

@@ -14,7 +14,7 @@ from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document import vector_edits as edits
 from sketchterrain.document.layers import DRAW_ORDER, LAYERS
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import LINE, VECTOR_LAYERS, VectorFeature, VectorLayer
+from sketchterrain.document.vectors import LINE, VECTOR_LAYERS, VectorFeature, VectorLayer, on_grid
 from sketchterrain.errors import InputError
 from sketchterrain.hydrology.splines import cubics
 from sketchterrain.ui.commands import with_vectors
@@ -130,7 +130,7 @@ def nearest_place(layer: VectorLayer, index: int, x: float, y: float) -> tuple[i
 
 
 def _pair(place: Float64Array) -> tuple[float, float]:
-    x, y = edits.on_grid(place).tolist()
+    x, y = on_grid(place).tolist()
     return x, y
 
 
@@ -138,8 +138,7 @@ def widths_of(sketch: Sketch, layer: VectorLayer) -> Float64Array:
     """Return the width of each line of a layer (m), 0 of the rest."""
     if "width" not in LAYERS[layer.layer].parameters:
         return np.zeros(len(layer))
-    labels = {label: sketch.properties(layer.layer, label)["width"] for label in set(layer.labels.tolist())}
-    return np.where(layer.kinds == LINE, layer.values("width", labels), 0.0)
+    return np.where(layer.kinds == LINE, sketch.vector_values(layer.layer, "width"), 0.0)
 
 
 def find_vector(sketch: Sketch, selection: Selection | None) -> VectorFeature | None:

@@ -22,7 +22,7 @@ from sketchterrain.placement.fill import Fill
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.centrelines import PreparedCentreline
 from sketchterrain.terrain.changes import EVERYWHERE
-from sketchterrain.terrain.layers import corridors
+from sketchterrain.terrain.layers import corridors, relief
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.dunes import DunesLayer
 from sketchterrain.terrain.layers.layer import TerrainLayer, WorldSettings
@@ -213,8 +213,12 @@ def feature_part(column: str) -> Part:
         has_it = (painted[column] > 0) & ~np.isin(painted["type"], relief)
         has_it = has_it if has_it.any() else painted[column] > 0
         of_one = painted[painted["type"] == painted["type"][np.argmax(has_it)]]
+        if column == "id":  # stays unique and sorted
+            of_one = of_one[~np.isin(of_one["id"] + 1, painted["id"])]
+            others = of_one["id"][:1] + 1
+        else:
+            others = of_one[column][of_one[column] != of_one[column][0]]
         row = int(np.searchsorted(painted["id"], of_one["id"][0]))
-        others = of_one[column][of_one[column] != of_one[column][0]]
         painted[column][row] = others[0] if len(others) else other_value(of_one[column][0])
         return recipe.with_layers([replace(recipe.points, painted=painted)])
 
@@ -228,7 +232,7 @@ def feature_part(column: str) -> Part:
 
         patch.setattr(row_differences, "_words", without)
 
-    has_effect = column not in {"painted", "peakiness", "erosion", "strata"}
+    has_effect = column not in {"id", "painted", "peakiness", "erosion", "strata"}
     return Part(f"points.{column}", changed, plant, has_effect, lambda recipe: recipe.points.painted[column])
 
 
@@ -400,9 +404,11 @@ def wrong(terrain: Terrain, recipe: TerrainRecipe, expected: dict[str, Samples])
 
 @tiers("share", [0], range(_SHARES))
 def test_a_part_that_is_left_out_is_noticed(terrain, share, monkeypatch) -> None:
-    # Nodes of the painted region are not left out of unpainted ground: a moved region has gaps.
+    # Nodes of the painted region are not left out of unpainted ground, also not in its cache on disk: a moved
+    # region has gaps.
     window = UnpaintedNodes.window
     monkeypatch.setattr(UnpaintedNodes, "window", lambda nodes, *at, painted: window(nodes, *at))
+    monkeypatch.setattr(relief, "_disk_cache", lambda settings: None)
     lines = []
     for part in parts_of(terrain.recipe)[share::_SHARES]:
         recipe = part.changed(terrain.recipe)

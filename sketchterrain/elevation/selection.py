@@ -59,6 +59,7 @@ class Patchwork:
         self._corners = np.concatenate([each.corners for each in parts]) if parts else np.zeros((0, 4, 2))
         self._tops: _Tops | None = None
         self._for_cells = LRUCache(_CACHED)
+        self._surfaces = LRUCache(_CACHED)
 
     @property
     def tops(self) -> _Tops:
@@ -128,6 +129,12 @@ class Patchwork:
         error = cell_size / CELL_ERRORS
         kept: Int64Array = which[((patches.error <= error) | is_best) & (error < top)]
         return kept
+
+    def surface_for_cells(self, cell_size: float) -> PatchSurface:
+        """Return the surface for samples `cell_size` (m) apart."""
+        return self._surfaces.get_or_compute(
+            cell_size, lambda: self.surface(self.cover_for_cells(cell_size))
+        )
 
     def _without_fine_levels(self, lowest: Int64Array) -> tuple[Int64Array, Patches, _Tops]:
         """Return the patches from each grid's lowest level on, and their tops."""

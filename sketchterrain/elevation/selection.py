@@ -132,9 +132,7 @@ class Patchwork:
 
     def surface_for_cells(self, cell_size: float) -> PatchSurface:
         """Return the surface for samples `cell_size` (m) apart."""
-        return self._surfaces.get_or_compute(
-            cell_size, lambda: self.surface(self.cover_for_cells(cell_size))
-        )
+        return self._surfaces.get_or_compute(cell_size, lambda: self.surface(self.cover_for_cells(cell_size)))
 
     def _without_fine_levels(self, lowest: Int64Array) -> tuple[Int64Array, Patches, _Tops]:
         """Return the patches from each grid's lowest level on, and their tops."""
@@ -185,6 +183,25 @@ class Patchwork:
 
     def surface(self, which: Int64Array, *, wendland: bool = False) -> PatchSurface:
         """Return the surface of some patches, as of `cover`; by the paper's weights if `wendland`."""
+        return PatchSurface(self.slots(which), self.reach[which], wendland=wendland)
+
+    @property
+    def reach(self) -> Float64Array:
+        """West, south, east and north (n, 4) of what each patch reaches, m."""
+        return self._table().reach
+
+    @property
+    def error(self) -> Float64Array:
+        """Error (m) of each patch."""
+        return self._table().error
+
+    @property
+    def accuracy(self) -> float:
+        """The largest error (m) of samples of any grid."""
+        return max(each.accuracy for each in self.grids.values())
+
+    def slots(self, which: Int64Array) -> PatchSlots:
+        """Return what evaluating some patches reads."""
         patches, parts = subset(self._table(), which), list(self.grids.values())
         coefficients = np.empty((len(which), COEFFICIENTS, COEFFICIENTS), np.float32)
         mask_of = np.where(patches.has_mask, np.cumsum(patches.has_mask) - 1, -1)
@@ -196,17 +213,18 @@ class Patchwork:
             coefficients[slot] = part.coefficients[level][window]
             if mask_of[slot] >= 0:
                 masks[mask_of[slot]] = part.masks[level][window]
-        slots = PatchSlots(
+        grid = self.grid[which]
+        return PatchSlots(
             centre=patches.centre,
             to_steps=patches.to_steps,
             density=1.0 / patches.step_area,
-            base=np.array([each.base for each in parts])[self.grid[which]],
+            base=np.array([each.base for each in parts])[grid],
+            step=np.array([each.step for each in parts])[grid],
             coefficients=coefficients,
             mask_of=mask_of,
             masks=masks,
             rims=np.column_stack([patches.rim, 2.0**patches.level])[patches.has_mask],
         )
-        return PatchSurface(slots, patches.reach, wendland=wendland)
 
 
 class RimFade(NamedTuple):

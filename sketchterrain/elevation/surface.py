@@ -88,6 +88,7 @@ class Heights(NamedTuple):
     north: Float64Array
     weight: Float64Array  # of the data: 1 between samples, 0 further than 1.5 samples from them, C²
     patches: Float64Array  # number of those that have a weight
+    step: Float64Array  # mean distance of the grids' samples, m; NaN without data
 
 
 class PatchSlots(NamedTuple):
@@ -97,6 +98,7 @@ class PatchSlots(NamedTuple):
     to_steps: Float64Array  # (n, 2, 6)
     density: Float64Array  # 1 / area of a step, 1/m²
     base: Float64Array  # m
+    step: Float64Array  # m: distance of the grid's samples
     coefficients: Float32Array  # (n, 35, 35), m above the base
     mask_of: Int64Array  # index of the mask, -1 where data are all around
     masks: UInt8Array  # (masks, 35, 35)
@@ -125,10 +127,10 @@ class PatchSurface:
         The height and its first two derivatives are continuous where the weight is not 0.
         """
         east, north = np.ascontiguousarray(x, np.float64).ravel(), np.ascontiguousarray(y, np.float64).ravel()
-        found = np.empty((5, len(east)))
+        found = np.empty((6, len(east)))
         fixed = east, north, self._slots, self._index, self._wendland, found
         in_threads(lambda first, last: _evaluate(*fixed, first, last), len(east), _CHUNK)
-        return Heights(*found.reshape(5, *np.shape(x)))
+        return Heights(*found.reshape(6, *np.shape(x)))
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -198,11 +200,11 @@ def _spline(table, p, i, j, wu, du, wv, dv):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def _evaluate(xs, ys, slots, index, wendland, found, first, last):  # type: ignore[no-untyped-def]
     """Evaluate points first … last - 1."""
-    centre, to_steps, density, base, coefficients, mask_of, masks, rims = slots
+    centre, to_steps, density, base, step, coefficients, mask_of, masks, rims = slots
     places, shapes, starts, items = index
     for n in range(first, last):
         total = total_x = total_y = 0.0
-        sum_h = sum_x = sum_y = 0.0
+        sum_h = sum_x = sum_y = sum_step = 0.0
         missing, count = 1.0, 0
         for c in range(len(places)):
             column = math.floor((xs[n] - places[c, 0]) / places[c, 2])
@@ -252,6 +254,7 @@ def _evaluate(xs, ys, slots, index, wendland, found, first, last):  # type: igno
                 missing *= 1.0 - known * _faded(u, 1.0)[0] * _faded(v, 1.0)[0]
                 count += 1
                 total += weight
+                sum_step += weight * step[p]
                 total_x += weight_x
                 total_y += weight_y
                 sum_h += weight * height
@@ -263,7 +266,8 @@ def _evaluate(xs, ys, slots, index, wendland, found, first, last):  # type: igno
             found[1, n] = (sum_x - height * total_x) / total
             found[2, n] = (sum_y - height * total_y) / total
             found[3, n] = min(1.0 - missing, 1.0)
+            found[5, n] = sum_step / total
         else:
-            found[0, n] = found[1, n] = found[2, n] = np.nan
+            found[0, n] = found[1, n] = found[2, n] = found[5, n] = np.nan
             found[3, n] = 0.0
         found[4, n] = count

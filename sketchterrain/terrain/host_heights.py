@@ -13,6 +13,7 @@ import numpy as np
 from sketchterrain.array_types import Float64Array, LatticeArray
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.terrain.lattice import to_lattice
+from sketchterrain.terrain.layers.base import BaseLayer
 from sketchterrain.terrain.layers.layer import HostSamples, HostSite, effective_cell
 from sketchterrain.terrain.layers.points import PointFinder
 from sketchterrain.terrain.layers.relief import ReliefLayer
@@ -39,7 +40,7 @@ class HostTerrain:
     ) -> HostSamples:
         """Return the terrain at lattice positions of shape (n,), with or without the mask of forests."""
         site = self._site(x, y, cell_size, masks=masks)
-        ground = HostSamples(**{each.name: np.zeros(x.shape) for each in fields(HostSamples)})
+        ground = self._ground(x)
         for layer in self._recipe.layers:
             ground = layer.heights(ground, site)
         beside = _INVERSE_WET * (ground.water - _DRY_WATER)
@@ -50,7 +51,12 @@ class HostTerrain:
 
         Slopes of gullies are taken with the direction of each wave held constant, as the filter takes them.
         """
-        return self._recipe[ReliefLayer].eroded(self._site(x, y, cell_size))[0]
+        site = self._site(x, y, cell_size)
+        self._recipe[BaseLayer].heights(self._ground(x), site)
+        return self._recipe[ReliefLayer].eroded(site)
+
+    def _ground(self, x: LatticeArray) -> HostSamples:
+        return HostSamples(**{each.name: np.zeros(x.shape) for each in fields(HostSamples)})
 
     def _site(self, x: LatticeArray, y: LatticeArray, cell_size: float, *, masks: bool = False) -> HostSite:
         return HostSite(

@@ -23,6 +23,7 @@ from sketchterrain.array_types import (
 from sketchterrain.caching import LRUCache
 from sketchterrain.io.disk_cache import RecordCache
 from sketchterrain.io.resources import kernel_constants
+from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.layers.layer import ITEM, content_items
 
 NODE_BITS = int(kernel_constants("layers/relief.clh", "NODE_BITS")[0])
@@ -156,17 +157,20 @@ def _smoothed(values: Float64Array) -> Float64Array:
 
 
 class NodeWindow(NamedTuple):
-    """Heights (m), rock and wetness (0 … 255) of a window of nodes as they are read, (rows, columns)."""
+    """Nodes as they are read, (rows, columns): heights (m), rock and wetness (0 … 255), weights of a base."""
 
     height: Float32Array
     rock: UInt8Array
     wetness: UInt8Array
+    base: Float32Array  # 0 … 1; empty without a base
 
 
 CHUNK_RECORD: np.dtype[np.void] = np.dtype(
-    [(name, kind, (CHUNK, CHUNK)) for name, kind in zip(NodeWindow._fields, ("f4", "u1", "u1"), strict=True)]
+    [(name, kind, (CHUNK, CHUNK)) for name, kind in (("height", "f4"), ("rock", "u1"), ("wetness", "u1"))]
 )
 """A chunk of unpainted nodes in a cache on disk."""
+
+_NO_BASE = np.zeros((0, 0), np.float32)
 
 
 class NodeReader:
@@ -178,9 +182,11 @@ class NodeReader:
         painted: DrainedRaster | None,
         chunks: LRUCache | None = None,
         disk: RecordCache | None = None,
+        base: BaseGround | None = None,
     ) -> None:
         self._source = source
         self._painted = painted
+        self._base = base
         self._disk = disk
         self._chunks = LRUCache(max_bytes=_MAX_CHUNKS_BYTES) if chunks is None else chunks
 
@@ -195,6 +201,7 @@ class NodeReader:
                 if not _touches(boxes, *key)
             ),
             self._disk,
+            self._base,
         )
 
     def chunks(self, level: int, places: LatticeArray) -> list[NodeWindow]:
@@ -224,8 +231,8 @@ class NodeReader:
         content = self._disk.get(self._disk_key(key)) if chunk is None and self._disk is not None else None
         if content is not None:
             record = np.frombuffer(bytearray(content), CHUNK_RECORD)
-            chunk = NodeWindow._make(record[name][0] for name in NodeWindow._fields)
-            self._chunks.store(key, self._painted_over(chunk, key))
+            nodes = [record[name][0] for name in ("height", "rock", "wetness")]
+            chunk = self._chunks.store(key, self._finished(nodes, key))
         return chunk
 
     def _disk_key(self, key: tuple[int, int, int]) -> tuple[int, int, int, int]:
@@ -238,15 +245,15 @@ class NodeReader:
         whole = not self._painted_at(level)
         nodes = self._source.window(level, *corner, rows * CHUNK, columns * CHUNK, painted=whole)
         shares = [np.rint(np.clip(each, 0, 1) * 255).astype(np.uint8) for each in (nodes.rock, nodes.wetness)]
-        window = NodeWindow(nodes.height.astype(np.float32), *shares)
+        window: list[npt.NDArray[Any]] = [nodes.height.astype(np.float32), *shares]
         chunks, records = [], {}
         for r in range(rows):
             for c in range(columns):
                 part = np.s_[r * CHUNK : (r + 1) * CHUNK, c * CHUNK : (c + 1) * CHUNK]
-                own = NodeWindow._make(each[part].copy() for each in window)
+                own = [each[part].copy() for each in window]
                 key = level, int(low[0]) + c, int(low[1]) + r
                 records[self._disk_key(key)] = b"".join(each.tobytes() for each in own)
-                chunks.append(self._chunks.store(key, self._painted_over(own, key)))
+                chunks.append(self._chunks.store(key, self._finished(own, key)))
         if self._disk is not None:
             self._disk.add(records)
         return chunks
@@ -254,9 +261,22 @@ class NodeReader:
     def _painted_at(self, level: int) -> tuple[PaintedNodes, ...]:
         return self._painted.levels[level : level + 1] if self._painted is not None else ()
 
-    def _painted_over(self, chunk: NodeWindow, key: tuple[int, int, int]) -> NodeWindow:
-        """Return a chunk with the painted nodes in it (in place)."""
-        height, *shares = chunk
+    def _finished(self, unpainted: list[npt.NDArray[Any]], key: tuple[int, int, int]) -> NodeWindow:
+        """Return a chunk of unpainted nodes (in place) without those of a base, and with painted ones."""
+        height, rock, wetness = unpainted
+        weight = _NO_BASE
+        if self._base is not None:
+            data = self._base.window(key[0], CHUNK * key[1], CHUNK * key[2], CHUNK, CHUNK)
+            weight, free = data.weight, 1.0 - data.weight.astype(np.float64)
+            height *= free
+            rock[...] = np.rint(free * rock + 255.0 * data.weight * data.rock)
+        chunk = NodeWindow(height, rock, wetness, weight)
+        self._paint_over(chunk, key)
+        return chunk
+
+    def _paint_over(self, chunk: NodeWindow, key: tuple[int, int, int]) -> None:
+        """Write the painted nodes into a chunk."""
+        height, *shares, _ = chunk
         for own in self._painted_at(key[0]):
             south, west = own.row - CHUNK * key[2], own.column - CHUNK * key[1]
             h, w = own.height.shape
@@ -268,7 +288,6 @@ class NodeReader:
             target[inside] = z[inside]
             for share, painted_share in zip(shares, (own.rock, own.wetness), strict=True):
                 share[here][inside] = painted_share[there][: target.shape[0], : target.shape[1]][inside]
-        return chunk
 
     def window(self, level: int, column: int, row: int, rows: int, columns: int) -> NodeWindow:
         """Return the nodes of a window, from chunks."""
@@ -283,13 +302,16 @@ class NodeReader:
         """Return chunks (n, 2) in one window from ``low`` to ``high``, with heights of NaN elsewhere."""
         width, count = ((high - low + 1) * CHUNK).tolist()
         height, shares = np.full((count, width), np.nan, np.float32), np.zeros((2, count, width), np.uint8)
-        window = NodeWindow(height, *shares)
+        weight = _NO_BASE if self._base is None else np.zeros(height.shape, np.float32)
+        window = NodeWindow(height, shares[0], shares[1], weight)
         for (column, row), chunk in zip(
             ((places - low) * CHUNK).tolist(), self.chunks(level, places), strict=True
         ):
             part = np.s_[row : row + CHUNK, column : column + CHUNK]
             window.height[part] = chunk.height
             window.rock[part], window.wetness[part] = chunk.rock, chunk.wetness
+            if self._base is not None:
+                window.base[part] = chunk.base
         return window
 
 

@@ -8,6 +8,7 @@ from sketchterrain.placement.feature_types import Cover, Lake, River
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.plateaus import Plateau
 from sketchterrain.placement.sea import Sea
+from sketchterrain.terrain.layers.base import BaseLayer
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.layers.dunes import DunesLayer
@@ -42,6 +43,7 @@ def layer_stack(
     points = PointsLayer(painted, fill)
     return (
         points,
+        BaseLayer(None if relief.base is None else relief.base.base),
         relief,
         ForestsLayer(),
         DunesLayer(points.dune_styles),

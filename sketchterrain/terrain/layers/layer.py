@@ -116,6 +116,7 @@ class HostSite:
     finder: Any = None  # ``PointFinder`` of the recipe, if there is one already
     nodes: Any = None  # ``NodeReader`` of the recipe, if there is one already
     points: Any = None  # ``PointSite``: what the layer of points leaves to those above it
+    base: Any = None  # ``Heights`` of elevation data; None without a base
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from importlib.resources import files
@@ -14,6 +15,7 @@ from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArra
 from sketchterrain.caching import LRUCache
 from sketchterrain.io.disk_cache import RecordCache
 from sketchterrain.io.resources import kernel_constants
+from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.layer import (
     ITEM,
@@ -137,11 +139,12 @@ class ReliefLayer(TerrainLayer):
 
     unpainted: NodeSource
     painted: DrainedRaster | None = field(default=None, metadata=ITEMS)
+    base: BaseGround | None = None
 
     def reader(self) -> NodeReader:
         """Return a reader of its nodes with an empty cache."""
         disk = _disk_cache(self.unpainted.settings) if isinstance(self.unpainted, UnpaintedNodes) else None
-        return NodeReader(self.unpainted, self.painted, disk=disk)
+        return NodeReader(self.unpainted, self.painted, disk=disk, base=self.base)
 
     def stacks(self, world: WorldSettings) -> tuple[NoiseStack, ...]:
         """Return the noises of displacement, gullies and roughness."""
@@ -257,20 +260,25 @@ class ReliefLayer(TerrainLayer):
     def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:
         """Return the ground with its gullies and roughness."""
         scale, octaves = self.scale(site.sampling.world), site.sampling.octaves
-        rise, rock, wet = self.eroded(site)
+        rise, rock, wet, free = self._eroded(site)
         steep = np.hypot(rise.east, rise.north)
-        depth = scale.detail_depth * (_SMOOTH + (1 - _SMOOTH) * rock) * _depth(steep)
+        depth = free * scale.detail_depth * (_SMOOTH + (1 - _SMOOTH) * rock) * _depth(steep)
         rough = depth * fbm(octaves, "detail", site.x, site.y)
         return replace(ground, height=rise.value + rough, mountain=rock, wetness=wet)
 
-    def eroded(self, site: HostSite) -> tuple[ValueSlope, Float64Array, Float64Array]:
-        """Return the splines with their gullies, without roughness, the share of rock, and the wetness."""
-        rise, rock, wet = self.smooth(site)
+    def eroded(self, site: HostSite) -> ValueSlope:
+        """Return the splines with their gullies, without roughness."""
+        return self._eroded(site)[0]
+
+    def _eroded(self, site: HostSite) -> tuple[ValueSlope, Float64Array, Float64Array, Float64Array]:
+        """Return the splines with their gullies, the share of rock, the wetness, and that without data."""
+        rise, rock, wet, data = self.smooth(site)
+        free = np.maximum(1.0 - data, 0.0)
         noise = fbm(site.sampling.octaves, "bend_u", site.x, site.y)
         patches = np.clip(_PATCHY_MEAN + _PATCHY * noise, _PATCHY_LEAST, 1)
-        erosion = (_GENTLE_GULLIES + (1 - _GENTLE_GULLIES) * rock) * patches
+        erosion = free * (_GENTLE_GULLIES + (1 - _GENTLE_GULLIES) * rock) * patches
         cut = gullies(self.scale(site.sampling.world), site.sampling.octaves, site, rise, erosion)
-        return ValueSlope(*(a + b for a, b in zip(rise, cut, strict=True))), rock, wet
+        return ValueSlope(*(a + b for a, b in zip(rise, cut, strict=True))), rock, wet, free
 
     def displaced(self, at: Float64Array, world: WorldSettings, octaves: OctaveTable) -> Float64Array:
         """Return where nodes at positions (n, 2), m, appear: nodes are read at displaced positions."""
@@ -280,8 +288,11 @@ class ReliefLayer(TerrainLayer):
             shown = at - bend * np.stack([fbm(octaves, name, x, y) for name in ("bend_u", "bend_v")], axis=-1)
         return np.asarray(shown)
 
-    def smooth(self, site: HostSite) -> tuple[ValueSlope, Float64Array, Float64Array]:
-        """Return the nodes' splines with their slope per metre, the share of rock, and the wetness."""
+    def smooth(self, site: HostSite) -> tuple[ValueSlope, Float64Array, Float64Array, Float64Array]:
+        """Return the nodes' splines with their slope per metre, the share of rock, the wetness, and of data.
+
+        Elevation data are added by their weight.
+        """
         world = site.sampling.world
         level = node_level(site.sampling.cell, world.extent)
         bits = NODE_BITS + level
@@ -295,7 +306,8 @@ class ReliefLayer(TerrainLayer):
         u, v = (np.asarray(fraction[:, i] + np.clip(bends[i].value, -1, 1), np.float64) for i in (0, 1))
         if site.nodes is None:
             site.nodes = self.reader()
-        value, east, north, rock, wet = np.zeros((5, *site.x.shape))
+        height, weight = np.zeros((2, 3, *site.x.shape))
+        rock, wet = np.zeros((2, *site.x.shape))
         chunks, inverse = np.unique(place // CHUNK, axis=0, return_inverse=True)
         order = np.argsort(inverse.ravel(), kind="stable")
         ends = np.searchsorted(inverse.ravel()[order], np.arange(len(chunks) + 1))
@@ -305,20 +317,33 @@ class ReliefLayer(TerrainLayer):
             columns, rows = place[own].max(axis=0) + APRON[1] + 1 - corner
             nodes = site.nodes.window(level, *(int(n) for n in (*corner, rows, columns)))
             column, row = (place[own] - corner).T
-            value[own], east[own], north[own] = _spline(nodes.height, column, row, u[own], v[own])
+            height[:, own] = _spline(nodes.height, column, row, u[own], v[own])
+            if self.base is not None:
+                weight[:, own] = _spline(nodes.base, column, row, u[own], v[own])
             for share, values in ((rock, nodes.rock), (wet, nodes.wetness)):
                 share[own] = _bilinear(values, column, row, u[own], v[own]) / 255
-        bu, bv = bends
-        across = 2.0**-bits
-        return (
-            ValueSlope(
-                value,
-                (east * (across + bu.east) + north * bv.east) / world.unit,
-                (east * bu.north + north * (across + bv.north)) / world.unit,
-            ),
-            rock,
-            wet,
-        )
+        rise, data = (_displaced_slope(each, bends, 2.0**-bits, world.unit) for each in (height, weight))
+        if site.base is not None:
+            inside = data.value > 0.0
+            z = [np.where(inside, each, 0.0) for each in (site.base.height, site.base.east, site.base.north)]
+            rise = ValueSlope(
+                rise.value + data.value * z[0],
+                rise.east + (data.east * z[0] + data.value * z[1]),
+                rise.north + (data.north * z[0] + data.value * z[2]),
+            )
+        return rise, rock, wet, data.value
+
+
+def _displaced_slope(
+    nodes: Float64Array, bends: Sequence[ValueSlope], across: float, unit: float
+) -> ValueSlope:
+    """Return values with slopes per spacing (3, n) with slopes per metre, of nodes displaced by noise."""
+    (value, east, north), (bu, bv) = nodes, bends
+    return ValueSlope(
+        value,
+        (east * (across + bu.east) + north * bv.east) / unit,
+        (east * bu.north + north * (across + bv.north)) / unit,
+    )
 
 
 def _steepness(steep: Float64Array) -> Float64Array:

@@ -134,7 +134,7 @@ class ReliefCuller:
 
 def _extremes(window: NodeWindow) -> tuple[float, ...]:
     """Return the extremes of a window, as of `square_extremes`."""
-    height, *shares = window
+    height, *shares, _ = window
     step = max(float(np.abs(np.diff(height, axis=axis)).max()) for axis in (0, 1))
     return float(height.min()), float(height.max()), step, *(float(each.max()) for each in shares)
 

@@ -1,0 +1,159 @@
+"""Patches of elevation data on a device: those that blocks need, in slots of bounded buffers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from sketchterrain.array_types import Float64Array, Int64Array, LatticeArray
+from sketchterrain.caching import LRUCache
+from sketchterrain.elevation.patches import COEFFICIENTS
+from sketchterrain.terrain.changes import LayerChange
+from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culled
+from sketchterrain.terrain.index import BoxIndex, item_lists
+from sketchterrain.terrain.layers.base import ROW_VALUES, BaseLayer, pack_rows
+from sketchterrain.terrain.layers.layer import Sampling, TerrainLayer, WorldSettings
+from sketchterrain.terrain.noise import FINEST_CELL
+
+if TYPE_CHECKING:
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.elevation.selection import Patchwork
+
+SLOTS: Final = 8192
+"""Patches on a device, 50 MB; more only if one launch needs them."""
+
+_ROUNDING = 2  # lattice units
+
+
+@dataclass(frozen=True, eq=False)
+class NearPatches:
+    """Bounds of the patches near n blocks, m."""
+
+    low: Float64Array
+    high: Float64Array
+    error: Float64Array  # of patches that full detail has finer ones for
+
+
+@dataclass(frozen=True, eq=False)
+class _Cover:
+    """The patches for a cell size: the largest first, then by number, as they are summed."""
+
+    numbers: Int64Array
+    error: Float64Array  # m; 0 for those of full detail
+    index: BoxIndex
+
+
+class BaseCuller:
+    """Patches of elevation data that blocks need; they stay on the device until others take their slots."""
+
+    def __init__(self, layer: BaseLayer, context: ComputeContext, world: WorldSettings) -> None:
+        self._base = layer.base
+        self._context = context
+        self._world = world
+        self._covers = LRUCache(MAX_CELL_SIZES)
+        self._slots: PatchSlotBuffers | None = None
+
+    def updated(self, layer: TerrainLayer, change: LayerChange) -> BaseCuller:
+        """Return itself: other data are another key."""
+        del layer, change
+        return self
+
+    def cull(self, blocks: LatticeArray, sampling: Sampling, around: LatticeArray | None = None) -> Culled:
+        """Return the patches that reach blocks (n, 4)."""
+        del around
+        if self._slots is None:
+            work = None if self._base is None else self._base.patchwork
+            self._slots = PatchSlotBuffers(work, self._context, self._world.unit)
+        if self._base is None:
+            lists = {"base_starts": np.zeros(len(blocks) + 1, np.int32), "base_list": np.zeros(0, np.int32)}
+            return Culled(self._slots.buffers, lists, None)
+        work = self._base.patchwork
+        cover = self._covers.get_or_compute(sampling.cell, lambda: self._cover(work, sampling.cell))
+        starts, members = item_lists(cover.index, blocks)
+        used, position = np.unique(members, return_inverse=True)
+        slots = self._slots.place(cover.numbers[used])
+        low, high, error = np.zeros((3, len(blocks)))
+        filled = np.flatnonzero(np.diff(starts))
+        if len(filled):
+            first = starts[filled]
+            low[filled] = np.minimum.reduceat(self._slots.low[slots][position], first)
+            high[filled] = np.maximum.reduceat(self._slots.high[slots][position], first)
+            error[filled] = np.maximum.reduceat(cover.error[members], first)
+        lists = {"base_starts": starts, "base_list": slots[position].astype(np.int32)}
+        return Culled(self._slots.buffers, lists, NearPatches(low, high, error))
+
+    def _cover(self, work: Patchwork, cell: float) -> _Cover:
+        numbers, reach = work.cover_for_cells(cell), work.reach
+        side = np.maximum(reach[numbers, 2] - reach[numbers, 0], reach[numbers, 3] - reach[numbers, 1])
+        numbers = numbers[np.lexsort((numbers, -np.ceil(np.log2(side))))]
+        full = np.isin(numbers, work.cover_for_cells(FINEST_CELL))
+        boxes = reach[numbers] / self._world.unit
+        low, high = np.floor(boxes[:, :2]) - _ROUNDING, np.ceil(boxes[:, 2:]) + _ROUNDING
+        index = BoxIndex(np.concatenate([low, high], axis=1).astype(np.int64))
+        return _Cover(numbers, np.where(full, 0.0, work.error[numbers] + work.accuracy), index)
+
+
+class PatchSlotBuffers:
+    """Buffers of patches by slot, the names of the kernels' arguments; slots are reused in a ring."""
+
+    def __init__(self, work: Patchwork | None, context: ComputeContext, unit: float) -> None:
+        self._work, self._context, self._unit = work, context, unit
+        self._slot_of: dict[int, int] = {}
+        self._allocate(SLOTS if work is not None else 1)
+
+    def _allocate(self, count: int) -> None:
+        side, real = COEFFICIENTS, self._context.real_dtype
+        self._slot_of.clear()
+        self._held = np.full(count, -1)  # numbers of the patches
+        self._next = 0
+        self.low, self.high = np.zeros((2, count))  # m
+        self._arrays: dict[str, tuple[tuple[int, ...], Any]] = {
+            "base_at": ((2,), np.int64),
+            "base_row": ((ROW_VALUES,), real),
+            "base_spline": ((side, side), np.float32),
+            "base_mask": ((side, side), np.uint8),
+        }
+        self.buffers = {
+            name: self._context.empty((count, *shape), kind) for name, (shape, kind) in self._arrays.items()
+        }
+
+    def place(self, numbers: Int64Array) -> Int64Array:
+        """Return the slots of patches, each once; what is missing is uploaded."""
+        if len(numbers) > len(self._held):
+            self._allocate(2 * len(numbers))
+        slots = np.array([self._slot_of.get(number, -1) for number in numbers.tolist()], np.int64)
+        missing = np.flatnonzero(slots < 0)
+        if len(missing):
+            free = np.ones(len(self._held), np.bool_)
+            free[slots[slots >= 0]] = False
+            ring = (np.arange(len(free)) + self._next) % len(free)
+            taken = np.sort(ring[free[ring]][: len(missing)])
+            self._next = int(ring[np.flatnonzero(free[ring])[len(missing) - 1]]) + 1
+            self._upload(numbers[missing], taken)
+            slots[missing] = taken
+        return slots
+
+    def _upload(self, numbers: Int64Array, slots: Int64Array) -> None:
+        assert self._work is not None  # noqa: S101 # there are patches
+        for old in self._held[slots].tolist():
+            self._slot_of.pop(old, None)
+        self._held[slots] = numbers
+        self._slot_of.update(zip(numbers.tolist(), slots.tolist(), strict=True))
+        patches = self._work.slots(numbers)
+        at, row = pack_rows(patches, self._unit)
+        height = patches.base[:, None] + patches.coefficients.reshape(len(at), -1)
+        self.low[slots], self.high[slots] = height.min(axis=1), height.max(axis=1)
+        mask = np.zeros(patches.coefficients.shape, np.uint8)
+        mask[patches.mask_of >= 0] = patches.masks[patches.mask_of[patches.mask_of >= 0]]
+        values = {"base_at": at, "base_row": row, "base_spline": patches.coefficients, "base_mask": mask}
+        ends = [0, *(np.flatnonzero(np.diff(slots) != 1) + 1).tolist(), len(slots)]
+        for name, array in values.items():
+            shape, kind = self._arrays[name]
+            stride = int(np.prod(shape)) * np.dtype(kind).itemsize
+            part = np.ascontiguousarray(array, kind)
+            for first, last in pairwise(ends):
+                start = int(slots[first]) * stride
+                self._context.upload_into(self.buffers[name], part[first:last], start=start)

@@ -61,11 +61,10 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.unpainted import UnpaintedGround
 
 _HEADER: Final = "layers/relief.clh"
-_GENTLE_GULLIES, _SMOOTH, _LEVEL, _SLOPE_LIMIT, _PATCHY, _PATCHY_MEAN, _PATCHY_LEAST = kernel_constants(
-    _HEADER,
-    *("GENTLE_GULLIES", "SMOOTH_GROUND", "LEVEL_GROUND", "SLOPE_LIMIT"),
-    *("PATCHY", "PATCHY_MEAN", "PATCHY_LEAST"),
+_GENTLE_GULLIES, _SMOOTH, _LEVEL, _SLOPE_LIMIT, _ROUNDED_UP = kernel_constants(
+    _HEADER, "GENTLE_GULLIES", "SMOOTH_GROUND", "LEVEL_GROUND", "SLOPE_LIMIT", "ROUNDED_UP"
 )
+_PATCHY, _PATCHY_MEAN, _PATCHY_LEAST = kernel_constants(_HEADER, "PATCHY", "PATCHY_MEAN", "PATCHY_LEAST")
 _TALUS, _WAVES, _PIVOT, _FEED, _CALM, _SHARP, _GENTLE = kernel_constants(
     "layers/erosion.clh", "TALUS", "WAVES", "PIVOT", "FEED", "CALM", "SHARP", "GENTLE"
 )
@@ -273,7 +272,7 @@ class ReliefLayer(TerrainLayer):
     def _eroded(self, site: HostSite) -> tuple[ValueSlope, Float64Array, Float64Array, Float64Array]:
         """Return the splines with their gullies, the share of rock, the wetness, and that without data."""
         rise, rock, wet, data = self.smooth(site)
-        free = np.maximum(1.0 - data, 0.0)
+        free = np.maximum(1.0 - _ROUNDED_UP * data, 0.0)
         noise = fbm(site.sampling.octaves, "bend_u", site.x, site.y)
         patches = np.clip(_PATCHY_MEAN + _PATCHY * noise, _PATCHY_LEAST, 1)
         erosion = free * (_GENTLE_GULLIES + (1 - _GENTLE_GULLIES) * rock) * patches

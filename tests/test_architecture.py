@@ -16,7 +16,7 @@ MAY_IMPORT = {
     "caching": set(),
     "io": {"errors"},
     "document": {"errors", "array_types", "caching", "io"},
-    "elevation": BASE - {"document"},
+    "elevation": BASE,
     "placement": BASE,
     "hydrology": BASE | {"placement"},
     "compute": {"errors", "array_types", "io"},

@@ -143,7 +143,7 @@ def raster_source(path: Path, role: str, *, band: int = 1, embed: bool = False) 
     if problem := raster_problem(source):
         raise InputError(problem)
     with wrap_read_errors(path):
-        return embedded(source) if embed else replace(source, sha256=_content_hash(source))
+        return embedded(source) if embed else replace(source, sha256=content_hash(source))
 
 
 def embedded(source: RasterSource) -> RasterSource:
@@ -174,14 +174,15 @@ def raster_problem(source: RasterSource) -> str:
     try:
         if source.content is None and not path.is_file():
             return f"{place}: {'expected a file' if path.exists() else 'the file is missing'}"
-        if source.sha256 and source.sha256 != _content_hash(source):
+        if source.sha256 and source.sha256 != content_hash(source):
             return f"{place}: its content has changed since it was added"
     except OSError as error:
         return f"{place}: cannot be read ({one_line(error.strerror or error)})"
     return ""
 
 
-def _content_hash(source: RasterSource) -> str:
+def content_hash(source: RasterSource) -> str:
+    """Return the SHA-256 of a source's content; a file is hashed once until it changes."""
     if source.content is not None:
         return _hashes.get_or_compute(source.content, sha256(source.content).hexdigest)
     path = Path(source.path)

@@ -29,7 +29,7 @@ MARGIN_SHARE: Final = 0.04
 """Automatic margin, over the shorter side of the data."""
 
 _MOST_MARGIN = 0.4  # over the shorter side: the weight reaches 1 in the middle
-_MOST_NODES = 1 << 23  # of the fade, which has eight along the margin
+_MOST_NODES = 1 << 20  # of the fade, which has eight along the margin
 _LAST = "last patchwork"  # key of the one from which the next is made
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _HGT_SIDES = (1201, 3601)

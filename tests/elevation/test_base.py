@@ -59,7 +59,7 @@ def test_samples_are_returned_in_sketch_metres(fine: RasterSource) -> None:
     x, y = np.meshgrid(np.arange(15.0, 3000.0, 30.0), np.arange(15.0, 3000.0, 30.0))
     assert np.abs(base.heights(x, y, 1e-3).height - ground(x, y)).max() < 1e-3
     assert base.weight(x, y)[5:-5, 5:-5].min() > 1.0 - 1e-9
-    assert base.weight(x, np.full_like(y, -15.0)).max() == 0.0
+    assert base.weight(x, np.full_like(y, -20.0)).max() == 0.0
     assert base.heights(np.zeros(0), np.zeros(0), 1.0).height.shape == (0,)
     assert load_base(on(replace(fine, role="picture")), LRUCache()) is None
 

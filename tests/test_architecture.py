@@ -27,7 +27,7 @@ MAY_IMPORT = {
     "look": CORE,
     "render": CORE | {"tiles", "look"},
     "export": CORE | {"tiles", "look"},
-    "importing": BASE,
+    "importing": BASE | {"elevation"},
 }
 ANYTHING = {"__init__", "__main__", "app", "batch", "benchmarks", "ui", "world"}
 ONLY_IN = {"pyopencl": {"compute"}, "moderngl": {"render"}, "PyQt6": {"ui", "benchmarks"}}

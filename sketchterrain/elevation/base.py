@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from hashlib import blake2b
@@ -120,55 +121,83 @@ def load_base(sketch: Sketch, memory: LRUCache) -> BaseElevation | None:
     InputError
         If a file is missing, has changed or cannot be read; in one line that names the raster.
     """
-    sources = sketch.elevation_rasters
-    if not sources:
+    if not sketch.elevation_rasters:
         return None
-    frame = SketchFrame(sketch.frame["crs"], sketch.frame["east"], sketch.frame["north"])
-    loaded = [_load_grid(source, frame, sketch.frame["vertical"], memory) for source in sources]
+    place = sketch.frame
+    base = combine_rasters(
+        sketch.elevation_rasters,
+        SketchFrame(place["crs"], place["east"], place["north"]),
+        memory,
+        vertical=place["vertical"],
+        margin=sketch.base["margin"],
+    )
+    kernels = [each.patches.patches.kernel for each in base.grids]
+    outside = [
+        (box[:, 2:].max(axis=0) <= 0.0).any() or (box[:, :2].min(axis=0) >= sketch.size).any()
+        for box in kernels
+    ]
+    far = [f"{each.name}: lies outside of the sketch" for each in itertools.compress(base.grids, outside)]
+    return replace(base, findings=(*base.findings, *far)) if far else base
+
+
+def combine_rasters(
+    sources: Sequence[RasterSource],
+    frame: SketchFrame,
+    memory: LRUCache,
+    *,
+    vertical: str = "",
+    margin: float = -1.0,
+) -> BaseElevation:
+    """Return the base of at least one raster in a frame; as `load_base`, by the names of its keys."""
+    loaded = [_load_grid(source, frame, vertical, memory) for source in sources]
     grids = tuple({each.patches.id: each for each in loaded}.values())
     findings = [f"{each.name}: {line}" for each in grids for line in each.findings]
-    for each in grids:
-        kernel = each.patches.patches.kernel
-        if (kernel[:, 2:].max(axis=0) <= 0.0).any() or (kernel[:, :2].min(axis=0) >= sketch.size).any():
-            findings.append(f"{each.name}: lies outside of the sketch")
     if len(grids) < len(loaded):
         findings.append(f"{len(loaded) - len(grids)} rasters have the content and place of another one")
     work = _patchwork({each.patches.id: each.patches for each in grids}, memory)
-    asked = float(sketch.base["margin"])
     box = np.concatenate([each.patches.patches.kernel for each in grids])
-    margin = _allowed_margin(box[:, 2:].max(axis=0) - box[:, :2].min(axis=0), asked)
-    if 0.0 <= asked != margin:
-        findings.append(f"margin = {asked:g}: {margin:.4g} m is what the extent of the data allows")
-    digest = blake2b(b"".join(work.grids) + np.float64(margin).tobytes(), digest_size=16)
-    fade = memory.get_or_compute(("rim fade", digest.digest()), lambda: work.rim_fade(margin))
-    return BaseElevation(grids, work, fade, margin, digest.digest(), tuple(findings))
+    used = _allowed_margin(box[:, 2:].max(axis=0) - box[:, :2].min(axis=0), margin)
+    if 0.0 <= margin != used:
+        findings.append(f"margin = {margin:g}: {used:.4g} m is what the extent of the data allows")
+    digest = blake2b(b"".join(work.grids) + np.float64(used).tobytes(), digest_size=16)
+    fade = memory.get_or_compute(("rim fade", digest.digest()), lambda: work.rim_fade(used))
+    return BaseElevation(grids, work, fade, used, digest.digest(), tuple(findings))
 
 
 def _load_grid(source: RasterSource, frame: SketchFrame, datum: str, memory: LRUCache) -> BaseGrid:
     """Return the patches of a raster; raise InputError that names it."""
     if problem := raster_problem(source):
         raise InputError(problem)
-    values = (source.band, source.accuracy, source.vertical, source.offset)
-    key = ("elevation grid", content_hash(source), Path(source.path).name, values, frame, datum)
 
     def built() -> BaseGrid:
-        with _file_of(source) as path:
-            try:
-                grid = _placed(read_elevation(source, path, frame), frame)
-                grid = _in_datum(grid, source, datum)
-                return BaseGrid(source.title, grid.samples.shape, build_patches(grid), grid.findings)
-            except InputError as error:
-                reason = str(error).replace(one_line(path), path.name).removeprefix(f"{path.name}: ")
-                raise InputError(f"raster {one_line(source.path)}: {reason}") from None
+        grid = _in_datum(grid_at(source, frame), source, datum)
+        with _named(source, grid.name):
+            return BaseGrid(source.title, grid.samples.shape, build_patches(grid), grid.findings)
 
+    values = (source.band, source.accuracy, source.vertical, source.offset)
+    key = ("elevation grid", content_hash(source), Path(source.path).name, values, frame, datum)
     found: BaseGrid = memory.get_or_compute(key, built)
     return found
 
 
-def read_elevation(source: RasterSource, path: Path, frame: SketchFrame) -> ElevationGrid:
-    """Return the grid of a source from its file."""
+def grid_at(source: RasterSource, frame: SketchFrame) -> ElevationGrid:
+    """Return the grid of a raster in a frame, without its offset; raise InputError that names it."""
     accuracy = None if source.accuracy < 0.0 else source.accuracy
-    return read_grid(path, frame, band=source.band, accuracy=accuracy)
+    with _file_of(source) as path, _named(source, path.name, one_line(path)):
+        return _placed(read_grid(path, frame, band=source.band, accuracy=accuracy), frame)
+
+
+@contextmanager
+def _named(source: RasterSource, *names: str) -> Iterator[None]:
+    """Raise an InputError with the raster in place of the names of its temporary file and grid."""
+    try:
+        yield
+    except InputError as error:
+        reason = str(error)
+        for name in names[1:]:
+            reason = reason.replace(name, names[0])
+        reason = reason.removeprefix(f"{names[0]}: ")
+        raise InputError(f"raster {one_line(source.path)}: {reason}") from None
 
 
 def _placed(grid: ElevationGrid, frame: SketchFrame) -> ElevationGrid:

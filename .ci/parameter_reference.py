@@ -38,6 +38,10 @@ def reference_table() -> str:
         "coast": "The sea's level and its shores ([sea](kernels/sea.md)).",
         "weather": "Lighting and air of pictures ([light.md](light.md)); it does not change the terrain.",
         "frame": "The place on Earth of exports and worlds; it does not change the terrain.",
+        "base": (
+            "Real elevation beneath the sketch: every `[[raster]]` whose role is `elevation` "
+            "([elevation.md](elevation.md)). Without one it has no effect."
+        ),
     }
     sections += [_section(f"`[{name}]`", about[name], table) for name, table in TABLES.items()]
     for layer in LAYERS.values():
@@ -79,7 +83,8 @@ def _rasters() -> str:
     text = (
         f"A georeferenced file, at most {MAX_RASTERS}. It is not copied unless it is embedded, in all at "
         f"most {MAX_EMBEDDED_BYTES >> 20} MiB. One that is missing or has changed is reported and kept "
-        "([saving.md](saving.md)). The role `elevation` has no effect yet."
+        "([saving.md](saving.md)). Rasters of the role `elevation` are the ground beneath the paint "
+        "([elevation.md](elevation.md)); `accuracy`, `vertical` and `offset` are theirs."
     )
     return _section("`[[raster]]`", text, RASTER)
 

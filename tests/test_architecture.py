@@ -16,7 +16,7 @@ MAY_IMPORT = {
     "caching": set(),
     "io": {"errors"},
     "document": {"errors", "array_types", "caching", "io"},
-    "elevation": BASE - {"document"},
+    "elevation": BASE,
     "placement": BASE,
     "hydrology": BASE | {"placement"},
     "compute": {"errors", "array_types", "io"},
@@ -27,7 +27,7 @@ MAY_IMPORT = {
     "look": CORE,
     "render": CORE | {"tiles", "look"},
     "export": CORE | {"tiles", "look"},
-    "importing": BASE,
+    "importing": BASE | {"elevation"},
 }
 ANYTHING = {"__init__", "__main__", "app", "batch", "benchmarks", "ui", "world"}
 ONLY_IN = {"pyopencl": {"compute"}, "moderngl": {"render"}, "PyQt6": {"ui", "benchmarks"}}

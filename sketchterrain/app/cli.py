@@ -18,6 +18,7 @@ import typer
 
 from sketchterrain.app import arguments as args
 from sketchterrain.app.commands.exports import batch, export, targets
+from sketchterrain.app.commands.new import new
 from sketchterrain.app.commands.realism import realism
 from sketchterrain.app.commands.trace import trace
 from sketchterrain.app.commands.world import stats, view, world
@@ -91,31 +92,7 @@ def _program(
         raise USAGE_ERROR("expected a command; `sketchterrain --help` lists them")
 
 
-@app.command()
-def new(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new or an empty folder.")],
-    crs: args.Crs = None,
-    origin: args.Origin = None,
-    vertical: args.VerticalDatum = None,
-    raster: args.Rasters = None,
-    embed: args.Embed = False,
-) -> None:
-    """Write a starter sketch, to be edited in any paint program."""
-    from sketchterrain.document.store import new_sketch
-
-    if embed and not raster:
-        raise USAGE_ERROR("--embed without --raster: expected a raster to store")
-    east, north = origin or (0.0, 0.0)
-    frame = {"crs": crs or "", "east": east, "north": north, "vertical": vertical or ""}
-    sources, area = args.read_rasters(raster or (), embed=embed)
-    if area is None or crs is not None or origin is not None:
-        new_sketch(folder, frame=frame, rasters=sources)
-    else:
-        new_sketch(folder, frame=frame | area.frame, size=area.size, rasters=sources)
-    print_lines(
-        f"wrote a starter sketch to {folder}: paint its PNGs, read its sketch.toml, then run",
-        f"sketchterrain generate {folder} -o out",
-    )
+app.command()(new)
 
 
 @app.command()

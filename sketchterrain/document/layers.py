@@ -83,7 +83,7 @@ class Layer:
 HEIGHT_LIMIT = 1.33
 """Height that 95 % of real summits stay below, over the radius of the largest circle in their outline."""
 
-_OF_SHAPES = ("multitude", "height_limit")  # parameters of whole shapes, not of their features
+_OF_SHAPES = ("multitude", "height_limit", "reach")  # parameters of whole shapes, not of their features
 
 
 def _heights(start: float, high: float, top: str) -> tuple[Parameter, Parameter]:
@@ -99,6 +99,14 @@ def _heights(start: float, high: float, top: str) -> tuple[Parameter, Parameter]
             "greatest height over the shape's inradius, up to a fidelity of 0.8; raise it for towers",
             soft_range=(0.5, 4.0),
         ),
+    )
+
+
+def _reach(top: str) -> Parameter:
+    return Parameter(
+        *("reach", str, "added", 0, 10, ""),
+        f"whether real elevation has the height added, or the {top} reaches it as an absolute elevation",
+        choices=("added", "absolute"),
     )
 
 
@@ -128,6 +136,7 @@ _ALL: Final = (
             _erosion(0.7),
             _strata(0.25),
             _multitude(1, "summits"),
+            _reach("summit"),
         ),
         colour=(140, 92, 70),
         hatch="peaks",
@@ -146,6 +155,7 @@ _ALL: Final = (
             *_heights(80.0, 2000.0, "top"),
             _erosion(0.3),
             _multitude(6, "tops"),
+            _reach("top"),
         ),
         colour=(122, 160, 72),
         hatch="waves",

@@ -236,6 +236,20 @@ FRAME: Mapping[str, Parameter] = parameter_table(
 )
 """Keys of ``[frame]``: the sketch's place on Earth; it does not change the terrain."""
 
+BASE: Mapping[str, Parameter] = parameter_table(
+    Parameter(
+        *("detail", float, 1.0, 0.0, 1.0, ""),
+        "strength of detail finer than the elevation data; 0 leaves them smooth",
+    ),
+    Parameter(
+        *("margin", float, -1.0, -1.0, 1e5, "m"),
+        "distance inside of their rim over which the data blend into other ground; -1 is 4 % of their extent",
+        sentinel=Sentinel(-1.0, "Automatic", 1000.0),
+        soft_range=(10.0, 10000.0),
+    ),
+)
+"""Keys of ``[base]``: real elevation beneath the sketch, of rasters whose role is elevation."""
+
 LOOK: Mapping[str, Parameter] = parameter_table(
     Parameter(
         "colour",

@@ -10,7 +10,15 @@ from pathlib import Path
 from typing import Any, Final
 
 from sketchterrain.caching import LRUCache
-from sketchterrain.document.parameters import Parameter, check_items, check_values, parameter_table
+from sketchterrain.document.frame import check_frame
+from sketchterrain.document.parameters import (
+    FRAME,
+    Parameter,
+    Sentinel,
+    check_items,
+    check_values,
+    parameter_table,
+)
 from sketchterrain.errors import InputError, format_value, one_line, unknown_key
 from sketchterrain.io.files import hash_file, relative_path, too_large, wrap_read_errors
 
@@ -35,8 +43,21 @@ RASTER: Final = parameter_table(
         *("sha256", str, "", 0, 64, "", "hash of the file when it was added; empty is any content"),
         form=("[0-9a-f]{64}", "64 hexadecimal digits"),
     ),
+    Parameter(
+        *("accuracy", float, -1.0, -1.0, 1000.0, "m"),
+        "largest error of its heights; -1 is from the file: half a step of whole numbers, else 0",
+        sentinel=Sentinel(-1.0, "From the file", 1.0),
+        soft_range=(0.0, 50.0),
+    ),
+    replace(FRAME["vertical"], help="vertical datum of its heights, as EPSG:5773; empty is the frame's"),
+    Parameter(
+        *("offset", float, 0.0, -12000.0, 12000.0, "m", "added to its heights"),
+        soft_range=(-100.0, 100.0),
+    ),
 )
-"""Keys of ``[[raster]]``."""
+"""Keys of ``[[raster]]``; the last three are for elevation."""
+
+_OF_ELEVATION: Final = ("accuracy", "vertical", "offset")
 
 _EMBEDDED: Final = re.compile(r"[A-Za-z0-9_-]{1,40}-[0-9a-f]{8}\.raster")
 _hashes = LRUCache(256)  # of files by path, size and time of modification, and of embedded contents
@@ -55,10 +76,14 @@ class RasterSource:
     band: int = 1
     sha256: str = ""
     content: bytes | None = None
+    accuracy: float = -1.0
+    vertical: str = ""
+    offset: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in check_values(self.values, RASTER, "[[raster]]", "raster.").items():
             object.__setattr__(self, name, value)
+        check_frame({"crs": "", "vertical": self.vertical})
         if self.content is not None and not is_embedded_name(self.path):
             raise InputError(f"raster.path = {format_value(self.path)}: expected the name of a stored raster")
 
@@ -73,6 +98,15 @@ class RasterSource:
     def values(self) -> dict[str, Any]:
         """Values by the names in `RASTER`."""
         return {name: getattr(self, name) for name in RASTER}
+
+    @property
+    def stored_values(self) -> dict[str, Any]:
+        """Values to store: of a picture those of elevation only if they are set."""
+        return {
+            name: value
+            for name, value in self.values.items()
+            if self.role == "elevation" or name not in _OF_ELEVATION or value != RASTER[name].default
+        }
 
     @property
     def title(self) -> str:
@@ -109,7 +143,7 @@ def raster_source(path: Path, role: str, *, band: int = 1, embed: bool = False) 
     if problem := raster_problem(source):
         raise InputError(problem)
     with wrap_read_errors(path):
-        return embedded(source) if embed else replace(source, sha256=_content_hash(source))
+        return embedded(source) if embed else replace(source, sha256=content_hash(source))
 
 
 def embedded(source: RasterSource) -> RasterSource:
@@ -140,14 +174,15 @@ def raster_problem(source: RasterSource) -> str:
     try:
         if source.content is None and not path.is_file():
             return f"{place}: {'expected a file' if path.exists() else 'the file is missing'}"
-        if source.sha256 and source.sha256 != _content_hash(source):
+        if source.sha256 and source.sha256 != content_hash(source):
             return f"{place}: its content has changed since it was added"
     except OSError as error:
         return f"{place}: cannot be read ({one_line(error.strerror or error)})"
     return ""
 
 
-def _content_hash(source: RasterSource) -> str:
+def content_hash(source: RasterSource) -> str:
+    """Return the SHA-256 of a source's content; a file is hashed once until it changes."""
     if source.content is not None:
         return _hashes.get_or_compute(source.content, sha256(source.content).hexdigest)
     path = Path(source.path)

@@ -28,6 +28,7 @@ from sketchterrain.document.material_rules import RuleChange, check_rule_changes
 from sketchterrain.document.materials import MaterialTable
 from sketchterrain.document.own_materials import check_own_materials, material_table, with_materials
 from sketchterrain.document.parameters import (
+    BASE,
     CLIMATE,
     COAST,
     FRAME,
@@ -55,6 +56,7 @@ TABLES: Mapping[str, Mapping[str, Parameter]] = MappingProxyType(
         "coast": COAST,
         "weather": WEATHER,
         "frame": FRAME,
+        "base": BASE,
     }
 )
 """Tables of the file with one value per key."""
@@ -81,9 +83,9 @@ class Sketch:
         0 to 2⁶³ − 1.
     fidelity
         0 (a loose guideline) to 1 (exactly where it was painted).
-    density, ground, climate, coast, weather, frame
-        Settings by the names in `DENSITY`, `GROUND`, `CLIMATE`, `COAST`, `WEATHER` and `FRAME`; missing ones
-        have defaults.
+    density, ground, climate, coast, weather, frame, base
+        Settings by the names in `DENSITY`, `GROUND`, `CLIMATE`, `COAST`, `WEATHER`, `FRAME` and `BASE`;
+        missing ones have defaults.
     layers
         Label images by layer name: uint8, (height, width), 0 is empty. Missing layers are empty. The
         arrays of a sketch are read-only; a writeable array is copied.
@@ -118,6 +120,7 @@ class Sketch:
     coast: Mapping[str, float] = field(default_factory=dict)
     weather: Mapping[str, float] = field(default_factory=dict)
     frame: Mapping[str, Any] = field(default_factory=dict)
+    base: Mapping[str, float] = field(default_factory=dict)
     layers: Mapping[str, LabelImage] = field(default_factory=dict)
     vectors: Mapping[str, VectorLayer] = field(default_factory=dict)
     rasters: tuple[RasterSource, ...] = ()
@@ -228,6 +231,11 @@ class Sketch:
     def material_table(self) -> MaterialTable:
         """The materials that the sketch can use."""
         return material_table(self.materials)
+
+    @property
+    def elevation_rasters(self) -> tuple[RasterSource, ...]:
+        """The raster sources of real elevation beneath the sketch."""
+        return tuple(source for source in self.rasters if source.role == "elevation")
 
     @property
     def looks(self) -> Mapping[str, Properties]:

@@ -322,11 +322,23 @@ def new_sketch(
     SketchterrainError
         If the system cannot write there.
     """
-    target = Path(folder)
+    target = _checked_new(folder)
+    _save_folder(starter_sketch(size).replace(frame=frame or {}, rasters=tuple(rasters)), target)
+
+
+def save_new(sketch: Sketch, path: str | Path) -> None:
+    """Write a sketch as `save_sketch` to a new or an empty folder, or to a new file."""
+    save_sketch(sketch, _checked_new(path))
+
+
+def _checked_new(path: str | Path) -> Path:
+    target = Path(path)
     with wrap_os_errors(target):
         if target.is_dir() and any(target.iterdir()):
             raise InputError(f"{one_line(target)}: expected a new or an empty folder, this one is not empty")
-    _save_folder(starter_sketch(size).replace(frame=frame or {}, rasters=tuple(rasters)), target)
+        if target.is_file() and target.suffix.lower() == _ZIP_SUFFIX:
+            raise InputError(f"{one_line(target)}: expected a new file, this one exists")
+    return target
 
 
 def pack_sketch(

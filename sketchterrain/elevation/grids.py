@@ -34,6 +34,9 @@ MAX_SAMPLES: Final = 1 << 29
 
 _FEET = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us-ft": 1200 / 3937, "us survey foot": 1200 / 3937}
 _DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".hgt": "SRTMHGT", ".asc": "AAIGrid", ".vrt": "VRT"}
+SUFFIXES: Final = (*_DRIVERS, ".npy", ".npz", ".zip")
+"""Names of files of elevation end so."""
+
 _UNREADABLE = (
     OSError,
     ValueError,
@@ -324,7 +327,7 @@ def _gdal_path(path: Path) -> tuple[Path | str, str]:
     if not path.is_file():
         raise ValueError("no such file")
     if not driver:
-        raise ValueError(f"expected a file {', '.join(_DRIVERS)}, .npy, .npz or .zip")
+        raise ValueError(f"expected a file {', '.join(SUFFIXES)}")
     if driver == "VRT":
         with path.open("rb") as file:
             content = file.read(_MAX_VRT + 1)

@@ -89,6 +89,45 @@ def test_new_takes_place_and_size_from_a_georeferenced_raster(call, tmp_path):
         assert not (tmp_path / "refused").exists()
 
 
+def test_new_on_elevation(call, tmp_path):
+    path = tmp_path / "tiles" / "alps.tif"
+    path.parent.mkdir()
+    profile = {"count": 1, "height": 60, "width": 80, "dtype": "int16", "crs": "EPSG:25832", "nodata": -1}
+    heights = np.add.outer(np.arange(60) * 9, np.arange(80) * 7).astype(np.int16)
+    heights[30, 40] = -1
+    at = Affine(30.0, 0.0, 600000.0, 0.0, -30.0, 5270000.0)
+    with rasterio.open(path, "w", driver="GTiff", transform=at, **profile) as file:
+        file.write(heights, 1)
+    done = call("new", tmp_path / "alps", "--dem", path, "--extent", 1500, "--raster", f"picture={path}")
+    lines = done.out.splitlines()
+    assert (done.code, lines[0]) == (
+        0,
+        f"wrote a sketch of 1.5 × 1.5 km on 1 grid of elevation to {tmp_path / 'alps'}:",
+    )
+    assert "note: alps.tif: 1 samples in 1 small voids, filled" in lines
+    sketch = load_sketch(tmp_path / "alps")
+    assert (sketch.size, sketch.frame["crs"]) == ((1500.0, 1500.0), "EPSG:25832")
+    assert [each.role for each in sketch.rasters] == ["elevation", "picture"]
+
+    target = tmp_path / "alps.sketch"
+    for code, problem in ((0, ""), (3, "expected a new file")):
+        done = call("new", target, "--dem", path.parent, "--embed")
+        assert done.code == code
+        assert problem in done.err
+    assert load_sketch(target).rasters[0].content == path.read_bytes()
+    for options, code, problem in (
+        (("--dem", tmp_path / "none.tif"), 3, "none.tif: the file is missing"),
+        (("--dem", tmp_path), 3, "no elevation in it"),
+        (("--dem", path, "--extent", "0"), 2, "--extent"),
+        (("--extent", "100"), 2, "--extent without --dem"),
+        (("--dem", path, "--crs", "EPSG:4326"), 3, "is in degrees"),
+    ):
+        done = call("new", tmp_path / "refused", *options)
+        assert done.code == code, options
+        assert problem in done.err
+        assert not (tmp_path / "refused").exists()
+
+
 @pytest.mark.slow
 def test_devices_lists_each_and_the_default(call):
     data = json.loads(call("devices", "--json").out)

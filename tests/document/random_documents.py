@@ -59,11 +59,19 @@ def _raster(rng: Rng, own_folder: Path) -> RasterSource:
     if rng.random() < 0.4:
         content = rng.bytes(int(rng.integers(200)))
         digest = sha256(content).hexdigest()
-        return RasterSource(f"dem-{digest[:8]}.raster", role, band, digest, content)
+        return RasterSource(f"dem-{digest[:8]}.raster", role, band, digest, content, **_of_elevation(rng))
     folder = own_folder if rng.random() < 0.5 else Path("/elsewhere")
     name = _text(rng, _LETTERS.replace("/", "") + _CONTROLS, least=1)
     digest = sha256(name.encode()).hexdigest() if rng.random() < 0.5 else ""
-    return RasterSource(str(folder / f"{name}.tif"), role, band, digest)
+    return RasterSource(str(folder / f"{name}.tif"), role, band, digest, **_of_elevation(rng))
+
+
+def _of_elevation(rng: Rng) -> dict[str, object]:
+    return {
+        "accuracy": float(rng.choice([-1.0, 0.0, rng.uniform(0.0, 100.0)])),
+        "vertical": str(rng.choice(["", "EPSG:5773"])),
+        "offset": float(rng.choice([0.0, rng.normal(0.0, 30.0)])),
+    }
 
 
 def random_vectors(rng: Rng, name: str) -> VectorLayer:

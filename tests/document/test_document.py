@@ -65,6 +65,7 @@ def test_properties_have_defaults():
         "erosion": 0.7,
         "strata": 0.25,
         "multitude": 1,
+        "reach": "added",
     }
     assert sketch.properties("mountain", np.uint8(1))["height"] == 0.0  # automatic
     assert isinstance(sketch.properties("mountain", 2)["multitude"], int)

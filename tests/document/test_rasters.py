@@ -1,6 +1,7 @@
 """Raster sources: keys, files that are missing or have changed, files stored in the sketch."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from sketchterrain.document.history import History
 from sketchterrain.document.rasters import RasterSource, embedded, raster_problem, raster_source
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, pack_sketch, save_sketch
-from sketchterrain.document.toml_format import parse_settings
+from sketchterrain.document.toml_format import parse_settings, settings_text
 from sketchterrain.errors import InputError
 
 from .conftest import refusal, same
@@ -39,6 +40,10 @@ def dem(tmp_path) -> Path:
         ('path = "a"\nband = 1.0', "raster.band = 1.0"),
         ('path = "a"\nband = true', "raster.band = true"),
         ('path = "a"\nsha256 = "ABC"', "raster.sha256 = 'ABC': expected 64 hexadecimal digits"),
+        ('path = "a"\naccuracy = -2', "raster.accuracy = -2: expected a number from -1 to 1000 m"),
+        ('path = "a"\noffset = nan', "raster.offset = nan: expected a number from -12000 to 12000 m"),
+        ('path = "a"\nvertical = "geoid"', "raster.vertical = 'geoid': expected a code as \"EPSG:5773\""),
+        ('path = "a"\nvertical = "EPSG:25832"', "'EPSG:25832' is not a vertical datum"),
         ('path = "a"\nrol = "picture"', "unknown key 'rol' = 'picture': expected path"),
     ],
 )
@@ -182,6 +187,25 @@ def test_stored_rasters_have_a_limit(tmp_path, dem, monkeypatch):
     (tmp_path / "b.tif").write_bytes(b"b")
     with pytest.raises(InputError, match="rasters stored in the sketch: too large: expected at most 1 MiB"):
         Sketch(rasters=(first, embedded(RasterSource(str(tmp_path / "b.tif")))))
+
+
+def test_keys_of_elevation_are_stored_with_elevation_or_where_they_are_set():
+    picture, grid = RasterSource("/map.tif"), RasterSource("/dem.tif", "elevation")
+    assert not {"[base]", "offset"} & set(settings_text(Sketch(rasters=(picture,))).split())
+    text = settings_text(Sketch(rasters=(picture, grid)))
+    for key in (
+        "[base]",
+        "detail = 1.0",
+        "margin = -1.0",
+        "accuracy = -1.0",
+        'vertical = ""',
+        "offset = 0.0",
+    ):
+        assert text.count(key) == 1 + (key == 'vertical = ""'), key  # the frame has one
+    moved = Sketch(rasters=(replace(picture, offset=2.0),), base={"detail": 0.5})
+    assert (settings_text(moved).count("offset"), settings_text(moved).count("[base]")) == (1, 1)
+    for sketch in (moved, Sketch(rasters=(replace(grid, accuracy=8, vertical="EPSG:5773", offset=-3.5),))):
+        same(parse_settings(settings_text(sketch).encode()), sketch)
 
 
 def test_rasters_are_undone_and_redone(dem):

@@ -29,6 +29,12 @@ from sketchterrain.errors import InputError, one_line
 MARGIN_SHARE: Final = 0.04
 """Automatic margin, over the shorter side of the data."""
 
+NODES: Final = 256
+"""Nodes of the ground along a sketch's extent."""
+
+NODE_REACH: Final = 3
+"""Nodes by which splines, displaced by noise, reach beyond a node, and a little more."""
+
 _MOST_MARGIN = 0.4  # over the shorter side: the weight reaches 1 in the middle
 _MOST_NODES = 1 << 20  # of the fade, which has eight along the margin
 _LAST = "last patchwork"  # key of the one from which the next is made
@@ -130,6 +136,7 @@ def load_base(sketch: Sketch, memory: LRUCache) -> BaseElevation | None:
         memory,
         vertical=place["vertical"],
         margin=sketch.base["margin"],
+        extent=sketch.extent,
     )
     kernels = [each.patches.patches.kernel for each in base.grids]
     outside = [
@@ -147,8 +154,12 @@ def combine_rasters(
     *,
     vertical: str = "",
     margin: float = -1.0,
+    extent: float | None = None,
 ) -> BaseElevation:
-    """Return the base of at least one raster in a frame; as `load_base`, by the names of its keys."""
+    """Return the base of at least one raster in a frame; as `load_base`, by the names of its keys.
+
+    `extent` (m) is that of a sketch; by default of the largest one on the data.
+    """
     loaded = [_load_grid(source, frame, vertical, memory) for source in sources]
     grids = tuple({each.patches.id: each for each in loaded}.values())
     findings = [f"{each.name}: {line}" for each in grids for line in each.findings]
@@ -156,11 +167,13 @@ def combine_rasters(
         findings.append(f"{len(loaded) - len(grids)} rasters have the content and place of another one")
     work = _patchwork({each.patches.id: each.patches for each in grids}, memory)
     box = np.concatenate([each.patches.patches.kernel for each in grids])
-    used = _allowed_margin(box[:, 2:].max(axis=0) - box[:, :2].min(axis=0), margin)
+    sides = box[:, 2:].max(axis=0) - box[:, :2].min(axis=0)
+    start = NODE_REACH * float(sides.max() if extent is None else extent) / NODES
+    used = _allowed_margin(sides, margin, start)
     if 0.0 <= margin != used:
         findings.append(f"margin = {margin:g}: {used:.4g} m is what the extent of the data allows")
-    digest = blake2b(b"".join(work.grids) + np.float64(used).tobytes(), digest_size=16)
-    fade = memory.get_or_compute(("rim fade", digest.digest()), lambda: work.rim_fade(used))
+    digest = blake2b(b"".join(work.grids) + np.array([used, start]).tobytes(), digest_size=16)
+    fade = memory.get_or_compute(("rim fade", digest.digest()), lambda: work.rim_fade(used, start))
     return BaseElevation(grids, work, fade, used, digest.digest(), tuple(findings))
 
 
@@ -230,10 +243,10 @@ def _patchwork(grids: dict[bytes, GridPatches], memory: LRUCache) -> Patchwork:
     return memory.store(_LAST, work)
 
 
-def _allowed_margin(sides: Float64Array, asked: float) -> float:
+def _allowed_margin(sides: Float64Array, asked: float, start: float) -> float:
     """Return the margin (m) of the fade: as asked, automatic if negative, within what the data allow."""
     margin = asked if asked >= 0.0 else MARGIN_SHARE * float(sides.min())
-    least = 8.0 * math.sqrt(float(sides.prod()) / _MOST_NODES)
+    least = max(8.0 * math.sqrt(float(sides.prod()) / _MOST_NODES), 2.5 * start)
     return max(min(margin, _MOST_MARGIN * float(sides.min())), least)
 
 

@@ -59,7 +59,6 @@ class Patchwork:
         self._corners = np.concatenate([each.corners for each in parts]) if parts else np.zeros((0, 4, 2))
         self._tops: _Tops | None = None
         self._for_cells = LRUCache(_CACHED)
-        self._surfaces = LRUCache(_CACHED)
 
     @property
     def tops(self) -> _Tops:
@@ -130,10 +129,6 @@ class Patchwork:
         kept: Int64Array = which[((patches.error <= error) | is_best) & (error < top)]
         return kept
 
-    def surface_for_cells(self, cell_size: float) -> PatchSurface:
-        """Return the surface for samples `cell_size` (m) apart."""
-        return self._surfaces.get_or_compute(cell_size, lambda: self.surface(self.cover_for_cells(cell_size)))
-
     def _without_fine_levels(self, lowest: Int64Array) -> tuple[Int64Array, Patches, _Tops]:
         """Return the patches from each grid's lowest level on, and their tops."""
         patches, accuracy = self._table(), np.array([each.accuracy for each in self.grids.values()])
@@ -148,10 +143,11 @@ class Patchwork:
         patches.error[:] = np.where(patches.finest, accuracy[grid], patches.error)
         return which, patches, _find_tops(patches, grid, corners, np.arange(len(which)))
 
-    def rim_fade(self, margin: float) -> RimFade:
+    def rim_fade(self, margin: float, start: float = 0.0) -> RimFade:
         """Return a weight that blends all data into other ground over a margin (m) inside of their rim.
 
-        It does not see where one grid ends beside another; gaps narrower than a step are none.
+        It is 0 up to `start` (m) inside, at most 0.4 margins. It does not see where one grid ends beside
+        another; gaps narrower than a step are none.
         """
         patches, spacing = self._table(), margin / _RIM_NODES
         low, high = patches.kernel[:, :2].min(axis=0), patches.kernel[:, 2:].max(axis=0)
@@ -166,7 +162,8 @@ class Patchwork:
         _mark(finest, kernels, west, south, spacing, inside)
         # Coefficients two nodes from the rim are 0, as each reaches two nodes.
         depth = ndimage.distance_transform_edt(inside)
-        part = np.clip((depth - 2.0) / (_RIM_NODES - 4.0), 0.0, 1.0)
+        zero = 2.0 + min(start / spacing, 0.4 * _RIM_NODES)
+        part = np.clip((depth - zero) / (_RIM_NODES - 2.0 - zero), 0.0, 1.0)
         return RimFade(float(west), float(south), spacing, part)
 
     def _table(self) -> Patches:

@@ -1,27 +1,29 @@
 """Elevation data at the nodes of the drained ground.
 
-The ground under a sketch is w z + (1 - w) u: elevation data z by their weight w, procedural ground u.
-Nodes hold (1 - w) u and what painted features add; kernels read w by the same splines and add w z.
+The ground under a sketch is w z + (1 - w) (u + e): elevation data z by their weight w, procedural ground u
+on a smooth continuation e of the data, into voids and beyond their rim. Nodes hold (1 - w) (u + e) and what
+painted features add; kernels read w by the same splines and add w z.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import minimum_filter
+from scipy.ndimage import map_coordinates, minimum_filter
 
 from sketchterrain.array_types import Float32Array, Float64Array
 from sketchterrain.caching import LRUCache
-from sketchterrain.elevation.base import BaseElevation
-from sketchterrain.placement.hashing import rounded
-
-REACH: Final = 3
-"""Nodes by which displaced splines reach beyond a node, and a little more."""
+from sketchterrain.elevation.base import NODE_REACH, BaseElevation
+from sketchterrain.placement.hashing import gaussian_filter, rounded
 
 _MAX_BYTES = 1 << 25
 _WEIGHT_STEP = 2.0**-20
+_CELLS = 48  # of the continuation along the data's longer side; it reaches as far again on each side
+_BLURS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # cells, until all is continued; the last is that of all
+_LEAST_SHARE = 0.02  # of cells with data in a blur
 _ROCK_FROM, _ROCK_FULL = 0.6, 1.1  # slopes
 
 
@@ -31,6 +33,7 @@ class BaseNodes(NamedTuple):
     height: Float64Array  # m; 0 where the weight is 0
     weight: Float32Array  # 0 … 1
     rock: Float32Array  # 0 … 1: share of bare rock by the slope
+    around: Float64Array  # m: the data continued, which other ground stands on
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,17 +64,62 @@ class BaseGround:
     def _window(self, level: int, column: int, row: int, rows: int, columns: int) -> BaseNodes:
         cell = self.spacing * 2.0**level
         x, y = np.meshgrid(
-            cell * np.arange(column - REACH, column + columns + REACH),
-            cell * np.arange(row - REACH, row + rows + REACH),
+            cell * np.arange(column - NODE_REACH, column + columns + NODE_REACH),
+            cell * np.arange(row - NODE_REACH, row + rows + NODE_REACH),
         )
         weight = rounded(self.base.weight(x, y), _WEIGHT_STEP).astype(np.float32)
-        inner = np.s_[REACH:-REACH, REACH:-REACH]
+        inner = np.s_[NODE_REACH:-NODE_REACH, NODE_REACH:-NODE_REACH]
+        around = self._around.at(x[inner], y[inner])
         if not weight[inner].any():
-            return BaseNodes(np.zeros((rows, columns)), *np.zeros((2, rows, columns), np.float32))
+            return BaseNodes(np.zeros((rows, columns)), *np.zeros((2, rows, columns), np.float32), around)
         found = self.base.heights(x, y, cell)
         # No node has a weight where displaced splines would read it beside the data.
-        weight[minimum_filter(found.weight, 2 * REACH + 1) < 1.0] = 0.0
+        weight[minimum_filter(found.weight, 2 * NODE_REACH + 1) < 1.0] = 0.0
         height, slope = np.where(weight > 0.0, [found.height, np.hypot(found.east, found.north)], 0.0)
         share = np.clip((slope - _ROCK_FROM) / (_ROCK_FULL - _ROCK_FROM), 0.0, 1.0)
         rock = (share * share * (3.0 - 2.0 * share)).astype(np.float32)
-        return BaseNodes(height[inner].copy(), weight[inner].copy(), rock[inner].copy())
+        return BaseNodes(height[inner].copy(), weight[inner].copy(), rock[inner].copy(), around)
+
+    @cached_property
+    def _around(self) -> _Continuation:
+        return continued(self.base)
+
+
+class _Continuation(NamedTuple):
+    """Heights by a quadratic B-spline; beyond its rim the height there."""
+
+    west: float  # m
+    south: float
+    cell: float
+    coefficients: Float64Array  # m, rows northward
+
+    def at(self, x: Float64Array, y: Float64Array) -> Float64Array:
+        """Return heights (m) at points (m) of one shape."""
+        places = [(y - self.south) / self.cell, (x - self.west) / self.cell]
+        return rounded(map_coordinates(self.coefficients, places, order=2, prefilter=False, mode="nearest"))
+
+
+def continued(base: BaseElevation) -> _Continuation:
+    """Return a smooth mean of elevation data, continued by ever wider blurs where there are none."""
+    reach = base.patchwork.reach
+    (west, south), (east, north) = reach[:, :2].min(axis=0), reach[:, 2:].max(axis=0)
+    side = max(east - west, north - south)
+    cell = side / _CELLS
+    along = np.arange(-_CELLS, 2 * _CELLS + 1)
+    x, y = np.meshgrid(west + cell * along, south + cell * along)
+    found = base.heights(x, y, cell)
+    known = found.weight >= 1.0
+    if not known.any():  # narrower than a cell
+        finest = base.patchwork.slots(base.patchwork.cover(0.0))
+        return _Continuation(west, south, cell, np.full((1, 1), float(np.mean(finest.base))))
+    height = np.where(known, found.height, 0.0)
+    level, left = height.copy(), ~known
+    for blur in _BLURS:
+        share, mean = (
+            gaussian_filter(each, blur, axes=(0, 1)) for each in (known.astype(np.float64), height)
+        )
+        now = left & ((share > _LEAST_SHARE) | (blur == _BLURS[-1]))
+        level[now] = (mean / np.maximum(share, 1e-12))[now]
+        left &= ~now
+    smooth = gaussian_filter(level, 2.0, axes=(0, 1))
+    return _Continuation(float(x[0, 0]), float(y[0, 0]), cell, np.where(known, level, smooth))

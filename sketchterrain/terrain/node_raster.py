@@ -268,7 +268,7 @@ class NodeReader:
         if self._base is not None:
             data = self._base.window(key[0], CHUNK * key[1], CHUNK * key[2], CHUNK, CHUNK)
             weight, free = data.weight, 1.0 - data.weight.astype(np.float64)
-            height *= free
+            height[...] = free * (height + data.around)
             rock[...] = np.rint(free * rock + 255.0 * data.weight * data.rock)
         chunk = NodeWindow(height, rock, wetness, weight)
         self._paint_over(chunk, key)

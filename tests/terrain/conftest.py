@@ -11,12 +11,17 @@ from sketchterrain.document.material_rules import DEFAULT_RULES
 from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
+from sketchterrain.elevation.base import BaseElevation
+from sketchterrain.elevation.grids import ElevationGrid
+from sketchterrain.elevation.patches import build_patches
+from sketchterrain.elevation.selection import Patchwork
 from sketchterrain.io import resources
 from sketchterrain.io.resources import Defines
 from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, Cover, Lake, River, ShapeField
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.plateaus import Plateau, layer_top
 from sketchterrain.placement.sea import Sea
+from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.layers import layer_stack
 from sketchterrain.terrain.layers.layer import WorldSettings
@@ -274,7 +279,33 @@ CASES = {
     "plateau": [],
     "sea": [feature("mountain", 2100, 2300, 900, 300), feature("forest", 2300, 1700, 500, 0.8)],
     "flood": [feature("hill", 2100, 2300, 900, 60)],
+    "base": [feature("dune", 900, 3000, 700, 9, wavelength=90, wind=10)],
 }
+
+
+def base_of(*grids: ElevationGrid, margin: float = 500.0) -> BaseElevation:
+    """Return the elevation data of some grids."""
+    work = Patchwork({each.id: each for each in map(build_patches, grids)})
+    return BaseElevation((), work, work.rim_fade(margin, 48.0), margin, b"".join(work.grids), ())
+
+
+def grid_of(step: float, count: int, west: float, south: float, turn: float) -> ElevationGrid:
+    """Return a square grid of waves with a step (m), turned about its south-west corner."""
+    a, d = step * np.cos(turn), step * np.sin(turn)
+    row, column = np.indices((count, count))
+    place = (a, d, west, d, -a, south + a * count)
+    x, y = (place[3 * i] * column + place[3 * i + 1] * row + place[3 * i + 2] for i in (0, 1))
+    height = 700.0 + 90.0 * np.sin(x / 170) * np.cos(y / 230) + 0.04 * x + 14.0 * np.sin((x - y) / 37)
+    return ElevationGrid(height.astype(np.float32), place, 0.5, name=f"{step:.0f} m")
+
+
+def small_base() -> BaseElevation:
+    """Return data for 4096 m: waves of 30 m samples with a void, and a turned grid of 10 m in them."""
+    wide = grid_of(30.0, 110, 100.0, 200.0, 0.0)
+    wide.samples[40:60, 70:90] = np.nan
+    return base_of(wide, grid_of(10.0, 120, 1200.0, 1100.0, 0.4))
+
+
 SEAS = {"sea": winding_sea(), "flood": Sea(2.0, 40.0, 700.0, None, None)}
 LAKES = (
     lake(1800, 1900, 420, 3.0),
@@ -298,5 +329,7 @@ def case(request, make_recipe) -> tuple[str, TerrainRecipe]:
     rivers = (straight_river(), straight_river(900, width=6)) if name == "river" else ()
     lakes = LAKES if name == "lake" else ()
     plateaus = PLATEAUS if name == "plateau" else ()
-    sea = SEAS.get(name)
-    return name, make_recipe(*CASES[name], rivers=rivers, lakes=lakes, plateaus=plateaus, sea=sea)
+    changes: dict[str, Any] = {"sea": SEAS.get(name)}
+    if name == "base":
+        changes["relief"] = ReliefLayer(Waves(), base=BaseGround(small_base(), 16.0))
+    return name, make_recipe(*CASES[name], rivers=rivers, lakes=lakes, plateaus=plateaus, **changes)

@@ -45,6 +45,7 @@ REACHED = {
     "river": "water",
     "lake": "water",
     "flood": "water",
+    "base": "dune",
 }
 REACHED |= {"sea": "water mountain forest"}
 

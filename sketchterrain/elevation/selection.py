@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -59,6 +59,10 @@ class Patchwork:
         self._corners = np.concatenate([each.corners for each in parts]) if parts else np.zeros((0, 4, 2))
         self._tops: _Tops | None = None
         self._for_cells = LRUCache(_CACHED)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return the grids and the tops."""
+        return _restored, (self.grids, self._tops)
 
     @property
     def tops(self) -> _Tops:
@@ -222,6 +226,12 @@ class Patchwork:
             masks=masks,
             rims=np.column_stack([patches.rim, 2.0**patches.level])[patches.has_mask],
         )
+
+
+def _restored(grids: Mapping[bytes, GridPatches], tops: _Tops | None) -> Patchwork:
+    work = Patchwork(grids)
+    work._tops = tops
+    return work
 
 
 class RimFade(NamedTuple):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.ndimage import map_coordinates, minimum_filter
@@ -43,14 +43,15 @@ class BaseGround:
     base: BaseElevation
     spacing: float  # r0, m
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_windows", LRUCache(max_bytes=_MAX_BYTES))
-
     def __eq__(self, other: object) -> bool:
         return isinstance(other, BaseGround) and self._key() == other._key()
 
     def __hash__(self) -> int:
         return hash(self._key())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Leave out what is cached."""
+        return BaseGround, (self.base, self.spacing)
 
     def _key(self) -> tuple[bytes, float]:
         return self.base.id, self.spacing
@@ -58,8 +59,11 @@ class BaseGround:
     def window(self, level: int, column: int, row: int, rows: int, columns: int) -> BaseNodes:
         """Return the data at a window of nodes of a level from the south-western one (column, row) on."""
         at = level, column, row, rows, columns
-        windows: LRUCache = self._windows  # type: ignore[attr-defined]
-        return windows.get_or_compute(at, lambda: self._window(*at))
+        return self._windows.get_or_compute(at, lambda: self._window(*at))
+
+    @cached_property
+    def _windows(self) -> LRUCache:
+        return LRUCache(max_bytes=_MAX_BYTES)
 
     def _window(self, level: int, column: int, row: int, rows: int, columns: int) -> BaseNodes:
         cell = self.spacing * 2.0**level

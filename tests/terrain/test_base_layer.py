@@ -1,5 +1,6 @@
 """Elevation data as a layer: bits that depend on nothing but the data, bounds, and the rim."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -118,3 +119,11 @@ def test_data_smaller_than_a_node_are_left_out(make_recipe, context) -> None:
     x, y = np.random.default_rng(2).integers(0, 1 << 24, (2, 500))
     height, _ = Evaluator(recipe, context).points(x, y, cell_size=0.0)
     assert np.isfinite(height).all()
+
+
+def test_recipes_with_data_are_sent_to_other_processes(recipe, context) -> None:
+    sent = pickle.loads(pickle.dumps(recipe))
+    assert sent.key() == recipe.key()
+    x, y = np.random.default_rng(3).integers(0, 1 << 24, (2, 500))
+    one, two = (Evaluator(each, context).points(x, y, cell_size=30.0)[0] for each in (recipe, sent))
+    assert np.array_equal(one, two)

@@ -23,6 +23,7 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.rasters import raster_problem
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.elevation.base import load_base
 from sketchterrain.errors import DeviceFailedError, SketchterrainError
 from sketchterrain.export.files import move_files, prepare_folder, staging, stale_files, write_json
 from sketchterrain.export.foliage_files import FoliageOptions, FoliageResult, check_disk_space, write_foliage
@@ -92,6 +93,7 @@ def raster_facts(raster: Raster) -> dict[str, Any]:
 def report_header(terrain: Terrain) -> dict[str, Any]:
     """Return the entries of every report of a terrain."""
     sketch, recipe, context = terrain.sketch, terrain.recipe, terrain.context
+    base = load_base(sketch, LRUCache() if terrain.memory is None else terrain.memory)
     return {
         "format": 1,
         "version": version("sketchterrain"),
@@ -101,6 +103,7 @@ def report_header(terrain: Terrain) -> dict[str, Any]:
         "fast": context.fast,
         "notes": [*undescribed_labels(sketch), *filter(None, map(raster_problem, sketch.rasters))],
         "rasters": [source.values | {"found": not raster_problem(source)} for source in sketch.rasters],
+        **({} if base is None else {"base": base.facts}),
         "resolutions": [resolution.line for resolution in recipe.resolutions],
         "edits": {"count": len(sketch.edits), "orphans": list(recipe.orphans)},
     }

@@ -18,6 +18,7 @@ from rich.progress import TaskID
 from sketchterrain.app.console import progress_bars
 from sketchterrain.app.estimates import check_size, memory_needed, plant_bytes
 from sketchterrain.document.label_layers import image_digest
+from sketchterrain.document.rasters import content_digests
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import settings_text
 from sketchterrain.errors import InputError, one_line
@@ -61,6 +62,7 @@ class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     notes: tuple[str, ...] = ()
     error: str = ""
     realism: dict[str, Any] | None = None
+    base: dict[str, Any] | None = None
 
     def is_intact(self, folder: Path) -> bool:
         """Return whether all files exist in a folder with their hashes."""
@@ -159,6 +161,8 @@ def fingerprint(sketch: Sketch, output: Output) -> str:
     whole = {"version": version("sketchterrain"), "output": msgspec.to_builtins(output)}
     vectors = {name: layer.digest for name, layer in sketch.vectors.items() if len(layer)}
     whole |= {"layers": layers, "settings": settings_text(sketch)} | ({"vectors": vectors} if vectors else {})
+    if sketch.elevation_rasters:
+        whole["elevation"] = content_digests(sketch.elevation_rasters)
     return sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
 
 

@@ -242,6 +242,7 @@ class _Batch:
                 files=tuple(File(path.name, *hash_file(path)) for path in done.files),
                 adherence={key: each for key, each in done.report["adherence"].items() if key != "shapes"},
                 realism=done.report.get("realism"),
+                base=done.report.get("base"),
                 notes=tuple(done.report["restarts"]),
                 error=one_line(done.problem or ""),
             )

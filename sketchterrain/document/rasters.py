@@ -190,6 +190,11 @@ def content_hash(source: RasterSource) -> str:
     return _hashes.get_or_compute((path, facts.st_size, facts.st_mtime_ns), lambda: hash_file(path)[1])
 
 
+def content_digests(rasters: Iterable[RasterSource]) -> list[str]:
+    """Return the SHA-256 of the content of each source, or why there is none: results depend on them."""
+    return [raster_problem(each) or content_hash(each) for each in rasters]
+
+
 def resolved_rasters(
     rasters: Iterable[RasterSource], files: Mapping[str, bytes], base: Path | None
 ) -> tuple[RasterSource, ...]:

@@ -24,6 +24,7 @@ from rasterio.crs import CRS
 from rasterio.enums import WktVersion
 
 from sketchterrain.document.label_layers import image_digest
+from sketchterrain.document.rasters import content_digests
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import settings_text
 from sketchterrain.errors import SketchterrainError
@@ -47,6 +48,7 @@ ENDINGS: Final[dict[str, str]] = {"zarr": ".zarr", "tiles": "", "tif": ".tif"}
 PlantsForm = Literal["none", "parquet", "flatgeobuf"]
 _ROOMS: Final = (
     "document",
+    "elevation",
     "placement",
     "hydrology",
     "compute",
@@ -107,6 +109,8 @@ def fingerprint(job: Job) -> str:
         **{name: getattr(job, name) for name in ("form", "plants", "grass", "crs", "origin", "step", "fast")},
         "libraries": {name: version(name) for name in (*_LIBRARIES[job.form], *_LIBRARIES[job.plants])},
     }
+    if job.sketch.elevation_rasters:
+        whole["elevation"] = content_digests(job.sketch.elevation_rasters)
     return sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
 
 

@@ -22,6 +22,7 @@ from sketchterrain.batch.results import (
     read_manifest,
     write_sheets,
 )
+from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.export.target import ExportOptions
@@ -185,3 +186,15 @@ def test_sheets_are_paged(tmp_path):
     assert write_sheets(tmp_path, entries) == ["sheet.png", "sheet-2.png"]
     with Image.open(tmp_path / "sheet-2.png") as page:
         assert page.size == (424, 271)
+
+
+def test_fingerprint_depends_on_the_content_of_elevation(tmp_path):
+    path = tmp_path / "dem.tif"
+    sketch = Sketch(rasters=(RasterSource(str(path), "elevation"),))
+    picture = Sketch(rasters=(RasterSource(str(path)),))
+    found = []
+    for content in (None, b"heights", b"others!"):
+        if content is not None:
+            path.write_bytes(content)
+        found.append((fingerprint(sketch, Output()), fingerprint(picture, Output())))
+    assert [len(set(each)) for each in zip(*found, strict=True)] == [3, 1]

@@ -251,3 +251,25 @@ def test_map_and_view_options(call, sketch, tmp_path, monkeypatch):
     assert names(tmp_path) == FILES | {"preview.png", "map.svg"}
     assert "map.svg" in report(tmp_path)["files"]
     assert (tmp_path / "map.svg").read_text().rstrip().endswith("</svg>")
+
+
+def test_report_lists_real_elevation(call, tmp_path):
+    heights = (500.0 + np.add.outer(np.arange(40) * 9, np.arange(50) * 7)).astype(np.int16)
+    profile = {"count": 1, "height": 40, "width": 50, "dtype": "int16", "crs": "EPSG:25832", "nodata": -1}
+    heights[20, 20] = -1
+    at = rasterio.Affine(30.0, 0.0, 600000.0, 0.0, -30.0, 5270000.0)
+    with rasterio.open(tmp_path / "alps.tif", "w", driver="GTiff", transform=at, **profile) as file:
+        file.write(heights, 1)
+    assert call("new", tmp_path / "alps", "--dem", tmp_path / "alps.tif", "--extent", 800).code == 0
+    options = ("--size", 33, "--no-preview", "--foliage", "none")
+    done = call("generate", tmp_path / "alps", "-o", tmp_path / "out", *options)
+    assert done.code == 0
+    assert "elevation: alps.tif: 1 samples in 1 small voids, filled" in done.out.splitlines()
+    base = report(tmp_path / "out")["base"]
+    (grid,) = base["grids"]
+    assert (grid["name"], grid["rows"], grid["columns"], grid["step"]) == ("alps.tif", 40, 50, 30.0)
+    assert (base["error"], len(base["id"])) == (0.5, 32)
+    assert "alps.tif: 1 samples in 1 small voids, filled" in base["findings"]
+    (tmp_path / "alps.tif").unlink()
+    done = call("generate", tmp_path / "alps", "-o", tmp_path / "out", *options)
+    assert (done.code, "alps.tif: the file is missing" in done.error) == (3, True)

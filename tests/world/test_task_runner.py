@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.rasters import RasterSource
 from sketchterrain.export.sampled import quantise_normals, quantise_weights
 from sketchterrain.world import job as jobs
 from sketchterrain.world.grid import SHARD, Shard, World
@@ -75,7 +76,7 @@ def test_heights_are_rounded_to_multiples_of_a_step() -> None:
         assert not np.signbit(round_heights(np.float32([-step / 4]), step)).any()
 
 
-def test_fingerprint_depends_on_everything_that_changes_bytes(small_job, monkeypatch) -> None:
+def test_fingerprint_depends_on_everything_that_changes_bytes(small_job, monkeypatch, tmp_path) -> None:
     others = {
         "sketch": replace(small_job.sketch, seed=5),
         "world": World(0.0, 0.0, 8.0, 8.0, 1.0),
@@ -92,6 +93,13 @@ def test_fingerprint_depends_on_everything_that_changes_bytes(small_job, monkeyp
     painted = {name: image.copy() for name, image in small_job.sketch.layers.items()}
     painted["forest"][0, 0] = 1
     assert fingerprint(replace(small_job, sketch=replace(small_job.sketch, layers=painted))) not in found
+    dem = tmp_path / "dem.tif"
+    on_dem = replace(
+        small_job, sketch=small_job.sketch.replace(rasters=(RasterSource(str(dem), "elevation"),))
+    )
+    missing = fingerprint(on_dem)
+    dem.write_bytes(b"heights")
+    assert len({missing, fingerprint(on_dem), fingerprint(small_job)}) == 3
     before = fingerprint(small_job)
     monkeypatch.setattr("sketchterrain.world.job.version", lambda _: "0.0")
     assert fingerprint(small_job) != before

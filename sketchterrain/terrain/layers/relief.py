@@ -53,6 +53,7 @@ from sketchterrain.terrain.noise import (
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.terrain.base_ground import BaseGround
     from sketchterrain.terrain.culler import Culled
     from sketchterrain.terrain.layers.relief_culler import NearNodes, ReliefCuller
     from sketchterrain.terrain.relief_fields import UnpaintedSettings
@@ -137,6 +138,7 @@ class ReliefLayer(TerrainLayer):
 
     unpainted: NodeSource
     painted: DrainedRaster | None = field(default=None, metadata=ITEMS)
+    base: BaseGround | None = None
 
     def reader(self) -> NodeReader:
         """Return a reader of its nodes with an empty cache."""

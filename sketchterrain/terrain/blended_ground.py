@@ -11,13 +11,20 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import convolve1d, distance_transform_edt
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array
 from sketchterrain.terrain.base_ground import BaseGround
-from sketchterrain.terrain.drainage import DrainageInput, Drained, confined, on_network, routed
+from sketchterrain.terrain.drainage import DrainageInput, Drained, carved, confined, on_network, routed
 from sketchterrain.terrain.drainage_rounds import LEAST_SLOPE
+from sketchterrain.terrain.painted_uplift import HeightControl, PaintedUplift
 
-_THROUGH = 600.0  # r0²: drainage area from outside of zones, from which on channels stay as they are
+_THROUGH = 1.0  # circles of features: drainage area from elsewhere, from which on channels stay as they are
+_EVEN, _CUTS = 1, 3  # times that the change is evened out, and that barriers are cut
+_FLOOR, _FLOOR_SHARE = (
+    4.0,
+    0.2,
+)  # r0 from valleys to where sides are as steep as elsewhere; how steep at first
 _STEEP_SHARE = 0.5  # of the data's slope, by which slopes of features on top are less …
 _LEAST_SHARE = 0.6  # … but not below this share of theirs
 
@@ -57,19 +64,25 @@ def blended_level(
     return BlendedLevel(flow, procedural, data.weight, rock + data.weight * (data.rock - rock))
 
 
-def raised_level(source: DrainageInput, cell: float, ground: BlendedLevel, zone: BoolArray) -> DrainageInput:
+def raised_level(
+    source: DrainageInput, cell: float, ground: BlendedLevel, painted: PaintedUplift, index: int
+) -> DrainageInput:
     """Return what a level with features is drained from in their zone, as a change of the ground.
 
     Parameters
     ----------
     source : with the slopes that features and water ask for
+    painted, index : the features, and the number of the level
     """
     spacing = cell * 2.0**source.level
-    height, flow = ground.flow.height, ground.flow
+    height, flow, zone = ground.flow.height, ground.flow, painted.zone_of(index)
+    passed = _THROUGH * np.pi * HeightControl(painted, cell).radius(index) ** 2
     foreign = flow.area * (1.0 - on_network(source, cell, flow).shares_from(zone.astype(np.float64)))
-    change = confined(source, ground.unchanged, zone & (foreign < _THROUGH * cell * cell))
+    change = confined(source, ground.unchanged, zone & (foreign < passed))
     slope = _slopes(height, spacing)
     repose = np.maximum(change.repose - _STEEP_SHARE * slope, _LEAST_SHARE * change.repose)
+    away = spacing * distance_transform_edt(np.isnan(change.base) & (change.course < 0))
+    repose *= np.clip(away / (_FLOOR * cell), _FLOOR_SHARE, 1.0)
     at = np.flatnonzero(change.course.ravel() >= 0)
     to, columns = change.course.ravel()[at], height.shape[1]
     far = spacing * np.hypot(at // columns - to // columns, at % columns - to % columns)
@@ -82,6 +95,54 @@ def changed(source: DrainageInput, ground: BlendedLevel) -> DrainageInput:
     """Return a whole level, drained as a change of the ground."""
     base = np.where(np.isnan(source.base), np.nan, 0.0)
     return replace(source, base=base, ground=ground.flow.height, least=None)
+
+
+def raised(
+    painted: PaintedUplift,
+    index: int,
+    whole: DrainageInput,
+    cell: float,
+    drained: Drained,
+    factors: Float64Array,
+) -> tuple[Float64Array, list[Float64Array]]:
+    """Return what features add to a level (m), and the parts of it that it loses without each layer.
+
+    The change is even where the data have detail of their own. Barriers in it are cut through, and shapes are
+    scaled to their heights.
+
+    Parameters
+    ----------
+    whole : the level from `changed`
+    drained, factors : from `drain_painted`
+    """
+    level, zone, layers = painted.ground[index], painted.zone_of(index), painted.layers
+    solver = on_network(level, cell, drained)
+    control, change = HeightControl(painted, cell), _even(drained.height, zone)
+    without = []
+    for layer in layers:
+        others = replace(painted, layers=tuple(each for each in layers if each is not layer))
+        uplift = HeightControl(others, cell, factors).uplift(index, solver)
+        without.append(np.minimum(_even(solver.heights(uplift), zone), change))
+    for is_last in (False, True):
+        gains = [control.gain(index, layer, change - own) for layer, own in zip(layers, without, strict=True)]
+        parts = [gain * (change - own) for gain, own in zip(gains, without, strict=True)]
+        change = change + sum(part - (change - own) for part, own in zip(parts, without, strict=True))
+        without = [np.maximum(change - part, 0.0) for part in parts]
+        if not is_last:
+            steeper = replace(whole, repose=whole.repose * np.maximum.reduce(gains, initial=1.0))
+            for _ in range(_CUTS):
+                change = np.nan_to_num(carved(steeper, cell, change).height)
+            without = [np.minimum(own, change) for own in without]
+    return change, [change - own for own in without]
+
+
+def _even(change: Float64Array, zone: BoolArray) -> Float64Array:
+    """Return means (1 2 1) of heights inside of a zone."""
+    change = np.nan_to_num(change)
+    for axis in (0, 1):
+        for _ in range(_EVEN):
+            change = convolve1d(change, [0.25, 0.5, 0.25], axis, mode="nearest")
+    return np.where(zone, change, 0.0)
 
 
 def _slopes(height: Float64Array, spacing: float) -> Float64Array:

@@ -27,7 +27,7 @@ from sketchterrain.hydrology.streams import Flow
 from sketchterrain.placement.feature_types import Lake
 from sketchterrain.placement.sea import Sea
 from sketchterrain.terrain.base_ground import BaseGround
-from sketchterrain.terrain.blended_ground import BlendedLevel, blended_level, changed, raised_level
+from sketchterrain.terrain.blended_ground import BlendedLevel, blended_level, changed, raised, raised_level
 from sketchterrain.terrain.drainage import (
     BARE_ROUNDS,
     DrainageInput,
@@ -95,6 +95,7 @@ class PaintedGround:
     network: Drained
     factors: Float64Array
     finest: Drained  # with barriers cut through, and with elevation data
+    parts: Sequence[Float64Array]  # what layers of features add to these (m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,12 +224,14 @@ def ground_without(
     ground = _cached_ground(settings, land, water, memory, base, 4)
     blended = _cached_blended(settings, water, memory, base, 4)
     uplift = _uplift(settings, land.without(removed), water, memory, blended, 4)
-    height = height_without(uplift, ground.network, ground.factors, settings.spacing)
-    drained = replace(ground.network, height=height)
     if blended:
-        drained = replace(ground.finest, height=blended[-1].flow.height + height)
-    nodes = _nodes(drained, uplift, 3, settings.spacing, blended[3:])
-    return DrainedRaster.from_drained([nodes])
+        layers = _uplift(settings, land, water, memory, blended, 4).layers
+        own = [part for layer, part in zip(layers, ground.parts, strict=True) if removed[layer.members].all()]
+        drained = replace(ground.finest, height=ground.finest.height - sum(own))
+    else:
+        height = height_without(uplift, ground.network, ground.factors, settings.spacing)
+        drained = replace(ground.network, height=height)
+    return DrainedRaster.from_drained([_nodes(drained, uplift, 3, settings.spacing, blended[3:])])
 
 
 def _cached_ground(
@@ -259,19 +262,19 @@ def _drained(
     bare = [each.unchanged for each in blended] or _cached_bare(settings, water, memory, count)
     uplift = _uplift(settings, land, water, memory, blended, count)
     drained, factors = drain_painted(uplift, cell, bare)
-    finest = blended[-1].flow if blended else drained[-1]
+    finest, parts = blended[-1].flow if blended else drained[-1], []
     if drained[-1] is not bare[-1]:
         ground = _watered_ground(settings, water, memory, count)[-1]
         repose = np.maximum(ground.repose, uplift.ground[count - 1].repose)
         if blended:
             whole = changed(replace(ground, repose=repose), blended[-1])
-            change = carved(whole, cell, drained[-1].height)
-            finest = routed(ground, cell, finest.height + change.height)
+            change, parts = raised(uplift, count - 1, whole, cell, drained[-1], factors)
+            finest = routed(ground, cell, finest.height + change)
         else:
             finest = carved(replace(ground, repose=repose), cell, finest.height)
     nodes = _nodes(finest, uplift, count - 1, cell, blended[-1:])
     return PaintedGround(
-        DrainedRaster.from_drained([_NO_NODES] * (4 - count) + [nodes]), drained[-1], factors, finest
+        DrainedRaster.from_drained([_NO_NODES] * (4 - count) + [nodes]), drained[-1], factors, finest, parts
     )
 
 
@@ -290,13 +293,13 @@ def _uplift(
     levels = []
     for k, (ground, before) in enumerate(zip(uplift.ground[:count], unpainted, strict=False)):
         constraints = _cached_constraints(ground, settings, water, memory)
-        built, zone = np.any([layer.inside[k] > 0.0 for layer in uplift.layers], axis=0), uplift.zone_of(k)
+        built = np.any([layer.inside[k] > 0.0 for layer in uplift.layers], axis=0)
         if blended:
             obeyed = _obeyed(ground, constraints, built | (blended[k].weight >= 1.0))
-            levels.append(raised_level(obeyed, settings.spacing, blended[k], zone))
+            levels.append(raised_level(obeyed, settings.spacing, blended[k], uplift, k))
         else:
             obeyed = _obeyed(replace(ground, least=before.least), constraints, built)
-            levels.append(confined(obeyed, bare[k], zone))
+            levels.append(confined(obeyed, bare[k], uplift.zone_of(k)))
     return replace(uplift, ground=(*levels, *uplift.ground[count:]))
 
 

@@ -221,7 +221,9 @@ def _as_read(nodes: Float64Array) -> Float64Array:
 def _highest(features: UpliftFeatures) -> Float64Array:
     """Return the greatest height (m) of the features of each shape."""
     highest = np.full(int(features.shape.max()) + 1, 1e-9)
-    np.maximum.at(highest, features.shape, np.where(np.isinf(features.summit), features.height, features.summit))
+    np.maximum.at(
+        highest, features.shape, np.where(np.isinf(features.summit), features.height, features.summit)
+    )
     return highest
 
 
@@ -299,13 +301,19 @@ class HeightControl:
                 _adjust_factors(effect, aims, start, step, factors, share)
             self.factors[layer.members] = factors
 
-    def gain(self, number: int, effect: Float64Array) -> Float64Array:
-        """Return by how much a layer's effect (m) falls short of its shapes' heights, at nodes of level 0."""
-        layer, index = self._painted.layers[number], len(self._painted.ground) - 1
+    def gain(self, index: int, layer: FeatureLayer, effect: Float64Array) -> Float64Array:
+        """Return by how much the effect (m) of a layer at a level falls short of the heights of its shapes."""
+        _, start, step = self._place(index)
         gains, shape = np.ones(len(layer.members)), self._painted.features.shape[layer.members]
         aims = layer.highest, shape, layer.owner, self._below(layer, index)
-        _adjust_shapes(_as_read(effect), aims, (0, 0), 1, gains, 1.0)
+        _adjust_shapes(_as_read(effect), aims, start, step, gains, 1.0)
         return self._spread(layer, index, gains)
+
+    def radius(self, index: int) -> Float64Array:
+        """Return the radius (m) of features near the nodes of a level, at least 1."""
+        radius = self._painted.features.radius
+        found = [self._spread(each, index, radius[each.members]) for each in self._painted.layers]
+        return np.maximum.reduce(found, initial=1.0)
 
     def _below(self, layer: FeatureLayer, index: int) -> Float64Array:
         """Return the height (m) of the ground at a level's nodes where heights are elevations, else 0."""

@@ -44,6 +44,7 @@ from sketchterrain.terrain.painted_ground import (
     COARSE_LEVEL,
     PaintedLand,
     PaintedWater,
+    data_heights,
     drafted_ground,
     ground_without,
     painted_flow,
@@ -244,8 +245,9 @@ def plan_terrain(
     points = replace(dry.points, painted=np.concatenate([painted.points, adopted.points]))
     dry = dry.with_layers([points, DunesLayer(points.dune_styles)])
     bare = replace(dry.with_layers([CoversLayer(())]), climate={}, material_rules=())
-    land = _painted_land(sketch, points.painted, settings.spacing, memory)
     sea = create_sea(sketch, cache=memory)
+    data = None if base is None else data_heights(settings, PaintedWater(sea=sea), memory, base)
+    land = _painted_land(sketch, points.painted, settings.spacing, memory, data)
     checkpoint()
 
     coarse = painted_ground(settings, land, PaintedWater(sea=sea), memory, base, coarse=True)
@@ -274,10 +276,12 @@ def _base_ground(sketch: Sketch, memory: LRUCache) -> BaseGround | None:
     return None
 
 
-def _painted_land(sketch: Sketch, points: StructuredArray, cell: float, memory: LRUCache) -> PaintedLand:
+def _painted_land(
+    sketch: Sketch, points: StructuredArray, cell: float, memory: LRUCache, data: GroundHeight | None
+) -> PaintedLand:
     outlines = {layer: _outline(sketch, layer, cell, memory) for layer in ("mountain", "hill")}
     found = {layer: outline for layer, outline in outlines.items() if outline is not None}
-    return PaintedLand(uplift_features(sketch, points, memory), found)
+    return PaintedLand(uplift_features(sketch, points, memory, data), found)
 
 
 def _outline(sketch: Sketch, layer: str, cell: float, memory: LRUCache) -> Outline | None:

@@ -23,6 +23,7 @@ from sketchterrain.hydrology.drainage_constraints import (
     NodeRaster,
     drainage_constraints,
 )
+from sketchterrain.hydrology.lakes import GroundHeight
 from sketchterrain.hydrology.streams import Flow
 from sketchterrain.placement.feature_types import Lake
 from sketchterrain.placement.sea import Sea
@@ -154,6 +155,23 @@ def painted_ground(
 ) -> DrainedRaster:
     """Return the painted region as it is drained, or its coarse levels with empty finer ones."""
     return _cached_ground(settings, land, water, memory, base, 4 - COARSE_LEVEL if coarse else 4).raster
+
+
+def data_heights(
+    settings: UnpaintedSettings, water: PaintedWater, memory: LRUCache, base: BaseGround
+) -> GroundHeight:
+    """Return heights (m) of the region with elevation data and without features, by its coarse nodes."""
+    count = 4 - COARSE_LEVEL
+    source = _cached_levels(settings, memory)[0][count - 1]
+    nodes = np.nan_to_num(_cached_blended(settings, water, memory, base, count)[-1].flow.height)
+    raster = _raster(source, settings.spacing)
+
+    def heights(x: Float64Array, y: Float64Array) -> Float64Array:
+        at = (y - raster.south) / raster.spacing, (x - raster.west) / raster.spacing
+        found: Float64Array = map_coordinates(nodes, at, order=1, mode="nearest")
+        return found
+
+    return heights
 
 
 def drafted_ground(

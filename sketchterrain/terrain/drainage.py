@@ -21,11 +21,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int32Array
 from sketchterrain.terrain import drainage_levels, drainage_rounds
+
+Number = TypeVar("Number", bound=np.generic)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +49,7 @@ class DrainageInput:
     level : the spacing is r0 · 2^level
     least : heights (m) that nodes have at least
     strata : how far layers of rock stand out as cliffs and benches, 0 … 1; coarser levels have none
+    ground : heights (m) that all others are counted from, while water flows over the sum of both
     """
 
     uplift: Float64Array
@@ -57,6 +62,7 @@ class DrainageInput:
     level: int = 0
     least: Float64Array | None = None
     strata: Float64Array | None = None
+    ground: Float64Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +158,14 @@ def carved(source: DrainageInput, cell: float, height: Float64Array) -> Drained:
     return solver.result()
 
 
+def routed(source: DrainageInput, cell: float, height: Float64Array) -> Drained:
+    """Return how water flows over heights (m) as they are, out of depressions through their lowest pass."""
+    outlets = np.where(np.isnan(source.base), np.nan, height)
+    solver = LevelSolver(replace(source, base=outlets), cell, onto=height)
+    solver.route()
+    return replace(solver.result(), height=height)
+
+
 def on_network(source: DrainageInput, cell: float, network: Drained) -> LevelSolver:
     """Return a solver of a level on a network of flow that was found with other uplift."""
     solver = LevelSolver(source, cell)
@@ -190,7 +204,16 @@ def coarsened(source: DrainageInput) -> DrainageInput:
         level=source.level + 1,
         least=None,
         strata=None,
+        ground=None,
     )
+
+
+def at_level(values: npt.NDArray[Number], level: DrainageInput, finest: DrainageInput) -> npt.NDArray[Number]:
+    """Return values at nodes of a level by those at nodes of the finest one."""
+    step = 1 << (level.level - finest.level)
+    south, west = (step * a - b for a, b in zip(level.origin, finest.origin, strict=True))
+    rows, columns = level.base.shape
+    return values[south::step, west::step][:rows, :columns]
 
 
 def _halved(first: int, count: int) -> tuple[int, int]:
@@ -237,6 +260,9 @@ class LevelSolver:
         if source.strata is not None:
             strata[1:-1, 1:-1] = source.strata
         self._fields = self._uplift, self._repose, self._rain, least.ravel(), strata.ravel()
+        self._ground: Float64Array | None = None
+        if source.ground is not None:
+            self._ground = np.pad(np.where(source.domain, source.ground, 0.0), 1).ravel()
         self._geometry = self._shape[1] + 2, self._spacing, 1.0 / (cell * cell)
         self._count = 0
 
@@ -246,7 +272,12 @@ class LevelSolver:
 
     def route(self) -> None:
         """Find receivers and drainage areas."""
+        if self._ground is not None:
+            self._height += self._ground
         self._count = drainage_rounds.route(self._topology, self._fields, self._state, self._geometry)
+        if self._ground is not None:
+            self._height -= self._ground
+            self._state[-1][:] = self._height
 
     def follow(self, receiver: Int32Array) -> None:
         """Take receivers as they are, instead of finding them."""
@@ -263,9 +294,15 @@ class LevelSolver:
         drainage_rounds.settle(self._topology, self._fields, self._state, self._geometry)
 
     def carve(self) -> None:
-        """Cut through what stands above the nodes that drain to it."""
+        """Cut through what stands above the nodes that drain to it, down to the ground if there is one."""
         drainage_rounds.sink_courses(self._topology, self._height, self._geometry[0])
-        drainage_rounds.carve(self._kind, self._state, self._geometry, self._count)
+        floor = np.full(self._height.size, -np.inf)
+        if self._ground is not None:
+            floor = self._ground
+            self._height += self._ground
+        drainage_rounds.carve(self._kind, floor, self._state, self._geometry, self._count)
+        if self._ground is not None:
+            self._height -= self._ground
         drainage_rounds.limit_slopes(self._topology, self._fields, self._state, self._geometry)
         self._count = drainage_rounds.accumulate(self._topology, self._fields, self._state)
 

@@ -200,14 +200,14 @@ def _limit_sweep(kinds, forced, height, receiver, repose, spacing, width, direct
 
 
 @_compiled
-def carve(kinds, state, geometry, count):
-    """Lower nodes that stand above those which drain to them, down the flow."""
+def carve(kinds, floor, state, geometry, count):
+    """Lower nodes that stand above those which drain to them, down the flow, but not below a floor."""
     height, receiver, order = state[0], state[2], state[3]
     for k in range(count):
         at = order[k]
         to = receiver[at]
         if to >= 0 and kinds[to] & 1:
-            height[to] = min(height[to], height[at] - LEAST_SLOPE * geometry[1])
+            height[to] = min(height[to], max(height[at] - LEAST_SLOPE * geometry[1], floor[to]))
 
 
 @_compiled

@@ -1,7 +1,8 @@
 """The painted region of the drained ground.
 
 It is drained to rivers, lakes and the sea without features, then anew in zones around features, to the ground
-as it was. Barriers that are left where water leaves the zones are cut through.
+as it was. Barriers that are left where water leaves the zones are cut through. Over elevation data, nodes hold
+only what is added to these: see `blended_ground`.
 """
 
 from __future__ import annotations
@@ -22,18 +23,23 @@ from sketchterrain.hydrology.drainage_constraints import (
     NodeRaster,
     drainage_constraints,
 )
+from sketchterrain.hydrology.lakes import GroundHeight
 from sketchterrain.hydrology.streams import Flow
 from sketchterrain.placement.feature_types import Lake
 from sketchterrain.placement.sea import Sea
+from sketchterrain.terrain.base_ground import BaseGround
+from sketchterrain.terrain.blended_ground import BlendedLevel, blended_level, changed, raised, raised_level
 from sketchterrain.terrain.drainage import (
     BARE_ROUNDS,
     DrainageInput,
     Drained,
+    at_level,
     carved,
     coarsened,
     confined,
     drain,
     ramped,
+    routed,
 )
 from sketchterrain.terrain.node_raster import DrainedRaster, PaintedNodes
 from sketchterrain.terrain.painted_uplift import (
@@ -89,7 +95,8 @@ class PaintedGround:
     raster: DrainedRaster
     network: Drained
     factors: Float64Array
-    finest: Drained  # with barriers cut through
+    finest: Drained  # with barriers cut through, and with elevation data
+    parts: Sequence[Float64Array]  # what layers of features add to these (m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +149,29 @@ def painted_ground(
     land: PaintedLand,
     water: PaintedWater,
     memory: LRUCache,
+    base: BaseGround | None = None,
     *,
     coarse: bool = False,
 ) -> DrainedRaster:
     """Return the painted region as it is drained, or its coarse levels with empty finer ones."""
-    return _cached_ground(settings, land, water, memory, 4 - COARSE_LEVEL if coarse else 4).raster
+    return _cached_ground(settings, land, water, memory, base, 4 - COARSE_LEVEL if coarse else 4).raster
+
+
+def data_heights(
+    settings: UnpaintedSettings, water: PaintedWater, memory: LRUCache, base: BaseGround
+) -> GroundHeight:
+    """Return heights (m) of the region with elevation data and without features, by its coarse nodes."""
+    count = 4 - COARSE_LEVEL
+    source = _cached_levels(settings, memory)[0][count - 1]
+    nodes = np.nan_to_num(_cached_blended(settings, water, memory, base, count)[-1].flow.height)
+    raster = _raster(source, settings.spacing)
+
+    def heights(x: Float64Array, y: Float64Array) -> Float64Array:
+        at = (y - raster.south) / raster.spacing, (x - raster.west) / raster.spacing
+        found: Float64Array = map_coordinates(nodes, at, order=1, mode="nearest")
+        return found
+
+    return heights
 
 
 def drafted_ground(
@@ -185,10 +210,11 @@ def painted_flow(
     land: PaintedLand,
     water: PaintedWater,
     memory: LRUCache,
+    base: BaseGround | None = None,
     plateaus: Outline | None = None,
 ) -> Flow:
-    """Return how the painted region drains, level 0; plateaus bar streams."""
-    finest = _cached_ground(settings, land, water, memory, 4).finest
+    """Return how the painted region drains, level 0; plateaus and elevation data bar streams."""
+    finest = _cached_ground(settings, land, water, memory, base, 4).finest
     source = _cached_levels(settings, memory)[0][-1]
     constraints = _cached_constraints(source, settings, water, memory)
     wet = (constraints.course >= 0) | (constraints.slope <= 0.0)
@@ -196,6 +222,8 @@ def painted_flow(
     barred = np.zeros(wet.shape, np.bool_)
     if plateaus is not None:
         barred = plateaus.depth_at(source.origin, wet.shape) > -settings.spacing
+    if base is not None:
+        barred |= _cached_blended(settings, water, memory, base, 4)[-1].weight > 0.0
     raster = _raster(source, settings.spacing)
     return Flow(
         raster, finest.height, finest.area, finest.receiver, wet, barred, lake=constraints.slope <= 0.0
@@ -208,39 +236,63 @@ def ground_without(
     water: PaintedWater,
     memory: LRUCache,
     removed: BoolArray,
+    base: BaseGround | None = None,
 ) -> DrainedRaster:
     """Return the painted region without the uplift of some features, on the network drained with all."""
-    ground = _cached_ground(settings, land, water, memory, 4)
-    bare = _cached_bare(settings, water, memory, 4)
-    uplift = _uplift(settings, land.without(removed), water, memory, bare)
-    height = height_without(uplift, ground.network, ground.factors, settings.spacing)
-    return DrainedRaster.from_drained(
-        [_nodes(replace(ground.network, height=height), uplift, 3, settings.spacing)]
-    )
+    ground = _cached_ground(settings, land, water, memory, base, 4)
+    blended = _cached_blended(settings, water, memory, base, 4)
+    uplift = _uplift(settings, land.without(removed), water, memory, blended, 4)
+    if blended:
+        layers = _uplift(settings, land, water, memory, blended, 4).layers
+        own = [part for layer, part in zip(layers, ground.parts, strict=True) if removed[layer.members].all()]
+        drained = replace(ground.finest, height=ground.finest.height - sum(own))
+    else:
+        height = height_without(uplift, ground.network, ground.factors, settings.spacing)
+        drained = replace(ground.network, height=height)
+    return DrainedRaster.from_drained([_nodes(drained, uplift, 3, settings.spacing, blended[3:])])
 
 
 def _cached_ground(
-    settings: UnpaintedSettings, land: PaintedLand, water: PaintedWater, memory: LRUCache, count: int
+    settings: UnpaintedSettings,
+    land: PaintedLand,
+    water: PaintedWater,
+    memory: LRUCache,
+    base: BaseGround | None,
+    count: int,
 ) -> PaintedGround:
-    key = ("painted ground", settings, land.key(), water.key(), count)
-    found: PaintedGround = memory.get_or_compute(key, lambda: _drained(settings, land, water, memory, count))
+    key = ("painted ground", settings, land.key(), water.key(), base, count)
+    found: PaintedGround = memory.get_or_compute(
+        key, lambda: _drained(settings, land, water, memory, base, count)
+    )
     return found
 
 
 def _drained(
-    settings: UnpaintedSettings, land: PaintedLand, water: PaintedWater, memory: LRUCache, count: int
+    settings: UnpaintedSettings,
+    land: PaintedLand,
+    water: PaintedWater,
+    memory: LRUCache,
+    base: BaseGround | None,
+    count: int,
 ) -> PaintedGround:
-    bare = _cached_bare(settings, water, memory, count)
-    uplift = _uplift(settings, land, water, memory, bare)
-    drained, factors = drain_painted(uplift, settings.spacing, bare)
-    finest = drained[-1]
+    cell = settings.spacing
+    blended = _cached_blended(settings, water, memory, base, count)
+    bare = [each.unchanged for each in blended] or _cached_bare(settings, water, memory, count)
+    uplift = _uplift(settings, land, water, memory, blended, count)
+    drained, factors = drain_painted(uplift, cell, bare)
+    finest, parts = blended[-1].flow if blended else drained[-1], []
     if drained[-1] is not bare[-1]:
         ground = _watered_ground(settings, water, memory, count)[-1]
         repose = np.maximum(ground.repose, uplift.ground[count - 1].repose)
-        finest = carved(replace(ground, repose=repose), settings.spacing, finest.height)
-    nodes = _nodes(finest, uplift, count - 1, settings.spacing)
+        if blended:
+            whole = changed(replace(ground, repose=repose), blended[-1])
+            change, parts = raised(uplift, count - 1, whole, cell, drained[-1], factors)
+            finest = routed(ground, cell, finest.height + change)
+        else:
+            finest = carved(replace(ground, repose=repose), cell, finest.height)
+    nodes = _nodes(finest, uplift, count - 1, cell, blended[-1:])
     return PaintedGround(
-        DrainedRaster.from_drained([_NO_NODES] * (4 - count) + [nodes]), drained[-1], factors, finest
+        DrainedRaster.from_drained([_NO_NODES] * (4 - count) + [nodes]), drained[-1], factors, finest, parts
     )
 
 
@@ -249,18 +301,45 @@ def _uplift(
     land: PaintedLand,
     water: PaintedWater,
     memory: LRUCache,
-    bare: Sequence[Drained],
+    blended: Sequence[BlendedLevel],
+    count: int,
 ) -> PaintedUplift:
     """Return the uplift of features on ground that is drained around them and to water."""
     unpainted, rock = _cached_levels(settings, memory)
-    uplift = land.uplift(unpainted[-1], settings.spacing, rock)
+    uplift = land.uplift(unpainted[-1], settings.spacing, np.zeros_like(rock) if blended else rock)
+    bare = [] if blended else _cached_bare(settings, water, memory, count)
     levels = []
-    for k, (ground, before, drained) in enumerate(zip(uplift.ground, unpainted, bare, strict=False)):
+    for k, (ground, before) in enumerate(zip(uplift.ground[:count], unpainted, strict=False)):
         constraints = _cached_constraints(ground, settings, water, memory)
         built = np.any([layer.inside[k] > 0.0 for layer in uplift.layers], axis=0)
-        obeyed = _obeyed(replace(ground, least=before.least), constraints, built)
-        levels.append(confined(obeyed, drained, uplift.zone_of(k)))
-    return replace(uplift, ground=(*levels, *uplift.ground[len(bare) :]))
+        if blended:
+            obeyed = _obeyed(ground, constraints, built | (blended[k].weight >= 1.0))
+            levels.append(raised_level(obeyed, settings.spacing, blended[k], uplift, k))
+        else:
+            obeyed = _obeyed(replace(ground, least=before.least), constraints, built)
+            levels.append(confined(obeyed, bare[k], uplift.zone_of(k)))
+    return replace(uplift, ground=(*levels, *uplift.ground[count:]))
+
+
+def _cached_blended(
+    settings: UnpaintedSettings, water: PaintedWater, memory: LRUCache, base: BaseGround | None, count: int
+) -> list[BlendedLevel]:
+    """Return levels of the region with elevation data, coarsest first; none without."""
+    if base is None:
+        return []
+
+    def compute() -> list[BlendedLevel]:
+        levels, rock = _cached_levels(settings, memory)
+        sources = _watered_ground(settings, water.bare(), memory, count)
+        bare = _cached_bare(settings, water, memory, count)
+        return [
+            blended_level(base, source, settings.spacing, drained, at_level(rock, source, levels[-1]))
+            for source, drained in zip(sources, bare, strict=True)
+        ]
+
+    key = ("blended ground", settings, water.bare().key(), base, count)
+    found: list[BlendedLevel] = memory.get_or_compute(key, compute)
+    return found
 
 
 def _cached_bare(
@@ -356,19 +435,20 @@ def _obeyed(
     return replace(source, course=water.course, base=water.base, repose=repose, least=least)
 
 
-def _nodes(drained: Drained, uplift: PaintedUplift, number: int, cell: float) -> PaintedNodes:
+def _nodes(
+    drained: Drained, uplift: PaintedUplift, number: int, cell: float, blended: Sequence[BlendedLevel] = ()
+) -> PaintedNodes:
     """Return the nodes of a level; `cell` is the spacing (m) of level 0."""
-    source, finest = uplift.ground[number], uplift.ground[-1]
-    step = 1 << source.level
-    south, west = (step * a - b for a, b in zip(source.origin, finest.origin, strict=True))
-    rows, columns = drained.height.shape
-    rock = uplift.rock[south::step, west::step][:rows, :columns]
-    wet = wetness(drained.height, drained.area, cell * step, cell)
+    source = uplift.ground[number]
+    rock, height = at_level(uplift.rock, source, uplift.ground[-1]), drained.height
+    for ground in blended:
+        rock, height = np.maximum(rock, ground.rock), ground.added(height)
+    wet = wetness(drained.height, drained.area, cell * 2.0**source.level, cell)
     shares = [np.rint(255 * np.clip(each, 0.0, 1.0)).astype(np.uint8) for each in (rock, wet)]
     return PaintedNodes(
         source.origin[1],
         source.origin[0],
-        drained.height.astype(np.float32),
+        height.astype(np.float32),
         shares[0],
         shares[1],
         drained.area.astype(np.float32),

@@ -27,6 +27,7 @@ from sketchterrain.terrain.drainage import (
     DrainageInput,
     Drained,
     LevelSolver,
+    at_level,
     coarsened,
     drain,
     on_network,
@@ -61,6 +62,7 @@ _FOREIGN = 1.5  # weight of drainage area from elsewhere: streams that come from
 _NEIGHBOUR = 0.15  # weight of features of other shapes inside a shape
 _ROCK_DEPTH = 0.3  # visible radii inside the outline, where all is rock
 _LIFT, _GAIN_CLIP = 0.2, 1.5
+_SUMMIT = 0.5  # visible radii inside the outline, beyond which ground counts as summit
 _LEAST_FACTOR, _MOST_FACTOR = 0.1, 8.0
 ADJUST_SHARE = 0.7  # of what features lack: what they gain at a routing; at the last one, all
 PASSES = 2  # adjustments of whole shapes, at the last routing
@@ -83,6 +85,7 @@ class FeatureLayer:
     region: Int32Array  # (rows, columns) of level 0: number of the painted shape, −1 outside
     owner: Int64Array  # the member nearest to its summit, −1 outside of all cores
     highest: Float64Array  # m, of each shape
+    risen: BoolArray  # (rows, columns): where both heights are elevations
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,11 +100,7 @@ class PaintedUplift:
 
     def zone_of(self, index: int) -> BoolArray:
         """Return the zone at the nodes of a level."""
-        level, finest = self.ground[index], self.ground[-1]
-        step = 1 << level.level
-        south, west = (step * a - b for a, b in zip(level.origin, finest.origin, strict=True))
-        rows, columns = level.base.shape
-        return self.zone[south::step, west::step][:rows, :columns]
+        return at_level(self.zone, self.ground[index], self.ground[-1])
 
 
 def painted_uplift(
@@ -182,16 +181,20 @@ def painted_uplift(
         ramp = _STEEPEST * np.minimum(uneven, 1.0) * (apron * (1.0 - front) + steep * front)
         own = np.maximum(ground.repose * (1.0 - core) * (1.0 - foot), ramp)
         repose = np.where(inside, np.maximum(own, np.where(repose is ground.repose, 0.0, repose)), repose)
+        risen = (owner >= 0) & (part.summit > -np.inf)[owner]
+        # Data that lie higher at the foot of a slope are not what rises.
+        owner = np.where(risen & (position < _SUMMIT), -1, owner)
         layers.append(
             FeatureLayer(
                 members,
                 _coarsened_fields(_COLLAR_UPLIFT * slope * collar, ground),
                 _coarsened_fields(_CORE_UPLIFT * slope * core * peak * uneven, ground),
                 _coarsened_fields(np.where(inside, core, 0.0), ground),
-                height,
+                np.where(risen, part.summit[owner], height),
                 region,
                 owner,
                 _highest(part),
+                risen & (owner >= 0),
             )
         )
         if is_rock:
@@ -218,7 +221,9 @@ def _as_read(nodes: Float64Array) -> Float64Array:
 def _highest(features: UpliftFeatures) -> Float64Array:
     """Return the greatest height (m) of the features of each shape."""
     highest = np.full(int(features.shape.max()) + 1, 1e-9)
-    np.maximum.at(highest, features.shape, features.height)
+    np.maximum.at(
+        highest, features.shape, np.where(np.isinf(features.summit), features.height, features.summit)
+    )
     return highest
 
 
@@ -286,13 +291,36 @@ class HeightControl:
         for layer, part in zip(painted.layers, parts, strict=True):
             without = solver.heights(ground + np.maximum(sum(parts) - part, 0.0))
             factors, effect = self.factors[layer.members], _as_read(height - without)
+            below = self._below(layer, index)
             if whole:
                 shape = painted.features.shape[layer.members]
-                aims = layer.highest, shape, layer.owner
+                aims = layer.highest, shape, layer.owner, below
                 _adjust_shapes(effect, aims, start, step, factors, share)
             else:
-                _adjust_factors(effect, (layer.target, layer.owner), start, step, factors, share)
+                aims = layer.target, layer.owner, below
+                _adjust_factors(effect, aims, start, step, factors, share)
             self.factors[layer.members] = factors
+
+    def gain(self, index: int, layer: FeatureLayer, effect: Float64Array) -> Float64Array:
+        """Return by how much the effect (m) of a layer at a level falls short of the heights of its shapes."""
+        _, start, step = self._place(index)
+        gains, shape = np.ones(len(layer.members)), self._painted.features.shape[layer.members]
+        aims = layer.highest, shape, layer.owner, self._below(layer, index)
+        _adjust_shapes(_as_read(effect), aims, start, step, gains, 1.0)
+        return self._spread(layer, index, gains)
+
+    def radius(self, index: int) -> Float64Array:
+        """Return the radius (m) of features near the nodes of a level, at least 1."""
+        radius = self._painted.features.radius
+        found = [self._spread(each, index, radius[each.members]) for each in self._painted.layers]
+        return np.maximum.reduce(found, initial=1.0)
+
+    def _below(self, layer: FeatureLayer, index: int) -> Float64Array:
+        """Return the height (m) of the ground at a level's nodes where heights are elevations, else 0."""
+        level = self._painted.ground[index]
+        if level.ground is None:
+            return np.zeros(level.base.shape)
+        return np.where(at_level(layer.risen, level, self._painted.ground[-1]), level.ground, 0.0)
 
     def _parts(self, index: int, shares: Sequence[Float64Array]) -> list[Float64Array]:
         """Return what each layer adds to a level."""
@@ -301,17 +329,22 @@ class HeightControl:
 
     def _layer(self, layer: FeatureLayer, index: int) -> Float64Array:
         """Return what the features of a layer add to a level."""
+        factors = self._spread(layer, index, self.factors[layer.members])
+        return np.asarray(layer.collar[index] + layer.core[index] * factors)
+
+    def _spread(self, layer: FeatureLayer, index: int, factors: Float64Array) -> Float64Array:
+        """Return the means of factors of a layer's members at the nodes of a level."""
         level, start, step = self._place(index)
         rows, columns = level.base.shape
         centre = self._centre[0][layer.members], self._centre[1][layer.members]
-        factors: Float64Array = _mean_factors(
+        found: Float64Array = _mean_factors(
             centre,
             self._radius[layer.members],
-            self.factors[layer.members],
+            factors,
             (start, step, (rows, columns)),
             (self._painted.features.region[layer.members], layer.region),
         )
-        return np.asarray(layer.collar[index] + layer.core[index] * factors)
+        return found
 
     def _place(self, index: int) -> tuple[DrainageInput, tuple[int, int], int]:
         """Return a level, its first node among those of level 0, and its spacing."""
@@ -469,27 +502,28 @@ def _mean_factors(centre, radius, factors, place, regions):
 @_compiled
 def _adjust_factors(effect, aims, start, step, factors, share):
     """Scale each factor by how far the highest crest of its feature is from its aim."""
-    target, owner = aims
+    target, owner, below = aims
     reached = np.zeros(factors.size)
     for i in range(effect.shape[0]):
         for j in range(effect.shape[1]):
             row, column = start[0] + i * step, start[1] + j * step
             k = owner[row, column]
-            if k >= 0 and target[row, column] > 1e-3:
-                reached[k] = max(reached[k], effect[i, j] / target[row, column])
+            if k >= 0 and target[row, column] - below[i, j] > 1e-3:
+                reached[k] = max(reached[k], effect[i, j] / (target[row, column] - below[i, j]))
     _scale(factors, reached, share)
 
 
 @_compiled
 def _adjust_shapes(effect, aims, start, step, factors, share):
     """Scale the factors of each shape by how far its highest crest is from its aim."""
-    highest, shape, owner = aims
+    highest, shape, owner, below = aims
     reached = np.zeros(highest.size)
     for i in range(effect.shape[0]):
         for j in range(effect.shape[1]):
             k = owner[start[0] + i * step, start[1] + j * step]
-            if k >= 0:
-                reached[shape[k]] = max(reached[shape[k]], effect[i, j] / highest[shape[k]])
+            if k >= 0 and highest[shape[k]] - below[i, j] > 0.0:
+                most = highest[shape[k]] - below[i, j]
+                reached[shape[k]] = max(reached[shape[k]], effect[i, j] / most)
     _scale(factors, reached[shape], share)
 
 

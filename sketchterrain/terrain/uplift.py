@@ -25,6 +25,7 @@ from sketchterrain.placement.shapes import cached_regions, measure_shape, region
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
+    from sketchterrain.hydrology.lakes import GroundHeight
 
 Number = TypeVar("Number", bound=np.generic)
 
@@ -43,6 +44,7 @@ class UpliftFeatures(NamedTuple):
     erosion: Float64Array
     strata: Float64Array
     is_rock: BoolArray  # mountains
+    summit: Float64Array  # elevation (m) that it rises to, −inf where its height is added to the ground
     shape: Int64Array  # number of the painted shape that a feature belongs to
     region: Int64Array  # number of that shape within its layer, −1 for features that were added
 
@@ -60,20 +62,29 @@ class UpliftFeatures(NamedTuple):
         return np.asarray((away < self.radius).any(axis=1))
 
 
-def uplift_features(sketch: Sketch, points: StructuredArray, cache: LRUCache | None = None) -> UpliftFeatures:
+def uplift_features(
+    sketch: Sketch,
+    points: StructuredArray,
+    cache: LRUCache | None = None,
+    ground: GroundHeight | None = None,
+) -> UpliftFeatures:
     """Return the mountains and hills among placed features (``FEATURE``), with heights as they are built.
 
     A feature belongs to the shape that its id names, wherever it was moved to; one that was added is a shape
     of its own, with its radius as inradius.
+
+    Shapes whose heights are elevations rise to these from the mean height of the `ground` at their features;
+    without elevation data (None) they are added, too. Features on higher ground raise nothing.
     """
     cache = LRUCache() if cache is None else cache
     points = points[np.isin(points["type"], [FEATURE_TYPES.index(name) for name in ("mountain", "hill")])]
     radius, height = np.zeros(len(points)), points["strength"].astype(np.float64)
+    summit = np.full(len(points), -np.inf)
     number, count = np.zeros(len(points), np.int64), 0
     region = np.zeros(len(points), np.int64)
     for name in ("mountain", "hill"):
         of_type = np.flatnonzero(points["type"] == FEATURE_TYPES.index(name))
-        shape, inradius, built, limit = _shapes_of(sketch, name, points[of_type], cache)
+        shape, inradius, built, limit, top = _shapes_of(sketch, name, points[of_type], cache)
         number[of_type] = count + shape
         count += len(inradius)
         alone = inradius[shape] <= 0.0
@@ -89,6 +100,18 @@ def uplift_features(sketch: Sketch, points: StructuredArray, cache: LRUCache | N
         for k in np.flatnonzero(alone | (own > (1.0 + 1e-6) * whole)).tolist():
             highest = built_height(float(own[k]), float(wide[k]), sketch.fidelity, float(limit[shape[k]]))
             own[k] = highest if alone[k] else max(highest, whole[k])
+        at = of_type[top[shape] > -np.inf]
+        if ground is not None and len(at):
+            risen = top[shape] > -np.inf
+            shape, share = shape[risen], own[risen] / np.maximum(whole[risen], 1e-9)
+            level = ground(points["x"][at].astype(np.float64), points["y"][at].astype(np.float64))
+            mean = np.bincount(shape, level) / np.maximum(np.bincount(shape), 1)
+            rise = np.zeros(len(mean))
+            for k in np.unique(shape).tolist():
+                asked = max(float(top[k] - mean[k]), 0.0)
+                rise[k] = built_height(asked, float(inradius[k]), sketch.fidelity, float(limit[k]))
+            summit[at] = mean[shape] + share * rise[shape]
+            own[risen] = np.where(rise[shape] > 0.0, np.maximum(summit[at] - level, 0.0), 0.0)
         height[of_type] = own
     return UpliftFeatures(
         points["x"].astype(np.float64),
@@ -99,6 +122,7 @@ def uplift_features(sketch: Sketch, points: StructuredArray, cache: LRUCache | N
         points["erosion"].astype(np.float64),
         points["strata"].astype(np.float64),
         np.asarray(points["type"] == FEATURE_TYPES.index("mountain")),
+        summit,
         number,
         region,
     )
@@ -106,10 +130,10 @@ def uplift_features(sketch: Sketch, points: StructuredArray, cache: LRUCache | N
 
 def _shapes_of(
     sketch: Sketch, name: str, points: StructuredArray, cache: LRUCache
-) -> tuple[Int64Array, Float64Array, Float64Array, Float64Array]:
-    """Return each feature's shape; inradii, built heights (m) and height limits of shapes.
+) -> tuple[Int64Array, Float64Array, Float64Array, Float64Array, Float64Array]:
+    """Return each feature's shape; inradii, built heights (m), height limits and elevations of shapes.
 
-    Features that were added have shapes of their own, with inradius 0.
+    Elevations (m) are −inf where heights are added to the ground. Features that were added have shapes of their own, with inradius 0.
     """
     image = sketch.layers[name]
     regions = cached_regions(image, cache)
@@ -118,18 +142,21 @@ def _shapes_of(
         ("inradii", name, IdentityKey(image)),
         lambda: [float(measure_shape(name, image, region).depth.max()) for region in regions],
     )
-    measures = np.zeros((len(regions), 3))
+    measures = np.zeros((len(regions), 4))
     for index, region in enumerate(regions):
         inradius, properties = inradii[index] * sketch.pixel_size, sketch.properties(name, region.label)
         built = shape_height(properties, inradius, sketch.fidelity).built
-        measures[index] = inradius, built, properties["height_limit"]
+        top = float(properties["height"])
+        is_elevation = properties.get("reach") == "absolute" and top > 0.0
+        measures[index] = inradius, built, properties["height_limit"], top if is_elevation else -np.inf
     pixel = (points["id"] & np.uint64((1 << 48) - 1)).astype(np.int64)
     painted = points["painted"] & (points["id"] >> np.uint64(48) == LAYERS[name].code) & (pixel < image.size)
     shape = np.where(painted, number.ravel()[np.where(painted, pixel, 0)], -1)
     alone = np.flatnonzero(shape < 0)
     shape[alone] = len(regions) + np.arange(len(alone))
-    inradius, built, limit = np.concatenate([measures, np.tile([0.0, 0.0, HEIGHT_LIMIT], (len(alone), 1))]).T
-    return shape, inradius, built, limit
+    added = np.tile([0.0, 0.0, HEIGHT_LIMIT, -np.inf], (len(alone), 1))
+    inradius, built, limit, top = np.concatenate([measures, added]).T
+    return shape, inradius, built, limit, top
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,7 +37,7 @@ def _features(*rows):
     half = np.full(len(x), 0.5)
     return UpliftFeatures(
         *(CELL * x, CELL * y, CELL * radius, height, half, half, 0.5 * half),
-        *(np.ones(len(x), np.bool_), np.arange(len(x)), np.full(len(x), -1)),
+        *(np.ones(len(x), np.bool_), np.full(len(x), -np.inf), np.arange(len(x)), np.full(len(x), -1)),
     )
 
 

@@ -55,6 +55,7 @@ from sketchterrain.terrain.noise import (
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.terrain.base_ground import BaseGround
     from sketchterrain.terrain.culler import Culled
     from sketchterrain.terrain.layers.relief_culler import NearNodes, ReliefCuller
     from sketchterrain.terrain.relief_fields import UnpaintedSettings

@@ -59,7 +59,7 @@ def blended_level(
     cell : spacing of level 0 (m)
     """
     data = base.window(source.level, source.origin[1], source.origin[0], *source.base.shape)
-    procedural = (1.0 - data.weight.astype(np.float64)) * drained.height
+    procedural = (1.0 - data.weight.astype(np.float64)) * (drained.height + data.around)
     flow = routed(source, cell, data.weight * data.height + procedural)
     return BlendedLevel(flow, procedural, data.weight, rock + data.weight * (data.rock - rock))
 

@@ -13,6 +13,7 @@ from sketchterrain.array_types import Bounds, Float64Array, StructuredArray
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.material_rules import resolved_rules
+from sketchterrain.elevation.base import load_base
 from sketchterrain.hydrology.courses import RiverCourse
 from sketchterrain.hydrology.drainage_constraints import course_slopes, lake_outlets, valley_floors
 from sketchterrain.hydrology.lakes import GroundHeight
@@ -226,7 +227,8 @@ def plan_terrain(
     fill = Fill.from_sketch(sketch, painted.points, seed=sketch.seed, cache=memory)
     adopted = apply_fill_edits(fill, sketch.edits, size=sketch.size)
     world = WorldSettings(sketch.extent, sketch.seed, sketch.fidelity)
-    settings, base = UnpaintedSettings.from_sketch(sketch), _base_ground(sketch, memory)
+    settings = UnpaintedSettings.from_sketch(sketch)
+    base = _base_ground(sketch, settings, memory)
     dry = TerrainRecipe(
         world,
         sketch.climate,
@@ -268,12 +270,13 @@ def plan_terrain(
     return TerrainPlan(dry, bare, settings, base, land, coarse, layout, water, orphans)
 
 
-def _base_ground(sketch: Sketch, memory: LRUCache) -> BaseGround | None:
-    """Return the elevation data of a sketch, if it has any."""
-    del memory
-    if not any(raster.role == "elevation" for raster in sketch.rasters):
+def _base_ground(sketch: Sketch, settings: UnpaintedSettings, memory: LRUCache) -> BaseGround | None:
+    """Return the elevation data of a sketch at nodes; None without any."""
+    base = load_base(sketch, memory)
+    if base is None:
         return None
-    return None
+    ground = BaseGround(base, settings.spacing, UnpaintedNodes(settings))
+    return memory.get_or_compute(("base ground", ground), lambda: ground)
 
 
 def _painted_land(

@@ -148,10 +148,10 @@ def test_keys_of_a_raster(tmp_path: Path, fine: RasterSource) -> None:
     moved = base_of(replace(fine, offset=-12.5))
     assert moved.heights(x, x, 1e-3).height == pytest.approx(ground(x, x) - 12.5, abs=2e-3)
     assert "fine.tif: -12.5 m added to all heights" in moved.findings
-    assert base_of(replace(fine, accuracy=7.0)).error == 7.0
-    assert base_of(fine).error == 0.0
+    assert base_of(replace(fine, accuracy=7.0)).facts["error"] == 7.0
+    assert base_of(fine).facts["error"] == 0.0
     whole = raster_source(dem(tmp_path / "whole.tif", dtype=np.int16), "elevation")
-    assert base_of(whole).error == 0.5
+    assert base_of(whole).facts["error"] == 0.5
     facts = base_of(whole, fine).facts
     assert [(each["name"], each["rows"], each["accuracy"]) for each in facts["grids"]] == [
         ("whole.tif", 100, 0.5),

@@ -64,10 +64,7 @@ class BaseElevation:
         """Entries of reports; `error` (m) is the largest of the finest surface."""
         patches, finest = self.patchwork.patches, self.patchwork.cover(0.0)
         names = ("name", "rows", "columns", "step", "accuracy")
-        rows = [
-            (each.name, *each.shape, round(each.patches.step, 3), each.patches.accuracy)
-            for each in self.grids
-        ]
+        rows = [(each.name, *each.shape, each.patches.step, each.patches.accuracy) for each in self.grids]
         return {
             "id": self.id.hex(),
             "grids": [dict(zip(names, row, strict=True)) for row in rows],

@@ -18,7 +18,7 @@ def random_rivers(sketch: Sketch, seed: int) -> Sketch:
         at, heading = rng.uniform(0, SIDE, 2), rng.uniform(0, 2 * np.pi)
         for _ in range(int(rng.integers(20, 150))):
             heading += rng.normal(0, 0.2)
-            at = at + [np.sin(heading), np.cos(heading)]
+            at += np.array([np.sin(heading), np.cos(heading)])
             row, column = np.floor(at).astype(int)
             if 0 <= row < SIDE - 1 and 0 <= column < SIDE - 1:
                 image[row : row + 2, column : column + 2] = 1

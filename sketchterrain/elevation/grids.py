@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 import math
-import warnings
 import zipfile
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from sketchterrain.array_types import Float32Array, Float64Array
 from sketchterrain.elevation.quirks import Findings, clean_samples
+from sketchterrain.elevation.raster_reader import Affine6, Window, read_header, read_strips
 from sketchterrain.errors import InputError, format_value, one_line
-
-Affine6: TypeAlias = tuple[float, float, float, float, float, float]
-"""a, b, c, d, e, f of x = a·column + b·row + c, y = d·column + e·row + f."""
-
-Window: TypeAlias = tuple[int, int, int, int]
-"""First row, first column, rows and columns."""
 
 MIN_SIDE: Final = 4
 """Fewest samples along a side of a grid."""
@@ -33,7 +25,6 @@ MAX_SAMPLES: Final = 1 << 29
 """Most samples that are read at once."""
 
 _FEET = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us-ft": 1200 / 3937, "us survey foot": 1200 / 3937}
-_DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".hgt": "SRTMHGT", ".asc": "AAIGrid", ".vrt": "VRT"}
 _UNREADABLE = (
     OSError,
     ValueError,
@@ -45,7 +36,6 @@ _UNREADABLE = (
     zipfile.BadZipFile,
     zlib.error,
 )
-_MAX_VRT = 1 << 24  # bytes
 _SPANS = ("xmin", "xmax", "ymin", "ymax")  # of .npz files: outer borders of the cells, as matplotlib's sample
 
 
@@ -252,82 +242,18 @@ def _read_raster(
     path: Path, band: int, window: Window | None
 ) -> tuple[Any, Any, Affine6 | None, str, Findings]:
     """Return heights, which are known, their place, CRS and findings of a raster that GDAL reads."""
-    from rasterio.windows import Window as RasterWindow
-
-    from sketchterrain.io.crs import crs_text
-
     findings: list[str] = []
-    with _open(path) as file:
-        if not 1 <= band <= file.count:
-            raise InputError(f"{one_line(path)}: band = {band}: expected 1 to {file.count}")
-        row, column, height, width = _checked_window(file.shape, window)
-        part = RasterWindow(column, row, width, height)
-        raw = file.read(band, window=part)
-        if raw.dtype.kind not in "fiu":
-            raise ValueError(f"expected heights, got {raw.dtype}")
-        known = file.read_masks(band, window=part) != 0
-        if not known.all():
-            tag = file.nodatavals[band - 1]
-            findings.append(f"{np.count_nonzero(~known)} samples of no data (file's mask, tag {tag})")
-        scale, offset, unit = file.scales[band - 1], file.offsets[band - 1], file.units[band - 1]
-        metres = _FEET.get((unit or "m").strip().lower(), 1.0)
-        if metres != 1.0:
-            findings.append(f"heights in feet, converted by {metres:.8g}")
-        if (scale * metres, offset) != (1.0, 0.0):
-            known &= np.abs(raw.astype(np.float64)) < 32767.0
-            raw = (raw.astype(np.float64) * scale + offset) * metres
-        at = file.transform
-        # Samples are the centres of cells: GDAL's transform refers to corners, also of files in points.
-        georeferenced = not at.is_identity
-        place = _moved((at.a, at.b, at.c, at.d, at.e, at.f), row + 0.5, column + 0.5)
-        crs = crs_text(file.crs)
-    return raw, known, place if georeferenced else None, crs, tuple(findings)
-
-
-@contextmanager
-def _open(path: Path) -> Iterator[Any]:
-    """Open a raster file, which may lie in a zip archive; raise InputError or ValueError if GDAL can't."""
-    import rasterio
-    from rasterio._err import CPLE_BaseError
-    from rasterio.errors import RasterioError
-
-    target, driver = _gdal_path(path)
-    try:
-        with (
-            warnings.catch_warnings(),
-            # Samples registered as points are moved by half a cell, whatever the environment says.
-            rasterio.Env(GTIFF_POINT_GEO_IGNORE=False, GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR"),
-        ):
-            warnings.simplefilter("ignore")  # of a file without a georeference
-            with rasterio.open(target, driver=driver) as file:
-                yield file
-    except (RasterioError, CPLE_BaseError) as error:
-        raise ValueError(one_line(error)) from None
-
-
-def _gdal_path(path: Path) -> tuple[Path | str, str]:
-    """Return what GDAL opens, and by which driver; names of missing files and VRTs may be addresses to it."""
-    driver = _DRIVERS.get(path.suffix.lower(), "")
-    for archive in (path, *path.parents):
-        if archive.suffix.lower() == ".zip" and archive.is_file():
-            inside = path.relative_to(archive).as_posix()
-            with zipfile.ZipFile(archive) as file:
-                names = [each for each in file.namelist() if not each.endswith("/")]
-            if archive == path and len(names) == 1:
-                inside = names[0]
-            if inside not in names:
-                raise ValueError(f"expected an archive of one file, or the name of one of its {len(names)}")
-            driver = _DRIVERS.get(Path(inside).suffix.lower(), "")
-            if driver in ("", "VRT"):
-                raise ValueError("expected a file .tif, .hgt or .asc in an archive")
-            return f"/vsizip/{{{archive.absolute()}}}/{inside}", driver
-    if not path.is_file():
-        raise ValueError("no such file")
-    if not driver:
-        raise ValueError(f"expected a file {', '.join(_DRIVERS)}, .npy, .npz or .zip")
-    if driver == "VRT":
-        with path.open("rb") as file:
-            content = file.read(_MAX_VRT + 1)
-        if len(content) > _MAX_VRT or any(each in content for each in (b"/vsi", b"://", b"&#")):
-            raise ValueError("expected a VRT of files, of at most 16 MB, without addresses")
-    return path.absolute(), driver
+    header = read_header(path, band)
+    row, column, height, width = _checked_window(header.shape, window)
+    raw, known = read_strips(header, (row, column, height, width))
+    if not known.all():
+        count = np.count_nonzero(~known)
+        findings.append(f"{count} samples of no data (file's mask, tag {header.nodata})")
+    metres = _FEET.get((header.unit or "m").strip().lower(), 1.0)
+    if metres != 1.0:
+        findings.append(f"heights in feet, converted by {metres:.8g}")
+    if (header.scale * metres, header.offset) != (1.0, 0.0):
+        known &= np.abs(raw.astype(np.float64)) < 32767.0
+        raw = (raw.astype(np.float64) * header.scale + header.offset) * metres
+    place = _moved(header.place, row, column) if header.place else None
+    return raw, known, place, header.crs, tuple(findings)

@@ -1,0 +1,357 @@
+"""Elevation rasters read by GDAL in a child process, whose memory and time are limited.
+
+Files that a user opens are not trusted: a crash of GDAL, a hang or a lack of memory ends the child, and is one
+InputError. The child is started by the first file, and ends itself when idle; it sends numbers only.
+"""
+
+from __future__ import annotations
+
+import atexit
+import json
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+import warnings
+import zipfile
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, BinaryIO, Final, NamedTuple, TypeAlias
+
+import numpy as np
+
+from sketchterrain.array_types import BoolArray
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.io.system import module_command
+
+Affine6: TypeAlias = tuple[float, float, float, float, float, float]
+"""a, b, c, d, e, f of x = a·column + b·row + c, y = d·column + e·row + f."""
+
+Window: TypeAlias = tuple[int, int, int, int]
+"""First row, first column, rows and columns."""
+
+ELLIPSOID: Final = "ellipsoid"
+"""Vertical datum of heights above the ellipsoid."""
+
+_MEMORY = 2 << 30  # bytes that the child may use beyond those of its libraries
+_SECONDS, _RATE = 1.0, 2e6  # s of processor time a request; samples a second beyond
+_WAITING = 10.0  # s a request may wait for the disk or other processes, beyond its processor time
+_IDLE = 60.0  # s
+_OPEN_FILES = 4
+_STRIP = 1 << 22  # samples
+_MAX_VRT = 1 << 24  # bytes
+_DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".hgt": "SRTMHGT", ".asc": "AAIGrid", ".vrt": "VRT"}
+_ENVIRONMENT = {
+    # Sources of VRTs may be addresses, also in VRTs that they refer to.
+    "CPL_VSIL_CURL_ALLOWED_FILENAME": "none",
+    "GDAL_SKIP": "HTTP WMS WMTS WCS EEDA EEDAI PLMOSAIC STACIT STACTA DAAS ESRIC GTI MBTiles MVT OSM PDF",
+    "GDAL_PAM_ENABLED": "NO",
+    "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
+    "GDAL_CACHEMAX": "64",
+    # Samples registered as points are moved by half a cell, whatever the environment says.
+    "GTIFF_POINT_GEO_IGNORE": "NO",
+    "OPENBLAS_NUM_THREADS": "1",
+}
+_COMPOUND = re.compile(r'COMPD_CS\["[^"]*",(.*),(VERT_CS\[.*\])(?:,AUTHORITY\[[^]]*\])?\]', re.S)
+
+
+class RasterHeader(NamedTuple):
+    """Facts of a band of a raster file."""
+
+    path: Path
+    band: int
+    shape: tuple[int, int]
+    block: tuple[int, int]  # rows and columns that are stored together
+    dtype: str
+    place: Affine6 | None  # of samples as points, the centres of cells in any registration; None without one
+    crs: str
+    vertical: str  # datum: a code, WKT or `ELLIPSOID`; empty if the file declares none
+    nodata: float | None
+    scale: float
+    offset: float
+    unit: str
+    stamp: tuple[int, int]  # the file's size and time of modification
+
+
+def read_header(path: Path, band: int = 1) -> RasterHeader:
+    """Return facts of a GeoTIFF, COG, VRT, HGT or ASCII grid; raise InputError if it cannot be read.
+
+    A path may name a file in a zip archive, ``N42E001.hgt.zip/N42E001.hgt``, or an archive of one file.
+    """
+    answer, _ = _READER.ask(path, {"path": str(path.absolute()), "band": band}, 0)
+    facts = {key: tuple(value) if isinstance(value, list) else value for key, value in answer.items()}
+    try:
+        return RasterHeader(path=path, **facts)
+    except TypeError:
+        raise _unreadable(path, "unexpected answer of its reader") from None
+
+
+def read_window(header: RasterHeader, window: Window) -> tuple[Any, BoolArray]:
+    """Return values (rows, columns) in the file's type, and which are data by its mask or tag.
+
+    Raise InputError if they cannot be read, or the file has changed since its header was read.
+    """
+    row, column, height, width = window
+    dtype, size = np.dtype(header.dtype), height * width
+    request = {"path": str(header.path.absolute()), "band": header.band, "window": window, "stamp": header.stamp}
+    stored = max(size, math.prod(header.block))
+    _, data = _READER.ask(header.path, request, stored, size * (dtype.itemsize + 1))
+    values = np.frombuffer(data, dtype, size).reshape(height, width)
+    return values, np.frombuffer(data, np.uint8, size, size * dtype.itemsize).reshape(height, width) != 0
+
+
+def read_strips(header: RasterHeader, window: Window) -> tuple[Any, BoolArray]:
+    """Return what `read_window` does, read by strips: the child needs little memory."""
+    row, column, height, width = window
+    step = max(_STRIP // width // header.block[0], 1) * header.block[0]
+    raw, known = np.empty((height, width), header.dtype), np.empty((height, width), bool)
+    start = row
+    while start < row + height:
+        stop = min((start // step + 1) * step, row + height)
+        part = slice(start - row, stop - row)
+        raw[part], known[part] = read_window(header, (start, column, stop - start, width))
+        start = stop
+    return raw, known
+
+
+def _unreadable(path: Path, problem: object) -> InputError:
+    return InputError(f"{one_line(path)}: cannot be read as elevation ({one_line(problem)[:160]})")
+
+
+class _ComplaintError(Exception):
+    """A file that the child cannot read."""
+
+
+class _Reader:
+    """The child process, which answers one request at a time."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._child: subprocess.Popen[bytes] | None = None
+
+    def ask(self, path: Path, request: dict[str, Any], samples: int, size: int = 0) -> tuple[Any, bytearray]:
+        """Return the answer to a request, and `size` bytes of data; raise InputError if there is none."""
+        seconds = _SECONDS + samples / _RATE
+        line = json.dumps({**request, "seconds": seconds}).encode() + b"\n"
+        with self._lock:
+            for _ in range(2):  # an idle child may just have ended
+                child = self._child = self._child or _started()
+                timer = threading.Timer(seconds + _WAITING, child.kill)
+                timer.start()
+                try:
+                    return _answer(child, line, size)
+                except _ComplaintError as error:
+                    raise _unreadable(path, error) from None
+                except (EOFError, OSError, ValueError):
+                    if code := self.close():
+                        raise _unreadable(path, _death(code)) from None
+                except BaseException:  # half an answer would be taken for the next one
+                    child.kill()
+                    self.close()
+                    raise
+                finally:
+                    timer.cancel()
+        raise _unreadable(path, "its reader does not start")
+
+    def close(self) -> int:
+        """End the child; return its exit code."""
+        child, self._child = self._child, None
+        if child is None:
+            return 0
+        assert child.stdin is not None  # noqa: S101 # pipes
+        assert child.stdout is not None  # noqa: S101
+        child.stdout.close()
+        with suppress(OSError):
+            child.stdin.close()
+        try:
+            return child.wait(1.0)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            return child.wait()
+
+
+_READER = _Reader()
+atexit.register(_READER.close)
+
+
+def _started() -> subprocess.Popen[bytes]:
+    command = module_command(__name__)
+    pipe = subprocess.PIPE
+    environment = {**os.environ, **_ENVIRONMENT}
+    return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=environment)  # noqa: S603
+
+
+def _answer(child: subprocess.Popen[bytes], line: bytes, size: int) -> tuple[Any, bytearray]:
+    """Return a child's answer; raise EOFError, OSError or ValueError if it has ended."""
+    assert child.stdin is not None  # noqa: S101 # pipes
+    assert child.stdout is not None  # noqa: S101
+    child.stdin.write(line)
+    child.stdin.flush()
+    answer = json.loads(child.stdout.readline(1 << 20))  # ValueError at the end
+    if "error" in answer:
+        raise _ComplaintError(answer["error"])
+    data = bytearray(size)
+    if size and child.stdout.readinto(data) != size:  # type: ignore[attr-defined] # buffered
+        raise EOFError
+    return answer, data
+
+
+def _death(code: int) -> str:
+    if code == -9:
+        return "its reader took too long or too much memory"
+    if code == -24:  # SIGXCPU
+        return "its reader took too long"
+    return f"its reader crashed, code {code}"
+
+
+def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
+    """Answer requests until there are none for a while (child process)."""
+    files: dict[tuple[Any, ...], Any] = {}
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent's
+    _limit_memory()
+    while True:
+        idle = threading.Timer(_IDLE, os._exit, (0,))
+        idle.daemon = True
+        idle.start()
+        line = requests.readline()
+        idle.cancel()
+        if not line:
+            return
+        request = json.loads(line)
+        _limit_time(request["seconds"])
+        data: tuple[Any, ...] = ()
+        try:
+            answer, *data = _read(request, files)  # type: ignore[assignment]
+        except Exception as error:  # noqa: BLE001 # whatever GDAL raises
+            answer = {"error": one_line(error or type(error).__name__)[:400]}
+        answers.write(json.dumps(answer).encode() + b"\n")
+        for each in data:
+            answers.write(np.ascontiguousarray(each).data)
+        answers.flush()
+
+
+def _limit_memory() -> None:
+    if sys.platform != "win32":
+        import resource
+
+        used = 0
+        with suppress(OSError):
+            used = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        limit = used * resource.getpagesize() + _MEMORY
+        for kind, most in ((resource.RLIMIT_AS, limit), (resource.RLIMIT_CORE, 0), (resource.RLIMIT_FSIZE, 0)):
+            with suppress(ValueError, OSError):
+                resource.setrlimit(kind, (most, most))
+
+
+def _limit_time(seconds: float) -> None:
+    if sys.platform != "win32":
+        import resource
+
+        limit = math.ceil(time.process_time() + seconds)
+        resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.getrlimit(resource.RLIMIT_CPU)[1]))
+
+
+def _read(request: dict[str, Any], files: dict[tuple[Any, ...], Any]) -> tuple[Any, ...]:
+    """Return facts, or an empty answer with the values and mask of a window (child process)."""
+    from rasterio.windows import Window as RasterWindow
+
+    path, band = Path(request["path"]), request["band"]
+    target, driver, stamp = _target(path)
+    if list(stamp) != request.get("stamp", list(stamp)):
+        raise ValueError("it has changed while it was read")
+    key = path, stamp
+    file = files.pop(key, None) or _opened(target, driver)
+    files[key] = file  # the last one used
+    while len(files) > _OPEN_FILES:
+        files.pop(next(iter(files))).close()
+    if not 1 <= band <= file.count:
+        raise ValueError(f"band = {band}: expected 1 to {file.count}")
+    if "window" in request:
+        row, column, height, width = request["window"]
+        part = RasterWindow(column, row, width, height)
+        values = file.read(band, window=part)
+        return {}, values, file.read_masks(band, window=part)
+    if np.dtype(file.dtypes[band - 1]).kind not in "fiu":
+        raise ValueError(f"expected heights, got {file.dtypes[band - 1]}")
+    return (_facts(file, band, stamp),)
+
+
+def _opened(target: Path | str, driver: str) -> Any:
+    import rasterio
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a file without a georeference
+        return rasterio.open(target, driver=driver)
+
+
+def _facts(file: Any, band: int, stamp: tuple[int, int]) -> dict[str, Any]:
+    from sketchterrain.io.crs import crs_text, parse_crs
+
+    crs, vertical, at = crs_text(file.crs), "", file.transform
+    if file.crs is not None and (parts := _COMPOUND.fullmatch(file.crs.to_wkt())):
+        crs, vertical = (crs_text(parse_crs(each)) for each in parts.groups())
+    elif "CS[ellipsoidal,3]" in (file.crs.to_wkt() if file.crs else ""):
+        vertical = ELLIPSOID
+    column, row = at @ (0.5, 0.5)  # GDAL's transform refers to corners, also of files in points
+    return {
+        "band": band,
+        "shape": file.shape,
+        "block": file.block_shapes[band - 1],
+        "dtype": file.dtypes[band - 1],
+        "place": None if at.is_identity else (at.a, at.b, column, at.d, at.e, row),
+        "crs": crs,
+        "vertical": vertical,
+        "nodata": file.nodatavals[band - 1],
+        "scale": file.scales[band - 1],
+        "offset": file.offsets[band - 1],
+        "unit": file.units[band - 1] or "",
+        "stamp": stamp,
+    }
+
+
+def _target(path: Path) -> tuple[Path | str, str, tuple[int, int]]:
+    """Return what GDAL opens, by which driver, and the file's size and time.
+
+    Names of files that don't exist, and VRTs, may be addresses to GDAL.
+    """
+    driver = _DRIVERS.get(path.suffix.lower(), "")
+    for archive in (path, *path.parents):
+        if archive.suffix.lower() == ".zip" and archive.is_file():
+            inside = path.relative_to(archive).as_posix()
+            with zipfile.ZipFile(archive) as file:
+                names = [each for each in file.namelist() if not each.endswith("/")]
+            if archive == path and len(names) == 1:
+                inside = names[0]
+            if inside not in names:
+                raise ValueError(f"expected an archive of one file, or the name of one of its {len(names)}")
+            driver = _DRIVERS.get(Path(inside).suffix.lower(), "")
+            if driver in ("", "VRT"):
+                raise ValueError("expected a file .tif, .hgt or .asc in an archive")
+            return f"/vsizip/{{{archive}}}/{inside}", driver, _stamp(archive)
+    if not path.is_file():
+        raise ValueError("no such file")
+    if not driver:
+        raise ValueError(f"expected a file {', '.join(_DRIVERS)}, .npy, .npz or .zip")
+    if driver == "VRT":
+        with path.open("rb") as file:
+            content = file.read(_MAX_VRT + 1)
+        if len(content) > _MAX_VRT or any(each in content for each in (b"/vsi", b"://", b"&#")):
+            raise ValueError("expected a VRT of files, of at most 16 MB, without addresses")
+    return path, driver, _stamp(path)
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    facts = path.stat()
+    return facts.st_size, facts.st_mtime_ns
+
+
+if __name__ == "__main__":
+    # Libraries may write to stdout.
+    output = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    with suppress(BrokenPipeError):
+        _serve(sys.stdin.buffer, output)

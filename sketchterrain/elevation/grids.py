@@ -24,6 +24,7 @@ MIN_SIDE: Final = 4
 MAX_SAMPLES: Final = 1 << 29
 """Most samples that are read at once."""
 
+_LEAST_STEP, _MOST_STEP, _FAR = 1e-8, 1e7, 1e9  # degrees or m
 _FEET = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us-ft": 1200 / 3937, "us survey foot": 1200 / 3937}
 _UNREADABLE = (
     OSError,
@@ -80,13 +81,7 @@ class ElevationGrid:
             raise InputError(
                 f"{self.name}: expected at least {MIN_SIDE} × {MIN_SIDE} samples, got {rows} × {columns}"
             )
-        a, b, _, d, e, _ = self.place
-        if not np.isfinite(self.place).all() or abs(a * e - b * d) <= 1e-9 * math.hypot(a, d) * math.hypot(
-            b, e
-        ):
-            raise InputError(
-                f"{self.name}: the place of the samples is degenerate: {format_value(self.place)}"
-            )
+        _check_place(self.name, self.place)
         if not (math.isfinite(self.accuracy) and self.accuracy >= 0.0):
             raise InputError(f"{self.name}: accuracy = {self.accuracy}: expected metres, 0 or more")
         if self.crs and not self.frame.crs:
@@ -118,6 +113,15 @@ class ElevationGrid:
         if self.crs:
             x, y = x - self.frame.east, y - self.frame.north
         return x, y
+
+
+def _check_place(name: str, place: Affine6) -> None:
+    """Raise InputError if the place of samples is degenerate, or out of any CRS."""
+    a, b, c, d, e, f = place
+    right, down = math.hypot(a, d), math.hypot(b, e)
+    is_near = max(abs(c), abs(f)) <= _FAR and max(right, down) <= _MOST_STEP
+    if not (is_near and min(right, down) >= _LEAST_STEP and abs(a * e - b * d) > 1e-9 * right * down):
+        raise InputError(f"{name}: the place of the samples is degenerate: {format_value(place)}")
 
 
 def _transformed(source: str, target: str, x: Any, y: Any) -> tuple[Float64Array, Float64Array]:
@@ -182,6 +186,7 @@ def read_grid(
         raise InputError(f"{name}: has no georeference: expected the place of its samples")
     if not source and max(map(abs, (at[0], at[1], at[3], at[4]))) < 0.05 and abs(at[2]) <= 360:
         raise InputError(f"{name}: its coordinates look like degrees: expected a CRS, such as EPSG:4326")
+    _check_place(name, at)
     step = math.sqrt(abs(at[0] * at[4] - at[1] * at[3])) * (111_320.0 if abs(at[0]) < 0.05 else 1.0)
     samples, more = clean_samples(raw, known, step)
     if not np.isfinite(samples).any():

@@ -24,6 +24,7 @@ from sketchterrain.elevation.mips import (
     valid_levels,
     without_voids,
 )
+from sketchterrain.errors import InputError
 
 KERNEL: Final = 28
 """Steps along a kernel."""
@@ -115,6 +116,8 @@ def build_patches(grid: ElevationGrid) -> GridPatches:
         boxes, owners = _kernel_boxes(known, level, (counts[0], counts[1]), samples.shape)
         centre, to_steps = _maps(grid, level, (counts[0], counts[1]))
         which, rectangles = np.unique(owners, return_counts=True)
+        if level == 0 and not len(which):
+            raise InputError(f"{grid.name}: has voids everywhere, expected blocks of 5 × 5 samples without")
         row, column = np.divmod(which, counts[1])
         a, b = to_steps[which, 0, 1:3], to_steps[which, 1, 1:3]
         area = 1.0 / np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])

@@ -64,11 +64,14 @@ def _collar(values: Float32Array, known: BoolArray) -> BoolArray:
         return collar
     labels, _ = ndimage.label(zero, _EIGHT)
     rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    boxes = ndimage.find_objects(labels)
     for label in np.unique(rim[rim > 0]):
-        region = labels == label
-        beside = ndimage.binary_dilation(region, _EIGHT) & known & ~zero
-        if beside.any() and np.median(np.abs(values[beside])) > _COLLAR_HEIGHT:
-            collar |= region
+        rows, columns = boxes[label - 1]
+        part = np.s_[max(rows.start - 1, 0) : rows.stop + 1, max(columns.start - 1, 0) : columns.stop + 1]
+        region = labels[part] == label
+        beside = ndimage.binary_dilation(region, _EIGHT) & known[part] & ~zero[part]
+        if beside.any() and np.median(np.abs(values[part][beside])) > _COLLAR_HEIGHT:
+            collar[part] |= region
     return collar
 
 
@@ -88,11 +91,11 @@ def _spikes(samples: Float32Array, step: float) -> list[str]:
                     np.fmin(above, rise, out=above)
                     np.fmin(below, -rise, out=below)
         stands_out = np.maximum(above, below)
-        usual = (
-            float(np.median(np.abs(np.diff(samples, axis=0)[np.isfinite(np.diff(samples, axis=0))]))) + 1e-6
-        )
+        rises = np.diff(samples, axis=0)
+        rises = np.abs(rises[np.isfinite(rises)])
+        usual = float(np.median(rises)) if len(rises) else 0.0
         count = np.count_nonzero(
-            (stands_out > max(_SPIKE_SLOPE * step, _SPIKE_TIMES * usual)) & np.isfinite(stands_out)
+            (stands_out > max(_SPIKE_SLOPE * step, _SPIKE_TIMES * (usual + 1e-6))) & np.isfinite(stands_out)
         )
     return [f"{count} spikes, higher or lower than all their neighbours (kept)"] if count else []
 

@@ -1,7 +1,7 @@
 """Elevation rasters read by GDAL in a child process, whose memory and time are limited.
 
-Files that a user opens are not trusted: a crash of GDAL, a hang or a lack of memory ends the child, and is one
-InputError. The child is started by the first file, and ends itself when idle; it sends numbers only.
+Files that a user opens are not trusted: a crash of GDAL, a hang or a lack of memory ends the child, and is
+one InputError. The child is started by the first file, and ends itself when idle; it sends numbers only.
 """
 
 from __future__ import annotations
@@ -83,7 +83,9 @@ def read_header(path: Path, band: int = 1) -> RasterHeader:
     A path may name a file in a zip archive, ``N42E001.hgt.zip/N42E001.hgt``, or an archive of one file.
     """
     answer, _ = _READER.ask(path, {"path": str(path.absolute()), "band": band}, 0)
-    facts = {key: tuple(value) if isinstance(value, list) else value for key, value in answer.items()}
+    facts: dict[str, Any] = {
+        key: tuple(value) if isinstance(value, list) else value for key, value in answer.items()
+    }
     try:
         return RasterHeader(path=path, **facts)
     except TypeError:
@@ -95,11 +97,11 @@ def read_window(header: RasterHeader, window: Window) -> tuple[Any, BoolArray]:
 
     Raise InputError if they cannot be read, or the file has changed since its header was read.
     """
-    row, column, height, width = window
+    height, width = window[2:]
     dtype, size = np.dtype(header.dtype), height * width
-    request = {"path": str(header.path.absolute()), "band": header.band, "window": window, "stamp": header.stamp}
+    request = {"path": str(header.path.absolute()), "band": header.band, "stamp": header.stamp}
     stored = max(size, math.prod(header.block))
-    _, data = _READER.ask(header.path, request, stored, size * (dtype.itemsize + 1))
+    _, data = _READER.ask(header.path, {**request, "window": window}, stored, size * (dtype.itemsize + 1))
     values = np.frombuffer(data, dtype, size).reshape(height, width)
     return values, np.frombuffer(data, np.uint8, size, size * dtype.itemsize).reshape(height, width) != 0
 
@@ -242,7 +244,8 @@ def _limit_memory() -> None:
         with suppress(OSError):
             used = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
         limit = used * resource.getpagesize() + _MEMORY
-        for kind, most in ((resource.RLIMIT_AS, limit), (resource.RLIMIT_CORE, 0), (resource.RLIMIT_FSIZE, 0)):
+        limits = {resource.RLIMIT_AS: limit, resource.RLIMIT_CORE: 0, resource.RLIMIT_FSIZE: 0}
+        for kind, most in limits.items():
             with suppress(ValueError, OSError):
                 resource.setrlimit(kind, (most, most))
 

@@ -1,4 +1,4 @@
-"""Rasters read in a child process: its death, hangs and lack of memory are one line, and the next file is read."""
+"""Rasters read in a child process: its death, hangs and lack of memory are one line."""
 
 import os
 import signal
@@ -135,8 +135,17 @@ def test_too_much_memory_is_one_line(tmp_path: Path) -> None:
     with rasterio.open(
         *(tmp_path / "a.tif", "w"),
         driver="GTiff",
-        **{"width": side, "height": side, "count": 1, "dtype": "float64", "sparse_ok": True, "crs": "EPSG:32632"},
-        **{"tiled": True, "blockxsize": side, "blockysize": side, "bigtiff": "yes", "transform": PLACE},
+        width=side,
+        height=side,
+        count=1,
+        dtype="float64",
+        sparse_ok=True,
+        crs="EPSG:32632",
+        tiled=True,
+        blockxsize=side,
+        blockysize=side,
+        bigtiff="yes",
+        transform=PLACE,
     ):
         pass
     header = read_header(tmp_path / "a.tif")

@@ -65,6 +65,8 @@ class ElevationGrid:
         Largest error (m) of heights taken from the samples.
     findings
         What was found in the file, in words, with counts.
+    vertical
+        Vertical datum that the file declares (`raster_reader.ELLIPSOID`, a code or WKT); empty if none.
     """
 
     samples: Float32Array
@@ -74,6 +76,7 @@ class ElevationGrid:
     frame: SketchFrame = LOCAL
     name: str = "grid"
     findings: Findings = ()
+    vertical: str = ""
 
     def __post_init__(self) -> None:
         rows, columns = self.samples.shape
@@ -107,7 +110,7 @@ class ElevationGrid:
         a, b, c, d, e, f = self.place
         x, y = a * column + b * row + c, d * column + e * row + f
         if not self.is_affine:
-            x, y = _transformed(self.crs, self.frame.crs, x, y)
+            x, y = transform_points(self.crs, self.frame.crs, x, y)
             if not (np.isfinite(x).all() and np.isfinite(y).all()):
                 raise InputError(f"{self.name}: lies outside of the CRS {one_line(self.frame.crs)[:60]}")
         if self.crs:
@@ -124,7 +127,7 @@ def _check_place(name: str, place: Affine6) -> None:
         raise InputError(f"{name}: the place of the samples is degenerate: {format_value(place)}")
 
 
-def _transformed(source: str, target: str, x: Any, y: Any) -> tuple[Float64Array, Float64Array]:
+def transform_points(source: str, target: str, x: Any, y: Any) -> tuple[Float64Array, Float64Array]:
     """Return coordinates in another CRS, inf outside of it."""
     from rasterio import Env
     from rasterio._err import CPLE_BaseError
@@ -176,8 +179,9 @@ def read_grid(
         if path.suffix.lower() in (".npy", ".npz"):
             raw, known, place_in_file, crs_in_file = _read_array(path, window)
             findings: Findings = ()
+            vertical = ""
         else:
-            raw, known, place_in_file, crs_in_file, findings = _read_raster(path, band, window)
+            raw, known, place_in_file, crs_in_file, findings, vertical = _read_raster(path, band, window)
     except _UNREADABLE as error:
         raise InputError(f"{name}: cannot be read as elevation ({one_line(error)[:160]})") from None
     source = crs_in_file if crs is None else crs
@@ -194,7 +198,9 @@ def read_grid(
     if accuracy is None:
         accuracy = 0.5 if raw.dtype.kind in "iu" else 0.0
     return ElevationGrid(
-        samples, at, float(accuracy), source, frame, name=path.name, findings=(*findings, *more)
+        *(samples, at, float(accuracy), source, frame, path.name),
+        findings=(*findings, *more),
+        vertical=vertical,
     )
 
 
@@ -245,8 +251,8 @@ def _moved(place: Affine6, row: float, column: float) -> Affine6:
 
 def _read_raster(
     path: Path, band: int, window: Window | None
-) -> tuple[Any, Any, Affine6 | None, str, Findings]:
-    """Return heights, which are known, their place, CRS and findings of a raster that GDAL reads."""
+) -> tuple[Any, Any, Affine6 | None, str, Findings, str]:
+    """Return heights, which are known, their place, CRS, findings and vertical datum of a raster."""
     findings: list[str] = []
     header = read_header(path, band)
     row, column, height, width = _checked_window(header.shape, window)
@@ -261,4 +267,4 @@ def _read_raster(
         known &= np.abs(raw.astype(np.float64)) < 32767.0
         raw = (raw.astype(np.float64) * header.scale + header.offset) * metres
     place = _moved(header.place, row, column) if header.place else None
-    return raw, known, place, header.crs, tuple(findings)
+    return raw, known, place, header.crs, tuple(findings), header.vertical

@@ -26,7 +26,7 @@ import numpy as np
 
 from sketchterrain.array_types import BoolArray
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.io.system import module_command
+from sketchterrain.io.system import module_command, proc_memory
 
 Affine6: TypeAlias = tuple[float, float, float, float, float, float]
 """a, b, c, d, e, f of x = a·column + b·row + c, y = d·column + e·row + f."""
@@ -82,14 +82,9 @@ def read_header(path: Path, band: int = 1) -> RasterHeader:
 
     A path may name a file in a zip archive, ``N42E001.hgt.zip/N42E001.hgt``, or an archive of one file.
     """
-    answer, _ = _READER.ask(path, {"path": str(path.absolute()), "band": band}, 0)
-    facts: dict[str, Any] = {
-        key: tuple(value) if isinstance(value, list) else value for key, value in answer.items()
-    }
-    try:
-        return RasterHeader(path=path, **facts)
-    except TypeError:
-        raise _unreadable(path, "unexpected answer of its reader") from None
+    facts, _ = _READER.ask(path, {"path": str(path.absolute()), "band": band}, 0)
+    values: list[Any] = [tuple(each) if isinstance(each, list) else each for each in facts]
+    return RasterHeader(path, *values)
 
 
 def read_window(header: RasterHeader, window: Window) -> tuple[Any, BoolArray]:
@@ -111,12 +106,10 @@ def read_strips(header: RasterHeader, window: Window) -> tuple[Any, BoolArray]:
     row, column, height, width = window
     step = max(_STRIP // width // header.block[0], 1) * header.block[0]
     raw, known = np.empty((height, width), header.dtype), np.empty((height, width), bool)
-    start = row
-    while start < row + height:
-        stop = min((start // step + 1) * step, row + height)
-        part = slice(start - row, stop - row)
-        raw[part], known[part] = read_window(header, (start, column, stop - start, width))
-        start = stop
+    for start in range(row // step * step, row + height, step):
+        first, last = max(start, row), min(start + step, row + height)
+        part = slice(first - row, last - row)
+        raw[part], known[part] = read_window(header, (first, column, last - first, width))
     return raw, known
 
 
@@ -151,8 +144,8 @@ class _Reader:
                 except (EOFError, OSError, ValueError):
                     if code := self.close():
                         raise _unreadable(path, _death(code)) from None
-                except BaseException:  # half an answer would be taken for the next one
-                    child.kill()
+                except BaseException:
+                    child.kill()  # the rest of its answer would be taken for the next one
                     self.close()
                     raise
                 finally:
@@ -164,16 +157,12 @@ class _Reader:
         child, self._child = self._child, None
         if child is None:
             return 0
-        assert child.stdin is not None  # noqa: S101 # pipes
-        assert child.stdout is not None  # noqa: S101
-        child.stdout.close()
-        with suppress(OSError):
-            child.stdin.close()
         try:
-            return child.wait(1.0)
+            child.communicate(timeout=1.0)
         except subprocess.TimeoutExpired:
             child.kill()
-            return child.wait()
+            child.communicate()
+        return child.returncode
 
 
 _READER = _Reader()
@@ -181,10 +170,9 @@ atexit.register(_READER.close)
 
 
 def _started() -> subprocess.Popen[bytes]:
+    environment, pipe, null = {**os.environ, **_ENVIRONMENT}, subprocess.PIPE, subprocess.DEVNULL
     command = module_command(__name__)
-    pipe = subprocess.PIPE
-    environment = {**os.environ, **_ENVIRONMENT}
-    return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=environment)  # noqa: S603
+    return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=null, env=environment)  # noqa: S603
 
 
 def _answer(child: subprocess.Popen[bytes], line: bytes, size: int) -> tuple[Any, bytearray]:
@@ -194,8 +182,8 @@ def _answer(child: subprocess.Popen[bytes], line: bytes, size: int) -> tuple[Any
     child.stdin.write(line)
     child.stdin.flush()
     answer = json.loads(child.stdout.readline(1 << 20))  # ValueError at the end
-    if "error" in answer:
-        raise _ComplaintError(answer["error"])
+    if isinstance(answer, str):
+        raise _ComplaintError(answer)
     data = bytearray(size)
     if size and child.stdout.readinto(data) != size:  # type: ignore[attr-defined] # buffered
         raise EOFError
@@ -203,18 +191,15 @@ def _answer(child: subprocess.Popen[bytes], line: bytes, size: int) -> tuple[Any
 
 
 def _death(code: int) -> str:
-    if code == -9:
-        return "its reader took too long or too much memory"
-    if code == -24:  # SIGXCPU
-        return "its reader took too long"
-    return f"its reader crashed, code {code}"
+    causes = {-9: "took too long or too much memory", -24: "took too long"}  # SIGKILL, SIGXCPU
+    return f"its reader {causes.get(code, f'crashed, code {code}')}"
 
 
 def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
     """Answer requests until there are none for a while (child process)."""
     files: dict[tuple[Any, ...], Any] = {}
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent's
-    _limit_memory()
+    _limit(_SECONDS, _MEMORY)
     while True:
         idle = threading.Timer(_IDLE, os._exit, (0,))
         idle.daemon = True
@@ -224,51 +209,41 @@ def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
         if not line:
             return
         request = json.loads(line)
-        _limit_time(request["seconds"])
-        data: tuple[Any, ...] = ()
+        _limit(request["seconds"])
         try:
-            answer, *data = _read(request, files)  # type: ignore[assignment]
+            answer, *data = _read(request, files)
         except Exception as error:  # noqa: BLE001 # whatever GDAL raises
-            answer = {"error": one_line(error or type(error).__name__)[:400]}
+            answer, data = one_line(error)[:400] or type(error).__name__, []
         answers.write(json.dumps(answer).encode() + b"\n")
         for each in data:
             answers.write(np.ascontiguousarray(each).data)
         answers.flush()
 
 
-def _limit_memory() -> None:
+def _limit(seconds: float, memory: int = 0) -> None:
+    """Limit the processor time, and once the memory, from now on (child process)."""
     if sys.platform != "win32":
         import resource
 
-        used = 0
-        with suppress(OSError):
-            used = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-        limit = used * resource.getpagesize() + _MEMORY
-        limits = {resource.RLIMIT_AS: limit, resource.RLIMIT_CORE: 0, resource.RLIMIT_FSIZE: 0}
+        limits = {resource.RLIMIT_CPU: math.ceil(time.process_time() + seconds)}
+        if memory:
+            limits[resource.RLIMIT_AS] = (proc_memory("self/status", "VmSize") or 0) + memory
+            limits |= {resource.RLIMIT_CORE: 0, resource.RLIMIT_FSIZE: 0}
         for kind, most in limits.items():
-            with suppress(ValueError, OSError):
-                resource.setrlimit(kind, (most, most))
-
-
-def _limit_time(seconds: float) -> None:
-    if sys.platform != "win32":
-        import resource
-
-        limit = math.ceil(time.process_time() + seconds)
-        resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.getrlimit(resource.RLIMIT_CPU)[1]))
+            resource.setrlimit(kind, (most, resource.getrlimit(kind)[1]))
 
 
 def _read(request: dict[str, Any], files: dict[tuple[Any, ...], Any]) -> tuple[Any, ...]:
     """Return facts, or an empty answer with the values and mask of a window (child process)."""
+    import rasterio
     from rasterio.windows import Window as RasterWindow
 
     path, band = Path(request["path"]), request["band"]
     target, driver, stamp = _target(path)
     if list(stamp) != request.get("stamp", list(stamp)):
         raise ValueError("it has changed while it was read")
-    key = path, stamp
-    file = files.pop(key, None) or _opened(target, driver)
-    files[key] = file  # the last one used
+    file = files.pop((path, stamp), None) or rasterio.open(target, driver=driver)
+    files[path, stamp] = file  # the last one used
     while len(files) > _OPEN_FILES:
         files.pop(next(iter(files))).close()
     if not 1 <= band <= file.count:
@@ -276,44 +251,25 @@ def _read(request: dict[str, Any], files: dict[tuple[Any, ...], Any]) -> tuple[A
     if "window" in request:
         row, column, height, width = request["window"]
         part = RasterWindow(column, row, width, height)
-        values = file.read(band, window=part)
-        return {}, values, file.read_masks(band, window=part)
-    if np.dtype(file.dtypes[band - 1]).kind not in "fiu":
-        raise ValueError(f"expected heights, got {file.dtypes[band - 1]}")
-    return (_facts(file, band, stamp),)
+        return {}, file.read(band, window=part), file.read_masks(band, window=part)
+    return ((*_header(file, band), stamp),)
 
 
-def _opened(target: Path | str, driver: str) -> Any:
-    import rasterio
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a file without a georeference
-        return rasterio.open(target, driver=driver)
-
-
-def _facts(file: Any, band: int, stamp: tuple[int, int]) -> dict[str, Any]:
+def _header(file: Any, band: int) -> tuple[Any, ...]:
+    """Return the values of a `RasterHeader` besides the stamp (child process)."""
     from sketchterrain.io.crs import crs_text, parse_crs
 
-    crs, vertical, at = crs_text(file.crs), "", file.transform
-    if file.crs is not None and (parts := _COMPOUND.fullmatch(file.crs.to_wkt())):
+    n, at, wkt = band - 1, file.transform, file.crs.to_wkt() if file.crs else ""
+    if np.dtype(file.dtypes[n]).kind not in "fiu":
+        raise ValueError(f"expected heights, got {file.dtypes[n]}")
+    crs, vertical = crs_text(file.crs), ELLIPSOID if "CS[ellipsoidal,3]" in wkt else ""
+    if parts := _COMPOUND.fullmatch(wkt):
         crs, vertical = (crs_text(parse_crs(each)) for each in parts.groups())
-    elif "CS[ellipsoidal,3]" in (file.crs.to_wkt() if file.crs else ""):
-        vertical = ELLIPSOID
     column, row = at @ (0.5, 0.5)  # GDAL's transform refers to corners, also of files in points
-    return {
-        "band": band,
-        "shape": file.shape,
-        "block": file.block_shapes[band - 1],
-        "dtype": file.dtypes[band - 1],
-        "place": None if at.is_identity else (at.a, at.b, column, at.d, at.e, row),
-        "crs": crs,
-        "vertical": vertical,
-        "nodata": file.nodatavals[band - 1],
-        "scale": file.scales[band - 1],
-        "offset": file.offsets[band - 1],
-        "unit": file.units[band - 1] or "",
-        "stamp": stamp,
-    }
+    place = None if at.is_identity else (at.a, at.b, column, at.d, at.e, row)
+    scale, offset, unit = file.scales[n], file.offsets[n], file.units[n] or ""
+    stored = file.block_shapes[n], file.dtypes[n]
+    return band, file.shape, *stored, place, crs, vertical, file.nodatavals[n], scale, offset, unit
 
 
 def _target(path: Path) -> tuple[Path | str, str, tuple[int, int]]:
@@ -353,6 +309,7 @@ def _stamp(path: Path) -> tuple[int, int]:
 
 
 if __name__ == "__main__":
+    warnings.simplefilter("ignore")  # of files without a georeference
     # Libraries may write to stdout.
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)

@@ -117,6 +117,16 @@ class ElevationGrid:
             x, y = x - self.frame.east, y - self.frame.north
         return x, y
 
+    def to_samples(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """Return columns and rows in the grid of places in the sketch (m)."""
+        a, b, c, d, e, f = self.place
+        if self.crs:
+            x, y = x + self.frame.east, y + self.frame.north
+        if not self.is_affine:
+            x, y = transform_points(self.frame.crs, self.crs, x, y)
+        x, y, area = x - c, y - f, a * e - b * d
+        return (e * x - b * y) / area, (a * y - d * x) / area
+
 
 def _check_place(name: str, place: Affine6) -> None:
     """Raise InputError if the place of samples is degenerate, or out of any CRS."""

@@ -40,7 +40,7 @@ ELLIPSOID: Final = "ellipsoid"
 _MEMORY = 2 << 30  # bytes that the child may use beyond those of its libraries
 _SECONDS, _RATE = 1.0, 2e6  # s of processor time a request; samples a second beyond
 _WAITING = 10.0  # s a request may wait for the disk or other processes, beyond its processor time
-_IDLE = 60.0  # s
+_STARTING, _IDLE = 30.0, 60.0  # s
 _OPEN_FILES = 4
 _STRIP = 1 << 22  # samples
 _MAX_VRT = 1 << 24  # bytes
@@ -134,8 +134,9 @@ class _Reader:
         line = json.dumps({**request, "seconds": seconds}).encode() + b"\n"
         with self._lock:
             for _ in range(2):  # an idle child may just have ended
+                starting = 0.0 if self._child else _STARTING
                 child = self._child = self._child or _started()
-                timer = threading.Timer(seconds + _WAITING, child.kill)
+                timer = threading.Timer(seconds + _WAITING + starting, child.kill)
                 timer.start()
                 try:
                     return _answer(child, line, size)

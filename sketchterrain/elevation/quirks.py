@@ -120,26 +120,19 @@ def _terraces(samples: Float32Array) -> list[str]:
 def _fill_small_voids(samples: Float32Array) -> list[str]:
     """Fill voids that don't touch the rim and are at most `MAX_FILLED` across, in place, by a membrane."""
     labels, _ = ndimage.label(np.isnan(samples), _EIGHT)
-    filled = voids = left = 0
-    for label, box in enumerate(ndimage.find_objects(labels), start=1):
-        rows, columns = box
-        inside = rows.start > 0 and columns.start > 0
-        inside &= rows.stop < samples.shape[0] and columns.stop < samples.shape[1]
-        if not inside or max(rows.stop - rows.start, columns.stop - columns.start) > MAX_FILLED:
-            left += int(np.count_nonzero(labels[box] == label))
-            continue
-        part = np.s_[rows.start - 1 : rows.stop + 1, columns.start - 1 : columns.stop + 1]
-        void = labels[part] == label
-        window = samples[part].astype(np.float64)
-        window[void] = np.nanmean(window[ndimage.binary_dilation(void, _EIGHT) & ~void])
-        _membrane(window, void, np.isnan(window))
-        samples[part][void] = window[void]
-        filled, voids = filled + int(np.count_nonzero(void)), voids + 1
+    counts = np.bincount(labels.ravel())
+    boxes = np.array([(r.start, r.stop, c.start, c.stop) for r, c in ndimage.find_objects(labels)])
+    top, bottom, left, right = boxes.T
+    small = np.maximum(bottom - top, right - left) <= MAX_FILLED
+    small &= (top > 0) & (left > 0) & (bottom < samples.shape[0]) & (right < samples.shape[1])
+    voids = np.flatnonzero(small)
+    _fill(samples, labels, boxes, voids)
+    filled, left_out = int(counts[1:][small].sum()), int(counts[1:][~small].sum())
     report = []
-    if voids:
-        report.append(f"{filled} samples in {voids} small voids, filled")
-    if left:
-        report.append(f"{left} samples in large voids or at the rim, left out")
+    if filled:
+        report.append(f"{filled} samples in {len(voids)} small voids, filled")
+    if left_out:
+        report.append(f"{left_out} samples in large voids or at the rim, left out")
     return report
 
 
@@ -165,3 +158,23 @@ def _membrane(height, void, missing):  # type: ignore[no-untyped-def]
                     most = max(most, abs(change))
         if most < _CLOSE:
             break
+
+
+@njit(cache=True, nogil=True)
+def _fill(samples, labels, boxes, voids):  # type: ignore[no-untyped-def]
+    """Fill some of the voids, in place."""
+    for n in voids:
+        top, bottom, left, right = boxes[n]
+        part = samples[top - 1 : bottom + 1, left - 1 : right + 1]
+        void = labels[top - 1 : bottom + 1, left - 1 : right + 1] == n + 1
+        window = part.astype(np.float64)
+        mean = np.nanmean(window)
+        for r in range(window.shape[0]):
+            for c in range(window.shape[1]):
+                if void[r, c]:
+                    window[r, c] = mean
+        _membrane(window, void, np.isnan(window))
+        for r in range(window.shape[0]):
+            for c in range(window.shape[1]):
+                if void[r, c]:
+                    part[r, c] = window[r, c]

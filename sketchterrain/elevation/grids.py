@@ -132,7 +132,7 @@ def _check_place(name: str, place: Affine6) -> None:
     """Raise InputError if the place of samples is degenerate, or out of any CRS."""
     a, b, c, d, e, f = place
     right, down = math.hypot(a, d), math.hypot(b, e)
-    is_near = max(abs(c), abs(f)) <= _FAR and max(right, down) <= _MOST_STEP
+    is_near = all(abs(each) <= _FAR for each in (c, f)) and max(right, down) <= _MOST_STEP
     if not (is_near and min(right, down) >= _LEAST_STEP and abs(a * e - b * d) > 1e-9 * right * down):
         raise InputError(f"{name}: the place of the samples is degenerate: {format_value(place)}")
 

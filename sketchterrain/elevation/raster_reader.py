@@ -56,6 +56,7 @@ _ENVIRONMENT = {
     "GTIFF_POINT_GEO_IGNORE": "NO",
     "OPENBLAS_NUM_THREADS": "1",
 }
+_DEATHS = {-9: "took too long or too much memory", -24: "took too long"}  # SIGKILL, SIGXCPU
 _COMPOUND = re.compile(r'COMPD_CS\["[^"]*",(.*),(VERT_CS\[.*\])(?:,AUTHORITY\[[^]]*\])?\]', re.S)
 
 
@@ -117,10 +118,6 @@ def _unreadable(path: Path, problem: object) -> InputError:
     return InputError(f"{one_line(path)}: cannot be read as elevation ({one_line(problem)[:160]})")
 
 
-class _ComplaintError(Exception):
-    """A file that the child cannot read."""
-
-
 class _Reader:
     """The child process, which answers one request at a time."""
 
@@ -139,19 +136,23 @@ class _Reader:
                 timer = threading.Timer(seconds + _WAITING + starting, child.kill)
                 timer.start()
                 try:
-                    return _answer(child, line, size)
-                except _ComplaintError as error:
-                    raise _unreadable(path, error) from None
-                except (EOFError, OSError, ValueError):
+                    answer, data = _answer(child, line, size)
+                    break
+                except (EOFError, OSError, ValueError):  # it has ended
                     if code := self.close():
-                        raise _unreadable(path, _death(code)) from None
+                        cause = _DEATHS.get(code, f"crashed, code {code}")
+                        raise _unreadable(path, f"its reader {cause}") from None
                 except BaseException:
                     child.kill()  # the rest of its answer would be taken for the next one
                     self.close()
                     raise
                 finally:
                     timer.cancel()
-        raise _unreadable(path, "its reader does not start")
+            else:
+                raise _unreadable(path, "its reader does not start")
+        if isinstance(answer, str):
+            raise _unreadable(path, answer)
+        return answer, data
 
     def close(self) -> int:
         """End the child; return its exit code."""
@@ -177,27 +178,22 @@ def _started() -> subprocess.Popen[bytes]:
 
 
 def _answer(child: subprocess.Popen[bytes], line: bytes, size: int) -> tuple[Any, bytearray]:
-    """Return a child's answer; raise EOFError, OSError or ValueError if it has ended."""
+    """Return a child's answer, a text if it complains; raise EOFError, OSError or ValueError at its end."""
     assert child.stdin is not None  # noqa: S101 # pipes
     assert child.stdout is not None  # noqa: S101
     child.stdin.write(line)
     child.stdin.flush()
     answer = json.loads(child.stdout.readline(1 << 20))  # ValueError at the end
-    if isinstance(answer, str):
-        raise _ComplaintError(answer)
-    data = bytearray(size)
-    if size and child.stdout.readinto(data) != size:  # type: ignore[attr-defined] # buffered
+    data = bytearray(size if isinstance(answer, dict) else 0)
+    if data and child.stdout.readinto(data) != size:  # type: ignore[attr-defined] # buffered
         raise EOFError
     return answer, data
 
 
-def _death(code: int) -> str:
-    causes = {-9: "took too long or too much memory", -24: "took too long"}  # SIGKILL, SIGXCPU
-    return f"its reader {causes.get(code, f'crashed, code {code}')}"
-
-
 def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
     """Answer requests until there are none for a while (child process)."""
+    import sketchterrain.io.crs  # noqa: F401 # GDAL, before time is limited
+
     files: dict[tuple[Any, ...], Any] = {}
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent's
     _limit(_SECONDS, _MEMORY)

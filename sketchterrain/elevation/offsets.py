@@ -17,6 +17,7 @@ from sketchterrain.elevation.grids import ElevationGrid
 _MOST, _LEAST = 1 << 16, 30  # samples that are compared
 _MEANS = 4  # along a cell of the coarser grid, of the finer one
 _BETTER = 0.7  # of the spread: a shift that leaves less is told
+_GEOID = 8.0, 107.0  # m between the ellipsoid and sea level, where it can be told from other offsets
 _ROBUST: Final = 1.4826  # a normal distribution's standard deviation, in median absolute deviations
 
 
@@ -38,7 +39,10 @@ class GridOffset(NamedTuple):
         if abs(self.height) > a.accuracy + b.accuracy + 0.1 * self.spread:
             side = "above" if self.height > 0.0 else "below"
             facts = f"median of {self.samples:,} samples, spread {self.spread:.1f} m"
-            told.append(f"{a.name} lies {abs(self.height):.1f} m {side} {b.name} ({facts})")
+            hint = ""
+            if _GEOID[0] < abs(self.height) < _GEOID[1] and self.spread < 0.2 * abs(self.height):
+                hint = ", as if one were above the ellipsoid and one above sea level"
+            told.append(f"{a.name} lies {abs(self.height):.1f} m {side} {b.name} ({facts}){hint}")
         if any(self.shift):
             where = "{:+.3g} m eastward, {:+.3g} m northward".format(*self.shift)
             facts = f"spread {self.spread:.1f} m, {self.spread_shifted:.1f} m if it is moved"

@@ -23,6 +23,7 @@ _COLLAR_HEIGHT = 20.0  # m: zeros along a rim are not the sea where the ground b
 _EIGHT = np.ones((3, 3), np.uint8)
 _SPIKE_SLOPE, _SPIKE_TIMES = 1.5, 12.0
 _TERRACED = 0.3  # share of samples equal to their neighbour
+_TERRACE_ROUNDS = 10
 _MAX_ROUNDS, _CLOSE = 2000, 1e-4  # of the membrane; m
 
 
@@ -54,6 +55,26 @@ def clean_samples(raw: Any, known: BoolArray, step: float) -> tuple[Float32Array
         found += _spikes(samples, step) + _terraces(samples)
         found += [] if known.all() else _fill_small_voids(samples)
     return samples, tuple(found)
+
+
+def smooth_terraces(samples: Float32Array) -> tuple[Float32Array, Findings]:
+    """Return heights in steps smoothed by at most half a step, and what was done; others as they are."""
+    found = _quantum(samples)
+    if found is None:
+        return samples, ()
+    known, half = np.isfinite(samples), 0.5 * found[0]
+    # Half a step above and below at borders, in between by the distances (samples) from them.
+    highest = ndimage.maximum_filter(np.where(known, samples, -np.inf), 3)
+    lowest = ndimage.minimum_filter(np.where(known, samples, np.inf), 3)
+    up, down = (ndimage.distance_transform_edt(each == samples) + 0.5 for each in (highest, lowest))
+    heights = np.where(known, samples + half * (down - up) / (down + up), 0.0)
+    weight = np.maximum(ndimage.gaussian_filter(known.astype(np.float64), 1.0), 1e-6)
+    for _ in range(_TERRACE_ROUNDS):
+        heights = ndimage.gaussian_filter(heights, 1.0) / weight
+        heights = np.where(known, np.clip(heights, samples - half, samples + half), 0.0)
+    changed = np.where(known, heights, np.nan).astype(np.float32)
+    most = float(np.nanmax(np.abs(changed - samples)))
+    return changed, (f"terraces of {found[0]:.3g} m smoothed, by at most {most:.2g} m",)
 
 
 def _collar(values: Float32Array, known: BoolArray) -> BoolArray:
@@ -101,20 +122,26 @@ def _spikes(samples: Float32Array, step: float) -> list[str]:
 
 
 def _terraces(samples: Float32Array) -> list[str]:
-    """Report heights in steps, where many neighbours are equal."""
+    """Report heights in steps."""
+    if (found := _quantum(samples)) is None:
+        return []
+    quantum, share = found
+    equal = f"{100.0 * share:.0f} % of neighbours are equal"
+    return [f"terraces: {equal}, heights are in steps of {quantum:.3g} m (kept)"]
+
+
+def _quantum(samples: Float32Array) -> tuple[float, float] | None:
+    """Return the step of heights, and the share of equal neighbours, where these are many."""
     rise = np.abs(np.diff(samples[: 1 << 11, : 1 << 11], axis=1))
     rise = rise[np.isfinite(rise)]
     moved = rise[rise > 1e-4]
     if not len(moved) or len(moved) > (1.0 - _TERRACED) * len(rise):
-        return []
+        return None
     quantum = float(moved.min())
     multiples = moved / quantum
     if np.mean(np.abs(multiples - np.round(multiples)) < 0.02) < 0.99:
-        return []
-    share = 100.0 * (1.0 - len(moved) / len(rise))
-    return [
-        f"terraces: {share:.0f} % of neighbours are equal, heights are in steps of {quantum:.3g} m (kept)"
-    ]
+        return None
+    return quantum, 1.0 - len(moved) / len(rise)
 
 
 def _fill_small_voids(samples: Float32Array) -> list[str]:

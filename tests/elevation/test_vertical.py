@@ -1,6 +1,7 @@
 """Vertical datums: converted by a geoid grid at hand, else told; EGM2008 in the Alps is the truth."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import rasterio
 import rasterio.warp
 
 from sketchterrain.elevation.grids import Affine6, ElevationGrid, SketchFrame, read_grid
+from sketchterrain.elevation.offsets import corrections, measure_offsets
 from sketchterrain.elevation.raster_reader import ELLIPSOID
 from sketchterrain.elevation.vertical import convert_heights, height_shift
 from sketchterrain.errors import InputError
@@ -77,6 +79,23 @@ def test_heights_are_converted_to_half_a_metre() -> None:
             assert found.vertical == target
             assert "converted to" in found.findings[-1]
     assert convert_heights(grid(), EGM96, EGM96).findings == ()
+
+
+@pytest.mark.usefixtures("geoids")
+def test_a_wrong_declaration_is_told_by_the_offset_from_another_grid() -> None:
+    rows, columns = np.indices((300, 400))
+    relief = (1000.0 + 30.0 * np.sin(rows / 20.0) + 20.0 * np.cos(columns / 30.0)).astype(np.float32)
+    right = replace(grid(), samples=relief, name="right.tif")
+    ellipsoidal = replace(convert_heights(right, ELLIPSOID, EGM2008), name="wrong.tif", vertical="")
+    for declared, lines in ((ELLIPSOID, 0), (EGM2008, 1), ("", 1)):
+        found = convert_heights(ellipsoidal, EGM2008, declared)
+        (offset,) = measure_offsets([found, right])
+        told = offset.finding([found, right])
+        assert len(told) == lines
+        assert all(
+            "wrong.tif lies 5" in each and "as if one were above the ellipsoid" in each for each in told
+        )
+        assert corrections([found, right], [offset])[0] == pytest.approx(0.0, abs=0.5 if not lines else 60.0)
 
 
 @pytest.mark.usefixtures("geoids")

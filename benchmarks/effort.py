@@ -70,6 +70,8 @@ class Effort:
     batch_jobs: tuple[int, ...] = (2,)
     batch_rounds: int = 1
     elevation_sides: tuple[int, ...] = (1024,)  # samples along a grid
+    elevation_angles: tuple[float, ...] = (0.0, 30.0)  # degrees
+    elevation_dems: int = 1  # real ones, of those there are
     world_sides: tuple[int, ...] = (513, 1025)  # vertices along a side
     world_workers_side: int = 513  # of the world that workers share
     world_workers: tuple[int, ...] = (2,)
@@ -133,6 +135,8 @@ FULL = replace(
     batch_jobs=(1, 2),
     batch_rounds=2,
     elevation_sides=(1024, 4096, 16384),
+    elevation_angles=(0.0, 10.0, 17.0, 30.0, 45.0),
+    elevation_dems=4,
     world_sides=(1025, 2049, 4097, 8193, 16385, 32769),
     world_workers_side=8193,
     world_workers=(1, 2),

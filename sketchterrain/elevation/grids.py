@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 import math
-import warnings
 import zipfile
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from sketchterrain.array_types import Float32Array, Float64Array
 from sketchterrain.elevation.quirks import Findings, clean_samples
+from sketchterrain.elevation.raster_reader import Affine6, Window, read_header, read_strips
 from sketchterrain.errors import InputError, format_value, one_line
-
-Affine6: TypeAlias = tuple[float, float, float, float, float, float]
-"""a, b, c, d, e, f of x = a·column + b·row + c, y = d·column + e·row + f."""
-
-Window: TypeAlias = tuple[int, int, int, int]
-"""First row, first column, rows and columns."""
 
 MIN_SIDE: Final = 4
 """Fewest samples along a side of a grid."""
@@ -32,9 +24,8 @@ MIN_SIDE: Final = 4
 MAX_SAMPLES: Final = 1 << 29
 """Most samples that are read at once."""
 
+_LEAST_STEP, _MOST_STEP, _FAR = 1e-8, 1e7, 1e9  # degrees or m
 _FEET = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us-ft": 1200 / 3937, "us survey foot": 1200 / 3937}
-_DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".hgt": "SRTMHGT", ".asc": "AAIGrid", ".vrt": "VRT"}
-SUFFIXES: Final = (*_DRIVERS, ".npy", ".npz", ".zip")
 _UNREADABLE = (
     OSError,
     ValueError,
@@ -46,7 +37,6 @@ _UNREADABLE = (
     zipfile.BadZipFile,
     zlib.error,
 )
-_MAX_VRT = 1 << 24  # bytes
 _SPANS = ("xmin", "xmax", "ymin", "ymax")  # of .npz files: outer borders of the cells, as matplotlib's sample
 
 
@@ -75,6 +65,8 @@ class ElevationGrid:
         Largest error (m) of heights taken from the samples.
     findings
         What was found in the file, in words, with counts.
+    vertical
+        Vertical datum that the file declares (`raster_reader.ELLIPSOID`, a code or WKT); empty if none.
     """
 
     samples: Float32Array
@@ -84,6 +76,7 @@ class ElevationGrid:
     frame: SketchFrame = LOCAL
     name: str = "grid"
     findings: Findings = ()
+    vertical: str = ""
 
     def __post_init__(self) -> None:
         rows, columns = self.samples.shape
@@ -91,13 +84,7 @@ class ElevationGrid:
             raise InputError(
                 f"{self.name}: expected at least {MIN_SIDE} × {MIN_SIDE} samples, got {rows} × {columns}"
             )
-        a, b, _, d, e, _ = self.place
-        if not np.isfinite(self.place).all() or abs(a * e - b * d) <= 1e-9 * math.hypot(a, d) * math.hypot(
-            b, e
-        ):
-            raise InputError(
-                f"{self.name}: the place of the samples is degenerate: {format_value(self.place)}"
-            )
+        _check_place(self.name, self.place)
         if not (math.isfinite(self.accuracy) and self.accuracy >= 0.0):
             raise InputError(f"{self.name}: accuracy = {self.accuracy}: expected metres, 0 or more")
         if self.crs and not self.frame.crs:
@@ -123,15 +110,34 @@ class ElevationGrid:
         a, b, c, d, e, f = self.place
         x, y = a * column + b * row + c, d * column + e * row + f
         if not self.is_affine:
-            x, y = _transformed(self.crs, self.frame.crs, x, y)
+            x, y = transform_points(self.crs, self.frame.crs, x, y)
             if not (np.isfinite(x).all() and np.isfinite(y).all()):
                 raise InputError(f"{self.name}: lies outside of the CRS {one_line(self.frame.crs)[:60]}")
         if self.crs:
             x, y = x - self.frame.east, y - self.frame.north
         return x, y
 
+    def to_samples(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """Return columns and rows in the grid of places in the sketch (m)."""
+        a, b, c, d, e, f = self.place
+        if self.crs:
+            x, y = x + self.frame.east, y + self.frame.north
+        if not self.is_affine:
+            x, y = transform_points(self.frame.crs, self.crs, x, y)
+        x, y, area = x - c, y - f, a * e - b * d
+        return (e * x - b * y) / area, (a * y - d * x) / area
 
-def _transformed(source: str, target: str, x: Any, y: Any) -> tuple[Float64Array, Float64Array]:
+
+def _check_place(name: str, place: Affine6) -> None:
+    """Raise InputError if the place of samples is degenerate, or out of any CRS."""
+    a, b, c, d, e, f = place
+    right, down = math.hypot(a, d), math.hypot(b, e)
+    is_near = all(abs(each) <= _FAR for each in (c, f)) and max(right, down) <= _MOST_STEP
+    if not (is_near and min(right, down) >= _LEAST_STEP and abs(a * e - b * d) > 1e-9 * right * down):
+        raise InputError(f"{name}: the place of the samples is degenerate: {format_value(place)}")
+
+
+def transform_points(source: str, target: str, x: Any, y: Any) -> tuple[Float64Array, Float64Array]:
     """Return coordinates in another CRS, inf outside of it."""
     from rasterio import Env
     from rasterio._err import CPLE_BaseError
@@ -183,8 +189,9 @@ def read_grid(
         if path.suffix.lower() in (".npy", ".npz"):
             raw, known, place_in_file, crs_in_file = _read_array(path, window)
             findings: Findings = ()
+            vertical = ""
         else:
-            raw, known, place_in_file, crs_in_file, findings = _read_raster(path, band, window)
+            raw, known, place_in_file, crs_in_file, findings, vertical = _read_raster(path, band, window)
     except _UNREADABLE as error:
         raise InputError(f"{name}: cannot be read as elevation ({one_line(error)[:160]})") from None
     source = crs_in_file if crs is None else crs
@@ -193,6 +200,7 @@ def read_grid(
         raise InputError(f"{name}: has no georeference: expected the place of its samples")
     if not source and max(map(abs, (at[0], at[1], at[3], at[4]))) < 0.05 and abs(at[2]) <= 360:
         raise InputError(f"{name}: its coordinates look like degrees: expected a CRS, such as EPSG:4326")
+    _check_place(name, at)
     step = math.sqrt(abs(at[0] * at[4] - at[1] * at[3])) * (111_320.0 if abs(at[0]) < 0.05 else 1.0)
     samples, more = clean_samples(raw, known, step)
     if not np.isfinite(samples).any():
@@ -200,7 +208,9 @@ def read_grid(
     if accuracy is None:
         accuracy = 0.5 if raw.dtype.kind in "iu" else 0.0
     return ElevationGrid(
-        samples, at, float(accuracy), source, frame, name=path.name, findings=(*findings, *more)
+        *(samples, at, float(accuracy), source, frame, path.name),
+        findings=(*findings, *more),
+        vertical=vertical,
     )
 
 
@@ -251,84 +261,20 @@ def _moved(place: Affine6, row: float, column: float) -> Affine6:
 
 def _read_raster(
     path: Path, band: int, window: Window | None
-) -> tuple[Any, Any, Affine6 | None, str, Findings]:
-    """Return heights, which are known, their place, CRS and findings of a raster that GDAL reads."""
-    from rasterio.windows import Window as RasterWindow
-
-    from sketchterrain.io.crs import crs_text
-
+) -> tuple[Any, Any, Affine6 | None, str, Findings, str]:
+    """Return heights, which are known, their place, CRS, findings and vertical datum of a raster."""
     findings: list[str] = []
-    with _open(path) as file:
-        if not 1 <= band <= file.count:
-            raise InputError(f"{one_line(path)}: band = {band}: expected 1 to {file.count}")
-        row, column, height, width = _checked_window(file.shape, window)
-        part = RasterWindow(column, row, width, height)
-        raw = file.read(band, window=part)
-        if raw.dtype.kind not in "fiu":
-            raise ValueError(f"expected heights, got {raw.dtype}")
-        known = file.read_masks(band, window=part) != 0
-        if not known.all():
-            tag = file.nodatavals[band - 1]
-            findings.append(f"{np.count_nonzero(~known)} samples of no data (file's mask, tag {tag})")
-        scale, offset, unit = file.scales[band - 1], file.offsets[band - 1], file.units[band - 1]
-        metres = _FEET.get((unit or "m").strip().lower(), 1.0)
-        if metres != 1.0:
-            findings.append(f"heights in feet, converted by {metres:.8g}")
-        if (scale * metres, offset) != (1.0, 0.0):
-            known &= np.abs(raw.astype(np.float64)) < 32767.0
-            raw = (raw.astype(np.float64) * scale + offset) * metres
-        at = file.transform
-        # Samples are the centres of cells: GDAL's transform refers to corners, also of files in points.
-        georeferenced = not at.is_identity
-        place = _moved((at.a, at.b, at.c, at.d, at.e, at.f), row + 0.5, column + 0.5)
-        crs = crs_text(file.crs)
-    return raw, known, place if georeferenced else None, crs, tuple(findings)
-
-
-@contextmanager
-def _open(path: Path) -> Iterator[Any]:
-    """Open a raster file, which may lie in a zip archive; raise InputError or ValueError if GDAL can't."""
-    import rasterio
-    from rasterio._err import CPLE_BaseError
-    from rasterio.errors import RasterioError
-
-    target, driver = _gdal_path(path)
-    try:
-        with (
-            warnings.catch_warnings(),
-            # Samples registered as points are moved by half a cell, whatever the environment says.
-            rasterio.Env(GTIFF_POINT_GEO_IGNORE=False, GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR"),
-        ):
-            warnings.simplefilter("ignore")  # of a file without a georeference
-            with rasterio.open(target, driver=driver) as file:
-                yield file
-    except (RasterioError, CPLE_BaseError) as error:
-        raise ValueError(one_line(error)) from None
-
-
-def _gdal_path(path: Path) -> tuple[Path | str, str]:
-    """Return what GDAL opens, and by which driver; names of missing files and VRTs may be addresses to it."""
-    driver = _DRIVERS.get(path.suffix.lower(), "")
-    for archive in (path, *path.parents):
-        if archive.suffix.lower() == ".zip" and archive.is_file():
-            inside = path.relative_to(archive).as_posix()
-            with zipfile.ZipFile(archive) as file:
-                names = [each for each in file.namelist() if not each.endswith("/")]
-            if archive == path and len(names) == 1:
-                inside = names[0]
-            if inside not in names:
-                raise ValueError(f"expected an archive of one file, or the name of one of its {len(names)}")
-            driver = _DRIVERS.get(Path(inside).suffix.lower(), "")
-            if driver in ("", "VRT"):
-                raise ValueError("expected a file .tif, .hgt or .asc in an archive")
-            return f"/vsizip/{{{archive.absolute()}}}/{inside}", driver
-    if not path.is_file():
-        raise ValueError("no such file")
-    if not driver:
-        raise ValueError(f"expected a file {', '.join(SUFFIXES)}")
-    if driver == "VRT":
-        with path.open("rb") as file:
-            content = file.read(_MAX_VRT + 1)
-        if len(content) > _MAX_VRT or any(each in content for each in (b"/vsi", b"://", b"&#")):
-            raise ValueError("expected a VRT of files, of at most 16 MB, without addresses")
-    return path.absolute(), driver
+    header = read_header(path, band)
+    row, column, height, width = _checked_window(header.shape, window)
+    raw, known = read_strips(header, (row, column, height, width))
+    if not known.all():
+        count = np.count_nonzero(~known)
+        findings.append(f"{count} samples of no data (file's mask, tag {header.nodata})")
+    metres = _FEET.get((header.unit or "m").strip().lower(), 1.0)
+    if metres != 1.0:
+        findings.append(f"heights in feet, converted by {metres:.8g}")
+    if (header.scale * metres, header.offset) != (1.0, 0.0):
+        known &= np.abs(raw.astype(np.float64)) < 32767.0
+        raw = (raw.astype(np.float64) * header.scale + header.offset) * metres
+    place = _moved(header.place, row, column) if header.place else None
+    return raw, known, place, header.crs, tuple(findings), header.vertical

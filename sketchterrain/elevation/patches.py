@@ -40,6 +40,7 @@ WHOLE: Final = 225
 
 _FADE = 15  # samples along which the weight of a grid rises from its rim and from voids
 _MAX_STEP = 8000.0  # m: a quadratic map of a patch of 256 km is off by 0.01 steps, and 8 times for twice that
+_MAX_OFF = 0.02  # steps by which maps of patches may be off
 _BLOCK = 4  # steps along the blocks of which kernels beside voids consist
 _BEFORE = MARGIN + 1
 _GROWTH = 0.15  # steps by which kernels reach further, as maps of neighbours differ by less
@@ -114,10 +115,15 @@ def build_patches(grid: ElevationGrid) -> GridPatches:
         mask = _mask(known, level, shape)
         error, least = _facts(spline, mask, samples, base, level, (counts[0], counts[1]))
         boxes, owners = _kernel_boxes(known, level, (counts[0], counts[1]), samples.shape)
-        centre, to_steps = _maps(grid, level, (counts[0], counts[1]))
+        placed = _maps(grid, level, (counts[0], counts[1]))
+        if placed is None and level > 0:
+            break
+        if placed is None:
+            raise InputError(f"{grid.name}: its cells are too uneven in the sketch's CRS, too near to a pole")
+        centre, to_steps = placed
         which, rectangles = np.unique(owners, return_counts=True)
-        if not level and not len(which):
-            raise InputError(f"{grid.name}: too full of voids, no 5 × 5 samples are whole")
+        if level == 0 and not len(which):
+            raise InputError(f"{grid.name}: has voids everywhere, expected blocks of 5 × 5 samples without")
         row, column = np.divmod(which, counts[1])
         a, b = to_steps[which, 0, 1:3], to_steps[which, 1, 1:3]
         area = 1.0 / np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
@@ -308,8 +314,10 @@ def _outlines(grid: ElevationGrid, boxes: Float64Array) -> Float64Array:
     return outline
 
 
-def _maps(grid: ElevationGrid, level: int, counts: tuple[int, int]) -> tuple[Float64Array, Float64Array]:
-    """Return the centres (n, 2) of patches, and their maps (n, 2, 6) from metres to steps.
+def _maps(
+    grid: ElevationGrid, level: int, counts: tuple[int, int]
+) -> tuple[Float64Array, Float64Array] | None:
+    """Return the centres (n, 2) of patches, and their maps (n, 2, 6) from metres to steps; None if off.
 
     A grid in another CRS is not resampled: each patch has a quadratic map, fitted to nine points.
     """
@@ -341,6 +349,8 @@ def _maps(grid: ElevationGrid, level: int, counts: tuple[int, int]) -> tuple[Flo
     steps = half * np.array([(j, i) for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)])
     transposed = terms.transpose(0, 2, 1)
     fitted = np.linalg.solve(transposed @ terms, transposed @ np.broadcast_to(steps, nine.shape))
+    if not np.abs(terms @ fitted - steps).max() <= _MAX_OFF:
+        return None
     powers = size[:, None] ** np.array([0, 1, 1, 2, 2, 2])
     return centre, fitted.transpose(0, 2, 1) / powers[:, None]
 

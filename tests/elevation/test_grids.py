@@ -10,7 +10,7 @@ import rasterio
 from rasterio.transform import Affine
 
 from sketchterrain.elevation.grids import SketchFrame, read_grid
-from sketchterrain.elevation.quirks import clean_samples
+from sketchterrain.elevation.quirks import clean_samples, smooth_terraces
 from sketchterrain.errors import InputError
 
 
@@ -165,6 +165,23 @@ def test_spikes_and_terraces_are_reported_and_kept() -> None:
     steps = np.round(np.cumsum(rng.normal(size=(60, 60)) * 0.1, axis=1) * 2.0) / 2.0 + 100.0
     _, findings = clean_samples(steps, np.ones(steps.shape, bool), 30.0)
     assert any(each.startswith("terraces") and "steps of 0.5 m" in each for each in findings), findings
+
+
+@pytest.mark.parametrize("quantum", [1.0, 0.5])
+def test_terraces_are_smoothed_within_half_a_step_on_request(quantum: float) -> None:
+    row, column = np.indices((200, 300)).astype(np.float64)
+    truth = 500.0 + 0.03 * row + 0.05 * column + 3.0 * np.sin(row / 25.0) * np.cos(column / 31.0)
+    stepped = (np.round(truth / quantum) * quantum).astype(np.float32)
+    stepped[50:80, 60:90] = np.nan
+    smooth, findings = smooth_terraces(stepped)
+    assert np.array_equal(np.isnan(smooth), np.isnan(stepped))
+    assert np.nanmax(np.abs(smooth - stepped)) <= 0.5 * quantum + 1e-4
+    error, before = (np.sqrt(np.nanmean((each - truth) ** 2)) for each in (smooth, stepped))
+    assert error < 0.5 * before
+    assert "smoothed, by at most 0." in findings[0]
+    same, findings = smooth_terraces(truth.astype(np.float32))
+    assert np.array_equal(same, truth.astype(np.float32))
+    assert findings == ()
 
 
 def test_feet_and_scales(tmp_path: Path) -> None:

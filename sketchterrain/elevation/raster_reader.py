@@ -1,0 +1,314 @@
+"""Elevation rasters read by GDAL in a child process, whose memory and time are limited.
+
+Files that a user opens are not trusted: a crash of GDAL, a hang or a lack of memory ends the child, and is
+one InputError. The child is started by the first file, and ends itself when idle; it sends numbers only.
+"""
+
+from __future__ import annotations
+
+import atexit
+import json
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+import warnings
+import zipfile
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, BinaryIO, Final, NamedTuple, TypeAlias
+
+import numpy as np
+
+from sketchterrain.array_types import BoolArray
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.io.system import module_command, proc_memory
+
+Affine6: TypeAlias = tuple[float, float, float, float, float, float]
+"""a, b, c, d, e, f of x = a·column + b·row + c, y = d·column + e·row + f."""
+
+Window: TypeAlias = tuple[int, int, int, int]
+"""First row, first column, rows and columns."""
+
+ELLIPSOID: Final = "ellipsoid"
+"""Vertical datum of heights above the ellipsoid."""
+
+_MEMORY = 2 << 30  # bytes that the child may use beyond those of its libraries
+_SECONDS, _RATE = 1.0, 2e6  # s of processor time a request; samples a second beyond
+_WAITING = 10.0  # s a request may wait for the disk or other processes, beyond its processor time
+_STARTING, _IDLE = 30.0, 60.0  # s
+_OPEN_FILES = 4
+_STRIP = 1 << 22  # samples
+_MAX_VRT = 1 << 24  # bytes
+_DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".hgt": "SRTMHGT", ".asc": "AAIGrid", ".vrt": "VRT"}
+_ENVIRONMENT = {
+    # Sources of VRTs may be addresses, also in VRTs that they refer to.
+    "CPL_VSIL_CURL_ALLOWED_FILENAME": "none",
+    "GDAL_SKIP": "HTTP WMS WMTS WCS EEDA EEDAI PLMOSAIC STACIT STACTA DAAS ESRIC GTI MBTiles MVT OSM PDF",
+    "GDAL_PAM_ENABLED": "NO",
+    "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
+    "GDAL_CACHEMAX": "64",
+    # Samples registered as points are moved by half a cell, whatever the environment says.
+    "GTIFF_POINT_GEO_IGNORE": "NO",
+    "OPENBLAS_NUM_THREADS": "1",
+}
+_DEATHS = {-9: "took too long or too much memory", -24: "took too long"}  # SIGKILL, SIGXCPU
+_COMPOUND = re.compile(r'COMPD_CS\["[^"]*",(.*),(VERT_CS\[.*\])(?:,AUTHORITY\[[^]]*\])?\]', re.S)
+
+
+class RasterHeader(NamedTuple):
+    """Facts of a band of a raster file."""
+
+    path: Path
+    band: int
+    shape: tuple[int, int]
+    block: tuple[int, int]  # rows and columns that are stored together
+    dtype: str
+    place: Affine6 | None  # of samples as points, the centres of cells in any registration; None without one
+    crs: str
+    vertical: str  # datum: a code, WKT or `ELLIPSOID`; empty if the file declares none
+    nodata: float | None
+    scale: float
+    offset: float
+    unit: str
+    stamp: tuple[int, int]  # the file's size and time of modification
+
+
+def read_header(path: Path, band: int = 1) -> RasterHeader:
+    """Return facts of a GeoTIFF, COG, VRT, HGT or ASCII grid; raise InputError if it cannot be read.
+
+    A path may name a file in a zip archive, ``N42E001.hgt.zip/N42E001.hgt``, or an archive of one file.
+    """
+    facts, _ = _READER.ask(path, {"path": str(path.absolute()), "band": band}, 0)
+    values: list[Any] = [tuple(each) if isinstance(each, list) else each for each in facts]
+    return RasterHeader(path, *values)
+
+
+def read_window(header: RasterHeader, window: Window) -> tuple[Any, BoolArray]:
+    """Return values (rows, columns) in the file's type, and which are data by its mask or tag.
+
+    Raise InputError if they cannot be read, or the file has changed since its header was read.
+    """
+    height, width = window[2:]
+    dtype, size = np.dtype(header.dtype), height * width
+    request = {"path": str(header.path.absolute()), "band": header.band, "stamp": header.stamp}
+    stored = max(size, math.prod(header.block))
+    _, data = _READER.ask(header.path, {**request, "window": window}, stored, size * (dtype.itemsize + 1))
+    values = np.frombuffer(data, dtype, size).reshape(height, width)
+    return values, np.frombuffer(data, np.uint8, size, size * dtype.itemsize).reshape(height, width) != 0
+
+
+def read_strips(header: RasterHeader, window: Window) -> tuple[Any, BoolArray]:
+    """Return what `read_window` does, read by strips: the child needs little memory."""
+    row, column, height, width = window
+    step = max(_STRIP // width // header.block[0], 1) * header.block[0]
+    raw, known = np.empty((height, width), header.dtype), np.empty((height, width), bool)
+    for start in range(row // step * step, row + height, step):
+        first, last = max(start, row), min(start + step, row + height)
+        part = slice(first - row, last - row)
+        raw[part], known[part] = read_window(header, (first, column, last - first, width))
+    return raw, known
+
+
+def _unreadable(path: Path, problem: object) -> InputError:
+    return InputError(f"{one_line(path)}: cannot be read as elevation ({one_line(problem)[:160]})")
+
+
+class _Reader:
+    """The child process, which answers one request at a time."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._child: subprocess.Popen[bytes] | None = None
+
+    def ask(self, path: Path, request: dict[str, Any], samples: int, size: int = 0) -> tuple[Any, bytearray]:
+        """Return the answer to a request, and `size` bytes of data; raise InputError if there is none."""
+        seconds = _SECONDS + samples / _RATE
+        line = json.dumps({**request, "seconds": seconds}).encode() + b"\n"
+        with self._lock:
+            for _ in range(2):  # an idle child may just have ended
+                starting = 0.0 if self._child else _STARTING
+                child = self._child = self._child or _started()
+                timer = threading.Timer(seconds + _WAITING + starting, child.kill)
+                timer.start()
+                try:
+                    answer, data = _answer(child, line, size)
+                    break
+                except (EOFError, OSError, ValueError):  # it has ended
+                    if code := self.close():
+                        cause = _DEATHS.get(code, f"crashed, code {code}")
+                        raise _unreadable(path, f"its reader {cause}") from None
+                except BaseException:
+                    child.kill()  # the rest of its answer would be taken for the next one
+                    self.close()
+                    raise
+                finally:
+                    timer.cancel()
+            else:
+                raise _unreadable(path, "its reader does not start")
+        if isinstance(answer, str):
+            raise _unreadable(path, answer)
+        return answer, data
+
+    def close(self) -> int:
+        """End the child; return its exit code."""
+        child, self._child = self._child, None
+        if child is None:
+            return 0
+        try:
+            child.communicate(timeout=1.0)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.communicate()
+        return child.returncode
+
+
+_READER = _Reader()
+atexit.register(_READER.close)
+
+
+def _started() -> subprocess.Popen[bytes]:
+    environment, pipe, null = {**os.environ, **_ENVIRONMENT}, subprocess.PIPE, subprocess.DEVNULL
+    command = module_command(__name__)
+    return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=null, env=environment)  # noqa: S603
+
+
+def _answer(child: subprocess.Popen[bytes], line: bytes, size: int) -> tuple[Any, bytearray]:
+    """Return a child's answer, a text if it complains; raise EOFError, OSError or ValueError at its end."""
+    assert child.stdin is not None  # noqa: S101 # pipes
+    assert child.stdout is not None  # noqa: S101
+    child.stdin.write(line)
+    child.stdin.flush()
+    answer = json.loads(child.stdout.readline(1 << 20))  # ValueError at the end
+    data = bytearray(size if isinstance(answer, dict) else 0)
+    if data and child.stdout.readinto(data) != size:  # type: ignore[attr-defined] # buffered
+        raise EOFError
+    return answer, data
+
+
+def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
+    """Answer requests until there are none for a while (child process)."""
+    import sketchterrain.io.crs  # noqa: F401 # GDAL, before time is limited
+
+    files: dict[tuple[Any, ...], Any] = {}
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent's
+    _limit(_SECONDS, _MEMORY)
+    while True:
+        idle = threading.Timer(_IDLE, os._exit, (0,))
+        idle.daemon = True
+        idle.start()
+        line = requests.readline()
+        idle.cancel()
+        if not line:
+            return
+        request = json.loads(line)
+        _limit(request["seconds"])
+        try:
+            answer, *data = _read(request, files)
+        except Exception as error:  # noqa: BLE001 # whatever GDAL raises
+            answer, data = one_line(error)[:400] or type(error).__name__, []
+        answers.write(json.dumps(answer).encode() + b"\n")
+        for each in data:
+            answers.write(np.ascontiguousarray(each).data)
+        answers.flush()
+
+
+def _limit(seconds: float, memory: int = 0) -> None:
+    """Limit the processor time, and once the memory, from now on (child process)."""
+    if sys.platform != "win32":
+        import resource
+
+        limits = {resource.RLIMIT_CPU: math.ceil(time.process_time() + seconds)}
+        if memory:
+            limits[resource.RLIMIT_AS] = (proc_memory("self/status", "VmSize") or 0) + memory
+            limits |= {resource.RLIMIT_CORE: 0, resource.RLIMIT_FSIZE: 0}
+        for kind, most in limits.items():
+            resource.setrlimit(kind, (most, resource.getrlimit(kind)[1]))
+
+
+def _read(request: dict[str, Any], files: dict[tuple[Any, ...], Any]) -> tuple[Any, ...]:
+    """Return facts, or an empty answer with the values and mask of a window (child process)."""
+    import rasterio
+    from rasterio.windows import Window as RasterWindow
+
+    path, band = Path(request["path"]), request["band"]
+    target, driver, stamp = _target(path)
+    if list(stamp) != request.get("stamp", list(stamp)):
+        raise ValueError("it has changed while it was read")
+    file = files.pop((path, stamp), None) or rasterio.open(target, driver=driver)
+    files[path, stamp] = file  # the last one used
+    while len(files) > _OPEN_FILES:
+        files.pop(next(iter(files))).close()
+    if not 1 <= band <= file.count:
+        raise ValueError(f"band = {band}: expected 1 to {file.count}")
+    if "window" in request:
+        row, column, height, width = request["window"]
+        part = RasterWindow(column, row, width, height)
+        return {}, file.read(band, window=part), file.read_masks(band, window=part)
+    return ((*_header(file, band), stamp),)
+
+
+def _header(file: Any, band: int) -> tuple[Any, ...]:
+    """Return the values of a `RasterHeader` besides the stamp (child process)."""
+    from sketchterrain.io.crs import crs_text, parse_crs
+
+    n, at, wkt = band - 1, file.transform, file.crs.to_wkt() if file.crs else ""
+    if np.dtype(file.dtypes[n]).kind not in "fiu":
+        raise ValueError(f"expected heights, got {file.dtypes[n]}")
+    crs, vertical = crs_text(file.crs), ELLIPSOID if "CS[ellipsoidal,3]" in wkt else ""
+    if parts := _COMPOUND.fullmatch(wkt):
+        crs, vertical = (crs_text(parse_crs(each)) for each in parts.groups())
+    column, row = at @ (0.5, 0.5)  # GDAL's transform refers to corners, also of files in points
+    place = None if at.is_identity else (at.a, at.b, column, at.d, at.e, row)
+    scale, offset, unit = file.scales[n], file.offsets[n], file.units[n] or ""
+    stored = file.block_shapes[n], file.dtypes[n]
+    return band, file.shape, *stored, place, crs, vertical, file.nodatavals[n], scale, offset, unit
+
+
+def _target(path: Path) -> tuple[Path | str, str, tuple[int, int]]:
+    """Return what GDAL opens, by which driver, and the file's size and time.
+
+    Names of files that don't exist, and VRTs, may be addresses to GDAL.
+    """
+    driver = _DRIVERS.get(path.suffix.lower(), "")
+    for archive in (path, *path.parents):
+        if archive.suffix.lower() == ".zip" and archive.is_file():
+            inside = path.relative_to(archive).as_posix()
+            with zipfile.ZipFile(archive) as file:
+                names = [each for each in file.namelist() if not each.endswith("/")]
+            if archive == path and len(names) == 1:
+                inside = names[0]
+            if inside not in names:
+                raise ValueError(f"expected an archive of one file, or the name of one of its {len(names)}")
+            driver = _DRIVERS.get(Path(inside).suffix.lower(), "")
+            if driver in ("", "VRT"):
+                raise ValueError("expected a file .tif, .hgt or .asc in an archive")
+            return f"/vsizip/{{{archive}}}/{inside}", driver, _stamp(archive)
+    if not path.is_file():
+        raise ValueError("no such file")
+    if not driver:
+        raise ValueError(f"expected a file {', '.join(_DRIVERS)}, .npy, .npz or .zip")
+    if driver == "VRT":
+        with path.open("rb") as file:
+            content = file.read(_MAX_VRT + 1)
+        if len(content) > _MAX_VRT or any(each in content for each in (b"/vsi", b"://", b"&#")):
+            raise ValueError("expected a VRT of files, of at most 16 MB, without addresses")
+    return path, driver, _stamp(path)
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    facts = path.stat()
+    return facts.st_size, facts.st_mtime_ns
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore")  # of files without a georeference
+    # Libraries may write to stdout.
+    output = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    with suppress(BrokenPipeError):
+        _serve(sys.stdin.buffer, output)

@@ -1,0 +1,127 @@
+"""Vertical datums: heights above the ellipsoid, EGM96 and EGM2008, converted by geoid grids at hand."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from scipy import ndimage
+
+from sketchterrain.array_types import Float64Array
+from sketchterrain.elevation.grids import ElevationGrid, transform_points
+from sketchterrain.elevation.raster_reader import ELLIPSOID, Affine6
+from sketchterrain.errors import one_line
+
+_GEOIDS: Final = {
+    "EPSG:5773": ("us_nga_egm96_15.tif", "egm96_15.gtx"),
+    "EPSG:3855": ("us_nga_egm08_25.tif", "egm08_25.gtx"),
+}  # files of PROJ-data: heights of the datum above the ellipsoid
+_ELLIPSOIDS = (ELLIPSOID, "EPSG:4979")
+_GEOID_RANGE, _GEOID_DIFFERENCES = 107.0, 10.0  # m: above the ellipsoid; from one model to another
+_NODE, _MOST_STEPS = 500.0, 64  # m between points at which geoids are evaluated; samples
+
+
+def convert_heights(grid: ElevationGrid, vertical: str, declared: str = "") -> ElevationGrid:
+    """Return a grid with heights above the datum `vertical` of the sketch; findings tell what was done.
+
+    `declared` is the datum of the grid's heights, by default that of its file. Datums are codes (EPSG:5773,
+    EPSG:3855), WKT or `ELLIPSOID`; an empty one is unknown. Raise InputError if one is no vertical datum.
+    """
+    rows, columns = grid.samples.shape
+    source, told = declared or grid.vertical, ""
+    if grid.vertical and _name(source) != _name(grid.vertical):
+        told = f"heights above {_name(source)} as declared, not {_name(grid.vertical)} as in its file"
+    shift, finding = height_shift(source, vertical, grid.crs, grid.place, range(rows), range(columns))
+    findings = (*grid.findings, *filter(None, (told, finding)))
+    if shift is None:
+        return replace(grid, findings=findings)
+    return replace(
+        grid, samples=(grid.samples + shift).astype(np.float32), vertical=vertical, findings=findings
+    )
+
+
+def height_shift(
+    source: str, target: str, crs: str, place: Affine6, rows: range, columns: range
+) -> tuple[Float64Array | None, str]:
+    """Return what to add to heights (rows, columns), None for nothing, and what was found, in words.
+
+    `place` is that of the whole grid: the shift at a sample is the same for any rows and columns.
+    """
+    names = [_name(each) if each else "" for each in (source, target)]
+    if names[0] == names[1]:
+        return None, ""
+    if not source:
+        return None, f"no vertical datum declared, taken for that of the sketch ({names[1]})"
+    if not target:
+        return None, f"heights above {names[0]}, not converted: the sketch has no vertical datum"
+    reason = "its samples have no place on Earth"
+    # Nodes are counted from the grid's first sample.
+    a, b, c, d, e, f = place
+    length = np.hypot(a, d) * (111_320.0 if abs(a) + abs(d) < 0.05 else 1.0)
+    step = int(np.clip(_NODE / length, 1, _MOST_STEPS))
+    spans = [np.arange(each.start // step, (each.stop - 1) // step + 2) for each in (rows, columns)]
+    row, column = np.meshgrid(*(step * each.astype(np.float64) for each in spans), indexing="ij")
+    points = a * column + b * row + c, d * column + e * row + f
+    longitude, latitude = transform_points(crs, "EPSG:4326", *points) if crs else (np.full(1, np.inf),) * 2
+    if np.isfinite(longitude).all() and np.isfinite(latitude).all():
+        above = [_above_ellipsoid(each, longitude, latitude) for each in (source, target)]
+        nodes = above[0] - above[1]
+        if np.isfinite(nodes).all():
+            for axis, span in enumerate((rows, columns)):
+                index, rest = np.divmod(np.arange(span.start, span.stop), step)
+                index, t = index - span.start // step, np.expand_dims(rest / step, 1 - axis)
+                nodes = nodes.take(index, axis) * (1.0 - t) + nodes.take(index + 1, axis) * t
+            return nodes, f"heights above {names[0]} converted to {names[1]}, by {np.median(nodes):+.2f} m"
+        missing = [_GEOIDS[each][0] for each in (source, target) if each in _GEOIDS and not _geoid_file(each)]
+        reason = f"PROJ has no {' nor '.join(missing)}" if missing else "no geoid grid covers it"
+    most = _GEOID_RANGE if {source, target} & set(_ELLIPSOIDS) else _GEOID_DIFFERENCES
+    return None, f"heights above {names[0]} not converted to {names[1]} ({reason}): off by up to {most:g} m"
+
+
+def _name(datum: str) -> str:
+    """Return the name of a datum; raise InputError if it is none."""
+    from sketchterrain.io.crs import parse_vertical_datum
+
+    if datum in _ELLIPSOIDS:
+        return "the ellipsoid"
+    return one_line(parse_vertical_datum(datum).to_wkt().split('"')[1])
+
+
+def _above_ellipsoid(datum: str, longitude: Float64Array, latitude: Float64Array) -> Float64Array:
+    """Return the heights of a datum above the ellipsoid (m), bilinear in its grid; NaN where unknown."""
+    import rasterio
+    from rasterio.windows import Window
+
+    unknown, path = np.full(longitude.shape, np.nan), _geoid_file(datum)
+    if datum in _ELLIPSOIDS or path is None:
+        return np.zeros(longitude.shape) if datum in _ELLIPSOIDS else unknown
+    with rasterio.open(path) as file:
+        at: Any = ~file.transform
+        longitude = (longitude - file.bounds.left) % 360.0 + file.bounds.left
+        column, row = at.a * longitude + at.c - 0.5, at.e * latitude + at.f - 0.5
+        inside = (column > -1) & (column < file.width) & (row > -1) & (row < file.height)
+        if not inside.any():
+            return unknown
+        left, top = (max(int(each[inside].min()), 0) for each in (column, row))
+        right, bottom = (int(each[inside].max()) + 2 for each in (column, row))
+        size = min(right, file.width) - left, min(bottom, file.height) - top
+        part = file.read(1, window=Window(left, top, *size), masked=True).astype(np.float64).filled(np.nan)
+    values = ndimage.map_coordinates(part, [row - top, column - left], order=1, mode="nearest")
+    return np.asarray(np.where(inside, values, np.nan))
+
+
+def _geoid_file(datum: str) -> Path | None:
+    files = (folder / name for folder in _proj_folders() for name in _GEOIDS.get(datum, ()))
+    return next((path for path in files if path.is_file()), None)
+
+
+def _proj_folders() -> Iterator[Path]:
+    """Yield the folders in which PROJ looks for grids."""
+    for name in ("PROJ_USER_WRITABLE_DIRECTORY", "PROJ_DATA", "PROJ_LIB"):
+        yield from (Path(each) for each in os.environ.get(name, "").split(os.pathsep) if each)
+    yield Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local/share") / "proj"
+    yield from (Path("/usr/share/proj"), Path("/usr/local/share/proj"))

@@ -1,0 +1,190 @@
+"""Rasters read in a child process: its death, hangs and lack of memory are one line."""
+
+import os
+import signal
+import threading
+import zipfile
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio.transform import Affine
+
+from sketchterrain.elevation import raster_reader
+from sketchterrain.elevation.grids import SketchFrame, read_grid
+from sketchterrain.elevation.raster_reader import ELLIPSOID, read_header, read_strips, read_window
+from sketchterrain.errors import InputError
+
+HEIGHTS = (300.0 + np.add.outer(3.0 * np.arange(20), 7.0 * np.arange(25))).astype(np.float32)
+PLACE = Affine(30.0, 0.0, 500_100.0, 0.0, -30.0, 5_201_000.0)
+FRAME = SketchFrame("EPSG:32632", 500_000.0, 5_200_000.0)
+
+
+def write(path: Path, heights: Any = HEIGHTS, **profile: Any) -> Path:
+    rows, columns = heights.shape
+    profile = {"crs": "EPSG:32632", "transform": PLACE, "width": columns, "height": rows, **profile}
+    with rasterio.open(path, "w", driver="GTiff", count=1, dtype=heights.dtype, **profile) as file:
+        file.write(heights, 1)
+    return path
+
+
+def one_line_of(path: Path) -> str:
+    with pytest.raises(InputError, match="cannot be read as elevation") as raised:
+        read_grid(path, FRAME)
+    assert "\n" not in str(raised.value)
+    assert len(str(raised.value)) < 400
+    return str(raised.value)
+
+
+def child_id() -> int:
+    child = raster_reader._READER._child
+    assert child is not None
+    return child.pid
+
+
+def test_header_and_windows(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.tif", nodata=-1.0, crs="EPSG:32632+5773")
+    header = read_header(path)
+    assert (header.shape, header.dtype, header.nodata) == ((20, 25), "float32", -1.0)
+    assert (header.crs, header.vertical) == ("EPSG:32632", "EPSG:5773")
+    assert header.place == (30.0, 0.0, 500_115.0, 0.0, -30.0, 5_200_985.0)
+    values, known = read_window(header, (5, 7, 10, 12))
+    assert np.array_equal(values, HEIGHTS[5:15, 7:19])
+    assert known.all()
+    degrees = Affine(1e-3, 0.0, 9.0, 0.0, -1e-3, 47.0)
+    assert read_header(write(tmp_path / "b.tif", crs="EPSG:4979", transform=degrees)).vertical == ELLIPSOID
+    assert read_header(write(tmp_path / "c.tif")).vertical == ""
+
+
+@pytest.mark.parametrize("profile", [{}, {"tiled": True, "blockxsize": 16, "blockysize": 16}])
+def test_strips_equal_the_whole(tmp_path: Path, profile: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    heights = np.arange(7000, dtype=np.float32).reshape(100, 70)
+    heights[40, 50] = -1.0
+    header = read_header(write(tmp_path / "a.tif", heights, nodata=-1.0, **profile))
+    monkeypatch.setattr(raster_reader, "_STRIP", 500)
+    raw, known = read_strips(header, (3, 5, 90, 60))
+    assert np.array_equal(raw, heights[3:93, 5:65])
+    assert np.argwhere(~known).tolist() == [[37, 45]]
+
+
+def test_death_of_the_child_is_one_line_and_the_next_file_is_read(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.tif")
+    header = read_header(path)
+    for death in (signal.SIGSEGV, signal.SIGABRT, signal.SIGKILL):
+        before = child_id()
+        os.kill(before, death)
+        with pytest.raises(InputError, match="its reader"):
+            read_window(header, (0, 0, 20, 25))
+        assert np.array_equal(read_window(header, (0, 0, 20, 25))[0], HEIGHTS)
+        assert child_id() != before
+    assert raster_reader._READER.close() == 0  # as an idle one: no error
+    assert np.array_equal(read_window(header, (0, 0, 20, 25))[0], HEIGHTS)
+
+
+def test_a_changed_file_is_one_line(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.tif")
+    header = read_header(path)
+    read_window(header, (0, 0, 4, 4))
+    write(path, HEIGHTS[:10])
+    with pytest.raises(InputError, match="has changed"):
+        read_window(header, (0, 0, 4, 4))
+    path.unlink()
+    with pytest.raises(InputError, match="no such file"):
+        read_window(header, (0, 0, 4, 4))
+
+
+def vrt(path: Path, source: str, size: tuple[int, int] = (9, 9), kind: str = "SimpleSource") -> Path:
+    path.write_text(
+        f'<VRTDataset rasterXSize="{size[0]}" rasterYSize="{size[1]}"><GeoTransform>5, 30, 0, 9, 0, -30'
+        f'</GeoTransform><VRTRasterBand dataType="Float32" band="1"><{kind}>'
+        f'<SourceFilename relativeToVRT="1">{source}</SourceFilename><SourceBand>1</SourceBand>'
+        f'<SrcRect xOff="0" yOff="0" xSize="{size[0]}" ySize="{size[1]}"/>'
+        f'<DstRect xOff="0" yOff="0" xSize="{size[0]}" ySize="{size[1]}"/>'
+        f"{KERNEL if kind == 'KernelFilteredSource' else ''}</{kind}></VRTRasterBand></VRTDataset>"
+    )
+    return path
+
+
+KERNEL = f"<Kernel><Size>401</Size><Coefs>{'1 ' * 401**2}</Coefs></Kernel>"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="POSIX")
+def test_a_hang_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(tmp_path / "a.tif")
+    read_grid(tmp_path / "a.tif", FRAME)
+    monkeypatch.setattr(raster_reader, "_WAITING", -0.5)
+    os.mkfifo(tmp_path / "pipe.tif")  # opening it waits for a writer
+    start = perf_counter()
+    assert "no such file" in one_line_of(tmp_path / "pipe.tif")
+    assert "too long" in one_line_of(vrt(tmp_path / "a.vrt", "pipe.tif"))
+    assert perf_counter() - start < 5.0
+
+
+def test_endless_work_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(raster_reader, "_SECONDS", 0.1)
+    write(tmp_path / "a.tif", np.zeros((500, 500), np.float32))
+    start = perf_counter()
+    assert "too long" in one_line_of(vrt(tmp_path / "a.vrt", "a.tif", (500, 500), "KernelFilteredSource"))
+    assert perf_counter() - start < 10.0
+
+
+def test_too_much_memory_is_one_line(tmp_path: Path) -> None:
+    side = 1 << 16
+    with rasterio.open(
+        *(tmp_path / "a.tif", "w"),
+        driver="GTiff",
+        width=side,
+        height=side,
+        count=1,
+        dtype="float64",
+        sparse_ok=True,
+        crs="EPSG:32632",
+        tiled=True,
+        blockxsize=side,
+        blockysize=side,
+        bigtiff="yes",
+        transform=PLACE,
+    ):
+        pass
+    header = read_header(tmp_path / "a.tif")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_window(header, (0, 0, 64, 64))
+    assert np.array_equal(read_grid(write(tmp_path / "b.tif"), FRAME).samples, HEIGHTS)
+
+
+def test_addresses_are_not_opened_from_nested_files(tmp_path: Path) -> None:
+    nested = tmp_path / "nested.tif"
+    for address in ("/vsicurl/http://127.0.0.1:9/a.tif", "http://127.0.0.1:9/a.tif", "/vsis3/a/b.tif"):
+        vrt(nested, address)
+        start = perf_counter()
+        one_line_of(vrt(tmp_path / "outer.vrt", "nested.tif"))
+        assert perf_counter() - start < 2.0
+    one_line_of(vrt(tmp_path / "own.vrt", "own.vrt"))
+    one_line_of(vrt(tmp_path / "missing.vrt", "missing.tif"))
+
+
+def test_several_threads_read_at_once(tmp_path: Path) -> None:
+    paths = [write(tmp_path / f"{k}.tif", HEIGHTS + k) for k in range(6)]
+    found: dict[int, bool] = {}
+
+    def read(k: int) -> None:
+        found[k] = all(np.array_equal(read_grid(paths[k], FRAME).samples, HEIGHTS + k) for _ in range(5))
+
+    threads = [threading.Thread(target=read, args=(k,)) for k in range(6)]
+    for each in threads:
+        each.start()
+    for each in threads:
+        each.join()
+    assert found == dict.fromkeys(range(6), True)
+
+
+def test_archives_name_their_files(tmp_path: Path) -> None:
+    write(tmp_path / "a.tif")
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.write(tmp_path / "a.tif", "../a.tif")
+        archive.writestr("b.vrt", "<VRTDataset/>")
+    for name in ("a.zip", "a.zip/b.vrt", "a.zip/c.tif"):
+        one_line_of(tmp_path / name)

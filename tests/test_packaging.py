@@ -14,7 +14,7 @@ from sketchterrain.io import resources
 
 ROOT = Path(__file__).parents[1]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
-DATA = {".cl", ".clh", ".glsl", ".toml", ".png", ".jpg", ".svg", ".qss"}
+DATA = {".cl", ".clh", ".glsl", ".toml", ".png", ".jpg", ".svg", ".qss", ".fgb", ".raster"}
 
 
 def test_every_package_and_data_file_is_listed() -> None:

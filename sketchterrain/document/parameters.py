@@ -243,7 +243,7 @@ BASE: Mapping[str, Parameter] = parameter_table(
     ),
     Parameter(
         *("margin", float, -1.0, -1.0, 1e5, "m"),
-        "distance inside of their rim over which the data blend into other ground; -1 is 4 % of their extent",
+        "distance from their rim inward over which the data blend in; -1 is 4 % of their shorter side",
         sentinel=Sentinel(-1.0, "Automatic", 1000.0),
         soft_range=(10.0, 10000.0),
     ),

@@ -17,7 +17,6 @@ from sketchterrain.document.label_layers import LabelImage, decode_layer, encode
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.own_materials import relative_folders, resolved_folders
 from sketchterrain.document.rasters import (
-    RasterSource,
     embedded_files,
     is_embedded_name,
     relative_rasters,
@@ -295,50 +294,19 @@ def save_sketch(sketch: Sketch, path: str | Path) -> None:
         write_atomic(target, pack_sketch(sketch, base=target.parent))
 
 
-def new_sketch(
-    folder: str | Path,
-    *,
-    frame: Mapping[str, object] | None = None,
-    size: tuple[float, float] | None = None,
-    rasters: Iterable[RasterSource] = (),
-) -> None:
-    """Write a starter sketch: a small painting, and settings with a comment on every line.
+def new_sketch(path: str | Path, sketch: Sketch | None = None) -> None:
+    """Write a sketch, by default a starter with a comment on every line, where there is none.
 
-    Parameters
-    ----------
-    folder
-        A new or an empty folder.
-    frame
-        Place on Earth, by the names in `FRAME`; by default none.
-    size
-        Metres eastward and northward; by default 4096 × 4096.
-    rasters
-        Raster sources.
-
-    Raises
-    ------
-    InputError
-        If `folder` is a file, or a folder that is not empty, or the frame is invalid.
-    SketchterrainError
-        If the system cannot write there.
+    Raise InputError if `path` is a file, or a folder that is not empty, SketchterrainError if the system
+    cannot write there.
     """
-    target = _checked_new(folder)
-    _save_folder(starter_sketch(size).replace(frame=frame or {}, rasters=tuple(rasters)), target)
-
-
-def save_new(sketch: Sketch, path: str | Path) -> None:
-    """Write a sketch as `save_sketch` to a new or an empty folder, or to a new file."""
-    save_sketch(sketch, _checked_new(path))
-
-
-def _checked_new(path: str | Path) -> Path:
     target = Path(path)
     with wrap_os_errors(target):
         if target.is_dir() and any(target.iterdir()):
             raise InputError(f"{one_line(target)}: expected a new or an empty folder, this one is not empty")
-        if target.is_file() and target.suffix.lower() == _ZIP_SUFFIX:
-            raise InputError(f"{one_line(target)}: expected a new file, this one exists")
-    return target
+        if target.is_file():
+            raise InputError(f"{one_line(target)}: expected a folder or a new file, this one exists")
+    save_sketch(starter_sketch() if sketch is None else sketch, target)
 
 
 def pack_sketch(

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import tempfile
-import zipfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from hashlib import blake2b
-from io import BytesIO
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -26,14 +23,10 @@ from sketchterrain.elevation.selection import Patchwork, RimFade
 from sketchterrain.elevation.surface import Heights
 from sketchterrain.errors import InputError, one_line
 
-MARGIN_SHARE: Final = 0.04
-"""Automatic margin, over the shorter side of the data."""
-
-_MOST_MARGIN = 0.4  # over the shorter side: the weight reaches 1 in the middle
+_AUTOMATIC, _MOST = 0.04, 0.4  # margin over the shorter side of the data; at most the weight reaches 1 inside
 _MOST_NODES = 1 << 20  # of the fade, which has eight along the margin
 _LAST = "last patchwork"  # key of the one from which the next is made
-_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-_HGT_SIDES = (1201, 3601)
+_SUFFIXES: Final = {b"II": ".tif", b"MM": ".tif", b"\x93N": ".npy"}  # by the first bytes
 
 
 class BaseGrid(NamedTuple):
@@ -83,30 +76,19 @@ class BaseElevation:
         return self.fade.weight(x, y)
 
     @property
-    def error(self) -> float:
-        """Largest error (m) of the finest surface, from the accuracy of the grids it consists of."""
-        patches = self.patchwork.patches
-        return 0.0 if patches is None else float(patches.error[self.patchwork.cover(0.0)].max())
-
-    @property
     def facts(self) -> dict[str, Any]:
-        """Entries of reports."""
-        grids = [
-            {
-                "name": each.name,
-                "rows": each.shape[0],
-                "columns": each.shape[1],
-                "step": round(each.patches.step, 3),
-                "accuracy": each.patches.accuracy,
-                "patches": len(each.patches.patches),
-            }
+        """Entries of reports; `error` (m) is the largest of the finest surface."""
+        patches, finest = self.patchwork.patches, self.patchwork.cover(0.0)
+        names = ("name", "rows", "columns", "step", "accuracy")
+        rows = [
+            (each.name, *each.shape, round(each.patches.step, 3), each.patches.accuracy)
             for each in self.grids
         ]
         return {
             "id": self.id.hex(),
-            "error": self.error,
+            "grids": [dict(zip(names, row, strict=True)) for row in rows],
+            "error": 0.0 if patches is None else float(patches.error[finest].max()),
             "margin": self.margin,
-            "grids": grids,
             "findings": list(self.findings),
         }
 
@@ -114,30 +96,20 @@ class BaseElevation:
 def load_base(sketch: Sketch, memory: LRUCache) -> BaseElevation | None:
     """Return the real elevation beneath a sketch; None without rasters whose role is elevation.
 
-    Patches and the last patchwork are cached in `memory`, which changes no bit.
-
-    Raises
-    ------
-    InputError
-        If a file is missing, has changed or cannot be read; in one line that names the raster.
+    Patches and the last patchwork are cached in `memory`, which changes no bit. Raise InputError, in one line
+    that names the raster, if a file is missing, has changed or cannot be read.
     """
     if not sketch.elevation_rasters:
         return None
-    place = sketch.frame
-    base = combine_rasters(
-        sketch.elevation_rasters,
-        SketchFrame(place["crs"], place["east"], place["north"]),
-        memory,
-        vertical=place["vertical"],
-        margin=sketch.base["margin"],
-    )
-    kernels = [each.patches.patches.kernel for each in base.grids]
-    outside = [
-        (box[:, 2:].max(axis=0) <= 0.0).any() or (box[:, :2].min(axis=0) >= sketch.size).any()
-        for box in kernels
-    ]
-    far = [f"{each.name}: lies outside of the sketch" for each in itertools.compress(base.grids, outside)]
-    return replace(base, findings=(*base.findings, *far)) if far else base
+    frame = SketchFrame(*(sketch.frame[key] for key in SketchFrame._fields))
+    options = {"vertical": sketch.frame["vertical"], "margin": sketch.base["margin"]}
+    base = combine_rasters(sketch.elevation_rasters, frame, memory, **options)
+    findings = list(base.findings)
+    for each in base.grids:
+        box = each.patches.patches.kernel
+        if (box[:, 2:].max(axis=0) <= 0.0).any() or (box[:, :2].min(axis=0) >= sketch.size).any():
+            findings.append(f"{each.name}: lies outside of the sketch")
+    return replace(base, findings=tuple(findings))
 
 
 def combine_rasters(
@@ -165,47 +137,33 @@ def combine_rasters(
 
 
 def _load_grid(source: RasterSource, frame: SketchFrame, datum: str, memory: LRUCache) -> BaseGrid:
-    """Return the patches of a raster; raise InputError that names it."""
-    if problem := raster_problem(source):
-        raise InputError(problem)
+    """Return the patches of a raster."""
 
     def built() -> BaseGrid:
         grid = _in_datum(grid_at(source, frame), source, datum)
-        with _named(source, grid.name):
-            return BaseGrid(source.title, grid.samples.shape, build_patches(grid), grid.findings)
+        return BaseGrid(source.title, grid.samples.shape, build_patches(grid), grid.findings)
 
+    if problem := raster_problem(source):
+        raise InputError(problem)
     values = (source.band, source.accuracy, source.vertical, source.offset)
     key = ("elevation grid", content_hash(source), Path(source.path).name, values, frame, datum)
-    found: BaseGrid = memory.get_or_compute(key, built)
-    return found
+    return memory.get_or_compute(key, built)
 
 
 def grid_at(source: RasterSource, frame: SketchFrame) -> ElevationGrid:
-    """Return the grid of a raster in a frame, without its offset; raise InputError that names it."""
+    """Return the grid of a raster, without its offset; raise InputError that names it.
+
+    A grid without a CRS has the coordinates of the sketch's frame.
+    """
     accuracy = None if source.accuracy < 0.0 else source.accuracy
-    with _file_of(source) as path, _named(source, path.name, one_line(path)):
-        return _placed(read_grid(path, frame, band=source.band, accuracy=accuracy), frame)
-
-
-@contextmanager
-def _named(source: RasterSource, *names: str) -> Iterator[None]:
-    """Raise an InputError with the raster in place of the names of its temporary file and grid."""
-    try:
-        yield
-    except InputError as error:
-        reason = str(error)
-        for name in names[1:]:
-            reason = reason.replace(name, names[0])
-        reason = reason.removeprefix(f"{names[0]}: ")
-        raise InputError(f"raster {one_line(source.path)}: {reason}") from None
-
-
-def _placed(grid: ElevationGrid, frame: SketchFrame) -> ElevationGrid:
-    """Return a grid in sketch metres; one without a CRS has the coordinates of the sketch's frame."""
-    if grid.crs:
-        return grid
+    with _file_of(source) as path:
+        try:
+            grid = read_grid(path, frame, band=source.band, accuracy=accuracy)
+        except InputError as error:
+            reason = str(error).replace(one_line(path), path.name).removeprefix(f"{path.name}: ")
+            raise InputError(f"raster {one_line(source.path)}: {reason}") from None
     a, b, c, d, e, f = grid.place
-    return replace(grid, place=(a, b, c - frame.east, d, e, f - frame.north))
+    return grid if grid.crs else replace(grid, place=(a, b, c - frame.east, d, e, f - frame.north))
 
 
 def _in_datum(grid: ElevationGrid, source: RasterSource, datum: str) -> ElevationGrid:
@@ -232,9 +190,9 @@ def _patchwork(grids: dict[bytes, GridPatches], memory: LRUCache) -> Patchwork:
 
 def _allowed_margin(sides: Float64Array, asked: float) -> float:
     """Return the margin (m) of the fade: as asked, automatic if negative, within what the data allow."""
-    margin = asked if asked >= 0.0 else MARGIN_SHARE * float(sides.min())
+    shorter = float(sides.min())
     least = 8.0 * math.sqrt(float(sides.prod()) / _MOST_NODES)
-    return max(min(margin, _MOST_MARGIN * float(sides.min())), least)
+    return max(min(asked if asked >= 0.0 else _AUTOMATIC * shorter, _MOST * shorter), least)
 
 
 @contextmanager
@@ -243,22 +201,12 @@ def _file_of(source: RasterSource) -> Iterator[Path]:
     if source.content is None:
         yield Path(source.path)
         return
+    head = source.content[:200].lstrip().lower()
+    suffix = _SUFFIXES.get(source.content[:2], ".asc" if head.startswith(b"ncols") else ".hgt")
+    if head.startswith(b"pk"):
+        suffix = ".npz" if b".npy" in head else ".zip"
     with tempfile.TemporaryDirectory(prefix="sketchterrain-") as folder:
         name = Path(source.path).stem.rpartition("-")[0]  # without the hash: that of an HGT is its place
-        path = Path(folder) / (name + _suffix(source.content))
+        path = Path(folder) / (name + suffix)
         path.write_bytes(source.content)
         yield path
-
-
-def _suffix(content: bytes) -> str:
-    """Return the usual suffix of a file of elevation; empty if its content is none."""
-    if content.startswith(_TIFF):
-        return ".tif"
-    if content.startswith(b"\x93NUMPY"):
-        return ".npy"
-    if content.startswith(b"PK"):
-        with suppress(zipfile.BadZipFile, ValueError, OSError), zipfile.ZipFile(BytesIO(content)) as archive:
-            return ".npz" if any(each.endswith(".npy") for each in archive.namelist()) else ".zip"
-    if content[:200].lstrip().lower().startswith(b"ncols"):
-        return ".asc"
-    return ".hgt" if len(content) in [2 * side * side for side in _HGT_SIDES] else ""

@@ -35,8 +35,6 @@ MAX_SAMPLES: Final = 1 << 29
 _FEET = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us-ft": 1200 / 3937, "us survey foot": 1200 / 3937}
 _DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".hgt": "SRTMHGT", ".asc": "AAIGrid", ".vrt": "VRT"}
 SUFFIXES: Final = (*_DRIVERS, ".npy", ".npz", ".zip")
-"""Names of files of elevation end so."""
-
 _UNREADABLE = (
     OSError,
     ValueError,

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
+from scipy import ndimage
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.caching import LRUCache
@@ -16,26 +18,15 @@ from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
 from sketchterrain.document.toml_format import starter_sketch
 from sketchterrain.elevation.base import BaseElevation, combine_rasters, grid_at
-from sketchterrain.elevation.grids import SUFFIXES, ElevationGrid, SketchFrame
+from sketchterrain.elevation.grids import SUFFIXES, SketchFrame
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.importing.vector_files import metric_crs_at, to_longitude_latitude
 from sketchterrain.io.crs import crs_text, parse_crs, parse_metric_crs
-from sketchterrain.io.files import wrap_read_errors
 
 _MAX_SIDE: Final = 2048  # px of the sketch, of which each is a step of the data where that is allowed
-_SEA_SHARE: Final = 0.01  # of the rim that is no higher than 0 m beside a sea
-_RIM_POINTS: Final = 1024
-_WHOLE_METRES: Final = 100.0  # m: corners of larger sketches are at whole metres
+_SEA_SHARE, _RIM_POINTS = 0.01, 257  # of the rim that is no higher than 0 m beside a sea; along a side
 # Tree lines fall from 3800 m in the tropics to 0 m at 70° (Körner 2012); snow lies 800 m above them.
 _TREE_LINE, _TROPICS, _NO_TREES, _SNOW_ABOVE = 3800.0, 30.0, 70.0, 800.0
-
-
-class ElevationSketch(NamedTuple):
-    """An empty sketch on real elevation."""
-
-    sketch: Sketch
-    base: BaseElevation  # in the sketch's CRS, not from its corner
-    findings: tuple[str, ...]
 
 
 def sketch_on_elevation(
@@ -45,119 +36,72 @@ def sketch_on_elevation(
     origin: tuple[float, float] | None = None,
     extent: float | None = None,
     vertical: str = "",
-) -> ElevationSketch:
-    """Return an empty sketch whose ground is that of DEM files, as large as they allow.
+) -> tuple[Sketch, BaseElevation]:
+    """Return an empty sketch on elevation rasters, and their base in its CRS, not from its corner.
 
-    Parameters
-    ----------
-    sources
-        Elevation rasters, at least one.
-    crs
-        Metric CRS of the sketch; by default that of the first file, or its UTM zone.
-    origin
-        South-west corner in it (m); by default the largest rectangle inside of all data is taken.
-    extent
-        Longer side (m), in the middle of that rectangle; by default all of it.
-    vertical
-        Vertical datum of the sketch.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or no data are where the sketch would be.
+    By default its CRS is that of the first raster, or its UTM zone, and it is the largest rectangle in which
+    the data have their whole weight; `extent` (m) is the longer side of a part in its middle, or from
+    `origin`. Raise InputError if a file cannot be read or the sketch would have no data.
     """
-    memory = LRUCache()
     if crs is not None:
         parse_metric_crs(crs)
     else:
         first = grid_at(sources[0], SketchFrame("EPSG:4326"))
-        crs = crs_text(metric_crs_at(parse_crs(first.crs), _middle(first))) if first.crs else ""
-    base = combine_rasters(sources, SketchFrame(crs), memory, vertical=vertical)
-    west, south, width, depth = _placed_area(base, origin, extent)
+        a, b, c, d, e, f = first.place
+        row, column = (0.5 * (each - 1) for each in first.samples.shape)
+        place = a * column + b * row + c, d * column + e * row + f
+        crs = crs_text(metric_crs_at(parse_crs(first.crs), place)) if first.crs else ""
+    base = combine_rasters(sources, SketchFrame(crs), LRUCache(), vertical=vertical)
+    west, south, east, north = _whole_area(base)
+    longest = float(SKETCH["extent"].high) if extent is None else extent
+    width, depth = min(east - west, longest), min(north - south, longest)
+    middle = round(0.5 * (west + east - width), 2), round(0.5 * (south + north - depth), 2)
+    left, bottom = middle if origin is None else origin
     step = min(each.patches.step for each in base.grids)
-    shape, pixel = _canvas(width, depth, step)
-    findings = list(base.findings)
-    along_rim = _rim(west, south, shape[1] * pixel, shape[0] * pixel)
-    height = base.heights(*along_rim, 2.0 * step).height
-    if not np.isfinite(height).any():
-        raise InputError(f"no elevation where the sketch would be: its corner is at {west:.0f}, {south:.0f}")
+    longer = max(width, depth)
+    count = min(max(round(longer / step), DEFAULT_SIDE), _MAX_SIDE)
+    shape = tuple(max(math.floor(side * count / longer + 1e-6), 1) for side in (depth, width))
     fields: dict[str, Any] = {}
-    if np.mean(height <= 0.0) > _SEA_SHARE:
+    x, y = np.meshgrid(*(np.linspace(0.0, side, _RIM_POINTS) for side in (width, depth)))
+    height = base.heights(left + x, bottom + y, 2.0 * step).height
+    if not np.isfinite(height).any():
+        raise InputError(f"no elevation where the sketch would be: its corner is at {left}, {bottom}")
+    rim = np.concatenate([height[0], height[-1], height[:, 0], height[:, -1]])
+    if np.mean(rim <= 0.0) > _SEA_SHARE:
         fields["coast"] = {"sea_level": 0.0}
-        findings.append("heights of 0 m and less at the rim: taken for a sea, [coast] sea_level = 0")
+        told = "heights of 0 m and less at the rim: taken for a sea, [coast] sea_level = 0"
+        base = replace(base, findings=(*base.findings, told))
     if crs:
-        middle = np.array([[west + 0.5 * width, south + 0.5 * depth]])
-        latitude = float(to_longitude_latitude(parse_crs(crs), middle)[0][1])
-        fields |= {"climate": _climate(latitude), "weather": {"latitude": round(latitude, 2)}}
+        fields |= _climate(crs, left + 0.5 * width, bottom + 0.5 * depth)
     sketch = Sketch(
         name=Path(sources[0].path).name.partition(".")[0][:200] or "Untitled",
-        extent=max(shape) * pixel,
-        frame={"crs": crs, "east": west, "north": south, "vertical": vertical},
+        extent=longer * max(shape) / count,
+        frame={"crs": crs, "east": left, "north": bottom, "vertical": vertical},
         layers={"mountain": np.zeros(shape, np.uint8)},
         labels=starter_sketch().labels,
         rasters=tuple(sources),
         **fields,
     )
-    return ElevationSketch(sketch, base, tuple(findings))
+    return sketch, base
 
 
-def _placed_area(
-    base: BaseElevation, origin: tuple[float, float] | None, extent: float | None
-) -> tuple[float, float, float, float]:
-    """Return the south-west corner (m), width and depth of a sketch; see `sketch_on_elevation`."""
-    west, south, east, north = _whole_area(base)
-    if min(east - west, north - south) > _WHOLE_METRES:
-        west, south, east, north = math.ceil(west), math.ceil(south), math.floor(east), math.floor(north)
-    longest = float(SKETCH["extent"].high) if extent is None else extent
-    width, depth = min(east - west, longest), min(north - south, longest)
-    if origin is None:
-        origin = west + 0.5 * (east - west - width), south + 0.5 * (north - south - depth)
-    return *origin, width, depth
-
-
-def _canvas(width: float, depth: float, step: float) -> tuple[tuple[int, int], float]:
-    """Return the rows and columns of a sketch within a size (m), and the side of its pixels (m)."""
-    longer = max(width, depth)
-    count = min(max(round(longer / step), DEFAULT_SIDE), _MAX_SIDE)
-    rows, columns = (max(math.floor(side * count / longer + 1e-6), 1) for side in (depth, width))
-    return (rows, columns), longer / count
-
-
-def elevation_files(paths: Iterable[Path]) -> list[Path]:
-    """Return files, and those of elevation in folders; raise InputError for a folder without any."""
-    found: list[Path] = []
-    for path in paths:
-        if not path.is_dir():
-            found.append(path)
-            continue
-        with wrap_read_errors(path):
-            inside = sorted(each for each in path.iterdir() if each.suffix.lower() in SUFFIXES)
-        if not inside:
-            raise InputError(f"{one_line(path)}: no elevation in it: expected files {', '.join(SUFFIXES)}")
-        found += inside
+def elevation_files(path: Path) -> list[Path]:
+    """Return a file, or the files of elevation in a folder; raise InputError for one without any."""
+    if not path.is_dir():
+        return [path]
+    found = sorted(each for each in path.iterdir() if each.suffix.lower() in SUFFIXES)
+    if not found:
+        raise InputError(f"{one_line(path)}: no elevation in it: expected files {', '.join(SUFFIXES)}")
     return found
 
 
-def _middle(grid: ElevationGrid) -> tuple[float, float]:
-    """Return the middle of a grid in its own CRS."""
-    a, b, c, d, e, f = grid.place
-    row, column = (0.5 * (each - 1) for each in grid.samples.shape)
-    return a * column + b * row + c, d * column + e * row + f
-
-
-def _climate(latitude: float) -> dict[str, float]:
-    """Return the tree line and the snow line (m) at a latitude."""
+def _climate(crs: str, x: float, y: float) -> dict[str, Any]:
+    """Return the tree line, snow line (m) and latitude of a place, as tables of a sketch."""
+    latitude = float(to_longitude_latitude(parse_crs(crs), np.array([[x, y]]))[0][1])
     share = (_NO_TREES - abs(latitude)) / (_NO_TREES - _TROPICS)
-    tree_line = 50.0 * round(_TREE_LINE * min(max(share, 0.0), 1.0) / 50.0)
-    return {"tree_line": tree_line, "snow_line": tree_line + _SNOW_ABOVE}
-
-
-def _rim(west: float, south: float, width: float, depth: float) -> tuple[Any, Any]:
-    """Return points (m) along the rim of a rectangle."""
-    t = np.linspace(0.0, 1.0, _RIM_POINTS // 4, endpoint=False)
-    zero, one = np.zeros_like(t), np.ones_like(t)
-    x, y = np.concatenate([t, one, 1.0 - t, zero]), np.concatenate([zero, t, one, 1.0 - t])
-    return west + x * width, south + y * depth
+    trees = 50.0 * round(_TREE_LINE * min(max(share, 0.0), 1.0) / 50.0)
+    lines = {"tree_line": trees, "snow_line": trees + _SNOW_ABOVE}
+    return {"climate": lines, "weather": {"latitude": round(latitude, 2)}}
 
 
 def _whole_area(base: BaseElevation) -> tuple[float, float, float, float]:
@@ -167,17 +111,13 @@ def _whole_area(base: BaseElevation) -> tuple[float, float, float, float]:
     weight = base.weight(fade.west + nodes[1], fade.south + nodes[0])
     row, column, height, width = _largest_rectangle(weight > 1.0 - 1e-9)
     if not (height > 1 and width > 1):
-        raise InputError(
-            "the elevation data are too small, or too full of voids, for a sketch inside of them"
-        )
+        raise InputError("expected more elevation: the data are too small, or too full of voids")
     west, south = fade.west + fade.spacing * column, fade.south + fade.spacing * row
     return west, south, west + fade.spacing * (width - 1), south + fade.spacing * (height - 1)
 
 
 def _largest_rectangle(inside: BoolArray) -> tuple[int, int, int, int]:
     """Return first row and column, rows and columns of the largest rectangle of set nodes, voids filled."""
-    from scipy import ndimage
-
     best, found = 0, (0, 0, 0, 0)
     rising = np.zeros(inside.shape[1] + 1, np.int64)  # set nodes up to this row; a last column ends all runs
     for row, line in enumerate(ndimage.binary_fill_holes(inside)):

@@ -12,8 +12,10 @@ import pytest
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
 from sketchterrain.elevation.base import BaseElevation, load_base
 from sketchterrain.errors import InputError
+from sketchterrain.io.resources import preset
 
 from .conftest import ground
 from .test_grids import from_origin, write
@@ -118,6 +120,22 @@ def test_stored_files_of_every_format_equal_those_on_disk(tmp_path: Path, fine: 
         assert base_of(linked, **fields).id == base_of(stored, **fields).id, name
 
 
+def test_the_preset_andorra_lies_inside_of_its_data() -> None:
+    sketch = load_sketch("andorra")
+    base = load_base(sketch, LRUCache())
+    assert base is not None
+    x, y = np.meshgrid(*(np.linspace(0.0, side, 100) for side in sketch.size))
+    height = base.heights(x, y, 60.0).height
+    assert base.weight(x, y).min() > 1.0 - 1e-9
+    assert 780.0 < height.min() < height.max() < 3100.0
+    files = [path for path in preset("andorra").iterdir() if path.is_file()]
+    assert sum(len(path.read_bytes()) for path in files) < 1_000_000
+    for river in sketch.vectors["river"].ids.tolist():
+        (line,) = sketch.vectors["river"].feature(river).rings
+        along = base.heights(line[:, 0].copy(), line[:, 1].copy(), 60.0).height
+        assert along[0] - along[-1] > 400.0
+
+
 def test_a_grid_without_a_crs_has_the_coordinates_of_the_frame(tmp_path: Path, fine: RasterSource) -> None:
     plain = raster_source(dem(tmp_path / "plain.tif", crs=None), "elevation")
     for frame in (FRAME, {**FRAME, "crs": ""}):
@@ -130,10 +148,10 @@ def test_keys_of_a_raster(tmp_path: Path, fine: RasterSource) -> None:
     moved = base_of(replace(fine, offset=-12.5))
     assert moved.heights(x, x, 1e-3).height == pytest.approx(ground(x, x) - 12.5, abs=2e-3)
     assert "fine.tif: -12.5 m added to all heights" in moved.findings
-    assert base_of(replace(fine, accuracy=7.0)).error == 7.0
-    assert base_of(fine).error == 0.0
+    assert base_of(replace(fine, accuracy=7.0)).facts["error"] == 7.0
+    assert base_of(fine).facts["error"] == 0.0
     whole = raster_source(dem(tmp_path / "whole.tif", dtype=np.int16), "elevation")
-    assert base_of(whole).error == 0.5
+    assert base_of(whole).facts["error"] == 0.5
     facts = base_of(whole, fine).facts
     assert [(each["name"], each["rows"], each["accuracy"]) for each in facts["grids"]] == [
         ("whole.tif", 100, 0.5),

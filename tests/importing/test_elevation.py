@@ -55,13 +55,11 @@ def check_inside(sketch: Sketch) -> None:
 
 def test_the_sketch_is_an_empty_rectangle_inside_of_the_data(tmp_path):
     source = dem(tmp_path / "alps.dem.tif")
-    made = sketch_on_elevation([source])
-    sketch = made.sketch
+    sketch, _ = sketch_on_elevation([source])
     check_inside(sketch)
     assert (sketch.name, sketch.frame["crs"], sketch.rasters) == ("alps", "EPSG:25832", (source,))
     assert 0.8 * 6000 < sketch.size[0] < 6000
     assert 0.8 * 4000 < sketch.size[1] < 4000
-    assert sketch.extent == float(int(sketch.extent))
     assert not any(image.any() for image in sketch.layers.values())
     assert not any(sketch.density.values())
     assert {name for name, _ in sketch.labels} == set(LAYERS)
@@ -82,7 +80,7 @@ def test_data_in_degrees_rotated_or_in_tiles_contain_the_sketch(tmp_path):
         ("mixed", "EPSG:25832", [UTM, turned]),
     ):
         sources = [dem(tmp_path / f"{name}{n}.tif", each, crs=crs) for n, each in enumerate(transforms)]
-        sketch = sketch_on_elevation(sources).sketch
+        sketch = sketch_on_elevation(sources)[0]
         check_inside(sketch)
         assert sketch.frame["crs"] == ("EPSG:32631" if name == "degrees" else crs), name
         if name == "corner":  # of an L, one of its arms
@@ -91,22 +89,22 @@ def test_data_in_degrees_rotated_or_in_tiles_contain_the_sketch(tmp_path):
 
 def test_extent_and_origin_choose_a_part(tmp_path):
     source = dem(tmp_path / "a.tif")
-    whole = sketch_on_elevation([source]).sketch
-    part = sketch_on_elevation([source], extent=2000.0).sketch
+    whole = sketch_on_elevation([source])[0]
+    part = sketch_on_elevation([source], extent=2000.0)[0]
     assert (part.size, part.width_px, part.height_px) == ((2000.0, 2000.0), 512, 512)
     middles = [
         np.array([each.frame["east"], each.frame["north"]]) + np.array(each.size) / 2
         for each in (whole, part)
     ]
     assert np.abs(middles[0] - middles[1]).max() < 2.0 * whole.pixel_size
-    wide = sketch_on_elevation([source], extent=5000.0).sketch
+    wide = sketch_on_elevation([source], extent=5000.0)[0]
     assert (wide.size[0], wide.size[1]) == (5000.0, pytest.approx(whole.size[1], abs=10.0))
     moved = sketch_on_elevation(
         [source], extent=1000.0, origin=(601_000.0, 5_267_000.0), vertical="EPSG:5773"
-    )
+    )[0]
     frame = {"crs": "EPSG:25832", "east": 601_000.0, "north": 5_267_000.0, "vertical": "EPSG:5773"}
-    assert moved.sketch.frame == frame
-    other = sketch_on_elevation([source], crs="EPSG:25833").sketch
+    assert moved.frame == frame
+    other = sketch_on_elevation([source], crs="EPSG:25833")[0]
     assert other.frame["crs"] == "EPSG:25833"
     check_inside(other)
 
@@ -114,23 +112,23 @@ def test_extent_and_origin_choose_a_part(tmp_path):
 def test_pixels_are_steps_of_the_data_within_limits(tmp_path):
     for step, pixels in ((50.0, 512), (1000.0, 512)):
         source = dem(tmp_path / "a.tif", Affine(step, 0.0, 6e5, 0.0, -step, 5.27e6))
-        assert sketch_on_elevation([source]).sketch.width_px == pixels
+        assert sketch_on_elevation([source])[0].width_px == pixels
     source = dem(tmp_path / "fine.tif", shape=(700, 900))
-    assert sketch_on_elevation([source]).sketch.pixel_size == pytest.approx(50.0, rel=0.01)
+    assert sketch_on_elevation([source])[0].pixel_size == pytest.approx(50.0, rel=0.01)
 
 
 def test_low_rims_are_a_sea_and_small_voids_are_none(tmp_path):
-    made = sketch_on_elevation([dem(tmp_path / "coast.tif", lowest=-60.0)])
-    assert made.sketch.coast["sea_level"] == 0.0
-    assert "heights of 0 m and less at the rim: taken for a sea, [coast] sea_level = 0" in made.findings
-    holed = sketch_on_elevation([dem(tmp_path / "holed.tif", void=np.s_[30:40, 50:60])])
-    assert sketch_on_elevation([dem(tmp_path / "whole.tif")]).sketch.size == holed.sketch.size
-    assert any("filled" in line for line in holed.findings)
+    sketch, base = sketch_on_elevation([dem(tmp_path / "coast.tif", lowest=-60.0)])
+    assert sketch.coast["sea_level"] == 0.0
+    assert "heights of 0 m and less at the rim: taken for a sea, [coast] sea_level = 0" in base.findings
+    holed, base = sketch_on_elevation([dem(tmp_path / "holed.tif", void=np.s_[30:40, 50:60])])
+    assert sketch_on_elevation([dem(tmp_path / "whole.tif")])[0].size == holed.size
+    assert any("filled" in line for line in base.findings)
 
 
 def test_local_metres_have_no_climate(tmp_path):
     source = dem(tmp_path / "a.tif", Affine(2.0, 0.0, 40.0, 0.0, -2.0, 900.0), crs=None)
-    sketch = sketch_on_elevation([source]).sketch
+    sketch = sketch_on_elevation([source])[0]
     check_inside(sketch)
     assert (sketch.frame["crs"], sketch.climate["tree_line"], sketch.climate["snow_line"]) == ("", 1e4, 1e4)
 
@@ -146,25 +144,21 @@ def test_refusals(tmp_path):
             lambda: sketch_on_elevation([dem(tmp_path / "s.tif", void=strips)]),
             "s.tif: too full of voids",
         ),
-        (lambda: elevation_files([tmp_path / "none"])[0].stat(), "none"),
     ):
-        with pytest.raises((InputError, OSError), match=problem):
+        with pytest.raises(InputError, match=problem):
             call()
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match=r"no elevation in it: expected files \.tif"):
-        elevation_files([tmp_path / "empty"])
+        elevation_files(tmp_path / "empty")
     (tmp_path / "notes.txt").write_text("no grid")
-    assert elevation_files([tmp_path, tmp_path / "notes.txt"]) == [
-        tmp_path / "a.tif",
-        tmp_path / "s.tif",
-        tmp_path / "notes.txt",
-    ]
+    assert elevation_files(tmp_path) == [tmp_path / "a.tif", tmp_path / "s.tif"]
+    assert elevation_files(tmp_path / "notes.txt") == [tmp_path / "notes.txt"]
 
 
 def test_paths_are_relative_inside_of_the_sketch(tmp_path):
     home = tmp_path / "home"
     home.mkdir()
-    sketch = sketch_on_elevation([dem(home / "a.tif")]).sketch
+    sketch = sketch_on_elevation([dem(home / "a.tif")])[0]
     save_sketch(sketch, home)
     assert 'path = "a.tif"' in (home / "sketch.toml").read_text()
     home.rename(tmp_path / "moved")

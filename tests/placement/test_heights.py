@@ -76,6 +76,8 @@ def test_no_preset_asks_for_more_than_its_shapes_can_carry():
         for layer in ("mountain", "hill"):
             for shape in label_shapes(layer, sketch.layers[layer]):
                 inradius = shape.depth.max() * sketch.pixel_size
+                if sketch.properties(layer, shape.label)["reach"] == "absolute":
+                    continue
                 height = shape_height(sketch.properties(layer, shape.label), inradius, sketch.fidelity)
                 assert height.asked <= 1.33 * inradius, (sketch.name, shape.label)
                 assert height.built >= 0.9 * height.asked, (sketch.name, shape.label)

@@ -18,7 +18,8 @@ from sketchterrain.ui.models.elevation import SketchElevation, added_elevation, 
 from sketchterrain.ui.models.workspace import Preferences
 
 if TYPE_CHECKING:
-    from sketchterrain.importing.elevation import ElevationSketch
+    from sketchterrain.document.sketch import Sketch
+    from sketchterrain.elevation.base import BaseElevation
 
 # Those of `sketchterrain.elevation.grids`, whose import would load GDAL.
 SUFFIXES: Final = (".tif", ".tiff", ".hgt", ".asc", ".vrt", ".npy", ".npz", ".zip")
@@ -67,16 +68,17 @@ class ElevationFiles(QObject):
         return [Path(name) for name in names]
 
     def _start(self, found: object) -> None:
-        made = cast("ElevationSketch", found)
-        if not self._files.start_sketch(made.sketch, modified=True):
+        sketch, base = cast("tuple[Sketch, BaseElevation]", found)
+        if not self._files.start_sketch(sketch, modified=True):
             return
-        width, depth = (side / 1000.0 for side in made.sketch.size)
-        line = f"A sketch of {width:.3g} × {depth:.3g} km on {_count(len(made.base.grids), 'elevation grid')}"
-        own = made.findings[len(made.base.findings) :]  # of the sketch, the others are of the data
-        if count := len(made.base.findings):
-            own = (*own, f"{_count(count, 'finding')} in the data")
+        width, depth = (side / 1000.0 for side in sketch.size)
+        line = f"A sketch of {width:.3g} × {depth:.3g} km on {_count(len(base.grids), 'elevation grid')}"
+        names = tuple(f"{each.name}: " for each in base.grids)
+        parts = [line, *(each for each in base.findings if not each.startswith(names))]
+        if count := sum(each.startswith(names) for each in base.findings):
+            parts.append(f"{_count(count, 'finding')} in the data")
         buttons = (("Show", self.findings_requested.emit),) if count else ()
-        self._banner.show_message(Message("good", "; ".join((line, *own)), "elevation", buttons))
+        self._banner.show_message(Message("good", "; ".join(parts), "elevation", buttons))
 
     def _add(self, found: object) -> None:
         sources, frame = cast("tuple[tuple[RasterSource, ...], dict[str, Any]]", found)

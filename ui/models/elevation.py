@@ -19,7 +19,6 @@ from sketchterrain.ui.models.document import Document
 
 if TYPE_CHECKING:
     from sketchterrain.elevation.base import BaseElevation
-    from sketchterrain.importing.elevation import ElevationSketch
 
 _DELAY = 150  # ms of rest until elevation is read again, as while a slider is dragged
 _SIDE = 2048  # px of a hillshade along the sketch's longer side
@@ -100,8 +99,8 @@ class SketchElevation(QObject):
         self.changed.emit()
 
 
-def new_on_elevation(paths: Sequence[Path]) -> ElevationSketch:
-    """Return an empty sketch on elevation files, as `sketchterrain new --dem` does."""
+def new_on_elevation(paths: Sequence[Path]) -> tuple[Sketch, BaseElevation]:
+    """Return an empty sketch on elevation files and its base, as `sketchterrain new --dem` does."""
     from sketchterrain.importing.elevation import sketch_on_elevation
 
     return sketch_on_elevation([raster_source(path, "elevation") for path in paths])
@@ -116,8 +115,7 @@ def added_elevation(
 
     sources, frame = tuple(raster_source(path, "elevation") for path in paths), {**sketch.frame}
     if not (frame["crs"] or sketch.elevation_rasters):
-        made = sketch_on_elevation(sources, extent=sketch.extent, vertical=frame["vertical"])
-        frame = {**made.sketch.frame}
+        frame = {**sketch_on_elevation(sources, extent=sketch.extent, vertical=frame["vertical"])[0].frame}
     load_base(sketch.replace(rasters=(*sketch.rasters, *sources), frame=frame), memory)
     return sources, frame
 

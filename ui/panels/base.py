@@ -57,7 +57,7 @@ class BasePanel(ScrollingPanel):
         self.text.setMinimumWidth(1)  # paths do not widen the panel
         self.form = table_form(document, "base")
         self._grids = QWidget()
-        self._column = column(self._grids)
+        self._groups = column(self._grids)
         self.add(self.text, self._grids, self.add_button, self.form)
         document.sketch_changed.connect(self._refresh)
         elevation.changed.connect(self._show_facts)
@@ -75,7 +75,7 @@ class BasePanel(ScrollingPanel):
         self._show_facts()
 
     def _fill(self, sources: tuple[RasterSource, ...]) -> None:
-        while (item := self._column.takeAt(0)) is not None:
+        while (item := self._groups.takeAt(0)) is not None:
             if (widget := item.widget()) is not None:
                 widget.hide()
                 widget.deleteLater()
@@ -86,7 +86,7 @@ class BasePanel(ScrollingPanel):
             page.form.reset_requested.connect(partial(self._reset, place))
             page.remove.clicked.connect(partial(self._remove, place))
             self.pages.append(page)
-            self._column.addWidget(CollapsibleGroup(_short(source.title), page, is_open=place == 0))
+            self._groups.addWidget(CollapsibleGroup(_short(source.title), page, is_open=place == 0))
 
     def _show_facts(self) -> None:
         facts, busy = self._elevation.facts, self._elevation.is_busy

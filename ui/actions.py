@@ -53,6 +53,7 @@ _MODES = {
 }
 _OVERLAYS = {
     "relief": ("&Relief beneath the paint", "eye"),
+    "elevation": ("Elevation &data beneath the paint", "world"),
     "pictures": ("Pictur&es beneath the paint", "gallery"),
     "features": ("Placed feat&ures and rivers", "target"),
     "contradictions": ("Co&ntradictions", "warning"),
@@ -68,6 +69,7 @@ COMMANDS: Final[dict[str, Command]] = {
     "open-folder": Command("Open &folder…", "Open a sketch stored as a folder of images", "open"),
     "open-world": Command("Open &world…", "Walk and fly in a stored world", "view"),
     "trace": Command("New from pi&cture…", "Start from a coloured map, painted layers or vectors", "pick"),
+    "elevation": Command("New from ele&vation…", "Start on a real place: GeoTIFF, HGT, ASC, zip …", "world"),
     "presets": Command("&Presets…", "Start from one of the supplied sketches", "gallery", ("Ctrl+P",)),
     "save": Command("&Save", "Save the sketch", "save", ("Ctrl+S",)),
     "save-as": Command("Save &as…", "Save the sketch under another name", "", ("Ctrl+Shift+S",)),
@@ -343,9 +345,9 @@ _LOOKS = ("look-all", "look-best", "look-selection")
 
 MENUS: Final[dict[str, tuple[str, ...]]] = {
     "&File": (
-        *("new", "trace", "open", "open-folder", "open-world", ">Open &recent", "presets", _RULE),
-        *("save", "save-as", _RULE, "import", "add-raster", "export", "write-world", "save-picture"),
-        *(_RULE, "quit"),
+        *("new", "trace", "elevation", _RULE, "open", "open-folder", "open-world", ">Open &recent"),
+        *("presets", _RULE, "save", "save-as", _RULE, "import", "add-raster", "export"),
+        *("write-world", "save-picture", _RULE, "quit"),
     ),
     "&Edit": (
         *("undo", "redo", _RULE, ">&Tool", "brush-smaller", "brush-larger", _RULE, "copy", "paste"),

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from PyQt6.QtCore import QObject, QUrl
+from PyQt6.QtCore import QObject, QUrl, pyqtSignal
 from PyQt6.QtGui import QDesktopServices, QImage
 from PyQt6.QtWidgets import QDialog, QFileDialog, QMessageBox, QWidget
 
@@ -42,6 +42,8 @@ _RASTERS = {"Picture beneath the paint (*)": "picture", "Elevation (*)": "elevat
 class Files(QObject):
     """Reads sketches into a document and saves them; failures become messages."""
 
+    elevation_chosen = pyqtSignal(object)  # list of paths, to be added to the sketch
+
     def __init__(
         self,
         window: QWidget,
@@ -63,10 +65,22 @@ class Files(QObject):
         saving.saved.connect(self._remember)
         saving.failed.connect(self._report_save_error)
 
-    def start_sketch(self, sketch: Sketch, *, modified: bool = False) -> None:
-        """Open an unsaved sketch unless the user keeps the current one."""
-        if self.confirm_close():
-            self._document.open(sketch, modified=modified)
+    def start_sketch(self, sketch: Sketch, *, modified: bool = False) -> bool:
+        """Open an unsaved sketch unless the user keeps the current one; return whether it was opened."""
+        if not self.confirm_close():
+            return False
+        self._document.open(sketch, modified=modified)
+        return True
+
+    def read(self, path: Path, work: Callable[[], object], then: Callable[[object], None]) -> None:
+        """Run `work` in the background, then `then` with its result; messages meanwhile name `path`."""
+        self._requested = path
+        self.reading.read(work, partial(self._finish_reading, then))
+
+    def _finish_reading(self, then: Callable[[object], None], result: object) -> None:
+        self._requested = None
+        self._banner.withdraw("file")
+        then(result)
 
     def ask_open(self) -> None:
         start = str(self._preferences.last_folder)
@@ -84,14 +98,12 @@ class Files(QObject):
         """Open a sketch's folder, settings or file unless the user keeps the current one."""
         path = path.parent if path.name == _SETTINGS else path
         if self.confirm_close():
-            self._requested = path
-            self.reading.read(partial(_load, path), partial(self._show_sketch, path))
+            self.read(path, partial(_load, path), partial(self._show_sketch, path))
 
     def open_preset(self, name: str) -> None:
         """Open a preset unless the user keeps the current sketch."""
         if self.confirm_close():
-            self._requested = Path(name)
-            self.reading.read(partial(load_sketch, name), partial(self._show_sketch, None))
+            self.read(Path(name), partial(load_sketch, name), partial(self._show_sketch, None))
 
     def save(self) -> None:
         """Save the sketch at its path, or ask for one."""
@@ -162,15 +174,17 @@ class Files(QObject):
         """Ask for a raster file, and its role by the kind of file, and add it to the sketch."""
         start, kinds = str(self._preferences.last_folder), ";;".join(_RASTERS)
         name, kind = QFileDialog.getOpenFileName(self._window, "Add a raster", start, kinds)
-        if name:
-            self.reading.read(partial(_read_raster, Path(name), _RASTERS[kind]), self._add_raster)
+        if name and _RASTERS[kind] == "elevation":
+            self.elevation_chosen.emit([Path(name)])
+        elif name:
+            self.read(Path(name), partial(_read_picture, Path(name)), self._add_raster)
 
     def _add_raster(self, found: object) -> None:
         """Add a raster source in one undo step; a sketch without a CRS gets the raster's place."""
         source, area = cast("tuple[RasterSource, RasterArea | None]", found)
         sketch = self._document.sketch
         frame = sketch.frame if area is None or sketch.frame["crs"] else {**sketch.frame, **area.frame}
-        self._change(f"Add {source.title}", rasters=(*sketch.rasters, source), frame=frame)
+        self.change(f"Add {source.title}", rasters=(*sketch.rasters, source), frame=frame)
 
     def open_dropped(self, paths: Iterable[Path], layer: str) -> None:
         """Open a dropped sketch, or import dropped images of layers."""
@@ -193,8 +207,6 @@ class Files(QObject):
         self._banner.show_message(Message("info", f"Reading {what} …", "reading", cancel))
 
     def _show_sketch(self, path: Path | None, sketch: object) -> None:
-        self._requested = None
-        self._banner.withdraw("file")
         self._document.open(cast(Sketch, sketch), path)
         if path is not None:
             self._remember(path)
@@ -203,9 +215,9 @@ class Files(QObject):
         new = cast("dict[str, LabelImage]", images)
         sketch = self._document.sketch
         titles = " and ".join(LAYERS[name].title.lower() for name in new)
-        self._change(f"Import {titles}", layers={**sketch.layers, **new})
+        self.change(f"Import {titles}", layers={**sketch.layers, **new})
 
-    def _change(self, title: str, **changes: object) -> None:
+    def change(self, title: str, **changes: object) -> None:
         """Change the sketch in one undo step, unless one that was opened meanwhile does not take it."""
         try:
             changed = self._document.sketch.replace(**changes)
@@ -240,10 +252,10 @@ def _load(path: Path) -> Sketch:
     return load_sketch(path)
 
 
-def _read_raster(path: Path, role: str) -> tuple[RasterSource, RasterArea | None]:
+def _read_picture(path: Path) -> tuple[RasterSource, RasterArea | None]:
     from sketchterrain.importing.rasters import raster_area  # GDAL
 
-    source = raster_source(path, role)
+    source = raster_source(path, "picture")
     return source, raster_area(source)
 
 

@@ -77,13 +77,14 @@ def _button(name: str, title: str) -> QToolButton:
     return button
 
 
-_VERSION = 1  # of the set of panels: layouts of other versions are not restored
+_VERSION = 2  # of the set of panels: layouts of other versions are not restored
 
 
 PANELS: Final = {
     "layers": ("Layers", "left"),
     "properties": ("Properties", "left below"),
     "world": ("World", "left below"),
+    "base": ("Base", "left below"),
     "light": ("Light", "left below"),
     "view": ("3-D view", "right"),
     "history": ("History", "right below"),
@@ -122,6 +123,11 @@ class PanelLayout(QObject):
             if action is not None:
                 action.setStatusTip(f"Show the panel {dock.windowTitle()}")
                 menu.addAction(action)
+
+    def show_panel(self, name: str) -> None:
+        """Show a panel before the others of its group."""
+        self.docks[name].show()
+        self.docks[name].raise_()
 
     def reset(self) -> None:
         """Restore the initial arrangement of panels and bars."""

@@ -12,6 +12,7 @@ from sketchterrain.document.layers import LAYERS
 from sketchterrain.ui.actions import Actions, RecentMenu, add_menus, add_tool_bars
 from sketchterrain.ui.banner import Banner, ErrorReporter, Message, UncaughtExceptions
 from sketchterrain.ui.canvas.canvas import Canvas
+from sketchterrain.ui.elevation_files import ElevationFiles
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import GoTo
 from sketchterrain.ui.files import Files, OpenDialogs
@@ -21,6 +22,7 @@ from sketchterrain.ui.look.theme import SMALL, SPACING, active_theme, app_icon, 
 from sketchterrain.ui.models.background import SketchSaver
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import BRUSHES, Bookmarks, Preferences, RecentFiles, Workspace
+from sketchterrain.ui.panels.base import BasePanel
 from sketchterrain.ui.panels.layers import LayersPanel
 from sketchterrain.ui.panels.lists import BookmarksPanel, ContradictionsPanel, HistoryPanel
 from sketchterrain.ui.panels.properties import PropertiesPanel
@@ -142,6 +144,17 @@ class MainWindow(QMainWindow):
             saving=saving,
             banner=self.banner,
         )
+        self.elevation_files = ElevationFiles(
+            self,
+            self.files,
+            document=document,
+            elevation=self.canvas.underlay.elevation,
+            preferences=preferences,
+            banner=self.banner,
+        )
+        self.files.elevation_chosen.connect(self.elevation_files.add)
+        self.elevation_files.findings_requested.connect(partial(self.panel_layout.show_panel, "base"))
+        self._base.add_requested.connect(self.elevation_files.ask_add)
         self.canvas.underlay.changed.connect(self._show_raster_problems)
         self._show_raster_problems()
         self._add_menus(recent)
@@ -161,11 +174,13 @@ class MainWindow(QMainWindow):
         self.canvas, self.view = Canvas(document, workspace, link), View3D(document, workspace, link)
         self._layers, self._bookmarks = LayersPanel(document, workspace), BookmarksPanel(link, bookmarks)
         contradictions, status = ContradictionsPanel(workspace, link), StatusLine(document, workspace, link)
+        self._base = BasePanel(document, self.canvas.underlay.elevation)
         self.setCentralWidget(self.canvas)
         panels: dict[str, QWidget] = {
             "layers": self._layers,
             "properties": PropertiesPanel(document, workspace, link),
             "world": WorldPanel(document),
+            "base": self._base,
             "light": ViewPanel(document, link),
             "view": self.view,
             "history": HistoryPanel(document),
@@ -178,6 +193,7 @@ class MainWindow(QMainWindow):
             part.hovered.connect(status.show_position)
             part.message.connect(self._show_hint)
         self._layers.message.connect(self._show_hint)
+        self._base.message.connect(self._show_hint)
         contradictions.place_activated.connect(self._show_place)
         bar = self.statusBar()
         if bar is not None:
@@ -214,6 +230,7 @@ class MainWindow(QMainWindow):
         self.view.picture_requested.connect(actions["save-picture"].trigger)
         actions.bind(
             {
+                "elevation": self.elevation_files.ask_new,
                 "open": files.ask_open,
                 "open-folder": files.ask_open_folder,
                 "save": files.save,

@@ -9,7 +9,9 @@ from PyQt6.QtWidgets import QApplication, QWidget
 
 from sketchterrain.document.store import load_sketch
 from sketchterrain.ui.canvas.canvas import Canvas
+from sketchterrain.ui.models.elevation import SketchElevation
 from sketchterrain.ui.models.workspace import Selection
+from sketchterrain.ui.panels.base import BasePanel
 from sketchterrain.ui.panels.layers import LayersPanel
 from sketchterrain.ui.panels.lists import ContradictionsPanel, HistoryPanel
 from sketchterrain.ui.panels.properties import PropertiesPanel
@@ -21,6 +23,7 @@ PANELS = {
     "layers": lambda document, workspace, _: LayersPanel(document, workspace),
     "properties": PropertiesPanel,
     "world": lambda document, _, __: WorldPanel(document),
+    "base": lambda document, _, __: BasePanel(document, SketchElevation(document)),
     "history": lambda document, _, __: HistoryPanel(document),
     "view": lambda document, _, link: ViewPanel(document, link),
     "adherence": lambda _, workspace, link: AdherencePanel(workspace, link),

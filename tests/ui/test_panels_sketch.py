@@ -15,7 +15,9 @@ from sketchterrain.document.store import load_sketch
 from sketchterrain.render.overlays import OVERLAYS
 from sketchterrain.ui.commands import find_parent_river, is_locked, set_property, width_of
 from sketchterrain.ui.engine.protocol import ViewState
+from sketchterrain.ui.models.elevation import SketchElevation
 from sketchterrain.ui.models.workspace import Selection
+from sketchterrain.ui.panels.base import BasePanel
 from sketchterrain.ui.panels.layer_list import EYE, LOCK, NAME
 from sketchterrain.ui.panels.layers import LayersPanel
 from sketchterrain.ui.panels.properties import PropertiesPanel
@@ -169,6 +171,7 @@ def test_every_declared_parameter_and_overlay_has_a_control(properties, world, v
             assert form.rows[name].reset.isVisible() != is_default, (layer, name)
     tables = {(table, name) for table, form in world.forms.items() for name in form.rows}
     tables |= {("weather", name) for name in view.weather.rows}
+    tables |= {("base", name) for name in BasePanel(document, SketchElevation(document)).form.rows}
     assert tables == {(table, name) for table, parameters in TABLES.items() for name in parameters}
     assert {*world.top.rows, "seed", "fidelity"} == set(SKETCH)
     assert set(OVERLAY_TITLES) == set(OVERLAYS)

@@ -59,6 +59,7 @@ def colours(canvas) -> list[QColor]:
 
 def test_a_picture_lies_beneath_the_paint_in_its_place(blank, workspace, link, show_widget, picture, qtbot):
     canvas = show_widget(Canvas(blank, workspace, link), 400, 400)
+    workspace.show_overlay("elevation", False)
     paper = colours(canvas)[0]
     with_rasters(blank, raster_source(picture, "elevation"), raster_source(picture, "picture"))
     settle(qtbot, canvas.underlay)
@@ -111,24 +112,25 @@ def test_adding_a_raster_is_one_step_and_gives_the_sketch_its_place(
     window, document, picture, monkeypatch, qtbot
 ):
     document.open(Sketch())
-    kind = "Elevation (*)"
+    kind = "Picture beneath the paint (*)"
     monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(picture), kind))
     window.actions_by_name["add-raster"].trigger()
     qtbot.waitUntil(lambda: document.history.position == 1)
     assert document.history.titles[1] == "Add map.tif"
-    assert document.sketch.rasters == (raster_source(picture, "elevation"),)
+    assert document.sketch.rasters == (raster_source(picture, "picture"),)
     assert {**document.sketch.frame} == UTM | {"vertical": ""}
-    kind = "Picture beneath the paint (*)"
+    kind = "Elevation (*)"
     moved = document.sketch.replace(frame=UTM | {"east": 5.0})
     document.do("Move", moved)
     window.actions_by_name["add-raster"].trigger()
     qtbot.waitUntil(lambda: len(document.sketch.rasters) == 2)
     assert document.sketch.frame == moved.frame
-    assert document.sketch.rasters[1].role == "picture"
+    assert document.sketch.rasters[1].role == "elevation"
     for _ in range(3):
         document.undo()
     assert (document.sketch.rasters, document.sketch.frame["crs"]) == ((), "")
 
+    kind = "Picture beneath the paint (*)"
     picture.write_bytes(b"no picture")
     window.actions_by_name["add-raster"].trigger()
     qtbot.waitUntil(lambda: window.banner.message is not None)

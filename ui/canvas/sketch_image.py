@@ -1,4 +1,4 @@
-"""The composited raster of the sketch: paper, relief, pictures, paint, adherence, redrawn where stale."""
+"""The composited raster of the sketch: paper, reliefs, pictures, paint, adherence, redrawn where stale."""
 
 from dataclasses import replace
 from functools import reduce
@@ -195,7 +195,7 @@ class SketchView(QObject):
             self._relief = self._relief_image = None
             self._update_relief()
             self._invalidate()
-        if self.underlay.pictures:
+        if self.underlay.pictures or self.underlay.hillshade:
             self._invalidate()
         shows_faults = "realism" in overlays
         measured = context.link.adherence if {"adherence", "realism"} & overlays else None
@@ -336,12 +336,10 @@ class SketchView(QObject):
                 side = scale * self._relief_step
                 samples = QSizeF(self._relief_image.width() * side, self._relief_image.height() * side)
                 painter.drawImage(QRectF(corner, samples), self._relief_image)
-            if "pictures" in self._context.workspace.overlays:
-                to_screen = QTransform(
-                    viewport.columns * scale, 0, 0, viewport.rows * scale, corner.x(), corner.y()
-                )
-                for image, place in self.underlay.pictures:
-                    painter.drawImage(to_screen.mapRect(place), image)
+            width, height = viewport.columns * scale, viewport.rows * scale
+            to_screen = QTransform(width, 0, 0, height, corner.x(), corner.y())
+            for image, place in self.underlay.visible(self._context.workspace.overlays):
+                painter.drawImage(to_screen.mapRect(place), image)
             if self._compositor.paints:
                 for top in range(inner.top(), inner.bottom() + 1, _BAND):
                     height = min(_BAND, inner.bottom() + 1 - top)

@@ -320,6 +320,7 @@ def _bookmark(table: dict[str, Any]) -> Bookmark:
 TOOLS: Final = ("select", "brush", "eraser", "line", "fill", "pick", "pan")
 OVERLAYS: Final = {
     "relief": "the terrain's relief beneath the paint",
+    "elevation": "elevation data beneath the paint, shaded",
     "pictures": "pictures of raster sources beneath the paint",
     "features": "placed features and rivers",
     "contradictions": "where layers contradict each other, and how it was resolved",
@@ -372,7 +373,7 @@ class Workspace(QObject):
         self._looks = {name: LayerLook() for name in LAYERS}
         self._selection: Selection | None = None
         # Visible, changed by `show_overlay` only.
-        self.overlays = frozenset({"relief", "pictures", "features", "eye"})
+        self.overlays = frozenset({"relief", "elevation", "pictures", "features", "eye"})
 
     @property
     def tool(self) -> str:

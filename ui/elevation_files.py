@@ -1,0 +1,92 @@
+"""Elevation files: a new sketch on them, or more ground for the open one, read in the background."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, cast
+
+from PyQt6.QtCore import QObject, pyqtSignal
+from PyQt6.QtWidgets import QFileDialog, QWidget
+
+from sketchterrain.document.rasters import RasterSource
+from sketchterrain.ui.banner import Banner, Message
+from sketchterrain.ui.files import Files
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.elevation import SketchElevation, added_elevation, new_on_elevation
+from sketchterrain.ui.models.workspace import Preferences
+
+if TYPE_CHECKING:
+    from sketchterrain.document.sketch import Sketch
+    from sketchterrain.elevation.base import BaseElevation
+
+# Those of `sketchterrain.elevation.grids`, whose import would load GDAL.
+SUFFIXES: Final = (".tif", ".tiff", ".hgt", ".asc", ".vrt", ".npy", ".npz", ".zip")
+_FILTER = f"Elevation ({' '.join(f'*{each}' for each in SUFFIXES)});;All files (*)"
+
+
+class ElevationFiles(QObject):
+    """Asks for elevation files and reads them; failures become messages."""
+
+    findings_requested = pyqtSignal()  # to show what was found in the data
+
+    def __init__(
+        self,
+        window: QWidget,
+        files: Files,
+        *,
+        document: Document,
+        elevation: SketchElevation,
+        preferences: Preferences,
+        banner: Banner,
+    ) -> None:
+        super().__init__(window)
+        self._window, self._files, self._banner = window, files, banner
+        self._document, self._elevation, self._preferences = document, elevation, preferences
+
+    def ask_new(self) -> None:
+        """Ask for files and start a sketch on them unless the user keeps the current one."""
+        if paths := self._ask("New from elevation"):
+            self._files.read(paths[0], partial(new_on_elevation, paths), self._start)
+
+    def ask_add(self) -> None:
+        """Ask for files and add them to the sketch."""
+        if paths := self._ask("Add elevation"):
+            self.add(paths)
+
+    def add(self, paths: Sequence[Path]) -> None:
+        """Add files to the sketch in one undo step; a sketch without a place gets theirs."""
+        work = partial(added_elevation, paths, self._document.sketch, self._elevation.memory)
+        self._files.read(paths[0], work, self._add)
+
+    def _ask(self, title: str) -> list[Path]:
+        start = str(self._preferences.last_folder)
+        names, _ = QFileDialog.getOpenFileNames(self._window, title, start, _FILTER)
+        if names:
+            self._preferences.last_folder = Path(names[0]).absolute().parent
+        return [Path(name) for name in names]
+
+    def _start(self, found: object) -> None:
+        sketch, base = cast("tuple[Sketch, BaseElevation]", found)
+        if not self._files.start_sketch(sketch, modified=True):
+            return
+        width, depth = (side / 1000.0 for side in sketch.size)
+        line = f"A sketch of {width:.3g} × {depth:.3g} km on {_count(len(base.grids), 'elevation grid')}"
+        names = tuple(f"{each.name}: " for each in base.grids)
+        parts = [line, *(each for each in base.findings if not each.startswith(names))]
+        if count := sum(each.startswith(names) for each in base.findings):
+            parts.append(f"{_count(count, 'finding')} in the data")
+        buttons = (("Show", self.findings_requested.emit),) if count else ()
+        self._banner.show_message(Message("good", "; ".join(parts), "elevation", buttons))
+
+    def _add(self, found: object) -> None:
+        sources, frame = cast("tuple[tuple[RasterSource, ...], dict[str, Any]]", found)
+        sketch = self._document.sketch
+        title = sources[0].title if len(sources) == 1 else f"{len(sources)} elevation grids"
+        frame = {**sketch.frame} if sketch.frame["crs"] else frame
+        self._files.change(f"Add {title}", rasters=(*sketch.rasters, *sources), frame=frame)
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"

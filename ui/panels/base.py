@@ -1,0 +1,130 @@
+"""Panel of the real elevation beneath the sketch: its grids, how they blend, and what was found in them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import Final
+
+from PyQt6.QtCore import pyqtSignal
+from PyQt6.QtWidgets import QPushButton, QToolButton, QWidget
+
+from sketchterrain.document.parameters import Value
+from sketchterrain.document.rasters import RASTER, RasterSource
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.ui.commands import settings
+from sketchterrain.ui.look.theme import SMALL, SPACING, column, described, icon, row, tool_button
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.elevation import SketchElevation
+from sketchterrain.ui.panels.controls import CollapsibleGroup, ScrollingPanel, faint_label, title_from_key
+from sketchterrain.ui.panels.form import ParameterForm
+from sketchterrain.ui.panels.settings import table_form
+
+_KEYS: Final = ("accuracy", "vertical", "offset")
+_TITLES: Final = {"vertical": "Vertical datum"}
+_LONGEST: Final = 30  # characters of a heading
+_ADD_TIP: Final = "Put the ground on elevation files: GeoTIFF, VRT, HGT, ASC, NumPy or zip"
+_NONE: Final = "The ground is generated. Add elevation files to paint on a real place."
+
+
+class GridPage(QWidget):
+    """What is known of one grid, and its settings."""
+
+    def __init__(self, source: RasterSource) -> None:
+        super().__init__()
+        self.text = faint_label()
+        self.form = ParameterForm([RASTER[name] for name in _KEYS], titles=_TITLES)
+        self.remove: QToolButton = tool_button(
+            "delete", f"Remove {source.title}", tip=f"Remove {one_line(source.path)} from the sketch"
+        )
+        column(self, row(None, (self.text, 1), self.remove, spacing=SMALL), self.form, spacing=SPACING)
+
+
+class BasePanel(ScrollingPanel):
+    """The elevation grids of a sketch, and how they blend into other ground."""
+
+    add_requested = pyqtSignal()
+    message = pyqtSignal(str)  # why a value is refused, one line
+
+    def __init__(self, document: Document, elevation: SketchElevation) -> None:
+        super().__init__()
+        self._document, self._elevation = document, elevation
+        self.pages: list[GridPage] = []
+        self._shown: tuple[str, ...] = ()  # paths
+        self.add_button = described(QPushButton(icon("add"), "Add elevation…"), "Add elevation", _ADD_TIP)
+        self.add_button.clicked.connect(lambda: self.add_requested.emit())
+        self.text = faint_label()
+        self.text.setMinimumWidth(1)  # paths do not widen the panel
+        self.form = table_form(document, "base")
+        self._grids = QWidget()
+        self._groups = column(self._grids)
+        self.add(self.text, self._grids, self.add_button, self.form)
+        document.sketch_changed.connect(self._refresh)
+        elevation.changed.connect(self._show_facts)
+        self._refresh()
+
+    def _refresh(self) -> None:
+        sketch = self._document.sketch
+        sources = sketch.elevation_rasters
+        if self._shown != tuple(each.path for each in sources):
+            self._fill(sources)
+        for page, source in zip(self.pages, sources, strict=True):
+            page.form.show_values({name: getattr(source, name) for name in _KEYS})
+        self.form.show_values(settings(sketch, "base"))
+        self.form.setVisible(bool(sources))
+        self._show_facts()
+
+    def _fill(self, sources: tuple[RasterSource, ...]) -> None:
+        while (item := self._groups.takeAt(0)) is not None:
+            if (widget := item.widget()) is not None:
+                widget.hide()
+                widget.deleteLater()
+        self._shown, self.pages = tuple(each.path for each in sources), []
+        for place, source in enumerate(sources):
+            page = GridPage(source)
+            page.form.edited.connect(partial(self._set, place))
+            page.form.reset_requested.connect(partial(self._reset, place))
+            page.remove.clicked.connect(partial(self._remove, place))
+            self.pages.append(page)
+            self._groups.addWidget(CollapsibleGroup(_short(source.title), page, is_open=place == 0))
+
+    def _show_facts(self) -> None:
+        facts, busy = self._elevation.facts, self._elevation.is_busy
+        known = facts.lines if facts.paths == self._shown else ((),) * len(self.pages)
+        for page, lines in zip(self.pages, known, strict=True):
+            page.text.setText("\n".join(lines) or ("Reading …" if busy else "Not read"))
+        line = facts.problem or "\n".join(facts.findings)
+        self.text.setText(line if self.pages else _NONE)
+        self.text.setToolTip(facts.problem)
+        self.text.setVisible(bool(self.text.text()))
+
+    def _set(self, place: int, name: str, value: Value, key: object = None) -> None:
+        source = self._document.sketch.elevation_rasters[place]
+        try:
+            changed = replace(source, **{name: value})  # type: ignore[arg-type] # it checks every value
+        except InputError as error:
+            self.message.emit(str(error))
+            return
+        self._replace(f"Set {self._title(name)} of {source.title}", source, (changed,), key)
+
+    def _reset(self, place: int, name: str) -> None:
+        self._set(place, name, RASTER[name].default)
+
+    def _remove(self, place: int, _: bool = False) -> None:
+        source = self._document.sketch.elevation_rasters[place]
+        self._replace(f"Remove {source.title}", source, ())
+
+    def _replace(
+        self, title: str, source: RasterSource, by: tuple[RasterSource, ...], key: object = None
+    ) -> None:
+        sketch = self._document.sketch
+        rasters = tuple(part for each in sketch.rasters for part in (by if each is source else (each,)))
+        self._document.do(title, sketch.replace(rasters=rasters), merge=key)
+
+    def _title(self, name: str) -> str:
+        return _TITLES.get(name, title_from_key(name)).lower()
+
+
+def _short(title: str) -> str:
+    """Return a file's name with its middle left out if it is long."""
+    return title if len(title) <= _LONGEST else f"{title[: _LONGEST - 13]}…{title[-12:]}"

@@ -45,6 +45,8 @@ _OPEN_FILES = 4
 _STRIP = 1 << 22  # samples
 _MAX_VRT = 1 << 24  # bytes
 _DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".hgt": "SRTMHGT", ".asc": "AAIGrid", ".vrt": "VRT"}
+SUFFIXES: Final = (*_DRIVERS, ".npy", ".npz", ".zip")
+"""Names of files of elevation end so."""
 _ENVIRONMENT = {
     # Sources of VRTs may be addresses, also in VRTs that they refer to.
     "CPL_VSIL_CURL_ALLOWED_FILENAME": "none",
@@ -291,7 +293,7 @@ def _target(path: Path) -> tuple[Path | str, str, tuple[int, int]]:
     if not path.is_file():
         raise ValueError("no such file")
     if not driver:
-        raise ValueError(f"expected a file {', '.join(_DRIVERS)}, .npy, .npz or .zip")
+        raise ValueError(f"expected a file {', '.join(SUFFIXES)}")
     if driver == "VRT":
         with path.open("rb") as file:
             content = file.read(_MAX_VRT + 1)

@@ -18,7 +18,8 @@ from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
 from sketchterrain.document.toml_format import starter_sketch
 from sketchterrain.elevation.base import BaseElevation, combine_rasters, grid_at
-from sketchterrain.elevation.grids import SUFFIXES, SketchFrame
+from sketchterrain.elevation.grids import SketchFrame
+from sketchterrain.elevation.raster_reader import SUFFIXES
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.importing.vector_files import metric_crs_at, to_longitude_latitude
 from sketchterrain.io.crs import crs_text, parse_crs, parse_metric_crs
@@ -118,7 +119,10 @@ def _whole_area(base: BaseElevation) -> tuple[float, float, float, float]:
     fade = base.fade
     nodes: Float64Array = fade.spacing * np.indices(fade.coefficients.shape, np.float64)
     weight = base.weight(fade.west + nodes[1], fade.south + nodes[0])
-    row, column, height, width = _largest_rectangle(weight > 1.0 - 1e-9)
+    row, column, height, width = _largest_rectangle(
+        # A node less: the fade of the sketch has other nodes.
+        ndimage.minimum_filter(weight, 3) > 1.0 - 1e-9
+    )
     if not (height > 1 and width > 1):
         raise InputError("expected more elevation: the data are too small, or too full of voids")
     west, south = fade.west + fade.spacing * column, fade.south + fade.spacing * row

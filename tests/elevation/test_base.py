@@ -188,7 +188,7 @@ def test_refusals_are_one_line_that_names_the_raster(tmp_path: Path, fine: Raste
     for source, fields, problem in (
         (gone, {}, "gone.tif: the file is missing"),
         (replace(fine, sha256="0" * 64), {}, "fine.tif: its content has changed"),
-        (replace(fine, band=2), {}, "fine.tif: band = 2: expected 1 to 1"),
+        (replace(fine, band=2), {}, "band = 2: expected 1 to 1"),
         (fine, {"frame": {}}, "fine.tif: expected a sketch with a CRS, its frame has none"),
         (
             RasterSource(str(tmp_path / "notes.tif"), "elevation"),

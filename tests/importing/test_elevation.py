@@ -142,7 +142,7 @@ def test_refusals(tmp_path):
         (lambda: sketch_on_elevation([source], origin=(0.0, 0.0)), "no elevation where the sketch would be"),
         (
             lambda: sketch_on_elevation([dem(tmp_path / "s.tif", void=strips)]),
-            "s.tif: too full of voids",
+            "s.tif: has voids everywhere",
         ),
     ):
         with pytest.raises(InputError, match=problem):

@@ -70,6 +70,7 @@ class Effort:
     batch_jobs: tuple[int, ...] = (2,)
     batch_rounds: int = 1
     elevation_sides: tuple[int, ...] = (1024,)  # samples along a grid
+    detail_lattices: int = 4  # of octaves
     world_sides: tuple[int, ...] = (513, 1025)  # vertices along a side
     world_workers_side: int = 513  # of the world that workers share
     world_workers: tuple[int, ...] = (2,)

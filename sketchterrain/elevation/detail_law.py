@@ -18,9 +18,10 @@ LEVEL: Final = 0.02
 """Slope below which there is less and less detail: lakes and plains stay level."""
 
 _SAMPLES = 4.5  # steps of the longest wavelength that a grid lost
-_STEEPENING = 0.25  # by which the exponent of relief grows with each finer octave
+_STEEPENING = 0.23  # by which the exponent of relief grows with each finer octave
 _EXPONENTS = np.linspace(0.3, 1.6, 1301)
 _UNRESOLVED = 1.9  # exponent of octaves that are smoothed or interpolated, no ground
+_COARSER = 2.4  # what averages over 4 lose over those over 2, in small grids
 _CORRELATION = 0.3  # of what successive averages lose
 _WAVES = 0.4  # step of the averages that lose a wavelength, over it
 _ROUGH = 0.006  # rms of the finest octaves over their wavelength, on a slope of 1
@@ -57,7 +58,7 @@ class DetailLaw:
 
     def octave(self, wavelength: Float64Array) -> Float64Array:
         """Return the rms (m) of octaves of detail on all slopes."""
-        step = _WAVES * wavelength
+        step = np.minimum(_WAVES * wavelength, 2.0 * self.step)  # longer waves are the data's
         octave = np.sqrt(self.lost_at(step) ** 2 - self.lost_at(0.5 * step) ** 2)
         return np.maximum(octave, _ROUGH * self.slope * wavelength * (self.lost > 0.0))
 
@@ -95,8 +96,9 @@ def measure_detail(grid: ElevationGrid) -> DetailLaw:
         square = np.minimum(square, _CLIFF * np.median(square))
         found.append((math.sqrt(np.mean(square)), square, slopes))
     rms = [each[0] for each in found]
-    if len(rms) < 2 or min(rms) <= 0.0:
+    if not rms or min(rms) <= 0.0:
         return law
+    rms += [rms[0] * _COARSER] * (len(rms) == 1)
     first = 0
     while first + 2 < len(rms) and math.log2(rms[first + 1] / rms[first]) > _UNRESOLVED:
         first += 1

@@ -21,7 +21,7 @@ from sketchterrain.elevation.patches import build_patches
 from sketchterrain.elevation.selection import Patchwork
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.base_detail import BaseDetail
-from sketchterrain.terrain.layers.layer import Sampling, WorldSettings
+from sketchterrain.terrain.layers.layer import HostSite, Sampling, WorldSettings
 from sketchterrain.terrain.noise import FINEST_CELL, ValueSlope, octave_noise, octave_table
 from sketchterrain.terrain.realism_metrics import spectral_slopes
 
@@ -104,7 +104,7 @@ class _CutGround:
         if fixed is None:
             z = ValueSlope(*(each.ravel() for each in self.smooth))
             sampling = Sampling(world, step, octaves, full, np.dtype(np.float64))
-            found = detail.heights(sampling, x, y, z, detail.scale(self.law, None, world))
+            found = detail.heights(HostSite(sampling, x, y), z, detail.scale(self.law, None, world))
         else:
             found = np.zeros(x.shape)
             for i in range(*octaves.ranges["base"]):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import product
 from typing import Final
 
 import numpy as np
@@ -27,7 +28,7 @@ _WAVES = 0.4  # step of the averages that lose a wavelength, over it
 _ROUGH = 0.006  # rms of the finest octaves over their wavelength, on a slope of 1
 _FACTORS = (2, 4, 8, 16)
 _RIM = 3  # averages beside voids and the grid's rim that are not compared
-_LARGE, _PART = 1 << 18, 256  # samples measured as a whole; side of each of four parts of larger grids
+_PART = 256  # side of each of the four parts that are measured of large grids
 _CLASSES = 16
 _CLIFF = 50.0  # square of a loss over the median one: seams and spikes are no relief
 
@@ -71,76 +72,51 @@ def slope_terms(square: Float64Array, slope: float) -> Float64Array:
 
 
 def measure_detail(grid: ElevationGrid) -> DetailLaw:
-    """Return the law of a grid's detail, from what averages over 2 to 16 samples lose.
+    """Return the law of a grid's detail, extrapolated from what averages over 2 to 16 samples lose.
 
-    Means of n × n samples are interpolated by cubic splines and compared with the samples. What the samples
-    lost themselves is extrapolated from there: relief gets smoother with each octave, at the same rate
-    everywhere. Finest octaves that are much smoother yet are the smoothing of the DEM: then the ground is
-    resolved at twice, four times the step only.
+    Where the finest octaves are much smoother than relief, the ground is resolved at 2, 4 … steps only.
     """
     rows, columns = grid.samples.shape
     column, row = np.array([0.0, 1.0, 0.0]) + columns // 2, np.array([0.0, 0.0, 1.0]) + rows // 2
     x, y = grid.to_metres(column, row)
     steps = math.hypot(x[1] - x[0], y[1] - y[0]), math.hypot(x[2] - x[0], y[2] - y[0])
-    law = DetailLaw(_rounded(math.sqrt(steps[0] * steps[1])))
-    parts = [(slice(None), slice(None))]
-    if rows * columns > _LARGE:
-        firsts = [sorted({max(int(f * n) - _PART // 2, 0) for f in (0.3, 0.7)}) for n in (rows, columns)]
-        parts = [(slice(i, i + _PART), slice(j, j + _PART)) for i in firsts[0] for j in firsts[1]]
+    parts = [grid.samples]
+    if rows * columns > 4 * _PART**2:
+        firsts = [[max(int(share * n) - _PART // 2, 0) for share in (0.3, 0.7)] for n in (rows, columns)]
+        parts = [grid.samples[i : i + _PART, j : j + _PART] for i, j in product(*firsts)]
     found: list[tuple[float, Float64Array, Float64Array]] = []
     for n in _FACTORS:
-        losses = [_losses(grid.samples[part].astype(np.float64), n, steps) for part in parts]
-        square, slopes = (np.concatenate(each) for each in zip(*losses, strict=True))
+        losses = [_losses(z.astype(np.float64), n, steps) for z in parts if min(z.shape) >= n]
+        square = np.concatenate([each[0] for each in losses] or [np.zeros(0)])
         if square.size < _CLASSES**2:
             break
         square = np.minimum(square, _CLIFF * np.median(square))
-        found.append((math.sqrt(np.mean(square)), square, slopes))
-    rms = [each[0] for each in found]
+        found.append((math.sqrt(np.mean(square)), square, np.concatenate([each[1] for each in losses])))
+    step, rms = _rounded(math.sqrt(steps[0] * steps[1])), [each[0] for each in found]
     if not rms or min(rms) <= 0.0:
-        return law
+        return DetailLaw(step)
     rms += [rms[0] * _COARSER] * (len(rms) == 1)
     first = 0
     while first + 2 < len(rms) and math.log2(rms[first + 1] / rms[first]) > _UNRESOLVED:
         first += 1
     lost, exponent = _extrapolated(*rms[first : first + 2])
     slope = _rounded(math.sqrt(np.mean(found[first][2])))
-    shape = _shape(*found[first][1:], slope)
-    return DetailLaw(law.step * 2**first, _rounded(lost), _rounded(exponent), shape, slope)
+    return DetailLaw(step * 2**first, lost, exponent, _shape(*found[first][1:], slope), slope)
 
 
 def _losses(z: Float64Array, n: int, steps: tuple[float, float]) -> tuple[Float64Array, Float64Array]:
     """Return squares of what means of n × n samples lose (m²), and of slopes of splines through them."""
     rows, columns = (side // n for side in z.shape)
-    if min(rows, columns) < 2 * _RIM + 2:
-        return np.zeros(0), np.zeros(0)
     z = z[: rows * n, : columns * n]
-    void = _means(np.isnan(z).astype(np.float64), n)
-    near = ndimage.maximum_filter(void, 2 * _RIM + 1, mode="constant", cval=1.0) > 0.0
+    blocks = rows, n, columns, n
+    void = np.isnan(z).reshape(blocks).any(axis=(1, 3))
+    near = ndimage.maximum_filter(void, 2 * _RIM + 1, mode="constant", cval=1)
     used: BoolArray = ~np.repeat(np.repeat(near, n, axis=0), n, axis=1)
     z = without_voids(z.astype(np.float32)).astype(np.float64)
-    smooth = _splines(_means(z, n), n)
+    means = z.reshape(blocks).mean(axis=(1, 3))
+    smooth = ndimage.zoom(means, n, order=3, mode="grid-mirror", grid_mode=True)
     south, east = (np.asarray(each) for each in np.gradient(smooth, steps[1], steps[0]))
     return (z - smooth)[used] ** 2, (south**2 + east**2)[used]
-
-
-def _means(z: Float64Array, n: int) -> Float64Array:
-    return np.asarray(z.reshape(len(z) // n, n, -1, n).mean(axis=(1, 3)))
-
-
-def _splines(means: Float64Array, n: int) -> Float64Array:
-    """Return cubic splines through means of n × n samples, at the samples."""
-    fine = np.pad(ndimage.spline_filter(means, 3, mode="mirror"), 2, mode="reflect")
-    for _ in range(2):  # along rows, then along columns
-        coarse = fine.T
-        count = len(coarse) - 4
-        fine = np.empty((count * n, coarse.shape[1]))
-        for phase in range(n):
-            first = int(2 * phase + 1 >= n)
-            f = (phase + 0.5) / n + 0.5 - first
-            taps = (1 - f) ** 3, 4 - 6 * f**2 + 3 * f**3, 1 + 3 * f + 3 * f**2 - 3 * f**3, f**3
-            parts = [tap / 6 * coarse[first + k : first + k + count] for k, tap in enumerate(taps)]
-            fine[phase::n] = parts[0] + parts[1] + parts[2] + parts[3]
-    return fine
 
 
 def _extrapolated(fine: float, coarse: float) -> tuple[float, float]:
@@ -153,7 +129,7 @@ def _extrapolated(fine: float, coarse: float) -> tuple[float, float]:
     lost = fine * (_CORRELATION + np.sqrt(_CORRELATION**2 + gain)) / gain
     ratio = np.sqrt(coarse**2 + lost**2 + 2.0 * _CORRELATION * coarse * lost) / lost
     best = np.argmin(np.abs(np.log2(ratio) - 2.0 * _EXPONENTS + _STEEPENING))
-    return float(lost[best]), float(_EXPONENTS[best])
+    return _rounded(lost[best]), _rounded(_EXPONENTS[best])
 
 
 def _shape(square: Float64Array, slopes: Float64Array, slope: float) -> tuple[float, ...]:

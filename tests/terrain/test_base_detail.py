@@ -10,7 +10,7 @@ from sketchterrain.array_types import Float64Array
 from sketchterrain.elevation.detail_law import DetailLaw
 from sketchterrain.io.resources import kernel_arguments
 from sketchterrain.terrain.layers.base_detail import BaseDetail, DetailScale
-from sketchterrain.terrain.layers.layer import Sampling, WorldSettings
+from sketchterrain.terrain.layers.layer import HostSite, Sampling, WorldSettings
 from sketchterrain.terrain.noise import FINEST_CELL, ValueSlope, octave_table
 
 WORLD = WorldSettings(20000.0, 3, 1.0)
@@ -73,7 +73,7 @@ def on_device(context, with_kernel, detail: BaseDetail, cell: float, at) -> Floa
 @pytest.mark.parametrize("cell", [0.2, 4.0, 40.0])
 def test_kernel_equals_the_host(context, double_context, with_kernel, cell) -> None:
     detail, at = BaseDetail(LAW), points(4000)
-    expected = detail.heights(sampling_of(detail, cell), *at)
+    expected = detail.heights(HostSite(sampling_of(detail, cell), *at[:2]), *at[2:])
     assert expected.std() > 0.5
     for device, tolerance in ((context, 3e-3), (double_context, 1e-4)):
         found = on_device(device, with_kernel, detail, cell, at)
@@ -85,7 +85,7 @@ def test_heights_move_by_less_than_the_bound(context, with_kernel) -> None:
     data = DetailScale(data.resolution, 20.0 * np.asarray(data.depth), data.bound)
     for found in (
         on_device(context, with_kernel, BaseDetail(LAW), 1.0, (x, y, z, data)),
-        BaseDetail(LAW).heights(sampling_of(BaseDetail(LAW), 1.0), x, y, z, data),
+        BaseDetail(LAW).heights(HostSite(sampling_of(BaseDetail(LAW), 1.0), x, y), z, data),
     ):
         assert (np.abs(found) <= data.bound).all()
         assert (np.abs(found) > 0.8 * np.asarray(data.bound)).any()
@@ -95,7 +95,7 @@ def test_there_is_none_at_strength_0_on_level_ground_and_where_nothing_was_lost(
     x, y, z, data = points(500)
     none = BaseDetail(LAW, strength=0.0)
     assert not on_device(context, with_kernel, none, 1.0, (x, y, z, data)).any()
-    assert not none.heights(sampling_of(none, 1.0), x, y, z, data).any()
+    assert not none.heights(HostSite(sampling_of(none, 1.0), x, y), z, data).any()
     level = ValueSlope(z.value, 0.0 * z.east, 0.0 * z.north)
     assert not on_device(context, with_kernel, BaseDetail(LAW), 1.0, (x, y, level, data)).any()
     zero = DetailLaw(30.0)
@@ -109,13 +109,13 @@ def test_detail_has_the_rms_that_was_lost_at_any_resolution() -> None:
     detail = BaseDetail(replace(LAW, shape=(1.0, 1.0, 1.0)))
     x, y, z, _ = points(20000)
     z = ValueSlope(z.value, np.full(20000, 0.3), np.full(20000, -0.4))
-    sampling = sampling_of(detail, FINEST_CELL)
+    site = HostSite(sampling_of(detail, FINEST_CELL), x, y)
     for step in (30.0, 36.0, 43.0, 52.0):
         law = replace(detail.law, step=step, lost=1.5)
-        found = detail.heights(sampling, x, y, z, detail.scale(law, None, WORLD))
+        found = detail.heights(site, z, detail.scale(law, None, WORLD))
         assert found.std() == pytest.approx(1.5, rel=0.1), step
         # A declared accuracy limits both.
-        found = detail.heights(sampling, x, y, z, detail.scale(law, 1.0, WORLD))
+        found = detail.heights(site, z, detail.scale(law, 1.0, WORLD))
         assert found.std() == pytest.approx(0.25, rel=0.1), step
         assert np.abs(found).max() < 1.0
 
@@ -130,7 +130,7 @@ def test_longer_waves_than_the_resolution_are_left_to_the_data() -> None:
     for corner in rng.integers(0, 1 << 24, (40, 2)):
         x, y = (each.ravel().astype(np.int64) for each in np.meshgrid(corner[0] + step, corner[1] + step))
         z = ValueSlope(0.0 * x, np.full(x.shape, 0.3), np.full(x.shape, 0.2))
-        found = detail.heights(sampling_of(detail, 2.0), x, y, z, scale)
+        found = detail.heights(HostSite(sampling_of(detail, 2.0), x, y), z, scale)
         means.append(found.mean())
         values.append(found.std())
     assert np.std(means) < 0.15 * np.mean(values)
@@ -140,10 +140,10 @@ def test_longer_waves_than_the_resolution_are_left_to_the_data() -> None:
 def test_omitted_detail_is_bounded(cell) -> None:
     detail, (x, y, z, data) = BaseDetail(LAW), points(3000)
     full, coarse = sampling_of(detail, FINEST_CELL), sampling_of(detail, cell)
-    exact = detail.heights(full, x, y, z, data)
+    exact = detail.heights(HostSite(full, x, y), z, data)
     for turned, slope in ((False, z), (True, ValueSlope(z.value, -z.north, 0.5 * z.east))):
         bound, most = detail.omitted(coarse, data, np.full(len(x), turned))
-        assert (np.abs(exact - detail.heights(coarse, x, y, slope, data)) <= bound).all()
+        assert (np.abs(exact - detail.heights(HostSite(coarse, x, y), slope, data)) <= bound).all()
         assert (np.abs(exact) <= most).all()
     same, _ = detail.omitted(full, data, np.zeros(len(x), bool))
     assert not same.any()

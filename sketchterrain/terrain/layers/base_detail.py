@@ -8,11 +8,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Float64Array, LatticeArray
+from sketchterrain.array_types import Float64Array
 from sketchterrain.elevation.detail_law import DetailLaw, slope_terms
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.terrain.layers.erosion import gully_octave, gully_steepness
-from sketchterrain.terrain.layers.layer import Sampling, WorldSettings, smooth_rise
+from sketchterrain.terrain.layers.layer import HostSite, Sampling, WorldSettings, smooth_rise
 from sketchterrain.terrain.noise import NoiseStack, OctaveTable, ValueSlope, octave_noise, omitted_amplitudes
 
 _HEADER: Final = "layers/base_detail.clh"
@@ -73,22 +73,20 @@ class BaseDetail:
         nominal = (1 - _GAIN) * _GAIN ** np.arange(float(len(wavelength)))
         return self.strength * self.law.octave(wavelength) / nominal, wavelength
 
-    def heights(
-        self, sampling: Sampling, x: LatticeArray, y: LatticeArray, z: ValueSlope, data: DetailScale
-    ) -> Float64Array:
-        """Return the detail (m) at points where the data have heights and slopes z."""
-        octaves = sampling.octaves
+    def heights(self, site: HostSite, z: ValueSlope, data: DetailScale) -> Float64Array:
+        """Return the detail (m) at points where the data have the heights and slopes z."""
+        octaves = site.sampling.octaves
         square = z.east**2 + z.north**2
         depth = data.depth * np.sqrt(slope_terms(square, self.law.slope) @ self.law.shape)
         share = _GULLY * gully_steepness(square)
         rough, deep = depth * _PER_NOISE * np.sqrt(1 - share**2), depth * (_GULLY * _PER_GULLY)
-        detail, cut = np.zeros(x.shape), ValueSlope(*np.zeros((3, *x.shape)))
-        packed = zip(*self._octaves(octaves, sampling.unit), strict=True)
+        detail, cut = np.zeros(site.x.shape), ValueSlope(*np.zeros((3, *site.x.shape)))
+        packed = zip(*self._octaves(octaves, site.sampling.unit), strict=True)
         for i, (factor, wavelength) in enumerate(packed, start=octaves.ranges["base"][0]):
             amplitude = _onset(wavelength / data.resolution) * factor * octaves.scale[i, 0]
             if np.any(amplitude):
-                detail += rough * amplitude * octave_noise(octaves, i, x, y).value
-                cut = gully_octave(octaves, i, sampling.unit, deep * amplitude, x, y, z, cut)
+                detail += rough * amplitude * octave_noise(octaves, i, site.x, site.y).value
+                cut = gully_octave(octaves, i, site, deep * amplitude, z, cut)
         detail += cut.value
         return np.asarray(detail * data.bound / np.maximum(np.hypot(detail, data.bound), 1e-300))
 

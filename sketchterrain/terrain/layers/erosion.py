@@ -4,6 +4,7 @@ import numpy as np
 
 from sketchterrain.array_types import Float64Array, LatticeArray
 from sketchterrain.io.resources import kernel_constants
+from sketchterrain.terrain.layers.layer import HostSite
 from sketchterrain.terrain.noise import UNSKEW, OctaveTable, ValueSlope, gradients, skewed
 
 TALUS, FEED, GENTLE, _WAVES, _PIVOT, _CALM, _SHARP = kernel_constants(
@@ -24,27 +25,17 @@ def gully_steepness(square: Float64Array) -> Float64Array:
 
 
 def gully_octave(
-    octaves: OctaveTable,
-    i: int,
-    unit: float,
-    depth: Float64Array,
-    x: LatticeArray,
-    y: LatticeArray,
-    rise: ValueSlope,
-    total: ValueSlope,
+    octaves: OctaveTable, i: int, site: HostSite, depth: Float64Array, rise: ValueSlope, total: ValueSlope
 ) -> ValueSlope:
-    """Return the sum of octaves of gullies with one more, with its slope per metre.
-
-    Slopes are those for constant directions of the waves.
-    """
+    """Return the sum of octaves of gullies with one more; its slope per metre is that of constant waves."""
     east = rise.east + FEED * total.east
     north = rise.north + FEED * total.north
     square = east * east + north * north
     across = _WAVES / np.sqrt(np.maximum(square, 1e-12))
-    cosine, sine, weight = _waves(octaves, i, x, y, -north * across, east * across)
+    cosine, sine, weight = _waves(octaves, i, site.x, site.y, -north * across, east * across)
     even = 1 / np.sqrt(cosine**2 + sine**2 + _CALM * weight**2)
     wave = cosine * even
-    per_metre = octaves.scale[i, 1] / unit
+    per_metre = octaves.scale[i, 1] / site.sampling.unit
     depth = depth * gully_steepness(square)
     lean = depth * (1 + 2 * _SHARP * wave) * -sine * even * 2 * np.pi * per_metre * across
     return ValueSlope(

@@ -363,5 +363,5 @@ def gullies(
     total = ValueSlope(*np.zeros((3, *site.x.shape)))
     for i in range(*octaves.ranges["gully"]):
         depth = scale.gully_depth * octaves.scale[i, 0] * erosion
-        total = gully_octave(octaves, i, site.sampling.unit, depth, site.x, site.y, rise, total)
+        total = gully_octave(octaves, i, site, depth, rise, total)
     return total

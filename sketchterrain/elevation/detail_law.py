@@ -30,6 +30,7 @@ _FACTORS = (2, 4, 8, 16)
 _RIM = 3  # averages beside voids and the grid's rim that are not compared
 _PART = 256  # side of each of the four parts that are measured of large grids
 _CLASSES = 16
+_LEAST = 1e-3  # m, loss of relief: samples are rounded
 _CLIFF = 50.0  # square of a loss over the median one: seams and spikes are no relief
 
 
@@ -93,7 +94,7 @@ def measure_detail(grid: ElevationGrid) -> DetailLaw:
         square = np.minimum(square, _CLIFF * np.median(square))
         found.append((math.sqrt(np.mean(square)), square, np.concatenate([each[1] for each in losses])))
     step, rms = _rounded(math.sqrt(steps[0] * steps[1])), [each[0] for each in found]
-    if not rms or min(rms) <= 0.0:
+    if not rms or min(rms) < _LEAST:
         return DetailLaw(step)
     rms += [rms[0] * _COARSER] * (len(rms) == 1)
     first = 0

@@ -120,6 +120,22 @@ def test_detail_has_the_rms_that_was_lost_at_any_resolution() -> None:
         assert np.abs(found).max() < 1.0
 
 
+def test_octaves_set_in_smoothly_where_the_resolution_changes() -> None:
+    """From grid to grid: steps of the detail, and of its slope, fall with those of the resolution."""
+    detail, jumps = BaseDetail(LAW), []
+    for count in (1000, 2000, 4000):
+        at = np.full(count, 123456789)
+        z = ValueSlope(*(np.full(count, each) for each in (0.0, 0.3, 0.2)))
+        data = DetailScale(np.linspace(30.0, 600.0, count), np.ones(count), np.full(count, 50.0))
+        found = detail.heights(HostSite(sampling_of(detail, FINEST_CELL), at, at), z, data)
+        jumps.append((np.abs(np.diff(found)).max(), np.abs(np.diff(found, 2)).max()))
+    (one, bend), (half, half_bend), (quarter, quarter_bend) = jumps
+    assert half < 0.6 * one
+    assert quarter < 0.6 * half
+    assert half_bend < 0.35 * bend
+    assert quarter_bend < 0.35 * half_bend
+
+
 def test_longer_waves_than_the_resolution_are_left_to_the_data() -> None:
     """On constant slopes detail is as good as 0 on average over squares of two resolutions."""
     detail = BaseDetail(LAW)

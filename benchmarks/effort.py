@@ -72,6 +72,7 @@ class Effort:
     elevation_sides: tuple[int, ...] = (1024,)  # samples along a grid
     elevation_angles: tuple[float, ...] = (0.0, 30.0)  # degrees
     elevation_dems: int = 1  # real ones, of those there are
+    detail_lattices: int = 4  # of octaves
     world_sides: tuple[int, ...] = (513, 1025)  # vertices along a side
     world_workers_side: int = 513  # of the world that workers share
     world_workers: tuple[int, ...] = (2,)

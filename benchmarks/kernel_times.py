@@ -146,6 +146,7 @@ WRITTEN: Mapping[str, float] = {
     "bench_fbm": _REAL,
     "bench_write": 4 * _REAL,
     "bench_fbm_slope": 3 * _REAL,
+    "bench_base_detail": _REAL,
     **dict.fromkeys(KERNELS.values(), _REAL),
 }
 """Bytes that a work item writes, for every kernel in ``kernels/*.cl``."""
@@ -173,10 +174,11 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     quads), `points` evaluates a square grid at the same cell size. `throw_…`, `accept_…` and `inherit` are
     the rounds of Poisson-disk points, `clear` and `list_for_finer` those of graded ones (an item is a cell),
     `count_points` and `write_…` their lists (an item is 256 cells of a row). `bench_fbm` is 8 octaves of
-    noise on a grid, `bench_fbm_slope` with slopes, `material_paint` and `material_relief` the materials'
-    textures (an item is a texel), `spline_…_distances` the distance to a spline of six control points,
-    flattened for cells of 1 m. Medians and 95th percentiles are over all launches of all rounds; rates are
-    work items, and the bytes that they write, over the median. `patches` is padded to groups of 256 items.
+    noise on a grid, `bench_fbm_slope` with slopes, `bench_base_detail` as many of detail below a DEM,
+    `material_paint` and `material_relief` the materials' textures (an item is a texel), `spline_…_distances`
+    the distance to a spline of six control points, flattened for cells of 1 m. Medians and 95th percentiles
+    are over all launches of all rounds; rates are work items, and the bytes that they write, over the median.
+    `patches` is padded to groups of 256 items.
 
     The second table times the tiles' kernels on every device: the same area in tiles of 16 to 128 quads, at
     each level, per vertex.
@@ -219,6 +221,7 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
     grid = NoiseGrid(context, effort.noise_side)
     yield _Case(("bench_fbm",)), partial(context.lap, grid.launch)
     yield _Case(("bench_fbm_slope",)), partial(context.lap, grid.launch_slope)
+    yield _Case(("bench_base_detail",)), partial(context.lap, grid.detail_launcher())
     items = effort.kernel_points
     out = context.empty(4 * items, context.real_dtype)
     yield (

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
+from sketchterrain.io.resources import kernel_struct
 from sketchterrain.placement.fill import Fill
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.lattice import metres_per_unit
@@ -70,6 +73,17 @@ class NoiseGrid:
         out = self._sum, self._east, self._north
         size = (self._side, self._side)
         self._context.launch("baselines/bench.cl", "bench_fbm_slope", size, *self._arguments, *out)
+
+    def detail_launcher(self) -> Callable[[], None]:
+        """Return what enqueues the kernel of detail below a DEM once, as many octaves deep."""
+        real, unit = self._context.real_dtype, metres_per_unit(_EXTENT)
+        world = np.array([(unit, 1 / unit, 1.0, 0, 0)], kernel_struct("world.clh", "World", real))
+        header, octaves = "layers/base_detail.clh", len(self._octaves.form)
+        params = np.array([(1, 1, 1, 0.25, 0, octaves)], kernel_struct(header, "BaseDetailParams", real))
+        rows = np.stack([np.ones(octaves), unit / self._octaves.scale[:, 1]], axis=-1).astype(real)
+        given = [self._context.upload(each) for each in (world, params, rows)]
+        work = "baselines/bench.cl", "bench_base_detail", (self._side, self._side)
+        return partial(self._context.launch, *work, *self._arguments, *given, self._sum)
 
     def download(self) -> npt.NDArray[Any]:
         """Return what the kernel computed last, shape (side, side)."""

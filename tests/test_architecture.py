@@ -21,7 +21,7 @@ MAY_IMPORT = {
     "hydrology": BASE | {"placement"},
     "compute": {"errors", "array_types", "io"},
     # The class `Terrain` offers foliage: vegetation is the one room below that terrain imports.
-    "terrain": CORE,
+    "terrain": CORE | {"elevation"},
     "vegetation": CORE,
     "tiles": {"errors", "array_types"},
     "look": CORE,

@@ -19,6 +19,7 @@ TINY = replace(
     spline_count=2,
     culling_features=(30, 300),
     elevation_sides=(128,),
+    detail_lattices=1,
     point_side=24.0,
     point_distances=(1, 2),
     point_trials=(4,),

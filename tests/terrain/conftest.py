@@ -124,7 +124,7 @@ def with_kernel(monkeypatch):
     def add(name: str, base: str, kernel: str) -> None:
         macros = material_defines(BUILT_IN)
 
-        def found(file: str, defines: Defines) -> str:
+        def found(file: str, defines: Defines = ()) -> str:
             return source(base, macros) + kernel if file == name else source(file, defines)
 
         monkeypatch.setattr(resources, "source", found)

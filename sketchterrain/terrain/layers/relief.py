@@ -17,6 +17,7 @@ from sketchterrain.io.disk_cache import RecordCache
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.lattice import to_lattice
+from sketchterrain.terrain.layers.erosion import FEED, GULLY_PEAK, STEEPEST, gully_octave, gully_steepness
 from sketchterrain.terrain.layers.layer import (
     ITEM,
     ITEMS,
@@ -42,15 +43,12 @@ from sketchterrain.terrain.node_raster import (
 )
 from sketchterrain.terrain.noise import (
     NOISE_PEAK,
-    UNSKEW,
     NoiseStack,
     OctaveTable,
     ValueSlope,
     fbm,
     fbm_slope,
-    gradients,
     omitted_amplitudes,
-    skewed,
 )
 
 if TYPE_CHECKING:
@@ -66,10 +64,6 @@ _GENTLE_GULLIES, _SMOOTH, _LEVEL, _SLOPE_LIMIT, _ROUNDED_UP = kernel_constants(
     _HEADER, "GENTLE_GULLIES", "SMOOTH_GROUND", "LEVEL_GROUND", "SLOPE_LIMIT", "ROUNDED_UP"
 )
 _PATCHY, _PATCHY_MEAN, _PATCHY_LEAST = kernel_constants(_HEADER, "PATCHY", "PATCHY_MEAN", "PATCHY_LEAST")
-_TALUS, _WAVES, _PIVOT, _FEED, _CALM, _SHARP, _GENTLE = kernel_constants(
-    "layers/erosion.clh", "TALUS", "WAVES", "PIVOT", "FEED", "CALM", "SHARP", "GENTLE"
-)
-_PIVOT *= 2.0**31  # the kernel multiplies gradients of 32-bit integers
 # Wavelengths of the noises and the greatest displacement of nodes, in the spacing r0 of the finest ones.
 _BEND_WAVES, _GULLY_WAVES, _DETAIL_WAVES = 8.0, 4.0, 2.0
 _BEND = 0.8
@@ -79,8 +73,7 @@ _BEND_STRETCH = 1.5  # bound of how much steeper displacement makes nodes
 _GULLY_DEPTH = 0.1
 _DETAIL_DEPTH = 0.06
 _COARSE_STEEPER = 4.0  # bound of how much steeper the finest nodes are than coarser ones
-_GULLY_PEAK = 1.25  # bound of an octave of gullies, over its depth
-_GULLY_SLOPE = 13.0  # bound of its slope, over its depth and times its wavelength
+_GULLY_SLOPE = 13.0  # bound of an octave's slope, over its depth and times its wavelength
 
 
 @dataclass(frozen=True)
@@ -223,9 +216,9 @@ class ReliefLayer(TerrainLayer):
         for whole, part, inverse in zip(amplitude, left, per_metre, strict=True):
             depth = erosion * _steepness(slope)
             omitted = whole + part if turned else whole - part
-            cut += _GULLY_PEAK * depth * omitted
-            deepest += _GULLY_PEAK * depth * whole
-            steeper = _FEED * _GULLY_SLOPE * depth * inverse
+            cut += GULLY_PEAK * depth * omitted
+            deepest += GULLY_PEAK * depth * whole
+            steeper = FEED * _GULLY_SLOPE * depth * inverse
             slope, changed = slope + steeper * whole, changed + steeper * omitted
             turned = turned or whole > part
         rough, rough_left = omitted_amplitudes(full, resolved, "detail")
@@ -348,8 +341,7 @@ def _displaced_slope(
 
 def _steepness(steep: Float64Array) -> Float64Array:
     """Return a bound of how deep gullies are on slopes up to one."""
-    square = np.minimum(steep * steep, _GENTLE * _TALUS)  # where they are deepest
-    return np.asarray(square / ((square + _GENTLE**2) * (1 + square / _TALUS**2)))
+    return gully_steepness(np.minimum(steep * steep, STEEPEST))
 
 
 def _depth(steep: Float64Array) -> Float64Array:
@@ -393,39 +385,8 @@ def gullies(
     scale: ReliefScale, octaves: OctaveTable, site: HostSite, rise: ValueSlope, erosion: Float64Array
 ) -> ValueSlope:
     """Return the height added by erosion, with its slope per metre for constant directions of the waves."""
-    value, east_sum, north_sum = np.zeros((3, *site.x.shape))
+    total = ValueSlope(*np.zeros((3, *site.x.shape)))
     for i in range(*octaves.ranges["gully"]):
-        east = rise.east + _FEED * east_sum
-        north = rise.north + _FEED * north_sum
-        square = east * east + north * north
-        across = _WAVES / np.sqrt(np.maximum(square, 1e-12))
-        cosine, sine, weight = _waves(octaves, i, site.x, site.y, -north * across, east * across)
-        even = 1 / np.sqrt(cosine**2 + sine**2 + _CALM * weight**2)
-        wave = cosine * even
-        per_metre = octaves.scale[i, 1] / site.sampling.unit
-        steep = square / ((square + _GENTLE**2) * (1 + square / _TALUS**2))
-        depth = scale.gully_depth * octaves.scale[i, 0] * erosion * steep
-        value += depth * (wave + _SHARP * (wave * wave - 0.5))
-        lean = depth * (1 + 2 * _SHARP * wave) * -sine * even * 2 * np.pi * per_metre * across
-        east_sum -= lean * north
-        north_sum += lean * east
-    return ValueSlope(value, east_sum, north_sum)
-
-
-def _waves(
-    octaves: OctaveTable, i: int, x: LatticeArray, y: LatticeArray, east: Float64Array, north: Float64Array
-) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Sum an octave's waves (turns per cell eastward and northward) over the corners around each point."""
-    cell_u, cell_v, fu, fv = skewed(octaves, i, x, y)
-    if octaves.form[i, 2]:
-        east, north = north, -east
-    lower = fu > fv
-    sums = np.zeros((3, *x.shape))
-    for iu, iv in ((0, 0), (lower.astype(np.int64), (~lower).astype(np.int64)), (1, 1)):
-        du, dv = fu - iu, fv - iv
-        d = np.stack([du, dv]) - (du + dv) * UNSKEW
-        g = gradients(cell_u + iu, cell_v + iv, seed=int(octaves.form[i, 1]))
-        weight = np.maximum(0.5 - (d * d).sum(axis=0), 0) ** 2
-        angle = 2 * np.pi * (east * (d[0] - _PIVOT * g[0]) + north * (d[1] - _PIVOT * g[1]))
-        sums += weight * np.stack([np.cos(angle), np.sin(angle), np.ones(x.shape)])
-    return sums[0], sums[1], sums[2]
+        depth = scale.gully_depth * octaves.scale[i, 0] * erosion
+        total = gully_octave(octaves, i, site, depth, rise, total)
+    return total

@@ -53,14 +53,15 @@ class DetailLaw:
         """Return the rms (m) of what samples so far apart lose."""
         octaves = np.log2(step / self.step)
         here = self.exponent + 0.5 * _STEEPENING
-        steepest = max(_EXPONENTS[-1], here)  # of the octaves below x
-        x = np.maximum(octaves, (here - steepest) / _STEEPENING)
-        power = self.exponent * x - 0.5 * _STEEPENING * x * (x - 1.0) + steepest * (octaves - x)
+        gentlest, steepest = min(_EXPONENTS[0], here), max(_EXPONENTS[-1], here)  # beyond x
+        x = np.clip(octaves, (here - steepest) / _STEEPENING, (here - gentlest) / _STEEPENING)
+        power = (here - 0.5 * _STEEPENING * x) * x
+        power += np.where(octaves < x, steepest, gentlest) * (octaves - x)
         return np.asarray(self.lost * 2.0**power)
 
     def octave(self, wavelength: Float64Array) -> Float64Array:
         """Return the rms (m) of octaves of detail on all slopes."""
-        step = np.minimum(_WAVES * wavelength, 2.0 * self.step)  # longer waves are the data's
+        step = _WAVES * wavelength
         octave = np.sqrt(self.lost_at(step) ** 2 - self.lost_at(0.5 * step) ** 2)
         return np.maximum(octave, _ROUGH * self.slope * wavelength * (self.lost > 0.0))
 

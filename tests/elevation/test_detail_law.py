@@ -50,9 +50,9 @@ def test_loss_of_a_cut_grid_is_predicted_from_it_alone(n: int) -> None:
 
 def test_octaves_grow_with_their_wavelengths_and_sum_to_what_was_lost() -> None:
     law = DetailLaw(30.0, 2.0, 1.3, (1.0, 1.0, 1.0), 0.4)
-    waves = 0.5 * 2.0 ** np.arange(12.0)
+    waves = 0.5 * 2.0 ** np.arange(20.0)
     octaves = law.octave(waves)
-    assert (np.diff(octaves) >= 0.0).all()
+    assert (np.diff(octaves) > 0.0).all()
     assert math.log2(law.lost_at(np.array(60.0)) / law.lost_at(np.array(30.0))) == pytest.approx(1.3)
     # Finer octaves than relief has left are as rough as ground is.
     assert octaves[0] == pytest.approx(0.006 * 0.4 * waves[0])

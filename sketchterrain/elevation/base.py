@@ -17,6 +17,7 @@ from sketchterrain.array_types import Float64Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.rasters import RasterSource, content_hash, raster_problem
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.elevation.detail_law import DetailLaw, measure_detail
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
 from sketchterrain.elevation.patches import GridPatches, build_patches
 from sketchterrain.elevation.selection import Patchwork, RimFade
@@ -41,6 +42,8 @@ class BaseGrid(NamedTuple):
     name: str
     shape: tuple[int, int]  # rows and columns
     patches: GridPatches
+    law: DetailLaw  # of what its samples lost
+    is_declared: bool  # whether its accuracy is
     findings: tuple[str, ...]
 
 
@@ -55,11 +58,17 @@ class BaseElevation:
     id: bytes
     findings: tuple[str, ...] = field(compare=False)  # in the data, and what was done to them; a line each
 
-    def heights(self, x: Float64Array, y: Float64Array, cell_size: float) -> Heights:
-        """Return the data's surface for cells (m) at points (m from the sketch's south-west corner)."""
+    def heights(
+        self, x: Float64Array, y: Float64Array, cell_size: float, values: Float64Array | None = None
+    ) -> Heights:
+        """Return the data's surface for cells (m) at points (m from the sketch's south-west corner).
+
+        Values (grids, k), in the order of the patchwork, have means there.
+        """
         cover = self.patchwork.cover_for_cells(cell_size)
         area = (float(x.min()), float(y.min()), float(x.max()), float(y.max())) if np.size(x) else (0.0,) * 4
-        return self.patchwork.surface(self.patchwork.within(cover, area)).evaluate(x, y)
+        surface = self.patchwork.surface(self.patchwork.within(cover, area))
+        return surface.evaluate(x, y) if values is None else surface.evaluate(x, y, values)
 
     def weight(self, x: Float64Array, y: Float64Array) -> Float64Array:
         """Return the weight of the data at points (m), C²."""
@@ -134,7 +143,9 @@ def _load_grid(source: RasterSource, frame: SketchFrame, datum: str, memory: LRU
 
     def built() -> BaseGrid:
         grid = _in_datum(grid_at(source, frame), source, datum)
-        return BaseGrid(source.title, grid.samples.shape, build_patches(grid), grid.findings)
+        law, is_declared = measure_detail(grid), source.accuracy >= 0.0
+        shape = grid.samples.shape
+        return BaseGrid(source.title, shape, build_patches(grid), law, is_declared, grid.findings)
 
     if problem := raster_problem(source):
         raise InputError(problem)

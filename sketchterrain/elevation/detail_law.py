@@ -25,7 +25,8 @@ _UNRESOLVED = 1.9  # exponent of octaves that are smoothed or interpolated, no g
 _COARSER = 2.4  # what averages over 4 lose over those over 2, in small grids
 _CORRELATION = 0.3  # of what successive averages lose
 _WAVES = 0.4  # step of the averages that lose a wavelength, over it
-_ROUGH = 0.006  # rms of the finest octaves over their wavelength, on a slope of 1
+_ROUGH = 0.006  # rms of the finest octaves over their wavelength, on a slope of 1 …
+_STEEP = 0.08  # … and of the steepest ones: more than in any DEM that was looked at
 _FACTORS = (2, 4, 8, 16)
 _RIM = 3  # averages beside voids and the grid's rim that are not compared
 _PART = 256  # side of each of the four parts that are measured of large grids
@@ -63,7 +64,8 @@ class DetailLaw:
         """Return the rms (m) of octaves of detail on all slopes."""
         step = _WAVES * wavelength
         octave = np.sqrt(self.lost_at(step) ** 2 - self.lost_at(0.5 * step) ** 2)
-        return np.maximum(octave, _ROUGH * self.slope * wavelength * (self.lost > 0.0))
+        per_slope = self.slope * wavelength
+        return np.clip(octave, _ROUGH * per_slope * (self.lost > 0.0), _STEEP * per_slope)
 
 
 def slope_terms(square: Float64Array, slope: float) -> Float64Array:
@@ -103,7 +105,9 @@ def measure_detail(grid: ElevationGrid) -> DetailLaw:
         first += 1
     lost, exponent = _extrapolated(*rms[first : first + 2])
     slope = _rounded(math.sqrt(np.mean(found[first][2])))
-    return DetailLaw(step * 2**first, lost, exponent, _shape(*found[first][1:], slope), slope)
+    step *= 2**first
+    lost = min(lost, _rounded(_STEEP * slope * _SAMPLES * step))
+    return DetailLaw(step, lost, exponent, _shape(*found[first][1:], slope), slope)
 
 
 def _losses(z: Float64Array, n: int, steps: tuple[float, float]) -> tuple[Float64Array, Float64Array]:

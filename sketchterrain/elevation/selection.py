@@ -225,7 +225,7 @@ class Patchwork:
             to_steps=patches.to_steps,
             density=1.0 / patches.step_area,
             base=np.array([each.base for each in parts])[grid],
-            step=np.array([each.step for each in parts])[grid],
+            grid=grid,
             coefficients=coefficients,
             mask_of=mask_of,
             masks=masks,

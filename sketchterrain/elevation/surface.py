@@ -15,6 +15,7 @@ from sketchterrain.elevation.patches import KERNEL, MARGIN, WHOLE
 _HALF = KERNEL // 2 + MARGIN
 _BEYOND = 1.5  # samples beyond a grid's rim where its weight is 0; it is 1 half a sample beyond
 _CORNER = 36.0 * WHOLE  # masks are at least 1 over it at samples beside voids; in parts of 1
+_NO_VALUES = np.zeros((0, 0))
 _CHUNK = 4096  # points below which no thread starts
 
 
@@ -88,7 +89,7 @@ class Heights(NamedTuple):
     north: Float64Array
     weight: Float64Array  # of the data: 1 between samples, 0 further than 1.5 samples from them, C²
     patches: Float64Array  # number of those that have a weight
-    step: Float64Array  # mean distance of the grids' samples, m; NaN without data
+    means: Float64Array  # (k, …) of values of the grids by the weights of their patches; 0 without data
 
 
 class PatchSlots(NamedTuple):
@@ -98,7 +99,7 @@ class PatchSlots(NamedTuple):
     to_steps: Float64Array  # (n, 2, 6)
     density: Float64Array  # 1 / area of a step, 1/m²
     base: Float64Array  # m
-    step: Float64Array  # m: distance of the grid's samples
+    grid: Int64Array  # number of the grid
     coefficients: Float32Array  # (n, 35, 35), m above the base
     mask_of: Int64Array  # index of the mask, -1 where data are all around
     masks: UInt8Array  # (masks, 35, 35)
@@ -121,16 +122,20 @@ class PatchSurface:
     def __len__(self) -> int:
         return len(self._slots.centre)
 
-    def evaluate(self, x: Float64Array, y: Float64Array) -> Heights:
+    def evaluate(self, x: Float64Array, y: Float64Array, values: Float64Array = _NO_VALUES) -> Heights:
         """Return heights, slopes and weights of data at points (m) of one shape, from its corner.
+
+        Values (grids, k) have means there.
 
         The height and its first two derivatives are continuous where the weight is not 0.
         """
         east, north = np.ascontiguousarray(x, np.float64).ravel(), np.ascontiguousarray(y, np.float64).ravel()
-        found = np.empty((6, len(east)))
-        fixed = east, north, self._slots, self._index, self._wendland, found
+        found, means = np.empty((5, len(east))), np.zeros((values.shape[1], len(east)))
+        fixed = east, north, self._slots, self._index, self._wendland, values, found, means
         in_threads(lambda first, last: _evaluate(*fixed, first, last), len(east), _CHUNK)
-        return Heights(*found.reshape(6, *np.shape(x)))
+        shape = np.shape(x)
+        height, *rest = found.reshape(5, *shape)
+        return Heights(height, *rest, means=means.reshape(-1, *shape))
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -198,13 +203,13 @@ def _spline(table, p, i, j, wu, du, wv, dv):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _evaluate(xs, ys, slots, index, wendland, found, first, last):  # type: ignore[no-untyped-def]
+def _evaluate(xs, ys, slots, index, wendland, values, found, means, first, last):  # type: ignore[no-untyped-def]
     """Evaluate points first … last - 1."""
-    centre, to_steps, density, base, step, coefficients, mask_of, masks, rims = slots
+    centre, to_steps, density, base, grid, coefficients, mask_of, masks, rims = slots
     places, shapes, starts, items = index
     for n in range(first, last):
         total = total_x = total_y = 0.0
-        sum_h = sum_x = sum_y = sum_step = 0.0
+        sum_h = sum_x = sum_y = 0.0
         missing, count = 1.0, 0
         for c in range(len(places)):
             column = math.floor((xs[n] - places[c, 0]) / places[c, 2])
@@ -254,7 +259,8 @@ def _evaluate(xs, ys, slots, index, wendland, found, first, last):  # type: igno
                 missing *= 1.0 - known * _faded(u, 1.0)[0] * _faded(v, 1.0)[0]
                 count += 1
                 total += weight
-                sum_step += weight * step[p]
+                for m in range(len(means)):
+                    means[m, n] += weight * values[grid[p], m]
                 total_x += weight_x
                 total_y += weight_y
                 sum_h += weight * height
@@ -266,8 +272,9 @@ def _evaluate(xs, ys, slots, index, wendland, found, first, last):  # type: igno
             found[1, n] = (sum_x - height * total_x) / total
             found[2, n] = (sum_y - height * total_y) / total
             found[3, n] = min(1.0 - missing, 1.0)
-            found[5, n] = sum_step / total
+            for m in range(len(means)):
+                means[m, n] /= total
         else:
-            found[0, n] = found[1, n] = found[2, n] = found[5, n] = np.nan
+            found[0, n] = found[1, n] = found[2, n] = np.nan
             found[3, n] = 0.0
         found[4, n] = count

@@ -239,6 +239,7 @@ def plan_terrain(
             fill=replace(fill, replaced=adopted.replaced),
             covers=create_covers(sketch, cache=memory),
             sea=create_sea(sketch, cache=memory),
+            detail=sketch.base["detail"],
         ),
         sketch.material_table,
         resolved_rules(sketch.material_rules),

@@ -35,7 +35,9 @@ def recipe(make_recipe, base) -> TerrainRecipe:
 
 def test_samples_are_kept(make_recipe, context) -> None:
     grid = grid_of(30.0, 130, 100.0, 100.0, 0.0)
-    recipe = make_recipe(relief=ReliefLayer(Waves(), base=BaseGround(base_of(grid), 16.0, Waves())))
+    recipe = make_recipe(
+        relief=ReliefLayer(Waves(), base=BaseGround(base_of(grid), 16.0, Waves())), detail=0.0
+    )
     row, column = np.mgrid[20:110:3, 20:110:3]
     x, y = (to_lattice(each.ravel(), 4096.0) for each in grid.to_metres(column * 1.0, row * 1.0))
     height, _ = Evaluator(recipe, context).points(x, y, cell_size=0.0)
@@ -56,7 +58,7 @@ def test_bits_do_not_depend_on_the_order_of_grids(recipe, context, base) -> None
     parts = list(base.patchwork.grids.values())
     turned = Patchwork().with_grid(parts[1]).with_grid(parts[0])
     other = replace(base, patchwork=turned)
-    changed = recipe.with_layers([BaseLayer(other)])
+    changed = recipe.with_layers([BaseLayer.of(other, 1.0)])
     x, y = np.random.default_rng(1).integers(0, 1 << 24, (2, 3000))
     for cell in (0.0, 60.0, 200.0):
         one, two = (Evaluator(each, context).points(x, y, cell_size=cell)[0] for each in (recipe, changed))
@@ -77,6 +79,7 @@ def test_tiles_meet_and_equal_points(recipe, context) -> None:
 
 def test_there_is_no_step_where_the_data_end(recipe, context, base) -> None:
     """The drop from sample to sample is that of slopes, along lines across the rims and into the void."""
+    recipe = recipe.with_layers([BaseLayer(base)])  # without detail
     along = np.arange(-(1 << 22), 5 << 22, 1 << 12)
     for across in (0.3, 0.62, 0.8):
         height, _ = Evaluator(recipe, context).points(
@@ -84,7 +87,7 @@ def test_there_is_no_step_where_the_data_end(recipe, context, base) -> None:
         )
         assert np.abs(np.diff(height)).max() < 3.0 * 4096.0 / (1 << 12)
     beyond = np.random.default_rng(2).integers(-(1 << 24), -(1 << 22), (2, 500))
-    there = recipe.with_layers([BaseLayer(None)])
+    there = recipe.with_layers([BaseLayer()])
     one, two = (Evaluator(each, context).points(*beyond, cell_size=0.0)[0] for each in (recipe, there))
     assert np.array_equal(one, two)
 

@@ -33,17 +33,19 @@ def layer_stack(
     lakes: Sequence[Lake] = (),
     covers: Sequence[Cover] = (),
     sea: Sea | None = None,
+    detail: float = 1.0,
     cache: LRUCache | None = None,
 ) -> tuple[TerrainLayer, ...]:
     """Return all layers of a terrain.
 
     ``relief`` is the drained ground, ``painted`` and ``fill`` are the point features, ``valley_radii`` the
-    radius of influence (m) of each river's valley at each point of its centreline.
+    radius of influence (m) of each river's valley at each point of its centreline, ``detail`` the strength
+    of what elevation data lack.
     """
     points = PointsLayer(painted, fill)
     return (
         points,
-        BaseLayer(None if relief.base is None else relief.base.base),
+        BaseLayer.of(None if relief.base is None else relief.base.base, detail),
         relief,
         ForestsLayer(),
         DunesLayer(points.dune_styles),

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from sketchterrain.array_types import Float64Array, Int64Array, LatticeArray
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, LatticeArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.elevation.patches import COEFFICIENTS
 from sketchterrain.terrain.changes import LayerChange
-from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culled
+from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culled, upload_reals
 from sketchterrain.terrain.index import BoxIndex, item_lists
 from sketchterrain.terrain.layers.base import ROW_VALUES, BaseLayer, pack_rows
 from sketchterrain.terrain.layers.layer import Sampling, TerrainLayer, WorldSettings
@@ -32,6 +32,7 @@ _ROUNDING = 2  # lattice units
 class NearPatches:
     """Bounds of the patches near n blocks, m."""
 
+    is_reached: BoolArray
     low: Float64Array
     high: Float64Array
     error: Float64Array  # of patches that full detail has finer ones for
@@ -50,9 +51,10 @@ class BaseCuller:
     """Patches of elevation data that blocks need; they stay on the device until others take their slots."""
 
     def __init__(self, layer: BaseLayer, context: ComputeContext, world: WorldSettings) -> None:
-        self._base = layer.base
+        self._layer = layer
         self._context = context
         self._world = world
+        self._packed = LRUCache(MAX_CELL_SIZES)
         self._covers = LRUCache(MAX_CELL_SIZES)
         self._slots: PatchSlotBuffers | None = None
 
@@ -65,12 +67,15 @@ class BaseCuller:
         """Return the patches that reach blocks (n, 4)."""
         del around
         if self._slots is None:
-            work = None if self._base is None else self._base.patchwork
-            self._slots = PatchSlotBuffers(work, self._context, self._world.unit)
-        if self._base is None:
+            self._slots = PatchSlotBuffers(self._layer, self._context, self._world)
+        packed = self._packed.get_or_compute(
+            sampling.cell,
+            lambda: upload_reals(self._context, self._layer.pack(sampling, self._packed).arrays),
+        )
+        if self._layer.base is None:
             lists = {"base_starts": np.zeros(len(blocks) + 1, np.int32), "base_list": np.zeros(0, np.int32)}
-            return Culled(self._slots.buffers, lists, None)
-        work = self._base.patchwork
+            return Culled(self._slots.buffers | packed, lists, None)
+        work = self._layer.base.patchwork
         cover = self._covers.get_or_compute(sampling.cell, lambda: self._cover(work, sampling.cell))
         starts, members = item_lists(cover.index, blocks)
         used, position = np.unique(members, return_inverse=True)
@@ -83,7 +88,8 @@ class BaseCuller:
             high[filled] = np.maximum.reduceat(self._slots.high[slots][position], first)
             error[filled] = np.maximum.reduceat(cover.error[members], first)
         lists = {"base_starts": starts, "base_list": slots[position].astype(np.int32)}
-        return Culled(self._slots.buffers, lists, NearPatches(low, high, error))
+        near = NearPatches(np.diff(starts) > 0, low, high, error)
+        return Culled(self._slots.buffers | packed, lists, near)
 
     def _cover(self, work: Patchwork, cell: float) -> _Cover:
         numbers, reach = work.cover_for_cells(cell), work.reach
@@ -99,10 +105,11 @@ class BaseCuller:
 class PatchSlotBuffers:
     """Buffers of patches by slot, the names of the kernels' arguments; slots are reused in a ring."""
 
-    def __init__(self, work: Patchwork | None, context: ComputeContext, unit: float) -> None:
-        self._work, self._context, self._unit = work, context, unit
+    def __init__(self, layer: BaseLayer, context: ComputeContext, world: WorldSettings) -> None:
+        self._work = None if layer.base is None else layer.base.patchwork
+        self._context, self._unit, self._scales = context, world.unit, layer.scales(world)
         self._slot_of: dict[int, int] = {}
-        self._allocate(SLOTS if work is not None else 1)
+        self._allocate(SLOTS if self._work is not None else 1)
 
     def _allocate(self, count: int) -> None:
         side, real = COEFFICIENTS, self._context.real_dtype
@@ -143,7 +150,7 @@ class PatchSlotBuffers:
         self._held[slots] = numbers
         self._slot_of.update(zip(numbers.tolist(), slots.tolist(), strict=True))
         patches = self._work.slots(numbers)
-        at, row = pack_rows(patches, self._unit)
+        at, row = pack_rows(patches, self._scales, self._unit)
         height = patches.base[:, None] + patches.coefficients.reshape(len(at), -1)
         self.low[slots], self.high[slots] = height.min(axis=1), height.max(axis=1)
         mask = np.zeros(patches.coefficients.shape, np.uint8)

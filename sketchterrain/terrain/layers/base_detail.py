@@ -106,6 +106,13 @@ class BaseDetail:
         return np.minimum(peak * (weight @ (whole - left) + 2 * turned * (weight @ left)), 2 * most), most
 
 
+def no_detail(sampling: Sampling) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of the kernels' arguments without any detail."""
+    values = dict.fromkeys(("gentle", "middling", "steep", "slope_square", "base_first", "base_last"), 0)
+    params = sampling.struct(_HEADER, "BaseDetailParams", values)
+    return {"base_detail_params": params, "base_detail_octave": np.zeros((0, 2), sampling.real)}
+
+
 def _onset(wavelengths: Any) -> Float64Array:
     """Return the weight of octaves by their wavelength over the resolution: 0 from 1 on, 1 up to 1/2."""
     return 1 - smooth_rise(wavelengths, 0.5, 0.5)

@@ -253,10 +253,13 @@ class ReliefLayer(TerrainLayer):
     def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:
         """Return the ground with its gullies and roughness."""
         scale, octaves = self.scale(site.sampling.world), site.sampling.octaves
-        rise, rock, wet, free = self._eroded(site)
+        rise, rock, wet, data = self._eroded(site)
+        free = np.maximum(1.0 - _ROUNDED_UP * data, 0.0)
         steep = np.hypot(rise.east, rise.north)
         depth = free * scale.detail_depth * (_SMOOTH + (1 - _SMOOTH) * rock) * _depth(steep)
         rough = depth * fbm(octaves, "detail", site.x, site.y)
+        if site.base is not None:
+            rough = rough + data * site.base.detail(site, rise)
         return replace(ground, height=rise.value + rough, mountain=rock, wetness=wet)
 
     def eroded(self, site: HostSite) -> ValueSlope:
@@ -264,14 +267,14 @@ class ReliefLayer(TerrainLayer):
         return self._eroded(site)[0]
 
     def _eroded(self, site: HostSite) -> tuple[ValueSlope, Float64Array, Float64Array, Float64Array]:
-        """Return the splines with their gullies, the share of rock, the wetness, and that without data."""
+        """Return the splines with their gullies, the shares of rock, wetness and data."""
         rise, rock, wet, data = self.smooth(site)
         free = np.maximum(1.0 - _ROUNDED_UP * data, 0.0)
         noise = fbm(site.sampling.octaves, "bend_u", site.x, site.y)
         patches = np.clip(_PATCHY_MEAN + _PATCHY * noise, _PATCHY_LEAST, 1)
         erosion = free * (_GENTLE_GULLIES + (1 - _GENTLE_GULLIES) * rock) * patches
         cut = gullies(self.scale(site.sampling.world), site.sampling.octaves, site, rise, erosion)
-        return ValueSlope(*(a + b for a, b in zip(rise, cut, strict=True))), rock, wet, free
+        return ValueSlope(*(a + b for a, b in zip(rise, cut, strict=True))), rock, wet, data
 
     def displaced(self, at: Float64Array, world: WorldSettings, octaves: OctaveTable) -> Float64Array:
         """Return where nodes at positions (n, 2), m, appear: nodes are read at displaced positions."""
@@ -318,7 +321,7 @@ class ReliefLayer(TerrainLayer):
         rise, data = (_displaced_slope(each, bends, 2.0**-bits, world.unit) for each in (height, weight))
         if site.base is not None:
             inside = data.value > 0.0
-            z = [np.where(inside, each, 0.0) for each in (site.base.height, site.base.east, site.base.north)]
+            z = [np.where(inside, each, 0.0) for each in site.base.heights[:3]]
             rise = ValueSlope(
                 rise.value + data.value * z[0],
                 rise.east + (data.east * z[0] + data.value * z[1]),

@@ -148,4 +148,4 @@ def _even(change: Float64Array, zone: BoolArray) -> Float64Array:
 def _slopes(height: Float64Array, spacing: float) -> Float64Array:
     """Return slopes (m/m) by central differences, 0 beside missing heights."""
     north, east = np.gradient(height, spacing)
-    return np.nan_to_num(np.hypot(north, east))
+    return np.asarray(np.nan_to_num(np.hypot(north, east)))

@@ -280,7 +280,8 @@ def _drained(
     bare = [each.unchanged for each in blended] or _cached_bare(settings, water, memory, count)
     uplift = _uplift(settings, land, water, memory, blended, count)
     drained, factors = drain_painted(uplift, cell, bare)
-    finest, parts = blended[-1].flow if blended else drained[-1], []
+    finest = blended[-1].flow if blended else drained[-1]
+    parts: list[Float64Array] = []
     if drained[-1] is not bare[-1]:
         ground = _watered_ground(settings, water, memory, count)[-1]
         repose = np.maximum(ground.repose, uplift.ground[count - 1].repose)

@@ -294,8 +294,8 @@ class HeightControl:
             below = self._below(layer, index)
             if whole:
                 shape = painted.features.shape[layer.members]
-                aims = layer.highest, shape, layer.owner, below
-                _adjust_shapes(effect, aims, start, step, factors, share)
+                highest = layer.highest, shape, layer.owner, below
+                _adjust_shapes(effect, highest, start, step, factors, share)
             else:
                 aims = layer.target, layer.owner, below
                 _adjust_factors(effect, aims, start, step, factors, share)
@@ -313,7 +313,7 @@ class HeightControl:
         """Return the radius (m) of features near the nodes of a level, at least 1."""
         radius = self._painted.features.radius
         found = [self._spread(each, index, radius[each.members]) for each in self._painted.layers]
-        return np.maximum.reduce(found, initial=1.0)
+        return np.asarray(np.maximum.reduce(found, initial=1.0))
 
     def _below(self, layer: FeatureLayer, index: int) -> Float64Array:
         """Return the height (m) of the ground at a level's nodes where heights are elevations, else 0."""

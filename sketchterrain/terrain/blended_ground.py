@@ -16,8 +16,8 @@ from scipy.ndimage import convolve1d, distance_transform_edt
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array
 from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.drainage import DrainageInput, Drained, carved, confined, on_network, routed
-from sketchterrain.terrain.drainage_rounds import LEAST_SLOPE
-from sketchterrain.terrain.painted_uplift import HeightControl, PaintedUplift
+from sketchterrain.terrain.drainage_rounds import LEAST_RISE, LEAST_SLOPE
+from sketchterrain.terrain.painted_uplift import FeatureLayer, HeightControl, PaintedUplift
 
 _THROUGH = 1.0  # circles of features: drainage area from elsewhere, from which on channels stay as they are
 _EVEN, _CUTS = 1, 3  # times that the change is evened out, and that barriers are cut
@@ -100,6 +100,7 @@ def changed(source: DrainageInput, ground: BlendedLevel) -> DrainageInput:
 def raised(
     painted: PaintedUplift,
     index: int,
+    ground: BlendedLevel,
     whole: DrainageInput,
     cell: float,
     drained: Drained,
@@ -117,12 +118,14 @@ def raised(
     """
     level, zone, layers = painted.ground[index], painted.zone_of(index), painted.layers
     solver = on_network(level, cell, drained)
-    control, change = HeightControl(painted, cell), _even(drained.height, zone)
-    without = []
-    for layer in layers:
-        others = replace(painted, layers=tuple(each for each in layers if each is not layer))
-        uplift = HeightControl(others, cell, factors).uplift(index, solver)
-        without.append(np.minimum(_even(solver.heights(uplift), zone), change))
+
+    def risen(some: tuple[FeatureLayer, ...]) -> Float64Array:
+        uplift = HeightControl(replace(painted, layers=some), cell, factors).uplift(index, solver)
+        return _even(solver.heights(uplift), zone)
+
+    control, change = HeightControl(painted, cell), risen(layers)
+    others = [tuple(each for each in layers if each is not layer) for layer in layers]
+    without = [np.minimum(risen(each), change) for each in others]
     for is_last in (False, True):
         gains = [control.gain(index, layer, change - own) for layer, own in zip(layers, without, strict=True)]
         parts = [gain * (change - own) for gain, own in zip(gains, without, strict=True)]
@@ -131,9 +134,24 @@ def raised(
         if not is_last:
             steeper = replace(whole, repose=whole.repose * np.maximum.reduce(gains, initial=1.0))
             for _ in range(_CUTS):
-                change = np.nan_to_num(carved(steeper, cell, change).height)
+                change = np.nan_to_num(carved(steeper, cell, _opened(change, whole, cell, ground)).height)
             without = [np.minimum(own, change) for own in without]
-    return change, [change - own for own in without]
+    change = _opened(change, whole, cell, ground)
+    return change, [change - np.minimum(own, change) for own in without]
+
+
+def _opened(change: Float64Array, whole: DrainageInput, cell: float, ground: BlendedLevel) -> Float64Array:
+    """Return what features add without what dams the flow of the data, from closed depressions on."""
+    data, change = ground.flow.height.ravel(), change.copy()
+    flow = routed(replace(whole, ground=None), cell, ground.flow.height + change)
+    total, to, path = flow.height.ravel(), flow.receiver.ravel(), ground.flow.receiver.ravel()
+    for at in np.flatnonzero((to >= 0) & (total[to] > total) & (data[path] < data)).tolist():
+        level, after = total[at], int(path[at])
+        while after >= 0 and total[after] > level:
+            level = max(level - LEAST_RISE, data[after])
+            total[after] = level
+            after = int(path[after])
+    return np.where(np.isnan(ground.flow.height), change, total.reshape(change.shape) - ground.flow.height)
 
 
 def _even(change: Float64Array, zone: BoolArray) -> Float64Array:

@@ -287,7 +287,7 @@ def _drained(
         repose = np.maximum(ground.repose, uplift.ground[count - 1].repose)
         if blended:
             whole = changed(replace(ground, repose=repose), blended[-1])
-            change, parts = raised(uplift, count - 1, whole, cell, drained[-1], factors)
+            change, parts = raised(uplift, count - 1, blended[-1], whole, cell, drained[-1], factors)
             finest = routed(ground, cell, finest.height + change)
         else:
             finest = carved(replace(ground, repose=repose), cell, finest.height)

@@ -1,32 +1,37 @@
 """Elevation data and procedural ground of the painted region, and what painted features add to both.
 
-Without features, the ground M = w z + (1 − w) u of elevation data z by their weight w and procedural ground u is
-what it is: water flows over it, and leaves its depressions through their lowest pass, but erodes nothing. In
-zones around features, heights are M + Δ. The solver of `drainage` builds Δ from zero at the border of the zones,
-on lakes and on the sea, along the network by which the sum drains: valleys in it continue those of the data.
+Without features, the ground M = w z + (1 − w) u of elevation data z by their weight w and procedural ground u
+is what it is: water flows over it, and leaves its depressions through their lowest pass, but erodes nothing.
+In zones around features, heights are M + Δ. The solver of `drainage` builds Δ from zero at the border of the
+zones, on lakes, on the sea and in valleys through which much water comes from elsewhere, along the network by
+which the sum drains: valleys in it continue those of the data.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import convolve1d, distance_transform_edt
 
-from sketchterrain.array_types import BoolArray, Float32Array, Float64Array
+from sketchterrain.array_types import Float32Array, Float64Array
 from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.drainage import DrainageInput, Drained, carved, confined, on_network, routed
 from sketchterrain.terrain.drainage_rounds import LEAST_RISE, LEAST_SLOPE
 from sketchterrain.terrain.painted_uplift import FeatureLayer, HeightControl, PaintedUplift
 
 _THROUGH = 1.0  # circles of features: drainage area from elsewhere, from which on channels stay as they are
-_EVEN, _CUTS = 1, 3  # times that the change is evened out, and that barriers are cut
+_CUTS = 3  # times that barriers are cut
 _FLOOR, _FLOOR_SHARE = (
     4.0,
     0.2,
 )  # r0 from valleys to where sides are as steep as elsewhere; how steep at first
 _STEEP_SHARE = 0.5  # of the data's slope, by which slopes of features on top are less …
 _LEAST_SHARE = 0.6  # … but not below this share of theirs
+
+RaisedParts = Sequence[tuple[FeatureLayer, Float64Array]]
+"""Heights (m) that layers of features add at the nodes of a level."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +84,7 @@ def raised_level(
     passed = _THROUGH * np.pi * HeightControl(painted, cell).radius(index) ** 2
     foreign = flow.area * (1.0 - on_network(source, cell, flow).shares_from(zone.astype(np.float64)))
     change = confined(source, ground.unchanged, zone & (foreign < passed))
-    slope = _slopes(height, spacing)
+    slope = np.nan_to_num(np.hypot(*np.gradient(height, spacing)))
     repose = np.maximum(change.repose - _STEEP_SHARE * slope, _LEAST_SHARE * change.repose)
     away = spacing * distance_transform_edt(np.isnan(change.base) & (change.course < 0))
     repose *= np.clip(away / (_FLOOR * cell), _FLOOR_SHARE, 1.0)
@@ -91,79 +96,56 @@ def raised_level(
     return replace(change, uplift=np.zeros_like(change.uplift), repose=repose, ground=height, least=None)
 
 
-def changed(source: DrainageInput, ground: BlendedLevel) -> DrainageInput:
-    """Return a whole level, drained as a change of the ground."""
-    base = np.where(np.isnan(source.base), np.nan, 0.0)
-    return replace(source, base=base, ground=ground.flow.height, least=None)
-
-
 def raised(
     painted: PaintedUplift,
     index: int,
-    ground: BlendedLevel,
-    whole: DrainageInput,
+    source: DrainageInput,
     cell: float,
+    ground: BlendedLevel,
     drained: Drained,
     factors: Float64Array,
-) -> tuple[Float64Array, list[Float64Array]]:
-    """Return what features add to a level (m), and the parts of it that it loses without each layer.
+) -> tuple[Float64Array, RaisedParts]:
+    """Return what features add to a level (m), and what of it each layer does.
 
     The change is even where the data have detail of their own. Barriers in it are cut through, and shapes are
-    scaled to their heights.
-
-    Parameters
-    ----------
-    whole : the level from `changed`
-    drained, factors : from `drain_painted`
+    scaled to their heights. `source` has the slopes of the whole level; `drained` and `factors` are from
+    `drain_painted`.
     """
-    level, zone, layers = painted.ground[index], painted.zone_of(index), painted.layers
-    solver = on_network(level, cell, drained)
+    layers, zone, control = painted.layers, painted.zone_of(index), HeightControl(painted, cell)
+    solver = on_network(painted.ground[index], cell, drained)
 
     def risen(some: tuple[FeatureLayer, ...]) -> Float64Array:
         uplift = HeightControl(replace(painted, layers=some), cell, factors).uplift(index, solver)
-        return _even(solver.heights(uplift), zone)
+        change = np.nan_to_num(solver.heights(uplift))
+        for axis in (0, 1):
+            change = convolve1d(change, [0.25, 0.5, 0.25], axis, mode="nearest")
+        return np.where(zone, change, 0.0)
 
-    control, change = HeightControl(painted, cell), risen(layers)
-    others = [tuple(each for each in layers if each is not layer) for layer in layers]
-    without = [np.minimum(risen(each), change) for each in others]
-    for is_last in (False, True):
-        gains = [control.gain(index, layer, change - own) for layer, own in zip(layers, without, strict=True)]
-        parts = [gain * (change - own) for gain, own in zip(gains, without, strict=True)]
-        change = change + sum(part - (change - own) for part, own in zip(parts, without, strict=True))
-        without = [np.maximum(change - part, 0.0) for part in parts]
-        if not is_last:
-            steeper = replace(whole, repose=whole.repose * np.maximum.reduce(gains, initial=1.0))
-            for _ in range(_CUTS):
-                change = np.nan_to_num(carved(steeper, cell, _opened(change, whole, cell, ground)).height)
-            without = [np.minimum(own, change) for own in without]
-    change = _opened(change, whole, cell, ground)
-    return change, [change - np.minimum(own, change) for own in without]
+    change = risen(layers)
+    own = [np.maximum(change - risen(tuple(e for e in layers if e is not each)), 0.0) for each in layers]
+    height, base = ground.flow.height, np.where(np.isnan(source.base), np.nan, 0.0)
+    for cuts in (_CUTS, 0):
+        gains = [control.gain(index, *each) for each in zip(layers, own, strict=True)]
+        parts = [gain * each for gain, each in zip(gains, own, strict=True)]
+        change = change + sum(parts) - sum(own)
+        repose = source.repose * np.maximum.reduce(gains)
+        whole = replace(source, base=base, repose=repose, ground=height)
+        for _ in range(cuts):
+            change = np.nan_to_num(carved(whole, cell, _opened(change, source, cell, ground)).height)
+        own = [np.minimum(each, change) for each in parts]
+    change = _opened(change, source, cell, ground)
+    return change, [(layer, np.minimum(each, change)) for layer, each in zip(layers, own, strict=True)]
 
 
-def _opened(change: Float64Array, whole: DrainageInput, cell: float, ground: BlendedLevel) -> Float64Array:
+def _opened(change: Float64Array, source: DrainageInput, cell: float, ground: BlendedLevel) -> Float64Array:
     """Return what features add without what dams the flow of the data, from closed depressions on."""
-    data, change = ground.flow.height.ravel(), change.copy()
-    flow = routed(replace(whole, ground=None), cell, ground.flow.height + change)
-    total, to, path = flow.height.ravel(), flow.receiver.ravel(), ground.flow.receiver.ravel()
-    for at in np.flatnonzero((to >= 0) & (total[to] > total) & (data[path] < data)).tolist():
+    data, path = ground.flow.height.ravel(), ground.flow.receiver.ravel()
+    flow = routed(source, cell, ground.flow.height + change)
+    total, to = flow.height.ravel(), flow.receiver.ravel()
+    for at in np.flatnonzero((to >= 0) & (total[to] > total)).tolist():
         level, after = total[at], int(path[at])
         while after >= 0 and total[after] > level:
             level = max(level - LEAST_RISE, data[after])
             total[after] = level
             after = int(path[after])
-    return np.where(np.isnan(ground.flow.height), change, total.reshape(change.shape) - ground.flow.height)
-
-
-def _even(change: Float64Array, zone: BoolArray) -> Float64Array:
-    """Return means (1 2 1) of heights inside of a zone."""
-    change = np.nan_to_num(change)
-    for axis in (0, 1):
-        for _ in range(_EVEN):
-            change = convolve1d(change, [0.25, 0.5, 0.25], axis, mode="nearest")
-    return np.where(zone, change, 0.0)
-
-
-def _slopes(height: Float64Array, spacing: float) -> Float64Array:
-    """Return slopes (m/m) by central differences, 0 beside missing heights."""
-    north, east = np.gradient(height, spacing)
-    return np.asarray(np.nan_to_num(np.hypot(north, east)))
+    return np.nan_to_num(total - data).reshape(change.shape)

@@ -20,6 +20,7 @@ from types import MappingProxyType
 
 import numpy as np
 from numba import njit
+from scipy.ndimage import distance_transform_edt
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
 from sketchterrain.terrain.drainage import (
@@ -221,9 +222,8 @@ def _as_read(nodes: Float64Array) -> Float64Array:
 def _highest(features: UpliftFeatures) -> Float64Array:
     """Return the greatest height (m) of the features of each shape."""
     highest = np.full(int(features.shape.max()) + 1, 1e-9)
-    np.maximum.at(
-        highest, features.shape, np.where(np.isinf(features.summit), features.height, features.summit)
-    )
+    top = np.where(np.isinf(features.summit), features.height, features.summit)
+    np.maximum.at(highest, features.shape, top)
     return highest
 
 
@@ -291,21 +291,20 @@ class HeightControl:
         for layer, part in zip(painted.layers, parts, strict=True):
             without = solver.heights(ground + np.maximum(sum(parts) - part, 0.0))
             factors, effect = self.factors[layer.members], _as_read(height - without)
-            below = self._below(layer, index)
+            owner, below = layer.owner, self._below(layer, index)
             if whole:
                 shape = painted.features.shape[layer.members]
-                highest = layer.highest, shape, layer.owner, below
-                _adjust_shapes(effect, highest, start, step, factors, share)
+                _adjust_shapes(effect, (layer.highest, shape, owner, below), start, step, factors, share)
             else:
-                aims = layer.target, layer.owner, below
-                _adjust_factors(effect, aims, start, step, factors, share)
+                _adjust_factors(effect, (layer.target, owner, below), start, step, factors, share)
             self.factors[layer.members] = factors
 
     def gain(self, index: int, layer: FeatureLayer, effect: Float64Array) -> Float64Array:
-        """Return by how much the effect (m) of a layer at a level falls short of the heights of its shapes."""
+        """Return by how much a layer's effect (m) at a level falls short of its shapes' heights."""
         _, start, step = self._place(index)
         gains, shape = np.ones(len(layer.members)), self._painted.features.shape[layer.members]
-        aims = layer.highest, shape, layer.owner, self._below(layer, index)
+        nearest = distance_transform_edt(layer.owner < 0, return_distances=False, return_indices=True)
+        aims = layer.highest, shape, layer.owner[tuple(nearest)], self._below(layer, index)
         _adjust_shapes(_as_read(effect), aims, start, step, gains, 1.0)
         return self._spread(layer, index, gains)
 
@@ -335,16 +334,10 @@ class HeightControl:
     def _spread(self, layer: FeatureLayer, index: int, factors: Float64Array) -> Float64Array:
         """Return the means of factors of a layer's members at the nodes of a level."""
         level, start, step = self._place(index)
-        rows, columns = level.base.shape
         centre = self._centre[0][layer.members], self._centre[1][layer.members]
-        found: Float64Array = _mean_factors(
-            centre,
-            self._radius[layer.members],
-            factors,
-            (start, step, (rows, columns)),
-            (self._painted.features.region[layer.members], layer.region),
-        )
-        return found
+        regions = self._painted.features.region[layer.members], layer.region
+        place, radius = (start, step, level.base.shape), self._radius[layer.members]
+        return np.asarray(_mean_factors(centre, radius, factors, place, regions))
 
     def _place(self, index: int) -> tuple[DrainageInput, tuple[int, int], int]:
         """Return a level, its first node among those of level 0, and its spacing."""

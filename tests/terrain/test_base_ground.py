@@ -14,7 +14,7 @@ from sketchterrain.hydrology.courses import course_through
 from sketchterrain.placement.placement import place
 from sketchterrain.terrain import painted_ground as grounds
 from sketchterrain.terrain.base_ground import BaseGround
-from sketchterrain.terrain.painted_ground import PaintedLand, PaintedWater
+from sketchterrain.terrain.painted_ground import PaintedLand, PaintedWater, RegionSources
 from sketchterrain.terrain.relief_fields import UnpaintedSettings
 from sketchterrain.terrain.uplift import painted_outline, uplift_features
 
@@ -87,15 +87,19 @@ def land_of(sketch, data=None):
     return PaintedLand(uplift_features(sketch, points, memory, data), found)
 
 
+def region_of(base, memory=None):
+    settings = UnpaintedSettings.from_sketch(painted())
+    return RegionSources(settings, memory or LRUCache(), base and BaseGround(base, SPACING))
+
+
 def build(sketch, base=None, water=DRY, memory=None, data=False):
-    base, memory = BaseGround(base or Waves(), SPACING), memory or LRUCache()
-    settings = UnpaintedSettings.from_sketch(sketch)
-    heights = grounds.data_heights(settings, water, memory, base) if data else None
+    region = region_of(base or Waves(), memory)
+    heights = grounds.data_heights(region, water) if data else None
     land = land_of(sketch, heights)
-    raster = grounds.painted_ground(settings, land, water, memory, base)
-    blended = grounds._cached_blended(settings, water, memory, base, 4)
-    flow = grounds.painted_flow(settings, land, water, memory, base)
-    uplift = grounds._uplift(settings, land, water, memory, blended, 4)
+    raster = grounds.painted_ground(region, land, water)
+    blended = grounds._cached_blended(region, water, 4)
+    flow = grounds.painted_flow(region, land, water)
+    uplift = grounds._uplift(region, land, water, 4)
     nodes, where = raster.levels[0], flow.raster
     x, y = where.positions().T.reshape(2, *where.shape)
     before = blended[-1].flow.height
@@ -134,8 +138,7 @@ def test_nothing_is_added_to_data_where_nothing_is_painted():
 def test_towards_the_rim_of_data_nodes_hold_the_share_of_procedural_ground():
     memory = LRUCache()
     built = build(painted(), Waves(rim=5000.0), memory=memory)
-    settings = UnpaintedSettings.from_sketch(painted())
-    bare = grounds.painted_ground(settings, built.land, DRY, memory).levels[0].height
+    bare = grounds.painted_ground(region_of(None, memory), built.land, DRY).levels[0].height
     assert np.nanmax(np.abs(built.nodes.height[built.weight == 1.0])) == 0.0
     outside = built.weight == 0.0
     assert np.array_equal(built.nodes.height[outside], bare[outside], equal_nan=True)
@@ -214,17 +217,22 @@ def test_a_river_through_a_mountain_stays_on_the_data():
 
 
 def test_relief_without_a_layer_is_the_data_and_the_other_layer(mountain):
-    settings, memory = UnpaintedSettings.from_sketch(painted()), LRUCache()
-    base, land = BaseGround(Waves(), SPACING), mountain.land
-    nodes = grounds.painted_ground(settings, land, DRY, memory, base).levels[0].height
-    for removed in (land.features.is_rock, ~land.features.is_rock):
-        left = grounds.ground_without(settings, land, DRY, memory, removed, base).levels[0].height
-        near = np.zeros(nodes.shape, np.bool_)
-        for x, y, radius in zip(*(each[removed] for each in land.features[:3]), strict=True):
-            near |= np.hypot(mountain.x - x, mountain.y - y) < 3.0 * radius
+    region, features, nodes = region_of(Waves()), mountain.land.features, mountain.nodes.height
+    for removed in (features.is_rock, ~features.is_rock):
+        left = grounds.ground_without(region, mountain.land, DRY, removed).levels[0].height
+        own, others = (
+            np.min(
+                [
+                    np.hypot(mountain.x - x, mountain.y - y) / r
+                    for x, y, r in np.array(features[:3])[:, some].T
+                ],
+                0,
+            )
+            for some in (removed, ~removed)
+        )
         inside = ~np.isnan(nodes)
-        assert np.allclose(left[inside & ~near], nodes[inside & ~near], atol=0.01)
-        assert left[near & inside].max() < 1.0
+        assert np.allclose(left[inside & (own > 2.3)], nodes[inside & (own > 2.3)], atol=0.01)
+        assert left[inside & (others > 2.3)].max() < 1.0
 
 
 def test_ground_has_the_same_bits_whatever_was_built_before_and_wherever_data_end(mountain):
@@ -238,9 +246,7 @@ def test_ground_has_the_same_bits_whatever_was_built_before_and_wherever_data_en
 
 
 def test_streams_are_barred_by_data_and_rock_is_theirs_under_painted_rock(mountain):
-    settings, memory = UnpaintedSettings.from_sketch(painted()), LRUCache()
-    base = BaseGround(Waves(rim=5000.0), SPACING)
-    flow = grounds.painted_flow(settings, land_of(painted()), DRY, memory, base)
+    flow = grounds.painted_flow(region_of(Waves(rim=5000.0)), land_of(painted()), DRY)
     x = flow.raster.positions()[:, 0].reshape(flow.raster.shape)
     assert np.array_equal(flow.barred, x > 5000.0)
     core = np.hypot(mountain.x - MIDDLE[0], mountain.y - MIDDLE[1]) < 0.5 * RADIUS
@@ -248,15 +254,14 @@ def test_streams_are_barred_by_data_and_rock_is_theirs_under_painted_rock(mounta
 
 
 def test_drafts_show_coarse_changes_over_data():
-    memory, base = LRUCache(), BaseGround(Waves(), SPACING)
+    region = region_of(Waves())
     one, other = (
         painted(),
         painted(("mountain", 1, MIDDLE, RADIUS), labels={("mountain", 1): {"height": 500.0}}),
     )
-    settings = UnpaintedSettings.from_sketch(one)
     lands = land_of(one), land_of(other)
-    coarse = [grounds.painted_ground(settings, land, DRY, memory, base, coarse=True) for land in lands]
-    full = [grounds.painted_ground(settings, land, DRY, memory, base) for land in lands]
+    coarse = [grounds.painted_ground(region, land, DRY, coarse=True) for land in lands]
+    full = [grounds.painted_ground(region, land, DRY) for land in lands]
     draft = (
         grounds.drafted_ground(full[0], (lands[0], coarse[0]), (lands[1], coarse[1]), SPACING)
         .levels[0]

@@ -48,21 +48,11 @@ class BlendedLevel:
         """Return the flow with the heights that features add where there are none."""
         return replace(self.flow, height=np.where(np.isnan(self.flow.height), np.nan, 0.0))
 
-    def added(self, height: Float64Array) -> Float64Array:
-        """Return what nodes hold where the ground has some heights (m): all but the data."""
-        return self.procedural + (height - self.flow.height)
-
 
 def blended_level(
     base: BaseGround, source: DrainageInput, cell: float, drained: Drained, rock: Float32Array
 ) -> BlendedLevel:
-    """Return a level of the region with elevation data.
-
-    Parameters
-    ----------
-    source, drained, rock : the procedural ground of the level, which obeys the constraints of water
-    cell : spacing of level 0 (m)
-    """
+    """Return a level with elevation data over procedural ground, which obeys the constraints of water."""
     data = base.window(source.level, source.origin[1], source.origin[0], *source.base.shape)
     procedural = (1.0 - data.weight.astype(np.float64)) * drained.height
     flow = routed(source, cell, data.weight * data.height + procedural)
@@ -72,13 +62,7 @@ def blended_level(
 def raised_level(
     source: DrainageInput, cell: float, ground: BlendedLevel, painted: PaintedUplift, index: int
 ) -> DrainageInput:
-    """Return what a level with features is drained from in their zone, as a change of the ground.
-
-    Parameters
-    ----------
-    source : with the slopes that features and water ask for
-    painted, index : the features, and the number of the level
-    """
+    """Return what a level with features is drained from in their zone, as a change of the ground."""
     spacing = cell * 2.0**source.level
     height, flow, zone = ground.flow.height, ground.flow, painted.zone_of(index)
     passed = _THROUGH * np.pi * HeightControl(painted, cell).radius(index) ** 2
@@ -105,21 +89,17 @@ def raised(
     drained: Drained,
     factors: Float64Array,
 ) -> tuple[Float64Array, RaisedParts]:
-    """Return what features add to a level (m), and what of it each layer does.
-
-    The change is even where the data have detail of their own. Barriers in it are cut through, and shapes are
-    scaled to their heights. `source` has the slopes of the whole level; `drained` and `factors` are from
-    `drain_painted`.
-    """
-    layers, zone, control = painted.layers, painted.zone_of(index), HeightControl(painted, cell)
+    """Return what features add to a level (m), scaled to their heights, and what of it each layer does."""
+    layers, control = painted.layers, HeightControl(painted, cell)
+    dry = painted.zone_of(index) & np.isnan(source.base) & (source.repose > 0.0)
     solver = on_network(painted.ground[index], cell, drained)
 
     def risen(some: tuple[FeatureLayer, ...]) -> Float64Array:
         uplift = HeightControl(replace(painted, layers=some), cell, factors).uplift(index, solver)
         change = np.nan_to_num(solver.heights(uplift))
-        for axis in (0, 1):
+        for axis in (0, 1):  # The data have the detail.
             change = convolve1d(change, [0.25, 0.5, 0.25], axis, mode="nearest")
-        return np.where(zone, change, 0.0)
+        return np.where(dry, change, 0.0)
 
     change = risen(layers)
     own = [np.maximum(change - risen(tuple(e for e in layers if e is not each)), 0.0) for each in layers]

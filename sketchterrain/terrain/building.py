@@ -157,7 +157,12 @@ def draft_recipe(plan: TerrainPlan, before: TerrainPlan, recipe: TerrainRecipe) 
     before, recipe : an earlier terrain of the same sketch
     """
     ground = recipe[ReliefLayer].painted
-    same = plan.region.key() == before.region.key() and plan.dry.world == before.dry.world
+    old_base, base = before.region.base, plan.region.base
+    same = (plan.region.settings, base, plan.dry.world) == (
+        before.region.settings,
+        old_base,
+        before.dry.world,
+    )
     if not same or ground is None or plan.land.key() == before.land.key():
         return None
     old, new = ((each.land, each.coarse_ground) for each in (before, plan))

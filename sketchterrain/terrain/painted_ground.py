@@ -78,10 +78,6 @@ class RegionSources:
     memory: LRUCache
     base: BaseGround | None = None
 
-    def key(self) -> tuple[object, ...]:
-        """Return all that the ground depends on."""
-        return self.settings, self.base
-
 
 @dataclass(frozen=True, eq=False)
 class PaintedWater:
@@ -254,7 +250,7 @@ def ground_without(
 def _cached_ground(
     region: RegionSources, land: PaintedLand, water: PaintedWater, count: int
 ) -> PaintedGround:
-    key = ("painted ground", *region.key(), land.key(), water.key(), count)
+    key = ("painted ground", region.settings, region.base, land.key(), water.key(), count)
     found: PaintedGround = region.memory.get_or_compute(key, lambda: _drained(region, land, water, count))
     return found
 
@@ -311,7 +307,7 @@ def _cached_blended(region: RegionSources, water: PaintedWater, count: int) -> l
             for source, drained in zip(_watered_ground(region, water, count), bare, strict=True)
         ]
 
-    key = ("blended ground", *region.key(), water.key(), count)
+    key = ("blended ground", region.settings, base, water.key(), count)
     found: list[BlendedLevel] = region.memory.get_or_compute(key, compute)
     return found
 
@@ -407,7 +403,8 @@ def _nodes(
     source = uplift.ground[number]
     rock, height = at_level(uplift.rock, source, uplift.ground[-1]), drained.height
     for ground in blended:
-        rock, height = np.maximum(rock, ground.rock), ground.added(height)
+        rock = np.maximum(rock, ground.rock)
+        height = ground.procedural + (height - ground.flow.height)
     wet = wetness(drained.height, drained.area, cell * 2.0**source.level, cell)
     shares = [np.rint(255 * np.clip(each, 0.0, 1.0)).astype(np.uint8) for each in (rock, wet)]
     return PaintedNodes(

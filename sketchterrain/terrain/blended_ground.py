@@ -21,8 +21,8 @@ from sketchterrain.terrain.drainage import DrainageInput, Drained, carved, confi
 from sketchterrain.terrain.drainage_rounds import LEAST_RISE, LEAST_SLOPE
 from sketchterrain.terrain.painted_uplift import FeatureLayer, HeightControl, PaintedUplift
 
-_THROUGH = 1.0  # circles of features: drainage area from elsewhere, from which on channels stay as they are
-_CUTS = 3  # times that barriers are cut
+_THROUGH = 0.5  # circles of features: drainage area from elsewhere, from which on channels stay as they are
+_CUTS, _SHALLOW = 3, 1.0  # times that barriers are cut, and depth (m) of depressions that stay
 _FLOOR, _FLOOR_SHARE = (
     4.0,
     0.2,
@@ -66,7 +66,10 @@ def raised_level(
     spacing = cell * 2.0**source.level
     height, flow, zone = ground.flow.height, ground.flow, painted.zone_of(index)
     passed = _THROUGH * np.pi * HeightControl(painted, cell).radius(index) ** 2
-    foreign = flow.area * (1.0 - on_network(source, cell, flow).shares_from(zone.astype(np.float64)))
+    core = np.maximum.reduce([layer.inside[index] for layer in painted.layers], initial=0.0)
+    foreign = flow.area * (
+        1.0 - on_network(source, cell, flow).shares_from(np.broadcast_to(core, zone.shape))
+    )
     change = confined(source, ground.unchanged, zone & (foreign < passed))
     slope = np.nan_to_num(np.hypot(*np.gradient(height, spacing)))
     repose = np.maximum(change.repose - _STEEP_SHARE * slope, _LEAST_SHARE * change.repose)
@@ -104,26 +107,33 @@ def raised(
     change = risen(layers)
     own = [np.maximum(change - risen(tuple(e for e in layers if e is not each)), 0.0) for each in layers]
     height, base = ground.flow.height, np.where(np.isnan(source.base), np.nan, 0.0)
-    for cuts in (_CUTS, 0):
+    for cuts in (_CUTS, 0, 0):
         gains = [control.gain(index, *each) for each in zip(layers, own, strict=True)]
         parts = [gain * each for gain, each in zip(gains, own, strict=True)]
         change = change + sum(parts) - sum(own)
         repose = source.repose * np.maximum.reduce(gains)
-        whole = replace(source, base=base, repose=repose, ground=height)
         for _ in range(cuts):
-            change = np.nan_to_num(carved(whole, cell, _opened(change, source, cell, ground)).height)
+            opened = _opened(change, source, cell, ground)
+            away = distance_transform_edt(opened > change - _SHALLOW)
+            repose = repose * np.clip(away / _FLOOR, _FLOOR_SHARE, 1.0)
+            whole = replace(source, base=base, repose=repose, ground=height)
+            change = np.nan_to_num(carved(whole, cell, opened).height)
         own = [np.minimum(each, change) for each in parts]
     change = _opened(change, source, cell, ground)
     return change, [(layer, np.minimum(each, change)) for layer, each in zip(layers, own, strict=True)]
 
 
 def _opened(change: Float64Array, source: DrainageInput, cell: float, ground: BlendedLevel) -> Float64Array:
-    """Return what features add without what dams the flow of the data, from closed depressions on."""
+    """Return what features add, lowered along the data's valleys below what only these can drain."""
     data, path = ground.flow.height.ravel(), ground.flow.receiver.ravel()
     flow = routed(source, cell, ground.flow.height + change)
     total, to = flow.height.ravel(), flow.receiver.ravel()
     for at in np.flatnonzero((to >= 0) & (total[to] > total)).tolist():
-        level, after = total[at], int(path[at])
+        level, after, lowest = total[at], int(to[at]), total[at]
+        while after >= 0 and total[after] > level:
+            lowest = max(lowest, data[after])
+            after = int(to[after])
+        after = int(path[at]) if lowest > level + _SHALLOW else -1
         while after >= 0 and total[after] > level:
             level = max(level - LEAST_RISE, data[after])
             total[after] = level

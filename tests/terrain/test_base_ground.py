@@ -15,6 +15,7 @@ from sketchterrain.placement.placement import place
 from sketchterrain.terrain import painted_ground as grounds
 from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.painted_ground import PaintedLand, PaintedWater, RegionSources
+from sketchterrain.terrain.painted_uplift import _as_read
 from sketchterrain.terrain.relief_fields import UnpaintedSettings
 from sketchterrain.terrain.uplift import painted_outline, uplift_features
 
@@ -108,8 +109,6 @@ def build(sketch, base=None, water=DRY, memory=None, data=False):
 
 def read(nodes):
     """Return what the terrain's splines read at nodes."""
-    from sketchterrain.terrain.painted_uplift import _as_read
-
     return _as_read(nodes)
 
 

@@ -17,9 +17,19 @@ from scipy.ndimage import convolve1d, distance_transform_edt
 
 from sketchterrain.array_types import Float32Array, Float64Array
 from sketchterrain.terrain.base_ground import BaseGround
-from sketchterrain.terrain.drainage import DrainageInput, Drained, carved, confined, on_network, routed
+from sketchterrain.terrain.drainage import (
+    DrainageInput,
+    Drained,
+    at_level,
+    carved,
+    confined,
+    on_network,
+    routed,
+)
 from sketchterrain.terrain.drainage_rounds import LEAST_RISE, LEAST_SLOPE
+from sketchterrain.terrain.node_raster import PaintedNodes
 from sketchterrain.terrain.painted_uplift import FeatureLayer, HeightControl, PaintedUplift
+from sketchterrain.terrain.wetness import wetness
 
 _THROUGH = 0.5  # circles of features: drainage area from elsewhere, from which on channels stay as they are
 _CUTS, _SHALLOW = 3, 1.0  # times that barriers are cut, and depth (m) of depressions that stay
@@ -139,3 +149,24 @@ def _opened(change: Float64Array, source: DrainageInput, cell: float, ground: Bl
             total[after] = level
             after = int(path[after])
     return np.nan_to_num(total - data).reshape(change.shape)
+
+
+def painted_nodes(
+    drained: Drained, uplift: PaintedUplift, number: int, cell: float, blended: Sequence[BlendedLevel] = ()
+) -> PaintedNodes:
+    """Return the nodes of a level; `cell` is the spacing (m) of level 0."""
+    source = uplift.ground[number]
+    rock, height = at_level(uplift.rock, source, uplift.ground[-1]), drained.height
+    for ground in blended:
+        rock = np.maximum(rock, ground.rock)
+        height = ground.procedural + (height - ground.flow.height)
+    wet = wetness(drained.height, drained.area, cell * 2.0**source.level, cell)
+    shares = [np.rint(255 * np.clip(each, 0.0, 1.0)).astype(np.uint8) for each in (rock, wet)]
+    return PaintedNodes(
+        source.origin[1],
+        source.origin[0],
+        height.astype(np.float32),
+        shares[0],
+        shares[1],
+        drained.area.astype(np.float32),
+    )

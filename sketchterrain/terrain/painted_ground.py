@@ -7,7 +7,7 @@ hold what is added to them: see `blended_ground`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import blake2b
@@ -32,6 +32,7 @@ from sketchterrain.terrain.blended_ground import (
     BlendedLevel,
     RaisedParts,
     blended_level,
+    painted_nodes,
     raised,
     raised_level,
 )
@@ -57,7 +58,6 @@ from sketchterrain.terrain.painted_uplift import (
 from sketchterrain.terrain.relief_fields import UnpaintedSettings
 from sketchterrain.terrain.unpainted import unpainted_ground
 from sketchterrain.terrain.uplift import Outline, UpliftFeatures
-from sketchterrain.terrain.wetness import wetness
 
 COARSE_LEVEL = 2
 """The finest level of ground that is drained to lay out rivers and lakes."""
@@ -244,7 +244,7 @@ def ground_without(
     else:
         height = height_without(uplift, ground.network, ground.factors, cell)
         drained = replace(ground.network, height=height)
-    return DrainedRaster.from_drained([_nodes(drained, uplift, 3, cell, blended[3:])])
+    return DrainedRaster.from_drained([painted_nodes(drained, uplift, 3, cell, blended[3:])])
 
 
 def _cached_ground(
@@ -270,7 +270,7 @@ def _drained(region: RegionSources, land: PaintedLand, water: PaintedWater, coun
             finest = routed(ground, cell, finest.height + change)
         else:
             finest = carved(ground, cell, finest.height)
-    nodes = _nodes(finest, uplift, count - 1, cell, blended[-1:])
+    nodes = painted_nodes(finest, uplift, count - 1, cell, blended[-1:])
     raster = DrainedRaster.from_drained([_NO_NODES] * (4 - count) + [nodes])
     return PaintedGround(raster, drained[-1], factors, finest, parts)
 
@@ -394,24 +394,3 @@ def _obeyed(
     floor = water.floor if built is None else np.where(built, np.inf, water.floor)
     repose = np.minimum(source.repose, np.minimum(water.slope, floor))
     return replace(source, course=water.course, base=water.base, repose=repose, least=least)
-
-
-def _nodes(
-    drained: Drained, uplift: PaintedUplift, number: int, cell: float, blended: Sequence[BlendedLevel] = ()
-) -> PaintedNodes:
-    """Return the nodes of a level; `cell` is the spacing (m) of level 0."""
-    source = uplift.ground[number]
-    rock, height = at_level(uplift.rock, source, uplift.ground[-1]), drained.height
-    for ground in blended:
-        rock = np.maximum(rock, ground.rock)
-        height = ground.procedural + (height - ground.flow.height)
-    wet = wetness(drained.height, drained.area, cell * 2.0**source.level, cell)
-    shares = [np.rint(255 * np.clip(each, 0.0, 1.0)).astype(np.uint8) for each in (rock, wet)]
-    return PaintedNodes(
-        source.origin[1],
-        source.origin[0],
-        height.astype(np.float32),
-        shares[0],
-        shares[1],
-        drained.area.astype(np.float32),
-    )

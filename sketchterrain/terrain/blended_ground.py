@@ -129,12 +129,19 @@ def raised(
             whole = replace(source, base=base, repose=repose, ground=height)
             change = np.nan_to_num(carved(whole, cell, opened).height)
         own = [np.minimum(each, change) for each in parts]
-    change = _opened(change, source, cell, ground)
+    change = _opened(change, source, cell, ground, everywhere=True)
     return change, [(layer, np.minimum(each, change)) for layer, each in zip(layers, own, strict=True)]
 
 
-def _opened(change: Float64Array, source: DrainageInput, cell: float, ground: BlendedLevel) -> Float64Array:
-    """Return what features add, lowered along the data's valleys below what only these can drain."""
+def _opened(
+    change: Float64Array,
+    source: DrainageInput,
+    cell: float,
+    ground: BlendedLevel,
+    *,
+    everywhere: bool = False,
+) -> Float64Array:
+    """Return what features add, cut along the data's valleys where only these can drain, or everywhere."""
     data, path = ground.flow.height.ravel(), ground.flow.receiver.ravel()
     flow = routed(source, cell, ground.flow.height + change)
     total, to = flow.height.ravel(), flow.receiver.ravel()
@@ -143,11 +150,13 @@ def _opened(change: Float64Array, source: DrainageInput, cell: float, ground: Bl
         while after >= 0 and total[after] > level:
             lowest = max(lowest, data[after])
             after = int(to[after])
-        after = int(path[at]) if lowest > level + _SHALLOW else -1
+        is_blocked = lowest > level + _SHALLOW
+        way = path if is_blocked else to
+        after = int(way[at]) if is_blocked or everywhere else -1
         while after >= 0 and total[after] > level:
             level = max(level - LEAST_RISE, data[after])
             total[after] = level
-            after = int(path[after])
+            after = int(way[after])
     return np.nan_to_num(total - data).reshape(change.shape)
 
 

@@ -134,8 +134,8 @@ class PatchSurface:
         fixed = east, north, self._slots, self._index, self._wendland, values, found, means
         in_threads(lambda first, last: _evaluate(*fixed, first, last), len(east), _CHUNK)
         shape = np.shape(x)
-        height, *rest = found.reshape(5, *shape)
-        return Heights(height, *rest, means=means.reshape(-1, *shape))
+        height, along, across, weight, patches = found.reshape(5, *shape)
+        return Heights(height, along, across, weight, patches, means.reshape(-1, *shape))
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -24,7 +24,7 @@ from sketchterrain.placement.covers import create_covers
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.placement import place
 from sketchterrain.placement.plateaus import create_plateaus
-from sketchterrain.placement.sea import create_sea
+from sketchterrain.placement.sea import Sea, create_sea
 from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.centrelines import valley_radius
 from sketchterrain.terrain.edits import apply_fill_edits, apply_painted_edits
@@ -45,6 +45,7 @@ from sketchterrain.terrain.painted_ground import (
     COARSE_LEVEL,
     PaintedLand,
     PaintedWater,
+    RegionSources,
     data_heights,
     drafted_ground,
     ground_without,
@@ -123,11 +124,7 @@ def recipe_of_plan(
     sketch: Sketch, plan: TerrainPlan, memory: LRUCache, checkpoint: Callable[[], None] = lambda: None
 ) -> TerrainRecipe:
     """Return the recipe of a sketch from its plan; see `make_recipe`."""
-    relief = ReliefLayer(
-        UnpaintedNodes(plan.settings),
-        painted_ground(plan.settings, plan.land, plan.water, memory, plan.base),
-        plan.base,
-    )
+    relief = _relief(plan.region, painted_ground(plan.region, plan.land, plan.water))
     dry, bare = (each.with_layers([relief]) for each in (plan.dry, plan.bare))
     checkpoint()
     plateaus = PlateausLayer(create_plateaus(with_vectors_painted(sketch, memory), _ground(bare), memory))
@@ -161,19 +158,16 @@ def draft_recipe(plan: TerrainPlan, before: TerrainPlan, recipe: TerrainRecipe) 
     before, recipe : an earlier terrain of the same sketch
     """
     ground = recipe[ReliefLayer].painted
-    same = all(
-        one == other
-        for one, other in (
-            (plan.settings, before.settings),
-            (plan.base, before.base),
-            (plan.dry.world, before.dry.world),
-        )
+    old_base, base = before.region.base, plan.region.base
+    same = (plan.region.settings, base, plan.dry.world) == (
+        before.region.settings,
+        old_base,
+        before.dry.world,
     )
     if not same or ground is None or plan.land.key() == before.land.key():
         return None
     old, new = ((each.land, each.coarse_ground) for each in (before, plan))
-    drafted = drafted_ground(ground, old, new, plan.settings.spacing)
-    relief = ReliefLayer(UnpaintedNodes(plan.settings), drafted, plan.base)
+    relief = _relief(plan.region, drafted_ground(ground, old, new, plan.region.settings.spacing))
     return plan.dry.with_layers(
         [relief, recipe[PlateausLayer], recipe[LakesLayer], recipe[CorridorsLayer], recipe[SeaLayer]]
     )
@@ -182,9 +176,9 @@ def draft_recipe(plan: TerrainPlan, before: TerrainPlan, recipe: TerrainRecipe) 
 def _streams(sketch: Sketch, plan: TerrainPlan, recipe: TerrainRecipe, memory: LRUCache) -> list[RiverCourse]:
     """Return the courses of streams."""
     octaves = recipe.sampling(FINEST_CELL).octaves
-    plateaus = _outline(sketch, "plateau", plan.settings.spacing, memory)
+    plateaus = _outline(sketch, "plateau", plan.region.settings.spacing, memory)
     return stream_courses(
-        painted_flow(plan.settings, plan.land, plan.water, memory, plan.base, plateaus),
+        painted_flow(plan.region, plan.land, plan.water, plateaus),
         plan.layout.courses,
         size=sketch.size,
         runoff=1.0 - float(sketch.climate["aridity"]),
@@ -198,8 +192,7 @@ def relief_without(sketch: Sketch, layer: str, memory: LRUCache) -> ReliefLayer:
     """Return the drained ground without the uplift of a layer's painted features, on the same network."""
     plan = plan_terrain(sketch, memory)
     removed = plan.land.features.is_rock if layer == "mountain" else ~plan.land.features.is_rock
-    ground = ground_without(plan.settings, plan.land, plan.water, memory, removed, plan.base)
-    return ReliefLayer(UnpaintedNodes(plan.settings), ground, plan.base)
+    return _relief(plan.region, ground_without(plan.region, plan.land, plan.water, removed))
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,8 +201,7 @@ class TerrainPlan:
 
     dry: TerrainRecipe
     bare: TerrainRecipe  # without covers and rules, on which heights do not depend
-    settings: UnpaintedSettings
-    base: BaseGround | None
+    region: RegionSources
     land: PaintedLand
     coarse_ground: DrainedRaster
     layout: WaterLayout
@@ -228,13 +220,13 @@ def plan_terrain(
     adopted = apply_fill_edits(fill, sketch.edits, size=sketch.size)
     world = WorldSettings(sketch.extent, sketch.seed, sketch.fidelity)
     settings = UnpaintedSettings.from_sketch(sketch)
-    base = _base_ground(sketch, settings, memory)
+    region = RegionSources(settings, memory, _base_ground(sketch, settings, memory))
     dry = TerrainRecipe(
         world,
         sketch.climate,
         layer_stack(
             extent=sketch.extent,
-            relief=ReliefLayer(UnpaintedNodes(settings), base=base),
+            relief=_relief(region),
             painted=painted.points,
             fill=replace(fill, replaced=adopted.replaced),
             covers=create_covers(sketch, cache=memory),
@@ -249,26 +241,24 @@ def plan_terrain(
     dry = dry.with_layers([points, DunesLayer(points.dune_styles)])
     bare = replace(dry.with_layers([CoversLayer(())]), climate={}, material_rules=())
     sea = create_sea(sketch, cache=memory)
-    data = None if base is None else data_heights(settings, PaintedWater(sea=sea), memory, base)
-    land = _painted_land(sketch, points.painted, settings.spacing, memory, data)
+    land = _painted_land(sketch, points.painted, region, sea)
     checkpoint()
 
-    coarse = painted_ground(settings, land, PaintedWater(sea=sea), memory, base, coarse=True)
-    relief = ReliefLayer(UnpaintedNodes(settings), coarse, base)
-    first = _ground(bare.with_layers([relief]), 1 << COARSE_LEVEL)
+    coarse = painted_ground(region, land, PaintedWater(sea=sea), coarse=True)
+    first = _ground(bare.with_layers([_relief(region, coarse)]), 1 << COARSE_LEVEL)
     checkpoint()
     layout = lay_out_water(given, seed=sketch.seed, ground=first, cache=memory, checkpoint=checkpoint)
     lakes = tuple(lake for lake in layout.lakes if lake.label)
     checkpoint()
     bare_land = PaintedLand(land.features.of(np.zeros(0, np.int64)), {})
-    without = painted_ground(settings, bare_land, PaintedWater(sea=sea), memory, base, coarse=True)
-    without_features = _ground(bare.with_layers([replace(relief, painted=without)]), 1 << COARSE_LEVEL)
+    without = painted_ground(region, bare_land, PaintedWater(sea=sea), coarse=True)
+    without_features = _ground(bare.with_layers([_relief(region, without)]), 1 << COARSE_LEVEL)
     outlets = lake_outlets(lakes, layout.courses, without_features)
     bare_slopes, slopes = course_slopes(layout.courses, without_features, land.features.cover)
     floors = tuple(valley_floors(layout.courses, bare_slopes))
     water = PaintedWater(layout.courses, slopes, floors, bare_slopes, lakes, outlets, sea)
     orphans = (*painted.orphans, *adopted.orphans)
-    return TerrainPlan(dry, bare, settings, base, land, coarse, layout, water, orphans)
+    return TerrainPlan(dry, bare, region, land, coarse, layout, water, orphans)
 
 
 def _base_ground(sketch: Sketch, settings: UnpaintedSettings, memory: LRUCache) -> BaseGround | None:
@@ -280,11 +270,17 @@ def _base_ground(sketch: Sketch, settings: UnpaintedSettings, memory: LRUCache) 
     return memory.get_or_compute(("base ground", ground), lambda: ground)
 
 
+def _relief(region: RegionSources, painted: DrainedRaster | None = None) -> ReliefLayer:
+    return ReliefLayer(UnpaintedNodes(region.settings), painted, region.base)
+
+
 def _painted_land(
-    sketch: Sketch, points: StructuredArray, cell: float, memory: LRUCache, data: GroundHeight | None
+    sketch: Sketch, points: StructuredArray, region: RegionSources, sea: Sea | None
 ) -> PaintedLand:
+    cell, memory = region.settings.spacing, region.memory
     outlines = {layer: _outline(sketch, layer, cell, memory) for layer in ("mountain", "hill")}
     found = {layer: outline for layer, outline in outlines.items() if outline is not None}
+    data = None if region.base is None else data_heights(region, PaintedWater(sea=sea))
     return PaintedLand(uplift_features(sketch, points, memory, data), found)
 
 

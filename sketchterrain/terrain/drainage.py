@@ -21,15 +21,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int32Array
 from sketchterrain.terrain import drainage_levels, drainage_rounds
-
-Number = TypeVar("Number", bound=np.generic)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +206,7 @@ def coarsened(source: DrainageInput) -> DrainageInput:
     )
 
 
-def at_level(values: npt.NDArray[Number], level: DrainageInput, finest: DrainageInput) -> npt.NDArray[Number]:
+def at_level(values: npt.NDArray[Any], level: DrainageInput, finest: DrainageInput) -> npt.NDArray[Any]:
     """Return values at nodes of a level by those at nodes of the finest one."""
     step = 1 << (level.level - finest.level)
     south, west = (step * a - b for a, b in zip(level.origin, finest.origin, strict=True))

@@ -1,13 +1,13 @@
 """The painted region of the drained ground.
 
 It is drained to rivers, lakes and the sea without features, then anew in zones around features, to the ground
-as it was. Barriers that are left where water leaves the zones are cut through. Over elevation data, nodes hold
-only what is added to these: see `blended_ground`.
+as it was. Barriers that are left where water leaves the zones are cut through. Over elevation data, nodes
+hold what is added to them: see `blended_ground`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import blake2b
@@ -28,7 +28,14 @@ from sketchterrain.hydrology.streams import Flow
 from sketchterrain.placement.feature_types import Lake
 from sketchterrain.placement.sea import Sea
 from sketchterrain.terrain.base_ground import BaseGround
-from sketchterrain.terrain.blended_ground import BlendedLevel, blended_level, changed, raised, raised_level
+from sketchterrain.terrain.blended_ground import (
+    BlendedLevel,
+    RaisedParts,
+    blended_level,
+    painted_nodes,
+    raised,
+    raised_level,
+)
 from sketchterrain.terrain.drainage import (
     BARE_ROUNDS,
     DrainageInput,
@@ -51,7 +58,6 @@ from sketchterrain.terrain.painted_uplift import (
 from sketchterrain.terrain.relief_fields import UnpaintedSettings
 from sketchterrain.terrain.unpainted import unpainted_ground
 from sketchterrain.terrain.uplift import Outline, UpliftFeatures
-from sketchterrain.terrain.wetness import wetness
 
 COARSE_LEVEL = 2
 """The finest level of ground that is drained to lay out rivers and lakes."""
@@ -62,6 +68,15 @@ _DRY_NODE = np.zeros((1, 1), np.uint8)
 _NO_NODES = PaintedNodes(
     0, 0, np.full((1, 1), np.nan, np.float32), _DRY_NODE, _DRY_NODE, np.zeros((1, 1), np.float32)
 )
+
+
+@dataclass(frozen=True, eq=False)
+class RegionSources:
+    """What the painted region is drained from, but for paint; and a cache of what was drained."""
+
+    settings: UnpaintedSettings
+    memory: LRUCache
+    base: BaseGround | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +111,7 @@ class PaintedGround:
     network: Drained
     factors: Float64Array
     finest: Drained  # with barriers cut through, and with elevation data
-    parts: Sequence[Float64Array]  # what layers of features add to these (m)
+    parts: RaisedParts  # what layers of features add to elevation data
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,26 +160,17 @@ class PaintedLand:
 
 
 def painted_ground(
-    settings: UnpaintedSettings,
-    land: PaintedLand,
-    water: PaintedWater,
-    memory: LRUCache,
-    base: BaseGround | None = None,
-    *,
-    coarse: bool = False,
+    region: RegionSources, land: PaintedLand, water: PaintedWater, *, coarse: bool = False
 ) -> DrainedRaster:
     """Return the painted region as it is drained, or its coarse levels with empty finer ones."""
-    return _cached_ground(settings, land, water, memory, base, 4 - COARSE_LEVEL if coarse else 4).raster
+    return _cached_ground(region, land, water, 4 - COARSE_LEVEL if coarse else 4).raster
 
 
-def data_heights(
-    settings: UnpaintedSettings, water: PaintedWater, memory: LRUCache, base: BaseGround
-) -> GroundHeight:
+def data_heights(region: RegionSources, water: PaintedWater) -> GroundHeight:
     """Return heights (m) of the region with elevation data and without features, by its coarse nodes."""
     count = 4 - COARSE_LEVEL
-    source = _cached_levels(settings, memory)[0][count - 1]
-    nodes = np.nan_to_num(_cached_blended(settings, water, memory, base, count)[-1].flow.height)
-    raster = _raster(source, settings.spacing)
+    raster = _raster(_cached_levels(region)[0][count - 1], region.settings.spacing)
+    nodes = np.nan_to_num(_cached_blended(region, water, count)[-1].flow.height)
 
     def heights(x: Float64Array, y: Float64Array) -> Float64Array:
         at = (y - raster.south) / raster.spacing, (x - raster.west) / raster.spacing
@@ -206,178 +212,133 @@ def drafted_ground(
 
 
 def painted_flow(
-    settings: UnpaintedSettings,
-    land: PaintedLand,
-    water: PaintedWater,
-    memory: LRUCache,
-    base: BaseGround | None = None,
-    plateaus: Outline | None = None,
+    region: RegionSources, land: PaintedLand, water: PaintedWater, plateaus: Outline | None = None
 ) -> Flow:
     """Return how the painted region drains, level 0; plateaus and elevation data bar streams."""
-    finest = _cached_ground(settings, land, water, memory, base, 4).finest
-    source = _cached_levels(settings, memory)[0][-1]
-    constraints = _cached_constraints(source, settings, water, memory)
+    finest, spacing = _cached_ground(region, land, water, 4).finest, region.settings.spacing
+    source = _cached_levels(region)[0][-1]
+    constraints = _cached_constraints(source, region, water)
     wet = (constraints.course >= 0) | (constraints.slope <= 0.0)
     wet |= ~np.isnan(constraints.base) & np.isnan(source.base)
     barred = np.zeros(wet.shape, np.bool_)
     if plateaus is not None:
-        barred = plateaus.depth_at(source.origin, wet.shape) > -settings.spacing
-    if base is not None:
-        barred |= _cached_blended(settings, water, memory, base, 4)[-1].weight > 0.0
-    raster = _raster(source, settings.spacing)
+        barred = plateaus.depth_at(source.origin, wet.shape) > -spacing
+    for each in _cached_blended(region, water, 4)[3:]:
+        barred |= each.weight > 0.0
+    raster = _raster(source, spacing)
     return Flow(
         raster, finest.height, finest.area, finest.receiver, wet, barred, lake=constraints.slope <= 0.0
     )
 
 
 def ground_without(
-    settings: UnpaintedSettings,
-    land: PaintedLand,
-    water: PaintedWater,
-    memory: LRUCache,
-    removed: BoolArray,
-    base: BaseGround | None = None,
+    region: RegionSources, land: PaintedLand, water: PaintedWater, removed: BoolArray
 ) -> DrainedRaster:
     """Return the painted region without the uplift of some features, on the network drained with all."""
-    ground = _cached_ground(settings, land, water, memory, base, 4)
-    blended = _cached_blended(settings, water, memory, base, 4)
-    uplift = _uplift(settings, land.without(removed), water, memory, blended, 4)
+    ground, cell = _cached_ground(region, land, water, 4), region.settings.spacing
+    blended = _cached_blended(region, water, 4)
+    uplift = _uplift(region, land.without(removed), water, 4)
     if blended:
-        layers = _uplift(settings, land, water, memory, blended, 4).layers
-        own = [part for layer, part in zip(layers, ground.parts, strict=True) if removed[layer.members].all()]
-        drained = replace(ground.finest, height=ground.finest.height - sum(own))
+        own = sum(part for layer, part in ground.parts if removed[layer.members].all())
+        drained = replace(ground.finest, height=ground.finest.height - own)
     else:
-        height = height_without(uplift, ground.network, ground.factors, settings.spacing)
+        height = height_without(uplift, ground.network, ground.factors, cell)
         drained = replace(ground.network, height=height)
-    return DrainedRaster.from_drained([_nodes(drained, uplift, 3, settings.spacing, blended[3:])])
+    return DrainedRaster.from_drained([painted_nodes(drained, uplift, 3, cell, blended[3:])])
 
 
 def _cached_ground(
-    settings: UnpaintedSettings,
-    land: PaintedLand,
-    water: PaintedWater,
-    memory: LRUCache,
-    base: BaseGround | None,
-    count: int,
+    region: RegionSources, land: PaintedLand, water: PaintedWater, count: int
 ) -> PaintedGround:
-    key = ("painted ground", settings, land.key(), water.key(), base, count)
-    found: PaintedGround = memory.get_or_compute(
-        key, lambda: _drained(settings, land, water, memory, base, count)
-    )
+    key = ("painted ground", region.settings, region.base, land.key(), water.key(), count)
+    found: PaintedGround = region.memory.get_or_compute(key, lambda: _drained(region, land, water, count))
     return found
 
 
-def _drained(
-    settings: UnpaintedSettings,
-    land: PaintedLand,
-    water: PaintedWater,
-    memory: LRUCache,
-    base: BaseGround | None,
-    count: int,
-) -> PaintedGround:
-    cell = settings.spacing
-    blended = _cached_blended(settings, water, memory, base, count)
-    bare = [each.unchanged for each in blended] or _cached_bare(settings, water, memory, count)
-    uplift = _uplift(settings, land, water, memory, blended, count)
+def _drained(region: RegionSources, land: PaintedLand, water: PaintedWater, count: int) -> PaintedGround:
+    cell, blended = region.settings.spacing, _cached_blended(region, water, count)
+    bare = [each.unchanged for each in blended] or _cached_bare(region, water, count)
+    uplift = _uplift(region, land, water, count)
     drained, factors = drain_painted(uplift, cell, bare)
-    finest, parts = blended[-1].flow if blended else drained[-1], []
+    finest = blended[-1].flow if blended else drained[-1]
+    parts: RaisedParts = ()
     if drained[-1] is not bare[-1]:
-        ground = _watered_ground(settings, water, memory, count)[-1]
-        repose = np.maximum(ground.repose, uplift.ground[count - 1].repose)
+        ground = _watered_ground(region, water, count)[-1]
+        ground = replace(ground, repose=np.maximum(ground.repose, uplift.ground[count - 1].repose))
         if blended:
-            whole = changed(replace(ground, repose=repose), blended[-1])
-            change, parts = raised(uplift, count - 1, whole, cell, drained[-1], factors)
+            change, parts = raised(uplift, count - 1, ground, cell, blended[-1], drained[-1], factors)
             finest = routed(ground, cell, finest.height + change)
         else:
-            finest = carved(replace(ground, repose=repose), cell, finest.height)
-    nodes = _nodes(finest, uplift, count - 1, cell, blended[-1:])
-    return PaintedGround(
-        DrainedRaster.from_drained([_NO_NODES] * (4 - count) + [nodes]), drained[-1], factors, finest, parts
-    )
+            finest = carved(ground, cell, finest.height)
+    nodes = painted_nodes(finest, uplift, count - 1, cell, blended[-1:])
+    raster = DrainedRaster.from_drained([_NO_NODES] * (4 - count) + [nodes])
+    return PaintedGround(raster, drained[-1], factors, finest, parts)
 
 
-def _uplift(
-    settings: UnpaintedSettings,
-    land: PaintedLand,
-    water: PaintedWater,
-    memory: LRUCache,
-    blended: Sequence[BlendedLevel],
-    count: int,
-) -> PaintedUplift:
+def _uplift(region: RegionSources, land: PaintedLand, water: PaintedWater, count: int) -> PaintedUplift:
     """Return the uplift of features on ground that is drained around them and to water."""
-    unpainted, rock = _cached_levels(settings, memory)
-    uplift = land.uplift(unpainted[-1], settings.spacing, np.zeros_like(rock) if blended else rock)
-    bare = [] if blended else _cached_bare(settings, water, memory, count)
+    (unpainted, rock), cell = _cached_levels(region), region.settings.spacing
+    blended = _cached_blended(region, water, count)
+    bare = [] if blended else _cached_bare(region, water, count)
+    uplift = land.uplift(unpainted[-1], cell, np.zeros_like(rock) if blended else rock)
     levels = []
     for k, (ground, before) in enumerate(zip(uplift.ground[:count], unpainted, strict=False)):
-        constraints = _cached_constraints(ground, settings, water, memory)
+        constraints = _cached_constraints(ground, region, water)
         built = np.any([layer.inside[k] > 0.0 for layer in uplift.layers], axis=0)
         if blended:
             obeyed = _obeyed(ground, constraints, built | (blended[k].weight >= 1.0))
-            levels.append(raised_level(obeyed, settings.spacing, blended[k], uplift, k))
+            levels.append(raised_level(obeyed, cell, blended[k], uplift, k))
         else:
             obeyed = _obeyed(replace(ground, least=before.least), constraints, built)
             levels.append(confined(obeyed, bare[k], uplift.zone_of(k)))
     return replace(uplift, ground=(*levels, *uplift.ground[count:]))
 
 
-def _cached_blended(
-    settings: UnpaintedSettings, water: PaintedWater, memory: LRUCache, base: BaseGround | None, count: int
-) -> list[BlendedLevel]:
+def _cached_blended(region: RegionSources, water: PaintedWater, count: int) -> list[BlendedLevel]:
     """Return levels of the region with elevation data, coarsest first; none without."""
+    base, cell, water = region.base, region.settings.spacing, water.bare()
     if base is None:
         return []
 
     def compute() -> list[BlendedLevel]:
-        levels, rock = _cached_levels(settings, memory)
-        sources = _watered_ground(settings, water.bare(), memory, count)
-        bare = _cached_bare(settings, water, memory, count)
+        (levels, rock), bare = _cached_levels(region), _cached_bare(region, water, count)
         return [
-            blended_level(base, source, settings.spacing, drained, at_level(rock, source, levels[-1]))
-            for source, drained in zip(sources, bare, strict=True)
+            blended_level(base, source, cell, drained, at_level(rock, source, levels[-1]))
+            for source, drained in zip(_watered_ground(region, water, count), bare, strict=True)
         ]
 
-    key = ("blended ground", settings, water.bare().key(), base, count)
-    found: list[BlendedLevel] = memory.get_or_compute(key, compute)
+    key = ("blended ground", region.settings, base, water.key(), count)
+    found: list[BlendedLevel] = region.memory.get_or_compute(key, compute)
     return found
 
 
-def _cached_bare(
-    settings: UnpaintedSettings, water: PaintedWater, memory: LRUCache, count: int
-) -> list[Drained]:
+def _cached_bare(region: RegionSources, water: PaintedWater, count: int) -> list[Drained]:
     """Return levels of the region with water but without features, coarsest first."""
-    water = water.bare()
-    key = ("bare ground", settings, water.key(), count)
-    found: list[Drained] = memory.get_or_compute(
-        key,
-        lambda: drain(_watered_ground(settings, water, memory, count), settings.spacing, BARE_ROUNDS[:count]),
+    water, cell = water.bare(), region.settings.spacing
+    key = ("bare ground", region.settings, water.key(), count)
+    found: list[Drained] = region.memory.get_or_compute(
+        key, lambda: drain(_watered_ground(region, water, count), cell, BARE_ROUNDS[:count])
     )
     return found
 
 
-def _watered_ground(
-    settings: UnpaintedSettings, water: PaintedWater, memory: LRUCache, count: int
-) -> list[DrainageInput]:
+def _watered_ground(region: RegionSources, water: PaintedWater, count: int) -> list[DrainageInput]:
     """Return levels of the region without features, obeying the constraints of water; coarsest first."""
-    return [
-        _obeyed(each, _cached_constraints(each, settings, water, memory))
-        for each in _cached_levels(settings, memory)[0][:count]
-    ]
+    levels = _cached_levels(region)[0][:count]
+    return [_obeyed(each, _cached_constraints(each, region, water)) for each in levels]
 
 
-def _cached_levels(
-    settings: UnpaintedSettings, memory: LRUCache
-) -> tuple[tuple[DrainageInput, ...], Float32Array]:
+def _cached_levels(region: RegionSources) -> tuple[tuple[DrainageInput, ...], Float32Array]:
     """Return what levels of the painted region are drained from without paint, coarsest first; its rock."""
 
     def compute() -> tuple[tuple[DrainageInput, ...], Float32Array]:
-        source, rock = _region(settings)
+        source, rock = _region(region.settings)
         levels = [source]
         while len(levels) < len(BARE_ROUNDS):
             levels.append(coarsened(levels[-1]))
-        return tuple(ramped(each, settings.spacing) for each in levels[::-1]), rock
+        return tuple(ramped(each, region.settings.spacing) for each in levels[::-1]), rock
 
-    return memory.get_or_compute(("unpainted region", settings), compute)
+    return region.memory.get_or_compute(("unpainted region", region.settings), compute)
 
 
 def _region(settings: UnpaintedSettings) -> tuple[DrainageInput, Float32Array]:
@@ -394,11 +355,11 @@ def _region(settings: UnpaintedSettings) -> tuple[DrainageInput, Float32Array]:
 
 
 def _cached_constraints(
-    source: DrainageInput, settings: UnpaintedSettings, water: PaintedWater, memory: LRUCache
+    source: DrainageInput, region: RegionSources, water: PaintedWater
 ) -> DrainageConstraints:
-    key = ("constraints", settings, water.key(), source.level)
-    found: DrainageConstraints = memory.get_or_compute(
-        key, lambda: _constraints(source, settings.spacing, water)
+    key = ("constraints", region.settings, water.key(), source.level)
+    found: DrainageConstraints = region.memory.get_or_compute(
+        key, lambda: _constraints(source, region.settings.spacing, water)
     )
     return found
 
@@ -433,23 +394,3 @@ def _obeyed(
     floor = water.floor if built is None else np.where(built, np.inf, water.floor)
     repose = np.minimum(source.repose, np.minimum(water.slope, floor))
     return replace(source, course=water.course, base=water.base, repose=repose, least=least)
-
-
-def _nodes(
-    drained: Drained, uplift: PaintedUplift, number: int, cell: float, blended: Sequence[BlendedLevel] = ()
-) -> PaintedNodes:
-    """Return the nodes of a level; `cell` is the spacing (m) of level 0."""
-    source = uplift.ground[number]
-    rock, height = at_level(uplift.rock, source, uplift.ground[-1]), drained.height
-    for ground in blended:
-        rock, height = np.maximum(rock, ground.rock), ground.added(height)
-    wet = wetness(drained.height, drained.area, cell * 2.0**source.level, cell)
-    shares = [np.rint(255 * np.clip(each, 0.0, 1.0)).astype(np.uint8) for each in (rock, wet)]
-    return PaintedNodes(
-        source.origin[1],
-        source.origin[0],
-        height.astype(np.float32),
-        shares[0],
-        shares[1],
-        drained.area.astype(np.float32),
-    )

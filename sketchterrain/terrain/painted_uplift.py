@@ -20,6 +20,7 @@ from types import MappingProxyType
 
 import numpy as np
 from numba import njit
+from scipy.ndimage import distance_transform_edt
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
 from sketchterrain.terrain.drainage import (
@@ -62,7 +63,7 @@ _FOREIGN = 1.5  # weight of drainage area from elsewhere: streams that come from
 _NEIGHBOUR = 0.15  # weight of features of other shapes inside a shape
 _ROCK_DEPTH = 0.3  # visible radii inside the outline, where all is rock
 _LIFT, _GAIN_CLIP = 0.2, 1.5
-_SUMMIT = 0.5  # visible radii inside the outline, beyond which ground counts as summit
+_SUMMIT = 0.3  # visible radii inside the outline, beyond which ground counts as summit
 _LEAST_FACTOR, _MOST_FACTOR = 0.1, 8.0
 ADJUST_SHARE = 0.7  # of what features lack: what they gain at a routing; at the last one, all
 PASSES = 2  # adjustments of whole shapes, at the last routing
@@ -221,9 +222,8 @@ def _as_read(nodes: Float64Array) -> Float64Array:
 def _highest(features: UpliftFeatures) -> Float64Array:
     """Return the greatest height (m) of the features of each shape."""
     highest = np.full(int(features.shape.max()) + 1, 1e-9)
-    np.maximum.at(
-        highest, features.shape, np.where(np.isinf(features.summit), features.height, features.summit)
-    )
+    top = np.where(np.isinf(features.summit), features.height, features.summit)
+    np.maximum.at(highest, features.shape, top)
     return highest
 
 
@@ -291,21 +291,20 @@ class HeightControl:
         for layer, part in zip(painted.layers, parts, strict=True):
             without = solver.heights(ground + np.maximum(sum(parts) - part, 0.0))
             factors, effect = self.factors[layer.members], _as_read(height - without)
-            below = self._below(layer, index)
+            owner, below = layer.owner, self._below(layer, index)
             if whole:
                 shape = painted.features.shape[layer.members]
-                aims = layer.highest, shape, layer.owner, below
-                _adjust_shapes(effect, aims, start, step, factors, share)
+                _adjust_shapes(effect, (layer.highest, shape, owner, below), start, step, factors, share)
             else:
-                aims = layer.target, layer.owner, below
-                _adjust_factors(effect, aims, start, step, factors, share)
+                _adjust_factors(effect, (layer.target, owner, below), start, step, factors, share)
             self.factors[layer.members] = factors
 
     def gain(self, index: int, layer: FeatureLayer, effect: Float64Array) -> Float64Array:
-        """Return by how much the effect (m) of a layer at a level falls short of the heights of its shapes."""
+        """Return by how much a layer's effect (m) at a level falls short of its shapes' heights."""
         _, start, step = self._place(index)
         gains, shape = np.ones(len(layer.members)), self._painted.features.shape[layer.members]
-        aims = layer.highest, shape, layer.owner, self._below(layer, index)
+        nearest = distance_transform_edt(layer.owner < 0, return_distances=False, return_indices=True)
+        aims = layer.highest, shape, layer.owner[tuple(nearest)], self._below(layer, index)
         _adjust_shapes(_as_read(effect), aims, start, step, gains, 1.0)
         return self._spread(layer, index, gains)
 
@@ -313,7 +312,7 @@ class HeightControl:
         """Return the radius (m) of features near the nodes of a level, at least 1."""
         radius = self._painted.features.radius
         found = [self._spread(each, index, radius[each.members]) for each in self._painted.layers]
-        return np.maximum.reduce(found, initial=1.0)
+        return np.asarray(np.maximum.reduce(found, initial=1.0))
 
     def _below(self, layer: FeatureLayer, index: int) -> Float64Array:
         """Return the height (m) of the ground at a level's nodes where heights are elevations, else 0."""
@@ -335,16 +334,10 @@ class HeightControl:
     def _spread(self, layer: FeatureLayer, index: int, factors: Float64Array) -> Float64Array:
         """Return the means of factors of a layer's members at the nodes of a level."""
         level, start, step = self._place(index)
-        rows, columns = level.base.shape
         centre = self._centre[0][layer.members], self._centre[1][layer.members]
-        found: Float64Array = _mean_factors(
-            centre,
-            self._radius[layer.members],
-            factors,
-            (start, step, (rows, columns)),
-            (self._painted.features.region[layer.members], layer.region),
-        )
-        return found
+        regions = self._painted.features.region[layer.members], layer.region
+        place, radius = (start, step, level.base.shape), self._radius[layer.members]
+        return np.asarray(_mean_factors(centre, radius, factors, place, regions))
 
     def _place(self, index: int) -> tuple[DrainageInput, tuple[int, int], int]:
         """Return a level, its first node among those of level 0, and its spacing."""

@@ -63,18 +63,13 @@ class UpliftFeatures(NamedTuple):
 
 
 def uplift_features(
-    sketch: Sketch,
-    points: StructuredArray,
-    cache: LRUCache | None = None,
-    ground: GroundHeight | None = None,
+    sketch: Sketch, points: StructuredArray, cache: LRUCache | None = None, data: GroundHeight | None = None
 ) -> UpliftFeatures:
     """Return the mountains and hills among placed features (``FEATURE``), with heights as they are built.
 
     A feature belongs to the shape that its id names, wherever it was moved to; one that was added is a shape
-    of its own, with its radius as inradius.
-
-    Shapes whose heights are elevations rise to these from the mean height of the `ground` at their features;
-    without elevation data (None) they are added, too. Features on higher ground raise nothing.
+    of its own, with its radius as inradius. With elevation `data`, shapes whose heights are elevations rise
+    to these from the mean height of the data at their features; features on higher ground raise nothing.
     """
     cache = LRUCache() if cache is None else cache
     points = points[np.isin(points["type"], [FEATURE_TYPES.index(name) for name in ("mountain", "hill")])]
@@ -100,18 +95,15 @@ def uplift_features(
         for k in np.flatnonzero(alone | (own > (1.0 + 1e-6) * whole)).tolist():
             highest = built_height(float(own[k]), float(wide[k]), sketch.fidelity, float(limit[shape[k]]))
             own[k] = highest if alone[k] else max(highest, whole[k])
-        at = of_type[top[shape] > -np.inf]
-        if ground is not None and len(at):
-            risen = top[shape] > -np.inf
-            shape, share = shape[risen], own[risen] / np.maximum(whole[risen], 1e-9)
-            level = ground(points["x"][at].astype(np.float64), points["y"][at].astype(np.float64))
-            mean = np.bincount(shape, level) / np.maximum(np.bincount(shape), 1)
-            rise = np.zeros(len(mean))
-            for k in np.unique(shape).tolist():
-                asked = max(float(top[k] - mean[k]), 0.0)
-                rise[k] = built_height(asked, float(inradius[k]), sketch.fidelity, float(limit[k]))
-            summit[at] = mean[shape] + share * rise[shape]
-            own[risen] = np.where(rise[shape] > 0.0, np.maximum(summit[at] - level, 0.0), 0.0)
+        for k in np.flatnonzero(top > -np.inf).tolist():
+            at = of_type[shape == k]
+            if data is None or not len(at):
+                continue
+            ground = data(*(points[axis][at].astype(np.float64) for axis in ("x", "y")))
+            mean = float(ground.mean())
+            rise = built_height(float(top[k]) - mean, float(inradius[k]), sketch.fidelity, float(limit[k]))
+            summit[at] = mean + own[shape == k] / max(built[k], 1e-9) * max(rise, 0.0)
+            own[shape == k] = np.maximum(summit[at] - ground, 0.0) * (rise > 0.0)
         height[of_type] = own
     return UpliftFeatures(
         points["x"].astype(np.float64),
@@ -133,7 +125,8 @@ def _shapes_of(
 ) -> tuple[Int64Array, Float64Array, Float64Array, Float64Array, Float64Array]:
     """Return each feature's shape; inradii, built heights (m), height limits and elevations of shapes.
 
-    Elevations (m) are −inf where heights are added to the ground. Features that were added have shapes of their own, with inradius 0.
+    Elevations (m) are −inf where heights are added to the ground. Features that were added have shapes of
+    their own, with inradius 0.
     """
     image = sketch.layers[name]
     regions = cached_regions(image, cache)

@@ -40,6 +40,8 @@ MIN_WIDTH = 6.0
 EFFECT_SHARE = 0.25
 """Share of the built height by which the terrain must differ for a pixel to count as affected."""
 
+_LEAST_RISE = 1.0  # m
+_ELEVATION_SHARE = 0.03  # by which a summit that its shape is too narrow for stays below its elevation
 
 AREA_LAYERS = tuple(name for name in DRAW_ORDER if LAYERS[name].kind != "cover")
 """Layers whose painted areas are measured, in the order of the report."""
@@ -58,7 +60,9 @@ class ShapeAdherence:
     spill: int  # px affected beyond the shape
     asked: float | None  # height of its label, m; None for layers without heights
     built: float | None  # height that is aimed at, m: less where the shape is too narrow for its label's
-    reached: float | None  # greatest height above the terrain without the layer, m; None also if too narrow
+    # Greatest height (m) above the terrain without the layer, or of the terrain where the label asks for an
+    # elevation; None also if too narrow.
+    reached: float | None
     limited: bool  # too narrow for the height of its label
 
 
@@ -106,7 +110,29 @@ def measure_layer(sampled: SampledTerrain, layer: str) -> tuple[tuple[ShapeAdher
         requested = [sketch.properties(layer, shape.label)[declared.main.name] for shape in shapes]
         return agreement(shapes, effect, np.array(requested))
     heights = [_height(sketch, shape) for shape in shapes]
-    return agreement(shapes, effect, np.array([each.built for each in heights]), heights)
+    strengths = np.array([each.built for each in heights])
+    elevations = [number for number, shape in enumerate(shapes) if _is_elevation(sketch, shape)]
+    for number in elevations:
+        strengths[number] = max(float(_inside(shapes[number], effect).max()), _LEAST_RISE)
+    found, images = agreement(shapes, effect, strengths, heights)
+    total, result = sampled.height.reshape(effect.shape), list(found)
+    for number in elevations:
+        summit = float(_inside(shapes[number], total).max())
+        asked = heights[number].asked
+        limited = summit < (1.0 - _ELEVATION_SHARE) * asked
+        result[number] = replace(found[number], built=asked, reached=summit, limited=limited)
+    return tuple(result), images
+
+
+def _is_elevation(sketch: Sketch, shape: Shape) -> bool:
+    """Return whether a shape's height is an elevation: it rises from real ones."""
+    if LAYERS[shape.layer].kind != "summits" or not sketch.elevation_rasters:
+        return False
+    return bool(sketch.properties(shape.layer, shape.label)["reach"] == "absolute")
+
+
+def _inside(shape: Shape, values: Float32Array) -> Float32Array:
+    return np.asarray(values[shape.pixels(shape.mask)])
 
 
 def _height(sketch: Sketch, shape: Shape) -> ShapeHeight:

@@ -73,6 +73,7 @@ class SketchElevation(QObject):
 
     def _forget(self) -> None:
         self._key, self.memory = (), LRUCache()
+        self._timer.stop()
         self._reader.cancel()
         self._show(ElevationFacts())
 

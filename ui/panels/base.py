@@ -92,7 +92,8 @@ class BasePanel(ScrollingPanel):
         facts, busy = self._elevation.facts, self._elevation.is_busy
         known = facts.lines if facts.paths == self._shown else ((),) * len(self.pages)
         for page, lines in zip(self.pages, known, strict=True):
-            page.text.setText("\n".join(lines) or ("Reading …" if busy else "Not read"))
+            text = "\n• ".join(lines)
+            page.text.setText(text or ("Reading …" if busy else "Not read"))
         line = facts.problem or "\n".join(facts.findings)
         self.text.setText(line if self.pages else _NONE)
         self.text.setToolTip(facts.problem)

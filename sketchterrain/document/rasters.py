@@ -57,8 +57,6 @@ RASTER: Final = parameter_table(
 )
 """Keys of ``[[raster]]``; the last three are for elevation."""
 
-_OF_ELEVATION: Final = ("accuracy", "vertical", "offset")
-
 _EMBEDDED: Final = re.compile(r"[A-Za-z0-9_-]{1,40}-[0-9a-f]{8}\.raster")
 _hashes = LRUCache(256)  # of files by path, size and time of modification, and of embedded contents
 
@@ -105,7 +103,7 @@ class RasterSource:
         return {
             name: value
             for name, value in self.values.items()
-            if self.role == "elevation" or name not in _OF_ELEVATION or value != RASTER[name].default
+            if self.role == "elevation" or name in list(RASTER)[:4] or value != RASTER[name].default
         }
 
     @property

@@ -238,11 +238,6 @@ class Sketch:
         return tuple(source for source in self.rasters if source.role == "elevation")
 
     @property
-    def has_base(self) -> bool:
-        """Whether there is real elevation, or a setting of it."""
-        return bool(self.elevation_rasters) or self.base != defaults(BASE)
-
-    @property
     def looks(self) -> Mapping[str, Properties]:
         """Appearance of materials, its own ones included, by the names in `LOOK`."""
         own = {

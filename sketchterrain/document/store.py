@@ -297,8 +297,19 @@ def save_sketch(sketch: Sketch, path: str | Path) -> None:
 def new_sketch(path: str | Path, sketch: Sketch | None = None) -> None:
     """Write a sketch, by default a starter with a comment on every line, where there is none.
 
-    Raise InputError if `path` is a file, or a folder that is not empty, SketchterrainError if the system
-    cannot write there.
+    Parameters
+    ----------
+    path
+        A new or an empty folder, or a new file named ``*.sketch``.
+    sketch
+        By default a small painting.
+
+    Raises
+    ------
+    InputError
+        If `path` is a file, or a folder that is not empty.
+    SketchterrainError
+        If the system cannot write there.
     """
     target = Path(path)
     with wrap_os_errors(target):

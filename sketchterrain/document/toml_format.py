@@ -16,7 +16,7 @@ from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.material_rules import FACTOR, RULE, RuleChange, parse_rule_change
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.own_materials import OWN
-from sketchterrain.document.parameters import FORMAT, LOOK, SKETCH, Parameter, Properties, Value
+from sketchterrain.document.parameters import FORMAT, LOOK, SKETCH, Parameter, Properties, Value, defaults
 from sketchterrain.document.rasters import RASTER, parse_raster
 from sketchterrain.document.sketch import DEFAULT_SIDE, TABLES, Sketch
 from sketchterrain.errors import InputError, format_value, one_line, unknown_key
@@ -100,8 +100,9 @@ def settings_text(sketch: Sketch) -> str:
     lines = [_HEAD, f"format = {FORMAT}"]
     lines += _lines({key: getattr(sketch, key) for key in SKETCH}, SKETCH)
     for key, table in TABLES.items():
-        if key != "base" or sketch.has_base:
-            lines += ["", f"[{key}]", *_lines(getattr(sketch, key), table)]
+        values = getattr(sketch, key)
+        if key != "base" or sketch.elevation_rasters or values != defaults(table):
+            lines += ["", f"[{key}]", *_lines(values, table)]
     for name, values in sketch.materials.items():
         lines += ["", f"[materials.{name}]", *_lines(values, OWN)]
     for name, look in sketch.look.items():

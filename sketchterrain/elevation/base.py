@@ -6,7 +6,7 @@ import math
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -38,32 +38,16 @@ class BaseGrid(NamedTuple):
     findings: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class BaseElevation:
-    """Real elevation beneath a sketch; equal if `id`, a hash of samples, places and margin, is.
+    """Real elevation beneath a sketch; equal if `id`, a hash of samples, places and margin, is."""
 
-    Attributes
-    ----------
-    grids
-        In the order of the sketch's rasters, equal ones once.
-    fade
-        Weight of the data, 0 at their outermost rim, 1 a `margin` (m) inside of it.
-    findings
-        What was found in the data and done to them, one line each.
-    """
-
-    grids: tuple[BaseGrid, ...]
-    patchwork: Patchwork
-    fade: RimFade
-    margin: float
+    grids: tuple[BaseGrid, ...] = field(compare=False)  # in the order of the rasters, equal ones once
+    patchwork: Patchwork = field(compare=False, repr=False)
+    fade: RimFade = field(compare=False, repr=False)  # 0 at the outermost rim, 1 a margin inside of it
+    margin: float = field(compare=False)  # m
     id: bytes
-    findings: tuple[str, ...]
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, BaseElevation) and self.id == other.id
-
-    def __hash__(self) -> int:
-        return hash(self.id)
+    findings: tuple[str, ...] = field(compare=False)  # in the data, and what was done to them; a line each
 
     def heights(self, x: Float64Array, y: Float64Array, cell_size: float) -> Heights:
         """Return the data's surface for cells (m) at points (m from the sketch's south-west corner)."""
@@ -80,10 +64,7 @@ class BaseElevation:
         """Entries of reports; `error` (m) is the largest of the finest surface."""
         patches, finest = self.patchwork.patches, self.patchwork.cover(0.0)
         names = ("name", "rows", "columns", "step", "accuracy")
-        rows = [
-            (each.name, *each.shape, round(each.patches.step, 3), each.patches.accuracy)
-            for each in self.grids
-        ]
+        rows = [(each.name, *each.shape, each.patches.step, each.patches.accuracy) for each in self.grids]
         return {
             "id": self.id.hex(),
             "grids": [dict(zip(names, row, strict=True)) for row in rows],

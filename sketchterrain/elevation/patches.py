@@ -117,9 +117,7 @@ def build_patches(grid: ElevationGrid) -> GridPatches:
         centre, to_steps = _maps(grid, level, (counts[0], counts[1]))
         which, rectangles = np.unique(owners, return_counts=True)
         if not level and not len(which):
-            raise InputError(
-                f"{grid.name}: too full of voids, no {_BLOCK + 1} × {_BLOCK + 1} samples are whole"
-            )
+            raise InputError(f"{grid.name}: too full of voids, no 5 × 5 samples are whole")
         row, column = np.divmod(which, counts[1])
         a, b = to_steps[which, 0, 1:3], to_steps[which, 1, 1:3]
         area = 1.0 / np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])

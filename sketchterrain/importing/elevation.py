@@ -100,8 +100,8 @@ def _climate(crs: str, x: float, y: float) -> dict[str, Any]:
     latitude = float(to_longitude_latitude(parse_crs(crs), np.array([[x, y]]))[0][1])
     share = (_NO_TREES - abs(latitude)) / (_NO_TREES - _TROPICS)
     trees = 50.0 * round(_TREE_LINE * min(max(share, 0.0), 1.0) / 50.0)
-    lines = {"tree_line": trees, "snow_line": trees + _SNOW_ABOVE}
-    return {"climate": lines, "weather": {"latitude": round(latitude, 2)}}
+    climate = {"tree_line": trees, "snow_line": trees + _SNOW_ABOVE}
+    return {"climate": climate, "weather": {"latitude": round(latitude, 2)}}
 
 
 def _whole_area(base: BaseElevation) -> tuple[float, float, float, float]:

@@ -54,13 +54,12 @@ def new(
         what = f"sketch of {width:.4g} × {depth:.4g} km on {pluralize(len(base.grids), 'grid')} of elevation"
         lines = [f"note: {line}" for line in base.findings]
     else:
-        size, lines = None, []
+        size, lines, what = None, [], "starter sketch"
         east, north = origin or (0.0, 0.0)
         frame = {"crs": crs or "", "east": east, "north": north, "vertical": vertical or ""}
         if area is not None and crs is None and origin is None:
             frame, size = frame | area.frame, area.size
         new_sketch(folder, starter_sketch(size).replace(frame=frame, rasters=sources))
-        what = "starter sketch"
     print_lines(
         *lines,
         f"wrote a {what} to {folder}: paint its PNGs, read its sketch.toml, then run",

@@ -83,8 +83,7 @@ def test_new_from_elevation_is_what_the_command_makes(window, document, dem, cho
     assert (places[0] / "sketch.toml").read_text() == (places[1] / "sketch.toml").read_text()
     assert document.is_modified
     line = window.banner.message.line
-    assert line.startswith("A sketch of 1.82 × 1.82 km on 1 elevation grid; ")
-    assert line.endswith(" findings in the data")
+    assert line == "A sketch of 1.82 × 1.82 km on elevation data; findings in the data: 2"
     window.banner.message.buttons[0][1]()
     settle(qtbot, window.canvas.underlay)
     qtbot.waitUntil(lambda: not window.panel_layout.docks["base"].visibleRegion().isEmpty())

@@ -139,7 +139,7 @@ def test_the_panel_shows_and_edits_each_grid(panel, on_dem, dem, tmp_path, qtbot
     assert size == "96 × 96 samples, 20 m apart"
     assert any("small void" in line for line in findings)
     field = page.form.rows["vertical"].field
-    assert field.height() >= field.sizeHint().height(), "not squeezed by the text above"
+    qtbot.waitUntil(lambda: field.height() >= field.sizeHint().height())  # not squeezed by the text above
     first = on_dem.sketch
     page.form.rows["offset"].box.setValue(12.5)
     page.form.rows["accuracy"].check.setChecked(False)

@@ -87,7 +87,7 @@ class Banner(QFrame):
         bar = self._below
         top = bar.mapTo(self._window, bar.rect().bottomLeft()).y() + 1 if bar.isVisible() else 0
         self._row.activate()
-        height = max(self._row.heightForWidth(width), self._row.minimumSize().height())
+        height = max(self.heightForWidth(width), self._row.totalMinimumSize().height())
         self.setGeometry((self._window.width() - width) // 2, top + SPACING, width, height)
 
     def _refresh(self) -> None:

@@ -13,7 +13,6 @@ from PyQt6.QtWidgets import QFileDialog, QWidget
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.ui.banner import Banner, Message
 from sketchterrain.ui.files import Files
-from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.elevation import SketchElevation, added_elevation, new_on_elevation
 from sketchterrain.ui.models.workspace import Preferences
 
@@ -35,15 +34,13 @@ class ElevationFiles(QObject):
         self,
         window: QWidget,
         files: Files,
-        *,
-        document: Document,
         elevation: SketchElevation,
         preferences: Preferences,
         banner: Banner,
     ) -> None:
         super().__init__(window)
         self._window, self._files, self._banner = window, files, banner
-        self._document, self._elevation, self._preferences = document, elevation, preferences
+        self._elevation, self._preferences = elevation, preferences
 
     def ask_new(self) -> None:
         """Ask for files and start a sketch on them unless the user keeps the current one."""
@@ -57,7 +54,7 @@ class ElevationFiles(QObject):
 
     def add(self, paths: Sequence[Path]) -> None:
         """Add files to the sketch in one undo step; a sketch without a place gets theirs."""
-        work = partial(added_elevation, paths, self._document.sketch, self._elevation.memory)
+        work = partial(added_elevation, paths, self._elevation.document.sketch, self._elevation.memory)
         self._files.read(paths[0], work, self._add)
 
     def _ask(self, title: str) -> list[Path]:
@@ -72,21 +69,17 @@ class ElevationFiles(QObject):
         if not self._files.start_sketch(sketch, modified=True):
             return
         width, depth = (side / 1000.0 for side in sketch.size)
-        line = f"A sketch of {width:.3g} × {depth:.3g} km on {_count(len(base.grids), 'elevation grid')}"
+        line = f"A sketch of {width:.3g} × {depth:.3g} km on elevation data"
         names = tuple(f"{each.name}: " for each in base.grids)
         parts = [line, *(each for each in base.findings if not each.startswith(names))]
         if count := sum(each.startswith(names) for each in base.findings):
-            parts.append(f"{_count(count, 'finding')} in the data")
+            parts.append(f"findings in the data: {count}")
         buttons = (("Show", self.findings_requested.emit),) if count else ()
         self._banner.show_message(Message("good", "; ".join(parts), "elevation", buttons))
 
     def _add(self, found: object) -> None:
         sources, frame = cast("tuple[tuple[RasterSource, ...], dict[str, Any]]", found)
-        sketch = self._document.sketch
+        sketch = self._elevation.document.sketch
         title = sources[0].title if len(sources) == 1 else f"{len(sources)} elevation grids"
         frame = {**sketch.frame} if sketch.frame["crs"] else frame
         self._files.change(f"Add {title}", rasters=(*sketch.rasters, *sources), frame=frame)
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -144,14 +144,8 @@ class MainWindow(QMainWindow):
             saving=saving,
             banner=self.banner,
         )
-        self.elevation_files = ElevationFiles(
-            self,
-            self.files,
-            document=document,
-            elevation=self.canvas.underlay.elevation,
-            preferences=preferences,
-            banner=self.banner,
-        )
+        elevation = self.canvas.underlay.elevation
+        self.elevation_files = ElevationFiles(self, self.files, elevation, preferences, self.banner)
         self.files.elevation_chosen.connect(self.elevation_files.add)
         self.elevation_files.findings_requested.connect(partial(self.panel_layout.show_panel, "base"))
         self._base.add_requested.connect(self.elevation_files.ask_add)

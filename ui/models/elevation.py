@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
@@ -39,8 +39,7 @@ class Hillshade(NamedTuple):
 class ElevationFacts(NamedTuple):
     """What was read of the elevation beneath a sketch."""
 
-    paths: tuple[str, ...] = ()  # of its elevation rasters
-    lines: tuple[tuple[str, ...], ...] = ()  # for each: its size, then what was found in it
+    lines: Mapping[str, tuple[str, ...]] = {}  # of each raster by path: its size, then what was found
     findings: tuple[str, ...] = ()  # in all of them together
     problem: str = ""  # why they cannot be read, one line
     hillshade: Hillshade | None = None
@@ -53,7 +52,7 @@ class SketchElevation(QObject):
 
     def __init__(self, document: Document, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self._document = document
+        self.document = document
         self.facts = ElevationFacts()
         self.memory = LRUCache()  # of grids of the document
         self._key: tuple[object, ...] = ()
@@ -73,11 +72,15 @@ class SketchElevation(QObject):
 
     def _forget(self) -> None:
         self._key, self.memory = (), LRUCache()
+        self._clear()
+
+    def _clear(self) -> None:
+        self._timer.stop()
         self._reader.cancel()
         self._show(ElevationFacts())
 
     def _update(self) -> None:
-        sketch = self._document.sketch
+        sketch = self.document.sketch
         sources = sketch.elevation_rasters
         key = sources, sketch.size, tuple(sketch.frame.values()), sketch.base["margin"]
         if key == self._key or not (sources or self._key):
@@ -87,12 +90,10 @@ class SketchElevation(QObject):
             self._timer.start()
             self.changed.emit()
         else:
-            self._timer.stop()
-            self._reader.cancel()
-            self._show(ElevationFacts())
+            self._clear()
 
     def _read(self) -> None:
-        self._reader.read(partial(_read_facts, self._document.sketch, self.memory), self._show)
+        self._reader.read(partial(_read_facts, self.document.sketch, self.memory), self._show)
 
     def _show(self, facts: object) -> None:
         self.facts = cast(ElevationFacts, facts)
@@ -127,16 +128,16 @@ def _read_facts(sketch: Sketch, memory: LRUCache) -> ElevationFacts:
     if base is None:
         return ElevationFacts()
     grids = {each.name: each for each in base.grids}
-    of_each, rest = list[tuple[str, ...]](), list(base.findings)
+    lines, rest = dict[str, tuple[str, ...]](), list(base.findings)
     for place, source in enumerate(sources):
         # Equal grids are among those of the base once.
         grid = base.grids[place] if len(base.grids) == len(sources) else grids[source.title]
         own = [each for each in base.findings if each.startswith(f"{source.title}: ")]
         rest = [each for each in rest if each not in own]
         size = f"{grid.shape[1]} × {grid.shape[0]} samples, {grid.patches.step:.4g} m apart"
-        of_each.append((size, *(each.removeprefix(f"{source.title}: ") for each in own)))
+        lines[source.path] = (size, *(each.removeprefix(f"{source.title}: ") for each in own))
     shade = memory.get_or_compute(("hillshade", base.id, sketch.size), lambda: hillshade(base, sketch))
-    return ElevationFacts(tuple(each.path for each in sources), tuple(of_each), tuple(rest), hillshade=shade)
+    return ElevationFacts(lines, tuple(rest), hillshade=shade)
 
 
 def hillshade(base: BaseElevation, sketch: Sketch) -> Hillshade | None:

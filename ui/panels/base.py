@@ -7,7 +7,7 @@ from functools import partial
 from typing import Final
 
 from PyQt6.QtCore import pyqtSignal
-from PyQt6.QtWidgets import QPushButton, QToolButton, QWidget
+from PyQt6.QtWidgets import QPushButton, QWidget
 
 from sketchterrain.document.parameters import Value
 from sketchterrain.document.rasters import RASTER, RasterSource
@@ -34,9 +34,8 @@ class GridPage(QWidget):
         super().__init__()
         self.text = faint_label()
         self.form = ParameterForm([RASTER[name] for name in _KEYS], titles=_TITLES)
-        self.remove: QToolButton = tool_button(
-            "delete", f"Remove {source.title}", tip=f"Remove {one_line(source.path)} from the sketch"
-        )
+        tip = f"Remove {one_line(source.path)} from the sketch"
+        self.remove = tool_button("delete", f"Remove {source.title}", tip=tip)
         column(self, row(None, (self.text, 1), self.remove, spacing=SMALL), self.form, spacing=SPACING)
 
 
@@ -83,32 +82,30 @@ class BasePanel(ScrollingPanel):
         for place, source in enumerate(sources):
             page = GridPage(source)
             page.form.edited.connect(partial(self._set, place))
-            page.form.reset_requested.connect(partial(self._reset, place))
+            page.form.reset_requested.connect(partial(self._set, place, value=None))
             page.remove.clicked.connect(partial(self._remove, place))
             self.pages.append(page)
             self._groups.addWidget(CollapsibleGroup(_short(source.title), page, is_open=place == 0))
 
     def _show_facts(self) -> None:
         facts, busy = self._elevation.facts, self._elevation.is_busy
-        known = facts.lines if facts.paths == self._shown else ((),) * len(self.pages)
-        for page, lines in zip(self.pages, known, strict=True):
-            page.text.setText("\n".join(lines) or ("Reading …" if busy else "Not read"))
+        for page, path in zip(self.pages, self._shown, strict=True):
+            page.text.setText("\n• ".join(facts.lines.get(path, ())) or ("Reading …" if busy else "Not read"))
         line = facts.problem or "\n".join(facts.findings)
         self.text.setText(line if self.pages else _NONE)
         self.text.setToolTip(facts.problem)
         self.text.setVisible(bool(self.text.text()))
 
-    def _set(self, place: int, name: str, value: Value, key: object = None) -> None:
+    def _set(self, place: int, name: str, value: Value | None, key: object = None) -> None:
         source = self._document.sketch.elevation_rasters[place]
         try:
+            value = RASTER[name].default if value is None else value
             changed = replace(source, **{name: value})  # type: ignore[arg-type] # it checks every value
         except InputError as error:
             self.message.emit(str(error))
             return
-        self._replace(f"Set {self._title(name)} of {source.title}", source, (changed,), key)
-
-    def _reset(self, place: int, name: str) -> None:
-        self._set(place, name, RASTER[name].default)
+        title = _TITLES.get(name, title_from_key(name)).lower()
+        self._replace(f"Set {title} of {source.title}", source, (changed,), key)
 
     def _remove(self, place: int, _: bool = False) -> None:
         source = self._document.sketch.elevation_rasters[place]
@@ -120,9 +117,6 @@ class BasePanel(ScrollingPanel):
         sketch = self._document.sketch
         rasters = tuple(part for each in sketch.rasters for part in (by if each is source else (each,)))
         self._document.do(title, sketch.replace(rasters=rasters), merge=key)
-
-    def _title(self, name: str) -> str:
-        return _TITLES.get(name, title_from_key(name)).lower()
 
 
 def _short(title: str) -> str:

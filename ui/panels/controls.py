@@ -323,6 +323,9 @@ class CollapsibleGroup(QCollapsible):  # type: ignore[misc] # superqt has no typ
     def __init__(self, title: str, content: QWidget, *, is_open: bool = True) -> None:
         super().__init__(title, None, *(QIcon(str(MARKS / f"{name}.svg")) for name in ("down", "right")))
         self.content().deleteLater()
+        # Both limit the height to the hint, which wrapped text may exceed.
+        self.layout().setAlignment(Qt.AlignmentFlag(0))
+        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred)
         self.layout().setContentsMargins(0, 0, 0, 0)
         self.setContent(content)
         header = described(self.toggleButton(), title, f"Show or hide: {title.lower()}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast
@@ -56,6 +56,21 @@ class ElevationFiles(QObject):
         """Add files to the sketch in one undo step; a sketch without a place gets theirs."""
         work = partial(added_elevation, paths, self._elevation.document.sketch, self._elevation.memory)
         self._files.read(paths[0], work, self._add)
+
+    def change(self, title: str, change: Callable[[Sketch], dict[str, Any]]) -> None:
+        """Change fields of the sketch by what is in its elevation data, in one undo step."""
+        sketch = self._elevation.document.sketch
+        path = Path(sketch.elevation_rasters[0].path)
+        self._files.read(path, partial(change, sketch), partial(self._change, title, sketch))
+
+    def _change(self, title: str, before: Sketch, found: object) -> None:
+        fields = cast("dict[str, Any]", found)
+        if self._elevation.document.sketch is not before:
+            self._banner.show_message(Message("info", f"{title}: the sketch has changed meanwhile", "hint"))
+        elif all(getattr(before, name) == value for name, value in fields.items()):
+            self._banner.show_message(Message("info", f"{title}: there are none", "hint"))
+        else:
+            self._files.change(title, **fields)
 
     def _ask(self, title: str) -> list[Path]:
         start = str(self._preferences.last_folder)

@@ -149,6 +149,7 @@ class MainWindow(QMainWindow):
         self.files.elevation_chosen.connect(self.elevation_files.add)
         self.elevation_files.findings_requested.connect(partial(self.panel_layout.show_panel, "base"))
         self._base.add_requested.connect(self.elevation_files.ask_add)
+        self._base.change_requested.connect(self.elevation_files.change)
         self.canvas.underlay.changed.connect(self._show_raster_problems)
         self._show_raster_problems()
         self._add_menus(recent)

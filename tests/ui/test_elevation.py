@@ -184,6 +184,29 @@ def test_the_panel_says_why_data_cannot_be_read(panel, on_dem, tmp_path, qtbot):
     assert panel.text.text() == ""
 
 
+def test_offsets_are_removed_and_lakes_added_in_a_step_each(window, document, tmp_path, qtbot):
+    paths = [write_dem(tmp_path / f"{height:g}.tif", height=height) for height in (0.0, 25.0)]
+    with rasterio.open(paths[0], "r+") as file:
+        heights = file.read(1)
+        heights[60:75, 60:75] = heights[60:75, 60:75].min() - 5.0
+        file.write(heights, 1)
+    sources = [raster_source(path, "elevation") for path in paths]
+    document.open(sketch_on_elevation(sources)[0])
+    window._base.offsets.click()
+    qtbot.waitUntil(lambda: document.history.position == 1, timeout=TIMEOUT)
+    low, high = (each.offset for each in document.sketch.rasters)
+    assert low - high == pytest.approx(25.0, abs=0.1)
+    window._base.lakes.click()
+    qtbot.waitUntil(lambda: document.history.position == 2, timeout=TIMEOUT)
+    assert len(document.sketch.vectors["lake"].ids) == 1
+    window._base.lakes.click()
+    qtbot.waitUntil(lambda: window.banner.message is not None, timeout=TIMEOUT)
+    assert window.banner.message.line == "Add lakes: there are none"
+    assert list(document.history.titles[1:]) == ["Remove offsets", "Add lakes"]
+    document.undo()
+    assert not len(document.sketch.vectors["lake"].ids)
+
+
 def test_the_hillshade_is_lit_from_the_north_west_and_ends_with_the_data(dem):
     sketch = sketch_on_elevation([raster_source(dem, "elevation")])[0]
     wider = sketch.replace(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
@@ -14,11 +15,13 @@ from PyQt6.QtCore import QObject, QTimer, pyqtSignal
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.vectors import AREA, VectorFeature, on_grid
 from sketchterrain.ui.models.background import BackgroundReader
 from sketchterrain.ui.models.document import Document
 
 if TYPE_CHECKING:
     from sketchterrain.elevation.base import BaseElevation
+    from sketchterrain.elevation.grids import ElevationGrid
 
 _DELAY = 150  # ms of rest until elevation is read again, as while a slider is dragged
 _SIDE = 2048  # px of a hillshade along the sketch's longer side
@@ -119,6 +122,47 @@ def added_elevation(
         frame = {**sketch_on_elevation(sources, extent=sketch.extent, vertical=frame["vertical"])[0].frame}
     load_base(sketch.replace(rasters=(*sketch.rasters, *sources), frame=frame), memory)
     return sources, frame
+
+
+def without_offsets(sketch: Sketch) -> dict[str, Any]:
+    """Return the rasters of a sketch, corrected so that overlapping elevation agrees."""
+    from sketchterrain.elevation.offsets import corrections, measure_offsets
+
+    sources, grids = sketch.elevation_rasters, _grids(sketch)
+    metres = dict(zip(sources, corrections(grids, measure_offsets(grids)), strict=True))
+    return {"rasters": tuple(_raised(each, metres.get(each, 0.0)) for each in sketch.rasters)}
+
+
+def with_flat_lakes(sketch: Sketch) -> dict[str, Any]:
+    """Return the vectors of a sketch with the lakes that its elevation has as level areas."""
+    from sketchterrain.elevation.waters import flat_waters
+
+    layer = sketch.vectors["lake"]
+    known = {tuple(layer.vertices[first]) for first in layer.rings[:-1]}
+    waters = [each for grid in _grids(sketch) for each in flat_waters(grid) if not each.is_river]
+    outlines = [tuple(on_grid(ring) for ring in each.rings) for each in waters]
+    new = [
+        VectorFeature(AREA, rings, 1)
+        for rings in outlines
+        if tuple(rings[0][0]) not in known and ((rings[0] >= 0.0) & (rings[0] <= sketch.size)).all()
+    ]
+    return {"vectors": {**sketch.vectors, "lake": layer.edited(add=new)} if new else sketch.vectors}
+
+
+def _grids(sketch: Sketch) -> list[ElevationGrid]:
+    from sketchterrain.elevation.base import grid_at
+    from sketchterrain.elevation.grids import SketchFrame
+
+    frame = SketchFrame(*(sketch.frame[key] for key in SketchFrame._fields))
+    return [_lifted(grid_at(each, frame), each.offset) for each in sketch.elevation_rasters]
+
+
+def _lifted(grid: ElevationGrid, metres: float) -> ElevationGrid:
+    return replace(grid, samples=grid.samples + np.float32(metres)) if metres else grid
+
+
+def _raised(source: RasterSource, metres: float) -> RasterSource:
+    return replace(source, offset=round(source.offset + metres, 3)) if abs(metres) >= 1e-3 else source
 
 
 def _read_facts(sketch: Sketch, memory: LRUCache) -> ElevationFacts:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Final
@@ -15,7 +16,7 @@ from sketchterrain.errors import InputError, one_line
 from sketchterrain.ui.commands import settings
 from sketchterrain.ui.look.theme import SMALL, SPACING, column, described, icon, row, tool_button
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.elevation import SketchElevation
+from sketchterrain.ui.models.elevation import SketchElevation, with_flat_lakes, without_offsets
 from sketchterrain.ui.panels.controls import CollapsibleGroup, ScrollingPanel, faint_label, title_from_key
 from sketchterrain.ui.panels.form import ParameterForm
 from sketchterrain.ui.panels.settings import table_form
@@ -43,6 +44,7 @@ class BasePanel(ScrollingPanel):
     """The elevation grids of a sketch, and how they blend into other ground."""
 
     add_requested = pyqtSignal()
+    change_requested = pyqtSignal(str, object)  # title, and the change: fields of a sketch from it
     message = pyqtSignal(str)  # why a value is refused, one line
 
     def __init__(self, document: Document, elevation: SketchElevation) -> None:
@@ -54,10 +56,15 @@ class BasePanel(ScrollingPanel):
         self.add_button.clicked.connect(lambda: self.add_requested.emit())
         self.text = faint_label()
         self.text.setMinimumWidth(1)  # paths do not widen the panel
+        tips = "Raise and lower overlapping grids until they agree", "Add level areas of the data as lakes"
+        self.offsets = described(QPushButton("Remove &offsets"), "Remove offsets", tips[0])
+        self.lakes = described(QPushButton("Add &lakes found in the data"), "Add lakes", tips[1])
+        self.offsets.clicked.connect(partial(self._request, "Remove offsets", without_offsets))
+        self.lakes.clicked.connect(partial(self._request, "Add lakes", with_flat_lakes))
         self.form = table_form(document, "base")
         self._grids = QWidget()
         self._groups = column(self._grids)
-        self.add(self.text, self._grids, self.add_button, self.form)
+        self.add(self.text, self._grids, self.add_button, self.offsets, self.lakes, self.form)
         document.sketch_changed.connect(self._refresh)
         elevation.changed.connect(self._show_facts)
         self._refresh()
@@ -70,8 +77,13 @@ class BasePanel(ScrollingPanel):
         for page, source in zip(self.pages, sources, strict=True):
             page.form.show_values({name: getattr(source, name) for name in _KEYS})
         self.form.show_values(settings(sketch, "base"))
-        self.form.setVisible(bool(sources))
+        for widget in (self.lakes, self.form):
+            widget.setVisible(bool(sources))
+        self.offsets.setVisible(len(sources) > 1)
         self._show_facts()
+
+    def _request(self, title: str, change: Callable[..., object], _: bool = False) -> None:
+        self.change_requested.emit(title, change)
 
     def _fill(self, sources: tuple[RasterSource, ...]) -> None:
         while (item := self._groups.takeAt(0)) is not None:

@@ -373,7 +373,7 @@ class Workspace(QObject):
         self._looks = {name: LayerLook() for name in LAYERS}
         self._selection: Selection | None = None
         # Visible, changed by `show_overlay` only.
-        self.overlays = frozenset({"relief", "elevation", "pictures", "features", "eye"})
+        self.overlays = frozenset({"relief", "pictures", "features", "eye"})
 
     @property
     def tool(self) -> str:

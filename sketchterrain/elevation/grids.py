@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 
 from sketchterrain.array_types import Float32Array, Float64Array
-from sketchterrain.elevation.quirks import Findings, clean_samples
+from sketchterrain.elevation.quirks import CleanedSamples, Findings, clean_samples
 from sketchterrain.errors import InputError, format_value, one_line
 
 Affine6: TypeAlias = tuple[float, float, float, float, float, float]
@@ -34,6 +34,7 @@ MAX_SAMPLES: Final = 1 << 29
 
 _FEET = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us-ft": 1200 / 3937, "us survey foot": 1200 / 3937}
 _DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".hgt": "SRTMHGT", ".asc": "AAIGrid", ".vrt": "VRT"}
+_STRIP = 1 << 23  # samples
 _UNREADABLE = (
     OSError,
     ValueError,
@@ -61,31 +62,18 @@ LOCAL: Final = SketchFrame()
 
 
 @dataclass(frozen=True, eq=False)
-class ElevationGrid:
-    """Regularly spaced heights (Rocca et al. 2012, §3.1).
+class GridPlace:
+    """Where the samples of a DEM grid are, and how accurate: see `ElevationGrid`."""
 
-    Attributes
-    ----------
-    samples
-        Heights (rows, columns), m; NaN where there is none.
-    place
-        Place of the samples, as points, in `crs`, or in sketch metres without one.
-    accuracy
-        Largest error (m) of heights taken from the samples.
-    findings
-        What was found in the file, in words, with counts.
-    """
-
-    samples: Float32Array
+    shape: tuple[int, int]
     place: Affine6
     accuracy: float = 0.0
     crs: str = ""
     frame: SketchFrame = LOCAL
     name: str = "grid"
-    findings: Findings = ()
 
     def __post_init__(self) -> None:
-        rows, columns = self.samples.shape
+        rows, columns = self.shape
         if min(rows, columns) < MIN_SIDE:
             raise InputError(
                 f"{self.name}: expected at least {MIN_SIDE} × {MIN_SIDE} samples, got {rows} × {columns}"
@@ -109,14 +97,6 @@ class ElevationGrid:
 
         return self.crs in ("", self.frame.crs) or parse_crs(self.crs) == parse_crs(self.frame.crs)
 
-    @cached_property
-    def id(self) -> bytes:
-        """Hash of samples, place and accuracy: the same grid has the same id wherever it is from."""
-        head = (self.samples.shape, self.place, self.accuracy, self.crs, self.frame)
-        digest = blake2b(repr(head).encode(), digest_size=16)
-        digest.update(np.ascontiguousarray(self.samples).data)
-        return digest.digest()
-
     def to_metres(self, column: Float64Array, row: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Return x and y (m) in the sketch of places in the grid, in samples."""
         a, b, c, d, e, f = self.place
@@ -128,6 +108,75 @@ class ElevationGrid:
         if self.crs:
             x, y = x - self.frame.east, y - self.frame.north
         return x, y
+
+
+@dataclass(frozen=True, eq=False)
+class ElevationGrid:
+    """Regularly spaced heights (Rocca et al. 2012, §3.1).
+
+    Attributes
+    ----------
+    samples
+        Heights (rows, columns), m; NaN where there is none. Those of `open_grid` are read by rows when needed.
+    place
+        Place of the samples, as points, in `crs`, or in sketch metres without one.
+    accuracy
+        Largest error (m) of heights taken from the samples.
+    findings
+        What was found in the file, in words, with counts.
+    """
+
+    samples: Float32Array
+    place: Affine6
+    accuracy: float = 0.0
+    crs: str = ""
+    frame: SketchFrame = LOCAL
+    name: str = "grid"
+    findings: Findings = ()
+
+    def __post_init__(self) -> None:
+        self.at  # noqa: B018 # checks
+
+    @cached_property
+    def at(self) -> GridPlace:
+        """Place of the samples."""
+        return GridPlace(self.samples.shape, self.place, self.accuracy, self.crs, self.frame, self.name)
+
+    @property
+    def is_affine(self) -> bool:
+        """Whether an affine map leads from samples to sketch metres."""
+        return self.at.is_affine
+
+    def to_metres(self, column: Float64Array, row: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """Return x and y (m) in the sketch of places in the grid, in samples."""
+        return self.at.to_metres(column, row)
+
+    @property
+    def id(self) -> bytes:
+        """Hash of samples, place and accuracy: the same grid has the same id wherever it is from."""
+        return self._content[0]
+
+    @property
+    def base(self) -> float:
+        """Mean height in whole metres."""
+        return self._content[1]
+
+    @cached_property
+    def _content(self) -> tuple[bytes, float]:
+        head = (self.samples.shape, self.place, self.accuracy, self.crs, self.frame)
+        digest = blake2b(repr(head).encode(), digest_size=16)
+        sums, count = [], 0
+        for _, rows in self.strips():
+            digest.update(np.ascontiguousarray(rows).data)
+            sums += np.nansum(rows, axis=1, dtype=np.float64).tolist()
+            count += np.count_nonzero(np.isfinite(rows))
+        return digest.digest(), float(round(math.fsum(sums) / max(count, 1)))
+
+    def strips(self, rows: int | None = None) -> Iterator[tuple[int, Float32Array]]:
+        """Yield first rows and samples of all strips of so many rows; by default of about 32 MB."""
+        step = rows or min(max(_STRIP // self.samples.shape[1], 64), 512)
+        for first in range(0, len(self.samples), step):
+            yield first, self.samples[first : first + step]
 
 
 def _transformed(source: str, target: str, x: Any, y: Any) -> tuple[Float64Array, Float64Array]:
@@ -177,30 +226,90 @@ def read_grid(
     InputError
         If the file cannot be read or is no grid of heights with a place in the sketch.
     """
-    name = one_line(path)
-    try:
-        if path.suffix.lower() in (".npy", ".npz"):
-            raw, known, place_in_file, crs_in_file = _read_array(path, window)
-            findings: Findings = ()
-        else:
-            raw, known, place_in_file, crs_in_file, findings = _read_raster(path, band, window)
-    except _UNREADABLE as error:
-        raise InputError(f"{name}: cannot be read as elevation ({one_line(error)[:160]})") from None
-    source = crs_in_file if crs is None else crs
-    at = place or place_in_file
-    if at is None:
-        raise InputError(f"{name}: has no georeference: expected the place of its samples")
-    if not source and max(map(abs, (at[0], at[1], at[3], at[4]))) < 0.05 and abs(at[2]) <= 360:
-        raise InputError(f"{name}: its coordinates look like degrees: expected a CRS, such as EPSG:4326")
-    step = math.sqrt(abs(at[0] * at[4] - at[1] * at[3])) * (111_320.0 if abs(at[0]) < 0.05 else 1.0)
+    with _named(path):
+        raw, known, place_in_file, crs_in_file, findings = _read(path, band, window)
+    kind = raw.dtype.kind
+    at, source, step = _checked_place(path, place or place_in_file, crs_in_file if crs is None else crs)
     samples, more = clean_samples(raw, known, step)
     if not np.isfinite(samples).any():
-        raise InputError(f"{name}: has no heights, all {samples.size} samples are voids")
-    if accuracy is None:
-        accuracy = 0.5 if raw.dtype.kind in "iu" else 0.0
-    return ElevationGrid(
-        samples, at, float(accuracy), source, frame, name=path.name, findings=(*findings, *more)
-    )
+        raise InputError(f"{one_line(path)}: has no heights, all {samples.size} samples are voids")
+    accuracy = _accuracy(kind) if accuracy is None else float(accuracy)
+    return ElevationGrid(samples, at, accuracy, source, frame, name=path.name, findings=(*findings, *more))
+
+
+def open_grid(
+    path: Path,
+    frame: SketchFrame = LOCAL,
+    *,
+    band: int = 1,
+    accuracy: float | None = None,
+    crs: str | None = None,
+    place: Affine6 | None = None,
+) -> ElevationGrid:
+    """Return the grid that `read_grid` returns, of any size: its samples are read by rows when they are needed.
+
+    The file is read once for what was found, the voids excepted: these are in ``grid.samples.findings`` when
+    all rows were read.
+    """
+    with _named(path):
+        rows, columns = _shape(path)
+        raw, _, place_in_file, crs_in_file, findings = _read(path, band, (0, 0, 1, columns))
+    at, source, step = _checked_place(path, place or place_in_file, crs_in_file if crs is None else crs)
+
+    def read(first: int, last: int) -> tuple[Any, Any]:
+        with _named(path):
+            return _read(path, band, (first, 0, last - first, columns))[:2]
+
+    strip = max(_STRIP // columns, 64)
+    samples = CleanedSamples(read, (rows, columns), step, strip)
+    if not samples.count:
+        raise InputError(f"{one_line(path)}: has no heights, all {rows * columns} samples are voids")
+    accuracy = _accuracy(raw.dtype.kind) if accuracy is None else float(accuracy)
+    by_rows: Any = samples
+    return ElevationGrid(by_rows, at, accuracy, source, frame, path.name, (*findings, *samples.findings))
+
+
+def _accuracy(kind: str) -> float:
+    return 0.5 if kind in "iu" else 0.0
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Raise what reading a file raises as one line."""
+    try:
+        yield
+    except _UNREADABLE as error:
+        raise InputError(f"{one_line(path)}: cannot be read as elevation ({one_line(error)[:160]})") from None
+
+
+def _checked_place(path: Path, at: Affine6 | None, crs: str) -> tuple[Affine6, str, float]:
+    """Return place, CRS and about the distance (m) of samples."""
+    name = one_line(path)
+    if at is None:
+        raise InputError(f"{name}: has no georeference: expected the place of its samples")
+    if not crs and max(map(abs, (at[0], at[1], at[3], at[4]))) < 0.05 and abs(at[2]) <= 360:
+        raise InputError(f"{name}: its coordinates look like degrees: expected a CRS, such as EPSG:4326")
+    step = math.sqrt(abs(at[0] * at[4] - at[1] * at[3])) * (111_320.0 if abs(at[0]) < 0.05 else 1.0)
+    return at, crs, step
+
+
+def _read(path: Path, band: int, window: Window | None) -> tuple[Any, Any, Affine6 | None, str, Findings]:
+    """Return heights, which are known, their place, CRS and findings."""
+    if path.suffix.lower() in (".npy", ".npz"):
+        return *_read_array(path, window), ()
+    return _read_raster(path, band, window)
+
+
+def _shape(path: Path) -> tuple[int, int]:
+    """Return rows and columns of a file."""
+    if path.suffix.lower() == ".npy":
+        rows, columns = np.load(path, allow_pickle=False, mmap_mode="r").shape
+    elif path.suffix.lower() == ".npz":
+        rows, columns = _read_array(path, None)[0].shape
+    else:
+        with _open(path) as file:
+            rows, columns = file.shape
+    return rows, columns
 
 
 def _checked_window(shape: tuple[int, int], window: Window | None) -> Window:
@@ -266,9 +375,6 @@ def _read_raster(
         if raw.dtype.kind not in "fiu":
             raise ValueError(f"expected heights, got {raw.dtype}")
         known = file.read_masks(band, window=part) != 0
-        if not known.all():
-            tag = file.nodatavals[band - 1]
-            findings.append(f"{np.count_nonzero(~known)} samples of no data (file's mask, tag {tag})")
         scale, offset, unit = file.scales[band - 1], file.offsets[band - 1], file.units[band - 1]
         metres = _FEET.get((unit or "m").strip().lower(), 1.0)
         if metres != 1.0:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import zlib
+from collections.abc import Callable, Iterator
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numba import njit
 from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
-from sketchterrain.array_types import BoolArray, Float32Array
+from sketchterrain.array_types import BoolArray, Float32Array, Int64Array
 
 Findings: TypeAlias = tuple[str, ...]
 """What was found, in words, with counts."""
@@ -23,7 +27,12 @@ _COLLAR_HEIGHT = 20.0  # m: zeros along a rim are not the sea where the ground b
 _EIGHT = np.ones((3, 3), np.uint8)
 _SPIKE_SLOPE, _SPIKE_TIMES = 1.5, 12.0
 _TERRACED = 0.3  # share of samples equal to their neighbour
+_SAMPLED = 64  # rows for the usual rise and for terraces
 _MAX_ROUNDS, _CLOSE = 2000, 1e-4  # of the membrane; m
+
+
+ReadRows: TypeAlias = Callable[[int, int], tuple[Any, BoolArray]]
+"""Returns a file's values (m) of rows first … last - 1, and which are known."""
 
 
 def clean_samples(raw: Any, known: BoolArray, step: float) -> tuple[Float32Array, Findings]:
@@ -32,75 +41,216 @@ def clean_samples(raw: Any, known: BoolArray, step: float) -> tuple[Float32Array
     `raw` (rows, columns) are a file's values, `known` where it has data, `step` the distance (m) of samples.
     Spikes and terraces are reported and kept.
     """
-    found = []
-    values = raw.astype(np.float32)
-    with np.errstate(invalid="ignore"):
-        odd = known & ~(np.abs(values) <= _HEIGHTS)
-    if odd.any():
-        names = sorted({f"{each:.6g}" for each in np.unique(values[odd])[:4]})
-        found.append(f"{np.count_nonzero(odd)} samples of no data ({', '.join(names)})")
-    known = known & ~odd
-    for sentinel in _SENTINELS:
-        hit = known & (values == sentinel)
-        if hit.any() and not (known & ~hit & (np.abs(values - sentinel) < _SENTINEL_GAP)).any():
-            found.append(f"{np.count_nonzero(hit)} samples of no data ({sentinel:g})")
-            known &= ~hit
-    collar = _collar(values, known)
-    if collar.any():
-        found.append(f"{np.count_nonzero(collar)} zeros in collars along the rim, taken for no data")
-        known &= ~collar
-    samples = np.where(known, values, np.float32(np.nan))
-    if known.any():
-        found += _spikes(samples, step) + _terraces(samples)
-        found += [] if known.all() else _fill_small_voids(samples)
-    return samples, tuple(found)
+    cleaned = CleanedSamples(lambda first, last: (raw[first:last], known[first:last]), raw.shape, step)
+    return cleaned[: len(raw)], cleaned.findings
 
 
-def _collar(values: Float32Array, known: BoolArray) -> BoolArray:
-    """Return where zeros form a collar along the rim, or beside voids, at the foot of a cliff."""
-    zero = known & (values == 0.0)
-    collar = np.zeros(zero.shape, bool)
-    if not zero.any():
-        return collar
-    labels, _ = ndimage.label(zero, _EIGHT)
-    rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
-    for label in np.unique(rim[rim > 0]):
-        region = labels == label
-        beside = ndimage.binary_dilation(region, _EIGHT) & known & ~zero
-        if beside.any() and np.median(np.abs(values[beside])) > _COLLAR_HEIGHT:
-            collar |= region
-    return collar
+class CleanedSamples:
+    """Rows of a DEM, cleaned as they are read: the same whichever strips they are read by.
+
+    The file is read once for what depends on all of it: which values mean "no data", and collars.
+    """
+
+    dtype = np.dtype(np.float32)
+
+    def __init__(self, read: ReadRows, shape: tuple[int, int], step: float, strip: int | None = None) -> None:
+        self.shape, self._read, self._strip = shape, read, strip or shape[0]
+        self._sentinels: list[float] = []
+        self._collars: dict[int, bytes] = {}  # by strip
+        self._voids = np.zeros(3, np.int64)  # samples filled, voids filled, samples left out
+        self._counted = 0  # rows whose voids are
+        self.count = 0  # samples that are known
+        self._found = tuple(self._survey(step))
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, rows: slice) -> Float32Array:
+        """Return the heights of some rows."""
+        first, last, _ = rows.indices(len(self))
+        low, high = max(first - MAX_FILLED - 1, 0), min(last + MAX_FILLED + 1, len(self))
+        samples = self._without_bad_values(low, high)
+        counts = np.zeros(3, np.int64)
+        if np.isnan(samples[first - low : last - low]).any():
+            counts = _fill_small_voids(samples, low, (first, last), self.shape)
+        if first == self._counted < last:
+            self._voids, self._counted = self._voids + counts, last
+        return samples[first - low : last - low]
+
+    @property
+    def findings(self) -> Findings:
+        """What was found, in the rows that were read one after another; of all rows at the end."""
+        filled, voids, left = self._voids
+        report = [f"{filled} samples in {voids} small voids, filled"] if voids else []
+        report += [f"{left} samples in large voids or at the rim, left out"] if left else []
+        return (*self._found, *report)
+
+    def _without_bad_values(self, first: int, last: int) -> Float32Array:
+        raw, known = self._read(first, last)
+        values = raw.astype(np.float32)
+        with np.errstate(invalid="ignore"):
+            bad = ~(known & (np.abs(values) <= _HEIGHTS))
+        for sentinel in self._sentinels:
+            bad |= values == sentinel
+        for strip in range(first // self._strip, -(-last // self._strip)) if self._collars else ():
+            if strip in self._collars:
+                start = strip * self._strip
+                mask = self._unpacked(strip)[max(first - start, 0) : last - start]
+                bad[max(start - first, 0) :][: len(mask)] |= mask
+        values[bad] = np.nan
+        return values
+
+    def _unpacked(self, strip: int) -> BoolArray:
+        rows = min(self._strip, len(self) - strip * self._strip)
+        bits = np.frombuffer(zlib.decompress(self._collars[strip]), np.uint8)
+        return np.unpackbits(bits, count=rows * self.shape[1]).reshape(rows, -1).astype(bool)
+
+    def _survey(self, step: float) -> Iterator[str]:
+        """Find sentinels and collars; yield what was found."""
+        rows = len(self)
+        slope, terraces = self._slopes()
+        steepest = max(_SPIKE_SLOPE * step, _SPIKE_TIMES * (slope + 1e-6))
+        collars, odd = _Collars(self.shape), np.zeros(0, np.float32)
+        hits, near = np.zeros(len(_SENTINELS), np.int64), np.zeros(len(_SENTINELS), bool)
+        unknown = strange = spikes = 0
+        for start in range(0, rows, self._strip):
+            low, high = max(start - 1, 0), min(start + self._strip + 1, rows)
+            mine = slice(start - low, start - low + self._strip)  # the others are beside it
+            raw, known = self._read(low, high)
+            values = raw.astype(np.float32)
+            with np.errstate(invalid="ignore"):
+                far = known & ~(np.abs(values) <= _HEIGHTS)
+            unknown += np.count_nonzero(~known[mine])
+            if far[mine].any():
+                strange += np.count_nonzero(far[mine])
+                odd = np.unique(np.append(odd, values[mine][far[mine]]))[:4]
+            known = known & ~far
+            for n, sentinel in enumerate(_SENTINELS):
+                hit = known & (values == sentinel)
+                close = known & ~hit & (np.abs(values - sentinel) < _SENTINEL_GAP)
+                hits[n] += np.count_nonzero(hit[mine])
+                near[n] |= close.any()
+                known &= ~hit
+            self.count += np.count_nonzero(known[mine])
+            collars.add(start // self._strip, values, known, mine)
+            values[~known] = np.nan
+            spikes += _spikes(values, steepest, mine)
+        self.count += int(hits[near].sum())
+        self._sentinels = [
+            each for each, count, kept in zip(_SENTINELS, hits, near, strict=True) if count and not kept
+        ]
+        self._collars, zeros = collars.found()
+        self.count -= zeros
+        if unknown:
+            yield f"{unknown} samples of no data (the file's mask or tag)"
+        if strange:
+            yield f"{strange} samples of no data ({', '.join(sorted(f'{each:.6g}' for each in odd))})"
+        for sentinel, count in zip(_SENTINELS, hits, strict=True):
+            if sentinel in self._sentinels:
+                yield f"{count} samples of no data ({sentinel:g})"
+        if zeros:
+            yield f"{zeros} zeros in collars along the rim, taken for no data"
+        if spikes:
+            yield f"{spikes} spikes, higher or lower than all their neighbours (kept)"
+        yield from terraces
+
+    def _slopes(self) -> tuple[float, list[str]]:
+        """Return the usual rise of neighbours (m) of some rows, and a report of heights in steps."""
+        parts = []
+        for row in np.unique(np.linspace(0, len(self) - 1, min(len(self), _SAMPLED)).astype(int)):
+            raw, known = self._read(row, row + 1)
+            heights = raw[0].astype(np.float32)
+            with np.errstate(invalid="ignore"):
+                heights[~(known[0] & (np.abs(heights) <= _HEIGHTS))] = np.nan
+            parts.append(np.abs(np.diff(heights)))
+        rise = np.concatenate(parts)
+        rise = rise[np.isfinite(rise)]
+        return float(np.median(rise)) if len(rise) else 0.0, _terraces(rise)
 
 
-def _spikes(samples: Float32Array, step: float) -> list[str]:
-    """Report samples that stand out from all their neighbours, by steep slopes and unlike others."""
-    inner = samples[1:-1, 1:-1]
-    if not inner.size:
-        return []
-    rows, columns = samples.shape
-    least = np.full(inner.shape, np.inf, np.float32)
-    above, below = least.copy(), least.copy()
-    with np.errstate(invalid="ignore"):
+class _Collars:
+    """Regions of zeros along the rim at the foot of a cliff, found strip by strip."""
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._shape = shape
+        self._strips: list[tuple[int, int, bytes]] = []  # number, first label, labels
+        self._facts = [np.zeros((3, 1), np.int64)]  # by label: at the rim, borders, borders to high ground
+        self._pairs = [np.zeros((2, 0), np.int64)]  # labels that touch across strips
+        self._labels = 0
+        self._above: Any = np.zeros(shape[1], np.int64)
+
+    def add(self, strip: int, values: Float32Array, known: BoolArray, mine: slice) -> None:
+        """Label the zeros of a strip, given with a row on each side."""
+        zero = known & (values == 0.0)
+        above, self._above = self._above, np.zeros(self._shape[1], np.int64)
+        if not zero[mine].any():
+            return
+        local, count = ndimage.label(zero[mine], _EIGHT)
+        labels = np.zeros(zero.shape, np.int32)
+        labels[mine] = local
+        edges = [local[:, 0], local[:, -1]]
+        edges += [local[0]] if strip == 0 else []
+        edges += [local[-1]] if mine.stop >= len(values) else []
+        facts = np.zeros((3, count + 1), np.int64)
+        facts[0, np.unique(np.concatenate(edges))] = 1
+        # Borders are pairs of samples, so that those of parts add up.
+        ground = np.pad(known & ~zero, 1)
+        cliff = ground & np.pad(np.abs(values) > _COLLAR_HEIGHT, 1)
         for row in range(3):
             for column in range(3):
-                if (row, column) != (1, 1):
-                    rise = inner - samples[row : row + rows - 2, column : column + columns - 2]
-                    np.fmin(above, rise, out=above)
-                    np.fmin(below, -rise, out=below)
-        stands_out = np.maximum(above, below)
-        usual = (
-            float(np.median(np.abs(np.diff(samples, axis=0)[np.isfinite(np.diff(samples, axis=0))]))) + 1e-6
-        )
-        count = np.count_nonzero(
-            (stands_out > max(_SPIKE_SLOPE * step, _SPIKE_TIMES * usual)) & np.isfinite(stands_out)
-        )
-    return [f"{count} spikes, higher or lower than all their neighbours (kept)"] if count else []
+                part = np.s_[row : row + len(zero), column : column + zero.shape[1]]
+                for n, beside in ((1, ground), (2, cliff)):
+                    facts[n] += np.bincount(labels[beside[part]], minlength=count + 1)
+        self._facts.append(facts[:, 1:])
+        here = np.where(local[0] > 0, local[0] + self._labels, 0)
+        for shift in (-1, 0, 1):
+            there = np.roll(above, shift)
+            there[: max(shift, 0)] = 0
+            there[len(there) + min(shift, 0) :] = 0
+            self._pairs.append(np.stack([here, there])[:, (here > 0) & (there > 0)])
+        self._strips.append((strip, self._labels, zlib.compress(local.astype(np.int32), 1)))
+        self._above = np.where(local[-1] > 0, local[-1] + self._labels, 0)
+        self._labels += count
+
+    def found(self) -> tuple[dict[int, bytes], int]:
+        """Return bits of each strip that has collars, compressed, and how many zeros these are."""
+        size = self._labels + 1
+        one, other = np.concatenate(self._pairs, axis=1)
+        graph = coo_array((np.ones(len(one), bool), (one, other)), shape=(size, size))
+        count, region = connected_components(graph, directed=False)
+        facts = np.concatenate(self._facts, axis=1)
+        rim, borders, high = (np.bincount(region, each, count) for each in facts)
+        collar = ((rim > 0) & (2 * high > borders))[region]
+        collar[0] = False
+        strips, zeros = {}, 0
+        for strip, first, packed in self._strips:
+            labels = np.frombuffer(zlib.decompress(packed), np.int32)
+            mask = collar[np.where(labels > 0, labels + first, 0)]
+            if mask.any():
+                strips[strip] = zlib.compress(np.packbits(mask), 1)
+                zeros += int(np.count_nonzero(mask))
+        return strips, zeros
 
 
-def _terraces(samples: Float32Array) -> list[str]:
+def _spikes(samples: Float32Array, steepest: float, mine: slice) -> int:
+    """Return how many samples stand out from all their neighbours, by steep slopes and unlike others."""
+    first, last = max(mine.start, 1), min(mine.stop, len(samples) - 1)
+    if last <= first or samples.shape[1] < 3:
+        return 0
+    inner = samples[first:last, 1:-1]
+    above, below = np.full(inner.shape, np.inf, np.float32), np.full(inner.shape, np.inf, np.float32)
+    for row in (-1, 0, 1):
+        for column in range(3):
+            if (row, column) != (0, 1):
+                rise = inner - samples[first + row : last + row, column : column + inner.shape[1]]
+                np.fmin(above, rise, out=above)
+                np.fmin(below, -rise, out=below)
+    stands_out = np.maximum(above, below)
+    return int(np.count_nonzero((stands_out > steepest) & np.isfinite(stands_out)))
+
+
+def _terraces(rise: Float32Array) -> list[str]:
     """Report heights in steps, where many neighbours are equal."""
-    rise = np.abs(np.diff(samples[: 1 << 11, : 1 << 11], axis=1))
-    rise = rise[np.isfinite(rise)]
     moved = rise[rise > 1e-4]
     if not len(moved) or len(moved) > (1.0 - _TERRACED) * len(rise):
         return []
@@ -114,16 +264,27 @@ def _terraces(samples: Float32Array) -> list[str]:
     ]
 
 
-def _fill_small_voids(samples: Float32Array) -> list[str]:
-    """Fill voids that don't touch the rim and are at most `MAX_FILLED` across, in place, by a membrane."""
+def _fill_small_voids(
+    samples: Float32Array, low: int, mine: tuple[int, int], shape: tuple[int, int]
+) -> Int64Array:
+    """Fill voids that don't touch the rim and are at most `MAX_FILLED` across, in place, by a membrane.
+
+    `samples` are rows from `low` on. Return samples filled, voids that begin, and samples left in rows `mine`.
+    """
     labels, _ = ndimage.label(np.isnan(samples), _EIGHT)
-    filled = voids = left = 0
+    counts = np.zeros(3, np.int64)
     for label, box in enumerate(ndimage.find_objects(labels), start=1):
         rows, columns = box
+        start, stop = rows.start + low, rows.stop + low
+        first, last = max(start, mine[0]), min(stop, mine[1])
+        if first >= last:
+            continue
         inside = rows.start > 0 and columns.start > 0
-        inside &= rows.stop < samples.shape[0] and columns.stop < samples.shape[1]
-        if not inside or max(rows.stop - rows.start, columns.stop - columns.start) > MAX_FILLED:
-            left += int(np.count_nonzero(labels[box] == label))
+        inside &= rows.stop < len(samples) and columns.stop < shape[1]
+        here = np.count_nonzero(labels[first - low : last - low, columns] == label)
+        # One that reaches the strip's end is larger, as strips reach so far beyond these rows.
+        if not inside or max(stop - start, columns.stop - columns.start) > MAX_FILLED:
+            counts[2] += here
             continue
         part = np.s_[rows.start - 1 : rows.stop + 1, columns.start - 1 : columns.stop + 1]
         void = labels[part] == label
@@ -131,13 +292,8 @@ def _fill_small_voids(samples: Float32Array) -> list[str]:
         window[void] = np.nanmean(window[ndimage.binary_dilation(void, _EIGHT) & ~void])
         _membrane(window, void, np.isnan(window))
         samples[part][void] = window[void]
-        filled, voids = filled + int(np.count_nonzero(void)), voids + 1
-    report = []
-    if voids:
-        report.append(f"{filled} samples in {voids} small voids, filled")
-    if left:
-        report.append(f"{left} samples in large voids or at the rim, left out")
-    return report
+        counts += here, start >= mine[0], 0
+    return counts
 
 
 @njit(cache=True, nogil=True)

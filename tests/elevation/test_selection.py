@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import shapely
 
+from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid
-from sketchterrain.elevation.patches import GridPatches, build_patches
+from sketchterrain.elevation.patches import GridPatches
 from sketchterrain.elevation.selection import Patchwork
 from sketchterrain.errors import InputError
 
@@ -77,10 +78,8 @@ def is_covered(kernel: shapely.Geometry, others: list[shapely.Geometry]) -> bool
 def test_covers_equal_brute_force(four: list[GridPatches]) -> None:
     for parts in (four[:1], four[1:3], four):
         work = together(parts)
-        patches = work.patches
-        assert patches is not None
+        patches, corners = work.rows(np.arange(len(work)))
         ends = np.cumsum(patches.rectangles)
-        corners = np.concatenate([each.corners for each in work.grids.values()])
         kernels = [
             shapely.polygons(corners[end - n : end]) for end, n in zip(ends, patches.rectangles, strict=True)
         ]
@@ -120,15 +119,14 @@ def test_covers_equal_brute_force(four: list[GridPatches]) -> None:
 
 def test_covers_for_cells_are_limited_in_band(four: list[GridPatches]) -> None:
     work = together(four)
-    patches = work.patches
-    assert patches is not None
+    patches, _ = work.rows(np.arange(len(work)))
     finest = work.cover_for_cells(1.0)
     assert finest.tolist() == work.cover(1.0 / 64.0).tolist()
     x, y = np.random.default_rng(2).uniform(3800.0, 6200.0, (2, 500))
     last = len(finest)
     for cell in (120.0, 300.0, 900.0):
         which = work.cover_for_cells(cell)
-        coarsest = np.array([len(each.coefficients) - 1 for each in work.grids.values()])
+        coarsest = np.array([each.levels - 1 for each in work.grids.values()])
         step = np.sqrt(patches.step_area[which])
         ends = patches.level[which] == coarsest[work.grid[which]]
         assert ((step >= 0.499 * cell) | ends).all()

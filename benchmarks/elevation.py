@@ -16,9 +16,8 @@ from sketchterrain.array_types import Float32Array, Float64Array
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import TimedContext, lap, spread
+from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid
-from sketchterrain.elevation.mips import mip_levels
-from sketchterrain.elevation.patches import build_patches
 from sketchterrain.elevation.selection import Patchwork
 
 SEED = 1
@@ -48,10 +47,7 @@ _BOUNDS = (
 )
 _BUILDS = (
     Column("side", "side, samples"),
-    Column("mips_s", "mips, s"),
-    Column("patches_s", "mips, splines, errors, s"),
-    Column("tops_s", "tops, s"),
-    Column("total_s", "in all, s"),
+    Column("total_s", "in memory, s"),
     Column("paper_s", "paper, bilinear, s"),
     Column("patches", "patches"),
     Column("add_s", "adding a grid of 1024², s"),
@@ -146,27 +142,19 @@ def _bounds(side: int) -> list[Row]:
 def _build(side: int, rounds: int) -> Row:
     grid = _grid(side)
     _patchwork(_grid(64)).tops  # noqa: B018 - compiles
-    times: list[tuple[float, ...]] = []
+    work, times = Patchwork(), []
     for _ in range(rounds):
         start = perf_counter()
-        mip_levels(grid.samples)
-        mips = perf_counter()
-        part = build_patches(grid)
-        built = perf_counter()
-        work = Patchwork({part.id: part})
-        tops = work.tops
-        times.append((mips - start, built - mips, perf_counter() - built))
-    median = [spread(each).median for each in zip(*times, strict=True)]
+        work = _patchwork(grid)
+        work.tops  # noqa: B018
+        times.append(perf_counter() - start)
     far = 0.3 * _STEP * side
     inset = build_patches(_grid(min(side, 1024), (9.0, 4.0, far, 4.0, -9.0, far), SEED + 1))
     return {
         "side": side,
-        "mips_s": median[0],
-        "patches_s": median[1],
-        "tops_s": median[2],
-        "total_s": median[1] + median[2],
+        "total_s": spread(times).median,
         "paper_s": _PAPER.get(side),
-        "patches": len(tops.top),
+        "patches": len(work),
         "add_s": lap(partial(work.with_grid, inset)).wall,
     }
 

@@ -77,7 +77,7 @@ def build_patches(
             rows = each.push(rows)  # those of the next level
     errors = _errors(grid, planes, counts, strip)
     table = _table(grid, levels, errors)
-    part = GridPatches(grid.id, grid.at, grid.base, table, planes, shared.windows, grid.findings)
+    part = GridPatches(grid.id, grid.at, grid.base, table, planes, shared.windows, grid.found)
     top, _ = find_tops(PatchNumbers([part]), np.arange(len(part)))
     return replace(part, table=table._replace(top=top))
 
@@ -229,7 +229,7 @@ class _Part:
 
 
 class _Kernels:
-    """Patches of some rows of kernels that have data: a kernel beside voids consists of blocks without one."""
+    """Patches of some rows of kernels that have data: beside voids a kernel is blocks without one."""
 
     def __init__(
         self, known: BoolArray, counts: tuple[int, int], level: int, first: int, shape: tuple[int, int]
@@ -246,7 +246,7 @@ class _Kernels:
             every = (every[:-1].reshape(len(last), _BLOCK, -1).all(axis=1) & last).T
         side = KERNEL // _BLOCK
         blocks = every.reshape(counts[0], side, counts[1], side).swapaxes(1, 2).reshape(-1, side, side)
-        exists = blocks.all(axis=(1, 2))
+        exists = np.asarray(blocks.all(axis=(1, 2)))
         boxes = [self.boxes]
         for patch in np.flatnonzero(~exists & blocks.any(axis=(1, 2))):
             row, column = divmod(int(patch), counts[1])
@@ -288,7 +288,7 @@ def _table(grid: ElevationGrid, levels: list[_Level], errors: list[Float64Array]
 def _errors(
     grid: ElevationGrid, planes: CoefficientPlanes, counts: list[tuple[int, int]], strip: int | None
 ) -> list[Float64Array]:
-    """Return the largest distance (m) of the patches of each level from the samples; 0 where they interpolate."""
+    """Return the largest distance (m) of patches from samples, by level; 0 where they interpolate."""
     errors = [np.zeros(each) for each in counts]
     for start, samples in grid.strips(strip):
 

@@ -34,7 +34,7 @@ MAX_SAMPLES: Final = 1 << 29
 
 _FEET = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us-ft": 1200 / 3937, "us survey foot": 1200 / 3937}
 _DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".hgt": "SRTMHGT", ".asc": "AAIGrid", ".vrt": "VRT"}
-_STRIP = 1 << 23  # samples
+_STRIP, _PIECE = 1 << 22, 1 << 21  # samples
 _UNREADABLE = (
     OSError,
     ValueError,
@@ -117,7 +117,7 @@ class ElevationGrid:
     Attributes
     ----------
     samples
-        Heights (rows, columns), m; NaN where there is none. Those of `open_grid` are read by rows when needed.
+        Heights (rows, columns), m; NaN where there is none. Those of `open_grid` are read by rows.
     place
         Place of the samples, as points, in `crs`, or in sketch metres without one.
     accuracy
@@ -152,6 +152,11 @@ class ElevationGrid:
         return self.at.to_metres(column, row)
 
     @property
+    def found(self) -> Findings:
+        """Findings, with those in samples that are read by rows."""
+        return (*self.findings, *getattr(self.samples, "findings", ()))
+
+    @property
     def id(self) -> bytes:
         """Hash of samples, place and accuracy: the same grid has the same id wherever it is from."""
         return self._content[0]
@@ -165,15 +170,16 @@ class ElevationGrid:
     def _content(self) -> tuple[bytes, float]:
         head = (self.samples.shape, self.place, self.accuracy, self.crs, self.frame)
         digest = blake2b(repr(head).encode(), digest_size=16)
-        sums, count = [], 0
+        sums: list[float] = []
+        count = 0
         for _, rows in self.strips():
             digest.update(np.ascontiguousarray(rows).data)
-            sums += np.nansum(rows, axis=1, dtype=np.float64).tolist()
-            count += np.count_nonzero(np.isfinite(rows))
+            sums += list(np.nansum(rows, axis=1, dtype=np.float64))
+            count += int(np.count_nonzero(np.isfinite(rows)))
         return digest.digest(), float(round(math.fsum(sums) / max(count, 1)))
 
     def strips(self, rows: int | None = None) -> Iterator[tuple[int, Float32Array]]:
-        """Yield first rows and samples of all strips of so many rows; by default of about 32 MB."""
+        """Yield first rows and samples of all strips of so many rows; by default of about 16 MB."""
         step = rows or min(max(_STRIP // self.samples.shape[1], 64), 512)
         for first in range(0, len(self.samples), step):
             yield first, self.samples[first : first + step]
@@ -246,19 +252,27 @@ def open_grid(
     crs: str | None = None,
     place: Affine6 | None = None,
 ) -> ElevationGrid:
-    """Return the grid that `read_grid` returns, of any size: its samples are read by rows when they are needed.
+    """Return the grid that `read_grid` returns, of any size: its samples are read by rows when needed.
 
-    The file is read once for what was found, the voids excepted: these are in ``grid.samples.findings`` when
-    all rows were read.
+    The file is read once for values that mean "no data", and once more by `ElevationGrid.id`; then `found` is
+    complete.
     """
+    if path.suffix.lower() == ".npz":
+        return read_grid(path, frame, accuracy=accuracy, crs=crs, place=place)
     with _named(path):
         rows, columns = _shape(path)
         raw, _, place_in_file, crs_in_file, findings = _read(path, band, (0, 0, 1, columns))
     at, source, step = _checked_place(path, place or place_in_file, crs_in_file if crs is None else crs)
 
     def read(first: int, last: int) -> tuple[Any, Any]:
+        values, known = np.empty((last - first, columns), np.float32), np.empty((last - first, columns), bool)
+        step = max(_PIECE // columns, 1)  # in a file's type they need more memory
         with _named(path):
-            return _read(path, band, (first, 0, last - first, columns))[:2]
+            for start in range(0, last - first, step):
+                rows = min(step, last - first - start)
+                part = _read(path, band, (first + start, 0, rows, columns))
+                values[start : start + rows], known[start : start + rows] = part[:2]
+        return values, known
 
     strip = max(_STRIP // columns, 64)
     samples = CleanedSamples(read, (rows, columns), step, strip)
@@ -266,7 +280,7 @@ def open_grid(
         raise InputError(f"{one_line(path)}: has no heights, all {rows * columns} samples are voids")
     accuracy = _accuracy(raw.dtype.kind) if accuracy is None else float(accuracy)
     by_rows: Any = samples
-    return ElevationGrid(by_rows, at, accuracy, source, frame, path.name, (*findings, *samples.findings))
+    return ElevationGrid(by_rows, at, accuracy, source, frame, path.name, findings)
 
 
 def _accuracy(kind: str) -> float:
@@ -304,8 +318,6 @@ def _shape(path: Path) -> tuple[int, int]:
     """Return rows and columns of a file."""
     if path.suffix.lower() == ".npy":
         rows, columns = np.load(path, allow_pickle=False, mmap_mode="r").shape
-    elif path.suffix.lower() == ".npz":
-        rows, columns = _read_array(path, None)[0].shape
     else:
         with _open(path) as file:
             rows, columns = file.shape

@@ -57,7 +57,7 @@ def halved(samples: Float32Array, columns: int) -> Float32Array:
 
 
 def spline_coefficients(samples: Float32Array, base: float, core: tuple[slice, slice]) -> Float32Array:
-    """Return coefficients of the cubic B-spline that interpolates samples, above `base` (m), in their core."""
+    """Return coefficients of the cubic spline that interpolates samples, above `base` (m), in their core."""
     heights = samples.astype(np.float64) - base
     for axis in (1, 0):
         heights = _filled(heights, axis)

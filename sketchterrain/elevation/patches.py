@@ -81,7 +81,7 @@ class PatchTable(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GridPatches:
-    """The patches of one grid, by level, row and column: of its place, a table, and a store of coefficients."""
+    """The patches of one grid, by level, row and column: its place, a table, and coefficients."""
 
     id: bytes  # of the grid
     place: GridPlace
@@ -116,7 +116,7 @@ class GridPatches:
         return int(np.round(2.0 * _RANKS * (np.log2(self.step) + level)))
 
     def rows(self, which: Int64Array) -> tuple[Patches, Float64Array]:
-        """Return columns of some patches, and the corners (n, 4, 2) of their rectangles, counter-clockwise."""
+        """Return columns of patches, and the corners (n, 4, 2) of their rectangles, counter-clockwise."""
         table, shape = self.table, self.place.shape
         level = np.searchsorted(table.starts, which, "right") - 1
         across = np.array([kernel_counts(shape, each)[1] for each in range(self.levels)])
@@ -182,13 +182,14 @@ def kernel_boxes(boxes: Int64Array, level: Any, shape: tuple[int, int]) -> Float
     limits = np.array([shape[0] - 1, shape[0] - 1, shape[1] - 1, shape[1] - 1])
     scaled = np.minimum(boxes << np.reshape(level, (-1, 1)), limits)
     # At the rim half a sample more: tiles side by side may end a sample apart.
-    return scaled + 0.5 * ((scaled == limits).astype(np.float64) - (scaled == 0))
+    found: Float64Array = scaled + 0.5 * ((scaled == limits).astype(np.float64) - (scaled == 0))
+    return found
 
 
 def step_areas(to_steps: Float64Array) -> Float64Array:
     """Return the areas (m²) of steps at the centres of maps (n, 2, 6)."""
     a, b = to_steps[:, 0, 1:3], to_steps[:, 1, 1:3]
-    return 1.0 / np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    return np.asarray(1.0 / np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
 
 
 def step_of(place: GridPlace) -> float:

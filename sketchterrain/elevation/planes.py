@@ -5,7 +5,6 @@ from __future__ import annotations
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
-from threading import Lock
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -14,6 +13,9 @@ from numpy import typing as npt
 from sketchterrain.array_types import Float32Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.errors import SketchterrainError, one_line
+
+DESCRIPTION: Final = "table.npz"
+"""File of a store beside its coefficients: without it the store is built again."""
 
 CHUNK: Final = (112, 224)
 """Rows and columns of a chunk."""
@@ -26,27 +28,39 @@ class DamagedStoreError(SketchterrainError):
 
 
 class ArrayFile:
-    """Items of one shape and type in a file, read and written by slices."""
+    """Items of one shape and type in a file, read and written by slices; it is open only meanwhile."""
 
-    def __init__(self, path: Path, dtype: Any, shape: tuple[int, ...] = (), *, new: bool = False) -> None:
+    def __init__(self, path: Path, dtype: Any, shape: tuple[int, ...] = ()) -> None:
         self.path, self._dtype, self._shape = path, np.dtype(dtype), shape
         self._size = self._dtype.itemsize * int(np.prod(shape, dtype=np.int64))
-        self._lock, self._file = Lock(), path.open("w+b" if new else "rb", buffering=0)
+
+    def __len__(self) -> int:
+        """Return the number of items."""
+        return self.path.stat().st_size // self._size
 
     def __getitem__(self, part: slice) -> Any:
-        """Return some items."""
+        """Return some items; raise DamagedStoreError if they cannot be read."""
         found = np.empty((part.stop - part.start, *self._shape), self._dtype)
-        with self._lock:
-            self._file.seek(part.start * self._size)
-            if self._file.readinto(found.data.cast("B") if found.size else found.data) != found.nbytes:
-                raise DamagedStoreError(f"{one_line(self.path)}: ends too early")
+        try:
+            with self.path.open("rb", buffering=0) as file:
+                file.seek(part.start * self._size)
+                count = file.readinto(found.reshape(-1).view(np.uint8).data)
+        except OSError:
+            raise self.damaged() from None
+        if count != found.nbytes:
+            raise self.damaged()
         return found
 
     def __setitem__(self, part: slice, items: Any) -> None:
-        """Write some items."""
-        with self._lock:
-            self._file.seek(part.start * self._size)
-            self._file.write(np.ascontiguousarray(items, self._dtype).data.cast("B"))
+        """Write some items; the file must exist."""
+        with self.path.open("r+b", buffering=0) as file:
+            file.seek(part.start * self._size)
+            file.write(np.ascontiguousarray(items, self._dtype).reshape(-1).view(np.uint8).data)
+
+    def damaged(self) -> DamagedStoreError:
+        """Return an error; the store is built again when it is next opened."""
+        self.path.with_name(DESCRIPTION).unlink(missing_ok=True)
+        return DamagedStoreError(f"{one_line(self.path)}: has been damaged; it is built again when next opened")
 
 
 class CoefficientPlanes:
@@ -123,7 +137,7 @@ class CoefficientPlanes:
         def read() -> Float32Array:
             values: Float32Array = self.values[start : start + height * width]
             if self._memory is not None and zlib.crc32(values.data) != self.sums[number]:
-                raise DamagedStoreError(f"{one_line(self.values.path)}: is damaged")
+                raise self.values.damaged()
             return values.reshape(height, width)
 
         return (

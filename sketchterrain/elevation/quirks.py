@@ -75,7 +75,8 @@ class CleanedSamples:
             counts = _fill_small_voids(samples, low, (first, last), self.shape)
         if first == self._counted < last:
             self._voids, self._counted = self._voids + counts, last
-        return samples[first - low : last - low]
+        part: Float32Array = samples[first - low : last - low]
+        return part
 
     @property
     def findings(self) -> Findings:
@@ -87,7 +88,7 @@ class CleanedSamples:
 
     def _without_bad_values(self, first: int, last: int) -> Float32Array:
         raw, known = self._read(first, last)
-        values = raw.astype(np.float32)
+        values: Float32Array = raw.astype(np.float32)
         with np.errstate(invalid="ignore"):
             bad = ~(known & (np.abs(values) <= _HEIGHTS))
         for sentinel in self._sentinels:
@@ -120,18 +121,18 @@ class CleanedSamples:
             values = raw.astype(np.float32)
             with np.errstate(invalid="ignore"):
                 far = known & ~(np.abs(values) <= _HEIGHTS)
-            unknown += np.count_nonzero(~known[mine])
+            unknown += _count(~known[mine])
             if far[mine].any():
-                strange += np.count_nonzero(far[mine])
+                strange += _count(far[mine])
                 odd = np.unique(np.append(odd, values[mine][far[mine]]))[:4]
             known = known & ~far
             for n, sentinel in enumerate(_SENTINELS):
                 hit = known & (values == sentinel)
                 close = known & ~hit & (np.abs(values - sentinel) < _SENTINEL_GAP)
-                hits[n] += np.count_nonzero(hit[mine])
+                hits[n] += _count(hit[mine])
                 near[n] |= close.any()
                 known &= ~hit
-            self.count += np.count_nonzero(known[mine])
+            self.count += _count(known[mine])
             collars.add(start // self._strip, values, known, mine)
             values[~known] = np.nan
             spikes += _spikes(values, steepest, mine)
@@ -166,6 +167,10 @@ class CleanedSamples:
         rise = np.concatenate(parts)
         rise = rise[np.isfinite(rise)]
         return float(np.median(rise)) if len(rise) else 0.0, _terraces(rise)
+
+
+def _count(mask: BoolArray) -> int:
+    return int(np.count_nonzero(mask))
 
 
 class _Collars:
@@ -208,7 +213,7 @@ class _Collars:
             there[: max(shift, 0)] = 0
             there[len(there) + min(shift, 0) :] = 0
             self._pairs.append(np.stack([here, there])[:, (here > 0) & (there > 0)])
-        self._strips.append((strip, self._labels, zlib.compress(local.astype(np.int32), 1)))
+        self._strips.append((strip, self._labels, zlib.compress(local.astype(np.int32).data, 1)))
         self._above = np.where(local[-1] > 0, local[-1] + self._labels, 0)
         self._labels += count
 
@@ -227,8 +232,8 @@ class _Collars:
             labels = np.frombuffer(zlib.decompress(packed), np.int32)
             mask = collar[np.where(labels > 0, labels + first, 0)]
             if mask.any():
-                strips[strip] = zlib.compress(np.packbits(mask), 1)
-                zeros += int(np.count_nonzero(mask))
+                strips[strip] = zlib.compress(np.packbits(mask).data, 1)
+                zeros += _count(mask)
         return strips, zeros
 
 
@@ -246,7 +251,7 @@ def _spikes(samples: Float32Array, steepest: float, mine: slice) -> int:
                 np.fmin(above, rise, out=above)
                 np.fmin(below, -rise, out=below)
     stands_out = np.maximum(above, below)
-    return int(np.count_nonzero((stands_out > steepest) & np.isfinite(stands_out)))
+    return _count((stands_out > steepest) & np.isfinite(stands_out))
 
 
 def _terraces(rise: Float32Array) -> list[str]:
@@ -269,7 +274,8 @@ def _fill_small_voids(
 ) -> Int64Array:
     """Fill voids that don't touch the rim and are at most `MAX_FILLED` across, in place, by a membrane.
 
-    `samples` are rows from `low` on. Return samples filled, voids that begin, and samples left in rows `mine`.
+    `samples` are rows from `low` on. Return the samples filled, voids that begin, and samples left out in the
+    rows `mine`.
     """
     labels, _ = ndimage.label(np.isnan(samples), _EIGHT)
     counts = np.zeros(3, np.int64)
@@ -281,7 +287,7 @@ def _fill_small_voids(
             continue
         inside = rows.start > 0 and columns.start > 0
         inside &= rows.stop < len(samples) and columns.stop < shape[1]
-        here = np.count_nonzero(labels[first - low : last - low, columns] == label)
+        here = _count(labels[first - low : last - low, columns] == label)
         # One that reaches the strip's end is larger, as strips reach so far beyond these rows.
         if not inside or max(stop - start, columns.stop - columns.start) > MAX_FILLED:
             counts[2] += here
@@ -292,7 +298,7 @@ def _fill_small_voids(
         window[void] = np.nanmean(window[ndimage.binary_dilation(void, _EIGHT) & ~void])
         _membrane(window, void, np.isnan(window))
         samples[part][void] = window[void]
-        counts += here, start >= mine[0], 0
+        counts += np.array([here, start >= mine[0], 0])
     return counts
 
 

@@ -96,7 +96,7 @@ class Patchwork:
     def _changed(self, grids: dict[bytes, GridPatches], grid_id: bytes) -> Patchwork:
         changed = Patchwork(grids)
         before = {
-            key: Tops(*(each[first:last] for each in self.tops))
+            key: Tops(self.tops.top[first:last], self.tops.is_best[first:last])
             for key, first, last in zip(
                 self.grids, self._numbers.starts, self._numbers.starts[1:], strict=False
             )

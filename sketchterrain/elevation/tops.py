@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
 from sketchterrain.elevation.mips import in_threads
 from sketchterrain.elevation.patches import GridPatches, Patches, concatenated, subset
 from sketchterrain.elevation.surface import BoxIndex
@@ -34,8 +34,10 @@ class PatchNumbers:
         self.starts = np.cumsum([0, *counts])
         self.grid = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
         tables = [each.table for each in parts]
-        self.reach = _joined([each.reach for each in tables], (0, 4))
-        self.error = _joined([each.accuracy + each.table.error.astype(np.float64) for each in parts], (0,))
+        self.reach: Float32Array = _joined([each.reach for each in tables], (0, 4))
+        self.error: Float64Array = _joined(
+            [each.accuracy + each.table.error.astype(np.float64) for each in parts], (0,)
+        )
         # Grid, level and rank of each level, its first patch and the end, and a box around it.
         levels = [(n, level) for n, each in enumerate(parts) for level in range(each.levels)]
         self.levels = np.array(levels, np.int64).reshape(-1, 2)
@@ -125,7 +127,7 @@ def find_tops(numbers: PatchNumbers, which: Int64Array, lowest: Int64Array | Non
     return tops
 
 
-def _tops_among(patches: Patches, grid: Int64Array, corners: Float64Array, which: Int64Array) -> Tops:
+def _tops_among(patches: Patches, grid: Int32Array, corners: Float64Array, which: Int64Array) -> Tops:
     """Return the tops of some patches among those given."""
     grown = patches.kernel + patches.growth[:, None] * np.array([-1.0, -1.0, 1.0, 1.0])
     kernels, index = kernels_of(patches, corners), BoxIndex.from_boxes(grown)
@@ -291,4 +293,5 @@ def _without(corners, grow, pieces, sizes, side, left):  # type: ignore[no-untyp
 
 @njit(cache=True, nogil=True, inline="always")
 def distance_to(line, point):  # type: ignore[no-untyped-def]
+    """Return the distance (m) outward from an edge."""
     return line[0] * point[0] + line[1] * point[1] + line[2]

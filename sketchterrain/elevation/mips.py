@@ -61,7 +61,8 @@ def spline_coefficients(samples: Float32Array, base: float, core: tuple[slice, s
     heights = samples.astype(np.float64) - base
     for axis in (1, 0):
         heights = _filled(heights, axis)
-    heights = np.nan_to_num(heights[core[0], core[1]], copy=False)
+    heights = heights[core[0], core[1]]
+    heights[np.isnan(heights)] = 0.0
     return np.asarray(ndimage.spline_filter(heights, 3, output=np.float64, mode="mirror"), np.float32)
 
 

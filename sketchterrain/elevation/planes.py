@@ -60,7 +60,9 @@ class ArrayFile:
     def damaged(self) -> DamagedStoreError:
         """Return an error; the store is built again when it is next opened."""
         self.path.with_name(DESCRIPTION).unlink(missing_ok=True)
-        return DamagedStoreError(f"{one_line(self.path)}: has been damaged; it is built again when next opened")
+        return DamagedStoreError(
+            f"{one_line(self.path)}: has been damaged; it is built again when next opened"
+        )
 
 
 class CoefficientPlanes:

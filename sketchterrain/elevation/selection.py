@@ -107,24 +107,35 @@ class Patchwork:
         return changed
 
     def _updated_tops(
-        self, before: Mapping[bytes, Tops], added: list[bytes], gone: Float32Array | None = None
+        self,
+        before: Mapping[bytes, Tops],
+        added: list[bytes],
+        gone: Float32Array | None = None,
+        lowest: Int64Array | None = None,
     ) -> Tops:
-        """Return tops, where those of a grid's patches that touch no added one, and no gone one, stay."""
+        """Return tops, where those of a grid's patches that touch no added one, and no gone one, stay.
+
+        With lowest levels, those of finer patches are undefined. A grid's own finer levels change no top.
+        """
         numbers = self._numbers
         tops = Tops(np.empty(len(numbers)), np.zeros(len(numbers), bool))
         boxes = {key: box_around(each.table.reach) for key, each in self.grids.items()}
         stale = np.zeros(len(numbers), bool)
-        for key, first, last in zip(self.grids, numbers.starts, numbers.starts[1:], strict=False):
-            table, here = self.grids[key].table, slice(first, last)
-            alone = Tops(table.top, np.arange(last - first) < table.starts[1])
-            tops.top[here], tops.is_best[here] = before.get(key, alone)
+        for n, (key, part) in enumerate(self.grids.items()):
+            level = 0 if lowest is None else int(lowest[n])
+            here = slice(numbers.starts[n], numbers.starts[n + 1])
+            tops.top[here] = part.table.top
+            tops.is_best[here][slice(*part.table.starts[[level, level + 1]])] = True
+            if key in before:
+                tops.top[here], tops.is_best[here] = before[key]
             others = set(boxes) - {key} if key in added else set(added)
             near = [boxes[each] for each in others - {key}] + ([] if gone is None else [gone])
             for box in near:
                 if overlapping(boxes[key][None], box)[0]:
                     stale[here] |= overlapping(numbers.reach[here], box)
+            stale[here][: part.table.starts[level]] = False
         which = np.flatnonzero(stale)
-        tops.top[which], tops.is_best[which] = find_tops(numbers, which)
+        tops.top[which], tops.is_best[which] = find_tops(numbers, which, lowest)
         return tops
 
     def _check(self) -> None:
@@ -173,7 +184,8 @@ class Patchwork:
             errors[first:last] = each.accuracy
             parts.append(np.arange(first, numbers.starts[n + 1]))
         which = np.concatenate(parts)
-        return which, errors[which], find_tops(numbers, which, lowest)
+        top, is_best = self._updated_tops({}, list(self.grids), lowest=lowest)
+        return which, errors[which], Tops(top[which], is_best[which])
 
     def cover_near(self, cell_size: float, areas: Float64Array) -> Int64Array:
         """Return those of `cover_for_cells` that reach into any of some areas (n, 4), m: an index is kept."""

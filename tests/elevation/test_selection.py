@@ -12,6 +12,7 @@ from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid
 from sketchterrain.elevation.patches import GridPatches
 from sketchterrain.elevation.selection import Patchwork
+from sketchterrain.elevation.tops import PatchNumbers, find_tops
 from sketchterrain.errors import InputError
 
 MakeGrid = Callable[..., ElevationGrid]
@@ -135,6 +136,20 @@ def test_covers_for_cells_are_limited_in_band(four: list[GridPatches]) -> None:
         last = len(which)
     with pytest.raises(InputError, match="cell size"):
         work.cover_for_cells(0.0)
+
+
+def test_tops_without_fine_levels_are_those_of_all_patches(four: list[GridPatches]) -> None:
+    for parts in (four[:1], four):
+        work = together(parts)
+        numbers = PatchNumbers(list(work.grids.values()))
+        everything = find_tops(numbers, np.arange(len(numbers)))
+        assert [each.tobytes() for each in work.tops] == [each.tobytes() for each in everything]
+        for lowest in ([1, 0, 2, 1], [2, 2, 1, 0]):
+            levels = np.array(lowest[: len(parts)])
+            which, error, tops = work._without_fine_levels(levels)
+            expected = find_tops(numbers, which, levels)
+            assert [each.tobytes() for each in tops] == [each.tobytes() for each in expected]
+            assert len(error) == len(which)
 
 
 def test_same_grid_at_another_accuracy_is_redundant(make_grid: MakeGrid) -> None:

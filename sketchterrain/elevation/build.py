@@ -60,8 +60,8 @@ def build_patches(
     for splines, and for errors. `values` and `masks` are files for coefficients and masks, written by rows;
     without them they are held in memory.
     """
-    shape = grid.at.shape
-    step, sizes = step_of(grid.at), level_shapes(shape)
+    shape = grid.shape
+    step, sizes = step_of(grid), level_shapes(shape)
     if not grid.is_affine:
         sizes = sizes[: 1 + sum(step * 2.0**level <= _MAX_STEP for level in range(1, len(sizes)))]
     counts = [kernel_counts(shape, level) for level in range(len(sizes))]
@@ -77,7 +77,7 @@ def build_patches(
             rows = each.push(rows)  # those of the next level
     errors = _errors(grid, planes, counts, strip)
     table = _table(grid, levels, errors)
-    part = GridPatches(grid.id, grid.at, grid.base, table, planes, shared.windows, grid.found)
+    part = GridPatches(grid.id, grid.without_samples(), grid.base, table, planes, shared.windows, grid.found)
     top, _ = find_tops(PatchNumbers([part]), np.arange(len(part)))
     return replace(part, table=table._replace(top=top))
 
@@ -267,7 +267,7 @@ def _table(grid: ElevationGrid, levels: list[_Level], errors: list[Float64Array]
     for each, flat in zip(levels, place, strict=True):
         for start in range(0, len(flat), _PATCHES):
             row, column = np.divmod(flat[start : start + _PATCHES], each.counts[1])
-            reach.append(patch_reach(*patch_maps(grid.at, np.full(len(row), each.level), row, column)))
+            reach.append(patch_reach(*patch_maps(grid, np.full(len(row), each.level), row, column)))
     most = np.concatenate([error.ravel()[flat] for error, flat in zip(errors, place, strict=True)])
     error = most.astype(np.float32)
     rectangles = np.concatenate([part for each in levels for part in each.rectangles])

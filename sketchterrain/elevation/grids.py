@@ -8,7 +8,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import blake2b
 from pathlib import Path
@@ -62,18 +62,31 @@ LOCAL: Final = SketchFrame()
 
 
 @dataclass(frozen=True, eq=False)
-class GridPlace:
-    """Where the samples of a DEM grid are, and how accurate: see `ElevationGrid`."""
+class ElevationGrid:
+    """Regularly spaced heights (Rocca et al. 2012, §3.1).
 
-    shape: tuple[int, int]
+    Attributes
+    ----------
+    samples
+        Heights (rows, columns), m; NaN where there is none. Those of `open_grid` are read by rows.
+    place
+        Place of the samples, as points, in `crs`, or in sketch metres without one.
+    accuracy
+        Largest error (m) of heights taken from the samples.
+    findings
+        What was found in the file, in words, with counts.
+    """
+
+    samples: Float32Array
     place: Affine6
     accuracy: float = 0.0
     crs: str = ""
     frame: SketchFrame = LOCAL
     name: str = "grid"
+    findings: Findings = ()
 
     def __post_init__(self) -> None:
-        rows, columns = self.shape
+        rows, columns = self.samples.shape
         if min(rows, columns) < MIN_SIDE:
             raise InputError(
                 f"{self.name}: expected at least {MIN_SIDE} × {MIN_SIDE} samples, got {rows} × {columns}"
@@ -109,47 +122,15 @@ class GridPlace:
             x, y = x - self.frame.east, y - self.frame.north
         return x, y
 
-
-@dataclass(frozen=True, eq=False)
-class ElevationGrid:
-    """Regularly spaced heights (Rocca et al. 2012, §3.1).
-
-    Attributes
-    ----------
-    samples
-        Heights (rows, columns), m; NaN where there is none. Those of `open_grid` are read by rows.
-    place
-        Place of the samples, as points, in `crs`, or in sketch metres without one.
-    accuracy
-        Largest error (m) of heights taken from the samples.
-    findings
-        What was found in the file, in words, with counts.
-    """
-
-    samples: Float32Array
-    place: Affine6
-    accuracy: float = 0.0
-    crs: str = ""
-    frame: SketchFrame = LOCAL
-    name: str = "grid"
-    findings: Findings = ()
-
-    def __post_init__(self) -> None:
-        self.at  # noqa: B018 # checks
-
-    @cached_property
-    def at(self) -> GridPlace:
-        """Place of the samples."""
-        return GridPlace(self.samples.shape, self.place, self.accuracy, self.crs, self.frame, self.name)
-
     @property
-    def is_affine(self) -> bool:
-        """Whether an affine map leads from samples to sketch metres."""
-        return self.at.is_affine
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = self.samples.shape
+        return rows, columns
 
-    def to_metres(self, column: Float64Array, row: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return x and y (m) in the sketch of places in the grid, in samples."""
-        return self.at.to_metres(column, row)
+    def without_samples(self) -> ElevationGrid:
+        """Return the place of the grid: its samples are NaN and take no memory."""
+        return replace(self, samples=np.broadcast_to(np.float32(np.nan), self.shape))
 
     @property
     def found(self) -> Findings:

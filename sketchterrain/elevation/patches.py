@@ -22,7 +22,7 @@ from sketchterrain.array_types import (
     Int64Array,
     UInt8Array,
 )
-from sketchterrain.elevation.grids import GridPlace
+from sketchterrain.elevation.grids import ElevationGrid
 from sketchterrain.elevation.planes import ArrayFile, CoefficientPlanes
 
 KERNEL: Final = 28
@@ -84,7 +84,7 @@ class GridPatches:
     """The patches of one grid, by level, row and column: its place, a table, and coefficients."""
 
     id: bytes  # of the grid
-    place: GridPlace
+    grid: ElevationGrid  # without samples
     base: float  # m: coefficients are relative to it
     table: PatchTable
     planes: CoefficientPlanes
@@ -99,7 +99,7 @@ class GridPatches:
     @property
     def accuracy(self) -> float:
         """Largest error (m) of the grid's samples."""
-        return self.place.accuracy
+        return self.grid.accuracy
 
     @property
     def levels(self) -> int:
@@ -109,7 +109,7 @@ class GridPatches:
     @cached_property
     def step(self) -> float:
         """Distance (m) of samples, in the middle of the grid."""
-        return step_of(self.place)
+        return step_of(self.grid)
 
     def rank(self, level: int) -> int:
         """Return the rank by area of a level's patches."""
@@ -117,7 +117,7 @@ class GridPatches:
 
     def rows(self, which: Int64Array) -> tuple[Patches, Float64Array]:
         """Return columns of patches, and the corners (n, 4, 2) of their rectangles, counter-clockwise."""
-        table, shape = self.table, self.place.shape
+        table, shape = self.table, self.grid.shape
         level = np.searchsorted(table.starts, which, "right") - 1
         across = np.array([kernel_counts(shape, each)[1] for each in range(self.levels)])
         row, column = np.divmod(table.place[which].astype(np.int64), across[level])
@@ -134,8 +134,8 @@ class GridPatches:
         parts = np.flatnonzero(is_cut[owner])
         nth = parts - first[owner[parts]]
         boxes[parts] = table.boxes[np.repeat(table.cut_starts[at], rectangles[is_cut]) + nth]
-        corners = _outlines(self.place, kernel_boxes(boxes, level[owner], shape))
-        centre, to_steps = patch_maps(self.place, level, row, column)
+        corners = _outlines(self.grid, kernel_boxes(boxes, level[owner], shape))
+        centre, to_steps = patch_maps(self.grid, level, row, column)
         area = step_areas(to_steps)
         low, high = corners.min(axis=1), corners.max(axis=1)
         patches = Patches(
@@ -161,7 +161,7 @@ class GridPatches:
 
     def copy_coefficients(self, which: Int64Array, target: Float32Array, slots: Int64Array) -> None:
         """Copy the coefficients (35, 35) of patches to slots."""
-        shape = self.place.shape
+        shape = self.grid.shape
         level = (np.searchsorted(self.table.starts, which, "right") - 1).tolist()
         across = [kernel_counts(shape, each)[1] for each in range(self.levels)]
         place = self.table.place[which].tolist()
@@ -192,10 +192,10 @@ def step_areas(to_steps: Float64Array) -> Float64Array:
     return np.asarray(1.0 / np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
 
 
-def step_of(place: GridPlace) -> float:
+def step_of(grid: ElevationGrid) -> float:
     """Return the distance (m) of samples in the middle of a grid."""
-    row, column = (np.array([n // (2 * KERNEL)]) for n in place.shape)
-    return float(np.sqrt(step_areas(patch_maps(place, np.zeros(1, np.int64), row, column)[1])[0]))
+    row, column = (np.array([n // (2 * KERNEL)]) for n in grid.shape)
+    return float(np.sqrt(step_areas(patch_maps(grid, np.zeros(1, np.int64), row, column)[1])[0]))
 
 
 def concatenated(tables: Sequence[Patches]) -> Patches:
@@ -218,10 +218,10 @@ def _rims(row: Int64Array, column: Int64Array, level: Int64Array, shape: tuple[i
     return np.stack([-middle[1], ends[1] - middle[1], -middle[0], ends[0] - middle[0]], axis=1)
 
 
-def _outlines(place: GridPlace, boxes: Float64Array) -> Float64Array:
+def _outlines(grid: ElevationGrid, boxes: Float64Array) -> Float64Array:
     """Return the corners (n, 4, 2), m, of boxes in a grid, counter-clockwise."""
     row, column = boxes[:, [0, 0, 1, 1]], boxes[:, [2, 3, 3, 2]]
-    outline = np.stack(place.to_metres(column, row), axis=-1)
+    outline = np.stack(grid.to_metres(column, row), axis=-1)
     across = outline[:, 2] - outline[:, 0], outline[:, 3] - outline[:, 1]
     clockwise = across[0][:, 0] * across[1][:, 1] < across[0][:, 1] * across[1][:, 0]
     outline[clockwise] = outline[clockwise, ::-1]
@@ -229,17 +229,17 @@ def _outlines(place: GridPlace, boxes: Float64Array) -> Float64Array:
 
 
 def patch_maps(
-    place: GridPlace, level: Int64Array, row: Int64Array, column: Int64Array
+    grid: ElevationGrid, level: Int64Array, row: Int64Array, column: Int64Array
 ) -> tuple[Float64Array, Float64Array]:
     """Return the centres (n, 2) of patches, and their maps (n, 2, 6) from metres to steps.
 
     A grid in another CRS is not resampled: each patch has a quadratic map, fitted to nine points.
     """
     half, scale = KERNEL // 2, 2.0**level
-    if place.is_affine:
+    if grid.is_affine:
         at = [half * (2.0 * each + 1.0) * scale for each in (column, row)]
-        centre = np.stack(place.to_metres(*at), axis=-1)
-        a, b, _, d, e, _ = place.place
+        centre = np.stack(grid.to_metres(*at), axis=-1)
+        a, b, _, d, e, _ = grid.place
         to_steps = np.zeros((len(centre), 2, 6))
         to_steps[:, :, 1:3] = np.linalg.inv(np.array([[a, b], [d, e]])) / scale[:, None, None]
         return centre, to_steps
@@ -248,7 +248,7 @@ def patch_maps(
         half * (2.0 * each[:, None] + offset) * scale[:, None]
         for each, offset in ((column, right), (row, down))
     ]
-    nine = np.stack(place.to_metres(*at), axis=-1)
+    nine = np.stack(grid.to_metres(*at), axis=-1)
     centre = nine[:, 4].copy()
     offset = nine - centre[:, None]
     size = np.abs(offset).max(axis=(1, 2))

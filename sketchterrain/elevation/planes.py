@@ -36,7 +36,7 @@ class ArrayFile:
 
     def __len__(self) -> int:
         """Return the number of items."""
-        return self.path.stat().st_size // self._size
+        return int(self.path.stat().st_size // self._size)
 
     def __getitem__(self, part: slice) -> Any:
         """Return some items; raise DamagedStoreError if they cannot be read."""

@@ -80,59 +80,34 @@ class Patchwork:
     def tops(self) -> Tops:
         """Tops of all patches."""
         if self._tops is None:
-            self._tops = self._updated_tops({}, list(self.grids))
+            self._tops = self._tops_from(np.zeros(len(self.grids), np.int64))
         return self._tops
 
     def with_grid(self, grid: GridPatches) -> Patchwork:
-        """Return the patchwork with one more grid; only tops of patches that touch it are computed."""
-        return self if grid.id in self.grids else self._changed({**self.grids, grid.id: grid}, grid.id)
+        """Return the patchwork with one more grid."""
+        return self if grid.id in self.grids else Patchwork({**self.grids, grid.id: grid})
 
     def without_grid(self, grid_id: bytes) -> Patchwork:
         """Return the patchwork without a grid; patches that it made redundant are used again."""
-        if grid_id not in self.grids:
-            return self
-        return self._changed({key: each for key, each in self.grids.items() if key != grid_id}, grid_id)
+        return Patchwork({key: each for key, each in self.grids.items() if key != grid_id})
 
-    def _changed(self, grids: dict[bytes, GridPatches], grid_id: bytes) -> Patchwork:
-        changed = Patchwork(grids)
-        before = {
-            key: Tops(self.tops.top[first:last], self.tops.is_best[first:last])
-            for key, first, last in zip(
-                self.grids, self._numbers.starts, self._numbers.starts[1:], strict=False
-            )
-        }
-        added = [grid_id] if grid_id in grids else []
-        gone = None if added else box_around(self.grids[grid_id].table.reach)
-        changed._tops = changed._updated_tops(before, added, gone)
-        return changed
+    def _tops_from(self, lowest: Int64Array) -> Tops:
+        """Return tops among patches from each grid's lowest level on; those of finer ones are undefined.
 
-    def _updated_tops(
-        self,
-        before: Mapping[bytes, Tops],
-        added: list[bytes],
-        gone: Float32Array | None = None,
-        lowest: Int64Array | None = None,
-    ) -> Tops:
-        """Return tops, where those of a grid's patches that touch no added one, and no gone one, stay.
-
-        With lowest levels, those of finer patches are undefined. A grid's own finer levels change no top.
+        Grids have their own tops: only those of patches that touch another grid are computed. A grid's finer
+        levels change no top.
         """
         numbers = self._numbers
         tops = Tops(np.empty(len(numbers)), np.zeros(len(numbers), bool))
-        boxes = {key: box_around(each.table.reach) for key, each in self.grids.items()}
+        boxes = np.array([box_around(each.table.reach) for each in numbers.parts]).reshape(-1, 4)
         stale = np.zeros(len(numbers), bool)
-        for n, (key, part) in enumerate(self.grids.items()):
-            level = 0 if lowest is None else int(lowest[n])
+        for n, (part, level) in enumerate(zip(numbers.parts, lowest, strict=True)):
             here = slice(numbers.starts[n], numbers.starts[n + 1])
             tops.top[here] = part.table.top
             tops.is_best[here][slice(*part.table.starts[[level, level + 1]])] = True
-            if key in before:
-                tops.top[here], tops.is_best[here] = before[key]
-            others = set(boxes) - {key} if key in added else set(added)
-            near = [boxes[each] for each in others - {key}] + ([] if gone is None else [gone])
-            for box in near:
-                if overlapping(boxes[key][None], box)[0]:
-                    stale[here] |= overlapping(numbers.reach[here], box)
+            for other in np.flatnonzero(overlapping(boxes, boxes[n])):
+                if other != n:
+                    stale[here] |= overlapping(numbers.reach[here], boxes[other])
             stale[here][: part.table.starts[level]] = False
         which = np.flatnonzero(stale)
         tops.top[which], tops.is_best[which] = find_tops(numbers, which, lowest)
@@ -184,7 +159,7 @@ class Patchwork:
             errors[first:last] = each.accuracy
             parts.append(np.arange(first, numbers.starts[n + 1]))
         which = np.concatenate(parts)
-        top, is_best = self._updated_tops({}, list(self.grids), lowest=lowest)
+        top, is_best = self._tops_from(lowest)
         return which, errors[which], Tops(top[which], is_best[which])
 
     def cover_near(self, cell_size: float, areas: Float64Array) -> Int64Array:

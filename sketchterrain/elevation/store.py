@@ -20,7 +20,7 @@ import numpy as np
 
 from sketchterrain.caching import LRUCache
 from sketchterrain.elevation.build import build_patches
-from sketchterrain.elevation.grids import LOCAL, Affine6, ElevationGrid, GridPlace, SketchFrame, open_grid
+from sketchterrain.elevation.grids import LOCAL, Affine6, ElevationGrid, SketchFrame, open_grid
 from sketchterrain.elevation.patches import COEFFICIENTS, GridPatches, PatchTable
 from sketchterrain.elevation.planes import DESCRIPTION, ArrayFile, CoefficientPlanes
 from sketchterrain.io.files import cache_folder, check_disk, wrap_os_errors, write_atomic
@@ -86,7 +86,7 @@ class PatchStore:
         with wrap_os_errors(folder):
             temporary.mkdir(parents=True)
             try:
-                check_disk(temporary, _BYTES * float(np.prod(grid.at.shape)), "patches of elevation")
+                check_disk(temporary, _BYTES * float(np.prod(grid.shape)), "patches of elevation")
                 values, masks = _array_files(temporary)
                 for each in (values, masks):
                     each.path.touch()
@@ -108,18 +108,19 @@ class PatchStore:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:  # checks its sums
                 found = {key: archive[key] for key in archive.files}
             facts: dict[str, Any] = json.loads(str(found.pop("facts")))
-            frame = SketchFrame(*facts["place"].pop("frame"))
-            place = GridPlace(**_tuples(facts["place"]), frame=frame)
+            place, frame = tuple(facts["place"]), SketchFrame(*facts["frame"])
+            samples = np.broadcast_to(np.float32(np.nan), facts["shape"])
+            grid = ElevationGrid(samples, place, facts["accuracy"], facts["crs"], frame, facts["name"])
             values, masks = _array_files(folder)
             sums = found.pop("sums")
-            planes = CoefficientPlanes(_tuples(facts)["levels"], values, sums, self._memory)
+            planes = CoefficientPlanes(facts["levels"], values, sums, self._memory)
             table = PatchTable(**found)
             if len(values) != planes.size or len(masks) != facts["masks"]:
                 return None
             os.utime(folder)
         except _DAMAGE:
             return None
-        return GridPatches(grid_id, place, facts["base"], table, planes, masks, tuple(facts["findings"]))
+        return GridPatches(grid_id, grid, facts["base"], table, planes, masks, tuple(facts["findings"]))
 
     def _delete_old(self, kept: Path) -> None:
         """Delete the stores that were opened longest ago, beyond the limit, and abandoned ones."""
@@ -139,19 +140,15 @@ def _array_files(folder: Path) -> tuple[ArrayFile, ArrayFile]:
 
 def _describe(part: GridPatches, path: Path) -> None:
     """Write all but coefficients and masks."""
-    facts: dict[str, Any] = {
-        "place": {**vars(part.place), "frame": list(part.place.frame)},
+    keys = "shape", "place", "accuracy", "crs", "frame", "name"
+    facts = {
+        **{key: getattr(part.grid, key) for key in keys},
         "base": part.base,
         "levels": part.planes.shapes,
         "masks": int(part.table.mask.max(initial=-1)) + 1,
         "findings": part.findings,
     }
-    facts["place"].pop("is_affine", None)
     np.savez(path, facts=np.array(json.dumps(facts)), sums=part.planes.sums, **part.table._asdict())
-
-
-def _tuples(facts: dict[str, Any]) -> dict[str, Any]:
-    return {key: tuple(each) if isinstance(each, list) else each for key, each in facts.items()}
 
 
 def _files(path: Path) -> Iterator[Path]:

@@ -112,10 +112,10 @@ def test_stored_patches_have_the_bits_of_those_in_memory(tmp_path: Path) -> None
     assert len(memory) == 0  # reads no coefficients
     for part in (built, opened):
         assert bits(part) == bits(expected)
-        assert (part.id, part.findings, part.place.place) == (
+        assert (part.id, part.findings, part.grid.place) == (
             expected.id,
             expected.findings,
-            expected.place.place,
+            expected.grid.place,
         )
     assert 0 < sum(each.nbytes for _, each in memory.items()) <= 1 << 18
     # The same content by another name is not built again, and changed files are.
@@ -126,7 +126,7 @@ def test_stored_patches_have_the_bits_of_those_in_memory(tmp_path: Path) -> None
     assert (folder / "coefficients").stat().st_mtime_ns == before
     assert PatchStore(tmp_path / "store").load(path, FRAME, accuracy=3.0).id != opened.id
     write(path, rough(330, 251))
-    assert PatchStore(tmp_path / "store").load(path, FRAME).place.shape == (330, 251)
+    assert PatchStore(tmp_path / "store").load(path, FRAME).grid.shape == (330, 251)
 
 
 def test_damaged_and_unfinished_stores_are_built_again(tmp_path: Path, make_grid: MakeGrid) -> None:

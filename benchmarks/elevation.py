@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import math
+import subprocess
+import sys
 import warnings
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
@@ -14,6 +19,7 @@ from scipy import ndimage
 
 from sketchterrain.array_types import Float32Array, Float64Array
 from sketchterrain.benchmarks.effort import Effort
+from sketchterrain.benchmarks.large_dem import write_large_dem
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import TimedContext, lap, spread
 from sketchterrain.elevation.build import build_patches
@@ -52,6 +58,21 @@ _BUILDS = (
     Column("patches", "patches"),
     Column("add_s", "adding a grid of 1024², s"),
 )
+_STORES = (
+    Column("side", "side, samples"),
+    Column("build_s", "file to store, s"),
+    Column("megabytes", "most memory, MB"),
+    Column("open_ms", "opening, ms"),
+    Column("far_ms", "1,000 patches at 50 m, ms"),
+    Column("together_ms", "1,000 finest ones side by side"),
+    Column("apart_ms", "anywhere"),
+    Column("view_ms", "view of 15 km at 1 px, ms"),
+    Column("view_patches", "its patches"),
+    Column("add_s", "adding a grid of 1024², s"),
+    Column("bytes", "bytes a sample"),
+    Column("overhead", "over float32, %"),
+    Column("beside_finest", "over the finest level, %"),
+)
 _RATES = (
     Column("side", "side, samples"),
     Column("error", "e, m"),
@@ -80,13 +101,16 @@ def measure(_: TimedContext, effort: Effort) -> Outcome:
     medians; the paper's are those of one core, Puget Sound and bilinear patches, ours of bicubic ones. Seams:
     a grid of 30 m, rotated, in one of 120 m, both filtered from a truth in steps of 10 m, beside the same
     grids resampled to 30 m: by GDAL's bilinear warp with rasterio.merge (the fine grid first), by its cubic
-    spline warp one over the other, and by that with Mapterhorn's feathered mask, 250 m wide.
+    spline warp one over the other, and by that with Mapterhorn's feathered mask, 250 m wide. Stores are those
+    of `write_large_dem`, each in a process of its own, whose memory is counted beyond that of its libraries;
+    patches are read from files that are not in the system's memory.
     """
     sides = effort.elevation_sides
     return Outcome(
         (
             Table("Exactness and bound", _BOUNDS, tuple(_bounds(sides[0]))),
             Table("Building", _BUILDS, tuple(_build(each, effort.rounds) for each in sides)),
+            Table("Stores on disk", _STORES, tuple(_store(each) for each in sides)),
             Table("Queries and evaluation", _RATES, tuple(_rates(sides[0]))),
             Table("Seams", _SEAMS, tuple(row for angle in _ANGLES for row in _seams(angle))),
         )
@@ -157,6 +181,16 @@ def _build(side: int, rounds: int) -> Row:
         "patches": len(work),
         "add_s": lap(partial(work.with_grid, inset)).wall,
     }
+
+
+def _store(side: int) -> Row:
+    with TemporaryDirectory(prefix="sketchterrain-") as folder:
+        path = write_large_dem(Path(folder) / "dem.tif", side)
+        script = Path(__file__).with_name("stored_dem.py")
+        command = [sys.executable, "-P", str(script), str(path), folder]
+        done = subprocess.run(command, check=True, capture_output=True)
+        row: Row = json.loads(done.stdout)
+        return row
 
 
 def _rates(side: int) -> list[Row]:

@@ -263,7 +263,7 @@ class _Kernels:
 def _table(grid: ElevationGrid, levels: list[_Level], errors: list[Float64Array]) -> PatchTable:
     """Return the table of all patches."""
     place = [np.concatenate(each.place) for each in levels]
-    reach = []
+    reach = [np.zeros((0, 4), np.float32)]
     for each, flat in zip(levels, place, strict=True):
         for start in range(0, len(flat), _PATCHES):
             row, column = np.divmod(flat[start : start + _PATCHES], each.counts[1])

@@ -78,7 +78,8 @@ class PatchStore:
 
     def patches(self, grid: ElevationGrid) -> GridPatches:
         """Return the patches of a grid, built if they are not stored."""
-        return self._opened(grid.id) or self._built(grid)
+        stored = self._opened(grid.id)
+        return self._built(grid) if stored is None else stored
 
     def _built(self, grid: ElevationGrid) -> GridPatches:
         folder = self._folder / grid.id.hex()
@@ -91,8 +92,9 @@ class PatchStore:
                 for each in (values, masks):
                     each.path.touch()
                 _describe(build_patches(grid, values=values, masks=masks), temporary / DESCRIPTION)
-                shutil.rmtree(folder, ignore_errors=True)  # damaged
-                temporary.rename(folder)
+                if self._opened(grid.id) is None:  # not built by another process meanwhile
+                    shutil.rmtree(folder, ignore_errors=True)
+                    temporary.rename(folder)
             finally:
                 shutil.rmtree(temporary, ignore_errors=True)
         self._delete_old(folder)
@@ -115,7 +117,7 @@ class PatchStore:
             sums = found.pop("sums")
             planes = CoefficientPlanes(facts["levels"], values, sums, self._memory)
             table = PatchTable(**found)
-            if len(values) != planes.size or len(masks) != facts["masks"]:
+            if (len(values), len(masks), facts["format"]) != (planes.size, facts["masks"], _FORMAT):
                 return None
             os.utime(folder)
         except _DAMAGE:
@@ -143,6 +145,7 @@ def _describe(part: GridPatches, path: Path) -> None:
     keys = "shape", "place", "accuracy", "crs", "frame", "name"
     facts = {
         **{key: getattr(part.grid, key) for key in keys},
+        "format": _FORMAT,
         "base": part.base,
         "levels": part.planes.shapes,
         "masks": int(part.table.mask.max(initial=-1)) + 1,

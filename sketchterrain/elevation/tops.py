@@ -58,7 +58,7 @@ class PatchNumbers:
             order = np.argsort(grid, kind="stable")
             patches, corners = self.rows(which[order])
             return subset(patches, np.argsort(order)), corners
-        found = np.unique(grid)
+        found = np.unique(grid) if len(grid) else [0]
         parts = [self.parts[n].rows(which[grid == n] - self.starts[n]) for n in found]
         return concatenated([each for each, _ in parts]), np.concatenate([each for _, each in parts])
 

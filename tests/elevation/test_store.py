@@ -71,6 +71,15 @@ def test_strips_make_no_difference(make_grid: MakeGrid, crs: str) -> None:
         assert bits(build_patches(grid, strip=strip)) == expected, strip
 
 
+def test_grid_of_scattered_samples_has_no_patches(tmp_path: Path) -> None:
+    samples = np.full((70, 80), np.nan, np.float32)
+    samples[::3, ::3] = 5.0
+    part = PatchStore(tmp_path).patches(ElevationGrid(samples, (30.0, 0.0, 0.0, 0.0, -30.0, 0.0)))
+    work = Patchwork({part.id: part})
+    assert len(work) == len(work.cover(0.0)) == len(work.cover_for_cells(90.0)) == 0
+    assert np.isnan(work.surface(work.cover(0.0)).evaluate(np.zeros(3), np.zeros(3)).height).all()
+
+
 def test_cleaning_by_strips_equals_that_of_the_whole() -> None:
     heights = rough(400, 300)
     known = np.random.default_rng(6).random(heights.shape) > 1e-4

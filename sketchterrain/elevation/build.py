@@ -10,7 +10,14 @@ from numba import njit
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import ndimage
 
-from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array, UInt8Array
+from sketchterrain.array_types import (
+    BoolArray,
+    Float32Array,
+    Float64Array,
+    Int32Array,
+    Int64Array,
+    UInt8Array,
+)
 from sketchterrain.elevation.grids import ElevationGrid
 from sketchterrain.elevation.mips import (
     FILLED,
@@ -75,6 +82,7 @@ def build_patches(
     for _, rows in grid.strips(strip):
         for each in levels:
             rows = each.push(rows)  # those of the next level
+        del rows  # before the next ones are read
     errors = _errors(grid, planes, counts, strip)
     table = _table(grid, levels, errors)
     part = GridPatches(grid.id, grid.without_samples(), grid.base, table, planes, shared.windows, grid.found)
@@ -113,9 +121,9 @@ class _Level:
     base: float
     planes: CoefficientPlanes
     masks: _Masks
-    place: list[Int64Array] = field(default_factory=list)
-    mask: list[Int64Array] = field(default_factory=list)
-    rectangles: list[Int64Array] = field(default_factory=list)  # of each patch, 0 of whole kernels
+    place: list[Int32Array] = field(default_factory=list)
+    mask: list[Int32Array] = field(default_factory=list)
+    rectangles: list[Int32Array] = field(default_factory=list)  # of each patch, 0 of whole kernels
     boxes: list[Int64Array] = field(default_factory=lambda: [np.zeros((0, 4), np.int64)])
 
     def __post_init__(self) -> None:
@@ -151,7 +159,7 @@ class _Level:
             self._halved = last
         kept = min(CHUNK[0] * self._done - _BESIDE, 2 * self._halved + PADDING - 1)
         kept = min(max(kept, self._first), end - PADDING - 1)
-        self._rows, self._first = self._rows[kept - self._first :], kept
+        self._rows, self._first = self._rows[kept - self._first :].copy(), kept
         return found
 
     def _write_chunks(self, number: int) -> None:
@@ -192,9 +200,9 @@ class _Level:
         numbers, masked = np.full(len(row), -1), lowest[row, column] < WHOLE
         windows = sliding_window_view(mask, (COEFFICIENTS, COEFFICIENTS))[::KERNEL, ::KERNEL]
         numbers[masked] = self.masks.add(windows[row[masked], column[masked]])
-        self.place.append(cut.which + first * across)
-        self.mask.append(numbers)
-        self.rectangles.append(cut.rectangles)
+        self.place.append((cut.which + first * across).astype(np.int32))
+        self.mask.append(numbers.astype(np.int32))
+        self.rectangles.append(cut.rectangles.astype(np.int32))
         self.boxes.append(cut.boxes)
 
     def _mask(self, start: int, count: int) -> UInt8Array:
@@ -274,11 +282,11 @@ def _table(grid: ElevationGrid, levels: list[_Level], errors: list[Float64Array]
     cut = np.flatnonzero(rectangles)
     return PatchTable(
         starts=np.cumsum([0, *map(len, place)]),
-        place=np.concatenate(place).astype(np.int32),
+        place=np.concatenate(place),
         error=np.where(error < most, np.nextafter(error, np.float32(np.inf)), error),
-        mask=np.concatenate([part for each in levels for part in each.mask]).astype(np.int32),
+        mask=np.concatenate([part for each in levels for part in each.mask]),
         reach=np.concatenate(reach),
-        top=np.full(len(most), np.inf),
+        top=np.zeros(0),  # follows from the others
         cut=cut.astype(np.int32),
         cut_starts=np.cumsum([0, *rectangles[cut]]),
         boxes=np.concatenate([part for each in levels for part in each.boxes]).astype(np.int32),

@@ -31,8 +31,8 @@ _SAMPLED = 64  # rows for the usual rise and for terraces
 _MAX_ROUNDS, _CLOSE = 2000, 1e-4  # of the membrane; m
 
 
-ReadRows: TypeAlias = Callable[[int, int], tuple[Any, BoolArray]]
-"""Returns a file's values (m) of rows first … last - 1, and which are known."""
+ReadRows: TypeAlias = Callable[[int, int], tuple[Float32Array, BoolArray]]
+"""Returns a copy of a file's values (m) of rows first … last - 1, and which are known."""
 
 
 def clean_samples(raw: Any, known: BoolArray, step: float) -> tuple[Float32Array, Findings]:
@@ -41,7 +41,11 @@ def clean_samples(raw: Any, known: BoolArray, step: float) -> tuple[Float32Array
     `raw` (rows, columns) are a file's values, `known` where it has data, `step` the distance (m) of samples.
     Spikes and terraces are reported and kept.
     """
-    cleaned = CleanedSamples(lambda first, last: (raw[first:last], known[first:last]), raw.shape, step)
+
+    def read(first: int, last: int) -> tuple[Float32Array, BoolArray]:
+        return np.array(raw[first:last], np.float32), known[first:last]
+
+    cleaned = CleanedSamples(read, raw.shape, step)
     return cleaned[: len(raw)], cleaned.findings
 
 
@@ -75,8 +79,7 @@ class CleanedSamples:
             counts = _fill_small_voids(samples, low, (first, last), self.shape)
         if first == self._counted < last:
             self._voids, self._counted = self._voids + counts, last
-        part: Float32Array = samples[first - low : last - low]
-        return part
+        return samples[first - low : last - low].copy()
 
     @property
     def findings(self) -> Findings:
@@ -87,10 +90,8 @@ class CleanedSamples:
         return (*self._found, *report)
 
     def _without_bad_values(self, first: int, last: int) -> Float32Array:
-        raw, known = self._read(first, last)
-        values: Float32Array = raw.astype(np.float32)
-        with np.errstate(invalid="ignore"):
-            bad = ~(known & (np.abs(values) <= _HEIGHTS))
+        values, known = self._read(first, last)
+        bad = ~(known & _are_heights(values))
         for sentinel in self._sentinels:
             bad |= values == sentinel
         for strip in range(first // self._strip, -(-last // self._strip)) if self._collars else ():
@@ -117,10 +118,8 @@ class CleanedSamples:
         for start in range(0, rows, self._strip):
             low, high = max(start - 1, 0), min(start + self._strip + 1, rows)
             mine = slice(start - low, start - low + self._strip)  # the others are beside it
-            raw, known = self._read(low, high)
-            values = raw.astype(np.float32)
-            with np.errstate(invalid="ignore"):
-                far = known & ~(np.abs(values) <= _HEIGHTS)
+            values, known = self._read(low, high)
+            far = known & ~_are_heights(values)
             unknown += _count(~known[mine])
             if far[mine].any():
                 strange += _count(far[mine])
@@ -159,14 +158,16 @@ class CleanedSamples:
         """Return the usual rise of neighbours (m) of some rows, and a report of heights in steps."""
         parts = []
         for row in np.unique(np.linspace(0, len(self) - 1, min(len(self), _SAMPLED)).astype(int)):
-            raw, known = self._read(row, row + 1)
-            heights = raw[0].astype(np.float32)
-            with np.errstate(invalid="ignore"):
-                heights[~(known[0] & (np.abs(heights) <= _HEIGHTS))] = np.nan
-            parts.append(np.abs(np.diff(heights)))
+            values, known = self._read(row, row + 1)
+            values[~(known & _are_heights(values))] = np.nan
+            parts.append(np.abs(np.diff(values[0])))
         rise = np.concatenate(parts)
         rise = rise[np.isfinite(rise)]
         return float(np.median(rise)) if len(rise) else 0.0, _terraces(rise)
+
+
+def _are_heights(values: Float32Array) -> BoolArray:
+    return (values >= -_HEIGHTS) & (values <= _HEIGHTS)
 
 
 def _count(mask: BoolArray) -> int:

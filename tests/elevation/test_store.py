@@ -87,7 +87,7 @@ def test_cleaning_by_strips_equals_that_of_the_whole() -> None:
     assert len(findings) == 7, findings
     for strip in (16, 97, 400):
         cleaned = CleanedSamples(
-            lambda first, last: (heights[first:last], known[first:last]), heights.shape, 30.0, strip
+            lambda first, last: (heights[first:last].copy(), known[first:last]), heights.shape, 30.0, strip
         )
         assert cleaned.count == np.count_nonzero(known & (np.abs(heights) < 9000.0)) - np.count_nonzero(
             np.isnan(expected) & known & (heights == 0.0)
@@ -206,8 +206,8 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 
 @pytest.mark.slow
 def test_memory_does_not_grow_with_the_grid(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.tif", np.tile(rough(330, 256), (31, 40)))
+    path = write(tmp_path / "a.tif", np.tile(rough(330, 256), (16, 20)))
     done = subprocess.run(
         [sys.executable, "-c", _MEMORY, path, tmp_path / "store"], capture_output=True, text=True, check=True
     )
-    assert int(done.stdout) < 600 << 10  # KB, of 420 MB of samples
+    assert int(done.stdout) < 320 << 10  # KB; whole planes of 27 million samples took more

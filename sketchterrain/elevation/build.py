@@ -83,8 +83,10 @@ def build_patches(
         for each in levels:
             rows = each.push(rows)  # those of the next level
         del rows  # before the next ones are read
-    errors = _errors(grid, planes, counts, strip)
-    table = _table(grid, levels, errors)
+    for each in levels:
+        each.forget_rows()
+    table = _table(grid, levels, _errors(grid, planes, counts, strip))
+    del levels, each
     part = GridPatches(grid.id, grid.without_samples(), grid.base, table, planes, shared.windows, grid.found)
     top, _ = find_tops(PatchNumbers([part]), np.arange(len(part)))
     return replace(part, table=table._replace(top=top))
@@ -161,6 +163,10 @@ class _Level:
         kept = min(max(kept, self._first), end - PADDING - 1)
         self._rows, self._first = self._rows[kept - self._first :].copy(), kept
         return found
+
+    def forget_rows(self) -> None:
+        """Release the rows."""
+        self._rows = self._rows[:0].copy()
 
     def _write_chunks(self, number: int) -> None:
         """Fit the splines of a row of chunks, and find the patches that begin there."""
@@ -270,22 +276,25 @@ class _Kernels:
 
 def _table(grid: ElevationGrid, levels: list[_Level], errors: list[Float64Array]) -> PatchTable:
     """Return the table of all patches."""
-    place = [np.concatenate(each.place) for each in levels]
-    reach = [np.zeros((0, 4), np.float32)]
-    for each, flat in zip(levels, place, strict=True):
-        for start in range(0, len(flat), _PATCHES):
-            row, column = np.divmod(flat[start : start + _PATCHES], each.counts[1])
-            reach.append(patch_reach(*patch_maps(grid, np.full(len(row), each.level), row, column)))
-    most = np.concatenate([error.ravel()[flat] for error, flat in zip(errors, place, strict=True)])
-    error = most.astype(np.float32)
+    starts = np.cumsum([0, *(sum(map(len, each.place)) for each in levels)])
+    place = np.concatenate([part for each in levels for part in each.place])
+    reach, error = np.empty((len(place), 4), np.float32), np.empty(len(place), np.float32)
+    for n, each in enumerate(levels):
+        for first in range(starts[n], starts[n + 1], _PATCHES):
+            part = slice(first, min(first + _PATCHES, starts[n + 1]))
+            row, column = np.divmod(place[part], each.counts[1])
+            reach[part] = patch_reach(*patch_maps(grid, np.full(len(row), each.level), row, column))
+            most = errors[n][row, column]
+            near = most.astype(np.float32)
+            error[part] = np.where(near < most, np.nextafter(near, np.float32(np.inf)), near)
     rectangles = np.concatenate([part for each in levels for part in each.rectangles])
     cut = np.flatnonzero(rectangles)
     return PatchTable(
-        starts=np.cumsum([0, *map(len, place)]),
-        place=np.concatenate(place),
-        error=np.where(error < most, np.nextafter(error, np.float32(np.inf)), error),
+        starts=starts,
+        place=place,
+        error=error,
         mask=np.concatenate([part for each in levels for part in each.mask]),
-        reach=np.concatenate(reach),
+        reach=reach,
         top=np.zeros(0),  # follows from the others
         cut=cut.astype(np.int32),
         cut_starts=np.cumsum([0, *rectangles[cut]]),

@@ -18,7 +18,7 @@ from scipy import ndimage
 from sketchterrain.array_types import Bounds, Float32Array, Float64Array, Int64Array, UInt8Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.elevation.patches import COEFFICIENTS, GridPatches, Patches
-from sketchterrain.elevation.surface import BoxIndex, PatchSlots, PatchSurface, touch
+from sketchterrain.elevation.surface import PatchSlots, PatchSurface
 from sketchterrain.elevation.tops import (
     PatchNumbers,
     Tops,
@@ -134,26 +134,43 @@ class Patchwork:
         Their steps are at least half of it, except where grids end. The finest levels of grids that are left
         count as accurate as the grid, as what they lack is finer than the cells.
         """
+        which, errors, (top, is_best) = self._selection(self._lowest(cell_size))
+        error = cell_size / CELL_ERRORS
+        kept = np.flatnonzero(((errors <= error) | is_best) & (error < top))
+        return kept if which is None else which[kept]
+
+    def cover_near(self, cell_size: float, areas: Float64Array) -> Int64Array:
+        """Return those of `cover_for_cells` that reach into any of some areas (n, 4), m, without a scan."""
+        lowest, boxes = self._lowest(cell_size), _outward(np.reshape(areas, (-1, 4)))
+        levels = self._numbers.levels
+        near = self._numbers.touching(box_around(boxes), levels[:, 1] >= np.array(lowest)[levels[:, 0]])
+        which, errors, (top, is_best) = self._selection(lowest)
+        at, error = near if which is None else np.searchsorted(which, near), cell_size / CELL_ERRORS
+        near = near[((errors[at] <= error) | is_best[at]) & (error < top[at])]
+        found = np.zeros(len(near), bool)
+        for box in boxes:
+            found |= overlapping(self.reach[near], box)
+        kept: Int64Array = near[found]
+        return kept
+
+    def _lowest(self, cell_size: float) -> tuple[int, ...]:
+        """Return the lowest level of each grid whose steps are at least half a cell."""
         if not cell_size > 0.0:
             raise InputError(f"cell size {cell_size}: expected metres above 0")
         self._check()
-        lowest = tuple(
+        return tuple(
             int(np.clip(np.ceil(np.log2(0.5 * cell_size / each.step) - 1e-9), 0, each.levels - 1))
             for each in self.grids.values()
         )
-        which, errors, (top, is_best) = self._for_cells.get_or_compute(
-            lowest, lambda: self._without_fine_levels(np.array(lowest))
-        )
-        error = cell_size / CELL_ERRORS
-        kept: Int64Array = which[((errors <= error) | is_best) & (error < top)]
-        return kept
+
+    def _selection(self, lowest: tuple[int, ...]) -> tuple[Int64Array | None, Float64Array, Tops]:
+        """Return the patches from each grid's lowest level on, None for all; their errors and tops."""
+        if not any(lowest):
+            return None, self.error, self.tops
+        return self._for_cells.get_or_compute(lowest, lambda: self._without_fine_levels(np.array(lowest)))
 
     def _without_fine_levels(self, lowest: Int64Array) -> tuple[Int64Array, Float64Array, Tops]:
-        """Return the patches from each grid's lowest level on, their errors and tops."""
-        numbers = self._numbers
-        if not lowest.any():
-            return np.arange(len(numbers)), self.error, self.tops
-        errors, parts = self.error.copy(), [np.zeros(0, np.int64)]
+        numbers, errors, parts = self._numbers, self.error.copy(), [np.zeros(0, np.int64)]
         for n, (each, level) in enumerate(zip(numbers.parts, lowest, strict=True)):
             first, last = numbers.starts[n] + each.table.starts[[level, level + 1]]
             errors[first:last] = each.accuracy
@@ -161,19 +178,6 @@ class Patchwork:
         which = np.concatenate(parts)
         top, is_best = self._tops_from(lowest)
         return which, errors[which], Tops(top[which], is_best[which])
-
-    def cover_near(self, cell_size: float, areas: Float64Array) -> Int64Array:
-        """Return those of `cover_for_cells` that reach into any of some areas (n, 4), m: an index is kept."""
-        which, index, reach = self._for_cells.get_or_compute(cell_size, lambda: self._indexed(cell_size))
-        found = np.zeros(len(which), bool)
-        touch(np.ascontiguousarray(areas, np.float64).reshape(-1, 4), index, reach, found)
-        near: Int64Array = which[found]
-        return near
-
-    def _indexed(self, cell_size: float) -> tuple[Int64Array, BoxIndex, Float64Array]:
-        which = self.cover_for_cells(cell_size)
-        reach = self.reach[which].astype(np.float64)
-        return which, BoxIndex.from_boxes(reach), reach
 
     def rim_fade(self, margin: float) -> RimFade:
         """Return a weight that blends all data into other ground over a margin (m) inside of their rim.
@@ -208,11 +212,7 @@ class Patchwork:
 
     def within(self, which: Int64Array, area: Bounds) -> Int64Array:
         """Return those of some patches that reach into an area (m); the others change no bit there."""
-        # Rounded outward, as reaches are.
-        box = np.nextafter(
-            np.asarray(area, np.float32), np.array([-np.inf, -np.inf, np.inf, np.inf], np.float32)
-        )
-        return which[overlapping(self.reach[which], box)]
+        return which[overlapping(self.reach[which], _outward(np.asarray(area)))]
 
     def surface(self, which: Int64Array, *, wendland: bool = False) -> PatchSurface:
         """Return the surface of some patches, as of `cover`; by the paper's weights if `wendland`."""
@@ -254,6 +254,11 @@ class Patchwork:
             masks[slot] = numbers.parts[self.grid[which[number]]].masks[at : at + 1]
         mask_of[masked] = np.arange(len(masked))
         return coefficients, mask_of, masks
+
+
+def _outward(boxes: Float64Array) -> Float32Array:
+    """Return boxes rounded outward, as reaches are."""
+    return np.nextafter(boxes.astype(np.float32), np.array([-np.inf, -np.inf, np.inf, np.inf], np.float32))
 
 
 class RimFade(NamedTuple):

@@ -80,25 +80,6 @@ def _lists(boxes, members, west, south, cell, wide, deep):  # type: ignore[no-un
     return starts, items
 
 
-@njit(cache=True, nogil=True)
-def touch(areas, index, boxes, found):  # type: ignore[no-untyped-def]
-    """Mark the boxes of an index that touch any of some areas (n, 4)."""
-    for n in range(len(areas)):
-        area = areas[n]
-        for c in range(len(index.places)):
-            west, south, cell = index.places[c]
-            wide, deep, first = index.shapes[c]
-            x0, x1 = max((area[0] - west) // cell, 0.0), min((area[2] - west) // cell, wide - 1.0)
-            y0, y1 = max((area[1] - south) // cell, 0.0), min((area[3] - south) // cell, deep - 1.0)
-            for row in range(int(y0), int(y1) + 1):
-                for key in range(first + row * wide + int(x0), first + row * wide + int(x1) + 1):
-                    for k in range(index.starts[key], index.starts[key + 1]):
-                        box = boxes[index.items[k]]
-                        across = box[0] <= area[2] and box[2] >= area[0]
-                        if across and box[1] <= area[3] and box[3] >= area[1]:
-                            found[index.items[k]] = True
-
-
 class Heights(NamedTuple):
     """Values of a surface at n points."""
 

@@ -16,6 +16,7 @@ from sketchterrain.elevation.surface import BoxIndex
 
 _MAX_PIECES, _MAX_CORNERS = 512, 20
 _AT_ONCE, _NEAR = 1 << 15, 1 << 18  # patches whose tops are computed at once, and others beside them
+_RUN = 256  # patches
 
 
 class Tops(NamedTuple):
@@ -38,15 +39,22 @@ class PatchNumbers:
         self.error: Float64Array = _joined(
             [each.accuracy + each.table.error.astype(np.float64) for each in parts], (0,)
         )
-        # Grid, level and rank of each level, its first patch and the end, and a box around it.
+        # Grid, level and rank of each level, its first patch and the end.
         levels = [(n, level) for n, each in enumerate(parts) for level in range(each.levels)]
         self.levels = np.array(levels, np.int64).reshape(-1, 2)
         self.ranks = np.array([parts[n].rank(level) for n, level in levels], np.int64)
         ends = [(self.starts[n] + tables[n].starts[[level, level + 1]]) for n, level in levels]
         self.ends = np.array(ends, np.int64).reshape(-1, 2)
-        self.boxes = np.array([box_around(self.reach[first:last]) for first, last in self.ends]).reshape(
-            -1, 4
-        )
+        # Runs of patches of a level: the level's index, first patch and end, and a box around them.
+        runs = [
+            (n, start, min(start + _RUN, last))
+            for n, (first, last) in enumerate(self.ends.tolist())
+            for start in range(first, last, _RUN)
+        ]
+        self._runs = np.array(runs, np.int64).reshape(-1, 3)
+        if runs:
+            low = np.minimum.reduceat(self.reach[:, :2], self._runs[:, 1])
+            self._boxes = np.hstack([low, np.maximum.reduceat(self.reach[:, 2:], self._runs[:, 1])])
 
     def __len__(self) -> int:
         return int(self.starts[-1])
@@ -64,11 +72,11 @@ class PatchNumbers:
 
     def touching(self, box: Float32Array, levels: BoolArray) -> Int64Array:
         """Return the patches of some levels that reach into a box."""
-        found = [np.zeros(0, np.int64)]
-        for n in np.flatnonzero(levels & overlapping(self.boxes, box)):
-            first, last = self.ends[n]
-            found.append(first + np.flatnonzero(overlapping(self.reach[first:last], box)))
-        return np.concatenate(found)
+        if not len(self._runs):
+            return np.zeros(0, np.int64)
+        runs = self._runs[overlapping(self._boxes, box) & levels[self._runs[:, 0]]].tolist()
+        which = np.concatenate([np.zeros(0, np.int64), *(np.arange(*ends) for _, *ends in runs)])
+        return which[overlapping(self.reach[which], box)]
 
 
 def overlapping(boxes: Float32Array, box: Float32Array) -> BoolArray:

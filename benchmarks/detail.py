@@ -14,10 +14,10 @@ import numpy as np
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.benchmarks.report import Column, Row, Table
+from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.detail_law import DetailLaw, measure_detail
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
 from sketchterrain.elevation.mips import without_voids
-from sketchterrain.elevation.patches import build_patches
 from sketchterrain.elevation.selection import Patchwork
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.base_detail import BaseDetail

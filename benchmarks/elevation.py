@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
@@ -11,11 +16,11 @@ import numpy as np
 from sketchterrain.benchmarks import detail
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.elevation_seams import generated_heights, patchwork, seam_tables
+from sketchterrain.benchmarks.large_dem import write_large_dem
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import TimedContext, lap, spread
+from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid
-from sketchterrain.elevation.mips import mip_levels
-from sketchterrain.elevation.patches import build_patches
 from sketchterrain.elevation.selection import Patchwork
 
 SEED = 1
@@ -37,13 +42,25 @@ _BOUNDS = (
 )
 _BUILDS = (
     Column("side", "side, samples"),
-    Column("mips_s", "mips, s"),
-    Column("patches_s", "mips, splines, errors, s"),
-    Column("tops_s", "tops, s"),
-    Column("total_s", "in all, s"),
+    Column("total_s", "in memory, s"),
     Column("paper_s", "paper, bilinear, s"),
     Column("patches", "patches"),
     Column("add_s", "adding a grid of 1024², s"),
+)
+_STORES = (
+    Column("side", "side, samples"),
+    Column("build_s", "file to store, s"),
+    Column("megabytes", "most memory, MB"),
+    Column("open_ms", "opening, ms"),
+    Column("far_ms", "1,000 patches at 50 m, ms"),
+    Column("together_ms", "1,000 finest ones side by side"),
+    Column("apart_ms", "anywhere"),
+    Column("view_ms", "view of 15 km at 1 px, ms"),
+    Column("view_patches", "its patches"),
+    Column("add_s", "adding a grid of 1024², s"),
+    Column("bytes", "bytes a sample"),
+    Column("overhead", "over float32, %"),
+    Column("beside_finest", "over the finest level, %"),
 )
 _RATES = (
     Column("side", "side, samples"),
@@ -63,7 +80,9 @@ def measure(_: TimedContext, effort: Effort) -> Outcome:
     The ground is noise whose amplitudes fall as k^-1.9, in steps of 10 m, with a deviation of 600 m. Errors
     are those at all samples of one grid; queries are uniform covers of all of it. Times of building are
     medians; the paper's are those of one core, Puget Sound and bilinear patches, ours of bicubic ones. Seams
-    are those of `elevation_seams`.
+    are those of `elevation_seams`. Stores are those of `write_large_dem`, each in a process of its own, whose
+    memory is counted beyond that of its libraries; patches are read from files that are not in the system's
+    memory.
 
     Detail: real DEMs (matplotlib's, those of the folder SKETCHTERRAIN_DEMS) as truth, cut to a quarter and
     an eighth by means; their patches with the detail that the law of the cut grid alone asks for, beside fBm
@@ -76,6 +95,7 @@ def measure(_: TimedContext, effort: Effort) -> Outcome:
         (
             Table("Exactness and bound", _BOUNDS, tuple(_bounds(sides[0]))),
             Table("Building", _BUILDS, tuple(_build(each, effort.rounds) for each in sides)),
+            Table("Stores on disk", _STORES, tuple(_store(each) for each in sides)),
             Table("Queries and evaluation", _RATES, tuple(_rates(sides[0]))),
             *seam_tables(effort),
             detail.table(effort.detail_lattices),
@@ -116,29 +136,31 @@ def _bounds(side: int) -> list[Row]:
 def _build(side: int, rounds: int) -> Row:
     grid = _grid(side)
     patchwork(_grid(64)).tops  # noqa: B018 - compiles
-    times: list[tuple[float, ...]] = []
+    work, times = Patchwork(), []
     for _ in range(rounds):
         start = perf_counter()
-        mip_levels(grid.samples)
-        mips = perf_counter()
-        part = build_patches(grid)
-        built = perf_counter()
-        work = Patchwork({part.id: part})
-        tops = work.tops
-        times.append((mips - start, built - mips, perf_counter() - built))
-    median = [spread(each).median for each in zip(*times, strict=True)]
+        work = patchwork(grid)
+        work.tops  # noqa: B018
+        times.append(perf_counter() - start)
     far = 0.3 * _STEP * side
     inset = build_patches(_grid(min(side, 1024), (9.0, 4.0, far, 4.0, -9.0, far), SEED + 1))
     return {
         "side": side,
-        "mips_s": median[0],
-        "patches_s": median[1],
-        "tops_s": median[2],
-        "total_s": median[1] + median[2],
+        "total_s": spread(times).median,
         "paper_s": _PAPER.get(side),
-        "patches": len(tops.top),
-        "add_s": lap(partial(work.with_grid, inset)).wall,
+        "patches": len(work),
+        "add_s": lap(lambda: work.with_grid(inset).tops).wall,
     }
+
+
+def _store(side: int) -> Row:
+    with TemporaryDirectory(prefix="sketchterrain-") as folder:
+        path = write_large_dem(Path(folder) / "dem.tif", side)
+        script = Path(__file__).with_name("stored_dem.py")
+        command = [sys.executable, "-P", str(script), str(path), folder]
+        done = subprocess.run(command, check=True, capture_output=True)
+        row: Row = json.loads(done.stdout)
+        return row
 
 
 def _rates(side: int) -> list[Row]:

@@ -16,9 +16,9 @@ from scipy import ndimage
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.report import Column, Row, Table, value_of
+from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
 from sketchterrain.elevation.mips import without_voids
-from sketchterrain.elevation.patches import build_patches
 from sketchterrain.elevation.selection import Patchwork
 
 SEED = 1

@@ -17,11 +17,13 @@ from sketchterrain.array_types import Float64Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.rasters import RasterSource, content_hash, raster_problem
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.elevation.detail_law import DetailLaw, measure_detail
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
-from sketchterrain.elevation.patches import GridPatches, build_patches
+from sketchterrain.elevation.patches import GridPatches
+from sketchterrain.elevation.raster_reader import file_stamps
 from sketchterrain.elevation.selection import Patchwork, RimFade
+from sketchterrain.elevation.store import PatchStore
 from sketchterrain.elevation.surface import Heights
+from sketchterrain.elevation.vertical import convert_heights, geoid_files
 from sketchterrain.errors import InputError, one_line
 
 NODES: Final = 256
@@ -32,7 +34,7 @@ NODE_REACH: Final = 3
 
 _AUTOMATIC, _MOST = 0.04, 0.4  # margin over the shorter side of the data; at most the weight reaches 1 inside
 _MOST_NODES = 1 << 20  # of the fade, which has eight along the margin
-_LAST = "last patchwork"  # key of the one from which the next is made
+_MOST_HELD = 1 << 28  # samples of a grid
 _SUFFIXES: Final = {b"II": ".tif", b"MM": ".tif", b"\x93N": ".npy"}  # by the first bytes
 
 
@@ -40,9 +42,7 @@ class BaseGrid(NamedTuple):
     """One grid of a base."""
 
     name: str
-    shape: tuple[int, int]  # rows and columns
     patches: GridPatches
-    law: DetailLaw  # of what its samples lost
     is_declared: bool  # whether its accuracy is
     findings: tuple[str, ...]
 
@@ -77,13 +77,14 @@ class BaseElevation:
     @property
     def facts(self) -> dict[str, Any]:
         """Entries of reports; `error` (m) is the largest of the finest surface."""
-        patches, finest = self.patchwork.patches, self.patchwork.cover(0.0)
+        errors = self.patchwork.error[self.patchwork.cover(0.0)]
         names = ("name", "rows", "columns", "step", "accuracy")
-        rows = [(each.name, *each.shape, each.patches.step, each.patches.accuracy) for each in self.grids]
+        parts = [(each.name, each.patches) for each in self.grids]
+        rows = [(name, *part.shape, part.step, part.accuracy) for name, part in parts]
         return {
             "id": self.id.hex(),
             "grids": [dict(zip(names, row, strict=True)) for row in rows],
-            "error": 0.0 if patches is None else float(patches.error[finest].max()),
+            "error": float(errors.max()),
             "margin": self.margin,
             "findings": list(self.findings),
         }
@@ -92,18 +93,18 @@ class BaseElevation:
 def load_base(sketch: Sketch, memory: LRUCache) -> BaseElevation | None:
     """Return the real elevation beneath a sketch; None without rasters whose role is elevation.
 
-    Patches and the last patchwork are cached in `memory`, which changes no bit. Raise InputError, in one line
-    that names the raster, if a file is missing, has changed or cannot be read.
+    Patches are stored on disk (`PatchStore`); their tables and the patchwork are cached in `memory`. Raise
+    InputError, in one line that names the raster, if a file is missing, has changed or cannot be read.
     """
     if not sketch.elevation_rasters:
         return None
-    frame = SketchFrame(*(sketch.frame[key] for key in SketchFrame._fields))
+    frame = _frame_of(sketch)
     options = {"vertical": sketch.frame["vertical"], "margin": sketch.base["margin"], "extent": sketch.extent}
     base = combine_rasters(sketch.elevation_rasters, frame, memory, **options)
     findings = list(base.findings)
     for each in base.grids:
-        box = each.patches.patches.kernel
-        if (box[:, 2:].max(axis=0) <= 0.0).any() or (box[:, :2].min(axis=0) >= sketch.size).any():
+        box = np.array(each.patches.box)
+        if (box[2:] <= 0.0).any() or (box[:2] >= sketch.size).any():
             findings.append(f"{each.name}: lies outside of the sketch")
     return replace(base, findings=tuple(findings))
 
@@ -126,9 +127,9 @@ def combine_rasters(
     findings = [f"{each.name}: {line}" for each in grids for line in each.findings]
     if len(grids) < len(loaded):
         findings.append(f"{len(loaded) - len(grids)} rasters have the content and place of another one")
-    work = _patchwork({each.patches.id: each.patches for each in grids}, memory)
-    box = np.concatenate([each.patches.patches.kernel for each in grids])
-    sides = box[:, 2:].max(axis=0) - box[:, :2].min(axis=0)
+    parts = {each.patches.id: each.patches for each in grids}
+    work = memory.get_or_compute(("patchwork", frozenset(parts)), lambda: Patchwork(parts))
+    sides = work.box[2:] - work.box[:2]
     start = NODE_REACH * float(sides.max() if extent is None else extent) / NODES
     used = _allowed_margin(sides, margin, start)
     if 0.0 <= margin != used:
@@ -140,56 +141,56 @@ def combine_rasters(
 
 def _load_grid(source: RasterSource, frame: SketchFrame, datum: str, memory: LRUCache) -> BaseGrid:
     """Return the patches of a raster."""
-
-    def built() -> BaseGrid:
-        grid = _in_datum(grid_at(source, frame), source, datum)
-        law, is_declared = measure_detail(grid), source.accuracy >= 0.0
-        shape = grid.samples.shape
-        return BaseGrid(source.title, shape, build_patches(grid), law, is_declared, grid.findings)
-
     if problem := raster_problem(source):
         raise InputError(problem)
-    values = (source.band, source.accuracy, source.vertical, source.offset)
-    key = ("elevation grid", content_hash(source), Path(source.path).name, values, frame, datum)
-    return memory.get_or_compute(key, built)
+    values = (source.band, source.accuracy, source.vertical, source.offset, frame, datum, geoid_files())
+    stamps = [] if source.content is not None else file_stamps(Path(source.path))
+    key = repr((content_hash(source), Path(source.path).name, values, stamps))
+
+    def built() -> BaseGrid:
+        part, findings = PatchStore().load(key, lambda: grid_in_datum(source, frame, datum))
+        return BaseGrid(source.title, part, source.accuracy >= 0.0, findings)
+
+    return memory.get_or_compute(("elevation grid", key), built)
 
 
-def grid_at(source: RasterSource, frame: SketchFrame) -> ElevationGrid:
-    """Return the grid of a raster, without its offset; raise InputError that names it.
+def held_grids(sketch: Sketch) -> list[ElevationGrid]:
+    """Return the elevation grids of a sketch, with all their samples in memory."""
+    frame, found = _frame_of(sketch), []
+    for source in sketch.elevation_rasters:
+        with grid_in_datum(source, frame, sketch.frame["vertical"]) as grid:
+            if math.prod(grid.shape) > _MOST_HELD:
+                raise InputError(f"{grid.name}: expected at most {_MOST_HELD} samples for this")
+            found.append(grid.held())
+    return found
 
-    A grid without a CRS has the coordinates of the sketch's frame.
+
+@contextmanager
+def grid_in_datum(source: RasterSource, frame: SketchFrame, datum: str) -> Iterator[ElevationGrid]:
+    """Yield the grid of a raster with heights above the sketch's datum; rows are read until the end.
+
+    A grid without a CRS has the coordinates of the sketch's frame. Errors become InputErrors that name it.
     """
     accuracy = None if source.accuracy < 0.0 else source.accuracy
     with _file_of(source) as path:
         try:
             grid = read_grid(path, frame, band=source.band, accuracy=accuracy)
+            if not grid.crs:
+                a, b, c, d, e, f = grid.place
+                grid = replace(grid, place=(a, b, c - frame.east, d, e, f - frame.north))
+            grid = convert_heights(grid, datum, source.vertical)
+            if source.offset:
+                told = f"{source.offset:+g} m added to all heights"
+                rise = np.float32(source.offset)
+                grid = grid.raised(lambda first, last: rise, findings=(*grid.findings, told))
+            yield grid
         except InputError as error:
             reason = str(error).replace(one_line(path), path.name).removeprefix(f"{path.name}: ")
             raise InputError(f"raster {one_line(source.path)}: {reason}") from None
-    a, b, c, d, e, f = grid.place
-    return grid if grid.crs else replace(grid, place=(a, b, c - frame.east, d, e, f - frame.north))
 
 
-def _in_datum(grid: ElevationGrid, source: RasterSource, datum: str) -> ElevationGrid:
-    """Return a grid with heights above the sketch's datum, the source's offset added."""
-    findings = list(grid.findings)
-    if source.vertical and datum and source.vertical != datum:
-        findings.append(f"heights above {source.vertical}, not converted to the sketch's {datum}")
-    if source.offset:
-        findings.append(f"{source.offset:+g} m added to all heights")
-    return replace(grid, samples=grid.samples + np.float32(source.offset), findings=tuple(findings))
-
-
-def _patchwork(grids: dict[bytes, GridPatches], memory: LRUCache) -> Patchwork:
-    """Return the patchwork of grids, changed from the last one where that is less work; the same bits."""
-    work: Patchwork = memory.get(_LAST) or Patchwork()
-    if not work.grids.keys() & grids.keys():
-        return memory.store(_LAST, Patchwork(grids))
-    for key in work.grids.keys() - grids.keys():
-        work = work.without_grid(key)
-    for each in grids.values():
-        work = work.with_grid(each)
-    return memory.store(_LAST, work)
+def _frame_of(sketch: Sketch) -> SketchFrame:
+    return SketchFrame(*(sketch.frame[key] for key in SketchFrame._fields))
 
 
 def _allowed_margin(sides: Float64Array, asked: float, start: float) -> float:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import product
 from typing import Final
 
 import numpy as np
 from scipy import ndimage
 from scipy.optimize import nnls
 
-from sketchterrain.array_types import BoolArray, Float64Array
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array
 from sketchterrain.elevation.grids import ElevationGrid
 from sketchterrain.elevation.mips import without_voids
 
@@ -29,7 +28,7 @@ _ROUGH = 0.006  # rms of the finest octaves over their wavelength, on a slope of
 _STEEP = 0.08  # … and of the steepest ones: more than in any DEM that was looked at
 _FACTORS = (2, 4, 8, 16)
 _RIM = 3  # averages beside voids and the grid's rim that are not compared
-_PART = 256  # side of each of the four parts that are measured of large grids
+_PART, _ROWS = 256, 64  # side of each of the four parts that are measured of large grids; read at once
 _CLASSES = 16
 _LEAST = 1e-3  # m, loss of relief: samples are rounded
 _CLIFF = 50.0  # square of a loss over the median one: seams and spikes are no relief
@@ -80,14 +79,11 @@ def measure_detail(grid: ElevationGrid) -> DetailLaw:
 
     Where the finest octaves are much smoother than relief, the ground is resolved at 2, 4 … steps only.
     """
-    rows, columns = grid.samples.shape
+    rows, columns = grid.shape
     column, row = np.array([0.0, 1.0, 0.0]) + columns // 2, np.array([0.0, 0.0, 1.0]) + rows // 2
     x, y = grid.to_metres(column, row)
     steps = math.hypot(x[1] - x[0], y[1] - y[0]), math.hypot(x[2] - x[0], y[2] - y[0])
-    parts = [grid.samples]
-    if rows * columns > 4 * _PART**2:
-        firsts = [[max(int(share * n) - _PART // 2, 0) for share in (0.3, 0.7)] for n in (rows, columns)]
-        parts = [grid.samples[i : i + _PART, j : j + _PART] for i, j in product(*firsts)]
+    parts = _parts(grid)
     found: list[tuple[float, Float64Array, Float64Array]] = []
     for n in _FACTORS:
         losses = [_losses(z.astype(np.float64), n, steps) for z in parts if min(z.shape) >= n]
@@ -108,6 +104,20 @@ def measure_detail(grid: ElevationGrid) -> DetailLaw:
     step *= 2**first
     lost = min(lost, _rounded(_STEEP * slope * _SAMPLES * step))
     return DetailLaw(step, lost, exponent, _shape(*found[first][1:], slope), slope)
+
+
+def _parts(grid: ElevationGrid) -> list[Float32Array]:
+    """Return all samples, or four parts of many, read by few rows."""
+    rows, columns = grid.shape
+    if rows * columns <= 4 * _PART**2:
+        return [grid.samples[:]]
+    across, down = ([max(int(share * n) - _PART // 2, 0) for share in (0.3, 0.7)] for n in (columns, rows))
+    parts: list[Float32Array] = []
+    for first in down:
+        strips = (grid.samples[i : i + _ROWS] for i in range(first, min(first + _PART, rows), _ROWS))
+        pairs = [[each[:, j : j + _PART].copy() for j in across] for each in strips]
+        parts += map(np.concatenate, zip(*pairs, strict=True))
+    return parts
 
 
 def _losses(z: Float64Array, n: int, steps: tuple[float, float]) -> tuple[Float64Array, Float64Array]:

@@ -5,27 +5,33 @@ from __future__ import annotations
 import math
 import zipfile
 import zlib
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from sketchterrain.array_types import Float32Array, Float64Array
-from sketchterrain.elevation.quirks import Findings, clean_samples
-from sketchterrain.elevation.raster_reader import Affine6, Window, read_header, read_strips
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array
+from sketchterrain.elevation.quirks import MAX_FILLED, CleanedSamples, Findings, ReadRows
+from sketchterrain.elevation.raster_reader import Affine6, read_header, read_window
 from sketchterrain.errors import InputError, format_value, one_line
 
 MIN_SIDE: Final = 4
 """Fewest samples along a side of a grid."""
 
-MAX_SAMPLES: Final = 1 << 29
-"""Most samples that are read at once."""
+MAX_SIDE: Final = 1 << 17
+"""Most samples along a side of a file."""
+
+MAX_HELD: Final = 1 << 24
+"""Most samples of a file that are held in memory: rows of a larger one are read when they are needed."""
 
 _LEAST_STEP, _MOST_STEP, _FAR = 1e-8, 1e7, 1e9  # degrees or m
 _FEET = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us-ft": 1200 / 3937, "us survey foot": 1200 / 3937}
+_STRIP, _PIECE = 1 << 22, 1 << 21  # samples
+_MAX_ARCHIVE = 1 << 32  # bytes
 _UNREADABLE = (
     OSError,
     ValueError,
@@ -50,6 +56,9 @@ class SketchFrame(NamedTuple):
 
 LOCAL: Final = SketchFrame()
 
+Rise: TypeAlias = Callable[[int, int], Float64Array | np.float32]
+"""Returns metres to add to rows first … last - 1."""
+
 
 @dataclass(frozen=True, eq=False)
 class ElevationGrid:
@@ -58,7 +67,7 @@ class ElevationGrid:
     Attributes
     ----------
     samples
-        Heights (rows, columns), m; NaN where there is none.
+        Heights (rows, columns), m; NaN where there is none. Those of large files can be sliced by rows only.
     place
         Place of the samples, as points, in `crs`, or in sketch metres without one.
     accuracy
@@ -79,7 +88,7 @@ class ElevationGrid:
     vertical: str = ""
 
     def __post_init__(self) -> None:
-        rows, columns = self.samples.shape
+        rows, columns = self.shape
         if min(rows, columns) < MIN_SIDE:
             raise InputError(
                 f"{self.name}: expected at least {MIN_SIDE} × {MIN_SIDE} samples, got {rows} × {columns}"
@@ -90,6 +99,12 @@ class ElevationGrid:
         if self.crs and not self.frame.crs:
             raise InputError(f"{self.name}: expected a sketch with a CRS, its frame has none")
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = self.samples.shape
+        return rows, columns
+
     @cached_property
     def is_affine(self) -> bool:
         """Whether an affine map leads from samples to sketch metres."""
@@ -97,13 +112,53 @@ class ElevationGrid:
 
         return self.crs in ("", self.frame.crs) or parse_crs(self.crs) == parse_crs(self.frame.crs)
 
-    @cached_property
+    @property
     def id(self) -> bytes:
         """Hash of samples, place and accuracy: the same grid has the same id wherever it is from."""
-        head = (self.samples.shape, self.place, self.accuracy, self.crs, self.frame)
+        return self._content[0]
+
+    @property
+    def base(self) -> float:
+        """Mean height in whole metres."""
+        return self._content[1]
+
+    @cached_property
+    def _content(self) -> tuple[bytes, float]:
+        head = (self.shape, self.place, self.accuracy, self.crs, self.frame)
         digest = blake2b(repr(head).encode(), digest_size=16)
-        digest.update(np.ascontiguousarray(self.samples).data)
-        return digest.digest()
+        sums: list[float] = []
+        count = 0
+        for _, rows in self.strips():
+            digest.update(np.ascontiguousarray(rows).data)
+            sums += list(np.nansum(rows, axis=1, dtype=np.float64))
+            count += int(np.count_nonzero(np.isfinite(rows)))
+        return digest.digest(), float(round(math.fsum(sums) / max(count, 1)))
+
+    @property
+    def found(self) -> Findings:
+        """Findings, with those in samples that are read by rows, which are complete once all were read."""
+        return (*self.findings, *getattr(self.samples, "findings", ()))
+
+    def strips(self, rows: int | None = None) -> Iterator[tuple[int, Float32Array]]:
+        """Yield first rows and samples of all strips of so many rows; by default of about 16 MB."""
+        step = rows or min(max(_STRIP // self.shape[1], MAX_FILLED), 512)
+        for first in range(0, self.shape[0], step):
+            yield first, self.samples[first : first + step]
+
+    def held(self) -> ElevationGrid:
+        """Return the grid with all samples in memory."""
+        return replace(self, samples=self.samples[:], findings=self.found)
+
+    def without_samples(self) -> ElevationGrid:
+        """Return the place of the grid."""
+        return replace(self, samples=_NoSamples(self.shape), findings=())  # type: ignore[arg-type]
+
+    def raised(self, rise: Rise, **changes: Any) -> ElevationGrid:
+        """Return the grid with what `rise` returns of rows first … last - 1 added to its heights, m."""
+        samples: Any = _RaisedSamples(self.samples, rise)
+        return replace(
+            self, samples=samples[:] if isinstance(self.samples, np.ndarray) else samples, **changes
+        )
 
     def to_metres(self, column: Float64Array, row: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Return x and y (m) in the sketch of places in the grid, in samples."""
@@ -126,6 +181,25 @@ class ElevationGrid:
             x, y = transform_points(self.frame.crs, self.crs, x, y)
         x, y, area = x - c, y - f, a * e - b * d
         return (e * x - b * y) / area, (a * y - d * x) / area
+
+
+class _NoSamples(NamedTuple):
+    shape: tuple[int, int]
+
+
+class _RaisedSamples:
+    """Rows of samples, with metres added."""
+
+    def __init__(self, samples: Any, rise: Rise) -> None:
+        self.shape, self._samples, self._rise = samples.shape, samples, rise
+
+    def __getitem__(self, rows: slice) -> Float32Array:
+        first, last, _ = rows.indices(self.shape[0])
+        return np.asarray(self._samples[first:last] + self._rise(first, last), np.float32)
+
+    @property
+    def findings(self) -> Findings:
+        return tuple(self._samples.findings)
 
 
 def _check_place(name: str, place: Affine6) -> None:
@@ -153,12 +227,23 @@ def transform_points(source: str, target: str, x: Any, y: Any) -> tuple[Float64A
     return east, north
 
 
+class _File(NamedTuple):
+    """A file of elevation."""
+
+    shape: tuple[int, int]
+    kind: str  # of the type of its values
+    place: Affine6 | None
+    crs: str
+    vertical: str
+    findings: Findings
+    read: ReadRows
+
+
 def read_grid(
     path: Path,
     frame: SketchFrame = LOCAL,
     *,
     band: int = 1,
-    window: Window | None = None,
     accuracy: float | None = None,
     crs: str | None = None,
     place: Affine6 | None = None,
@@ -166,14 +251,13 @@ def read_grid(
     """Return a DEM grid of a GeoTIFF, COG, VRT, HGT, ASCII grid, or a ``.npy`` or ``.npz`` file.
 
     A path may name a file in a zip archive, ``N42E001.hgt.zip/N42E001.hgt``, or an archive of one file.
-    Small voids are filled, values that mean "no data" become NaN; `ElevationGrid.findings` counts them.
+    Small voids are filled, values that mean "no data" become NaN; `ElevationGrid.found` counts them. More
+    than `MAX_HELD` samples stay in the file, which is read once for values that mean "no data".
 
     Parameters
     ----------
     frame
         Of the sketch.
-    window
-        Part of the grid to read; all of it by default.
     accuracy
         Largest error (m); by default half the step of the file's values, 0 for floating point.
     crs, place
@@ -185,96 +269,90 @@ def read_grid(
         If the file cannot be read or is no grid of heights with a place in the sketch.
     """
     name = one_line(path)
-    try:
-        if path.suffix.lower() in (".npy", ".npz"):
-            raw, known, place_in_file, crs_in_file = _read_array(path, window)
-            findings: Findings = ()
-            vertical = ""
-        else:
-            raw, known, place_in_file, crs_in_file, findings, vertical = _read_raster(path, band, window)
-    except _UNREADABLE as error:
-        raise InputError(f"{name}: cannot be read as elevation ({one_line(error)[:160]})") from None
-    source = crs_in_file if crs is None else crs
-    at = place or place_in_file
+    file = _array_file(path) if path.suffix.lower() in (".npy", ".npz") else _raster_file(path, band)
+    (rows, columns), read = file.shape, file.read
+    if max(rows, columns) > MAX_SIDE:
+        raise InputError(f"{name}: {rows} × {columns} samples: expected at most {MAX_SIDE} along a side")
+    source = file.crs if crs is None else crs
+    at = place or file.place
     if at is None:
         raise InputError(f"{name}: has no georeference: expected the place of its samples")
     if not source and max(map(abs, (at[0], at[1], at[3], at[4]))) < 0.05 and abs(at[2]) <= 360:
         raise InputError(f"{name}: its coordinates look like degrees: expected a CRS, such as EPSG:4326")
     _check_place(name, at)
     step = math.sqrt(abs(at[0] * at[4] - at[1] * at[3])) * (111_320.0 if abs(at[0]) < 0.05 else 1.0)
-    samples, more = clean_samples(raw, known, step)
-    if not np.isfinite(samples).any():
-        raise InputError(f"{name}: has no heights, all {samples.size} samples are voids")
-    if accuracy is None:
-        accuracy = 0.5 if raw.dtype.kind in "iu" else 0.0
-    return ElevationGrid(
-        *(samples, at, float(accuracy), source, frame, path.name),
-        findings=(*findings, *more),
-        vertical=vertical,
+    if rows * columns <= MAX_HELD:
+        values, known = read(0, rows)
+
+        def read(first: int, last: int) -> tuple[Float32Array, BoolArray]:
+            return values[first:last].copy(), known[first:last]
+
+    samples = CleanedSamples(read, file.shape, step, max(_STRIP // columns, MAX_FILLED))
+    if not samples.count:
+        raise InputError(f"{name}: has no heights, all {rows * columns} samples are voids")
+    by_rows: Any = samples
+    accuracy = (0.5 if file.kind in "iu" else 0.0) if accuracy is None else float(accuracy)
+    grid = ElevationGrid(
+        by_rows, at, accuracy, source, frame, path.name, findings=file.findings, vertical=file.vertical
     )
+    return grid.held() if rows * columns <= MAX_HELD else grid
 
 
-def _checked_window(shape: tuple[int, int], window: Window | None) -> Window:
-    """Return the window to read; raise ValueError if it is not inside or too large."""
-    rows, columns = shape
-    row, column, height, width = window or (0, 0, rows, columns)
-    if min(row, column) < 0 or min(height, width) < 1 or row + height > rows or column + width > columns:
-        raise ValueError(f"window {window}: expected one inside of {rows} × {columns} samples")
-    if height * width > MAX_SAMPLES:
-        raise ValueError(f"{height} × {width} samples: expected at most {MAX_SAMPLES}, or a window")
-    return row, column, height, width
-
-
-def _read_array(path: Path, window: Window | None) -> tuple[Any, Any, Affine6 | None, str]:
-    """Return heights, which are known, their place and CRS from a NumPy file."""
+def _array_file(path: Path) -> _File:
+    """Return a NumPy file."""
     place: Affine6 | None = None
     crs = ""
-    if path.suffix.lower() == ".npy":
-        loaded: Any = np.load(path, allow_pickle=False, mmap_mode="r")
-    else:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            if sum(each.file_size for each in archive.zip.infolist()) > 8 * MAX_SAMPLES:
-                raise ValueError(f"expected at most {MAX_SAMPLES} samples")
-            arrays = {key: archive[key] for key in archive.files}
-        planes = [each for each in arrays.values() if each.ndim == 2]
-        if len(planes) != 1:
-            raise ValueError(f"expected one array of rows and columns, got {len(planes)}")
-        loaded = planes[0]
-        if all(key in arrays for key in _SPANS):
-            west, east, south, north = (float(arrays[key]) for key in _SPANS)
-            south, north = min(south, north), max(south, north)  # exchanged in matplotlib's sample
-            width, height = (east - west) / loaded.shape[1], (north - south) / loaded.shape[0]
-            place = width, 0.0, west + 0.5 * width, 0.0, -height, north - 0.5 * height
-        crs = str(arrays["crs"]) if "crs" in arrays else ""
-    if loaded.ndim != 2 or loaded.dtype.kind not in "fiu":
-        raise ValueError(f"expected numbers (rows, columns), got {loaded.dtype} {loaded.shape}")
-    row, column, height, width = _checked_window(loaded.shape, window)
-    raw = np.array(loaded[row : row + height, column : column + width])
-    return raw, np.ones(raw.shape, bool), _moved(place, row, column) if place else None, crs
+    try:
+        if path.suffix.lower() == ".npy":
+            loaded: Any = np.load(path, allow_pickle=False, mmap_mode="r")
+        else:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+                if sum(each.file_size for each in archive.zip.infolist()) > _MAX_ARCHIVE:
+                    raise ValueError(f"expected at most {_MAX_ARCHIVE >> 30} GiB")
+                arrays = {key: archive[key] for key in archive.files}
+            planes = [each for each in arrays.values() if each.ndim == 2]
+            if len(planes) != 1:
+                raise ValueError(f"expected one array of rows and columns, got {len(planes)}")
+            loaded = planes[0]
+            if all(key in arrays for key in _SPANS):
+                west, east, south, north = (float(arrays[key]) for key in _SPANS)
+                south, north = min(south, north), max(south, north)  # exchanged in matplotlib's sample
+                width, height = (east - west) / loaded.shape[1], (north - south) / loaded.shape[0]
+                place = width, 0.0, west + 0.5 * width, 0.0, -height, north - 0.5 * height
+            crs = str(arrays["crs"]) if "crs" in arrays else ""
+        if loaded.ndim != 2 or loaded.dtype.kind not in "fiu":
+            raise ValueError(f"expected numbers (rows, columns), got {loaded.dtype} {loaded.shape}")
+    except _UNREADABLE as error:
+        raise InputError(f"{one_line(path)}: cannot be read as elevation ({one_line(error)[:160]})") from None
+
+    def read(first: int, last: int) -> tuple[Float32Array, BoolArray]:
+        with np.errstate(over="ignore", invalid="ignore"):
+            values = np.array(loaded[first:last], np.float32)
+        return values, np.ones(values.shape, bool)
+
+    return _File(loaded.shape, loaded.dtype.kind, place, crs, "", (), read)
 
 
-def _moved(place: Affine6, row: float, column: float) -> Affine6:
-    """Return the place of samples that are counted from another one."""
-    a, b, c, d, e, f = place
-    return a, b, c + a * column + b * row, d, e, f + d * column + e * row
-
-
-def _read_raster(
-    path: Path, band: int, window: Window | None
-) -> tuple[Any, Any, Affine6 | None, str, Findings, str]:
-    """Return heights, which are known, their place, CRS, findings and vertical datum of a raster."""
-    findings: list[str] = []
+def _raster_file(path: Path, band: int) -> _File:
+    """Return a raster file, of which rows are read by pieces: in its type they need more memory."""
     header = read_header(path, band)
-    row, column, height, width = _checked_window(header.shape, window)
-    raw, known = read_strips(header, (row, column, height, width))
-    if not known.all():
-        count = np.count_nonzero(~known)
-        findings.append(f"{count} samples of no data (file's mask, tag {header.nodata})")
     metres = _FEET.get((header.unit or "m").strip().lower(), 1.0)
-    if metres != 1.0:
-        findings.append(f"heights in feet, converted by {metres:.8g}")
-    if (header.scale * metres, header.offset) != (1.0, 0.0):
-        known &= np.abs(raw.astype(np.float64)) < 32767.0
-        raw = (raw.astype(np.float64) * header.scale + header.offset) * metres
-    place = _moved(header.place, row, column) if header.place else None
-    return raw, known, place, header.crs, tuple(findings), header.vertical
+    findings = (f"heights in feet, converted by {metres:.8g}",) if metres != 1.0 else ()
+    columns = header.shape[1]
+
+    def read(first: int, last: int) -> tuple[Float32Array, BoolArray]:
+        values, known = np.empty((last - first, columns), np.float32), np.empty((last - first, columns), bool)
+        step = max(_PIECE // columns, 1)
+        for start in range(first, last, step):
+            end = min(start + step, last)
+            raw, is_data = read_window(header, (start, 0, end - start, columns))
+            part = slice(start - first, end - first)
+            with np.errstate(over="ignore", invalid="ignore"):
+                if (header.scale * metres, header.offset) != (1.0, 0.0):
+                    is_data &= np.abs(raw.astype(np.float64)) < 32767.0
+                    raw = (raw.astype(np.float64) * header.scale + header.offset) * metres
+                values[part], known[part] = raw, is_data
+        return values, known
+
+    kind = np.dtype(header.dtype).kind
+    return _File(header.shape, kind, header.place, header.crs, header.vertical, findings, read)

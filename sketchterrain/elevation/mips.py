@@ -5,57 +5,59 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Final
 
 import numpy as np
 from scipy import ndimage
 
-from sketchterrain.array_types import BoolArray, Float32Array
+from sketchterrain.array_types import Float32Array
+
+PADDING: Final = 3
+"""Samples by which levels are extrapolated beyond their rim."""
+
+SETTLED: Final = 20
+"""Samples beyond a part of a level that its spline depends on: the response falls by 0.27 a sample."""
+
+FILLED: Final = 16
+"""Samples of a void beside known ones that splines are fitted to."""
 
 _SMALL = 29  # samples along a side of the last level: one kernel
-_STRIP, _SETTLED = 256, 24  # rows; the filter's response falls by 0.27 a row
 _THREADS = min(os.cpu_count() or 1, 8)
 _NARROW = 12  # samples along the shorter side below which there is no further level
 
 
-def next_level(samples: Float32Array) -> Float32Array:
-    """Return every second sample of the grid filtered by 1-2-1 in both directions: vertices stay put.
+def level_shapes(shape: tuple[int, int]) -> list[tuple[int, int]]:
+    """Return the shapes of a grid and of its mip levels, down to one patch.
 
-    Samples beyond the rim are extrapolated, so that the next level reaches as far: a side of n samples has
-    n // 2 + 1.
+    The next level reaches as far: a side of n samples has n // 2 + 1.
     """
-    for axis in (0, 1):
-        even = samples.shape[axis] % 2 == 0
-        padding = [(1, 1 + even) if each == axis else (0, 0) for each in (0, 1)]
-        along = np.moveaxis(np.pad(samples, padding, mode="reflect", reflect_type="odd"), axis, 0)
-        samples = np.moveaxis(0.25 * along[:-2:2] + 0.5 * along[1:-1:2] + 0.25 * along[2::2], 0, axis)
-    return np.ascontiguousarray(samples, np.float32)
+    shapes = [shape]
+    while max(shapes[-1]) > _SMALL and min(shapes[-1]) >= 2 * _NARROW:
+        rows, columns = shapes[-1]
+        shapes.append((rows // 2 + 1, columns // 2 + 1))
+    return shapes
 
 
-def mip_levels(samples: Float32Array) -> list[Float32Array]:
-    """Return the grid without voids and its mip levels, down to one patch."""
-    levels = [samples]
-    while max(levels[-1].shape) > _SMALL and min(levels[-1].shape) >= 2 * _NARROW:
-        levels.append(next_level(levels[-1]))
-    return levels
+def padded(samples: Float32Array, axis: int, before: bool = True, after: bool = True) -> Float32Array:
+    """Return samples, extrapolated at their ends along an axis."""
+    padding = [(PADDING * before, PADDING * after) if each == axis else (0, 0) for each in (0, 1)]
+    return np.pad(samples, padding, mode="reflect", reflect_type="odd")
 
 
-def valid_levels(valid: BoolArray, shapes: list[tuple[int, int]]) -> list[BoolArray]:
-    """Return which samples of each level are filtered from valid ones, those beyond the grid's rim included.
+def halved(samples: Float32Array, columns: int) -> Float32Array:
+    """Return every second sample, from the second row on, filtered by 1-2-1 in both directions.
 
-    Voids grow from level to level, so that no level has heights where the grid has none.
+    `columns` is the number of them without their padding. Vertices stay put, and voids grow from level to
+    level, so that no level has heights where the grid has none.
     """
-    levels = [valid]
-    for level, shape in enumerate(shapes[1:], start=1):
-        wide = ndimage.minimum_filter(levels[-1], 3, mode="nearest") if not valid.all() else levels[-1]
-        each = np.ones(shape, bool)
-        inside = tuple(slice(((n - 1) >> level) + 1) for n in valid.shape)
-        each[inside] = wide[::2, ::2][inside]
-        levels.append(each)
-    return levels
+    rows = 0.25 * samples[:-2:2] + 0.5 * samples[1:-1:2] + 0.25 * samples[2::2]
+    rows = rows[:, PADDING - 1 : 2 * (columns // 2 + 1) + PADDING]
+    filtered = 0.25 * rows[:, :-2:2] + 0.5 * rows[:, 1:-1:2] + 0.25 * rows[:, 2::2]
+    return np.ascontiguousarray(filtered, np.float32)
 
 
 def without_voids(samples: Float32Array) -> Float32Array:
-    """Return the grid with the nearest sample in place of voids: splines need it, surfaces leave it out."""
+    """Return samples with the nearest one in place of voids."""
     void = np.isnan(samples)
     if not void.any():
         return samples
@@ -63,29 +65,29 @@ def without_voids(samples: Float32Array) -> Float32Array:
     return np.asarray(samples[tuple(near)])
 
 
-def spline_coefficients(
-    samples: Float32Array, base: float, before: int, shape: tuple[int, int]
-) -> Float32Array:
-    """Return coefficients of the cubic B-spline that interpolates a level, above `base` (m).
+def spline_coefficients(samples: Float32Array, base: float, core: tuple[slice, slice]) -> Float32Array:
+    """Return coefficients of the cubic spline that interpolates samples, above `base` (m), in their core."""
+    heights = samples.astype(np.float64) - base
+    for axis in (1, 0):
+        heights = _filled(heights, axis)
+    heights = heights[core[0], core[1]]
+    heights[np.isnan(heights)] = 0.0
+    return np.asarray(ndimage.spline_filter(heights, 3, output=np.float64, mode="mirror"), np.float32)
 
-    `before` of them are ahead of the first sample; the spline continues straight over the rim. `shape` is
-    that of the result; where it reaches further the last ones are repeated, which no surface evaluates.
-    """
-    rim = min(before, *(n - 1 for n in samples.shape))
-    padded = np.pad(samples, rim, mode="reflect", reflect_type="odd")
-    solved = np.empty(padded.shape, np.float32)
 
-    def solve(first: int, last: int) -> None:
-        for start in range(_STRIP * first, min(_STRIP * last, len(padded)), _STRIP):
-            low = max(start - _SETTLED, 0)
-            strip = padded[low : start + _STRIP + _SETTLED].astype(np.float64) - base
-            part = ndimage.spline_filter(strip, 3, output=np.float64, mode="mirror")
-            solved[start : start + _STRIP] = part[start - low : start - low + _STRIP]
-
-    in_threads(solve, -(-len(padded) // _STRIP))
-    core = solved[: shape[0] - before + rim, : shape[1] - before + rim]
-    rest = [(before - rim, n - before + rim - m) for n, m in zip(shape, core.shape, strict=True)]
-    return np.pad(core, rest, mode="edge")
+def _filled(heights: np.ndarray, axis: int) -> np.ndarray:
+    """Return heights with the nearest one along an axis in place of NaN, as far as `FILLED`."""
+    known = ~np.isnan(heights)
+    if known.all():
+        return heights
+    size, shape = heights.shape[axis], [1, 1]
+    shape[axis] = size
+    at = np.arange(size).reshape(shape)
+    before = np.maximum.accumulate(np.where(known, at, -size), axis)
+    after = np.flip(np.minimum.accumulate(np.flip(np.where(known, at, 2 * size), axis), axis), axis)
+    near = np.where(at - before <= after - at, before, after)
+    values = np.take_along_axis(heights, np.clip(near, 0, size - 1), axis)
+    return np.where(np.abs(near - at) <= FILLED, values, np.nan)
 
 
 def in_threads(work: Callable[[int, int], object], count: int, least: int = 1) -> None:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import zlib
+from collections.abc import Callable, Iterator
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numba import njit
 from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
-from sketchterrain.array_types import BoolArray, Float32Array
+from sketchterrain.array_types import BoolArray, Float32Array, Int64Array
 
 Findings: TypeAlias = tuple[str, ...]
 """What was found, in words, with counts."""
@@ -23,148 +27,258 @@ _COLLAR_HEIGHT = 20.0  # m: zeros along a rim are not the sea where the ground b
 _EIGHT = np.ones((3, 3), np.uint8)
 _SPIKE_SLOPE, _SPIKE_TIMES = 1.5, 12.0
 _TERRACED = 0.3  # share of samples equal to their neighbour
-_TERRACE_ROUNDS = 10
+_SAMPLED = 8  # groups of as many rows, for the usual rise and for terraces
 _MAX_ROUNDS, _CLOSE = 2000, 1e-4  # of the membrane; m
 
 
-def clean_samples(raw: Any, known: BoolArray, step: float) -> tuple[Float32Array, Findings]:
-    """Return heights (m) with NaN for voids, of which small ones are filled, and what was found.
+ReadRows: TypeAlias = Callable[[int, int], tuple[Float32Array, BoolArray]]
+"""Returns a copy of a file's values (m) of rows first … last - 1, and which are known."""
 
-    `raw` (rows, columns) are a file's values, `known` where it has data, `step` the distance (m) of samples.
-    Spikes and terraces are reported and kept.
+
+class CleanedSamples:
+    """Rows of a DEM, cleaned as they are read: the same whichever strips they are read by.
+
+    The file is read once for what depends on all of it: which values mean "no data", and collars.
     """
-    found = []
-    values = raw.astype(np.float32)
-    with np.errstate(invalid="ignore"):
-        odd = known & ~(np.abs(values) <= _HEIGHTS)
-    if odd.any():
-        names = sorted({f"{each:.6g}" for each in np.unique(values[odd])[:4]})
-        found.append(f"{np.count_nonzero(odd)} samples of no data ({', '.join(names)})")
-    known = known & ~odd
-    for sentinel in _SENTINELS:
-        hit = known & (values == sentinel)
-        if hit.any() and not (known & ~hit & (np.abs(values - sentinel) < _SENTINEL_GAP)).any():
-            found.append(f"{np.count_nonzero(hit)} samples of no data ({sentinel:g})")
-            known &= ~hit
-    collar = _collar(values, known)
-    if collar.any():
-        found.append(f"{np.count_nonzero(collar)} zeros in collars along the rim, taken for no data")
-        known &= ~collar
-    samples = np.where(known, values, np.float32(np.nan))
-    if known.any():
-        found += _spikes(samples, step) + _terraces(samples)
-        found += [] if known.all() else _fill_small_voids(samples)
-    return samples, tuple(found)
+
+    dtype = np.dtype(np.float32)
+
+    def __init__(self, read: ReadRows, shape: tuple[int, int], step: float, strip: int | None = None) -> None:
+        self.shape, self._read, self._strip = shape, read, strip or shape[0]
+        self._sentinels: list[float] = []
+        self._collars: dict[int, bytes] = {}  # by strip
+        self._voids = np.zeros(3, np.int64)  # samples filled, voids filled, samples left out
+        self._counted = 0  # rows whose voids are
+        self.count = 0  # samples that are known
+        self._found = tuple(self._survey(step))
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, rows: slice) -> Float32Array:
+        """Return the heights of some rows."""
+        first, last, _ = rows.indices(len(self))
+        low, high = max(first - MAX_FILLED - 1, 0), min(last + MAX_FILLED + 1, len(self))
+        samples = self._without_bad_values(low, high)
+        counts = np.zeros(3, np.int64)
+        if np.isnan(samples[first - low : last - low]).any():
+            counts = _fill_small_voids(samples, low, (first, last), self.shape)
+        if first == self._counted < last:
+            self._voids, self._counted = self._voids + counts, last
+        return samples[first - low : last - low].copy()
+
+    @property
+    def findings(self) -> Findings:
+        """What was found, in the rows that were read one after another; of all rows at the end."""
+        filled, voids, left = self._voids
+        report = [f"{filled} samples in {voids} small voids, filled"] if voids else []
+        report += [f"{left} samples in large voids or at the rim, left out"] if left else []
+        return (*self._found, *report)
+
+    def _without_bad_values(self, first: int, last: int) -> Float32Array:
+        values, known = self._read(first, last)
+        bad = ~(known & _are_heights(values))
+        for sentinel in self._sentinels:
+            bad |= values == sentinel
+        for strip in range(first // self._strip, -(-last // self._strip)) if self._collars else ():
+            if strip in self._collars:
+                start = strip * self._strip
+                mask = self._unpacked(strip)[max(first - start, 0) : last - start]
+                bad[max(start - first, 0) :][: len(mask)] |= mask
+        values[bad] = np.nan
+        return values
+
+    def _unpacked(self, strip: int) -> BoolArray:
+        rows = min(self._strip, len(self) - strip * self._strip)
+        bits = np.frombuffer(zlib.decompress(self._collars[strip]), np.uint8)
+        return np.unpackbits(bits, count=rows * self.shape[1]).reshape(rows, -1).astype(bool)
+
+    def _survey(self, step: float) -> Iterator[str]:
+        """Find sentinels and collars; yield what was found."""
+        rows = len(self)
+        slope, terraces = self._slopes()
+        steepest = max(_SPIKE_SLOPE * step, _SPIKE_TIMES * (slope + 1e-6))
+        collars, odd = _Collars(self.shape), np.zeros(0, np.float32)
+        hits, near = np.zeros(len(_SENTINELS), np.int64), np.zeros(len(_SENTINELS), bool)
+        unknown = strange = spikes = 0
+        for start in range(0, rows, self._strip):
+            low, high = max(start - 1, 0), min(start + self._strip + 1, rows)
+            mine = slice(start - low, start - low + self._strip)  # the others are beside it
+            values, known = self._read(low, high)
+            far = known & ~_are_heights(values)
+            unknown += _count(~known[mine])
+            if far[mine].any():
+                strange += _count(far[mine])
+                odd = np.unique(np.append(odd, values[mine][far[mine]]))[:4]
+            known = known & ~far
+            for n, sentinel in enumerate(_SENTINELS):
+                hit = known & (values == sentinel)
+                close = known & ~hit & (np.abs(values - sentinel) < _SENTINEL_GAP)
+                hits[n] += _count(hit[mine])
+                near[n] |= close.any()
+                known &= ~hit
+            self.count += _count(known[mine])
+            collars.add(start // self._strip, values, known, mine)
+            values[~known] = np.nan
+            spikes += _spikes(values, steepest, mine)
+        self.count += int(hits[near].sum())
+        self._sentinels = [
+            each for each, count, kept in zip(_SENTINELS, hits, near, strict=True) if count and not kept
+        ]
+        self._collars, zeros = collars.found()
+        self.count -= zeros
+        if unknown:
+            yield f"{unknown} samples of no data (the file's mask or tag)"
+        if strange:
+            yield f"{strange} samples of no data ({', '.join(sorted(f'{each:.6g}' for each in odd))})"
+        for sentinel, count in zip(_SENTINELS, hits, strict=True):
+            if sentinel in self._sentinels:
+                yield f"{count} samples of no data ({sentinel:g})"
+        if zeros:
+            yield f"{zeros} zeros in collars along the rim, taken for no data"
+        if spikes:
+            yield f"{spikes} spikes, higher or lower than all their neighbours (kept)"
+        yield from terraces
+
+    def _slopes(self) -> tuple[float, list[str]]:
+        """Return the usual rise of neighbours (m) of some rows, and a report of heights in steps."""
+        parts, groups = [], min(-(-len(self) // _SAMPLED), _SAMPLED)
+        for row in np.linspace(0, max(len(self) - _SAMPLED, 0), groups).astype(int).tolist():
+            values, known = self._read(row, min(row + _SAMPLED, len(self)))
+            values[~(known & _are_heights(values))] = np.nan
+            parts.append(np.abs(np.diff(values)).ravel())
+        rise = np.concatenate(parts)
+        rise = rise[np.isfinite(rise)]
+        return float(np.median(rise)) if len(rise) else 0.0, _terraces(rise)
 
 
-def smooth_terraces(samples: Float32Array) -> tuple[Float32Array, Findings]:
-    """Return heights in steps smoothed by at most half a step, and what was done; others as they are."""
-    found = _quantum(samples)
-    if found is None:
-        return samples, ()
-    known, half = np.isfinite(samples), 0.5 * found[0]
-    # Half a step above and below at borders, in between by the distances (samples) from them.
-    highest = ndimage.maximum_filter(np.where(known, samples, -np.inf), 3)
-    lowest = ndimage.minimum_filter(np.where(known, samples, np.inf), 3)
-    up, down = (ndimage.distance_transform_edt(each == samples) + 0.5 for each in (highest, lowest))
-    heights = np.where(known, samples + half * (down - up) / (down + up), 0.0)
-    weight = np.maximum(ndimage.gaussian_filter(known.astype(np.float64), 1.0), 1e-6)
-    for _ in range(_TERRACE_ROUNDS):
-        heights = ndimage.gaussian_filter(heights, 1.0) / weight
-        heights = np.where(known, np.clip(heights, samples - half, samples + half), 0.0)
-    changed = np.where(known, heights, np.nan).astype(np.float32)
-    most = float(np.nanmax(np.abs(changed - samples)))
-    return changed, (f"terraces of {found[0]:.3g} m smoothed, by at most {most:.2g} m",)
+def _are_heights(values: Float32Array) -> BoolArray:
+    return (values >= -_HEIGHTS) & (values <= _HEIGHTS)
 
 
-def _collar(values: Float32Array, known: BoolArray) -> BoolArray:
-    """Return where zeros form a collar along the rim, or beside voids, at the foot of a cliff."""
-    zero = known & (values == 0.0)
-    collar = np.zeros(zero.shape, bool)
-    if not zero.any():
-        return collar
-    labels, _ = ndimage.label(zero, _EIGHT)
-    rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
-    boxes = ndimage.find_objects(labels)
-    for label in np.unique(rim[rim > 0]):
-        rows, columns = boxes[label - 1]
-        part = np.s_[max(rows.start - 1, 0) : rows.stop + 1, max(columns.start - 1, 0) : columns.stop + 1]
-        region = labels[part] == label
-        beside = ndimage.binary_dilation(region, _EIGHT) & known[part] & ~zero[part]
-        if beside.any() and np.median(np.abs(values[part][beside])) > _COLLAR_HEIGHT:
-            collar[part] |= region
-    return collar
+def _count(mask: BoolArray) -> int:
+    return int(np.count_nonzero(mask))
 
 
-def _spikes(samples: Float32Array, step: float) -> list[str]:
-    """Report samples that stand out from all their neighbours, by steep slopes and unlike others."""
-    inner = samples[1:-1, 1:-1]
-    if not inner.size:
-        return []
-    rows, columns = samples.shape
-    least = np.full(inner.shape, np.inf, np.float32)
-    above, below = least.copy(), least.copy()
-    with np.errstate(invalid="ignore"):
+class _Collars:
+    """Regions of zeros along the rim at the foot of a cliff, found strip by strip."""
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._shape = shape
+        self._strips: list[tuple[int, int, bytes]] = []  # number, first label, labels
+        self._facts = [np.zeros((3, 1), np.int64)]  # by label: at the rim, borders, borders to high ground
+        self._pairs = [np.zeros((2, 0), np.int64)]  # labels that touch across strips
+        self._labels = 0
+        self._above: Any = np.zeros(shape[1], np.int64)
+
+    def add(self, strip: int, values: Float32Array, known: BoolArray, mine: slice) -> None:
+        """Label the zeros of a strip, given with a row on each side."""
+        zero = known & (values == 0.0)
+        above, self._above = self._above, np.zeros(self._shape[1], np.int64)
+        if not zero[mine].any():
+            return
+        local, count = ndimage.label(zero[mine], _EIGHT)
+        labels = np.zeros(zero.shape, np.int32)
+        labels[mine] = local
+        edges = [local[:, 0], local[:, -1]]
+        edges += [local[0]] if strip == 0 else []
+        edges += [local[-1]] if mine.stop >= len(values) else []
+        facts = np.zeros((3, count + 1), np.int64)
+        facts[0, np.unique(np.concatenate(edges))] = 1
+        # Borders are pairs of samples, so that those of parts add up.
+        ground = np.pad(known & ~zero, 1)
+        cliff = ground & np.pad(np.abs(values) > _COLLAR_HEIGHT, 1)
         for row in range(3):
             for column in range(3):
-                if (row, column) != (1, 1):
-                    rise = inner - samples[row : row + rows - 2, column : column + columns - 2]
-                    np.fmin(above, rise, out=above)
-                    np.fmin(below, -rise, out=below)
-        stands_out = np.maximum(above, below)
-        rises = np.diff(samples, axis=0)
-        rises = np.abs(rises[np.isfinite(rises)])
-        usual = float(np.median(rises)) if len(rises) else 0.0
-        count = np.count_nonzero(
-            (stands_out > max(_SPIKE_SLOPE * step, _SPIKE_TIMES * (usual + 1e-6))) & np.isfinite(stands_out)
-        )
-    return [f"{count} spikes, higher or lower than all their neighbours (kept)"] if count else []
+                part = np.s_[row : row + len(zero), column : column + zero.shape[1]]
+                for n, beside in ((1, ground), (2, cliff)):
+                    facts[n] += np.bincount(labels[beside[part]], minlength=count + 1)
+        self._facts.append(facts[:, 1:])
+        here = np.where(local[0] > 0, local[0] + self._labels, 0)
+        for shift in (-1, 0, 1):
+            there = np.roll(above, shift)
+            there[: max(shift, 0)] = 0
+            there[len(there) + min(shift, 0) :] = 0
+            self._pairs.append(np.stack([here, there])[:, (here > 0) & (there > 0)])
+        self._strips.append((strip, self._labels, zlib.compress(local.astype(np.int32).data, 1)))
+        self._above = np.where(local[-1] > 0, local[-1] + self._labels, 0)
+        self._labels += count
+
+    def found(self) -> tuple[dict[int, bytes], int]:
+        """Return bits of each strip that has collars, compressed, and how many zeros these are."""
+        size = self._labels + 1
+        one, other = np.concatenate(self._pairs, axis=1)
+        graph = coo_array((np.ones(len(one), bool), (one, other)), shape=(size, size))
+        count, region = connected_components(graph, directed=False)
+        facts = np.concatenate(self._facts, axis=1)
+        rim, borders, high = (np.bincount(region, each, count) for each in facts)
+        collar = ((rim > 0) & (2 * high > borders))[region]
+        collar[0] = False
+        strips, zeros = {}, 0
+        for strip, first, packed in self._strips:
+            labels = np.frombuffer(zlib.decompress(packed), np.int32)
+            mask = collar[np.where(labels > 0, labels + first, 0)]
+            if mask.any():
+                strips[strip] = zlib.compress(np.packbits(mask).data, 1)
+                zeros += _count(mask)
+        return strips, zeros
 
 
-def _terraces(samples: Float32Array) -> list[str]:
-    """Report heights in steps."""
-    if (found := _quantum(samples)) is None:
-        return []
-    quantum, share = found
-    equal = f"{100.0 * share:.0f} % of neighbours are equal"
-    return [f"terraces: {equal}, heights are in steps of {quantum:.3g} m (kept)"]
+def _spikes(samples: Float32Array, steepest: float, mine: slice) -> int:
+    """Return how many samples stand out from all their neighbours, by steep slopes and unlike others."""
+    first, last = max(mine.start, 1), min(mine.stop, len(samples) - 1)
+    if last <= first or samples.shape[1] < 3:
+        return 0
+    inner = samples[first:last, 1:-1]
+    above, below = np.full(inner.shape, np.inf, np.float32), np.full(inner.shape, np.inf, np.float32)
+    for row in (-1, 0, 1):
+        for column in range(3):
+            if (row, column) != (0, 1):
+                rise = inner - samples[first + row : last + row, column : column + inner.shape[1]]
+                np.fmin(above, rise, out=above)
+                np.fmin(below, -rise, out=below)
+    stands_out = np.maximum(above, below)
+    return _count((stands_out > steepest) & np.isfinite(stands_out))
 
 
-def _quantum(samples: Float32Array) -> tuple[float, float] | None:
-    """Return the step of heights, and the share of equal neighbours, where these are many."""
-    rise = np.abs(np.diff(samples[: 1 << 11, : 1 << 11], axis=1))
-    rise = rise[np.isfinite(rise)]
+def _terraces(rise: Float32Array) -> list[str]:
+    """Report heights in steps, where many neighbours are equal."""
     moved = rise[rise > 1e-4]
     if not len(moved) or len(moved) > (1.0 - _TERRACED) * len(rise):
-        return None
+        return []
     quantum = float(moved.min())
     multiples = moved / quantum
     if np.mean(np.abs(multiples - np.round(multiples)) < 0.02) < 0.99:
-        return None
-    return quantum, 1.0 - len(moved) / len(rise)
+        return []
+    share = 100.0 * (1.0 - len(moved) / len(rise))
+    return [
+        f"terraces: {share:.0f} % of neighbours are equal, heights are in steps of {quantum:.3g} m (kept)"
+    ]
 
 
-def _fill_small_voids(samples: Float32Array) -> list[str]:
-    """Fill voids that don't touch the rim and are at most `MAX_FILLED` across, in place, by a membrane."""
+def _fill_small_voids(
+    samples: Float32Array, low: int, mine: tuple[int, int], shape: tuple[int, int]
+) -> Int64Array:
+    """Fill voids that don't touch the rim and are at most `MAX_FILLED` across, in place, by a membrane.
+
+    `samples` are rows from `low` on. Return the samples filled, voids that begin, and samples left out in the
+    rows `mine`.
+    """
     labels, _ = ndimage.label(np.isnan(samples), _EIGHT)
-    counts = np.bincount(labels.ravel())
     boxes = np.array([(r.start, r.stop, c.start, c.stop) for r, c in ndimage.find_objects(labels)])
     top, bottom, left, right = boxes.T
+    # One that reaches the strip's end is larger, as strips reach so far beyond these rows.
     small = np.maximum(bottom - top, right - left) <= MAX_FILLED
-    small &= (top > 0) & (left > 0) & (bottom < samples.shape[0]) & (right < samples.shape[1])
-    voids = np.flatnonzero(small)
-    _fill(samples, labels, boxes, voids)
-    filled, left_out = int(counts[1:][small].sum()), int(counts[1:][~small].sum())
-    report = []
-    if filled:
-        report.append(f"{filled} samples in {len(voids)} small voids, filled")
-    if left_out:
-        report.append(f"{left_out} samples in large voids or at the rim, left out")
-    return report
+    small &= (top > 0) & (left > 0) & (bottom < len(samples)) & (right < shape[1])
+    first, last = (row - low for row in mine)
+    _fill(samples, labels, boxes, np.flatnonzero(small & (top < last) & (bottom > first)))
+    counts = np.bincount(labels[first:last].ravel(), minlength=len(boxes) + 1)[1:]
+    begun = np.count_nonzero(small & (top >= first) & (top < last))
+    return np.array([counts[small].sum(), begun, counts[~small].sum()])
 
 
 @njit(cache=True, nogil=True)
-def _membrane(height, void, missing):  # type: ignore[no-untyped-def]
+def _membrane(height, void):  # type: ignore[no-untyped-def]
     """Solve Laplace's equation in a void by successive over-relaxation, in place."""
     rows, columns = height.shape
     relaxation = 2.0 / (1.0 + np.sin(np.pi / max(rows, columns)))
@@ -172,15 +286,9 @@ def _membrane(height, void, missing):  # type: ignore[no-untyped-def]
         most = 0.0
         for r in range(1, rows - 1):
             for c in range(1, columns - 1):
-                if not void[r, c]:
-                    continue
-                total, count = 0.0, 0
-                for dr, dc in ((0, 1), (0, -1), (1, 0), (-1, 0)):
-                    if not missing[r + dr, c + dc]:
-                        total += height[r + dr, c + dc]
-                        count += 1
-                if count:
-                    change = relaxation * (total / count - height[r, c])
+                if void[r, c]:
+                    around = height[r, c + 1] + height[r, c - 1] + height[r + 1, c] + height[r - 1, c]
+                    change = relaxation * (0.25 * around - height[r, c])
                     height[r, c] += change
                     most = max(most, abs(change))
         if most < _CLOSE:
@@ -189,19 +297,20 @@ def _membrane(height, void, missing):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _fill(samples, labels, boxes, voids):  # type: ignore[no-untyped-def]
-    """Fill some of the voids, in place."""
+    """Fill some of the voids, in place: each from the samples beside it alone."""
     for n in voids:
         top, bottom, left, right = boxes[n]
         part = samples[top - 1 : bottom + 1, left - 1 : right + 1]
         void = labels[top - 1 : bottom + 1, left - 1 : right + 1] == n + 1
-        window = part.astype(np.float64)
-        mean = np.nanmean(window)
-        for r in range(window.shape[0]):
-            for c in range(window.shape[1]):
-                if void[r, c]:
-                    window[r, c] = mean
-        _membrane(window, void, np.isnan(window))
-        for r in range(window.shape[0]):
-            for c in range(window.shape[1]):
-                if void[r, c]:
-                    part[r, c] = window[r, c]
+        rows, columns = np.nonzero(void)
+        total, count = 0.0, 0
+        for k in range(len(rows)):
+            for r in range(rows[k] - 1, rows[k] + 2):
+                for c in range(columns[k] - 1, columns[k] + 2):
+                    if not void[r, c]:
+                        total += part[r, c]
+                        count += 1
+        window = np.where(void, total / count, part)
+        _membrane(window, void)
+        for k in range(len(rows)):
+            part[rows[k], columns[k]] = window[rows[k], columns[k]]

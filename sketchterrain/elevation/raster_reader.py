@@ -42,8 +42,7 @@ _SECONDS, _RATE = 1.0, 2e6  # s of processor time a request; samples a second be
 _WAITING = 10.0  # s a request may wait for the disk or other processes, beyond its processor time
 _STARTING, _IDLE = 30.0, 60.0  # s
 _OPEN_FILES = 4
-_STRIP = 1 << 22  # samples
-_MAX_VRT = 1 << 24  # bytes
+_MAX_VRT, _MOST_FILES = 1 << 24, 1 << 16  # bytes; that it refers to
 _DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".hgt": "SRTMHGT", ".asc": "AAIGrid", ".vrt": "VRT"}
 SUFFIXES: Final = (*_DRIVERS, ".npy", ".npz", ".zip")
 """Names of files of elevation end so."""
@@ -53,7 +52,7 @@ _ENVIRONMENT = {
     "GDAL_SKIP": "HTTP WMS WMTS WCS EEDA EEDAI PLMOSAIC STACIT STACTA DAAS ESRIC GTI MBTiles MVT OSM PDF",
     "GDAL_PAM_ENABLED": "NO",
     "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
-    "GDAL_CACHEMAX": "64",
+    "GDAL_CACHEMAX": "256",
     # Samples registered as points are moved by half a cell, whatever the environment says.
     "GTIFF_POINT_GEO_IGNORE": "NO",
     "OPENBLAS_NUM_THREADS": "1",
@@ -97,23 +96,30 @@ def read_window(header: RasterHeader, window: Window) -> tuple[Any, BoolArray]:
     """
     height, width = window[2:]
     dtype, size = np.dtype(header.dtype), height * width
+    stored = 1  # samples of all blocks that are decoded
+    for first, count, side in zip(window[:2], window[2:], header.block, strict=True):
+        stored *= side * (-(-(first + count) // side) - first // side)
     request = {"path": str(header.path.absolute()), "band": header.band, "stamp": header.stamp}
-    stored = max(size, math.prod(header.block))
     _, data = _READER.ask(header.path, {**request, "window": window}, stored, size * (dtype.itemsize + 1))
     values = np.frombuffer(data, dtype, size).reshape(height, width)
     return values, np.frombuffer(data, np.uint8, size, size * dtype.itemsize).reshape(height, width) != 0
 
 
-def read_strips(header: RasterHeader, window: Window) -> tuple[Any, BoolArray]:
-    """Return what `read_window` does, read by strips: the child needs little memory."""
-    row, column, height, width = window
-    step = max(_STRIP // width // header.block[0], 1) * header.block[0]
-    raw, known = np.empty((height, width), header.dtype), np.empty((height, width), bool)
-    for start in range(row // step * step, row + height, step):
-        first, last = max(start, row), min(start + step, row + height)
-        part = slice(first - row, last - row)
-        raw[part], known[part] = read_window(header, (first, column, last - first, width))
-    return raw, known
+def file_stamps(path: Path) -> list[tuple[str, int, int]]:
+    """Return names, sizes and times of modification of the files that a VRT refers to, also by others."""
+    found: dict[str, tuple[str, int, int]] = {}
+    waiting = [path]
+    while waiting and len(found) < _MOST_FILES:
+        vrt = waiting.pop()
+        if vrt.suffix.lower() != ".vrt" or not vrt.is_file():
+            continue
+        with suppress(OSError), vrt.open("rb") as stream:
+            for name in re.findall(rb"<SourceFilename[^>]*>([^<]+)<", stream.read(_MAX_VRT)):
+                file = vrt.parent / os.fsdecode(name)
+                if str(file) not in found:
+                    found[str(file)] = (str(file), *(_stamp(file) if file.is_file() else (0, 0)))
+                    waiting.append(file)
+    return sorted(found.values())
 
 
 def _unreadable(path: Path, problem: object) -> InputError:
@@ -241,7 +247,10 @@ def _read(request: dict[str, Any], files: dict[tuple[Any, ...], Any]) -> tuple[A
     target, driver, stamp = _target(path)
     if list(stamp) != request.get("stamp", list(stamp)):
         raise ValueError("it has changed while it was read")
-    file = files.pop((path, stamp), None) or rasterio.open(target, driver=driver)
+    file = files.pop((path, stamp), None)
+    if file is not None and "window" not in request:  # files that a VRT refers to may have changed
+        file = file.close()
+    file = file or rasterio.open(target, driver=driver)
     files[path, stamp] = file  # the last one used
     while len(files) > _OPEN_FILES:
         files.pop(next(iter(files))).close()

@@ -15,32 +15,28 @@ import numpy as np
 from numba import njit
 from scipy import ndimage
 
-from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
+from sketchterrain.array_types import Bounds, Float32Array, Float64Array, Int64Array, UInt8Array
 from sketchterrain.caching import LRUCache
-from sketchterrain.elevation.mips import in_threads
-from sketchterrain.elevation.patches import (
-    COEFFICIENTS,
-    KERNEL,
-    GridPatches,
-    Patches,
-    concatenated,
-    subset,
+from sketchterrain.elevation.patches import COEFFICIENTS, GridPatches, Patches
+from sketchterrain.elevation.surface import PatchSlots, PatchSurface
+from sketchterrain.elevation.tops import (
+    PatchNumbers,
+    Tops,
+    box_around,
+    distance_to,
+    edges_of,
+    find_tops,
+    kernels_of,
+    overlapping,
 )
-from sketchterrain.elevation.surface import BoxIndex, PatchSlots, PatchSurface
 from sketchterrain.errors import InputError
 
 CELL_ERRORS: Final = 64.0
 """Errors of a cell size: heights for cells of h m are within h / 64."""
 
-_MAX_PIECES, _MAX_CORNERS = 512, 20
 _RIM_NODES, _MAX_NODES = 8.0, 1 << 24  # along the margin of a rim, and of a whole raster
 _HALF_STEP = 4.0  # growths, and a little more: tiles of areas end a step apart
-_CACHED = 16  # selections for cell sizes
-
-
-class _Tops(NamedTuple):
-    top: Float64Array  # m: the patch is left out from this error on
-    is_best: BoolArray  # of a finest level that no more accurate grid covers: used whatever accuracy is asked
+_CACHED, _CACHED_BYTES = 32, 1 << 27  # selections for cell sizes
 
 
 class Patchwork:
@@ -51,150 +47,27 @@ class Patchwork:
 
     def __init__(self, grids: Mapping[bytes, GridPatches] | None = None) -> None:
         self.grids: dict[bytes, GridPatches] = dict(sorted((grids or {}).items()))
-        parts = list(self.grids.values())
-        self.patches = concatenated([each.patches for each in parts]) if parts else None
-        counts = [len(each.patches) for each in parts]
-        self.grid = np.repeat(np.arange(len(parts)), counts)
-        self._starts = np.cumsum([0, *counts])
-        self._corners = np.concatenate([each.corners for each in parts]) if parts else np.zeros((0, 4, 2))
-        self._tops: _Tops | None = None
-        self._for_cells = LRUCache(_CACHED)
+        self._numbers = PatchNumbers(list(self.grids.values()))
+        self.grid = self._numbers.grid  # of each patch
+        self._tops: Tops | None = None
+        self._for_cells = LRUCache(_CACHED, max_bytes=_CACHED_BYTES)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return the grids and the tops."""
-        return _restored, (self.grids, self._tops)
+        """Return the grids: the rest follows from them."""
+        return Patchwork, (self.grids,)
+
+    def __len__(self) -> int:
+        return len(self._numbers)
 
     @property
-    def tops(self) -> _Tops:
-        """Tops of all patches."""
-        if self._tops is None:
-            patches = self._table()
-            self._tops = _find_tops(patches, self.grid, self._corners, np.arange(len(patches)))
-        return self._tops
-
-    def with_grid(self, grid: GridPatches) -> Patchwork:
-        """Return the patchwork with one more grid; only tops of patches that touch it are computed."""
-        return self if grid.id in self.grids else self._changed({**self.grids, grid.id: grid}, grid)
-
-    def without_grid(self, grid_id: bytes) -> Patchwork:
-        """Return the patchwork without a grid; patches that it made redundant are used again."""
-        if grid_id not in self.grids:
-            return self
-        rest = {key: each for key, each in self.grids.items() if key != grid_id}
-        return self._changed(rest, self.grids[grid_id])
-
-    def _changed(self, grids: dict[bytes, GridPatches], grid: GridPatches) -> Patchwork:
-        changed = Patchwork(grids)
-        if self.patches is None or changed.patches is None:
-            return changed
-        old, kernel = self.tops, changed.patches.kernel
-        top, is_best = np.empty(len(kernel)), np.zeros(len(kernel), bool)
-        growth = 2.0 * max(float(self.patches.growth.max()), float(changed.patches.growth.max()))
-        low = grid.patches.kernel[:, :2].min(axis=0) - growth
-        high = grid.patches.kernel[:, 2:].max(axis=0) + growth
-        stale = (kernel[:, :2] <= high).all(axis=1) & (kernel[:, 2:] >= low).all(axis=1)
-        for number, key in enumerate(changed.grids):
-            here = slice(changed._starts[number], changed._starts[number + 1])
-            if key in self.grids:
-                there = list(self.grids).index(key)
-                before = slice(self._starts[there], self._starts[there + 1])
-                top[here], is_best[here] = old.top[before], old.is_best[before]
-        which = np.flatnonzero(stale)
-        top[which], is_best[which] = _find_tops(changed.patches, changed.grid, changed._corners, which)
-        changed._tops = _Tops(top, is_best)
-        return changed
-
-    def cover(self, error: float) -> Int64Array:
-        """Return the patches of the minimal cover within an error (m).
-
-        Where no grid is so accurate, the most accurate ones there are.
-        """
-        if not error >= 0.0:
-            raise InputError(f"error {error}: expected metres, 0 or more")
-        top, is_best = self.tops
-        return np.flatnonzero(((self._table().error <= error) | is_best) & (error < top))
-
-    def cover_for_cells(self, cell_size: float) -> Int64Array:
-        """Return the patches for samples `cell_size` (m) apart: a minimal cover within 1/64 of it.
-
-        Their steps are at least half of it, except where grids end. The finest levels of grids that are left
-        count as accurate as the grid, as what they lack is finer than the cells.
-        """
-        if not cell_size > 0.0:
-            raise InputError(f"cell size {cell_size}: expected metres above 0")
-        lowest = tuple(
-            int(np.clip(np.ceil(np.log2(0.5 * cell_size / each.step) - 1e-9), 0, len(each.coefficients) - 1))
-            for each in self.grids.values()
-        )
-        which, patches, (top, is_best) = self._for_cells.get_or_compute(
-            lowest, lambda: self._without_fine_levels(np.array(lowest))
-        )
-        error = cell_size / CELL_ERRORS
-        kept: Int64Array = which[((patches.error <= error) | is_best) & (error < top)]
-        return kept
-
-    def _without_fine_levels(self, lowest: Int64Array) -> tuple[Int64Array, Patches, _Tops]:
-        """Return the patches from each grid's lowest level on, and their tops."""
-        patches, accuracy = self._table(), np.array([each.accuracy for each in self.grids.values()])
-        which = np.flatnonzero(patches.level >= lowest[self.grid])
-        if len(which) == len(patches):
-            return which, patches, self.tops
-        owner = np.repeat(np.arange(len(patches)), patches.rectangles)
-        corners = self._corners[np.isin(owner, which)]
-        patches = subset(patches, which)
-        grid = self.grid[which]
-        patches.finest[:] = patches.level == lowest[grid]
-        patches.error[:] = np.where(patches.finest, accuracy[grid], patches.error)
-        return which, patches, _find_tops(patches, grid, corners, np.arange(len(which)))
-
-    def rim_fade(self, margin: float, start: float = 0.0) -> RimFade:
-        """Return a weight that blends all data into other ground over a margin (m) inside of their rim.
-
-        It is 0 up to `start` (m) inside, at most 0.4 margins. It does not see where one grid ends beside
-        another; gaps narrower than a step are none.
-        """
-        patches, spacing = self._table(), margin / _RIM_NODES
-        low, high = patches.kernel[:, :2].min(axis=0), patches.kernel[:, 2:].max(axis=0)
-        shape = np.ceil((high - low) / max(spacing, 1e-9)) + 5
-        if not margin > 0.0 or shape.prod() > _MAX_NODES:
-            raise InputError(
-                f"margin {margin:g}: expected more metres, of an extent of {max(high - low):.0f} m"
-            )
-        west, south = low - 2.0 * spacing
-        inside = np.zeros((int(shape[1]), int(shape[0])), bool)
-        finest, kernels = np.flatnonzero(patches.finest), _kernels(patches, self._corners)
-        _mark(finest, kernels, west, south, spacing, inside)
-        # Coefficients two nodes from the rim are 0, as each reaches two nodes.
-        depth = ndimage.distance_transform_edt(inside)
-        zero = 2.0 + min(start / spacing, 0.4 * _RIM_NODES)
-        part = np.clip((depth - zero) / (_RIM_NODES - 2.0 - zero), 0.0, 1.0)
-        return RimFade(float(west), float(south), spacing, part)
-
-    def _table(self) -> Patches:
-        if self.patches is None:
-            raise InputError("expected at least one elevation grid")
-        return self.patches
-
-    def within(self, which: Int64Array, area: Bounds) -> Int64Array:
-        """Return those of some patches that reach into an area (m); the others change no bit there."""
-        west, south, east, north = area
-        reach = self._table().reach[which]
-        near = (reach[:, 0] <= east) & (reach[:, 2] >= west) & (reach[:, 1] <= north) & (reach[:, 3] >= south)
-        return which[near]
-
-    def surface(self, which: Int64Array, *, wendland: bool = False) -> PatchSurface:
-        """Return the surface of some patches, as of `cover`; by the paper's weights if `wendland`."""
-        return PatchSurface(self.slots(which), self.reach[which], wendland=wendland)
-
-    @property
-    def reach(self) -> Float64Array:
-        """West, south, east and north (n, 4) of what each patch reaches, m."""
-        return self._table().reach
+    def reach(self) -> Float32Array:
+        """West, south, east and north (n, 4) of what each patch reaches, m, rounded outward."""
+        return self._numbers.reach
 
     @property
     def error(self) -> Float64Array:
         """Error (m) of each patch."""
-        return self._table().error
+        return self._numbers.error
 
     @property
     def middle(self) -> float:
@@ -206,37 +79,197 @@ class Patchwork:
         """The largest error (m) of samples of any grid."""
         return max(each.accuracy for each in self.grids.values())
 
+    def rows(self, which: Int64Array) -> tuple[Patches, Float64Array]:
+        """Return columns of some patches, and the corners of their rectangles if `which` ascends."""
+        self._check()
+        return self._numbers.rows(which)
+
+    @property
+    def tops(self) -> Tops:
+        """Tops of all patches."""
+        if self._tops is None:
+            self._tops = self._tops_from(np.zeros(len(self.grids), np.int64))
+        return self._tops
+
+    def with_grid(self, grid: GridPatches) -> Patchwork:
+        """Return the patchwork with one more grid."""
+        return self if grid.id in self.grids else Patchwork({**self.grids, grid.id: grid})
+
+    def without_grid(self, grid_id: bytes) -> Patchwork:
+        """Return the patchwork without a grid; patches that it made redundant are used again."""
+        return Patchwork({key: each for key, each in self.grids.items() if key != grid_id})
+
+    def _tops_from(self, lowest: Int64Array) -> Tops:
+        """Return tops among patches from each grid's lowest level on; those of finer ones are undefined.
+
+        Grids have their own tops: only those of patches that touch another grid are computed. A grid's finer
+        levels change no top.
+        """
+        numbers = self._numbers
+        tops = Tops(np.empty(len(numbers)), np.zeros(len(numbers), bool))
+        boxes = np.array([box_around(each.table.reach) for each in numbers.parts]).reshape(-1, 4)
+        stale = np.zeros(len(numbers), bool)
+        for n, (part, level) in enumerate(zip(numbers.parts, lowest, strict=True)):
+            here = slice(numbers.starts[n], numbers.starts[n + 1])
+            tops.top[here] = part.table.top
+            tops.is_best[here][slice(*part.table.starts[[level, level + 1]])] = True
+            for other in np.flatnonzero(overlapping(boxes, boxes[n])):
+                if other != n:
+                    stale[here] |= overlapping(numbers.reach[here], boxes[other])
+            stale[here][: part.table.starts[level]] = False
+        which = np.flatnonzero(stale)
+        tops.top[which], tops.is_best[which] = find_tops(numbers, which, lowest)
+        return tops
+
+    def _check(self) -> None:
+        if not self.grids:
+            raise InputError("expected at least one elevation grid")
+
+    def cover(self, error: float) -> Int64Array:
+        """Return the patches of the minimal cover within an error (m).
+
+        Where no grid is so accurate, the most accurate ones there are.
+        """
+        if not error >= 0.0:
+            raise InputError(f"error {error}: expected metres, 0 or more")
+        self._check()
+        top, is_best = self.tops
+        return np.flatnonzero(((self.error <= error) | is_best) & (error < top))
+
+    def cover_for_cells(self, cell_size: float) -> Int64Array:
+        """Return the patches for samples `cell_size` (m) apart: a minimal cover within 1/64 of it.
+
+        Their steps are at least half of it, except where grids end. The finest levels of grids that are left
+        count as accurate as the grid, as what they lack is finer than the cells.
+        """
+        which, errors, (top, is_best) = self._selection(self._lowest(cell_size))
+        error = cell_size / CELL_ERRORS
+        kept = np.flatnonzero(((errors <= error) | is_best) & (error < top))
+        return kept if which is None else which[kept]
+
+    def cover_near(self, cell_size: float, areas: Float64Array) -> Int64Array:
+        """Return those of `cover_for_cells` that reach into any of some areas (n, 4), m, without a scan."""
+        lowest, boxes = self._lowest(cell_size), _outward(np.reshape(areas, (-1, 4)))
+        levels = self._numbers.levels
+        near = self._numbers.touching(box_around(boxes), levels[:, 1] >= np.array(lowest)[levels[:, 0]])
+        which, errors, (top, is_best) = self._selection(lowest)
+        at, error = near if which is None else np.searchsorted(which, near), cell_size / CELL_ERRORS
+        near = near[((errors[at] <= error) | is_best[at]) & (error < top[at])]
+        found = np.zeros(len(near), bool)
+        for box in boxes:
+            found |= overlapping(self.reach[near], box)
+        kept: Int64Array = near[found]
+        return kept
+
+    def _lowest(self, cell_size: float) -> tuple[int, ...]:
+        """Return the lowest level of each grid whose steps are at least half a cell."""
+        if not cell_size > 0.0:
+            raise InputError(f"cell size {cell_size}: expected metres above 0")
+        self._check()
+        return tuple(
+            int(np.clip(np.ceil(np.log2(0.5 * cell_size / each.step) - 1e-9), 0, each.levels - 1))
+            for each in self.grids.values()
+        )
+
+    def _selection(self, lowest: tuple[int, ...]) -> tuple[Int64Array | None, Float64Array, Tops]:
+        """Return the patches from each grid's lowest level on, None for all; their errors and tops."""
+        if not any(lowest):
+            return None, self.error, self.tops
+        return self._for_cells.get_or_compute(lowest, lambda: self._without_fine_levels(np.array(lowest)))
+
+    def _without_fine_levels(self, lowest: Int64Array) -> tuple[Int64Array, Float64Array, Tops]:
+        numbers, errors, parts = self._numbers, self.error.copy(), [np.zeros(0, np.int64)]
+        for n, (each, level) in enumerate(zip(numbers.parts, lowest, strict=True)):
+            first, last = numbers.starts[n] + each.table.starts[[level, level + 1]]
+            errors[first:last] = each.accuracy
+            parts.append(np.arange(first, numbers.starts[n + 1]))
+        which = np.concatenate(parts)
+        top, is_best = self._tops_from(lowest)
+        return which, errors[which], Tops(top[which], is_best[which])
+
+    @property
+    def box(self) -> Float64Array:
+        """West, south, east and north of all data, m."""
+        self._check()
+        found: Float64Array = box_around(np.array([each.box for each in self.grids.values()]))
+        return found
+
+    def rim_fade(self, margin: float, start: float = 0.0) -> RimFade:
+        """Return a weight that blends all data into other ground over a margin (m) inside of their rim.
+
+        It is 0 up to `start` (m) inside, at most 0.4 margins. It does not see where one grid ends beside
+        another; gaps narrower than a step are none.
+        """
+        spacing, low, high = margin / _RIM_NODES, self.box[:2], self.box[2:]
+        shape = np.ceil((high - low) / max(spacing, 1e-9)) + 5
+        if not margin > 0.0 or shape.prod() > _MAX_NODES:
+            raise InputError(
+                f"margin {margin:g}: expected more metres, of an extent of {max(high - low):.0f} m"
+            )
+        west, south = low - 2.0 * spacing
+        inside = np.zeros((int(shape[1]), int(shape[0])), bool)
+        for patches, corners in (group for each in self.grids.values() for group in each.finest()):
+            _mark(np.arange(len(patches)), kernels_of(patches, corners), west, south, spacing, inside)
+        # Coefficients two nodes from the rim are 0, as each reaches two nodes.
+        # The raster's border is outside: kernels of few samples, grown by half a step, reach over it.
+        depth = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
+        zero = 2.0 + min(start / spacing, 0.4 * _RIM_NODES)
+        part = np.clip((depth - zero) / (_RIM_NODES - 2.0 - zero), 0.0, 1.0)
+        return RimFade(float(west), float(south), spacing, part)
+
+    def within(self, which: Int64Array, area: Bounds) -> Int64Array:
+        """Return those of some patches that reach into an area (m); the others change no bit there."""
+        return which[overlapping(self.reach[which], _outward(np.asarray(area)))]
+
+    def surface(self, which: Int64Array, *, wendland: bool = False) -> PatchSurface:
+        """Return the surface of some patches, as of `cover`; by the paper's weights if `wendland`."""
+        slots = self.slots(which)
+        if wendland:
+            slots = slots._replace(density=np.sqrt(slots.density))
+        return PatchSurface(slots, self.reach[which].astype(np.float64), wendland=wendland)
+
     def slots(self, which: Int64Array) -> PatchSlots:
         """Return what evaluating some patches reads."""
-        patches, parts = subset(self._table(), which), list(self.grids.values())
-        coefficients = np.empty((len(which), COEFFICIENTS, COEFFICIENTS), np.float32)
-        mask_of = np.where(patches.has_mask, np.cumsum(patches.has_mask) - 1, -1)
-        masks = np.empty((int(patches.has_mask.sum()), COEFFICIENTS, COEFFICIENTS), np.uint8)
-        for slot, number in enumerate(which):
-            part, level = parts[self.grid[number]], patches.level[slot]
-            row, column = KERNEL * patches.row[slot], KERNEL * patches.column[slot]
-            window = np.s_[row : row + COEFFICIENTS, column : column + COEFFICIENTS]
-            coefficients[slot] = part.coefficients[level][window]
-            if mask_of[slot] >= 0:
-                masks[mask_of[slot]] = part.masks[level][window]
-        grid = self.grid[which]
+        patches, _ = self.rows(which)
+        coefficients, mask_of, masks = self.patch_data(which)
         return PatchSlots(
             centre=patches.centre,
             to_steps=patches.to_steps,
-            density=1.0 / patches.step_area,
-            base=np.array([each.base for each in parts])[grid],
-            grid=grid,
+            density=1.0 / patches.step_area**2,
+            base=np.array([each.base for each in self.grids.values()])[self.grid[which]],
+            grid=self.grid[which],
             coefficients=coefficients,
             mask_of=mask_of,
             masks=masks,
             rims=np.column_stack([patches.rim, 2.0**patches.level])[patches.has_mask],
         )
 
+    def patch_data(self, which: Int64Array) -> tuple[Float32Array, Int64Array, UInt8Array]:
+        """Return coefficients (n, 35, 35) of patches, m above the base of their grid, and masks.
 
-def _restored(grids: Mapping[bytes, GridPatches], tops: _Tops | None) -> Patchwork:
-    work = Patchwork(grids)
-    work._tops = tops
-    return work
+        Then follow the number of the mask of each, -1 where data are all around, and masks (m, 35, 35). Of a
+        grid on disk, what is not in memory is read.
+        """
+        side, numbers = COEFFICIENTS, self._numbers
+        coefficients = np.empty((len(which), side, side), np.float32)
+        mask_of = np.full(len(which), -1)
+        for n in np.unique(self.grid[which]):
+            slots = np.flatnonzero(self.grid[which] == n)
+            part, own = numbers.parts[n], which[slots] - numbers.starts[n]
+            part.copy_coefficients(own, coefficients, slots)
+            mask_of[slots] = part.table.mask[own]
+        masked = np.flatnonzero(mask_of >= 0)
+        masks = np.empty((len(masked), side, side), np.uint8)
+        for slot, number in enumerate(masked):
+            at = mask_of[number]
+            masks[slot] = numbers.parts[self.grid[which[number]]].masks[at : at + 1]
+        mask_of[masked] = np.arange(len(masked))
+        return coefficients, mask_of, masks
+
+
+def _outward(boxes: Float64Array) -> Float32Array:
+    """Return boxes rounded outward, as reaches are."""
+    return np.nextafter(boxes.astype(np.float32), np.array([-np.inf, -np.inf, np.inf, np.inf], np.float32))
 
 
 class RimFade(NamedTuple):
@@ -256,174 +289,6 @@ class RimFade(NamedTuple):
         return found
 
 
-class _Kernels(NamedTuple):
-    """Kernels for compiled functions."""
-
-    boxes: Float64Array  # (n, 4)
-    growth: Float64Array
-    first: Int64Array  # (n + 1): number of the first rectangle
-    corners: Float64Array
-
-
-def _kernels(patches: Patches, corners: Float64Array) -> _Kernels:
-    first = np.concatenate([[0], np.cumsum(patches.rectangles)])
-    return _Kernels(patches.kernel, patches.growth, first, corners)
-
-
-def _find_tops(patches: Patches, grid: Int64Array, corners: Float64Array, which: Int64Array) -> _Tops:
-    """Return the tops of some patches."""
-    grown = patches.kernel + patches.growth[:, None] * np.array([-1.0, -1.0, 1.0, 1.0])
-    kernels, index = _kernels(patches, corners), BoxIndex.from_boxes(grown)
-    order = patches.rank, patches.error, patches.finest, grid
-    tops = _Tops(np.empty(len(which)), np.empty(len(which), bool))
-    in_threads(
-        lambda start, end: _compute_tops(which, order, kernels, index, tops, start, end), len(which), 256
-    )
-    return tops
-
-
-@njit(cache=True, nogil=True)
-def _compute_tops(which, order, kernels, index, tops, start, end):  # type: ignore[no-untyped-def]
-    """Compute the tops of the patches which[start:end]: algorithm 1 of the paper, `cutter`."""
-    rank, error, finest, grid = order
-    seen = np.full(len(rank), -1, np.int64)
-    near = np.empty(len(rank), np.int64)
-    pieces = np.empty((2, _MAX_PIECES, _MAX_CORNERS, 2))
-    sizes = np.empty((2, _MAX_PIECES), np.int64)
-    for n in range(start, end):
-        p = which[n]
-        count = _touching(p, kernels, index, seen, near)
-        greater, better = np.empty(count, np.int64), np.empty(count, np.int64)
-        found = known = 0
-        for q in np.sort(near[:count]):
-            if (-rank[q], error[q], q) < (-rank[p], error[p], p):
-                greater[found] = q
-                found += 1
-            if finest[q] and grid[q] != grid[p] and (error[q], -rank[q], q) < (error[p], -rank[p], p):
-                better[known] = q
-                known += 1
-        # Greater patches, by error, until they cover the kernel.
-        greater = greater[:found]
-        by_error = greater[np.argsort(error[greater], kind="mergesort")]
-        last = _covering(p, by_error, kernels, pieces, sizes)
-        tops.top[n] = np.inf if last < 0 else error[last]
-        # What no other grid knows better is used whatever accuracy is asked.
-        tops.is_best[n] = finest[p] and _covering(p, better[:known], kernels, pieces, sizes) < 0
-
-
-@njit(cache=True, nogil=True)
-def _touching(p, kernels, index, seen, near):  # type: ignore[no-untyped-def]
-    """Write the patches whose grown kernels touch that of p, each once; return how many."""
-    box, count = kernels.boxes[p], 0
-    for c in range(len(index.places)):
-        west, south, cell = index.places[c]
-        wide, deep, first = index.shapes[c]
-        x0, x1 = max(int((box[0] - west) // cell), 0), min(int((box[2] - west) // cell), wide - 1)
-        y0, y1 = max(int((box[1] - south) // cell), 0), min(int((box[3] - south) // cell), deep - 1)
-        for row in range(y0, y1 + 1):
-            for key in range(first + row * wide + x0, first + row * wide + x1 + 1):
-                for k in range(index.starts[key], index.starts[key + 1]):
-                    q = index.items[k]
-                    other, g = kernels.boxes[q], kernels.growth[q]
-                    across = other[0] - g < box[2] and other[2] + g > box[0]
-                    if q != p and seen[q] != p and across and other[1] - g < box[3] and other[3] + g > box[1]:
-                        seen[q] = p
-                        near[count] = q
-                        count += 1
-    return count
-
-
-@njit(cache=True, nogil=True)
-def _covering(p, others, kernels, pieces, sizes):  # type: ignore[no-untyped-def]
-    """Return the patch with which others, in this order, cover the kernel of p; -1 if they don't."""
-    side, left = 0, kernels.first[p + 1] - kernels.first[p]
-    for k in range(left):
-        sizes[0, k] = 4
-        pieces[0, k, :4] = kernels.corners[kernels.first[p] + k]
-    for q in others:
-        for k in range(kernels.first[q], kernels.first[q + 1]):
-            left = _without(kernels.corners[k], kernels.growth[q], pieces, sizes, side, left)
-            side = 1 - side
-            if left <= 0:
-                return q if left == 0 else -1
-    return -1
-
-
-@njit(cache=True, nogil=True)
-def _edges(corners, grow):  # type: ignore[no-untyped-def]
-    """Return a, b, c of the edges of a rectangle, grown by some metres: distance outward = a·x + b·y + c."""
-    lines = np.empty((4, 3))
-    for i in range(4):
-        x, y = corners[i, 0], corners[i, 1]
-        dx, dy = corners[(i + 1) % 4, 0] - x, corners[(i + 1) % 4, 1] - y
-        length = math.hypot(dx, dy)
-        lines[i, 0], lines[i, 1] = dy / length, -dx / length
-        lines[i, 2] = -(lines[i, 0] * x + lines[i, 1] * y) - grow
-    return lines
-
-
-@njit(cache=True, nogil=True)
-def _without(corners, grow, pieces, sizes, side, left):  # type: ignore[no-untyped-def]
-    """Write the pieces outside of a rectangle, grown by some metres, to the other buffer; return how many."""
-    other, count = 1 - side, 0
-    lines = _edges(corners, grow)
-    sliver = 1e-6 * grow
-    rest = np.empty((_MAX_CORNERS, 2))
-    for k in range(left):
-        size, apart = sizes[side, k], False
-        for i in range(4):
-            apart = True
-            for j in range(size):
-                if _distance(lines[i], pieces[side, k, j]) < -sliver:
-                    apart = False
-                    break
-            if apart:
-                break
-        if apart:
-            if count == _MAX_PIECES:
-                return -1
-            sizes[other, count] = size
-            pieces[other, count, :size] = pieces[side, k, :size]
-            count += 1
-            continue
-        rest[:size] = pieces[side, k, :size]
-        for i in range(4):
-            if count == _MAX_PIECES or size + 1 > _MAX_CORNERS:
-                return -1
-            # The part beyond this edge is left, the other one goes on to the next edge.
-            beyond, inside, most = 0, 0, 0.0
-            kept = np.empty((_MAX_CORNERS, 2))
-            for j in range(size):
-                here, there = rest[j], rest[(j + 1) % size]
-                d, e = _distance(lines[i], here), _distance(lines[i], there)
-                most = max(most, d)
-                if d >= 0.0:
-                    pieces[other, count, beyond] = here
-                    beyond += 1
-                if d <= 0.0:
-                    kept[inside] = here
-                    inside += 1
-                if (d < 0.0 and e > 0.0) or (d > 0.0 and e < 0.0):
-                    t = d / (d - e)
-                    for axis in range(2):
-                        at = here[axis] + t * (there[axis] - here[axis])
-                        pieces[other, count, beyond, axis] = at
-                        kept[inside, axis] = at
-                    beyond, inside = beyond + 1, inside + 1
-            if most > sliver:
-                sizes[other, count] = beyond
-                count += 1
-                rest, size = kept, inside
-            if size < 3:
-                break
-    return count
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _distance(line, point):  # type: ignore[no-untyped-def]
-    return line[0] * point[0] + line[1] * point[1] + line[2]
-
-
 @njit(cache=True, nogil=True)
 def _mark(which, kernels, west, south, spacing, inside):  # type: ignore[no-untyped-def]
     """Mark the nodes of a raster in kernels, grown by half a step."""
@@ -432,9 +297,9 @@ def _mark(which, kernels, west, south, spacing, inside):  # type: ignore[no-unty
         x0, y0 = (kernels.boxes[p, 0] - grow - west) / spacing, (kernels.boxes[p, 1] - grow - south) / spacing
         x1, y1 = (kernels.boxes[p, 2] + grow - west) / spacing, (kernels.boxes[p, 3] + grow - south) / spacing
         for k in range(kernels.first[p], kernels.first[p + 1]):
-            lines = _edges(kernels.corners[k], grow)
+            lines = edges_of(kernels.corners[k], grow)
             for row in range(max(math.ceil(y0), 0), min(math.floor(y1) + 1, inside.shape[0])):
                 for column in range(max(math.ceil(x0), 0), min(math.floor(x1) + 1, inside.shape[1])):
                     point = (west + column * spacing, south + row * spacing)
-                    if max([_distance(lines[i], point) for i in range(4)]) <= 0.0:
+                    if max([distance_to(lines[i], point) for i in range(4)]) <= 0.0:
                         inside[row, column] = True

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from sketchterrain.array_types import Float32Array, Float64Array, Int64Array, UInt8Array
+from sketchterrain.array_types import Float32Array, Float64Array, Int32Array, Int64Array, UInt8Array
 from sketchterrain.elevation.mips import in_threads
 from sketchterrain.elevation.patches import KERNEL, MARGIN, WHOLE
 
@@ -97,9 +97,9 @@ class PatchSlots(NamedTuple):
 
     centre: Float64Array  # (n, 2)
     to_steps: Float64Array  # (n, 2, 6)
-    density: Float64Array  # 1 / area of a step, 1/m²
+    density: Float64Array  # 1 / area of a step, squared, 1/m⁴
     base: Float64Array  # m
-    grid: Int64Array  # number of the grid
+    grid: Int32Array  # number of the grid
     coefficients: Float32Array  # (n, 35, 35), m above the base
     mask_of: Int64Array  # index of the mask, -1 where data are all around
     masks: UInt8Array  # (masks, 35, 35)
@@ -107,11 +107,12 @@ class PatchSlots(NamedTuple):
 
 
 class PatchSurface:
-    """Mean of patches by C² weights of the same volume (Rocca et al. 2012, equation 1).
+    """Mean of patches by C² weights (Rocca et al. 2012, equation 1).
 
     The weights are flat in the middle and fall over the four steps that neighbours share, where both sum to
-    that of one: a coarse patch that overlaps fine ones has the same small share everywhere. With the paper's
-    (Wendland 1995) it would prevail where fine kernels meet. Weights are summed by size and then by id: the
+    that of one: a coarse patch that overlaps fine ones has the same small share everywhere, that of the
+    squares of their densities. With the paper's (Wendland 1995, of the same volume) it would prevail where
+    fine kernels meet. Weights are summed by size and then by id: the
     same bits in whatever order grids were added.
     """
 
@@ -135,7 +136,7 @@ class PatchSurface:
         in_threads(lambda first, last: _evaluate(*fixed, first, last), len(east), _CHUNK)
         shape = np.shape(x)
         height, along, across, weight, patches = found.reshape(5, *shape)
-        return Heights(height, along, across, weight, patches, means.reshape(-1, *shape))
+        return Heights(height, along, across, weight, patches, means.reshape(values.shape[1], *shape))
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy import ndimage
@@ -23,6 +23,7 @@ _GEOIDS: Final = {
 _ELLIPSOIDS = (ELLIPSOID, "EPSG:4979")
 _GEOID_RANGE, _GEOID_DIFFERENCES = 107.0, 10.0  # m: above the ellipsoid; from one model to another
 _NODE, _MOST_STEPS = 500.0, 64  # m between points at which geoids are evaluated; samples
+_AT_ONCE = 1 << 20  # of them
 
 
 def convert_heights(grid: ElevationGrid, vertical: str, declared: str = "") -> ElevationGrid:
@@ -31,26 +32,37 @@ def convert_heights(grid: ElevationGrid, vertical: str, declared: str = "") -> E
     `declared` is the datum of the grid's heights, by default that of its file. Datums are codes (EPSG:5773,
     EPSG:3855), WKT or `ELLIPSOID`; an empty one is unknown. Raise InputError if one is no vertical datum.
     """
-    rows, columns = grid.samples.shape
     source, told = declared or grid.vertical, ""
     if grid.vertical and _name(source) != _name(grid.vertical):
         told = f"heights above {_name(source)} as declared, not {_name(grid.vertical)} as in its file"
-    shift, finding = height_shift(source, vertical, grid.crs, grid.place, range(rows), range(columns))
+    shift, finding = height_shift(source, vertical, grid.crs, grid.place, grid.shape)
     findings = (*grid.findings, *filter(None, (told, finding)))
     if shift is None:
         return replace(grid, findings=findings)
-    return replace(
-        grid, samples=(grid.samples + shift).astype(np.float32), vertical=vertical, findings=findings
-    )
+    return grid.raised(shift.rows, vertical=vertical, findings=findings)
+
+
+class HeightShift(NamedTuple):
+    """Metres from one vertical datum to another at the samples of a grid, bilinear between nodes."""
+
+    nodes: Float64Array
+    step: int  # samples between nodes
+    columns: int
+
+    def rows(self, first: int, last: int) -> Float64Array:
+        """Return what to add to heights of some rows, m."""
+        found = self.nodes
+        for axis, span in enumerate((np.arange(first, last), np.arange(self.columns))):
+            index, rest = np.divmod(span, self.step)
+            t = np.expand_dims(rest / self.step, 1 - axis)
+            found = found.take(index, axis) * (1.0 - t) + found.take(index + 1, axis) * t
+        return found
 
 
 def height_shift(
-    source: str, target: str, crs: str, place: Affine6, rows: range, columns: range
-) -> tuple[Float64Array | None, str]:
-    """Return what to add to heights (rows, columns), None for nothing, and what was found, in words.
-
-    `place` is that of the whole grid: the shift at a sample is the same for any rows and columns.
-    """
+    source: str, target: str, crs: str, place: Affine6, shape: tuple[int, int]
+) -> tuple[HeightShift | None, str]:
+    """Return what to add to the heights of a grid, None for nothing, and what was found, in words."""
     names = [_name(each) if each else "" for each in (source, target)]
     if names[0] == names[1]:
         return None, ""
@@ -59,27 +71,35 @@ def height_shift(
     if not target:
         return None, f"heights above {names[0]}, not converted: the sketch has no vertical datum"
     reason = "its samples have no place on Earth"
-    # Nodes are counted from the grid's first sample.
     a, b, c, d, e, f = place
     length = np.hypot(a, d) * (111_320.0 if abs(a) + abs(d) < 0.05 else 1.0)
     step = int(np.clip(_NODE / length, 1, _MOST_STEPS))
-    spans = [np.arange(each.start // step, (each.stop - 1) // step + 2) for each in (rows, columns)]
-    row, column = np.meshgrid(*(step * each.astype(np.float64) for each in spans), indexing="ij")
-    points = a * column + b * row + c, d * column + e * row + f
-    longitude, latitude = transform_points(crs, "EPSG:4326", *points) if crs else (np.full(1, np.inf),) * 2
-    if np.isfinite(longitude).all() and np.isfinite(latitude).all():
+    count, across = ((n - 1) // step + 2 for n in shape)
+    columns, groups, parts = step * np.arange(float(across)), -(-count * across // _AT_ONCE), []
+    for rows in np.array_split(step * np.arange(float(count)), groups) if crs else ():
+        row, column = np.meshgrid(rows, columns, indexing="ij")
+        points = a * column + b * row + c, d * column + e * row + f
+        longitude, latitude = transform_points(crs, "EPSG:4326", *points)
+        if not (np.isfinite(longitude).all() and np.isfinite(latitude).all()):
+            break
         above = [_above_ellipsoid(each, longitude, latitude) for each in (source, target)]
-        nodes = above[0] - above[1]
-        if np.isfinite(nodes).all():
-            for axis, span in enumerate((rows, columns)):
-                index, rest = np.divmod(np.arange(span.start, span.stop), step)
-                index, t = index - span.start // step, np.expand_dims(rest / step, 1 - axis)
-                nodes = nodes.take(index, axis) * (1.0 - t) + nodes.take(index + 1, axis) * t
-            return nodes, f"heights above {names[0]} converted to {names[1]}, by {np.median(nodes):+.2f} m"
-        missing = [_GEOIDS[each][0] for each in (source, target) if each in _GEOIDS and not _geoid_file(each)]
-        reason = f"PROJ has no {' nor '.join(missing)}" if missing else "no geoid grid covers it"
+        parts.append(above[0] - above[1])
+    else:
+        if parts and np.isfinite(nodes := np.concatenate(parts)).all():
+            told = f"heights above {names[0]} converted to {names[1]}, by {np.median(nodes):+.2f} m"
+            return HeightShift(nodes, step, shape[1]), told
+        if parts:
+            missing = [
+                _GEOIDS[each][0] for each in (source, target) if each in _GEOIDS and not _geoid_file(each)
+            ]
+            reason = f"PROJ has no {' nor '.join(missing)}" if missing else "no geoid grid covers it"
     most = _GEOID_RANGE if {source, target} & set(_ELLIPSOIDS) else _GEOID_DIFFERENCES
     return None, f"heights above {names[0]} not converted to {names[1]} ({reason}): off by up to {most:g} m"
+
+
+def geoid_files() -> list[str]:
+    """Return the geoid grids at hand, on which conversions depend."""
+    return [str(path) for datum in _GEOIDS if (path := _geoid_file(datum))]
 
 
 def _name(datum: str) -> str:

@@ -17,7 +17,7 @@ from sketchterrain.document.parameters import GROUND, SKETCH
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
 from sketchterrain.document.toml_format import starter_sketch
-from sketchterrain.elevation.base import BaseElevation, combine_rasters, grid_at
+from sketchterrain.elevation.base import BaseElevation, combine_rasters, grid_in_datum
 from sketchterrain.elevation.grids import SketchFrame
 from sketchterrain.elevation.raster_reader import SUFFIXES
 from sketchterrain.errors import InputError, one_line
@@ -47,11 +47,11 @@ def sketch_on_elevation(
     if crs is not None:
         parse_metric_crs(crs)
     else:
-        first = grid_at(sources[0], SketchFrame("EPSG:4326"))
-        a, b, c, d, e, f = first.place
-        row, column = (0.5 * (each - 1) for each in first.samples.shape)
-        place = a * column + b * row + c, d * column + e * row + f
-        crs = crs_text(metric_crs_at(parse_crs(first.crs), place)) if first.crs else ""
+        with grid_in_datum(sources[0], SketchFrame("EPSG:4326"), "") as first:
+            a, b, c, d, e, f = first.place
+            row, column = (0.5 * (each - 1) for each in first.shape)
+            place = a * column + b * row + c, d * column + e * row + f
+            crs = crs_text(metric_crs_at(parse_crs(first.crs), place)) if first.crs else ""
     base = combine_rasters(sources, SketchFrame(crs), LRUCache(), vertical=vertical)
     west, south, east, north = _whole_area(base)
     longest = float(SKETCH["extent"].high) if extent is None else extent

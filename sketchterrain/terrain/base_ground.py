@@ -94,7 +94,7 @@ class BaseGround:
     def _around(self) -> _Continuation:
         """The difference of the data from procedural ground, continued by ever wider blurs."""
         reach = self.base.patchwork.reach
-        low, high = reach[:, :2].min(axis=0), reach[:, 2:].max(axis=0)
+        low, high = (each.astype(np.float64) for each in (reach[:, :2].min(axis=0), reach[:, 2:].max(axis=0)))
         side, level = float((high - low).max()), _LEVEL
         while side > _MOST_NODES * self.spacing * 2.0**level:
             level += 1

@@ -7,9 +7,9 @@ import pytest
 from scipy import ndimage
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.detail_law import DetailLaw, measure_detail, slope_terms
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame
-from sketchterrain.elevation.patches import build_patches
 from sketchterrain.elevation.selection import Patchwork
 
 

@@ -1,4 +1,4 @@
-"""Reading of DEM files: registration, windows, voids of every kind, and files that are none."""
+"""Reading of DEM files: registration, voids of every kind, and files that are none."""
 
 import zipfile
 from pathlib import Path
@@ -10,7 +10,7 @@ import rasterio
 from rasterio.transform import Affine
 
 from sketchterrain.elevation.grids import SketchFrame, read_grid
-from sketchterrain.elevation.quirks import clean_samples, smooth_terraces
+from sketchterrain.elevation.quirks import CleanedSamples, Findings
 from sketchterrain.errors import InputError
 
 
@@ -32,6 +32,17 @@ def write(path: Path, heights: Any = HEIGHTS, **profile: Any) -> Path:
         file.update_tags(**tags)
         file.write(heights, 1)
     return path
+
+
+def cleaned(raw: Any) -> tuple[Any, Findings]:
+    """Return cleaned samples 30 m apart, and what was found."""
+
+    def read(first: int, last: int) -> tuple[Any, Any]:
+        values = np.array(raw[first:last], np.float32)
+        return values, np.ones(values.shape, bool)
+
+    found = CleanedSamples(read, raw.shape, 30.0)
+    return found[:], found.findings
 
 
 def test_samples_are_centres_of_cells_in_any_registration(tmp_path: Path) -> None:
@@ -62,16 +73,11 @@ def test_rotated_and_mirrored_grids(tmp_path: Path) -> None:
         assert y + 5_200_000.0 == pytest.approx(expected[1])
 
 
-def test_windows_keep_the_place(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.tif")
+def test_numpy_files_have_a_place_by_their_borders_or_as_given(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", z=HEIGHTS, xmin=10.0, xmax=260.0, ymin=200.0, ymax=0.0)
-    for file, frame in ((path, FRAME), (tmp_path / "a.npz", SketchFrame())):
-        whole, part = read_grid(file, frame), read_grid(file, frame, window=(5, 7, 10, 12))
-        assert np.array_equal(part.samples, HEIGHTS[5:15, 7:19])
-        assert part.to_metres(np.array(0.0), np.array(0.0)) == whole.to_metres(np.array(7.0), np.array(5.0))
-        assert part.id != whole.id
-        assert whole.id == read_grid(file, frame).id
-    assert read_grid(tmp_path / "a.npz").to_metres(np.array(0.0), np.array(0.0)) == (15.0, 195.0)
+    grid = read_grid(tmp_path / "a.npz")
+    assert grid.to_metres(np.array(0.0), np.array(0.0)) == (15.0, 195.0)
+    assert grid.id == read_grid(tmp_path / "a.npz").id
     np.save(tmp_path / "a.npy", HEIGHTS)
     grid = read_grid(tmp_path / "a.npy", place=(5.0, 0.0, 1.0, 0.0, -5.0, 99.0), accuracy=2.0)
     assert (grid.place[2], grid.accuracy) == (1.0, 2.0)
@@ -126,7 +132,7 @@ def test_several_kinds_of_voids_in_one_file() -> None:
     raw = np.tile(HEIGHTS, (8, 8))
     raw[5, 5], raw[9, 30], raw[50, 50], raw[0, 0] = np.nan, 9999.0, 3.4e38, -32768.0
     raw[20:100, 60:140] = -9999.0  # too large
-    samples, findings = clean_samples(raw, np.ones(raw.shape, bool), 30.0)
+    samples, findings = cleaned(raw)
     assert np.isnan(samples).sum() == 6400 + 1
     text = " ".join(findings)
     for part in ("3 samples of no data (", "6400 samples of no data (-9999)", "1 samples of no data (9999)"):
@@ -137,7 +143,7 @@ def test_several_kinds_of_voids_in_one_file() -> None:
 def test_heights_near_a_sentinel_are_kept() -> None:
     raw = -np.linspace(900.0, 1100.0, 400).reshape(20, 20)
     raw[3, 3] = -999.0
-    samples, findings = clean_samples(raw, np.ones(raw.shape, bool), 30.0)
+    samples, findings = cleaned(raw)
     assert np.isfinite(samples).all()
     assert not findings
 
@@ -145,11 +151,11 @@ def test_heights_near_a_sentinel_are_kept() -> None:
 def test_collars_of_zeros_and_the_sea() -> None:
     high = HEIGHTS.copy()
     high[:, :3] = 0.0
-    samples, findings = clean_samples(high, np.ones(high.shape, bool), 30.0)
+    samples, findings = cleaned(high)
     assert np.isnan(samples).sum() == 60
     assert any("60 zeros in collars" in each for each in findings)
     coast = np.maximum(np.add.outer(np.zeros(20), 2.0 * np.arange(25)) - 20.0, 0.0)
-    samples, findings = clean_samples(coast, np.ones(coast.shape, bool), 30.0)
+    samples, findings = cleaned(coast)
     assert np.isfinite(samples).all()
     assert not any("collar" in each for each in findings)
 
@@ -159,29 +165,12 @@ def test_spikes_and_terraces_are_reported_and_kept() -> None:
     raw = np.tile(HEIGHTS, (4, 4)) + rng.normal(size=(80, 100))
     raw[20, 30] += 900.0
     raw[40, 60] -= 900.0
-    samples, findings = clean_samples(raw, np.ones(raw.shape, bool), 30.0)
+    samples, findings = cleaned(raw)
     assert any(each.startswith("2 spikes") for each in findings)
     assert np.allclose(samples, raw, atol=1e-3)
     steps = np.round(np.cumsum(rng.normal(size=(60, 60)) * 0.1, axis=1) * 2.0) / 2.0 + 100.0
-    _, findings = clean_samples(steps, np.ones(steps.shape, bool), 30.0)
+    _, findings = cleaned(steps)
     assert any(each.startswith("terraces") and "steps of 0.5 m" in each for each in findings), findings
-
-
-@pytest.mark.parametrize("quantum", [1.0, 0.5])
-def test_terraces_are_smoothed_within_half_a_step_on_request(quantum: float) -> None:
-    row, column = np.indices((200, 300)).astype(np.float64)
-    truth = 500.0 + 0.03 * row + 0.05 * column + 3.0 * np.sin(row / 25.0) * np.cos(column / 31.0)
-    stepped = (np.round(truth / quantum) * quantum).astype(np.float32)
-    stepped[50:80, 60:90] = np.nan
-    smooth, findings = smooth_terraces(stepped)
-    assert np.array_equal(np.isnan(smooth), np.isnan(stepped))
-    assert np.nanmax(np.abs(smooth - stepped)) <= 0.5 * quantum + 1e-4
-    error, before = (np.sqrt(np.nanmean((each - truth) ** 2)) for each in (smooth, stepped))
-    assert error < 0.5 * before
-    assert "smoothed, by at most 0." in findings[0]
-    same, findings = smooth_terraces(truth.astype(np.float32))
-    assert np.array_equal(same, truth.astype(np.float32))
-    assert findings == ()
 
 
 def test_feet_and_scales(tmp_path: Path) -> None:
@@ -251,7 +240,6 @@ def test_bad_files_are_one_line(tmp_path: Path) -> None:
         ("place.npy", {}, "no georeference"),
         ("place.npy", {"place": (1.0, 1.0, 0.0, 1.0, 1.0, 0.0)}, "degenerate"),
         ("good.tif", {"band": 2}, "band = 2"),
-        ("good.tif", {"window": (0, 0, 30, 5)}, "window"),
         ("good.tif", {"accuracy": -1.0}, "accuracy"),
         ("good.tif", {"frame": SketchFrame()}, "with a CRS"),
         ("good.tif", {"crs": "nonsense"}, "coordinate reference system"),

@@ -10,8 +10,8 @@ import rasterio
 from rasterio.transform import Affine
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
-from sketchterrain.elevation.patches import build_patches
 from sketchterrain.elevation.selection import Patchwork
 from sketchterrain.elevation.surface import Heights
 from sketchterrain.errors import InputError

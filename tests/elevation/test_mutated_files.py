@@ -10,8 +10,8 @@ import pytest
 import rasterio
 from rasterio.transform import Affine
 
+from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import SketchFrame, read_grid
-from sketchterrain.elevation.patches import build_patches
 from sketchterrain.errors import InputError
 
 FRAME = SketchFrame("EPSG:32632", 500_000.0, 5_200_000.0)

@@ -13,9 +13,9 @@ import pytest
 import rasterio
 from rasterio.transform import Affine
 
-from sketchterrain.elevation import raster_reader
+from sketchterrain.elevation import grids, raster_reader
 from sketchterrain.elevation.grids import SketchFrame, read_grid
-from sketchterrain.elevation.raster_reader import ELLIPSOID, read_header, read_strips, read_window
+from sketchterrain.elevation.raster_reader import ELLIPSOID, read_header, read_window
 from sketchterrain.errors import InputError
 
 HEIGHTS = (300.0 + np.add.outer(3.0 * np.arange(20), 7.0 * np.arange(25))).astype(np.float32)
@@ -60,14 +60,18 @@ def test_header_and_windows(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("profile", [{}, {"tiled": True, "blockxsize": 16, "blockysize": 16}])
-def test_strips_equal_the_whole(tmp_path: Path, profile: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_equal_the_whole(tmp_path: Path, profile: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     heights = np.arange(7000, dtype=np.float32).reshape(100, 70)
     heights[40, 50] = -1.0
-    header = read_header(write(tmp_path / "a.tif", heights, nodata=-1.0, **profile))
-    monkeypatch.setattr(raster_reader, "_STRIP", 500)
-    raw, known = read_strips(header, (3, 5, 90, 60))
-    assert np.array_equal(raw, heights[3:93, 5:65])
-    assert np.argwhere(~known).tolist() == [[37, 45]]
+    path = write(tmp_path / "a.tif", heights, nodata=-1.0, **profile)
+    whole = read_grid(path, FRAME)
+    monkeypatch.setattr(grids, "MAX_HELD", 0)
+    monkeypatch.setattr(grids, "_PIECE", 500)
+    rows = read_grid(path, FRAME)
+    assert not isinstance(rows.samples, np.ndarray)
+    assert rows.samples[3:93].tobytes() == whole.samples[3:93].tobytes()
+    assert (rows.id, rows.base, rows.found) == (whole.id, whole.base, whole.findings)
+    assert "1 samples in 1 small voids, filled" in rows.found
 
 
 def test_death_of_the_child_is_one_line_and_the_next_file_is_read(tmp_path: Path) -> None:

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 import shapely
 
+from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid
-from sketchterrain.elevation.patches import GridPatches, build_patches
+from sketchterrain.elevation.patches import GridPatches
 from sketchterrain.elevation.selection import Patchwork
+from sketchterrain.elevation.tops import PatchNumbers, find_tops
 from sketchterrain.errors import InputError
 
 MakeGrid = Callable[..., ElevationGrid]
@@ -77,10 +79,8 @@ def is_covered(kernel: shapely.Geometry, others: list[shapely.Geometry]) -> bool
 def test_covers_equal_brute_force(four: list[GridPatches]) -> None:
     for parts in (four[:1], four[1:3], four):
         work = together(parts)
-        patches = work.patches
-        assert patches is not None
+        patches, corners = work.rows(np.arange(len(work)))
         ends = np.cumsum(patches.rectangles)
-        corners = np.concatenate([each.corners for each in work.grids.values()])
         kernels = [
             shapely.polygons(corners[end - n : end]) for end, n in zip(ends, patches.rectangles, strict=True)
         ]
@@ -120,15 +120,14 @@ def test_covers_equal_brute_force(four: list[GridPatches]) -> None:
 
 def test_covers_for_cells_are_limited_in_band(four: list[GridPatches]) -> None:
     work = together(four)
-    patches = work.patches
-    assert patches is not None
+    patches, _ = work.rows(np.arange(len(work)))
     finest = work.cover_for_cells(1.0)
     assert finest.tolist() == work.cover(1.0 / 64.0).tolist()
     x, y = np.random.default_rng(2).uniform(3800.0, 6200.0, (2, 500))
     last = len(finest)
     for cell in (120.0, 300.0, 900.0):
         which = work.cover_for_cells(cell)
-        coarsest = np.array([len(each.coefficients) - 1 for each in work.grids.values()])
+        coarsest = np.array([each.levels - 1 for each in work.grids.values()])
         step = np.sqrt(patches.step_area[which])
         ends = patches.level[which] == coarsest[work.grid[which]]
         assert ((step >= 0.499 * cell) | ends).all()
@@ -137,6 +136,20 @@ def test_covers_for_cells_are_limited_in_band(four: list[GridPatches]) -> None:
         last = len(which)
     with pytest.raises(InputError, match="cell size"):
         work.cover_for_cells(0.0)
+
+
+def test_tops_without_fine_levels_are_those_of_all_patches(four: list[GridPatches]) -> None:
+    for parts in (four[:1], four):
+        work = together(parts)
+        numbers = PatchNumbers(list(work.grids.values()))
+        everything = find_tops(numbers, np.arange(len(numbers)))
+        assert [each.tobytes() for each in work.tops] == [each.tobytes() for each in everything]
+        for lowest in ([1, 0, 2, 1], [2, 2, 1, 0]):
+            levels = np.array(lowest[: len(parts)])
+            which, error, tops = work._without_fine_levels(levels)
+            expected = find_tops(numbers, which, levels)
+            assert [each.tobytes() for each in tops] == [each.tobytes() for each in expected]
+            assert len(error) == len(which)
 
 
 def test_same_grid_at_another_accuracy_is_redundant(make_grid: MakeGrid) -> None:

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from sketchterrain.array_types import Float64Array
+from sketchterrain.array_types import Float32Array, Float64Array
+from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame
-from sketchterrain.elevation.mips import mip_levels, next_level
-from sketchterrain.elevation.patches import COEFFICIENTS, KERNEL, build_patches
+from sketchterrain.elevation.mips import halved, level_shapes, padded
+from sketchterrain.elevation.patches import COEFFICIENTS
 from sketchterrain.elevation.selection import Patchwork
 from sketchterrain.elevation.surface import PatchSurface
 
@@ -61,8 +62,7 @@ def test_grid_in_degrees_keeps_its_samples(make_grid: MakeGrid) -> None:
         found = work.surface(work.cover(error)).evaluate(*sample_points(grid))
         assert np.abs(found.height - grid.samples).max() <= error + 0.05  # maps of patches are quadratic
     x, y = sample_points(grid)
-    patches = work.patches
-    assert patches is not None
+    patches, _ = work.rows(np.arange(len(work)))
     row, column = np.mgrid[0:28, 28:56]
     first = int(np.flatnonzero((patches.level == 0) & (patches.row == 0) & (patches.column == 1))[0])
     offset = x[row, column] - patches.centre[first, 0], y[row, column] - patches.centre[first, 1]
@@ -105,19 +105,17 @@ def steps_of(maps: Float64Array, x: Float64Array, y: Float64Array) -> Float64Arr
 
 def oracle(work: Patchwork, which: np.ndarray, x: Float64Array, y: Float64Array) -> tuple[Float64Array, ...]:
     """Return heights and weights of data by plain sums over all patches, and all coefficients of each."""
-    patches, parts = work.patches, list(work.grids.values())
-    assert patches is not None
+    patches, _ = work.rows(np.arange(len(work)))
+    parts = list(work.grids.values())
+    coefficients, mask_of, masks = work.patch_data(np.arange(len(work)))
     total, heights, missing = np.zeros(len(x)), np.zeros(len(x)), np.ones(len(x))
     for p in which:
         part, level = parts[work.grid[p]], patches.level[p]
         u, v = steps_of(patches.to_steps[p], x - patches.centre[p, 0], y - patches.centre[p, 1])
-        window = np.s_[
-            KERNEL * patches.row[p] : KERNEL * patches.row[p] + COEFFICIENTS,
-            KERNEL * patches.column[p] : KERNEL * patches.column[p] + COEFFICIENTS,
-        ]
         along, across = (basis(each[:, None] + 17.0 - np.arange(COEFFICIENTS)) for each in (u, v))
-        height = np.einsum("ni,ij,nj->n", across, part.coefficients[level][window].astype(float), along)
-        mask = np.einsum("ni,ij,nj->n", across, part.masks[level][window] / 225.0, along)
+        known = masks[mask_of[p]] / 225.0 if mask_of[p] >= 0 else np.ones((COEFFICIENTS, COEFFICIENTS))
+        height = np.einsum("ni,ij,nj->n", across, coefficients[p].astype(float), along)
+        mask = np.einsum("ni,ij,nj->n", across, known, along)
         inside = (np.abs(u) < 16.0) & (np.abs(v) < 16.0)
 
         def fade(t: Float64Array, width: float) -> Float64Array:
@@ -129,7 +127,7 @@ def oracle(work: Patchwork, which: np.ndarray, x: Float64Array, y: Float64Array)
         for outside in (west - u, u - east, north - v, v - south):
             rim *= fade(16.0 - np.clip(1.5 - outside * 2.0**level, 0.0, 1.0), 1.0)
         rim[~inside] = 0.0
-        weight = rim * fade(u, 4.0) * fade(v, 4.0) * mask / patches.step_area[p]
+        weight = rim * fade(u, 4.0) * fade(v, 4.0) * mask / patches.step_area[p] ** 2
         total += weight
         heights += weight * (height + part.base)
         missing *= 1.0 - rim * fade(u, 1.0) * fade(v, 1.0) * fade(
@@ -245,6 +243,10 @@ def test_coarse_grid_shows_through_a_large_void(make_grid: MakeGrid) -> None:
     assert (found.weight[10:-10, 10:-10] == 1.0).all()
 
 
+def next_level(samples: Float32Array) -> Float32Array:
+    return halved(padded(padded(samples, 0), 1)[2:], samples.shape[1])[: samples.shape[0] // 2 + 1]
+
+
 def test_vertices_of_mips_stay_put() -> None:
     row, column = np.indices((41, 30)).astype(np.float32)
     plane = 3.0 * column - 2.0 * row
@@ -255,4 +257,4 @@ def test_vertices_of_mips_stay_put() -> None:
     noise = np.random.default_rng(1).normal(size=(65, 65)).astype(np.float32)
     window = noise[9:12, 19:22] * np.outer([1, 2, 1], [1, 2, 1]) / 16.0
     assert next_level(noise)[5, 10] == pytest.approx(window.sum(), abs=1e-5)
-    assert [each.shape for each in mip_levels(noise)] == [(65, 65), (33, 33), (17, 17)]
+    assert level_shapes(noise.shape) == [(65, 65), (33, 33), (17, 17)]

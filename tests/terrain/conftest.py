@@ -12,9 +12,8 @@ from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.elevation.base import BaseElevation, BaseGrid
-from sketchterrain.elevation.detail_law import measure_detail
+from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid
-from sketchterrain.elevation.patches import build_patches
 from sketchterrain.elevation.selection import Patchwork
 from sketchterrain.io import resources
 from sketchterrain.io.resources import Defines
@@ -287,10 +286,7 @@ CASES = {
 def base_of(*grids: ElevationGrid, margin: float = 500.0) -> BaseElevation:
     """Return the elevation data of some grids."""
     work = Patchwork({each.id: each for each in map(build_patches, grids)})
-    parts = [
-        BaseGrid(each.name, each.samples.shape, work.grids[each.id], measure_detail(each), False, ())
-        for each in grids
-    ]
+    parts = [BaseGrid(each.name, work.grids[each.id], False, ()) for each in grids]
     return BaseElevation(tuple(parts), work, work.rim_fade(margin, 48.0), margin, b"".join(work.grids), ())
 
 

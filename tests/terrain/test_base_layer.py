@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.elevation.base import BaseElevation
-from sketchterrain.elevation.patches import build_patches
+from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.selection import Patchwork
 from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.changes import difference
@@ -119,7 +119,7 @@ def test_other_data_change_everything(recipe, base) -> None:
 
 def test_data_smaller_than_a_node_are_left_out(make_recipe, context) -> None:
     tiny = base_of(grid_of(0.5, 20, 2000.0, 2000.0, 0.0), margin=4.0)
-    assert len(build_patches(grid_of(0.5, 20, 2000.0, 2000.0, 0.0)).patches)
+    assert len(build_patches(grid_of(0.5, 20, 2000.0, 2000.0, 0.0)))
     recipe = make_recipe(relief=ReliefLayer(Waves(), base=BaseGround(tiny, 16.0, Waves())))
     x, y = np.random.default_rng(2).integers(0, 1 << 24, (2, 500))
     height, _ = Evaluator(recipe, context).points(x, y, cell_size=0.0)

@@ -21,7 +21,6 @@ from sketchterrain.ui.models.document import Document
 
 if TYPE_CHECKING:
     from sketchterrain.elevation.base import BaseElevation
-    from sketchterrain.elevation.grids import ElevationGrid
 
 _DELAY = 150  # ms of rest until elevation is read again, as while a slider is dragged
 _SIDE = 2048  # px of a hillshade along the sketch's longer side
@@ -126,20 +125,22 @@ def added_elevation(
 
 def without_offsets(sketch: Sketch) -> dict[str, Any]:
     """Return the rasters of a sketch, corrected so that overlapping elevation agrees."""
+    from sketchterrain.elevation.base import held_grids
     from sketchterrain.elevation.offsets import corrections, measure_offsets
 
-    sources, grids = sketch.elevation_rasters, _grids(sketch)
+    sources, grids = sketch.elevation_rasters, held_grids(sketch)
     metres = dict(zip(sources, corrections(grids, measure_offsets(grids)), strict=True))
     return {"rasters": tuple(_raised(each, metres.get(each, 0.0)) for each in sketch.rasters)}
 
 
 def with_flat_lakes(sketch: Sketch) -> dict[str, Any]:
     """Return the vectors of a sketch with the lakes that its elevation has as level areas."""
+    from sketchterrain.elevation.base import held_grids
     from sketchterrain.elevation.waters import flat_waters
 
     layer = sketch.vectors["lake"]
     known = {tuple(layer.vertices[first]) for first in layer.rings[:-1]}
-    waters = [each for grid in _grids(sketch) for each in flat_waters(grid) if not each.is_river]
+    waters = [each for grid in held_grids(sketch) for each in flat_waters(grid) if not each.is_river]
     outlines = [tuple(on_grid(ring) for ring in each.rings) for each in waters]
     new = [
         VectorFeature(AREA, rings, 1)
@@ -147,18 +148,6 @@ def with_flat_lakes(sketch: Sketch) -> dict[str, Any]:
         if tuple(rings[0][0]) not in known and ((rings[0] >= 0.0) & (rings[0] <= sketch.size)).all()
     ]
     return {"vectors": {**sketch.vectors, "lake": layer.edited(add=new)} if new else sketch.vectors}
-
-
-def _grids(sketch: Sketch) -> list[ElevationGrid]:
-    from sketchterrain.elevation.base import grid_at
-    from sketchterrain.elevation.grids import SketchFrame
-
-    frame = SketchFrame(*(sketch.frame[key] for key in SketchFrame._fields))
-    return [_lifted(grid_at(each, frame), each.offset) for each in sketch.elevation_rasters]
-
-
-def _lifted(grid: ElevationGrid, metres: float) -> ElevationGrid:
-    return replace(grid, samples=grid.samples + np.float32(metres)) if metres else grid
 
 
 def _raised(source: RasterSource, metres: float) -> RasterSource:
@@ -178,7 +167,8 @@ def _read_facts(sketch: Sketch, memory: LRUCache) -> ElevationFacts:
         grid = base.grids[place] if len(base.grids) == len(sources) else grids[source.title]
         own = [each for each in base.findings if each.startswith(f"{source.title}: ")]
         rest = [each for each in rest if each not in own]
-        size = f"{grid.shape[1]} × {grid.shape[0]} samples, {grid.patches.step:.4g} m apart"
+        rows, columns = grid.patches.shape
+        size = f"{columns} × {rows} samples, {grid.patches.step:.4g} m apart"
         lines[source.path] = (size, *(each.removeprefix(f"{source.title}: ") for each in own))
     shade = memory.get_or_compute(("hillshade", base.id, sketch.size), lambda: hillshade(base, sketch))
     return ElevationFacts(lines, tuple(rest), hillshade=shade)
@@ -186,9 +176,8 @@ def _read_facts(sketch: Sketch, memory: LRUCache) -> ElevationFacts:
 
 def hillshade(base: BaseElevation, sketch: Sketch) -> Hillshade | None:
     """Return a hillshade of the data inside a sketch, lit from the north-west and tinted by height."""
-    kernels = np.concatenate([each.patches.patches.kernel for each in base.grids])
-    west, south = np.maximum(kernels[:, :2].min(axis=0), 0.0).tolist()
-    east, north = np.minimum(kernels[:, 2:].max(axis=0), sketch.size).tolist()
+    west, south = np.maximum(base.patchwork.box[:2], 0.0).tolist()
+    east, north = np.minimum(base.patchwork.box[2:], sketch.size).tolist()
     if west >= east or south >= north:
         return None
     cell = max(sketch.extent / _SIDE, 0.5 * min(each.patches.step for each in base.grids))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
 
@@ -66,8 +67,8 @@ class BaseLayer(TerrainLayer):
         """Return the layer of some data with a strength of detail, 0 … 1."""
         if base is None or not strength:
             return cls(base)
-        widest = max(base.grids, key=lambda each: each.patches.step**2 * each.shape[0] * each.shape[1])
-        return cls(base, BaseDetail(widest.law, strength))
+        widest = max(base.grids, key=lambda each: each.patches.step**2 * math.prod(each.patches.shape))
+        return cls(base, BaseDetail(widest.patches.law, strength))
 
     def stacks(self, world: WorldSettings) -> tuple[NoiseStack, ...]:
         """Return the noise of detail."""
@@ -79,7 +80,7 @@ class BaseLayer(TerrainLayer):
             return np.zeros((0 if self.base is None else len(self.base.patchwork.grids), 3))
         found = {
             each.patches.id: self.detail.scale(
-                each.law, each.patches.accuracy if each.is_declared else None, world
+                each.patches.law, each.patches.accuracy if each.is_declared else None, world
             )
             for each in self.base.grids
         }

@@ -92,11 +92,13 @@ class BaseCuller:
         return Culled(self._slots.buffers | packed, lists, near)
 
     def _cover(self, work: Patchwork, cell: float) -> _Cover:
-        numbers, reach = work.cover_for_cells(cell), work.reach
-        side = np.maximum(reach[numbers, 2] - reach[numbers, 0], reach[numbers, 3] - reach[numbers, 1])
-        numbers = numbers[np.lexsort((numbers, -np.ceil(np.log2(side))))]
+        numbers = work.cover_for_cells(cell)
+        reach = work.reach[numbers].astype(np.float64)
+        side = np.maximum(reach[:, 2] - reach[:, 0], reach[:, 3] - reach[:, 1])
+        order = np.lexsort((numbers, -np.ceil(np.log2(side))))
+        numbers = numbers[order]
         full = np.isin(numbers, work.cover_for_cells(FINEST_CELL))
-        boxes = reach[numbers] / self._world.unit
+        boxes = reach[order] / self._world.unit
         low, high = np.floor(boxes[:, :2]) - _ROUNDING, np.ceil(boxes[:, 2:]) + _ROUNDING
         index = BoxIndex(np.concatenate([low, high], axis=1).astype(np.int64))
         return _Cover(numbers, np.where(full, 0.0, work.error[numbers] + work.accuracy), index)

@@ -136,7 +136,7 @@ class PatchSurface:
         in_threads(lambda first, last: _evaluate(*fixed, first, last), len(east), _CHUNK)
         shape = np.shape(x)
         height, along, across, weight, patches = found.reshape(5, *shape)
-        return Heights(height, along, across, weight, patches, means.reshape(values.shape[1], *shape))
+        return Heights(height, along, across, weight, patches, means.reshape(len(means), *shape))
 
 
 @njit(cache=True, nogil=True, inline="always")

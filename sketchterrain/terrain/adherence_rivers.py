@@ -1,12 +1,12 @@
 """Adherence of rivers: painted strokes against centrelines, beds along these, and standing water."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array, LatticeArray
 from sketchterrain.document.layers import LAYERS, layer_of, vector_of
 from sketchterrain.document.vectors import LINE
 from sketchterrain.hydrology.network import skeletons
@@ -169,32 +169,48 @@ def _measure(
 
 def _measure_lines(terrain: Terrain) -> list[RiverAdherence]:
     """Measure the lines of the vector layer, each by the centrelines that are nearest to it."""
-    import shapely
-
     sketch, layer = terrain.sketch, terrain.sketch.vectors["river"]
     rivers = [each for each in terrain.recipe.rivers if vector_of(each.id) is not None]
-    built = shapely.MultiLineString([river.centreline[:, :2] for river in rivers])
     numbers = np.flatnonzero(layer.kinds == LINE)
-    given = np.array([shapely.linestrings(line_path(layer, number)) for number in numbers.tolist()])
-    places = [_inside(terrain, resample(shapely.get_coordinates(each))) for each in given]
+    given = [np.asarray(line_path(layer, number)) for number in numbers.tolist()]
+    places = [_inside(terrain, resample(each)) for each in given]
     lines = [_inside(terrain, resample(river.centreline[:, :2])) for river in rivers]
-    tree = shapely.STRtree(given)
-    owners = [np.asarray(tree.nearest(shapely.points(line)), np.int64) for line in lines]
+    built, drawn = _Segments([river.centreline[:, :2] for river in rivers]), _Segments(given)
+    nearest = [drawn.nearest(line) for line in lines]
     widths = line_sizes(sketch)[0]
     found = []
     for number, index in enumerate(numbers.tolist()):
         if not len(places[number]):
             continue
-        own = [line[owner == number] for line, owner in zip(lines, owners, strict=True)]
-        back = [shapely.distance(shapely.points(line), given[number]) for line in own]
-        to = shapely.distance(shapely.points(places[number]), built)
+        own = [line[owner == number] for line, (_, owner) in zip(lines, nearest, strict=True)]
+        back = [distance[owner == number] for distance, owner in nearest]
+        to, _ = built.nearest(places[number])
         area = round(len(places[number]) * _STEP * float(widths[index]) / sketch.pixel_size**2)
         key = int(layer.labels[index]), int(layer.ids[index]), area
         beds = [bed for line in own if len(line) for bed in _beds(terrain, line)]
-        found.append(
-            _measure(key, np.asarray(to), np.concatenate([np.zeros(0), *back]), beds, sketch.pixel_size)
-        )
+        found.append(_measure(key, to, np.concatenate([np.zeros(0), *back]), beds, sketch.pixel_size))
     return found
+
+
+class _Segments:
+    """The segments of lines, to find the nearest one."""
+
+    def __init__(self, lines: Sequence[Float64Array]) -> None:
+        import shapely
+
+        ends = [np.stack([line[:-1], line[1:]], axis=1) for line in lines]
+        self._owner = np.repeat(np.arange(len(lines)), [len(each) for each in ends])
+        self._points = shapely.points
+        self._tree = shapely.STRtree(shapely.linestrings(np.concatenate([np.zeros((0, 2, 2)), *ends])))
+
+    def nearest(self, at: Float64Array) -> tuple[Float64Array, Int64Array]:
+        """Return the distances (m) of points (n, 2) from the lines, and the numbers of the nearest ones."""
+        if not len(self._owner):
+            return np.full(len(at), np.inf), np.full(len(at), -1)
+        (_, found), distance = self._tree.query_nearest(
+            self._points(at), return_distance=True, all_matches=False
+        )
+        return distance, self._owner[found]
 
 
 def _is_near(line: Float64Array, skeleton: Float64Array, limit: float) -> bool:

@@ -12,7 +12,7 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.document.rasters import raster_source
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
-from sketchterrain.elevation import grids
+from sketchterrain.elevation import raster_reader
 from sketchterrain.elevation.base import load_base
 from sketchterrain.importing.elevation import sketch_on_elevation
 from sketchterrain.ui.canvas.canvas import Canvas
@@ -84,7 +84,7 @@ def test_new_from_elevation_is_what_the_command_makes(window, document, dem, cho
     assert (places[0] / "sketch.toml").read_text() == (places[1] / "sketch.toml").read_text()
     assert document.is_modified
     line = window.banner.message.line
-    assert line == "A sketch of 1.82 × 1.82 km on elevation data; findings in the data: 2"
+    assert line == "A sketch of 1.8 × 1.8 km on elevation data; findings in the data: 2"
     window.banner.message.buttons[0][1]()
     settle(qtbot, window.canvas.underlay)
     qtbot.waitUntil(lambda: not window.panel_layout.docks["base"].visibleRegion().isEmpty(), timeout=TIMEOUT)
@@ -229,6 +229,7 @@ def test_the_hillshade_lies_beneath_the_paint_and_can_be_hidden(
 ):
     canvas = show_widget(Canvas(on_dem, workspace, link), 400, 400)
     paper = canvas.grab().toImage()
+    workspace.show_overlay("elevation", True)
     settle(qtbot, canvas.underlay)
     shaded = canvas.grab().toImage()
     assert shaded != paper
@@ -254,4 +255,4 @@ def test_a_saved_sketch_reopens_with_its_elevation(on_dem, tmp_path, dem):
 
 
 def test_dialogs_offer_the_files_that_are_read():
-    assert grids.SUFFIXES == SUFFIXES
+    assert raster_reader.SUFFIXES == SUFFIXES

@@ -55,8 +55,6 @@ _STORES = (
     Column("far_ms", "1,000 patches at 50 m, ms"),
     Column("together_ms", "1,000 finest ones side by side"),
     Column("apart_ms", "anywhere"),
-    Column("view_ms", "view of 15 km at 1 px, ms"),
-    Column("view_patches", "its patches"),
     Column("add_s", "adding a grid of 1024², s"),
     Column("bytes", "bytes a sample"),
     Column("overhead", "over float32, %"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import resource
 import sys
@@ -17,18 +16,16 @@ import rasterio
 import scipy.sparse.csgraph
 from scipy import ndimage
 
-from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.array_types import Float64Array
 from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
 from sketchterrain.elevation.patches import GridPatches
-from sketchterrain.elevation.selection import CELL_ERRORS, Patchwork
+from sketchterrain.elevation.selection import Patchwork
 from sketchterrain.elevation.store import PatchStore
 
 _IMPORTED = rasterio, ndimage, scipy.sparse.csgraph  # before memory is measured
 _FRAME = SketchFrame("EPSG:32611")
-_SIGHT, _FIELD, _PIXELS = 15_000.0, math.radians(60.0), 1280  # m; the view's angle and width
-_QUADS = 32  # cells along a tile
-_VIEWS, _PATCHES = 200, 1000
+_PATCHES = 1000
 _STEP, _INSET = 10.0, 1024  # m, samples
 
 
@@ -56,8 +53,6 @@ def measure(path: Path, folder: Path) -> dict[str, Any]:
     scattered = np.random.default_rng(1).permutation(work.cover(0.0))[:_PATCHES]
     _forget(part.planes.values.path)
     apart = _timed(lambda: work.patch_data(scattered))
-    views = [_view(work, part, number) for number in range(_VIEWS)]
-    views = [_view(work, part, number) for number in range(_VIEWS)]  # cell sizes are known
     samples = part.grid.shape[0] * part.grid.shape[1]
     size = sum(each.stat().st_size for each in files)
     coefficients = part.planes.shapes[0][0] * part.planes.shapes[0][1]
@@ -69,8 +64,6 @@ def measure(path: Path, folder: Path) -> dict[str, Any]:
         "far_ms": 1e3 * gathered,
         "together_ms": 1e3 * together,
         "apart_ms": 1e3 * apart,
-        "view_ms": 1e3 * float(np.median([seconds for seconds, _ in views])),
-        "view_patches": float(np.mean([count for _, count in views])),
         "add_s": _added(work, part),
         "bytes": size / samples,
         "overhead": 100.0 * (size / (4.0 * samples) - 1.0),
@@ -92,7 +85,7 @@ def _compile(folder: Path) -> None:
     samples[40:60, 40:60] = np.nan
     part = PatchStore(folder).patches(ElevationGrid(samples, (_STEP, 0.0, 0.0, 0.0, -_STEP, 0.0)))
     work = Patchwork({part.id: part})
-    work.patch_data(work.cover_near(_STEP, np.zeros((1, 4))))
+    work.patch_data(work.cover_for_cells(_STEP))
 
 
 def _forget(path: Path) -> None:
@@ -117,45 +110,6 @@ def _square(part: GridPatches, steps: float) -> tuple[float, float, float, float
     x, y = _middle(part)
     half = 0.5 * steps * _STEP
     return x - half, y - half, x + half, y + half
-
-
-def _view(work: Patchwork, part: GridPatches, number: int) -> tuple[float, int]:
-    """Return the seconds of a query from anywhere in any direction, and how many patches it finds."""
-    rng = np.random.default_rng(number)
-    size = _STEP * min(part.grid.shape)
-    eye = _middle(part) + 0.3 * size * rng.uniform(-1.0, 1.0, 2)
-    heading = rng.uniform(0.0, 2.0 * math.pi)
-    start = perf_counter()
-    tiles = _tiles(_square(part, max(part.grid.shape)), eye, heading)
-    found = [work.cover_near(cell, areas) for cell, areas in tiles]
-    patches: Int64Array = np.unique(np.concatenate(found))
-    return perf_counter() - start, len(patches)
-
-
-def _tiles(
-    extent: tuple[float, float, float, float], eye: Float64Array, heading: float
-) -> list[tuple[float, Float64Array]]:
-    """Return the tiles of a view by cell size: quarters of tiles whose error is more than a pixel."""
-    pixel = 2.0 * math.tan(0.5 * _FIELD) / _PIXELS
-    side = extent[2] - extent[0]
-    corners = np.array([extent[:2]])
-    sides = [(math.cos(heading + t), math.sin(heading + t)) for t in (-0.5 * _FIELD, 0.5 * _FIELD)]
-    found = []
-    while len(corners):
-        cell = side / _QUADS
-        beyond = np.maximum(np.maximum(corners - eye, eye - corners - side), 0.0)
-        away = np.hypot(*beyond.T)
-        middle, half = corners + 0.5 * side - eye, math.sqrt(0.5) * side
-        right = sides[0][0] * middle[:, 1] - sides[0][1] * middle[:, 0]
-        left = sides[1][1] * middle[:, 0] - sides[1][0] * middle[:, 1]
-        seen = (away < _SIGHT) & (right > -half) & (left > -half)
-        corners, away = corners[seen], away[seen]
-        fine = (cell / CELL_ERRORS <= pixel * away) | (cell <= _STEP)
-        if fine.any():
-            found.append((cell, np.hstack([corners[fine], corners[fine] + side])))
-        side *= 0.5
-        corners = np.concatenate([corners[~fine] + side * np.array(each) for each in np.ndindex(2, 2)])
-    return found
 
 
 def _added(work: Patchwork, part: GridPatches) -> float:

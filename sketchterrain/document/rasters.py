@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from hashlib import sha256
+from functools import cache
+from hashlib import blake2b, sha256
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,6 +22,7 @@ from sketchterrain.document.parameters import (
     parameter_table,
 )
 from sketchterrain.errors import InputError, format_value, one_line, unknown_key
+from sketchterrain.io.disk_cache import RecordCache
 from sketchterrain.io.files import hash_file, relative_path, too_large, wrap_read_errors
 
 MAX_RASTERS: Final = 64
@@ -58,6 +61,7 @@ RASTER: Final = parameter_table(
 """Keys of ``[[raster]]``; the last three are for elevation."""
 
 _EMBEDDED: Final = re.compile(r"[A-Za-z0-9_-]{1,40}-[0-9a-f]{8}\.raster")
+_LARGE: Final = 1 << 24  # bytes of a file whose hash is stored on disk
 _hashes = LRUCache(256)  # of files by path, size and time of modification, and of embedded contents
 
 
@@ -180,12 +184,32 @@ def raster_problem(source: RasterSource) -> str:
 
 
 def content_hash(source: RasterSource) -> str:
-    """Return the SHA-256 of a source's content; a file is hashed once until it changes."""
+    """Return the SHA-256 of a source's content; a file is hashed once until it changes.
+
+    Hashes of large files are stored on disk, by their path, size and times.
+    """
     if source.content is not None:
         return _hashes.get_or_compute(source.content, sha256(source.content).hexdigest)
     path = Path(source.path)
     facts = path.stat()
-    return _hashes.get_or_compute((path, facts.st_size, facts.st_mtime_ns), lambda: hash_file(path)[1])
+    stamp = facts.st_size, facts.st_mtime_ns, facts.st_ctime_ns
+    return _hashes.get_or_compute((path, *stamp), lambda: _file_hash(path, stamp))
+
+
+def _file_hash(path: Path, stamp: tuple[int, int, int]) -> str:
+    name = blake2b(os.fsencode(path.absolute()), digest_size=8).digest()
+    key = int.from_bytes(name, "big", signed=True), *stamp
+    if stamp[0] >= _LARGE and (stored := _stored_hashes().get(key)):
+        return stored.decode()
+    found = hash_file(path)[1]
+    if stamp[0] >= _LARGE:
+        _stored_hashes().add({key: found.encode()})
+    return found
+
+
+@cache
+def _stored_hashes() -> RecordCache:
+    return RecordCache("hashes", "sha256", max_bytes=1 << 24)
 
 
 def content_digests(rasters: Iterable[RasterSource]) -> list[str]:

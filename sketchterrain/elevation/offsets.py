@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.elevation.grids import ElevationGrid
+from sketchterrain.elevation.patches import step_of
 
 _MOST, _LEAST = 1 << 16, 30  # samples that are compared
 _MEANS = 4  # along a cell of the coarser grid, of the finer one
@@ -66,7 +67,7 @@ def corrections(grids: Sequence[ElevationGrid], offsets: Sequence[GridOffset]) -
     matrix[rows, pairs[:, 0]], matrix[rows, pairs[:, 1]] = weight, -weight
     linked = coo_array((np.ones(len(offsets)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     _, group = connected_components(linked, directed=False)
-    order = sorted(range(count), key=lambda n: (grids[n].accuracy, _step(grids[n]), grids[n].id))
+    order = sorted(range(count), key=lambda n: (grids[n].accuracy, step_of(grids[n]), grids[n].id))
     fixed = [next(n for n in order if group[n] == each) for each in range(group.max(initial=-1) + 1)]
     free = np.setdiff1d(np.arange(count), fixed)
     metres = np.zeros(count)
@@ -74,16 +75,9 @@ def corrections(grids: Sequence[ElevationGrid], offsets: Sequence[GridOffset]) -
     return [float(each) for each in metres]
 
 
-def _step(grid: ElevationGrid) -> float:
-    """Return the distance (m) of samples in the middle of a grid."""
-    row, column = (0.5 * (n - 1) for n in grid.samples.shape)
-    x, y = grid.to_metres(np.array([column, column + 1.0]), np.array([row, row + 1.0]))
-    return float(np.hypot(x[1] - x[0], y[1] - y[0]) / np.sqrt(2.0))
-
-
 def _offset(grids: Sequence[ElevationGrid], first: int, second: int) -> GridOffset | None:
     coarse, fine, sign = grids[first], grids[second], 1.0
-    if _step(coarse) < _step(fine):
+    if step_of(coarse) < step_of(fine):
         coarse, fine, sign = fine, coarse, -1.0
     # Places of some of the coarse samples in the fine grid.
     rows, columns = (np.linspace(0.0, n - 1.0, 9) for n in fine.samples.shape)

@@ -147,20 +147,6 @@ class Patchwork:
         kept = np.flatnonzero(((errors <= error) | is_best) & (error < top))
         return kept if which is None else which[kept]
 
-    def cover_near(self, cell_size: float, areas: Float64Array) -> Int64Array:
-        """Return those of `cover_for_cells` that reach into any of some areas (n, 4), m, without a scan."""
-        lowest, boxes = self._lowest(cell_size), _outward(np.reshape(areas, (-1, 4)))
-        levels = self._numbers.levels
-        near = self._numbers.touching(box_around(boxes), levels[:, 1] >= np.array(lowest)[levels[:, 0]])
-        which, errors, (top, is_best) = self._selection(lowest)
-        at, error = near if which is None else np.searchsorted(which, near), cell_size / CELL_ERRORS
-        near = near[((errors[at] <= error) | is_best[at]) & (error < top[at])]
-        found = np.zeros(len(near), bool)
-        for box in boxes:
-            found |= overlapping(self.reach[near], box)
-        kept: Int64Array = near[found]
-        return kept
-
     def _lowest(self, cell_size: float) -> tuple[int, ...]:
         """Return the lowest level of each grid whose steps are at least half a cell."""
         if not cell_size > 0.0:

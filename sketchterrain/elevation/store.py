@@ -72,7 +72,7 @@ class PatchStore:
                     return part, findings
         with opened() as grid:
             patches, findings = self.patches(grid), grid.found
-        if isinstance(patches, StoredPatches):
+        with suppress(SketchterrainError):  # then it is opened again by the next one
             write_atomic(self._folder / patches.id.hex() / name, json.dumps(findings).encode())
         return patches, findings
 

@@ -13,7 +13,8 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
-from sketchterrain.elevation.base import BaseElevation, load_base
+from sketchterrain.elevation import grids
+from sketchterrain.elevation.base import BaseElevation, held_grids, load_base
 from sketchterrain.errors import InputError
 from sketchterrain.io.resources import preset
 
@@ -104,6 +105,20 @@ def test_files_are_read_once_until_they_change(
     dem(Path(source.path), south_west=(600.0, 0.0))
     assert load_base(on(source), memory) != first
     assert len(calls) == 2
+
+
+def test_rasters_read_by_rows_give_the_same_base(
+    tmp_path: Path, fine: RasterSource, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sketch = on(replace(fine, offset=-12.5, vertical="EPSG:3855"), frame={**FRAME, "vertical": "EPSG:5773"})
+    found = []
+    for name in ("held", "rows"):
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / name))
+        base = load_base(sketch, LRUCache())
+        assert base is not None
+        found.append((base.id, base.findings, base.grids[0].patches.law, held_grids(sketch)[0].id))
+        monkeypatch.setattr(grids, "MAX_HELD", 0)
+    assert found[0] == found[1]
 
 
 def test_changes_of_files_of_a_mosaic_are_seen(tmp_path: Path) -> None:

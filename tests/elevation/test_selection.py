@@ -170,3 +170,16 @@ def test_patches_of_an_area_give_the_same_bits(four: list[GridPatches]) -> None:
         assert one.tobytes() == other.tobytes()
     with pytest.raises(InputError, match="expected metres"):
         work.cover(-1.0)
+
+
+@pytest.mark.parametrize("side", [8, 30, 60])
+def test_rim_fade_is_0_beyond_grids_of_few_samples_and_1_inside(make_grid: MakeGrid, side: int) -> None:
+    width = 30.0 * (side - 1)
+    part = build_patches(make_grid(30.0, side, side))
+    fade = Patchwork({part.id: part}).rim_fade(0.04 * width)
+    along = np.linspace(-0.4, 0.4, 50) * width
+    half = 0.5 * width
+    assert fade.weight(5000.0 + along, np.full(50, 5000.0)).min() > 1.0 - 1e-9
+    for beyond in (half + 45.0, -half - 45.0):
+        assert not fade.weight(5000.0 + along, np.full(50, 5000.0 + beyond)).any()
+        assert not fade.weight(np.full(50, 5000.0 + beyond), 5000.0 + along).any()

@@ -197,18 +197,6 @@ def test_stores_opened_longest_ago_are_deleted(tmp_path: Path, make_grid: MakeGr
     assert left == {grids[0].id.hex(), grids[2].id.hex()}
 
 
-def test_cover_near_areas_is_that_of_the_cells(make_grid: MakeGrid) -> None:
-    parts = [
-        build_patches(each) for each in (make_grid(degrees=20.0), make_grid(90.0, 90, 100, accuracy=2.0))
-    ]
-    work = Patchwork({each.id: each for each in parts})
-    areas = np.array([[3000.0, 3000.0, 3400.0, 3500.0], [6000.0, 6100.0, 6300.0, 6200.0]])
-    for cell in (5.0, 60.0, 300.0):
-        which = work.cover_for_cells(cell)
-        near = [work.within(which, tuple(area)) for area in areas]
-        assert work.cover_near(cell, areas).tolist() == sorted({*near[0].tolist(), *near[1].tolist()})
-
-
 _MEMORY = """
 import resource, sys
 from pathlib import Path

@@ -143,15 +143,17 @@ def _load_grid(source: RasterSource, frame: SketchFrame, datum: str, memory: LRU
     """Return the patches of a raster."""
     if problem := raster_problem(source):
         raise InputError(problem)
-    values = (source.band, source.accuracy, source.vertical, source.offset, frame, datum, geoid_files())
+    values = (source.band, source.accuracy, source.vertical, source.offset, frame.crs, datum, geoid_files())
     stamps = [] if source.content is not None else file_stamps(Path(source.path))
+    # Stores are of the CRS, and patches are moved to the sketch's corner.
     key = repr((content_hash(source), Path(source.path).name, values, stamps))
 
     def built() -> BaseGrid:
-        part, findings = PatchStore().load(key, lambda: grid_in_datum(source, frame, datum))
-        return BaseGrid(source.title, part, source.accuracy >= 0.0, findings)
+        part, findings = PatchStore().load(key, lambda: grid_in_datum(source, SketchFrame(frame.crs), datum))
+        moved = part.moved(frame.east, frame.north)
+        return BaseGrid(source.title, moved, source.accuracy >= 0.0, findings)
 
-    return memory.get_or_compute(("elevation grid", key), built)
+    return memory.get_or_compute(("elevation grid", key, frame), built)
 
 
 def held_grids(sketch: Sketch) -> list[ElevationGrid]:
@@ -176,8 +178,7 @@ def grid_in_datum(source: RasterSource, frame: SketchFrame, datum: str) -> Itera
         try:
             grid = read_grid(path, frame, band=source.band, accuracy=accuracy)
             if not grid.crs:
-                a, b, c, d, e, f = grid.place
-                grid = replace(grid, place=(a, b, c - frame.east, d, e, f - frame.north))
+                grid = grid.moved(frame.east, frame.north)
             grid = convert_heights(grid, datum, source.vertical)
             if source.offset:
                 told = f"{source.offset:+g} m added to all heights"

@@ -153,6 +153,14 @@ class ElevationGrid:
         """Return the place of the grid."""
         return replace(self, samples=_NoSamples(self.shape), findings=())  # type: ignore[arg-type]
 
+    def moved(self, east: float, north: float) -> ElevationGrid:
+        """Return the grid in a sketch whose corner lies some metres further east and north."""
+        if self.crs:
+            frame = SketchFrame(self.frame.crs, self.frame.east + east, self.frame.north + north)
+            return replace(self, frame=frame)
+        a, b, c, d, e, f = self.place
+        return replace(self, place=(a, b, c - east, d, e, f - north))
+
     def raised(self, rise: Rise, **changes: Any) -> ElevationGrid:
         """Return the grid with what `rise` returns of rows first … last - 1 added to its heights, m."""
         samples: Any = _RaisedSamples(self.samples, rise)

@@ -8,9 +8,10 @@ B-spline, so that they agree where they overlap, and those of level 0 interpolat
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, Final, NamedTuple
+from hashlib import blake2b
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 
@@ -94,6 +95,7 @@ class GridPatches:
     masks: UInt8Array | ArrayFile  # (n, 35, 35): B-spline coefficients of the weight of data, parts of WHOLE
     box: Bounds  # around all kernels, m
     law: DetailLaw  # of what the samples lost
+    corner: tuple[float, float] = (0.0, 0.0)  # m, by which they were moved
 
     def __len__(self) -> int:
         return len(self.table.place)
@@ -117,6 +119,22 @@ class GridPatches:
     def step(self) -> float:
         """Distance (m) of samples, in the middle of the grid."""
         return step_of(self.grid)
+
+    def moved(self, east: float, north: float) -> Self:
+        """Return the patches in a sketch whose corner lies some metres further east and north."""
+        if (east, north) == (0.0, 0.0):
+            return self
+        shift = np.array([east, north, east, north])
+        digest = blake2b(self.id + shift.tobytes(), digest_size=16).digest()
+        west, south, right, top = (float(each) for each in self.box - shift)
+        return replace(
+            self,
+            id=digest,
+            grid=self.grid.moved(east, north),
+            table=self.table._replace(reach=outward(self.table.reach - shift)),
+            box=(west, south, right, top),
+            corner=(self.corner[0] + east, self.corner[1] + north),
+        )
 
     def finest(self) -> Iterator[tuple[Patches, Float64Array]]:
         """Yield groups of the patches of level 0, and the corners of their rectangles."""
@@ -283,6 +301,9 @@ def patch_reach(centre: Float64Array, to_steps: Float64Array) -> Float32Array:
     wide = half * (np.abs(a[:, 1]) + np.abs(b[:, 1])) / determinant
     deep = half * (np.abs(a[:, 0]) + np.abs(b[:, 0])) / determinant
     size = np.stack([wide, deep], axis=1)
-    boxes = np.hstack([centre - size, centre + size])
-    outward = np.array([-np.inf, -np.inf, np.inf, np.inf], np.float32)
-    return np.nextafter(boxes.astype(np.float32), outward)
+    return outward(np.hstack([centre - size, centre + size]))
+
+
+def outward(boxes: Float64Array) -> Float32Array:
+    """Return boxes (n, 4) rounded outward."""
+    return np.nextafter(boxes.astype(np.float32), np.array([-np.inf, -np.inf, np.inf, np.inf], np.float32))

@@ -41,8 +41,6 @@ class CleanedSamples:
     The file is read once for what depends on all of it: which values mean "no data", and collars.
     """
 
-    dtype = np.dtype(np.float32)
-
     def __init__(self, read: ReadRows, shape: tuple[int, int], step: float, strip: int | None = None) -> None:
         self.shape, self._read, self._strip = shape, read, strip or shape[0]
         self._sentinels: list[float] = []

@@ -17,7 +17,7 @@ from scipy import ndimage
 
 from sketchterrain.array_types import Bounds, Float32Array, Float64Array, Int64Array, UInt8Array
 from sketchterrain.caching import LRUCache
-from sketchterrain.elevation.patches import COEFFICIENTS, GridPatches, Patches
+from sketchterrain.elevation.patches import COEFFICIENTS, GridPatches, Patches, outward
 from sketchterrain.elevation.surface import PatchSlots, PatchSurface
 from sketchterrain.elevation.tops import (
     PatchNumbers,
@@ -205,7 +205,7 @@ class Patchwork:
 
     def within(self, which: Int64Array, area: Bounds) -> Int64Array:
         """Return those of some patches that reach into an area (m); the others change no bit there."""
-        return which[overlapping(self.reach[which], _outward(np.asarray(area)))]
+        return which[overlapping(self.reach[which], outward(np.asarray(area)))]
 
     def surface(self, which: Int64Array, *, wendland: bool = False) -> PatchSurface:
         """Return the surface of some patches, as of `cover`; by the paper's weights if `wendland`."""
@@ -251,11 +251,6 @@ class Patchwork:
             masks[slot] = numbers.parts[self.grid[which[number]]].masks[at : at + 1]
         mask_of[masked] = np.arange(len(masked))
         return coefficients, mask_of, masks
-
-
-def _outward(boxes: Float64Array) -> Float32Array:
-    """Return boxes rounded outward, as reaches are."""
-    return np.nextafter(boxes.astype(np.float32), np.array([-np.inf, -np.inf, np.inf, np.inf], np.float32))
 
 
 class RimFade(NamedTuple):

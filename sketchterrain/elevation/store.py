@@ -43,8 +43,8 @@ class StoredPatches(GridPatches):
     """Patches whose coefficients are in a store; other processes open it again."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return the folder of the store, and the id."""
-        return _reopened, (self.planes.values.path.parent.parent, self.id)
+        """Return the folder of the patches, and how far they were moved."""
+        return _sent, (self.planes.values.path.parent, self.corner)
 
 
 class PatchStore:
@@ -166,6 +166,10 @@ def _reopened(folder: Path, grid_id: bytes, memory: LRUCache = _chunks) -> Store
     if found is None:
         raise SketchterrainError(f"{one_line(folder / grid_id.hex())}: has been deleted or damaged")
     return found
+
+
+def _sent(folder: Path, corner: tuple[float, float]) -> StoredPatches:
+    return _reopened(folder.parent, bytes.fromhex(folder.name)).moved(*corner)
 
 
 def _default_folder() -> Path:

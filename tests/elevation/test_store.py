@@ -140,6 +140,23 @@ def test_stored_patches_have_the_bits_of_those_in_memory(tmp_path: Path) -> None
     assert PatchStore(folder).load("accurate", lambda: opened(accuracy=3.0))[0].id != built.id
 
 
+def test_moved_patches_are_those_built_there(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.tif", rough(330, 250))
+    home = PatchStore(tmp_path).patches(read_grid(path, SketchFrame(FRAME.crs)))
+    moved, built = home.moved(FRAME.east, FRAME.north), build_patches(read_grid(path, FRAME))
+    assert np.allclose(moved.box, built.box)
+    assert (moved.table.reach[:, :2] <= built.table.reach[:, :2]).all()
+    assert (moved.table.reach[:, 2:] >= built.table.reach[:, 2:]).all()
+    assert np.abs(moved.table.reach - built.table.reach).max() < 2.0
+    x, y = np.random.default_rng(1).uniform([[0.0], [-8500.0]], [[9000.0], [500.0]], (2, 500))
+    for part in (moved, copy.deepcopy(moved)):
+        one, two = (Patchwork({each.id: each}) for each in (part, built))
+        found, expected = (each.surface(each.cover(3.0)).evaluate(x, y) for each in (one, two))
+        assert np.isfinite(expected.height).any()
+        assert np.allclose(found.height, expected.height, rtol=0.0, atol=1e-6, equal_nan=True)
+    assert part.id == moved.id != home.id
+
+
 def test_other_processes_open_stores_again(tmp_path: Path, make_grid: MakeGrid) -> None:
     part = PatchStore(tmp_path).patches(make_grid())
     work = Patchwork({part.id: part})

@@ -34,7 +34,7 @@ NODE_REACH: Final = 3
 
 _AUTOMATIC, _MOST = 0.04, 0.4  # margin over the shorter side of the data; at most the weight reaches 1 inside
 _MOST_NODES = 1 << 20  # of the fade, which has eight along the margin
-_MOST_HELD = 1 << 28  # samples of a grid
+_MOST_HELD, _AT_ONCE = 1 << 28, 1 << 14  # samples of a grid; patches, of 5 kB
 _SUFFIXES: Final = {b"II": ".tif", b"MM": ".tif", b"\x93N": ".npy"}  # by the first bytes
 
 
@@ -65,10 +65,24 @@ class BaseElevation:
 
         Values (grids, k), in the order of the patchwork, have means there.
         """
-        cover = self.patchwork.cover_for_cells(cell_size)
-        area = (float(x.min()), float(y.min()), float(x.max()), float(y.max())) if np.size(x) else (0.0,) * 4
-        surface = self.patchwork.surface(self.patchwork.within(cover, area))
-        return surface.evaluate(x, y) if values is None else surface.evaluate(x, y, values)
+        work, cover = self.patchwork, self.patchwork.cover_for_cells(cell_size)
+        flat = np.stack([np.ravel(x), np.ravel(y)])
+        values = np.zeros((0, 0)) if values is None else values
+        found = np.empty((5 + values.shape[1], flat.shape[1]))
+        groups = [np.arange(flat.shape[1])] if flat.size else []
+        while groups:  # that need few patches in memory
+            group = groups.pop()
+            low, high = flat[:, group].min(axis=1).tolist(), flat[:, group].max(axis=1).tolist()
+            which = work.within(cover, (*low, *high))
+            if len(which) > _AT_ONCE and len(group) > 1:
+                axis = int(high[1] - low[1] > high[0] - low[0])
+                groups += np.array_split(group[np.argsort(flat[axis, group], kind="stable")], 2)
+                continue
+            heights = work.surface(which).evaluate(flat[0, group], flat[1, group], values)
+            found[:, group] = np.vstack([*heights[:5], heights.means])
+        height, east, north, weight, patches = found[:5].reshape(5, *np.shape(x))
+        means = found[5:].reshape(values.shape[1], *np.shape(x))
+        return Heights(height, east, north, weight, patches, means)
 
     def weight(self, x: Float64Array, y: Float64Array) -> Float64Array:
         """Return the weight of the data at points (m), C²."""

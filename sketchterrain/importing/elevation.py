@@ -63,8 +63,9 @@ def sketch_on_elevation(
     count = min(max(round(longer / step), DEFAULT_SIDE), _MAX_SIDE)
     shape = tuple(max(math.floor(side * count / longer + 1e-6), 1) for side in (depth, width))
     x, y = np.meshgrid(*(np.linspace(0.0, side, _RIM_POINTS) for side in (width, depth)))
-    height = base.heights(left + x, bottom + y, 2.0 * step).height
-    fields: dict[str, Any] = {"ground": {"relief": _relief(height, longer / (_RIM_POINTS - 1))}}
+    spacing = longer / (_RIM_POINTS - 1)
+    height = base.heights(left + x, bottom + y, max(2.0 * step, 0.25 * spacing)).height
+    fields: dict[str, Any] = {"ground": {"relief": _relief(height, spacing)}}
     if not np.isfinite(height).any():
         raise InputError(f"no elevation where the sketch would be: its corner is at {left}, {bottom}")
     rim = np.concatenate([height[0], height[-1], height[:, 0], height[:, -1]])

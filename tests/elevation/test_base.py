@@ -13,6 +13,7 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
+from sketchterrain.elevation import base as module
 from sketchterrain.elevation import grids
 from sketchterrain.elevation.base import BaseElevation, held_grids, load_base
 from sketchterrain.errors import InputError
@@ -87,8 +88,6 @@ def test_order_copies_and_history_of_rasters_change_no_bit(
 def test_files_are_read_once_until_they_change(
     tmp_path: Path, fine: RasterSource, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from sketchterrain.elevation import base as module
-
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     calls, original = [], module.read_grid
     monkeypatch.setattr(module, "read_grid", lambda *a, **k: calls.append(a) or original(*a, **k))
@@ -119,6 +118,19 @@ def test_rasters_read_by_rows_give_the_same_base(
         found.append((base.id, base.findings, base.grids[0].patches.law, held_grids(sketch)[0].id))
         monkeypatch.setattr(grids, "MAX_HELD", 0)
     assert found[0] == found[1]
+
+
+def test_points_in_groups_have_the_bits_of_all_at_once(
+    fine: RasterSource, coarse: RasterSource, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    base = base_of(fine, coarse)
+    x, y = np.random.default_rng(1).uniform(-100.0, 3100.0, (2, 30, 40))
+    values = np.array([[1.0, 5.0], [2.0, 7.0]])
+    expected = base.heights(x, y, 1.0, values)
+    monkeypatch.setattr(module, "_AT_ONCE", 4)
+    found = base.heights(x, y, 1.0, values)
+    assert [each.tobytes() for each in found] == [each.tobytes() for each in expected]
+    assert found.means.shape == (2, 30, 40)
 
 
 def test_changes_of_files_of_a_mosaic_are_seen(tmp_path: Path) -> None:

@@ -132,7 +132,9 @@ class ElevationGrid:
             digest.update(np.ascontiguousarray(rows).data)
             sums += list(np.nansum(rows, axis=1, dtype=np.float64))
             count += int(np.count_nonzero(np.isfinite(rows)))
-        return digest.digest(), float(round(math.fsum(sums) / max(count, 1)))
+        if not count:
+            raise InputError(f"{self.name}: {_no_heights(self)}")
+        return digest.digest(), float(round(math.fsum(sums) / count))
 
     @property
     def found(self) -> Findings:
@@ -260,7 +262,7 @@ def read_grid(
 
     A path may name a file in a zip archive, ``N42E001.hgt.zip/N42E001.hgt``, or an archive of one file.
     Small voids are filled, values that mean "no data" become NaN; `ElevationGrid.found` counts them. More
-    than `MAX_HELD` samples stay in the file, which is read once for values that mean "no data".
+    than `MAX_HELD` samples stay in the file, of which only the header is read.
 
     Parameters
     ----------
@@ -295,15 +297,21 @@ def read_grid(
         def read(first: int, last: int) -> tuple[Float32Array, BoolArray]:
             return values[first:last].copy(), known[first:last]
 
-    samples = CleanedSamples(read, file.shape, step, max(_STRIP // columns, MAX_FILLED))
-    if not samples.count:
-        raise InputError(f"{name}: has no heights, all {rows * columns} samples are voids")
-    by_rows: Any = samples
+    by_rows: Any = CleanedSamples(read, file.shape, step, max(_STRIP // columns, MAX_FILLED))
     accuracy = (0.5 if file.kind in "iu" else 0.0) if accuracy is None else float(accuracy)
     grid = ElevationGrid(
         by_rows, at, accuracy, source, frame, path.name, findings=file.findings, vertical=file.vertical
     )
-    return grid.held() if rows * columns <= MAX_HELD else grid
+    if rows * columns > MAX_HELD:
+        return grid
+    grid = grid.held()
+    if not np.isfinite(grid.samples).any():
+        raise InputError(f"{name}: {_no_heights(grid)}")
+    return grid
+
+
+def _no_heights(grid: ElevationGrid) -> str:
+    return f"has no heights, all {math.prod(grid.shape)} samples are voids"
 
 
 def _array_file(path: Path) -> _File:

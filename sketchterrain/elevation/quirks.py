@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -38,17 +39,15 @@ ReadRows: TypeAlias = Callable[[int, int], tuple[Float32Array, BoolArray]]
 class CleanedSamples:
     """Rows of a DEM, cleaned as they are read: the same whichever strips they are read by.
 
-    The file is read once for what depends on all of it: which values mean "no data", and collars.
+    First, the file is read once for what depends on all of it: which values mean "no data", and collars.
     """
 
     def __init__(self, read: ReadRows, shape: tuple[int, int], step: float, strip: int | None = None) -> None:
-        self.shape, self._read, self._strip = shape, read, strip or shape[0]
+        self.shape, self._read, self._step, self._strip = shape, read, step, strip or shape[0]
         self._sentinels: list[float] = []
         self._collars: dict[int, bytes] = {}  # by strip
         self._voids = np.zeros(3, np.int64)  # samples filled, voids filled, samples left out
         self._counted = 0  # rows whose voids are
-        self.count = 0  # samples that are known
-        self._found = tuple(self._survey(step))
 
     def __len__(self) -> int:
         return self.shape[0]
@@ -56,6 +55,7 @@ class CleanedSamples:
     def __getitem__(self, rows: slice) -> Float32Array:
         """Return the heights of some rows."""
         first, last, _ = rows.indices(len(self))
+        self._survey  # noqa: B018 - finds sentinels and collars
         low, high = max(first - MAX_FILLED - 1, 0), min(last + MAX_FILLED + 1, len(self))
         samples = self._without_bad_values(low, high)
         counts = np.zeros(3, np.int64)
@@ -71,7 +71,7 @@ class CleanedSamples:
         filled, voids, left = self._voids
         report = [f"{filled} samples in {voids} small voids, filled"] if voids else []
         report += [f"{left} samples in large voids or at the rim, left out"] if left else []
-        return (*self._found, *report)
+        return (*self._survey, *report)
 
     def _without_bad_values(self, first: int, last: int) -> Float32Array:
         values, known = self._read(first, last)
@@ -91,11 +91,15 @@ class CleanedSamples:
         bits = np.frombuffer(zlib.decompress(self._collars[strip]), np.uint8)
         return np.unpackbits(bits, count=rows * self.shape[1]).reshape(rows, -1).astype(bool)
 
-    def _survey(self, step: float) -> Iterator[str]:
-        """Find sentinels and collars; yield what was found."""
+    @cached_property
+    def _survey(self) -> Findings:
+        """Find sentinels and collars; return what was found."""
+        return tuple(self._find_quirks())
+
+    def _find_quirks(self) -> Iterator[str]:
         rows = len(self)
         slope, terraces = self._slopes()
-        steepest = max(_SPIKE_SLOPE * step, _SPIKE_TIMES * (slope + 1e-6))
+        steepest = max(_SPIKE_SLOPE * self._step, _SPIKE_TIMES * (slope + 1e-6))
         collars, odd = _Collars(self.shape), np.zeros(0, np.float32)
         hits, near = np.zeros(len(_SENTINELS), np.int64), np.zeros(len(_SENTINELS), bool)
         unknown = strange = spikes = 0
@@ -115,16 +119,13 @@ class CleanedSamples:
                 hits[n] += _count(hit[mine])
                 near[n] |= close.any()
                 known &= ~hit
-            self.count += _count(known[mine])
             collars.add(start // self._strip, values, known, mine)
             values[~known] = np.nan
             spikes += _spikes(values, steepest, mine)
-        self.count += int(hits[near].sum())
         self._sentinels = [
             each for each, count, kept in zip(_SENTINELS, hits, near, strict=True) if count and not kept
         ]
         self._collars, zeros = collars.found()
-        self.count -= zeros
         if unknown:
             yield f"{unknown} samples of no data (the file's mask or tag)"
         if strange:

@@ -91,9 +91,6 @@ def test_cleaning_by_strips_equals_that_of_the_whole() -> None:
     assert len(findings) == 7, findings
     for strip in (16, 97, 400):
         found = cleaned(heights, known, strip)
-        assert found.count == np.count_nonzero(known & (np.abs(heights) < 9000.0)) - np.count_nonzero(
-            np.isnan(expected) & known & (heights == 0.0)
-        )
         for step in (400, 33, 5):
             parts = [found[first : first + step] for first in range(0, 400, step)]
             assert np.concatenate(parts).tobytes() == expected.tobytes(), (strip, step)

@@ -18,6 +18,7 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.document.rasters import RasterSource, content_hash, raster_problem
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
+from sketchterrain.elevation.offsets import measure_offsets
 from sketchterrain.elevation.patches import GridPatches
 from sketchterrain.elevation.raster_reader import file_stamps
 from sketchterrain.elevation.selection import Patchwork, RimFade
@@ -143,6 +144,10 @@ def combine_rasters(
         findings.append(f"{len(loaded) - len(grids)} rasters have the content and place of another one")
     parts = {each.patches.id: each.patches for each in grids}
     work = memory.get_or_compute(("patchwork", frozenset(parts)), lambda: Patchwork(parts))
+    used_parts = [each.patches for each in grids]
+    names = [each.name for each in grids]
+    offsets = memory.get_or_compute(("offsets", *parts), lambda: measure_offsets(used_parts))
+    findings += [line for each in offsets for line in each.finding(used_parts, names)]
     sides = work.box[2:] - work.box[:2]
     start = NODE_REACH * float(sides.max() if extent is None else extent) / NODES
     used = _allowed_margin(sides, margin, start)
@@ -168,6 +173,12 @@ def _load_grid(source: RasterSource, frame: SketchFrame, datum: str, memory: LRU
         return BaseGrid(source.title, moved, source.accuracy >= 0.0, findings)
 
     return memory.get_or_compute(("elevation grid", key, frame), built)
+
+
+def patches_of(sketch: Sketch) -> list[GridPatches]:
+    """Return the patches of each elevation raster of a sketch."""
+    frame, datum, memory = _frame_of(sketch), sketch.frame["vertical"], LRUCache()
+    return [_load_grid(each, frame, datum, memory).patches for each in sketch.elevation_rasters]
 
 
 def held_grids(sketch: Sketch) -> list[ElevationGrid]:

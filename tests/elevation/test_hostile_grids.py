@@ -1,5 +1,6 @@
 """Grids as they come: voids, tags, datums, places and overlaps of every kind, up to the surface."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from sketchterrain.elevation.surface import Heights
 from sketchterrain.errors import InputError
 from tests.elevation.conftest import MakeGrid, ground
 
-DATA = Path(__file__).parents[3] / "shared/data/dem"
+DATA = Path(os.environ.get("SKETCHTERRAIN_DEMS", "no folder of real DEMs"))
 UTM = SketchFrame("EPSG:32632", 500_000.0, 5_200_000.0)
 ROW, COLUMN = np.indices((60, 80)).astype(np.float64)
 RELIEF = 600.0 + 40.0 * np.sin(ROW / 7.0) + 30.0 * np.cos(COLUMN / 9.0) + 2.0 * COLUMN

@@ -1,5 +1,6 @@
 """Vertical datums: converted by a geoid grid at hand, else told; EGM2008 in the Alps is the truth."""
 
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ import pytest
 import rasterio
 import rasterio.warp
 
+from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import Affine6, ElevationGrid, SketchFrame, read_grid
 from sketchterrain.elevation.offsets import corrections, measure_offsets
 from sketchterrain.elevation.quirks import CleanedSamples
@@ -16,7 +18,7 @@ from sketchterrain.elevation.raster_reader import ELLIPSOID
 from sketchterrain.elevation.vertical import convert_heights
 from sketchterrain.errors import InputError
 
-ALPS = Path(__file__).parents[3] / "shared/data/dem/egm2008_1_clip_alps.tif"
+ALPS = Path(os.environ.get("SKETCHTERRAIN_DEMS", "")) / "egm2008_1_clip_alps.tif"
 EGM96, EGM2008 = "EPSG:5773", "EPSG:3855"
 UTM = SketchFrame("EPSG:32632", 500_000.0, 5_150_000.0)
 PLACE: Affine6 = (30.0, 5.0, 500_000.0, 5.0, -30.0, 5_160_000.0)
@@ -90,13 +92,14 @@ def test_a_wrong_declaration_is_told_by_the_offset_from_another_grid() -> None:
     ellipsoidal = replace(convert_heights(right, ELLIPSOID, EGM2008), name="wrong.tif", vertical="")
     for declared, lines in ((ELLIPSOID, 0), (EGM2008, 1), ("", 1)):
         found = convert_heights(ellipsoidal, EGM2008, declared)
-        (offset,) = measure_offsets([found, right])
-        told = offset.finding([found, right])
+        parts = [build_patches(each) for each in (found, right)]
+        (offset,) = measure_offsets(parts)
+        told = offset.finding(parts, ["wrong.tif", "right.tif"])
         assert len(told) == lines
         assert all(
             "wrong.tif lies 5" in each and "as if one were above the ellipsoid" in each for each in told
         )
-        assert corrections([found, right], [offset])[0] == pytest.approx(0.0, abs=0.5 if not lines else 60.0)
+        assert corrections(parts, [offset])[0] == pytest.approx(0.0, abs=0.5 if not lines else 60.0)
 
 
 @pytest.mark.usefixtures("geoids")

@@ -1,5 +1,6 @@
 """Flattened lakes and stepped rivers are found, with outlines; the sea, terraces and slopes are not."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from sketchterrain.document.vectors import AREA, VectorFeature, VectorLayer
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
 from sketchterrain.elevation.waters import FlatWater, flat_waters, water_findings
 
-DATA = Path(__file__).parents[3] / "shared/data/dem"
+DATA = Path(os.environ.get("SKETCHTERRAIN_DEMS", "no folder of real DEMs"))
 STEP = 30.0
 ROW, COLUMN = np.indices((200, 240)).astype(np.float64)
 

@@ -125,10 +125,10 @@ def added_elevation(
 
 def without_offsets(sketch: Sketch) -> dict[str, Any]:
     """Return the rasters of a sketch, corrected so that overlapping elevation agrees."""
-    from sketchterrain.elevation.base import held_grids
+    from sketchterrain.elevation.base import patches_of
     from sketchterrain.elevation.offsets import corrections, measure_offsets
 
-    sources, grids = sketch.elevation_rasters, held_grids(sketch)
+    sources, grids = sketch.elevation_rasters, patches_of(sketch)
     metres = dict(zip(sources, corrections(grids, measure_offsets(grids)), strict=True))
     return {"rasters": tuple(_raised(each, metres.get(each, 0.0)) for each in sketch.rasters)}
 

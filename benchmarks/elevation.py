@@ -16,6 +16,7 @@ import numpy as np
 from sketchterrain.benchmarks import detail
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.elevation_seams import generated_heights, patchwork, seam_tables
+from sketchterrain.benchmarks.elevation_terrain import flight, flight_table, tile_times
 from sketchterrain.benchmarks.large_dem import write_large_dem
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import TimedContext, lap, spread
@@ -72,7 +73,7 @@ _RATES = (
 )
 
 
-def measure(_: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Patchworks of generated DEM grids (Rocca, Panozzo & Puppo 2012), times in seconds beside the paper's.
 
     The ground is noise whose amplitudes fall as k^-1.9, in steps of 10 m, with a deviation of 600 m. Errors
@@ -80,7 +81,8 @@ def measure(_: TimedContext, effort: Effort) -> Outcome:
     medians; the paper's are those of one core, Puget Sound and bilinear patches, ours of bicubic ones. Seams
     are those of `elevation_seams`. Stores are those of `write_large_dem`, each in a process of its own, whose
     memory is counted beyond that of its libraries; patches are read from files that are not in the system's
-    memory.
+    memory. Tiles are those of a preset with and without its data, in turn; flights are over DEMs of the same
+    sizes.
 
     Detail: real DEMs (matplotlib's, those of the folder SKETCHTERRAIN_DEMS) as truth, cut to a quarter and
     an eighth by means; their patches with the detail that the law of the cut grid alone asks for, beside fBm
@@ -95,10 +97,17 @@ def measure(_: TimedContext, effort: Effort) -> Outcome:
             Table("Building", _BUILDS, tuple(_build(each, effort.rounds) for each in sides)),
             Table("Stores on disk", _STORES, tuple(_store(each) for each in sides)),
             Table("Queries and evaluation", _RATES, tuple(_rates(sides[0]))),
+            tile_times(context, effort),
+            flight_table(tuple(_flight(context, each) for each in sides)),
             *seam_tables(effort),
             detail.table(effort.detail_lattices),
         )
     )
+
+
+def _flight(context: TimedContext, side: int) -> Row:
+    with TemporaryDirectory(prefix="sketchterrain-") as folder:
+        return flight(context, write_large_dem(Path(folder) / "dem.tif", side), side)
 
 
 def _grid(side: int, place: tuple[float, ...] | None = None, seed: int = SEED) -> ElevationGrid:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy import ndimage
 from sketchterrain.array_types import Float32Array
 
 STEP = 10.0  # m
-REAL = Path(__file__).resolve().parents[2] / "shared/data/dem/bigtujunga30m_utm11.tif"
+REAL = Path(os.environ.get("SKETCHTERRAIN_DEMS", "")) / "bigtujunga30m_utm11.tif"
 
 _FINER = 3  # samples a step of the real one
 _ROWS = 256  # of a strip and of tiles

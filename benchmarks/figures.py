@@ -119,7 +119,10 @@ def draw_materials(context: ComputeContext) -> Any:
     names = preset_names()
     rows = math.ceil(len(names) / 2)
     figure = new_figure(9.0, 4.8 * rows)
-    for axes, name in zip(figure.subplots(rows, 2).flat, names, strict=True):
+    every = figure.subplots(rows, 2).ravel()
+    for axes in every[len(names) :]:
+        axes.set_axis_off()
+    for axes, name in zip(every[: len(names)], names, strict=True):
         terrain = build(load_sketch(name), device=context)
         raster = terrain.raster(_RASTER_SIDE)
         shade = 0.35 + 0.75 * np.clip(raster.normal.astype(np.float64) @ _SUN, 0.0, 1.0)

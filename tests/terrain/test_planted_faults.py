@@ -433,8 +433,11 @@ def test_a_part_that_is_left_out_is_noticed(terrain, share, monkeypatch) -> None
 def test_changes_of_sketches_reach_every_part(terrain) -> None:
     sequences = chain(
         (sequence(number, terrain.context) for number in range(SEQUENCES)),
-        # Of label 1, on which unpainted ground depends.
-        (walk([23, 0], [[name]] * 8, terrain.context) for name in ("hill.height", "mountain.height")),
+        # Of label 1, on which unpainted ground depends; and what sequences may lack.
+        (
+            walk([23, 0], [[name]] * 8, terrain.context)
+            for name in ("hill.height", "mountain.height", "own material")
+        ),
         (random_sequence(number, terrain.context) for number in range(100)),
     )
     missing = {part.name: part.value for part in parts_of(terrain.recipe) if part.value and part.has_effect}

@@ -71,11 +71,12 @@ def water_findings(waters: Sequence[FlatWater]) -> tuple[str, ...]:
     told = []
     if lakes:
         area = sum(each.area for each in lakes) / 1e6
-        told.append(f"{len(lakes)} flattened lakes of {area:.3g} km² in all (kept)")
+        what = "lake" if len(lakes) == 1 else "lakes"
+        told.append(f"{len(lakes)} flattened {what} of {area:.3g} km² in all")
     if reaches:
         steps = [each.step for each in reaches if np.isfinite(each.step)]
         text = f", in steps of {min(steps):.3g} to {max(steps):.3g} m" if steps else ""
-        told.append(f"{len(reaches)} level reaches of rivers{text} (kept)")
+        told.append(f"{len(reaches)} level reaches of rivers{text}")
     return tuple(told)
 
 

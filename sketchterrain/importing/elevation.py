@@ -17,9 +17,18 @@ from sketchterrain.document.parameters import GROUND, SKETCH
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
 from sketchterrain.document.toml_format import starter_sketch
-from sketchterrain.elevation.base import BaseElevation, combine_rasters, grid_in_datum
+from sketchterrain.document.vectors import AREA, VectorFeature, on_grid
+from sketchterrain.elevation.base import (
+    BaseElevation,
+    combine_rasters,
+    grid_in_datum,
+    held_grids,
+    patches_of,
+)
 from sketchterrain.elevation.grids import SketchFrame
+from sketchterrain.elevation.offsets import corrections, measure_offsets
 from sketchterrain.elevation.raster_reader import SUFFIXES
+from sketchterrain.elevation.waters import flat_waters, water_findings
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.importing.vector_files import metric_crs_at, to_longitude_latitude
 from sketchterrain.io.crs import crs_text, parse_crs, parse_metric_crs
@@ -85,6 +94,33 @@ def sketch_on_elevation(
         **fields,
     )
     return sketch, base
+
+
+def aligned(sketch: Sketch) -> Sketch:
+    """Return a sketch whose overlapping elevation agrees: the most accurate stays, others get offsets."""
+    sources, grids = sketch.elevation_rasters, patches_of(sketch)
+    metres = dict(zip(sources, corrections(grids, measure_offsets(grids)), strict=True))
+
+    def raised(source: RasterSource) -> RasterSource:
+        change = metres.get(source, 0.0)
+        return replace(source, offset=round(source.offset + change, 3)) if abs(change) >= 1e-3 else source
+
+    return sketch.replace(rasters=tuple(map(raised, sketch.rasters)))
+
+
+def with_lakes(sketch: Sketch) -> tuple[Sketch, tuple[str, ...]]:
+    """Return a sketch with the lakes that its elevation has as level areas, and what was found, in words."""
+    layer = sketch.vectors["lake"]
+    known = {tuple(layer.vertices[first]) for first in layer.rings[:-1]}
+    waters = [each for grid in held_grids(sketch) for each in flat_waters(grid)]
+    outlines = [tuple(map(on_grid, each.rings)) for each in waters if not each.is_river]
+    new = [
+        VectorFeature(AREA, rings, 1)
+        for rings in outlines
+        if tuple(rings[0][0]) not in known and ((rings[0] >= 0.0) & (rings[0] <= sketch.size)).all()
+    ]
+    vectors = {**sketch.vectors, "lake": layer.edited(add=new)} if new else sketch.vectors
+    return sketch.replace(vectors=vectors), water_findings(waters)
 
 
 def elevation_files(path: Path) -> list[Path]:

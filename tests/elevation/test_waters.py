@@ -47,7 +47,7 @@ def test_a_lake_with_an_island_has_its_outline() -> None:
     assert shape.area == pytest.approx(np.pi * (40.0**2 - 10.0**2) * STEP**2, rel=0.03)
     x, y = STEP * COLUMN, STEP * (199.0 - ROW)
     assert np.array_equal(shapely.contains_xy(shape, x, y), lake & ~island)
-    assert water_findings([found]) == ("1 flattened lakes of 4.24 km² in all (kept)",)
+    assert water_findings([found]) == ("1 flattened lake of 4.24 km² in all",)
     layer = VectorLayer("lake").edited(add=[VectorFeature(AREA, found.rings)])
     assert len(layer) == 1
 
@@ -62,7 +62,7 @@ def test_a_stepped_river_is_told_with_its_steps() -> None:
         (778.0, True, 2.0),
     ]
     assert all(polygon(each).is_valid for each in found)
-    assert water_findings(found) == ("2 level reaches of rivers, in steps of 2 to 2 m (kept)",)
+    assert water_findings(found) == ("2 level reaches of rivers, in steps of 2 to 2 m",)
 
 
 def test_what_is_no_water_is_not_found() -> None:

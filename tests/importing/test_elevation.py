@@ -15,7 +15,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.elevation.base import load_base
 from sketchterrain.errors import InputError
-from sketchterrain.importing.elevation import elevation_files, sketch_on_elevation
+from sketchterrain.importing.elevation import aligned, elevation_files, sketch_on_elevation, with_lakes
 
 UTM = Affine(50.0, 0.0, 600_000.0, 0.0, -50.0, 5_270_000.0)
 
@@ -163,3 +163,26 @@ def test_paths_are_relative_inside_of_the_sketch(tmp_path):
     assert 'path = "a.tif"' in (home / "sketch.toml").read_text()
     home.rename(tmp_path / "moved")
     check_inside(load_sketch(tmp_path / "moved"))
+
+
+def test_offsets_of_overlapping_files_are_told_and_removed(tmp_path):
+    here, above = dem(tmp_path / "a.tif"), dem(tmp_path / "b.tif", lowest=820.0)
+    sketch, base = sketch_on_elevation([here, above])
+    assert any(line.startswith("a.tif lies 20.0 m below b.tif") for line in base.findings)
+    level = aligned(sketch)
+    assert sorted(abs(each.offset) for each in level.rasters) == pytest.approx([0.0, 20.0], abs=0.1)
+    assert not any("lies" in line for line in load_base(level, LRUCache()).findings)
+    assert aligned(level).rasters == level.rasters
+
+
+def test_level_areas_become_lakes(tmp_path):
+    source = dem(tmp_path / "flat.tif")
+    with rasterio.open(source.path, "r+") as file:
+        heights = file.read(1)
+        heights[30:45, 40:60] = 780.0
+        file.write(heights, 1)
+    sketch, _ = sketch_on_elevation([raster_source(Path(source.path), "elevation")])
+    found, lines = with_lakes(sketch)
+    assert len(found.vectors["lake"].ids) == 1
+    assert lines == ("1 flattened lake of 0.749 km² in all",)
+    assert with_lakes(found)[0].vectors["lake"].ids.size == 1

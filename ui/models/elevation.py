@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
@@ -15,7 +14,6 @@ from PyQt6.QtCore import QObject, QTimer, pyqtSignal
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import AREA, VectorFeature, on_grid
 from sketchterrain.ui.models.background import BackgroundReader
 from sketchterrain.ui.models.document import Document
 
@@ -125,33 +123,16 @@ def added_elevation(
 
 def without_offsets(sketch: Sketch) -> dict[str, Any]:
     """Return the rasters of a sketch, corrected so that overlapping elevation agrees."""
-    from sketchterrain.elevation.base import patches_of
-    from sketchterrain.elevation.offsets import corrections, measure_offsets
+    from sketchterrain.importing.elevation import aligned
 
-    sources, grids = sketch.elevation_rasters, patches_of(sketch)
-    metres = dict(zip(sources, corrections(grids, measure_offsets(grids)), strict=True))
-    return {"rasters": tuple(_raised(each, metres.get(each, 0.0)) for each in sketch.rasters)}
+    return {"rasters": aligned(sketch).rasters}
 
 
 def with_flat_lakes(sketch: Sketch) -> dict[str, Any]:
     """Return the vectors of a sketch with the lakes that its elevation has as level areas."""
-    from sketchterrain.elevation.base import held_grids
-    from sketchterrain.elevation.waters import flat_waters
+    from sketchterrain.importing.elevation import with_lakes
 
-    layer = sketch.vectors["lake"]
-    known = {tuple(layer.vertices[first]) for first in layer.rings[:-1]}
-    waters = [each for grid in held_grids(sketch) for each in flat_waters(grid) if not each.is_river]
-    outlines = [tuple(on_grid(ring) for ring in each.rings) for each in waters]
-    new = [
-        VectorFeature(AREA, rings, 1)
-        for rings in outlines
-        if tuple(rings[0][0]) not in known and ((rings[0] >= 0.0) & (rings[0] <= sketch.size)).all()
-    ]
-    return {"vectors": {**sketch.vectors, "lake": layer.edited(add=new)} if new else sketch.vectors}
-
-
-def _raised(source: RasterSource, metres: float) -> RasterSource:
-    return replace(source, offset=round(source.offset + metres, 3)) if abs(metres) >= 1e-3 else source
+    return {"vectors": with_lakes(sketch)[0].vectors}
 
 
 def _read_facts(sketch: Sketch, memory: LRUCache) -> ElevationFacts:

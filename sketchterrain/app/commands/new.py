@@ -24,6 +24,12 @@ def new(
         float | None,
         typer.Option(metavar="M", min=1.0, help="Longer side of a part of --dem; default: all."),
     ] = None,
+    align: Annotated[
+        bool, typer.Option("--align", help="Remove height offsets between overlapping files of --dem.")
+    ] = False,
+    lakes: Annotated[
+        bool, typer.Option("--lakes", help="Add lakes where --dem is level, as vectors.")
+    ] = False,
     crs: args.Crs = None,
     origin: args.Origin = None,
     vertical: args.VerticalDatum = None,
@@ -37,22 +43,30 @@ def new(
 
     if embed and not (raster or dem):
         raise USAGE_ERROR("--embed without --raster or --dem: expected a raster to store")
-    if extent is not None and not dem:
-        raise USAGE_ERROR("--extent without --dem: expected elevation")
+    for name, value in (("extent", extent), ("align", align), ("lakes", lakes)):
+        if value and not dem:
+            raise USAGE_ERROR(f"--{name} without --dem: expected elevation")
     sources, area = args.read_rasters(raster or (), embed=embed)
     if dem:
         with Stages() as stages, stages.stage("elevation", "Reading elevation"):
-            from sketchterrain.importing.elevation import elevation_files, sketch_on_elevation
+            from sketchterrain.importing.elevation import (
+                aligned,
+                elevation_files,
+                sketch_on_elevation,
+                with_lakes,
+            )
 
             paths = [path for each in dem for path in elevation_files(each)]
             grids = [raster_source(path, "elevation", embed=embed) for path in paths]
             sketch, base = sketch_on_elevation(
                 grids, crs=crs, origin=origin, extent=extent, vertical=vertical or ""
             )
-            new_sketch(folder, sketch.replace(rasters=(*grids, *sources)))
+            sketch, found = with_lakes(sketch) if lakes else (sketch, ())
+            sketch = aligned(sketch) if align else sketch
+            new_sketch(folder, sketch.replace(rasters=(*sketch.rasters, *sources)))
         width, depth = (side / 1000.0 for side in sketch.size)
         what = f"sketch of {width:.4g} × {depth:.4g} km on {pluralize(len(base.grids), 'grid')} of elevation"
-        lines = [f"note: {line}" for line in base.findings]
+        lines = [f"note: {line}" for line in (*base.findings, *found)]
     else:
         size, lines, what = None, [], "starter sketch"
         east, north = origin or (0.0, 0.0)

@@ -27,7 +27,7 @@ from sketchterrain.terrain.drainage import (
     routed,
 )
 from sketchterrain.terrain.drainage_rounds import LEAST_RISE, LEAST_SLOPE
-from sketchterrain.terrain.node_raster import PaintedNodes
+from sketchterrain.terrain.node_raster import GroundBeside, PaintedNodes
 from sketchterrain.terrain.painted_uplift import FeatureLayer, HeightControl, PaintedUplift
 from sketchterrain.terrain.wetness import wetness
 
@@ -49,7 +49,8 @@ class BlendedLevel:
     """Ground of one level without features; arrays of shape (rows, columns)."""
 
     flow: Drained  # of M
-    procedural: Float64Array  # (1 − w) u, m
+    beside: GroundBeside  # u + e
+    procedural: Float64Array  # (1 − w)(u + e), m
     weight: Float32Array  # of the data, 0 … 1
     rock: Float32Array  # 0 … 1
 
@@ -64,9 +65,12 @@ def blended_level(
 ) -> BlendedLevel:
     """Return a level with elevation data over procedural ground, which obeys the constraints of water."""
     data = base.window(source.level, source.origin[1], source.origin[0], *source.base.shape)
-    procedural = (1.0 - data.weight.astype(np.float64)) * (drained.height + data.around)
+    height = drained.height + data.around
+    procedural = (1.0 - data.weight.astype(np.float64)) * height
     flow = routed(source, cell, data.weight * data.height + procedural)
-    return BlendedLevel(flow, procedural, data.weight, rock + data.weight * (data.rock - rock))
+    return BlendedLevel(
+        flow, GroundBeside(base, height), procedural, data.weight, rock + data.weight * (data.rock - rock)
+    )
 
 
 def raised_level(

@@ -7,7 +7,7 @@ extent / 256. Samples of a cell size read the coarsest level whose spacing it re
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -92,19 +92,47 @@ class PaintedNodes:
     area: Float32Array  # m²: how much ground drains through a node
 
 
+class GroundBeside(NamedTuple):
+    """Ground beside elevation data, and the data's weights."""
+
+    base: BaseGround
+    height: Float64Array  # m, at the nodes of the finest level that was drained
+
+    def share(self, level: int, nodes: PaintedNodes) -> Float64Array:
+        """Return the heights (m) of nodes of a level by the weight that the data leave."""
+        data = self.base.window(level, nodes.column, nodes.row, *nodes.height.shape)
+        return np.asarray((1.0 - data.weight.astype(np.float64)) * nodes.height)
+
+
 @dataclass(frozen=True, eq=False)
 class DrainedRaster:
     """The painted region, drained as one raster, and its means at coarser levels."""
 
     levels: tuple[PaintedNodes, ...]
+    beside: GroundBeside | None = None  # over elevation data, of the last level that was drained
 
     @classmethod
-    def from_drained(cls, levels: Sequence[PaintedNodes]) -> DrainedRaster:
-        """Return the raster of some levels, finest first, and the means of the last one at coarser ones."""
+    def from_drained(
+        cls, levels: Sequence[PaintedNodes], beside: GroundBeside | None = None
+    ) -> DrainedRaster:
+        """Return the raster of some levels, finest first, and the means of the last one at coarser ones.
+
+        Over elevation data the ground beside them, and what features add, have means, not what nodes hold of
+        both: the weights of the data at coarse nodes are no means.
+        """
         every = list(levels)
+        if beside is None:
+            while len(every) < _PAINTED_LEVELS:
+                every.append(_halved(every[-1]))
+            return cls(tuple(every))
+        ground = replace(every[-1], height=beside.height.astype(np.float32))
+        height = every[-1].height - beside.share(len(every) - 1, ground)
+        added = replace(ground, height=height.astype(np.float32))
         while len(every) < _PAINTED_LEVELS:
-            every.append(_halved(every[-1]))
-        return cls(tuple(every))
+            added, ground = _halved(added), _halved(ground)
+            height = added.height + beside.share(len(every), ground)
+            every.append(replace(added, height=height.astype(np.float32)))
+        return cls(tuple(every), beside)
 
     def items(self) -> StructuredArray:
         """Return blocks of nodes by their contents, and the boxes (lattice units) that they affect."""

@@ -208,7 +208,9 @@ def drafted_ground(
     height = nodes.height + map_coordinates(change, at, order=1, mode="nearest")
     harder = map_coordinates(new.rock.astype(np.float64) - old.rock, at, order=1, mode="nearest")
     rock = np.clip(np.rint(nodes.rock + harder), 0, 255).astype(np.uint8)
-    return DrainedRaster.from_drained([replace(nodes, height=height.astype(np.float32), rock=rock)])
+    return DrainedRaster.from_drained(
+        [replace(nodes, height=height.astype(np.float32), rock=rock)], ground.beside
+    )
 
 
 def painted_flow(
@@ -244,7 +246,8 @@ def ground_without(
     else:
         height = height_without(uplift, ground.network, ground.factors, cell)
         drained = replace(ground.network, height=height)
-    return DrainedRaster.from_drained([painted_nodes(drained, uplift, 3, cell, blended[3:])])
+    beside = blended[-1].beside if blended else None
+    return DrainedRaster.from_drained([painted_nodes(drained, uplift, 3, cell, blended[3:])], beside)
 
 
 def _cached_ground(
@@ -271,7 +274,8 @@ def _drained(region: RegionSources, land: PaintedLand, water: PaintedWater, coun
         else:
             finest = carved(ground, cell, finest.height)
     nodes = painted_nodes(finest, uplift, count - 1, cell, blended[-1:])
-    raster = DrainedRaster.from_drained([_NO_NODES] * (4 - count) + [nodes])
+    beside = blended[-1].beside if blended else None
+    raster = DrainedRaster.from_drained([_NO_NODES] * (4 - count) + [nodes], beside)
     return PaintedGround(raster, drained[-1], factors, finest, parts)
 
 

@@ -277,3 +277,15 @@ def test_drafts_show_coarse_changes_over_data():
     aimed, shown = full[1].levels[0].height[inside], draft[inside]
     assert shown.max() == pytest.approx(aimed.max(), rel=0.2)
     assert np.abs(shown - aimed)[aimed == 0.0].mean() < 1.0
+
+
+def test_coarser_nodes_fit_their_own_weights_of_the_data():
+    base, memory = Waves(rim=5000.0), LRUCache()
+    raster = grounds.painted_ground(region_of(base, memory), build(painted(), base, memory=memory).land, DRY)
+    other = region_of(base, memory).base
+    for level, nodes in enumerate(raster.levels[:5]):
+        data = other.window(level, nodes.column, nodes.row, *nodes.height.shape)
+        assert np.nanmax(np.abs(nodes.height[data.weight == 1.0]), initial=0.0) < 1e-6
+        total = nodes.height + data.weight * data.height
+        # The ground beside the data continues them: nothing is missing at any level.
+        assert np.nanmin(total) > np.nanmin(raster.beside.height) - 5.0

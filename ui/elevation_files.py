@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.elevation.base import BaseElevation
 
-# Those of `sketchterrain.elevation.grids`, whose import would load GDAL.
+# Those of `sketchterrain.elevation.raster_reader`, whose import would load GDAL.
 SUFFIXES: Final = (".tif", ".tiff", ".hgt", ".asc", ".vrt", ".npy", ".npz", ".zip")
 _FILTER = f"Elevation ({' '.join(f'*{each}' for each in SUFFIXES)});;All files (*)"
 

@@ -272,8 +272,8 @@ def _fill_small_voids(
     first, last = (row - low for row in mine)
     _fill(samples, labels, boxes, np.flatnonzero(small & (top < last) & (bottom > first)))
     counts = np.bincount(labels[first:last].ravel(), minlength=len(boxes) + 1)[1:]
-    begun = np.count_nonzero(small & (top >= first) & (top < last))
-    return np.array([counts[small].sum(), begun, counts[~small].sum()])
+    starting = np.count_nonzero(small & (top >= first) & (top < last))
+    return np.array([counts[small].sum(), starting, counts[~small].sum()])
 
 
 @njit(cache=True, nogil=True)

@@ -1,7 +1,8 @@
 """Elevation data and procedural ground of the painted region, and what painted features add to both.
 
-Without features, the ground M = w z + (1 − w) u of elevation data z by their weight w and procedural ground u
-is what it is: water flows over it, and leaves its depressions through their lowest pass, but erodes nothing.
+Without features, the ground M = w z + (1 − w)(u + e) of elevation data z by their weight w, procedural ground
+u and what continues the data, e, is what it is: water flows over it, and leaves its depressions through their
+lowest pass, but erodes nothing.
 In zones around features, heights are M + Δ. The solver of `drainage` builds Δ from zero at the border of the
 zones, on lakes, on the sea and in valleys through which much water comes from elsewhere, along the network by
 which the sum drains: valleys in it continue those of the data.
@@ -33,10 +34,8 @@ from sketchterrain.terrain.wetness import wetness
 
 _THROUGH = 0.5  # circles of features: drainage area from elsewhere, from which on channels stay as they are
 _CUTS, _SHALLOW = 3, 1.0  # times that barriers are cut, and depth (m) of depressions that stay
-_FLOOR, _FLOOR_SHARE = (
-    4.0,
-    0.2,
-)  # r0 from valleys to where sides are as steep as elsewhere; how steep at first
+_FLOOR = 4.0  # r0 from valleys to where sides are as steep as elsewhere
+_FLOOR_SHARE = 0.2  # of that slope at the valley
 _STEEP_SHARE = 0.5  # of the data's slope, by which slopes of features on top are less …
 _LEAST_SHARE = 0.6  # … but not below this share of theirs
 

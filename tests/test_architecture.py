@@ -8,7 +8,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 
 BASE = {"errors", "array_types", "caching", "io", "document"}
-CORE = BASE | {"placement", "hydrology", "compute", "terrain", "vegetation"}
+CORE = BASE | {"placement", "hydrology", "roads", "compute", "terrain", "vegetation"}
 # Each room and the rooms it may import; a room may always import itself.
 MAY_IMPORT = {
     "errors": set(),
@@ -19,6 +19,7 @@ MAY_IMPORT = {
     "elevation": BASE,
     "placement": BASE,
     "hydrology": BASE | {"placement"},
+    "roads": BASE | {"placement"},
     "compute": {"errors", "array_types", "io"},
     # The class `Terrain` offers foliage: vegetation is the one room below that terrain imports.
     "terrain": CORE | {"elevation"},

@@ -1,4 +1,4 @@
-"""Declaration of the painted layers: what their shapes become, how they look and what is imported as them."""
+"""Declaration of the layers: what their shapes or vectors become, how they look and what is imported as them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,24 +15,27 @@ class TagRule(NamedTuple):
     Keys with the same values follow: ``landuse`` those of ``natural``, ``fclass`` and ``featurecla`` both.
     """
 
-    key: Literal["waterway", "water", "natural"]
+    key: Literal["waterway", "water", "natural", "highway", "railway", "building", "barrier"]
     values: str  # separated by spaces
     properties: Mapping[str, Value] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
 class Layer:
-    """A painted layer. Beside it stand only its placement rules, if any, and its layer of the terrain.
+    """A layer. Beside it stand only its placement rules, if any, and its layer of the terrain.
 
     Shapes become, by `kind`: ``summits``, point features that rise; ``patches``, point features that cover
     an area together; ``landform``, ``sea`` and ``water``, a field of distances from the border; ``course``,
-    the lines of a river network; ``cover``, a material on top of the others.
+    the lines of a river network; ``cover``, a material on top of the others. Vectors alone become ``way``, a
+    road, railway or path; ``pad``, a level building ground; ``barrier``, a wall or hedge.
     """
 
-    name: str  # key in the sketch file; the image is ``name.png``
+    name: str  # key in the sketch file; the image is ``name.png`` if it is painted
     title: str
     code: int  # in the ids and hashes of its features; never renumber: every terrain would change
-    kind: Literal["summits", "patches", "landform", "sea", "water", "course", "cover"]
+    kind: Literal[
+        "summits", "patches", "landform", "sea", "water", "course", "cover", "way", "pad", "barrier"
+    ]
     help: str
     parameters: Mapping[str, Parameter] = field(hash=False)  # of each label, by name; the main one is first
     colour: Colour  # of label 1
@@ -52,6 +55,11 @@ class Layer:
     tags: tuple[TagRule, ...] = ()
     source_names: str = ""  # of vector layers, besides `name` and `title`, separated by spaces
     narrow: str = ""  # layer of the narrow parts of its areas on a map, if asked for
+
+    @property
+    def is_painted(self) -> bool:
+        """Whether it has a label image; the other layers have vectors alone."""
+        return self.kind not in ("way", "pad", "barrier")
 
     @property
     def is_points(self) -> bool:
@@ -125,6 +133,61 @@ def _erosion(default: float) -> Parameter:
 
 def _strata(default: float) -> Parameter:
     return Parameter("strata", float, default, 0.0, 1.0, "", "how far layers of rock stand out as ledges")
+
+
+def _earthworks() -> tuple[Parameter, Parameter]:
+    return (
+        Parameter("cut", float, 1.0, 0.1, 10.0, "", "rise over run of slopes cut into the ground"),
+        Parameter("fill", float, 0.67, 0.1, 10.0, "", "rise over run of slopes of embankments"),
+    )
+
+
+def _surface(default: str) -> Parameter:
+    return Parameter("surface", str, default, 0, 40, "", "its material", choices=MATERIALS)
+
+
+def _way(
+    width: tuple[float, float, str],
+    shoulder: float,
+    grade: float,
+    radius: float,
+    superelevation: float,
+    surface: str,
+) -> Mapping[str, Parameter]:
+    """Return the properties of a way: its width by lanes is their number times the given one."""
+    lanes, per_lane, what = width
+    return parameter_table(
+        Parameter(
+            *("width", float, 0.0, 0.0, 60.0, "m"),
+            f"of the carriageway; 0 is {per_lane:g} m {what}",
+            sentinel=Sentinel(0.0, "By lanes", lanes * per_lane),
+            soft_range=(0.5, 60.0),
+        ),
+        Parameter("lanes", int, int(lanes), 1, 12, "", "number of lanes or tracks"),
+        Parameter("shoulder", float, shoulder, 0.0, 10.0, "m", "of level ground on each side"),
+        Parameter("grade", float, grade, 0.005, 1.0, "", "greatest slope along it, rise over run"),
+        Parameter("radius", float, radius, 1.0, 5000.0, "m", "least radius of bends that its vertices allow"),
+        Parameter(
+            *("superelevation", float, superelevation, 0.0, 0.15, ""),
+            "greatest slope across it in bends; 0: level across",
+        ),
+        *_earthworks(),
+        _surface(surface),
+        Parameter(
+            *("structure", str, "automatic", 0, 20, "", "what carries it"),
+            choices=("automatic", "ground", "bridge", "tunnel"),
+        ),
+        Parameter("level", int, 0, -5, 5, "", "which of two ways that cross without a junction is higher"),
+        Parameter(
+            *("trees", float, 0.0, 0.0, 100.0, "m", "spacing of trees along it; 0: none"),
+            sentinel=Sentinel(0.0, "None", 12.0),
+            soft_range=(3.0, 100.0),
+        ),
+    )
+
+
+LANE_WIDTHS: Final = {"road": 3.0, "railway": 4.4, "path": 1.2}
+"""Width (m) of a lane, a track with its ballast, or a path."""
 
 
 _ALL: Final = (
@@ -296,10 +359,114 @@ _ALL: Final = (
         map_colours="#eee5dc",
         tags=tuple(TagRule("natural", each.tags, {"material": each.name}) for each in BUILT_IN if each.tags),
     ),
+    Layer(
+        *("road", "Roads", 9, "way", "where roads run"),
+        _way((2, LANE_WIDTHS["road"], "a lane"), 1.0, 0.10, 20.0, 0.06, "asphalt"),
+        colour=(90, 88, 96),
+        hatch="level",
+        light_hatch=True,
+        overlay=(250, 240, 220),
+        vectors=("line",),
+        tags=(
+            TagRule("highway", "motorway", {"lanes": 2, "grade": 0.06, "radius": 300.0, "shoulder": 2.5}),
+            TagRule("highway", "trunk primary", {"grade": 0.08, "radius": 60.0, "shoulder": 1.5}),
+            TagRule("highway", "secondary tertiary", {"grade": 0.10, "radius": 25.0}),
+            TagRule("highway", "motorway_link trunk_link primary_link", {"lanes": 1, "grade": 0.08}),
+            TagRule("highway", "secondary_link tertiary_link", {"lanes": 1, "grade": 0.10}),
+            TagRule(
+                *("highway", "unclassified residential living_street road pedestrian"),
+                {"width": 5.0, "grade": 0.14, "radius": 10.0, "shoulder": 0.5},
+            ),
+            TagRule("highway", "service", {"width": 3.5, "grade": 0.16, "radius": 6.0, "shoulder": 0.5}),
+            TagRule(
+                *("highway", "track"),
+                {"width": 3.0, "grade": 0.18, "radius": 8.0, "shoulder": 0.3, "surface": "gravel"},
+            ),
+        ),
+        source_names="highway highways street streets",
+    ),
+    Layer(
+        *("railway", "Railways", 10, "way", "where railways run"),
+        _way((1, LANE_WIDTHS["railway"], "a track"), 0.6, 0.03, 180.0, 0.0, "gravel"),
+        colour=(70, 60, 56),
+        hatch="crossed",
+        light_hatch=True,
+        overlay=(200, 170, 220),
+        vectors=("line",),
+        tags=(
+            TagRule("railway", "rail"),
+            TagRule(
+                "railway", "narrow_gauge tram light_rail funicular", {"width": 3.2, "grade": 0.08, "radius": 30.0}
+            ),
+        ),
+        source_names="rail railways",
+    ),
+    Layer(
+        *("path", "Paths", 11, "way", "where people walk"),
+        _way((1, LANE_WIDTHS["path"], "a lane"), 0.2, 0.30, 2.0, 0.0, "soil"),
+        colour=(168, 132, 92),
+        hatch="dots",
+        overlay=(240, 200, 120),
+        vectors=("line",),
+        tags=(
+            TagRule("highway", "path footway"),
+            TagRule("highway", "cycleway bridleway", {"width": 2.0, "grade": 0.15}),
+            TagRule("highway", "steps", {"grade": 0.7, "surface": "rock"}),
+        ),
+        source_names="trail trails footpath footpaths",
+    ),
+    Layer(
+        *("pad", "Building pads", 12, "pad", "where the ground is levelled for buildings"),
+        parameter_table(
+            Parameter(
+                *("building", float, 0.0, 0.0, 500.0, "m", "height of a building on it; 0: none"),
+                sentinel=Sentinel(0.0, "None", 6.0),
+                soft_range=(2.0, 100.0),
+            ),
+            *_earthworks(),
+            _surface("gravel"),
+        ),
+        colour=(196, 170, 160),
+        hatch="level",
+        overlay=(230, 150, 130),
+        vectors=("area",),
+        tags=(
+            TagRule(
+                *("building", "yes house residential detached apartments commercial retail industrial hut"),
+                {"building": 6.0},
+            ),
+            TagRule("building", "farm farm_auxiliary barn garage garages shed cabin chalet", {"building": 4.0}),
+            TagRule("building", "church hotel school public hospital office warehouse", {"building": 9.0}),
+        ),
+        source_names="building buildings",
+    ),
+    Layer(
+        *("wall", "Walls and hedges", 13, "barrier", "where walls and hedges stand"),
+        parameter_table(
+            Parameter("height", float, 1.2, 0.2, 50.0, "m", "above the ground"),
+            Parameter("width", float, 0.5, 0.1, 20.0, "m", "from side to side"),
+            Parameter("material", str, "stone", 0, 10, "", "what it is of", choices=("stone", "hedge")),
+        ),
+        colour=(110, 118, 84),
+        hatch="crossed",
+        overlay=(160, 200, 120),
+        vectors=("line",),
+        tags=(
+            TagRule("barrier", "wall city_wall retaining_wall fence"),
+            TagRule("barrier", "hedge", {"material": "hedge", "height": 1.6, "width": 1.0}),
+        ),
+        source_names="barrier barriers walls hedges",
+    ),
 )
 
 LAYERS: Mapping[str, Layer] = MappingProxyType({layer.name: layer for layer in _ALL})
 """The layers, in display order."""
+
+PAINTED_LAYERS: Final = tuple(layer.name for layer in _ALL if layer.is_painted)
+"""Layers with a label image."""
+
+WAY_LAYERS: Final = tuple(layer.name for layer in _ALL if layer.kind == "way")
+"""Layers whose lines are one network of roads, railways and paths."""
 
 _CODES = {layer.code: layer.name for layer in _ALL}
 
@@ -342,5 +509,5 @@ DENSITY: Mapping[str, Parameter] = parameter_table(
 
 _BOTTOM_UP = ("cover", "landform", "summits", "patches", "sea", "water", "course")
 
-DRAW_ORDER: Final = tuple(sorted(LAYERS, key=lambda name: _BOTTOM_UP.index(LAYERS[name].kind)))
-"""The layers from bottom to top, as the canvas draws them; thin shapes are drawn last."""
+DRAW_ORDER: Final = tuple(sorted(PAINTED_LAYERS, key=lambda name: _BOTTOM_UP.index(LAYERS[name].kind)))
+"""The painted layers from bottom to top, as the canvas draws them; thin shapes are drawn last."""

@@ -15,6 +15,7 @@ from sketchterrain.array_types import StructuredArray
 from sketchterrain.document.material_rules import DEFAULT_RULES, MaterialRule
 from sketchterrain.document.materials import BUILT_IN, MaterialTable
 from sketchterrain.placement.feature_types import Lake, River
+from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.forests import COVER_NOISE
 from sketchterrain.terrain.layers.lakes import LakesLayer
@@ -53,6 +54,8 @@ class TerrainRecipe:
         Decisions where layers contradict each other, one line and a position each.
     orphans : tuple of str
         Edits of features that no longer exist, one line each.
+    network : RoadNetwork
+        Roads, railways, paths, pads and walls.
     """
 
     world: WorldSettings
@@ -62,6 +65,7 @@ class TerrainRecipe:
     material_rules: tuple[MaterialRule, ...] = DEFAULT_RULES
     resolutions: tuple[Resolution, ...] = ()
     orphans: tuple[str, ...] = ()
+    network: RoadNetwork = RoadNetwork()
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields, with plain dicts."""

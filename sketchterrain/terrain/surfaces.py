@@ -20,6 +20,7 @@ from sketchterrain.array_types import (
 from sketchterrain.document.materials import weight_words
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.placement.feature_types import Lake, River
+from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.terrain.lattice import QUADS
 
 if TYPE_CHECKING:
@@ -105,13 +106,14 @@ class TerrainFeatures:
     lakes: tuple[Lake, ...] = ()
     sea_level: float | None = None  # m; None: no sea
     plateaus: tuple[Plateau, ...] = ()
+    network: RoadNetwork = RoadNetwork()
 
     @classmethod
     def from_recipe(cls, recipe: TerrainRecipe, size: tuple[float, float]) -> TerrainFeatures:
         """Return a recipe's features: all painted ones, and the fill inside a sketch of a size (m)."""
         points = np.concatenate([recipe.points.painted, recipe.points.fill.within(0.0, 0.0, *size)])
         ordered = points[np.argsort(points["id"], kind="stable")]
-        return cls(ordered, recipe.rivers, recipe.lakes, recipe.sea_level, recipe.plateaus)
+        return cls(ordered, recipe.rivers, recipe.lakes, recipe.sea_level, recipe.plateaus, recipe.network)
 
 
 def require_finite(values: npt.NDArray[Any], what: str, device: Device) -> None:

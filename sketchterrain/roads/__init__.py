@@ -1,0 +1,1 @@
+"""Roads, railways and paths: their network, alignment, structures and longitudinal profile; building pads."""

@@ -1,0 +1,102 @@
+"""Roads as the terrain, pictures and exports know them: axis, profile and cross-section; pads; walls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from sketchterrain.array_types import Float64Array
+
+GROUND, BRIDGE, TUNNEL = range(3)
+STRUCTURES: Final = ("ground", "bridge", "tunnel")
+"""What carries a road, by number."""
+
+
+class Works(NamedTuple):
+    """How a road or pad shapes the ground beside it."""
+
+    cut: float  # rise over run of the slopes of cuttings
+    fill: float  # … and of embankments
+    surface: str  # material
+
+
+@dataclass(frozen=True, eq=False)
+class Road:
+    """A part of a road, railway or path with one structure, of one vector feature.
+
+    Station i and i + 1 are joined by a circular arc, along which the slope is piecewise linear: from `slope`
+    at its ends to one in its middle (`profile_at`). Parts of one `leg`, from a junction to the next one, follow
+    each other by `part`, and the last station of one is the first of the next, bit for bit.
+    """
+
+    id: int  # of the feature: `document.layers.id_of_vector`
+    layer: str  # road, railway or path
+    leg: int  # number of the leg that it is a part of; hash of its nodes and features
+    part: int  # along the leg
+    structure: int  # GROUND, BRIDGE or TUNNEL
+    axis: Float64Array  # (m, 3) stations x, y and height of the surface there, m; m ≥ 2
+    bend: Float64Array  # (m − 1,) tangent of a quarter of each arc's angle, positive bulges to the left
+    along: Float64Array  # (m,) m from the leg's start, along the arcs
+    slope: Float64Array  # (m,) rise over run at stations
+    half_width: Float64Array  # (m,) m, of the carriageway
+    shoulder: Float64Array  # (m,) m, beyond it
+    crossfall: Float64Array  # (m, 2) rise over run from the axis to the left and to the right
+    reach: Float64Array  # (m,) m from the axis beyond which the ground is unchanged
+    works: Works
+    trees: float = 0.0  # m between trees along it; 0: none
+    ends: tuple[int, int] = (2, 2)  # ways that meet at its first and last station; 1: a dead end
+
+    @property
+    def whole_half(self) -> Float64Array:
+        """Half the width with shoulders, (m,), m."""
+        return self.half_width + self.shoulder
+
+
+@dataclass(frozen=True, eq=False)
+class Pad:
+    """Level ground for a building."""
+
+    id: int
+    outline: Float64Array  # (n, 2) m, counter-clockwise, without its first vertex again
+    level: float  # m
+    reach: float  # m from the outline beyond which the ground is unchanged
+    building: float  # m, height of a building on it; 0: none
+    works: Works
+
+
+@dataclass(frozen=True, eq=False)
+class Wall:
+    """A wall or hedge on the ground."""
+
+    id: int
+    line: Float64Array  # (n, 2) m
+    height: float  # m
+    width: float  # m
+    material: str  # stone or hedge
+
+
+@dataclass(frozen=True, eq=False)
+class RoadNetwork:
+    """All that roads, railways, paths, pads and walls are, and findings about them in words."""
+
+    roads: tuple[Road, ...] = ()
+    pads: tuple[Pad, ...] = ()
+    walls: tuple[Wall, ...] = ()
+    findings: tuple[str, ...] = ()
+
+
+def profile_at(road: Road, piece: int | np.ndarray, t: Float64Array) -> Float64Array:
+    """Return heights (m) of the axis at shares t, 0 … 1, of pieces.
+
+    The slope is linear from each end to the middle of a piece (parabolic vertical curves).
+    """
+    start, end = road.axis[piece, 2], road.axis[np.asarray(piece) + 1, 2]
+    length = road.along[np.asarray(piece) + 1] - road.along[piece]
+    first, last = road.slope[piece] * length, road.slope[np.asarray(piece) + 1] * length
+    middle = 2.0 * (end - start) - 0.5 * (first + last)
+    s = 1.0 - t
+    rising = start + t * (first + (middle - first) * t)
+    falling = end - s * (last + (middle - last) * s)
+    return np.asarray(np.where(t < 0.5, rising, falling))

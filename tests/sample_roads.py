@@ -1,0 +1,120 @@
+"""Roads, pads and walls made by hand, for tests that need no terrain: all within 1024 × 768 m."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sketchterrain.document.layers import id_of_vector
+from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Pad, Road, RoadNetwork, Wall, Works
+
+WORKS = Works(cut=1.0, fill=0.67, surface="asphalt")
+
+
+def make_road(points, *, vector=1, layer="road", bend=0.0, slope=None, width=6.0, shoulder=1.0, **given):
+    """Return a part of a road through stations (m, 3); slopes are those of chords unless given."""
+    axis = np.asarray(points, np.float64)
+    count = len(axis)
+    bend = np.full(count - 1, bend, np.float64)
+    chords = np.hypot(*np.diff(axis[:, :2], axis=0).T)
+    half_angle = 2.0 * np.arctan(bend)
+    lengths = chords / np.sinc(half_angle / np.pi)  # chord · half angle / sin(half angle)
+    if slope is None:
+        rise = np.diff(axis[:, 2]) / lengths
+        slope = np.interp(np.arange(count), np.arange(count - 1) + 0.5, rise)
+    parts = {
+        "leg": vector,
+        "part": 0,
+        "structure": GROUND,
+        "along": np.concatenate([[0.0], np.cumsum(lengths)]),
+        "crossfall": np.full((count, 2), -0.025),
+        "works": WORKS,
+        "ends": (1, 1),
+    } | given
+    parts["along"] = parts["along"] + parts.pop("start", 0.0)
+    return Road(
+        id=id_of_vector(layer, vector),
+        layer=layer,
+        axis=axis,
+        bend=bend,
+        slope=np.full(count, slope, np.float64),
+        half_width=np.full(count, 0.5 * width),
+        shoulder=np.full(count, shoulder, np.float64),
+        reach=np.full(count, 0.5 * width + shoulder + 10.0),
+        **parts,
+    )
+
+
+def straight_road():
+    """Return 800 m due east that rise by 5 %."""
+    return make_road([(100, 100, 20), (500, 100, 40), (900, 100, 60)], vector=1)
+
+
+def curved_road():
+    """Return a road in three parts: straight north on the ground, a bridge in a bend to the right, east."""
+    ground = make_road([(200, 200, 30), (200, 400, 30)], vector=2, ends=(1, 2))
+    # A quarter of a circle of radius 100 m around (300, 400); its direction turns by 90°.
+    quarter = float(np.tan(np.pi / 8.0))
+    bridge = make_road(
+        [(200, 400, 30), (300, 500, 32)],
+        vector=2,
+        bend=quarter,
+        structure=BRIDGE,
+        part=1,
+        start=200.0,
+        slope=(0.0, 2.0 / (50.0 * np.pi)),
+        crossfall=np.array([[0.03, -0.03]] * 2),
+    )
+    rest = make_road([(300, 500, 32), (500, 500, 36)], vector=2, part=2, start=float(bridge.along[-1]))
+    return ground, bridge, replace(rest, ends=(2, 1))
+
+
+def tunnel():
+    """Return a railway in three parts, the second a tunnel."""
+    stations = [(600, 200, 25), (700, 300, 26), (800, 400, 27), (900, 500, 28)]
+    parts = []
+    for part, structure in enumerate((GROUND, TUNNEL, GROUND)):
+        start = part * 100.0 * np.sqrt(2.0)
+        shape = {"vector": 3, "layer": "railway", "width": 4.4, "shoulder": 0.6, "start": start}
+        parts.append(make_road(stations[part : part + 2], structure=structure, part=part, **shape))
+    return tuple(parts)
+
+
+def path():
+    """Return a path that winds uphill, in arcs to the left and to the right."""
+    stations = [(100, 550, 30), (160, 600, 36), (220, 550, 42), (280, 600, 48)]
+    return make_road(
+        stations,
+        vector=4,
+        layer="path",
+        bend=(0.3, -0.3, 0.3),
+        width=1.2,
+        shoulder=0.2,
+        crossfall=np.zeros((4, 2)),
+    )
+
+
+def make_network():
+    """Return one of each: straight road, curved road with a bridge, railway tunnel, path, pads, walls."""
+    outline = np.array([[600.0, 600.0], [620.0, 600.0], [620.0, 612.0], [600.0, 612.0]])
+    pads = (
+        Pad(id_of_vector("pad", 5), outline, level=40.0, reach=8.0, building=6.0, works=WORKS),
+        Pad(
+            id_of_vector("pad", 6),
+            outline + np.array([40.0, 0.0]),
+            level=42.0,
+            reach=8.0,
+            building=0.0,
+            works=WORKS,
+        ),
+    )
+    line = np.array([[590.0, 580.0], [690.0, 580.0], [690.0, 640.0]])
+    walls = (
+        Wall(id_of_vector("wall", 7), line, height=1.2, width=0.5, material="stone"),
+        Wall(id_of_vector("wall", 8), line + np.array([0.0, 60.0]), height=1.6, width=1.0, material="hedge"),
+    )
+    return RoadNetwork(
+        (straight_road(), *curved_road(), *tunnel(), path()),
+        pads,
+        walls,
+        ("road 1: grade of 12 % at (300, 100), over its limit of 10 %",),
+    )

@@ -45,7 +45,7 @@ def reference_table() -> str:
     }
     sections += [_section(f"`[{name}]`", about[name], table) for name, table in TABLES.items()]
     for layer in LAYERS.values():
-        text = f"{layer.title} (`{layer.name}.png`): {layer.help}. One table a label, 1 to 255."
+        text = f"{layer.title} (`{layer.file}`): {layer.help}. One table a label, 1 to 255."
         sections.append(_section(f"`[{layer.name}.1]`", text, layer.parameters))
     return "\n".join([*sections, _rasters(), _own(), _look(), _rules(), _edits()])
 

@@ -1,4 +1,4 @@
-"""Declaration of the layers: what their shapes or vectors become, how they look and what is imported as them."""
+"""Declaration of the layers: what shapes or vectors become, how they look and what is imported as them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -60,6 +60,11 @@ class Layer:
     def is_painted(self) -> bool:
         """Whether it has a label image; the other layers have vectors alone."""
         return self.kind not in ("way", "pad", "barrier")
+
+    @property
+    def file(self) -> str:
+        """Name of its file beside the sketch's settings: a label image, else vectors."""
+        return f"{self.name}.{'png' if self.is_painted else 'fgb'}"
 
     @property
     def is_points(self) -> bool:
@@ -396,7 +401,9 @@ _ALL: Final = (
         tags=(
             TagRule("railway", "rail"),
             TagRule(
-                "railway", "narrow_gauge tram light_rail funicular", {"width": 3.2, "grade": 0.08, "radius": 30.0}
+                "railway",
+                "narrow_gauge tram light_rail funicular",
+                {"width": 3.2, "grade": 0.08, "radius": 30.0},
             ),
         ),
         source_names="rail railways",
@@ -435,7 +442,9 @@ _ALL: Final = (
                 *("building", "yes house residential detached apartments commercial retail industrial hut"),
                 {"building": 6.0},
             ),
-            TagRule("building", "farm farm_auxiliary barn garage garages shed cabin chalet", {"building": 4.0}),
+            TagRule(
+                "building", "farm farm_auxiliary barn garage garages shed cabin chalet", {"building": 4.0}
+            ),
             TagRule("building", "church hotel school public hospital office warehouse", {"building": 9.0}),
         ),
         source_names="building buildings",

@@ -9,8 +9,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.materials import BUILT_IN, MATERIALS, Colour, Material, MaterialTable
 from sketchterrain.document.parameters import LOOK, Parameter, Properties, check_values, parameter_table
+from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.errors import InputError, format_value
 from sketchterrain.io.files import relative_path
 
@@ -100,6 +102,21 @@ def with_materials(parameters: Mapping[str, Parameter], table: MaterialTable) ->
             for each in parameters.values()
         )
     )
+
+
+def check_materials_of_vectors(vectors: Mapping[str, VectorLayer], table: MaterialTable) -> None:
+    """Raise InputError if a feature names a material that is not in a table."""
+    for layer in vectors.values():
+        for name, column in layer.columns.items():
+            declared = LAYERS[layer.layer].parameters.get(name)
+            if declared is None or declared.choices != MATERIALS:
+                continue
+            for number, value in zip(layer.ids.tolist(), column, strict=True):
+                if value and value not in table.names:
+                    expected = " or ".join(map(repr, table.names))
+                    raise InputError(
+                        f"{layer.layer} feature {number}: {name} = {format_value(value)}: expected {expected}"
+                    )
 
 
 def picture_files(folder: str | Path, name: str) -> dict[str, Path]:

@@ -23,10 +23,15 @@ from sketchterrain.document.label_layers import (
     freeze_image,
     labels_in,
 )
-from sketchterrain.document.layers import DENSITY, LAYERS, Layer
+from sketchterrain.document.layers import DENSITY, LAYERS, PAINTED_LAYERS, Layer
 from sketchterrain.document.material_rules import RuleChange, check_rule_changes
 from sketchterrain.document.materials import MaterialTable
-from sketchterrain.document.own_materials import check_own_materials, material_table, with_materials
+from sketchterrain.document.own_materials import (
+    check_materials_of_vectors,
+    check_own_materials,
+    material_table,
+    with_materials,
+)
 from sketchterrain.document.parameters import (
     BASE,
     CLIMATE,
@@ -87,8 +92,8 @@ class Sketch:
         Settings by the names in `DENSITY`, `GROUND`, `CLIMATE`, `COAST`, `WEATHER`, `FRAME` and `BASE`;
         missing ones have defaults.
     layers
-        Label images by layer name: uint8, (height, width), 0 is empty. Missing layers are empty. The
-        arrays of a sketch are read-only; a writeable array is copied.
+        Label images by the names in `PAINTED_LAYERS`: uint8, (height, width), 0 is empty. Missing layers are
+        empty. The arrays of a sketch are read-only; a writeable array is copied.
     vectors
         Points, lines and areas by layer name; missing layers are empty.
     rasters
@@ -141,7 +146,8 @@ class Sketch:
         checked["materials"] = check_own_materials(self.materials)
         materials = material_table(self.materials)
         checked["layers"] = _check_layers(self.layers)
-        checked["vectors"] = check_vectors(self.vectors)
+        checked["vectors"] = vectors = check_vectors(self.vectors)
+        check_materials_of_vectors(vectors, materials)
         checked["rasters"] = check_rasters(self.rasters)
         checked["labels"] = _check_labels(self.labels, materials)
         checked["look"] = _check_look(self.look, materials)
@@ -172,7 +178,7 @@ class Sketch:
             name: freeze_image(np.frombuffer(zlib.decompress(packed), dtype=np.uint8).reshape(size))
             for name, packed in state["layers"].items()
         }
-        state["layers"] = {name: layers.get(name, empty) for name in LAYERS}
+        state["layers"] = {name: layers.get(name, empty) for name in PAINTED_LAYERS}
         for key in ("labels", "materials", "look"):
             state[key] = {name: MappingProxyType(values) for name, values in state[key].items()}
         for key in ("layers", "vectors", "labels", "materials", "look", *TABLES):
@@ -318,7 +324,10 @@ def _check_labels(
 
 
 def _check_layers(layers: Mapping[str, LabelImage]) -> Mapping[str, LabelImage]:
-    images = {_layer(name).name: check_image(name, image) for name, image in layers.items()}
+    drawn = next((name for name in layers if not _layer(name).is_painted), None)
+    if drawn is not None:
+        raise InputError(f"layer {drawn}: expected vectors, it has no label image")
+    images = {name: check_image(name, image) for name, image in layers.items()}
     first = next(iter(images), None)
     shape = (DEFAULT_SIDE, DEFAULT_SIDE) if first is None else images[first].shape
     for name, image in images.items():
@@ -327,7 +336,7 @@ def _check_layers(layers: Mapping[str, LabelImage]) -> Mapping[str, LabelImage]:
                 f"layer {name} is {image.shape[1]}×{image.shape[0]} px but layer {first} is "
                 f"{shape[1]}×{shape[0]} px: expected one size"
             )
-    if len(images) < len(LAYERS):
+    if len(images) < len(PAINTED_LAYERS):
         empty = freeze_image(np.zeros(shape, dtype=np.uint8))
-        images |= {name: empty for name in LAYERS if name not in images}
-    return MappingProxyType({name: images[name] for name in LAYERS})
+        images |= {name: empty for name in PAINTED_LAYERS if name not in images}
+    return MappingProxyType({name: images[name] for name in PAINTED_LAYERS})

@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.document.own_materials import relative_folders, resolved_folders
 from sketchterrain.document.rasters import (
     embedded_files,
@@ -49,17 +49,21 @@ def sketch_files(names: Iterable[str], place: str) -> list[str]:
     Raise InputError if the settings are missing, or if a file could be mistaken for a layer.
     """
     visible = sorted(name for name in names if not name.startswith("."))
-    images, vectors = [f"{layer}.png" for layer in LAYERS], vector_files()
+    images, vectors = [f"{layer}.png" for layer in PAINTED_LAYERS], vector_files()
     for name in visible:
         path = PurePosixPath(name)
         suffix = path.suffix.lower()
+        if suffix == ".png" and path.stem in VECTOR_LAYERS and name not in images:
+            raise InputError(
+                f"{place}/{name}: expected {path.stem}{SUFFIX}, the layer {path.stem} has vectors alone"
+            )
         for ending, known, what in ((".png", images, "layer image"), (SUFFIX, vectors, "vector layer")):
             if suffix == ending and name not in known:
                 raise InputError(
                     f"{place}: unknown {what} {format_value(name)}: expected {', '.join(known)}"
                     f"{did_you_mean(name, known)}"
                 )
-        if suffix in _OTHER_IMAGES and path.stem.lower() in LAYERS:
+        if suffix in _OTHER_IMAGES and path.stem.lower() in PAINTED_LAYERS:
             raise InputError(f"{place}: {format_value(name)}: expected a PNG file, {path.stem.lower()}.png")
     if SETTINGS not in visible:
         raise InputError(
@@ -330,7 +334,7 @@ def pack_sketch(
 def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None) -> Sketch:
     """Return a sketch whose folders of pictures and rasters are relative to `base`."""
     images: dict[str, LabelImage] = {}
-    for name in LAYERS:
+    for name in PAINTED_LAYERS:
         if f"{name}.png" in contents:
             with _prefix_errors(f"{place}/{name}.png"):
                 images[name] = decode_layer(contents[f"{name}.png"])

@@ -54,8 +54,8 @@ _FORMER_HEIGHTS = {"mountain": 600.0, "hill": 80.0}  # m, defaults in format 1
 _FORMER_WIDTH = "gullies"  # width of the widest gullies in format 1, of mountains and hills
 
 _HEAD = """\
-# A sketch of a terrain. Each layer is an 8-bit single-channel PNG in this folder: 0 is empty, other values
-# are labels with the properties in [layer.label] below. Missing values have defaults.
+# A sketch of a terrain. Painted layers are 8-bit single-channel PNGs in this folder: 0 is empty, other
+# values are labels. Labels have the properties in [layer.label] below; missing values have defaults.
 """
 
 
@@ -111,7 +111,7 @@ def settings_text(sketch: Sketch) -> str:
     for (name, label), properties in sketch.labels.items():
         lines.append("")
         if name not in explained:
-            lines.append(f"# {name}.png: {LAYERS[name].help}")
+            lines.append(f"# {LAYERS[name].file}: {LAYERS[name].help}")
             explained.add(name)
         lines += [f"[{name}.{label}]", *_lines(properties, LAYERS[name].parameters)]
     for source in sketch.rasters:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.parameters import Parameter, Properties, Value, parameter_table
 from sketchterrain.errors import InputError, format_value
 
@@ -383,7 +384,11 @@ def _check_columns(layer: VectorLayer) -> None:
         if name not in declared:
             continue
         parameter, values = declared[name], np.asarray(column)
-        if isinstance(column, tuple):
+        if parameter.choices == MATERIALS and isinstance(column, tuple):
+            continue  # a sketch may have others: it checks them
+        if parameter.kind is str and isinstance(column, tuple):
+            wrong = ~np.isin(values, ["", *map(str, parameter.choices)])
+        elif parameter.kind is str or isinstance(column, tuple):
             wrong = np.ones(len(values), np.bool_)
         else:
             allowed = (values >= parameter.low) & (values <= parameter.high)

@@ -16,7 +16,7 @@ from PIL import Image, ImageOps
 from PIL.ImageFile import ImageFile
 
 from sketchterrain.document.label_layers import LabelImage
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.importing.image_colours import (
     CLEAR,
@@ -249,7 +249,7 @@ class ColouredMap:
         for value in thin:
             values[join_line_ends(values == value, _RIVER_GAP)] = value
         values = remove_specks(values, specks)
-        layers = {name: np.zeros(values.shape, dtype=np.uint8) for name in LAYERS}
+        layers = {name: np.zeros(values.shape, dtype=np.uint8) for name in PAINTED_LAYERS}
         for meaning, value in value_of.items():
             layers[meaning.layer][values == value] = meaning.label
         waters = [(layer.narrow, name) for name, layer in LAYERS.items() if layer.narrow]

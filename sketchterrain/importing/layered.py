@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray
 from sketchterrain.document.label_layers import to_oklab
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.importing.images import Picture, check_size, decode_picture, detect_format, read_picture
 from sketchterrain.importing.legend import Meaning, parse_layer_name
@@ -42,7 +42,7 @@ class _LayerComposer:
 
     def __init__(self, size: tuple[int, int]) -> None:
         self.size = size
-        self.layers = {name: np.zeros(size[::-1], dtype=np.uint8) for name in LAYERS}
+        self.layers = {name: np.zeros(size[::-1], dtype=np.uint8) for name in PAINTED_LAYERS}
 
     def add(self, meaning: Meaning, mask: BoolArray) -> int:
         """Paint unpainted pixels; return their number."""
@@ -59,7 +59,7 @@ def trace_mask(path: Path, layer: str, options: TraceOptions) -> TraceResult:
     meaning = parse_layer_name(layer)
     if meaning is None:
         raise InputError(
-            f"layer {format_value(layer)}: expected {', '.join(LAYERS)}, or one with a label, as river.2"
+            f"layer {format_value(layer)}: expected {', '.join(PAINTED_LAYERS)}, or with a label, as river.2"
         )
     mask, reason = painted_mask(read_picture(path))
     if not mask.any():
@@ -188,8 +188,7 @@ def _named_files(folder: Path) -> tuple[list[tuple[Meaning, Path]], list[str], l
         pictures = [path for path in files if detect_format(_first_bytes(path))]
     candidates = [(parse_layer_name(path.stem), path) for path in pictures]
     named = [(meaning, path) for meaning, path in candidates if meaning is not None]
-    order = tuple(LAYERS)
-    named.sort(key=lambda each: (order.index(each[0].layer), each[0].label, each[1].name))
+    named.sort(key=lambda each: (PAINTED_LAYERS.index(each[0].layer), each[0].label, each[1].name))
     unread = [path.name for path in files if path not in pictures and parse_layer_name(path.stem) is not None]
     return named, [path.name for meaning, path in candidates if meaning is None], unread
 
@@ -202,7 +201,7 @@ def _first_bytes(path: Path) -> bytes:
 def _unnamed(location: str, what: str, names: Iterable[str]) -> InputError:
     found = _listed(names)
     return InputError(
-        f"{location}: none of its {what}s is named {', '.join(LAYERS)} (river 2 is label 2 of river)"
+        f"{location}: none of its {what}s is named {', '.join(PAINTED_LAYERS)} (river 2 is label 2 of river)"
         + (f": found {found}" if found else "")
     )
 

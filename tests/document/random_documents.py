@@ -85,9 +85,11 @@ def random_vectors(rng: Rng, name: str) -> VectorLayer:
     features = []
     for number in range(count):
         values = {
-            each.name: round(value) if each.kind is int else value
+            each.name: str(rng.choice(each.choices))
+            if each.choices
+            else each.kind(round(value, each.kind is float))
             for each in declared
-            if each.kind is not str and rng.random() < 0.3
+            if rng.random() < 0.3
             for value in [float(rng.uniform(each.low, each.high))]
         }
         for key, kind in columns.items():

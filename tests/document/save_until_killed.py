@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import JOURNAL, load_sketch, save_sketch
@@ -35,7 +35,7 @@ def numbered_sketch(number: int) -> Sketch:
     rasters = [(sha256(content).hexdigest(), content) for content in contents]
     return Sketch(
         seed=number,
-        layers=dict.fromkeys(LAYERS, image),
+        layers=dict.fromkeys(PAINTED_LAYERS, image),
         vectors=vectors,
         rasters=tuple(
             RasterSource(f"map-{digest[:8]}.raster", sha256=digest, content=content)

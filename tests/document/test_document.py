@@ -8,7 +8,7 @@ import pytest
 
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.label_layers import labels_in
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text
 from sketchterrain.errors import InputError
@@ -23,7 +23,7 @@ def _image(height, width, label=0):
 def test_defaults_and_extent():
     sketch = Sketch()
     assert (sketch.width_px, sketch.height_px) == (512, 512)
-    assert list(sketch.layers) == list(LAYERS)
+    assert list(sketch.layers) == list(PAINTED_LAYERS)
     assert not any(image.any() for image in sketch.layers.values())
     for key, table in TABLES.items():
         assert getattr(sketch, key) == {name: parameter.default for name, parameter in table.items()}
@@ -51,7 +51,7 @@ def test_sketches_are_immutable_and_share_unchanged_layers():
     sketch = Sketch(layers={"hill": _image(4, 4, 1)})
     other = sketch.replace(seed=9)
     assert (other.seed, sketch.seed) == (9, 0)
-    assert all(other.layers[name] is sketch.layers[name] for name in LAYERS)
+    assert all(other.layers[name] is sketch.layers[name] for name in PAINTED_LAYERS)
     with pytest.raises(InputError, match="fidelity = 2: expected a number from 0 to 1"):
         sketch.replace(fidelity=2)
 
@@ -121,7 +121,7 @@ def test_pickled_sketches_are_small_and_equal():
     )
     other = pickle.loads(pickle.dumps(sketch))  # noqa: S301
     same(other, sketch)
-    assert list(other.layers) == list(LAYERS)
+    assert list(other.layers) == list(PAINTED_LAYERS)
     for image in other.layers.values():
         with pytest.raises(ValueError, match="read-only"):
             image[0, 0] = 3

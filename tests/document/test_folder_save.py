@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.label_layers import encode_layer
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import JOURNAL, load_sketch, new_sketch, save_sketch
@@ -22,7 +22,7 @@ from sketchterrain.io.resources import preset, preset_names
 
 from .conftest import grey, refusal, same
 
-_FILES = sorted(["sketch.toml", *(f"{name}.png" for name in LAYERS)])
+_FILES = sorted(["sketch.toml", *(f"{name}.png" for name in PAINTED_LAYERS)])
 _IMAGES = st.builds(
     lambda seed, height, width, names: {
         name: np.random.default_rng([seed, i]).integers(0, 5, (height, width), dtype=np.uint8)
@@ -31,7 +31,7 @@ _IMAGES = st.builds(
     st.integers(0, 1000),
     st.integers(1, 30),
     st.integers(1, 30),
-    st.sets(st.sampled_from(list(LAYERS))).map(sorted),
+    st.sets(st.sampled_from(PAINTED_LAYERS)).map(sorted),
 )
 
 
@@ -117,7 +117,7 @@ def test_missing_layers_and_unpainted_labels(folder):
     sketch = load_sketch(folder("[hill.9]\nheight = 5", {"hill.png": grey([[0, 3]])}))
     assert sketch.properties("hill", 3)["height"] == 0.0
     assert sketch.properties("hill", 9)["height"] == 5.0
-    sketch = load_sketch(folder(files={f"{name}.png": grey(np.full((8, 8), 1)) for name in LAYERS}))
+    sketch = load_sketch(folder(files={f"{name}.png": grey(np.full((8, 8), 1)) for name in PAINTED_LAYERS}))
     assert all((image == 1).all() for image in sketch.layers.values())
 
 
@@ -168,8 +168,9 @@ def test_refused_and_ignored_files(folder):
         ("Mountain.PNG", "did you mean 'mountain.png'"),
         (
             "pond.png",
-            f"expected {', '.join(f'{name}.png' for name in LAYERS)}",
+            f"expected {', '.join(f'{name}.png' for name in PAINTED_LAYERS)}",
         ),
+        ("road.png", "/road.png: expected road.fgb, the layer road has vectors alone"),
         ("hill.jpg", "'hill.jpg': expected a PNG file, hill.png"),
         ("two\nlines.png", r"unknown layer image 'two\nlines.png'"),
     ]:
@@ -270,7 +271,9 @@ class Killed(BaseException):
     """Not caught anywhere in the program."""
 
 
-JOURNALLED = 2 * len(LAYERS) + 10  # disk operations until all new files are written beside the old ones
+JOURNALLED = (
+    2 * len(PAINTED_LAYERS) + 10
+)  # disk operations until all new files are written beside the old ones
 
 
 def numbered_sketch(label):
@@ -281,7 +284,7 @@ def numbered_sketch(label):
     content = bytes([label])
     return Sketch(
         seed=label,
-        layers=dict.fromkeys(LAYERS, image),
+        layers=dict.fromkeys(PAINTED_LAYERS, image),
         vectors={name: VectorLayer(name).edited(add=[feature])},
         rasters=(RasterSource(f"map-{label:08}.raster", content=content),),
     )
@@ -370,7 +373,7 @@ def test_image_modified_after_the_crash_wins(tmp_path, monkeypatch):
     sketch = load_sketch(tmp_path)
     assert sketch.seed == 2
     assert {name: int(image.max()) for name, image in sketch.layers.items()} == {
-        name: 9 if name == "hill" else 2 for name in LAYERS
+        name: 9 if name == "hill" else 2 for name in PAINTED_LAYERS
     }
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.history import History, LayerChange
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
 
 
@@ -29,7 +29,7 @@ def assert_is(sketch, expected):
 def painted(sketch, rng, *, layers=1):
     """Labels in boxes, single pixels and noise, on some layers."""
     changed = {}
-    for name in rng.choice(list(LAYERS), layers, replace=False):
+    for name in rng.choice(PAINTED_LAYERS, layers, replace=False):
         image = sketch.layers[str(name)].copy()
         for _ in range(int(rng.integers(1, 4))):
             top, left = (int(rng.integers(0, side)) for side in image.shape)

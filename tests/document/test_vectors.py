@@ -1,6 +1,7 @@
 """Vector layers: what is refused, each in one printable line, and files of other programs."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pyogrio
@@ -98,7 +99,7 @@ def test_layers_take_their_kinds_of_features_only():
     assert refusal(kinds=np.array([-1, 1])) == "river: kinds: expected numbers from 0 to 255"
     assert "kinds: expected whole numbers" in refusal(kinds=np.array([1.0, 1.0]))
     for layer in ("hill", "rivers", "", "two\nlines", None, 3):
-        assert refusal(layer).endswith("expected a vector layer, river, lake")
+        assert refusal(layer).endswith("expected a vector layer, river, lake, road, railway, path, pad, wall")
     one_of_two = {"parts": np.array([0, 2])}
     one_of_two |= {key: TWO_LINES[key][:1] for key in ("kinds", "ids", "labels")}
     assert refusal(**one_of_two) == "river feature 7: expected one part, unless it is an area"
@@ -154,6 +155,22 @@ def test_properties_have_the_types_of_their_declaration():
         assert got in refusal(columns={"width": values})
     for values in (np.array([0.5, np.nan]), np.array([2, 0]), np.array([0, -1])):
         assert "expected a whole number from 0 to 1" in refusal(columns={"smooth": values})
+    road = VectorLayer.from_shapes("road", shapely.linestrings([[(0, 0), (9, 0)], [(0, 5), (9, 5)]]))
+    for columns, got in (
+        ({"structure": ("bridge", "ferry")}, "road feature 2: structure = 'ferry': expected 'automatic' or"),
+        ({"structure": np.zeros(2)}, "road feature 1: structure = 0.0: expected 'automatic' or 'ground' or"),
+        ({"surface": np.zeros(2)}, "road feature 1: surface = 0.0: expected 'grass' or"),
+        ({"lanes": np.array([np.nan, 1.5])}, "road feature 2: lanes = 1.5: expected a whole number"),
+    ):
+        with pytest.raises(InputError) as caught:
+            replace(road, columns=columns)
+        assert str(caught.value).startswith(got)
+    paved = {"road": replace(road, columns={"surface": ("", "lava"), "structure": ("tunnel", "")})}
+    with pytest.raises(InputError, match="road feature 2: surface = 'lava': expected 'grass' or"):
+        Sketch(vectors=paved)
+    assert Sketch(vectors=paved, materials={"lava": {}}).vectors["road"].feature(2).properties == {
+        "surface": "lava"
+    }
     for values in (
         np.zeros((2, 2)),
         np.array([True, False]),

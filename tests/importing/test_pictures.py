@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.importing.images import decode_picture, detect_kind, read_picture
 from sketchterrain.importing.layered import trace_folder, trace_mask, trace_open_raster
@@ -27,7 +27,7 @@ from sketchterrain.importing.traced_layers import TraceOptions
 
 
 def test_legend_matches_colours_within_the_tolerance() -> None:
-    for layer in LAYERS:
+    for layer in PAINTED_LAYERS:
         assert OWN_LEGEND.meaning(LAYERS[layer].colour) == Meaning(layer, 1), layer
 
     assert OWN_LEGEND.meaning((255, 255, 255)) == NOTHING

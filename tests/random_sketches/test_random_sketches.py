@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from sketchterrain.array_types import BoolArray, StructuredArray
-from sketchterrain.document.layers import DENSITY, LAYERS
+from sketchterrain.document.layers import DENSITY, LAYERS, PAINTED_LAYERS
 from sketchterrain.document.parameters import Parameter
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.hydrology.rivers import trace_rivers
@@ -32,7 +32,7 @@ Rng = np.random.Generator
 Image = npt.NDArray[np.uint8]
 Path = list[tuple[float, float]]
 
-AREAS = tuple(name for name in LAYERS if name != "river")
+AREAS = tuple(name for name in PAINTED_LAYERS if name != "river")
 
 
 def distances(size, row, column) -> tuple[np.ndarray, np.ndarray]:
@@ -197,7 +197,7 @@ def random_sketch(number: int) -> Sketch:
     """Return sketch `number`: its main kind cycles through all, the rest is random."""
     rng = np.random.default_rng([20261121, number])
     size = random_size(rng, number)
-    layers = {name: np.zeros(size, np.uint8) for name in LAYERS}
+    layers = {name: np.zeros(size, np.uint8) for name in PAINTED_LAYERS}
     main = number % KINDS
     if main < len(AREA_KINDS):
         for name in rng.choice(AREAS, int(rng.integers(1, 4)), replace=False):
@@ -210,7 +210,7 @@ def random_sketch(number: int) -> Sketch:
         paint(rng, layers["mountain"], blob, times=3)
         paint(rng, layers["river"], off_edge)
     for _ in range(int(rng.integers(0, 4))):
-        name = str(rng.choice(list(LAYERS)))
+        name = str(rng.choice(PAINTED_LAYERS))
         kinds = RIVER_KINDS[:4] if name == "river" else AREA_KINDS[:6]
         paint(rng, layers[name], kinds[int(rng.integers(len(kinds)))])
     extent = float(rng.choice([50.0, 1000.0, 4096.0, 12000.0, 3e5]))

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from sketchterrain.document.edits import Edit
-from sketchterrain.document.layers import DENSITY, LAYERS, POINT_LAYERS
+from sketchterrain.document.layers import DENSITY, LAYERS, PAINTED_LAYERS, POINT_LAYERS
 from sketchterrain.document.material_rules import DEFAULT_RULES, Factor, RuleChange
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.parameters import LOOK, SKETCH, WEATHER, Parameter, Value
@@ -48,11 +48,11 @@ def random_sketch(rng: Rng, *, share: float = 0.8) -> Sketch:
         extent=extent,
         seed=int(rng.integers(2**63)),
         fidelity=float(rng.choice([0.3, 0.8, 1.0])),
-        layers={name: np.zeros((SIDE, width), np.uint8) for name in LAYERS},
+        layers={name: np.zeros((SIDE, width), np.uint8) for name in PAINTED_LAYERS},
     )
     often = rng.choice([0.0, 0.7])
     density = {key: _random_value(rng, DENSITY[key], sketch) for key in DENSITY if rng.random() < often}
-    for name in LAYERS:
+    for name in PAINTED_LAYERS:
         for label in (1, 2) if rng.random() < share else ():
             sketch = _painted(sketch, name, _brush_stroke(rng, sketch, name), label)
     return sketch.replace(density=density)
@@ -146,7 +146,8 @@ def _random_value(rng: Rng, parameter: Parameter, sketch: Sketch) -> Value:
 def _set_label(name: str, parameter: Parameter) -> Change:
     def set_label(rng: Rng, state: State) -> Sketch:
         sketch = state.sketch
-        present = np.unique(sketch.layers[name])[1:] if rng.random() < 0.9 else _LABELS
+        painted = np.unique(sketch.layers[name])[1:] if name in sketch.layers else ()
+        present = painted if rng.random() < 0.9 else _LABELS
         key = name, int(rng.choice(present)) if len(present) else 1
         values = {
             **sketch.labels.get(key, {}),
@@ -233,7 +234,8 @@ def _draw(name: str) -> Change:
         sketch = state.sketch
         layer, part = sketch.vectors[name], rng.random()
         if part < 0.6 or not len(layer):
-            added = _random_line(rng, layer, sketch) if name == "river" else _random_area(rng, sketch)
+            is_line = "line" in LAYERS[name].vectors
+            added = _random_line(rng, layer, sketch) if is_line else _random_area(rng, sketch)
             layer = layer.edited(add=[added])
         elif part < 0.85:
             vertices = layer.vertices.copy()
@@ -317,9 +319,9 @@ COMPILED = ("own material",)
 """Changes after which kernels are compiled again, which takes seconds."""
 
 CHANGES: dict[str, Change] = {
-    **{f"paint {name}": _paint(name) for name in LAYERS},
-    **{f"erase {name}": _erase(name) for name in LAYERS},
-    **{f"relabel {name}": _relabel(name) for name in LAYERS},
+    **{f"paint {name}": _paint(name) for name in PAINTED_LAYERS},
+    **{f"erase {name}": _erase(name) for name in PAINTED_LAYERS},
+    **{f"relabel {name}": _relabel(name) for name in PAINTED_LAYERS},
     **{
         f"{name}.{key}": _set_label(name, each)
         for name, layer in LAYERS.items()

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.document.label_layers import Box, LabelImage, freeze_image, union_box
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.io.system import module_command
 from sketchterrain.ui.engine.protocol import LayerPatch, SketchUpdate
@@ -352,7 +352,7 @@ class SketchMirror:
         if first is None or first.shape != update.shape:
             empty = np.zeros(update.shape, np.uint8)
             empty.flags.writeable = False
-            self._layers = dict.fromkeys(LAYERS, empty)
+            self._layers = dict.fromkeys(PAINTED_LAYERS, empty)
         for name, patch in update.layers.items():
             self._patch(name, patch)
         self._settings = update.settings
@@ -408,7 +408,7 @@ class UpdateBuilder:
         shape = (sketch.height_px, sketch.width_px)
         if self._all or shape != self._shape:
             # Mirrors clear layers only where the shape differs, so empty ones are sent as well.
-            self._boxes = dict.fromkeys(LAYERS, (0, 0, *shape))
+            self._boxes = dict.fromkeys(PAINTED_LAYERS, (0, 0, *shape))
         layers = {name: self._patch(name, box) for name, box in self._boxes.items()}
         self._shape, self._boxes = shape, {}
         self._all = self._fresh = False

@@ -14,7 +14,7 @@ def make_road(points, *, vector=1, layer="road", bend=0.0, slope=None, width=6.0
     """Return a part of a road through stations (m, 3); slopes are those of chords unless given."""
     axis = np.asarray(points, np.float64)
     count = len(axis)
-    bend = np.full(count - 1, bend, np.float64)
+    bend = np.full(count - 1, 0.0) + bend
     chords = np.hypot(*np.diff(axis[:, :2], axis=0).T)
     half_angle = 2.0 * np.arctan(bend)
     lengths = chords / np.sinc(half_angle / np.pi)  # chord · half angle / sin(half angle)
@@ -80,17 +80,12 @@ def tunnel():
 
 
 def path():
-    """Return a path that winds uphill, in arcs to the left and to the right."""
-    stations = [(100, 550, 30), (160, 600, 36), (220, 550, 42), (280, 600, 48)]
-    return make_road(
-        stations,
-        vector=4,
-        layer="path",
-        bend=(0.3, -0.3, 0.3),
-        width=1.2,
-        shoulder=0.2,
-        crossfall=np.zeros((4, 2)),
-    )
+    """Return a path that winds uphill, in arcs to the right and to the left that touch each other."""
+    stations = [(100, 550, 30), (160, 600, 36), (220, 600, 42), (280, 550, 48), (340, 500, 54)]
+    quarter = np.tan(0.25 * np.arctan2(50.0, 60.0))
+    bend = quarter * np.array([1.0, 1.0, 1.0, -1.0])
+    shape = {"width": 1.2, "shoulder": 0.2, "crossfall": np.zeros((5, 2))}
+    return make_road(stations, vector=4, layer="path", bend=bend, **shape)
 
 
 def make_network():

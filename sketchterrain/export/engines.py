@@ -189,9 +189,9 @@ def water_content(features: TerrainFeatures, axes: EngineAxes) -> dict[str, Any]
         return {
             "id": river.id,
             "label": river.label,
-            "points": _rounded(axes.points(*river.centreline.T)),
-            "width": _rounded(river.centreline_width * axes.per_metre),
-            "depth": _rounded(river.centreline_depth * axes.per_metre),
+            "points": rounded_list(axes.points(*river.centreline.T)),
+            "width": rounded_list(river.centreline_width * axes.per_metre),
+            "depth": rounded_list(river.centreline_depth * axes.per_metre),
         }
 
     def lake_entry(lake: Lake) -> dict[str, Any]:
@@ -201,7 +201,7 @@ def water_content(features: TerrainFeatures, axes: EngineAxes) -> dict[str, Any]
             "label": lake.label,
             "level": height(lake.level),
             "depth": round(float(lake.depth * axes.per_metre), _DECIMALS),
-            "outline": [_rounded(axes.points(*ring.T)) for ring in outline],
+            "outline": [rounded_list(axes.points(*ring.T)) for ring in outline],
         }
 
     return {
@@ -213,6 +213,7 @@ def water_content(features: TerrainFeatures, axes: EngineAxes) -> dict[str, Any]
     }
 
 
-def _rounded(values: npt.NDArray[np.floating]) -> Any:
+def rounded_list(values: npt.NDArray[np.floating]) -> Any:
+    """Return numbers as nested lists, rounded for files."""
     # Adding zero makes 0.0 of −0.0.
     return (np.round(values.astype(np.float64), _DECIMALS) + 0.0).tolist()

@@ -4,6 +4,7 @@ import json
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,6 +31,7 @@ from sketchterrain.placement.feature_types import (
     has_parameter,
     style_of,
 )
+from sketchterrain.roads.road_types import STRUCTURES, Pad, Road
 from sketchterrain.terrain.surfaces import TerrainFeatures
 
 _OUTLINE_DECIMALS = 2  # centimetres
@@ -37,19 +39,25 @@ _RIM = -1e9  # m of depth around a raster, so that the sea ends at its outermost
 
 
 def write_features(folder: Path, features: TerrainFeatures) -> tuple[Path, ...]:
-    """Write ``features.json``: point features by id, rivers as splines, lakes as outlines, the sea's level.
+    """Write ``features.json``: point features by id, rivers as splines, lakes, roads, pads, walls, the sea.
 
-    Ids are 64-bit unsigned integers, lengths metres, angles degrees.
+    Ids are 64-bit unsigned integers, lengths metres, angles degrees. Roads, pads and walls are left out if
+    there are none.
     """
-    text = (
-        '{"format": 1,\n"features": [\n'
-        + _lines(_point_entry(point) for point in features.points)
-        + '],\n"splines": [\n'
-        + _lines(_river_entry(river) for river in features.rivers)
-        + '],\n"lakes": [\n'
-        + _lines(_lake_entry(lake) for lake in features.lakes)
-        + ("]}\n" if features.sea_level is None else f'],\n"sea": {{"level": {features.sea_level}}}}}\n')
-    )
+    network = features.network
+    built: dict[str, list[dict[str, Any]]] = {
+        "roads": [_road_entry(road) for road in network.roads],
+        "pads": [_pad_entry(pad) for pad in network.pads],
+        "walls": [asdict(wall) | {"line": wall.line.tolist()} for wall in network.walls],
+    }
+    lists = {
+        "features": map(_point_entry, features.points),
+        "splines": map(_river_entry, features.rivers),
+        "lakes": map(_lake_entry, features.lakes),
+        **{name: entries for name, entries in built.items() if entries},
+    }
+    text = '{"format": 1' + "".join(f',\n"{name}": [\n{_lines(entries)}]' for name, entries in lists.items())
+    text += "}\n" if features.sea_level is None else f',\n"sea": {{"level": {features.sea_level}}}}}\n'
     return (write_atomic(folder / "features.json", text.encode()),)
 
 
@@ -96,6 +104,35 @@ def _lake_entry(lake: Lake) -> dict[str, Any]:
         "level": lake.level,
         "depth": lake.depth,
         "outline": [ring.tolist() for ring in lake_outline(lake.shape)],
+    }
+
+
+def _road_entry(road: Road) -> dict[str, Any]:
+    return {
+        "id": road.id,
+        "type": road.layer,
+        "leg": road.leg,
+        "part": road.part,
+        "structure": STRUCTURES[road.structure],
+        "axis": road.axis.tolist(),
+        "bend": road.bend.tolist(),
+        "slope": road.slope.tolist(),
+        "width": (2.0 * road.half_width).tolist(),
+        "shoulder": road.shoulder.tolist(),
+        "crossfall": road.crossfall.tolist(),
+        **road.works._asdict(),
+        "trees": road.trees,
+    }
+
+
+def _pad_entry(pad: Pad) -> dict[str, Any]:
+    outline = pad.outline.tolist()
+    return {
+        "id": pad.id,
+        "outline": [*outline, outline[0]],
+        "level": pad.level,
+        "building": pad.building,
+        **pad.works._asdict(),
     }
 
 
@@ -202,7 +239,7 @@ def lake_layer(lakes: Sequence[Lake], origin: Origin) -> VectorLayer:
         "MultiPolygon Z",
         np.array(areas, object),
         {
-            "id": _texts(lake.id for lake in lakes),
+            "id": id_texts(lake.id for lake in lakes),
             "label": np.array([lake.label for lake in lakes], np.int32),
             "level": np.array([lake.level for lake in lakes], np.float64),
             "depth": np.array([lake.depth for lake in lakes], np.float64),
@@ -239,7 +276,7 @@ def river_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
     """Return the rivers' centrelines from the spring on, at the height of the water."""
     ends = {"spring": 0, "mouth": -1}
     fields: dict[str, npt.NDArray[Any]] = {
-        "id": _texts(river.id for river in rivers),
+        "id": id_texts(river.id for river in rivers),
         "label": np.array([river.label for river in rivers], np.int32),
         "length": np.array([_along(river)[-1] for river in rivers], np.float64),
     }
@@ -267,7 +304,7 @@ def station_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
         "Point Z",
         shapely.points(places),
         {
-            "river": _texts(chain.from_iterable([r.id] * n for r, n in zip(rivers, counts, strict=True))),
+            "river": id_texts(chain.from_iterable([r.id] * n for r, n in zip(rivers, counts, strict=True))),
             "distance": np.concatenate([np.zeros(0), *(_along(river) for river in rivers)]),
             "width": widths,
             "depth": depths,
@@ -281,7 +318,7 @@ def feature_layer(points: StructuredArray, height: npt.NDArray[np.float32], orig
     has_conifers = has_parameter(points, "conifers")
     columns = ("peakiness", "wavelength", "wind", "erosion", "strata")
     fields: dict[str, npt.NDArray[Any]] = {
-        "id": _texts(points["id"]),
+        "id": id_texts(points["id"]),
         "type": names[points["type"]],
         "radius": points["radius"],
         "strength": points["strength"],
@@ -337,6 +374,6 @@ def _area(rings: Sequence[npt.NDArray[np.float64]], level: float) -> Any:
     return shapely.force_3d(shapely.multipolygons(parts), level)
 
 
-def _texts(numbers: Iterable[Any]) -> npt.NDArray[np.object_]:
+def id_texts(numbers: Iterable[Any]) -> npt.NDArray[np.object_]:
     """Return 64-bit unsigned ids as texts: a GeoPackage has no such numbers."""
     return np.array([str(int(number)) for number in numbers], object)

@@ -24,7 +24,7 @@ class AxisPoints(NamedTuple):
         """Return points (n, 3) of the surface at offsets (m) from the axis, positive to the left."""
         offset = np.broadcast_to(np.asarray(offset, np.float64), self.along.shape)
         rise = np.where(offset > 0.0, self.crossfall[:, 0], self.crossfall[:, 1]) * np.abs(offset)
-        return self.position + np.column_stack([self.left * offset[:, None], rise])
+        return np.asarray(self.position + np.column_stack([self.left * offset[:, None], rise]))
 
 
 def axis_points(road: Road, tolerance: float) -> AxisPoints:
@@ -77,3 +77,10 @@ def axis_points(road: Road, tolerance: float) -> AxisPoints:
         along_pieces(road.shoulder),
         along_pieces(road.crossfall),
     )
+
+
+def grades(road: Road) -> Float64Array:
+    """Return the slope (rise over run) at all stations, then in the middle of all pieces."""
+    length = np.diff(road.along)
+    middle = 2.0 * np.diff(road.axis[:, 2]) / length - 0.5 * (road.slope[:-1] + road.slope[1:])
+    return np.concatenate([road.slope, middle])

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from sketchterrain.export.engines import requested_storeys
 from sketchterrain.export.rasters import NO_DATA, Georeference, local_metres, write_cloud_tiff
+from sketchterrain.export.roads import MASKS, built_ground, coverage, road_layers
 from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.target import Export, ExportOutput, Target
 from sketchterrain.export.vectors import (
@@ -34,6 +35,9 @@ _FIELDS = {
     "lakes": "level, depth: m",
     "sea": "level: m",
     "features": "radius: m; strength: m of height, of forests a share of the trees; wind: degrees, 0 north",
+    "roads, railways, paths": "length, width, shoulder: m; steepest, cut, fill: rise over run; "
+    "leg, part: parts with one leg follow each other; z is the surface",
+    "pads, walls": "level, building, height, width: m",
     "sketch_river, sketch_lake": "as drawn; width, depth: m, if not the label's; directed: 1 or 0, downhill",
     "plants and grass": "scale: 1 is grown; rotation: degrees, counter-clockwise; tint: 0 to 1; "
     "level: a filter level >= n thins them evenly",
@@ -86,12 +90,17 @@ def _write_rasters(export: Export, georeference: Georeference) -> dict[Path, str
     components = enumerate(("east", "north", "up"))
     write_tiff(normal, {name: samples.normal[..., axis] for axis, name in components}, rgb=True)
     write_tiff(weights, {name: samples.weights[..., index] for index, name in enumerate(names)})
-    return {
+    files = {
         _write_drainage(export, georeference): "float32; bands drainage_area, m², and wetness, 0 to 1",
         height: "heights, float32, m",
         normal: "normals: 0 is -1, 255 is 1; bands east, north, up",
         weights: f"weights of the materials, with a sum of 255; bands {', '.join(names)}",
     }
+    if outlines := built_ground(export.terrain.features.network, samples.grid):
+        masks = {kind: coverage(areas, samples.grid) for kind, areas in outlines.items()}
+        path = write_tiff(export.folder / f"{export.name}_roads.tif", masks)
+        files[path] = "; ".join(f"band {kind}: {MASKS[kind]}" for kind in masks)
+    return files
 
 
 def _write_drainage(export: Export, georeference: Georeference) -> Path:
@@ -116,6 +125,8 @@ def _write_vectors(
     file.add(lake_layer(placed.lakes, origin))
     file.add(river_layer(placed.rivers, origin))
     file.add(station_layer(placed.rivers, origin))
+    for layer in road_layers(placed.network, origin):
+        file.add(layer)
     height = terrain.heights(placed.points["x"], placed.points["y"], cell_size=max(export.grid.spacing))
     file.add(feature_layer(placed.points, height, origin))
     for vectors in terrain.sketch.vectors.values():

@@ -15,6 +15,7 @@ from sketchterrain.export.gltf_plants import (
 )
 from sketchterrain.export.mesh import check_mesh_error, export_mesh, mesh_metadata
 from sketchterrain.export.rasters import write_normals_and_weights
+from sketchterrain.export.roads import write_road_files
 from sketchterrain.export.target import Export, ExportOptions, ExportOutput, Target
 
 _MAX_SIDE: Final = 8193  # vertices, of 56 bytes including their triangles
@@ -41,8 +42,12 @@ def _write_gltf(export: Export) -> ExportOutput:
     with export.stages.stage("glb", "GLB"):
         scene.write(path)
     files = {path: "ground, water and plants, m: x east, y up, z south"} | points
-    files |= write_water_json(export, AXES) | write_normals_and_weights(
-        export.folder / export.name, export.samples, export.terrain.material_names
+    files |= (
+        write_water_json(export, AXES)
+        | write_road_files(export, AXES)
+        | write_normals_and_weights(
+            export.folder / export.name, export.samples, export.terrain.material_names
+        )
     )
     settings: dict[str, Any] = {"up": "+Y", "unit": "1 m", "scale": 1.0}
     if points:

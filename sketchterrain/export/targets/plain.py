@@ -18,6 +18,7 @@ from sketchterrain.export.rasters import (
     write_npy,
     write_raw,
 )
+from sketchterrain.export.roads import write_road_masks
 from sketchterrain.export.sampled import CHANNELS, TerrainSamples
 from sketchterrain.export.target import Export, ExportOptions, ExportOutput, Target, TileWindow, Tiling
 from sketchterrain.export.vectors import write_features
@@ -99,7 +100,7 @@ def _write_images(
             result = write_foliage(export.folder, export.terrain, bounds, foliage, progress=progress)
         what = {".csv": "trees and shrubs, a line each", ".ply": "plants, grass too, as a point cloud"}
         files |= {path: what[path.suffix] for path in result.files}
-    files |= _write_features(export)
+    files |= _write_features(export) | write_road_masks(export)
     first = next(export.tiling.tiles(export.grid.columns, export.grid.rows))
     across, up = export.grid.spacing
     common: dict[str, Any] = {
@@ -148,7 +149,7 @@ def _write_npy(export: Export) -> ExportOutput:
                     if len(plants):  # in rows from south to north
                         progress(float(plants["y"].max() - south) / (north - south))
         files[path] = "plants, a structured array; species are indices into the sidecar's species"
-    files |= _write_features(export)
+    files |= _write_features(export) | write_road_masks(export)
     facts = {
         "heights": _height_metadata(None),
         "byte_order": "little-endian",
@@ -161,7 +162,9 @@ def _write_npy(export: Export) -> ExportOutput:
 
 def _write_features(export: Export) -> dict[Path, str]:
     paths = write_features(export.folder, export.terrain.features)
-    return dict.fromkeys(paths, "mountains, hills, forests; rivers, lakes and the level of the sea")
+    return dict.fromkeys(
+        paths, "mountains, hills, forests; rivers, lakes, roads, pads, walls; the level of the sea"
+    )
 
 
 TARGETS = (

@@ -14,6 +14,7 @@ from sketchterrain.export.engines import (
 from sketchterrain.export.files import write_values_png
 from sketchterrain.export.planning import HeightQuantisation
 from sketchterrain.export.rasters import write_raw
+from sketchterrain.export.roads import write_road_files
 from sketchterrain.export.sampled import TerrainSamples, flip_green
 from sketchterrain.export.target import Export, ExportOutput, Target, TileWindow, Tiling
 
@@ -41,7 +42,11 @@ def _write_unreal(export: Export) -> ExportOutput:
     corner = (export.grid.west, export.grid.north, 0.0)  # north-west, at the landscape's origin
     axes = EngineAxes("east", "south", "up", unit="cm", per_metre=_CENTIMETRES, origin=corner)
     files = write_tiles(export, "unreal", "Heights and weight maps", partial(_write_images, export, steps))
-    files |= write_plants_json(export, axes, degrees=True) | write_water_json(export, axes)
+    files |= (
+        write_plants_json(export, axes, degrees=True)
+        | write_water_json(export, axes)
+        | write_road_files(export, axes)
+    )
     facts = {
         "heights": {"numbers": "uint16", **steps.metadata},
         "byte_order": "little-endian" if export.options.format == "r16" else "as PNG has it",

@@ -1,0 +1,244 @@
+"""Roads, pads and walls as vector layers, as splines of engines, and masks of the ground that they cover."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import shapely
+
+from sketchterrain.array_types import Float64Array, UInt8Array
+from sketchterrain.document.layers import LAYERS, WAY_LAYERS
+from sketchterrain.export.engines import EngineAxes, rounded_list, tile_path, tile_samples
+from sketchterrain.export.files import write_json, write_values_png
+from sketchterrain.export.sampled import SampleGrid
+from sketchterrain.export.target import Export
+from sketchterrain.export.vectors import Origin, VectorLayer, id_texts
+from sketchterrain.roads.road_shapes import AxisPoints, axis_points, grades
+from sketchterrain.roads.road_types import BRIDGE, GROUND, STRUCTURES, TUNNEL, Road, RoadNetwork
+
+TOLERANCE: Final = 0.05
+"""Largest deviation (m) of exported lines from the arcs and vertical curves of roads."""
+
+_MASK_TOLERANCE: Final = 0.05  # of a sample's cell
+_ROWS_AT_ONCE: Final = 256
+MASKS: Final = {
+    "carriageway": "roads, railways and paths on the ground: 255 is all of a sample's cell",
+    "built": "the same with shoulders and building pads",
+}
+"""Descriptions of the masks by name."""
+
+
+def road_layers(network: RoadNetwork, origin: Origin) -> list[VectorLayer]:
+    """Return the layers that are not empty: axes of each kind, edges, bridge decks, tunnels, pads, walls."""
+    roads = network.roads
+    points = [axis_points(road, TOLERANCE) for road in roads]
+
+    def lines(places: Sequence[Float64Array]) -> list[Any]:
+        return [shapely.linestrings(np.add(place, (*origin, 0.0)[: place.shape[1]])) for place in places]
+
+    def chosen(which: Callable[[Road], bool]) -> tuple[list[Road], list[AxisPoints]]:
+        found = [number for number, road in enumerate(roads) if which(road)]
+        return [roads[number] for number in found], [points[number] for number in found]
+
+    layers = []
+    for name in WAY_LAYERS:
+        own, at = chosen(lambda road, name=name: road.layer == name)  # type: ignore[misc]
+        axes = lines([each.position for each in at])
+        layers.append((LAYERS[name].title.lower(), "LineString Z", axes, _road_fields(own)))
+    sides = {"left": 1.0, "right": -1.0}
+    edges = [
+        edge for each in points for edge in lines([each.beside(s * each.half_width) for s in sides.values()])
+    ]
+    fields: dict[str, Any] = {
+        "id": np.repeat(id_texts(road.id for road in roads), 2),
+        "side": np.array([*sides] * len(roads), object),
+    }
+    layers.append(("road_edges", "LineString Z", edges, fields))
+    own, at = chosen(lambda road: road.structure == BRIDGE)
+    decks = [
+        shapely.polygons(np.add(strip_outline(each, each.half_width + each.shoulder), (*origin, 0.0)))
+        for each in at
+    ]
+    layers.append(("bridge_decks", "Polygon Z", decks, _road_fields(own)))
+    own, at = chosen(lambda road: road.structure == TUNNEL)
+    layers.append(("tunnels", "LineString Z", lines([each.position for each in at]), _road_fields(own)))
+    pads, walls = network.pads, network.walls
+    fields = {
+        "id": id_texts(pad.id for pad in pads),
+        "level": np.array([pad.level for pad in pads], np.float64),
+        "building": np.array([pad.building for pad in pads], np.float64),
+    }
+    areas = [shapely.force_3d(shapely.polygons(np.add(pad.outline, origin)), pad.level) for pad in pads]
+    layers.append(("pads", "Polygon Z", areas, fields))
+    fields = {
+        "id": id_texts(wall.id for wall in walls),
+        "height": np.array([wall.height for wall in walls], np.float64),
+        "width": np.array([wall.width for wall in walls], np.float64),
+        "material": np.array([wall.material for wall in walls], object),
+    }
+    layers.append(("walls", "LineString", lines([wall.line for wall in walls]), fields))
+    return [
+        VectorLayer(name, kind, np.array(shapes, object), f) for name, kind, shapes, f in layers if shapes
+    ]
+
+
+def _road_fields(roads: Sequence[Road]) -> dict[str, Any]:
+    """Return attributes of parts of roads, named as the properties of layers are where they have these."""
+    numbers: dict[str, Callable[[Road], float]] = {
+        "length": lambda road: road.along[-1] - road.along[0],
+        "width": lambda road: 2.0 * float(road.half_width.mean()),
+        "shoulder": lambda road: float(road.shoulder.mean()),
+        "steepest": lambda road: float(np.abs(grades(road)).max()),
+        "cut": lambda road: road.works.cut,
+        "fill": lambda road: road.works.fill,
+        "trees": lambda road: road.trees,
+    }
+    return {
+        "id": id_texts(road.id for road in roads),
+        "leg": id_texts(road.leg for road in roads),
+        "part": np.array([road.part for road in roads], np.int32),
+        "structure": np.array([STRUCTURES[road.structure] for road in roads], object),
+        "surface": np.array([road.works.surface for road in roads], object),
+        **{name: np.array([value(road) for road in roads], np.float64) for name, value in numbers.items()},
+    }
+
+
+def write_road_files(export: Export, axes: EngineAxes, *, splat: bool = False) -> dict[Path, str]:
+    """Write roads as splines and as masks, if there are any; return the files with their descriptions."""
+    files = write_road_masks(export, splat=splat)
+    network = export.terrain.features.network
+    if network.roads:
+        path = export.folder / f"{export.name}_roads.json"
+        write_json(path, road_content(network, axes))
+        files[path] = f"roads, railways and paths as splines, {axes.title}"
+    return files
+
+
+def road_content(network: RoadNetwork, axes: EngineAxes) -> dict[str, Any]:
+    """Return all roads in the program's coordinates and unit, each as the control points of a spline.
+
+    Bank is in degrees, positive where the left edge is higher. Straight lines between the points deviate by
+    at most `TOLERANCE` from the road.
+    """
+
+    def entry(road: Road) -> dict[str, Any]:
+        at = axis_points(road, TOLERANCE)
+        bank = np.degrees(np.arctan(0.5 * (at.crossfall[:, 0] - at.crossfall[:, 1])))
+        return {
+            "id": road.id,
+            "type": road.layer,
+            "leg": road.leg,
+            "part": road.part,
+            "structure": STRUCTURES[road.structure],
+            "surface": road.works.surface,
+            "points": rounded_list(axes.points(*at.position.T)),
+            "width": rounded_list(2.0 * at.half_width * axes.per_metre),
+            "shoulder": rounded_list(at.shoulder * axes.per_metre),
+            "bank": rounded_list(bank),
+        }
+
+    return {"format": 1, "axes": axes.metadata, "roads": [entry(road) for road in network.roads]}
+
+
+def write_road_masks(export: Export, *, splat: bool = False) -> dict[Path, str]:
+    """Write masks of built ground of each tile as 8-bit grey images; return the files with descriptions.
+
+    `splat` leaves out one row and column, as Unity's control textures do.
+    """
+    files: dict[Path, str] = {}
+    for kind, outlines in built_ground(export.terrain.features.network, export.grid).items():
+        for tile, samples in tile_samples(export):
+            grid = samples.grid
+            if splat:
+                grid = replace(grid, columns=grid.columns - 1, rows=grid.rows - 1)
+            path = tile_path(export, kind, tile, ".png")
+            files[write_values_png(path, coverage(outlines, grid))] = MASKS[kind]
+    return files
+
+
+def built_ground(network: RoadNetwork, grid: SampleGrid) -> dict[str, list[Float64Array]]:
+    """Return the borders of areas on the ground for each of `MASKS`, as exact as a grid can show."""
+    tolerance = _MASK_TOLERANCE * min(grid.spacing)
+    roads = [axis_points(road, tolerance) for road in network.roads if road.structure == GROUND]
+    outlines = {
+        "carriageway": [ring for road in roads for ring in _strip_areas(road, road.half_width)],
+        "built": [ring for road in roads for ring in _strip_areas(road, road.half_width + road.shoulder)]
+        + [pad.outline[::-1] for pad in network.pads],
+    }
+    return {kind: found for kind, found in outlines.items() if found}
+
+
+def strip_outline(points: AxisPoints, half_width: Float64Array) -> Float64Array:
+    """Return the border (n, 3; m) of a strip along a road, clockwise."""
+    return np.concatenate([points.beside(half_width), points.beside(-half_width)[::-1]])
+
+
+def _strip_areas(points: AxisPoints, half_width: Float64Array) -> list[Float64Array]:
+    """Return a strip along a road as an area (n, 2; m), or as triangles where its inner edge turns back."""
+    outline = strip_outline(points, half_width)[:, :2]
+    left, right = outline[: len(half_width)], outline[: len(half_width) - 1 : -1]
+    ahead = np.diff(points.position[:, :2], axis=0)
+    if all((np.diff(edge, axis=0) * ahead).sum(axis=1).min() > 0.0 for edge in (left, right)):
+        return [outline]
+    halves = ((left[:-1], left[1:], right[1:]), (left[:-1], right[1:], right[:-1]))
+    triangles = np.concatenate([np.stack(half, axis=1) for half in halves])
+    (ax, ay), (bx, by) = (triangles[:, k].T - triangles[:, 0].T for k in (1, 2))
+    counter = ax * by > ay * bx
+    triangles[counter] = triangles[counter, ::-1]
+    return list(triangles)
+
+
+def coverage(outlines: Sequence[Float64Array], grid: SampleGrid) -> UInt8Array:
+    """Return the share of each sample's cell that areas cover, 0 … 255.
+
+    Borders (n, 2; m) are clockwise. Areas are exact; where several overlap inside of one cell, their shares
+    are added. Each edge adds the area between it and the right edge of its cell; a sum along the row fills
+    the cells to the right (signed-area accumulation, as in Levien's font-rs).
+    """
+    dx, dy = grid.spacing
+    rows, columns = grid.rows, grid.columns
+    corner, step = np.array([grid.west - 0.5 * dx, grid.north + 0.5 * dy]), np.array([dx, -dy])
+    rings = [(ring - corner) / step for ring in outlines]
+    size = (columns, rows)
+    rings = [ring for ring in rings if (ring.max(axis=0) > 0.0).all() and (ring.min(axis=0) < size).all()]
+    total = np.zeros((rows, columns + 1), np.float32)
+    if rings:
+        start = np.concatenate(rings)
+        end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+        _add_edges(total, start, end)
+    mask = np.empty((rows, columns), np.uint8)
+    for top in range(0, rows, _ROWS_AT_ONCE):
+        share = np.cumsum(total[top : top + _ROWS_AT_ONCE, :columns], axis=1)
+        mask[top : top + _ROWS_AT_ONCE] = np.rint(255.0 * np.clip(share, 0.0, 1.0))
+    return mask
+
+
+def _add_edges(total: np.ndarray, start: Float64Array, end: Float64Array) -> None:
+    """Add edges (n, 2; in cells: column, row) to sums, after cutting them at the borders of cells."""
+    rows, columns = total.shape[0], total.shape[1] - 1
+    edges, shares = [np.arange(len(start))], [np.zeros(len(start))]
+    for axis in (0, 1):
+        low, high = np.minimum(start[:, axis], end[:, axis]), np.maximum(start[:, axis], end[:, axis])
+        count = np.maximum(np.ceil(high) - np.floor(low) - 1.0, 0.0).astype(np.intp)
+        edge = np.repeat(np.arange(len(start)), count)
+        border = np.floor(low)[edge] + 1.0 + np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+        edges.append(edge)
+        shares.append((border - start[edge, axis]) / (end - start)[edge, axis])
+    edge, share = np.concatenate(edges), np.concatenate(shares)
+    order = np.lexsort((share, edge))
+    edge, share = edge[order], share[order]
+    following = np.append(np.where(edge[1:] == edge[:-1], share[1:], 1.0), 1.0)
+    along = (end - start)[edge]
+    middle = start[edge] + (0.5 * (share + following))[:, None] * along
+    height = (following - share) * along[:, 1]
+    x = np.maximum(middle[:, 0], 0.0)
+    inside = (x < columns) & (middle[:, 1] >= 0.0) & (middle[:, 1] < rows)
+    x, row, height = x[inside], middle[inside, 1].astype(np.intp), height[inside]
+    cell = row * (columns + 1) + x.astype(np.intp)
+    part = x - np.floor(x)
+    np.add.at(total.reshape(-1), cell, (-height * (1.0 - part)).astype(np.float32))
+    np.add.at(total.reshape(-1), cell + 1, (-height * part).astype(np.float32))

@@ -39,9 +39,9 @@ __kernel void patches(TERRAIN_ARGUMENTS,
     const size_t plane = (size_t)side * side;
     // Two calls, since CPU drivers write consecutive vertices at once.
     if (squares == 1)
-        write_vertex(height, masks, cover_noise, plane, patch, patch * plane + item, g, cover, bare);
+        write_vertex(height, masks, cover_noise, built, plane, patch, patch * plane + item, g, cover, bare);
     else
-        write_vertex(height, masks, cover_noise, plane, patch, patch * plane + row * side + column, g, cover, bare);
+        write_vertex(height, masks, cover_noise, built, plane, patch, patch * plane + row * side + column, g, cover, bare);
 }
 
 // Normals, heights without their border and material weights of patches, written where the patches live.

@@ -184,7 +184,7 @@ def with_vectors_painted(sketch: Sketch, cache: LRUCache) -> Sketch:
             partial(_painted, sketch, name, np.ones(len(layer), np.bool_)),
         )
         for name, layer in sketch.vectors.items()
-        if len(layer)
+        if len(layer) and name in sketch.layers
     }
     return sketch.replace(layers={**sketch.layers, **painted}) if painted else sketch
 

@@ -27,8 +27,8 @@ class Road:
     """A part of a road, railway or path with one structure, of one vector feature.
 
     Station i and i + 1 are joined by a circular arc, along which the slope is piecewise linear: from `slope`
-    at its ends to one in its middle (`profile_at`). Parts of one `leg`, from a junction to the next one, follow
-    each other by `part`, and the last station of one is the first of the next, bit for bit.
+    at its ends to one in its middle (`profile_at`). Parts of one `leg`, from a junction to the next one,
+    follow each other by `part`: the last station of one is the first of the next, bit for bit.
     """
 
     id: int  # of the feature: `document.layers.id_of_vector`
@@ -52,6 +52,11 @@ class Road:
     def whole_half(self) -> Float64Array:
         """Half the width with shoulders, (m,), m."""
         return self.half_width + self.shoulder
+
+
+def deck_depth(span: float) -> float:
+    """Return the height (m) of a bridge's deck and its beams, of a span (m)."""
+    return min(max(0.5, span / 25.0), 2.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +90,9 @@ class RoadNetwork:
     pads: tuple[Pad, ...] = ()
     walls: tuple[Wall, ...] = ()
     findings: tuple[str, ...] = ()
+
+
+NO_ROADS: Final = RoadNetwork()
 
 
 def profile_at(road: Road, piece: int | np.ndarray, t: Float64Array) -> Float64Array:

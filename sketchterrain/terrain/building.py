@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.placement import place
 from sketchterrain.placement.plateaus import create_plateaus
 from sketchterrain.placement.sea import Sea, create_sea
+from sketchterrain.roads.build import ROAD_LAYERS, has_roads, road_network
+from sketchterrain.roads.waters import flood_levels
 from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.centrelines import valley_radius
 from sketchterrain.terrain.edits import apply_fill_edits, apply_painted_edits
@@ -36,8 +38,10 @@ from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.layers.dunes import DunesLayer
 from sketchterrain.terrain.layers.lakes import LakesLayer
 from sketchterrain.terrain.layers.layer import WorldSettings
+from sketchterrain.terrain.layers.pads import PadsLayer
 from sketchterrain.terrain.layers.plateaus import PlateausLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer, UnpaintedNodes
+from sketchterrain.terrain.layers.roads import RoadsLayer
 from sketchterrain.terrain.layers.sea import SeaLayer
 from sketchterrain.terrain.node_raster import DrainedRaster
 from sketchterrain.terrain.noise import FINEST_CELL
@@ -60,6 +64,8 @@ from sketchterrain.terrain.uplift import Outline, painted_outline, uplift_featur
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
 
+_NATURAL: Final = "terrain without roads"
+_ROAD_CELL = 2.0  # m: cell size of the ground that roads are laid on
 _CELLS_PER_EXTENT = 256  # Rivers follow the terrain at this coarse cell size, without its small features.
 
 
@@ -124,6 +130,59 @@ def recipe_of_plan(
     sketch: Sketch, plan: TerrainPlan, memory: LRUCache, checkpoint: Callable[[], None] = lambda: None
 ) -> TerrainRecipe:
     """Return the recipe of a sketch from its plan; see `make_recipe`."""
+    last = memory.get(_NATURAL)
+    if last is None or last.plan is not plan or not _differ_in_roads(last.sketch, sketch):
+        last = _Natural(sketch, plan, _natural_recipe(sketch, plan, memory, checkpoint))
+        memory.store(_NATURAL, last)
+    return with_roads(sketch, last.recipe, memory)
+
+
+@dataclass(frozen=True, eq=False)
+class _Natural:
+    """The last terrain without roads and pads, which changes of these do not affect."""
+
+    sketch: Sketch
+    plan: TerrainPlan
+    recipe: TerrainRecipe
+
+
+def _differ_in_roads(one: Sketch, other: Sketch) -> bool:
+    """Return whether two sketches have the same terrain without roads and pads."""
+    layers = (one.layers[name] is other.layers[name] for name in one.layers)
+    vectors = (one.vectors[name] is other.vectors[name] for name in set(one.vectors) - {*ROAD_LAYERS})
+
+    def labels(sketch: Sketch) -> dict[tuple[str, int], Any]:
+        return {key: dict(values) for key, values in sketch.labels.items() if key[0] not in ROAD_LAYERS}
+
+    rest = [each.name for each in fields(one) if each.name not in ("layers", "vectors", "labels")]
+    return (
+        all((*layers, *vectors))
+        and labels(one) == labels(other)
+        and all(getattr(one, name) == getattr(other, name) for name in rest)
+    )
+
+
+def with_roads(sketch: Sketch, recipe: TerrainRecipe, memory: LRUCache) -> TerrainRecipe:
+    """Return a terrain with the roads, pads and walls of its sketch."""
+    if not has_roads(sketch):
+        return recipe
+    terrain = HostTerrain(recipe)
+
+    def ground(x: Float64Array, y: Float64Array) -> Float64Array:
+        at = (to_lattice(each, recipe.extent) for each in (x, y))
+        return terrain.heights(*at, cell_size=_ROAD_CELL)
+
+    waters = partial(flood_levels, recipe.rivers, recipe.lakes, recipe.sea_level, ground)
+    network = road_network(sketch, ground, waters, memory, recipe)
+    names = recipe.materials.names
+    layers = [PadsLayer(names, network.pads), RoadsLayer(names, network.roads)]
+    return replace(recipe.with_layers(layers), network=network)
+
+
+def _natural_recipe(
+    sketch: Sketch, plan: TerrainPlan, memory: LRUCache, checkpoint: Callable[[], None]
+) -> TerrainRecipe:
+    """Return the recipe without roads and pads."""
     relief = _relief(plan.region, painted_ground(plan.region, plan.land, plan.water))
     dry, bare = (each.with_layers([relief]) for each in (plan.dry, plan.bare))
     checkpoint()
@@ -168,9 +227,11 @@ def draft_recipe(plan: TerrainPlan, before: TerrainPlan, recipe: TerrainRecipe) 
         return None
     old, new = ((each.land, each.coarse_ground) for each in (before, plan))
     relief = _relief(plan.region, drafted_ground(ground, old, new, plan.region.settings.spacing))
-    return plan.dry.with_layers(
-        [relief, recipe[PlateausLayer], recipe[LakesLayer], recipe[CorridorsLayer], recipe[SeaLayer]]
+    draft = plan.dry.with_layers(
+        [relief, *(recipe[kind] for kind in (PlateausLayer, LakesLayer, CorridorsLayer, SeaLayer))]
     )
+    draft = draft.with_layers([recipe[PadsLayer], recipe[RoadsLayer]])
+    return replace(draft, network=recipe.network)
 
 
 def _streams(sketch: Sketch, plan: TerrainPlan, recipe: TerrainRecipe, memory: LRUCache) -> list[RiverCourse]:
@@ -213,6 +274,9 @@ def plan_terrain(
     sketch: Sketch, memory: LRUCache, checkpoint: Callable[[], None] = lambda: None
 ) -> TerrainPlan:
     """Place the features of a sketch and lay out its water; see `make_recipe`."""
+    last = memory.get(_NATURAL)
+    if last is not None and _differ_in_roads(last.sketch, sketch):
+        return last.plan
     given, sketch = sketch, with_vectors_painted(sketch, memory)
     placed = place(sketch, seed=sketch.seed, cache=memory, checkpoint=checkpoint)
     painted = apply_painted_edits(placed, sketch.edits)
@@ -232,6 +296,7 @@ def plan_terrain(
             covers=create_covers(sketch, cache=memory),
             sea=create_sea(sketch, cache=memory),
             detail=sketch.base["detail"],
+            materials=sketch.material_table.names,
         ),
         sketch.material_table,
         resolved_rules(sketch.material_rules),

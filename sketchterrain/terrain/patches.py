@@ -245,7 +245,7 @@ class PatchLauncher:
 
         Heights are (patches, side, side), m; masks (patches, masks, side, side), in the order of ``MASKS``.
         """
-        height, masks, _ = self._heights(patches, {}, heights_only=False).results
+        height, masks, *_ = self._heights(patches, {}, heights_only=False).results
         return height, masks
 
     def heights(self, patches: Patches) -> Any:
@@ -277,6 +277,7 @@ class PatchLauncher:
                 self._buffers.buffer(f"height {heights_only}", (count * side + 2, side), real),
                 self._buffers.buffer("masks", (len(MASKS), size), real),
                 self._buffers.buffer("mottle", size, real),
+                self._buffers.buffer("built", size, real),
             ),
         )
         items = patches.square_side**2
@@ -382,4 +383,4 @@ class _Launch:
     small: dict[str, Any]
     positions: list[Any]
     across: list[Any]
-    results: tuple[Any, Any, Any]
+    results: tuple[Any, Any, Any, Any]

@@ -15,7 +15,7 @@ from sketchterrain.array_types import StructuredArray
 from sketchterrain.document.material_rules import DEFAULT_RULES, MaterialRule
 from sketchterrain.document.materials import BUILT_IN, MaterialTable
 from sketchterrain.placement.feature_types import Lake, River
-from sketchterrain.roads.road_types import RoadNetwork
+from sketchterrain.roads.road_types import NO_ROADS, RoadNetwork
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.forests import COVER_NOISE
 from sketchterrain.terrain.layers.lakes import LakesLayer
@@ -65,7 +65,7 @@ class TerrainRecipe:
     material_rules: tuple[MaterialRule, ...] = DEFAULT_RULES
     resolutions: tuple[Resolution, ...] = ()
     orphans: tuple[str, ...] = ()
-    network: RoadNetwork = RoadNetwork()
+    network: RoadNetwork = NO_ROADS
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields, with plain dicts."""

@@ -20,7 +20,7 @@ from sketchterrain.array_types import (
 from sketchterrain.document.materials import weight_words
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.placement.feature_types import Lake, River
-from sketchterrain.roads.road_types import RoadNetwork
+from sketchterrain.roads.road_types import NO_ROADS, RoadNetwork
 from sketchterrain.terrain.lattice import QUADS
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ class TerrainFeatures:
     lakes: tuple[Lake, ...] = ()
     sea_level: float | None = None  # m; None: no sea
     plateaus: tuple[Plateau, ...] = ()
-    network: RoadNetwork = RoadNetwork()
+    network: RoadNetwork = NO_ROADS
 
     @classmethod
     def from_recipe(cls, recipe: TerrainRecipe, size: tuple[float, float]) -> TerrainFeatures:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.caching import LRUCache
+from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.placement.feature_types import Cover, Lake, River
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.plateaus import Plateau
@@ -15,9 +16,11 @@ from sketchterrain.terrain.layers.dunes import DunesLayer
 from sketchterrain.terrain.layers.forests import ForestsLayer
 from sketchterrain.terrain.layers.lakes import LakesLayer
 from sketchterrain.terrain.layers.layer import TerrainLayer
+from sketchterrain.terrain.layers.pads import PadsLayer
 from sketchterrain.terrain.layers.plateaus import PlateausLayer
 from sketchterrain.terrain.layers.points import PointsLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer
+from sketchterrain.terrain.layers.roads import RoadsLayer
 from sketchterrain.terrain.layers.sea import SeaLayer
 
 
@@ -34,13 +37,14 @@ def layer_stack(
     covers: Sequence[Cover] = (),
     sea: Sea | None = None,
     detail: float = 1.0,
+    materials: tuple[str, ...] = BUILT_IN.names,
     cache: LRUCache | None = None,
 ) -> tuple[TerrainLayer, ...]:
     """Return all layers of a terrain.
 
     ``relief`` is the drained ground, ``painted`` and ``fill`` are the point features, ``valley_radii`` the
     radius of influence (m) of each river's valley at each point of its centreline, ``detail`` the strength
-    of what elevation data lack.
+    of what elevation data lack, ``materials`` the names of materials. Pads and roads are laid on the result.
     """
     points = PointsLayer(painted, fill)
     return (
@@ -53,5 +57,7 @@ def layer_stack(
         SeaLayer.of(sea),
         LakesLayer(tuple(lakes)),
         CorridorsLayer.of(rivers, valley_radii, extent, cache),
+        PadsLayer(materials, ()),
+        RoadsLayer(materials, ()),
         CoversLayer(tuple(covers)),
     )

@@ -1,0 +1,330 @@
+"""Roads, pads and walls of a sketch on the ground that is there without them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from hashlib import blake2b
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import shapely
+
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.document.layers import WAY_LAYERS, id_of_vector
+from sketchterrain.document.vectors import AREA, LINE
+from sketchterrain.hydrology.vector_rivers import line_path
+from sketchterrain.roads.alignment import Alignment, align
+from sketchterrain.roads.network import WayGraph, vector_texts, way_graph
+from sketchterrain.roads.profile import StationGraph, station_graph
+from sketchterrain.roads.road_types import Pad, Road, RoadNetwork, Wall, Works
+from sketchterrain.roads.structures import Carried, bends_told, carry
+
+if TYPE_CHECKING:
+    from sketchterrain.document.sketch import Sketch
+
+Heights = Callable[[Float64Array, Float64Array], Float64Array]
+"""Heights (m) at positions x and y (n,), m."""
+
+ROAD_LAYERS: Final = (*WAY_LAYERS, "pad", "wall")
+_EARLIER: Final = "roads by content"
+CROWN: Final = 0.025
+"""Slope of a straight carriageway from its axis to its edges, of ways that have superelevation."""
+_FRICTION = 0.12  # of tyres across the carriageway that superelevation leaves
+_LEVEL_ENDS, _WARP = 4.0, 20.0  # m beyond a junction's width with no crossfall; m over which it changes
+_REACH, _LEAST_REACH, _MOST_REACH = 1.5, 4.0, 60.0  # of earthworks: times their width, m
+_DAYLIGHT = 0.25  # of a slope that at least closes in on the ground beside it
+_PAD_SAMPLES = 24  # along a pad's longer side
+
+
+def road_network(sketch: Sketch, ground: Heights, water: Heights, cache: LRUCache, of: object) -> RoadNetwork:
+    """Return the roads, pads and walls of a sketch.
+
+    Parameters
+    ----------
+    ground : heights without roads and pads
+    water : levels of floods, NaN on land
+    cache : what does not depend on the ground is computed once
+    of : what the ground and water are of: their values are kept while it is the same object
+    """
+    labels = [
+        (layer, label, *sorted(values.items()))
+        for (layer, label), values in sketch.labels.items()
+        if layer in WAY_LAYERS
+    ]
+    key = ("ways", *labels, *(IdentityKey(sketch.vectors[name]) for name in WAY_LAYERS))
+    line_ground, pad_ground = cache.get_or_compute(
+        ("ground of roads", IdentityKey(of)), lambda: (_Known(ground, water), _Known(ground, water))
+    )
+    roads: tuple[Road, ...] = ()
+    findings: tuple[str, ...] = ()
+    if any(len(sketch.vectors[name]) for name in WAY_LAYERS):
+        ways = cache.get_or_compute(key, partial(_plan, sketch))
+        if ways.graph.legs:
+            roads, findings = _roads(ways, line_ground, cache)
+    return RoadNetwork(roads, _pads(sketch, pad_ground), _walls(sketch), findings)
+
+
+class _Known:
+    """Ground and water at positions that were asked for before, by position."""
+
+    def __init__(self, ground: Heights, water: Heights) -> None:
+        self._ground = ground
+        self._water = water
+        self._keys = np.zeros(0, np.complex128)
+        self._values = np.zeros((0, 2))
+
+    def at(self, points: Float64Array) -> Float64Array:
+        """Return heights and levels of floods, (n, 2), at positions (n, 2), m."""
+        keys = np.ascontiguousarray(points).view(np.complex128)[:, 0]
+        place = np.minimum(np.searchsorted(self._keys, keys), max(len(self._keys) - 1, 0))
+        missing = keys != self._keys[place] if len(self._keys) else np.ones(len(keys), np.bool_)
+        found = np.empty((len(keys), 2))
+        if len(self._keys):
+            found[~missing] = self._values[place[~missing]]
+        if missing.any():
+            x, y = points[missing].T
+            found[missing] = np.stack([self._ground(x, y), self._water(x, y)], axis=1)
+        self._keys, first = np.unique(keys, return_index=True)
+        self._values = found[first]
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """Ways as they lie in the plane."""
+
+    graph: WayGraph
+    line: Alignment
+    stations: StationGraph
+    bends: list[str]  # findings
+
+
+def _plan(sketch: Sketch) -> _Plan:
+    graph = way_graph(sketch)
+    line, radii = align(graph.ways, graph.legs)
+    way = np.concatenate([np.zeros(0, np.int64), *(np.append(leg.way[0], leg.way) for leg in graph.legs)])
+    tight = np.flatnonzero(np.isfinite(radii))
+    bends = bends_told(graph.ways, [(int(way[k]), float(radii[k])) for k in tight])
+    return _Plan(graph, line, station_graph(graph.ways, graph.legs, line), bends)
+
+
+def _roads(plan: _Plan, known: _Known, cache: LRUCache) -> tuple[tuple[Road, ...], tuple[str, ...]]:
+    graph, line = plan.graph, plan.line
+    ways = graph.ways
+    own = line.way >= 0
+
+    def of_ways(values: list[float]) -> Float64Array:
+        return line.at_stations(np.where(own, np.array(values)[line.way], 0.0))
+
+    half, shoulder = of_ways([way.half_width for way in ways]), of_ways([way.shoulder for way in ways])
+    aside = line.left * (half + shoulder)[:, None]
+    # Nothing of a leg's samples depends on another leg, but at nodes the mean of all is taken.
+    found = known.at(np.concatenate([line.at, line.at + aside, line.at - aside])).reshape(3, -1, 2)
+    middle, left, right = found[..., 0]
+    carried = carry(graph, plan.stations, line, 0.5 * middle + 0.25 * (left + right), found[0, :, 1])
+    crossfall = _crossfall(graph, line, half)
+    cut, fill = of_ways([way.works.cut for way in ways]), of_ways([way.works.fill for way in ways])
+    reach = _reach(carried.profile.height, (left, middle, right), half + shoulder, cut, fill)
+    roads = _parts(graph, line, carried, half, shoulder, crossfall, reach)
+    return _canonical(roads, cache), (*carried.findings, *plan.bends)
+
+
+def _crossfall(graph: WayGraph, line: Alignment, half: Float64Array) -> Float64Array:
+    """Return slopes from the axis to the left and to the right at stations, (n, 2).
+
+    e = κ R (e_max + f) - f, at most e_max: what balances a car at the speed at which the bend of least
+    radius R needs e_max and the friction f.
+    """
+    own = line.way >= 0
+    most = np.where(own, np.array([way.superelevation for way in graph.ways])[line.way], 0.0)
+    radius = np.where(own, np.array([way.radius for way in graph.ways])[line.way], 1.0)
+    bent = np.abs(line.curvature) * radius * (most + _FRICTION) - _FRICTION
+    lean = line.at_stations(np.where(most > 0.0, np.clip(bent, 0.0, most) * np.sign(line.curvature), 0.0))
+    crown = CROWN * line.at_stations((most > 0.0).astype(np.float64))
+    for _ in range(2):
+        lean = _blurred(lean, line)
+    towards = np.abs(lean)
+    share = np.clip(towards / CROWN, 0.0, 1.0)
+    inner, outer = -np.maximum(crown, towards), -crown * (1.0 - share) + towards * share
+    turns_left = lean > 0.0
+    both = np.where(turns_left[:, None], np.stack([inner, outer], 1), np.stack([outer, inner], 1))
+    level = np.ones(len(half))
+    for leg, (start, end) in zip(graph.legs, pairwise(line.first.tolist()), strict=True):
+        along = line.along[start:end]
+        for degree, away, at in (
+            (leg.degrees[0], along, start),
+            (leg.degrees[1], along[-1] - along, end - 1),
+        ):
+            if degree > 1:
+                t = np.clip((away - half[at]) / (_LEVEL_ENDS + half[at]), 0.0, 1.0)
+                level[start:end] = np.minimum(level[start:end], t * t * (3.0 - 2.0 * t))
+    return np.asarray(both * level[:, None])
+
+
+def _blurred(values: Float64Array, line: Alignment) -> Float64Array:
+    """Return values with each station's mean of its neighbours', by their distance, along the leg."""
+    result = values.copy()
+    own = line.way >= 0
+    share = np.where(own, np.exp2(-np.round(line.length / (0.5 * _WARP))), 0.0)
+    total = np.ones(len(values))
+    for a, b in ((slice(None, -1), slice(1, None)), (slice(1, None), slice(None, -1))):
+        result[a] += share * values[b]
+        total[a] += share
+    return np.asarray(result / total)
+
+
+def _reach(
+    height: Float64Array,
+    ground: tuple[Float64Array, Float64Array, Float64Array],
+    whole: Float64Array,
+    cut: Float64Array,
+    fill: Float64Array,
+) -> Float64Array:
+    """Return how far from the axis earthworks may be needed, (n,), m."""
+    left, middle, right = ground
+    widest = np.zeros(len(height))
+    for side in (left, right):
+        away = np.maximum(whole, 1e-3)
+        lean = (side - middle) / away
+        lack = height - side
+        slope = np.where(lack > 0.0, fill, cut)
+        closing = np.maximum(slope + np.where(lack > 0.0, lean, -lean), _DAYLIGHT * slope)
+        widest = np.maximum(widest, np.abs(lack) / closing)
+    reach = whole + np.clip(_REACH * widest, _LEAST_REACH, _MOST_REACH)
+    neighbours = np.maximum(reach, np.maximum(np.append(reach[1:], 0.0), np.append(0.0, reach[:-1])))
+    return np.ceil(neighbours)
+
+
+def _parts(
+    graph: WayGraph,
+    line: Alignment,
+    carried: Carried,
+    half: Float64Array,
+    shoulder: Float64Array,
+    crossfall: Float64Array,
+    reach: Float64Array,
+) -> list[Road]:
+    """Return the legs cut where their features or structures change."""
+    roads = []
+    axis = np.column_stack([line.at, carried.profile.height])
+    change = np.flatnonzero((np.diff(line.way) != 0) | (np.diff(carried.structure) != 0)) + 1
+    for leg, (start, end) in zip(graph.legs, pairwise(line.first.tolist()), strict=True):
+        inner = change[(change > start) & (change < end - 1)].tolist()
+        for part, (a, b) in enumerate(pairwise([start, *inner, end - 1])):
+            way = graph.ways[line.way[a]]
+            stations = slice(a, b + 1)
+            ends = (leg.degrees[0] if a == start else 2, leg.degrees[1] if b == end - 1 else 2)
+            roads.append(
+                Road(
+                    way.id,
+                    way.layer,
+                    leg.key,
+                    part,
+                    int(carried.structure[a]),
+                    axis[stations],
+                    line.bend[a:b],
+                    line.along[stations],
+                    carried.profile.slope[stations],
+                    half[stations],
+                    shoulder[stations],
+                    crossfall[stations],
+                    reach[stations],
+                    way.works,
+                    way.trees,
+                    ends,
+                )
+            )
+    return roads
+
+
+def _canonical(roads: list[Road], cache: LRUCache) -> tuple[Road, ...]:
+    """Return the roads, those that are equal to earlier ones as the same objects."""
+    before = cache.get(_EARLIER) or {}
+    now = {}
+    for road in roads:
+        arrays = (
+            road.axis,
+            road.bend,
+            road.slope,
+            road.half_width,
+            road.shoulder,
+            road.crossfall,
+            road.reach,
+        )
+        rest = (road.id, road.leg, road.part, road.structure, road.works, road.trees, road.ends)
+        key = blake2b(b"".join(map(bytes, arrays)), digest_size=16).digest(), rest
+        now[key] = before.get(key, road)
+    cache.store(_EARLIER, now)
+    return tuple(now.values())
+
+
+def _pads(sketch: Sketch, known: _Known) -> tuple[Pad, ...]:
+    layer = sketch.vectors["pad"]
+    indices = np.flatnonzero(layer.kinds == AREA).tolist()
+    if not indices:
+        return ()
+    cut, fill, building = (sketch.vector_values("pad", name) for name in ("cut", "fill", "building"))
+    surface = vector_texts(sketch, layer, "surface")
+    rings = [layer.ring(int(layer.parts[index])) for index in indices]
+    rings = [ring if _signed_area(ring) > 0.0 else ring[::-1] for ring in rings]
+    samples = [_inside(ring) for ring in rings]
+    heights = np.split(
+        known.at(np.concatenate(samples))[:, 0], np.cumsum([len(each) for each in samples])[:-1]
+    )
+    pads = []
+    for index, outline, height in zip(indices, rings, heights, strict=True):
+        level = float(np.round(np.median(height) * 1024.0) / 1024.0)
+        most = float(np.abs(height - level).max())
+        widest = _REACH * 2.0 * most / min(cut[index], fill[index])
+        works = Works(float(cut[index]), float(fill[index]), surface[index])
+        pads.append(
+            Pad(
+                id_of_vector("pad", int(layer.ids[index])),
+                outline,
+                level,
+                float(np.ceil(np.clip(widest, _LEAST_REACH, _MOST_REACH))),
+                float(building[index]),
+                works,
+            )
+        )
+    return tuple(sorted(pads, key=lambda pad: pad.id))
+
+
+def _signed_area(ring: Float64Array) -> float:
+    x, y = (ring - ring[0]).T
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+
+
+def _inside(ring: Float64Array) -> Float64Array:
+    """Return positions (n, 2) on a grid inside a ring, and its vertices."""
+    low, high = ring.min(axis=0), ring.max(axis=0)
+    step = max(float((high - low).max()) / _PAD_SAMPLES, 0.5)
+    x, y = np.meshgrid(*(np.arange(a + 0.5 * step, b, step) for a, b in zip(low, high, strict=True)))
+    inside: BoolArray = shapely.contains_xy(shapely.Polygon(ring), x.ravel(), y.ravel())
+    return np.concatenate([ring, np.stack([x.ravel(), y.ravel()], axis=1)[inside]])
+
+
+def _walls(sketch: Sketch) -> tuple[Wall, ...]:
+    layer = sketch.vectors["wall"]
+    height, width = (sketch.vector_values("wall", name) for name in ("height", "width"))
+    material = vector_texts(sketch, layer, "material")
+    numbers: Int64Array = np.flatnonzero(layer.kinds == LINE)
+    return tuple(
+        Wall(
+            id_of_vector("wall", int(layer.ids[index])),
+            line_path(layer, index),
+            float(height[index]),
+            float(width[index]),
+            material[index],
+        )
+        for index in numbers.tolist()
+    )
+
+
+def has_roads(sketch: Sketch) -> bool:
+    """Return whether a sketch has roads, railways, paths, pads or walls."""
+    return any(len(sketch.vectors[name]) for name in ROAD_LAYERS)

@@ -1,0 +1,249 @@
+"""The network of roads, railways and paths: their features, junctions, and the legs between junctions."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import shapely
+
+from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.document.layers import LANE_WIDTHS, WAY_LAYERS, id_of_vector
+from sketchterrain.document.vectors import STEP, VectorLayer, on_grid
+from sketchterrain.hydrology.vector_rivers import line_path
+from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Works
+
+if TYPE_CHECKING:
+    from sketchterrain.document.sketch import Sketch
+
+AUTOMATIC: Final = -1
+"""The structure of a feature that follows from the ground."""
+_ORDINAL_BITS = 16
+_STRUCTURE: Final = {"automatic": AUTOMATIC, "ground": GROUND, "bridge": BRIDGE, "tunnel": TUNNEL}
+
+
+@dataclass(frozen=True)
+class Way:
+    """A road, railway or path as a feature: its properties."""
+
+    id: int  # `id_of_vector`
+    layer: str
+    half_width: float  # m, of the carriageway
+    shoulder: float  # m
+    grade: float  # rise over run, at most
+    radius: float  # m, at least
+    superelevation: float
+    structure: int  # AUTOMATIC, GROUND, BRIDGE or TUNNEL
+    level: int
+    works: Works
+    trees: float
+
+    @property
+    def storey(self) -> int:
+        """Which of two ways that cross is higher: the level, and else the structure."""
+        return self.level or {BRIDGE: 1, TUNNEL: -1}.get(self.structure, 0)
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Where two ways cross without a junction."""
+
+    upper: int  # index of the way
+    lower: int
+    x: float  # m
+    y: float
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """Vertices from a junction or end to the next one, through nodes where one way continues another."""
+
+    key: int  # of its first feature, and its number there: kept when vertices move
+    at: Float64Array  # (n, 2) m
+    way: Int64Array  # (n − 1,) index of each segment's way
+    nodes: tuple[int, int]  # numbers of its ends
+    degrees: tuple[int, int]  # ways that meet there
+
+
+@dataclass(frozen=True, eq=False)
+class WayGraph:
+    """All ways as legs between junctions, sorted by `key`."""
+
+    ways: tuple[Way, ...]
+    legs: tuple[Leg, ...]
+    crossings: tuple[Crossing, ...]
+
+
+def way_graph(sketch: Sketch) -> WayGraph:
+    """Return the graph of a sketch's roads, railways and paths.
+
+    Ways are connected where they share a vertex, and where they cross at one level: a vertex is added there.
+    """
+    ways: list[Way] = []
+    paths: list[Float64Array] = []
+    for name in WAY_LAYERS:
+        layer = sketch.vectors[name]
+        if len(layer):
+            ways += _ways(sketch, layer)
+            paths += [on_grid(line_path(layer, index)) for index in range(len(layer))]
+    paths = [_without_repeats(path) for path in paths]
+    whole = [number for number, path in enumerate(paths) if len(path) > 1]
+    whole.sort(key=lambda number: ways[number].id)
+    ways, paths = [ways[number] for number in whole], [paths[number] for number in whole]
+    if not ways:
+        return WayGraph((), (), ())
+    paths, crossings = _with_crossings(ways, paths)
+    return WayGraph(tuple(ways), tuple(_legs(ways, paths)), tuple(crossings))
+
+
+def _ways(sketch: Sketch, layer: VectorLayer) -> list[Way]:
+    name = layer.layer
+    numbers = {key: sketch.vector_values(name, key).tolist() for key in _NUMBERS}
+    texts = {key: vector_texts(sketch, layer, key) for key in ("surface", "structure")}
+    rows = zip(layer.ids.tolist(), *numbers.values(), *texts.values(), strict=True)
+    found = []
+    for number, width, lanes, shoulder, grade, radius, lean, cut, fill, level, trees, surface, kind in rows:
+        found.append(
+            Way(
+                id_of_vector(name, number),
+                name,
+                0.5 * (width or lanes * LANE_WIDTHS[name]),
+                *(shoulder, grade, radius, lean),
+                _STRUCTURE[kind],
+                int(level),
+                Works(cut, fill, surface),
+                trees,
+            )
+        )
+    return found
+
+
+_NUMBERS = (
+    *("width", "lanes", "shoulder", "grade", "radius", "superelevation"),
+    *("cut", "fill", "level", "trees"),
+)
+
+
+def vector_texts(sketch: Sketch, layer: VectorLayer, name: str) -> list[str]:
+    """Return a text of each vector by its name: its own, else its label's."""
+    labels, number = np.unique(layer.labels, return_inverse=True)
+    of_labels = [str(sketch.properties(layer.layer, int(label))[name]) for label in labels]
+    own = layer.columns.get(name)
+    values = [of_labels[each] for each in number]
+    return values if own is None else [str(a) or b for a, b in zip(own, values, strict=True)]
+
+
+def _without_repeats(path: Float64Array) -> Float64Array:
+    keep = np.append(True, (path[1:] != path[:-1]).any(axis=1))
+    return path[keep]
+
+
+def _with_crossings(
+    ways: Sequence[Way], paths: Sequence[Float64Array]
+) -> tuple[list[Float64Array], list[Crossing]]:
+    """Return paths with vertices where they meet at one level, and where they cross at different ones."""
+    lines = np.array([shapely.LineString(path) for path in paths], object)
+    one, other = shapely.STRtree(lines).query(lines, predicate="intersects")
+    one, other = one[one < other], other[one < other]
+    met = shapely.intersection(lines[one], lines[other])
+    met = np.where(np.isin(shapely.get_type_id(met), (1, 5, 7)), shapely.boundary(met), met)  # they overlap
+    points, pair = shapely.get_coordinates(met, return_index=True)
+    points = on_grid(points)
+    known = [set(map(tuple, path.tolist())) for path in paths]
+    added = defaultdict(list)
+    crossings = []
+    for (x, y), number in zip(points.tolist(), pair.tolist(), strict=True):
+        a, b = int(one[number]), int(other[number])
+        is_vertex = [(x, y) in known[each] for each in (a, b)]
+        if all(is_vertex):
+            continue
+        storeys = [ways[each].storey for each in (a, b)]
+        if storeys[0] != storeys[1]:
+            upper, lower = (a, b) if storeys[0] > storeys[1] else (b, a)
+            crossings.append(Crossing(upper, lower, x, y))
+            continue
+        for each, known_here in zip((a, b), is_vertex, strict=True):
+            if not known_here:
+                added[each].append((x, y))
+    paths = list(paths)
+    for number, places in added.items():
+        paths[number] = _with_vertices(paths[number], lines[number], np.array(sorted(set(places))))
+    return paths, crossings
+
+
+def _with_vertices(path: Float64Array, line: shapely.LineString, places: Float64Array) -> Float64Array:
+    """Return a path with vertices added on it."""
+    along = np.append(0.0, np.cumsum(np.hypot(*np.diff(path, axis=0).T)))
+    at = shapely.line_locate_point(line, shapely.points(places))
+    order = np.argsort(np.append(along, at), kind="stable")
+    return _without_repeats(np.concatenate([path, places])[order])
+
+
+def _legs(ways: Sequence[Way], paths: Sequence[Float64Array]) -> list[Leg]:
+    points = np.concatenate(paths)
+    counts = np.array([len(path) for path in paths])
+    way = np.repeat(np.arange(len(paths)), counts)
+    cells = np.rint(points / STEP).astype(np.int64)
+    _, node = np.unique(cells[:, 0] * (1 << 36) + cells[:, 1], return_inverse=True)
+    node = node.reshape(-1)
+    first = np.append(0, np.cumsum(counts))
+    is_end = np.zeros(len(points), np.bool_)
+    is_end[first[:-1]] = is_end[first[1:] - 1] = True
+    degree = np.bincount(node, weights=np.where(is_end, 1.0, 2.0)).astype(np.int64)
+    layer_of = np.array([WAY_LAYERS.index(each.layer) for each in ways])[way]
+    low, high = np.full(len(degree), len(WAY_LAYERS)), np.full(len(degree), -1)
+    np.minimum.at(low, node, layer_of)
+    np.maximum.at(high, node, layer_of)
+    is_junction = (degree != 2) | (low != high)
+    curves = []  # (first, last) vertices of pieces between junctions and ends of features
+    for number in range(len(paths)):
+        start, end = int(first[number]), int(first[number + 1])
+        inner = np.flatnonzero(is_junction[node[start + 1 : end - 1]]) + start + 1
+        breaks = [start, *inner.tolist(), end - 1]
+        curves += pairwise(breaks)
+    at_node: dict[int, list[tuple[int, bool]]] = defaultdict(list)
+    for number, (a, b) in enumerate(curves):
+        at_node[int(node[a])].append((number, False))
+        at_node[int(node[b])].append((number, True))
+    used = np.zeros(len(curves), np.bool_)
+    ordinals = [0] * len(ways)
+    legs = []
+
+    def grown(number: int, *, reverse: bool) -> list[tuple[int, bool]]:
+        """Return curves, and whether they are reversed, that continue one beyond its last node."""
+        found = []
+        while True:
+            a, b = curves[number]
+            last = int(node[a if reverse else b])
+            if is_junction[last]:
+                return found
+            follow = [each for each in at_node[last] if not used[each[0]]]
+            if not follow:
+                return found
+            number, reverse = follow[0]
+            used[number] = True
+            found.append((number, reverse))
+
+    for number in range(len(curves)):
+        if used[number]:
+            continue
+        used[number] = True
+        after = grown(number, reverse=False)
+        before = [(each, not reverse) for each, reverse in grown(number, reverse=True)][::-1]
+        chosen = []
+        for each, reverse in [*before, (number, False), *after]:
+            a, b = curves[each]
+            chosen.append(np.arange(b, a - 1, -1) if reverse else np.arange(a, b + 1))
+        index = np.concatenate([chosen[0], *(part[1:] for part in chosen[1:])])
+        owner = np.concatenate([np.full(len(part) - 1, way[part[0]]) for part in chosen])
+        ends = int(node[index[0]]), int(node[index[-1]])
+        degrees = int(degree[ends[0]]), int(degree[ends[1]])
+        own = int(way[curves[number][0]])
+        key = ways[own].id << _ORDINAL_BITS | ordinals[own]
+        ordinals[own] += 1
+        legs.append(Leg(key, points[index], owner, ends, degrees))
+    return legs

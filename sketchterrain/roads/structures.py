@@ -1,0 +1,266 @@
+"""Bridges and tunnels: where the features ask for them, and where the ground, water or another way does."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.document.layers import vector_of
+from sketchterrain.roads.alignment import Alignment
+from sketchterrain.roads.network import AUTOMATIC, Way, WayGraph
+from sketchterrain.roads.profile import Profile, StationGraph, solve_profile
+from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, deck_depth
+
+CLEARANCE: Final = 4.7
+"""Least height (m) between a carriageway and a deck above it."""
+FREEBOARD: Final = 1.0
+"""Least height (m) of a deck above floods, and of a causeway above water."""
+TUNNEL_HEIGHT: Final = 5.5
+"""From the carriageway to the top of the tube, m."""
+COVER: Final = 3.0
+"""Least ground over a tube, m; where there is less, it is a cutting."""
+
+_LEAST_CLEARANCE = 4.5  # m, from carriageway to carriageway, below which it is told
+_MAX_FILL, _ABUTMENT = 9.0, 1.5  # m over the ground from which on a bridge is built, and where it ends
+_MAX_CUT = 16.0  # m under the ground from which on a tunnel is built
+_SHORTEST = {BRIDGE: 4.0, TUNNEL: 20.0}  # m; shorter ones are ground
+_LONGEST_IN_WATER = 1500.0  # m; a longer way in water is a causeway
+_BEYOND_WATER, _BEYOND_WAY = 1.0, 2.5  # m from the edge of what is crossed to the abutment
+_DECK_COVER = 0.3  # m of ground over a deck from which on it is a road on the ground
+_SELDOM = 5  # findings of a kind that are told one by one
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """What carries each piece, and the profile."""
+
+    structure: Int64Array  # (n − 1,)
+    profile: Profile
+    findings: tuple[str, ...]
+
+
+def carry(
+    ways: WayGraph,
+    graph: StationGraph,
+    line: Alignment,
+    ground: Float64Array,
+    water: Float64Array,
+) -> Carried:
+    """Return structures and the profile of stations.
+
+    Parameters
+    ----------
+    ground : (n,) m, across the carriageway
+    water : (n,) level of floods, m; NaN on land
+    """
+    told: Counter[str] = Counter()
+    asked = np.array([way.structure for way in ways.ways])[line.way]
+    is_path = np.array([way.layer == "path" for way in ways.ways])[line.way]
+    structure = np.where(line.way < 0, GROUND, np.where(asked == AUTOMATIC, GROUND, asked))
+    choose: BoolArray = (line.way >= 0) & (asked == AUTOMATIC)
+    none = np.full(len(line.at), np.inf)
+    lower, upper = -none, none.copy()
+    met = [_places(line, crossing.upper, crossing.x, crossing.y) for crossing in ways.crossings]
+    under = [_places(line, crossing.lower, crossing.x, crossing.y) for crossing in ways.crossings]
+
+    def solved() -> Profile:
+        runs = _runs(structure, line)
+        straight = [_with_ramps(run, graph, line) for run in runs]
+        is_free = np.zeros(len(line.at), np.bool_)
+        for first, last in straight:
+            is_free[first + 1 : last] = True
+        return solve_profile(graph, line, ground, is_free, straight, lower, upper)
+
+    for crossing, a, b in zip(ways.crossings, met, under, strict=True):
+        below = ways.ways[crossing.lower]
+        wide = 1.5 * (below.half_width + below.shoulder) + _BEYOND_WAY
+        if structure[max(b - 1, 0)] != TUNNEL and structure[min(b, len(structure) - 1)] != TUNNEL:
+            _mark(structure, line, a, wide, BRIDGE, choose)
+    in_water = np.isfinite(water)
+    causeway = _cross_water(structure, line, in_water, choose, told)
+    lower[causeway] = water[causeway] + FREEBOARD
+    first = solved()
+    depth = first.height - ground
+    bridged = choose & ~is_path
+    _mark_runs(structure, line, depth > _MAX_FILL, depth > _ABUTMENT, BRIDGE, bridged)
+    _mark_runs(structure, line, -depth > _MAX_CUT, -depth > COVER + TUNNEL_HEIGHT, TUNNEL, bridged)
+    second = solved()
+    _clear(structure, line, graph, second.height, water, causeway, (met, under), lower, upper)
+    profile = solved()
+    structure = _trimmed(structure, line, profile.height, ground, met, told)
+    for crossing, a, b in zip(ways.crossings, met, under, strict=True):
+        room = profile.height[a] - profile.height[b]
+        if room < _LEAST_CLEARANCE:
+            names = (_name(ways.ways[number]) for number in (crossing.upper, crossing.lower))
+            told[f"{next(names)} is {room:.1f} m above {next(names)}: expected {_LEAST_CLEARANCE} m"] += 1
+    return Carried(structure, profile, tuple(told))
+
+
+def _name(way: Way) -> str:
+    return f"{way.layer} {vector_of(way.id)}"
+
+
+def _places(line: Alignment, way: int, x: float, y: float) -> int:
+    """Return the station of a way that is nearest to a point."""
+    pieces = np.flatnonzero(line.way == way)
+    stations = np.union1d(pieces, pieces + 1)
+    away = ((line.at[stations] - (x, y)) ** 2).sum(axis=1)
+    return int(stations[np.argmin(away)])
+
+
+def _runs(structure: Int64Array, line: Alignment) -> list[tuple[int, int]]:
+    """Return the first and last stations of runs of pieces on structures of one kind, by leg."""
+    kind = np.where(line.way < 0, GROUND, structure)
+    edges = np.flatnonzero(np.diff(np.concatenate([[GROUND], kind, [GROUND]])))
+    return [(a, b) for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True) if kind[a] != GROUND]
+
+
+def _with_ramps(run: tuple[int, int], graph: StationGraph, line: Alignment) -> tuple[int, int]:
+    """Return a run of stations with those that its means reach."""
+    first, last = run
+    start, end = line.first[line.leg[first]], line.first[line.leg[first] + 1] - 1
+    along = line.along
+    while first > start and along[run[0]] - along[first] < graph.reach[run[0]]:
+        first -= 1
+    while last < end and along[last] - along[run[1]] < graph.reach[run[1]]:
+        last += 1
+    return first, last
+
+
+def _mark(
+    structure: Int64Array, line: Alignment, at: int, wide: float, kind: int, allowed: BoolArray
+) -> None:
+    """Let the pieces around a station, by a length along its leg, be of a kind."""
+    start, end = line.first[line.leg[at]], line.first[line.leg[at] + 1] - 1
+    middle = line.along[at]
+    near = np.arange(start, end)
+    near = near[(line.along[near + 1] > middle - wide) & (line.along[near] < middle + wide)]
+    structure[near[allowed[near]]] = kind
+
+
+def _mark_runs(
+    structure: Int64Array, line: Alignment, most: BoolArray, least: BoolArray, kind: int, allowed: BoolArray
+) -> None:
+    """Let runs of pieces at whose stations `least` holds, and `most` at one of them, be of a kind."""
+    inside = least[:-1] & least[1:] & allowed & (structure == GROUND) & (line.way >= 0)
+    for first, last in _true_runs(inside):
+        is_long = line.along[last] - line.along[first] >= _SHORTEST[kind]
+        if is_long and line.leg[first] == line.leg[last] and most[first : last + 1].any():
+            structure[first:last] = kind
+
+
+def _true_runs(inside: BoolArray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]])))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _cross_water(
+    structure: Int64Array, line: Alignment, in_water: BoolArray, choose: BoolArray, told: Counter[str]
+) -> BoolArray:
+    """Bridge the water that ways cross; return the stations of those that stay in it, on a causeway."""
+    causeway = np.zeros(len(in_water), np.bool_)
+    wet = (in_water[:-1] | in_water[1:]) & (line.way >= 0)
+    for start, end in pairwise(line.first.tolist()):
+        if not wet[start : end - 1].any():
+            continue
+        for a, b in _true_runs(wet[start : end - 1]):
+            first, last = start + a, start + b
+            size = line.along[last] - line.along[first]
+            if in_water[first] or in_water[last] or size > _LONGEST_IN_WATER:  # it ends in the water
+                causeway[first : last + 1] = True
+                told["a way ends in water or runs in it: it is on a causeway"] += 1
+                continue
+            while first > start and line.along[start + a] - line.along[first] < _BEYOND_WATER:
+                first -= 1
+            while last < end - 1 and line.along[last] - line.along[start + b] < _BEYOND_WATER:
+                last += 1
+            part = np.arange(first, last)
+            structure[part[choose[part]]] = BRIDGE
+    return causeway
+
+
+def _clear(
+    structure: Int64Array,
+    line: Alignment,
+    graph: StationGraph,
+    height: Float64Array,
+    water: Float64Array,
+    causeway: BoolArray,
+    crossings: tuple[Sequence[int], Sequence[int]],
+    lower: Float64Array,
+    upper: Float64Array,
+) -> None:
+    """Set bounds: decks above floods and above what they cross, and this beneath them."""
+    least = np.where(np.isfinite(water) & ~causeway, water + FREEBOARD, -np.inf)
+    most = np.full(len(height), np.inf)
+    for a, b in zip(*crossings, strict=True):
+        is_tunnel = TUNNEL in structure[max(b - 1, 0) : b + 1]
+        least[a] = max(least[a], height[b] + CLEARANCE) if not is_tunnel else least[a]
+        if is_tunnel:
+            most[b] = min(most[b], height[a] - TUNNEL_HEIGHT - COVER)
+        elif height[a] - height[b] < CLEARANCE:
+            upper[b] = min(upper[b], height[b])
+    for first, last in _runs(structure, line):
+        ends = list(_with_ramps((first, last), graph, line))
+        inside = slice(first, last + 1)
+        if structure[first] == BRIDGE:
+            deck = deck_depth(line.along[last] - line.along[first])
+            lack = float((least[inside] + deck - height[inside]).max())
+            if lack > 0.0:
+                lower[ends] = np.maximum(lower[ends], height[ends] + lack)
+        else:
+            lack = float((height[inside] - most[inside]).max())
+            if lack > 0.0:
+                upper[ends] = np.minimum(upper[ends], height[ends] - lack)
+
+
+def _trimmed(
+    structure: Int64Array,
+    line: Alignment,
+    height: Float64Array,
+    ground: Float64Array,
+    crossed: Sequence[int],
+    told: Counter[str],
+) -> Int64Array:
+    """Return structures without tunnels under too little ground, and decks in the ground."""
+    result = structure.copy()
+    cover = ground - height
+    shallow = np.minimum(cover[:-1], cover[1:]) < COVER + TUNNEL_HEIGHT
+    buried = np.minimum(cover[:-1], cover[1:]) > -_DECK_COVER
+    buried[[piece for a in crossed for piece in (a - 1, a) if 0 <= piece < len(buried)]] = False
+    result[(structure == TUNNEL) & shallow] = GROUND
+    result[(structure == BRIDGE) & buried] = GROUND
+    for first, last in _runs(result, line):
+        if line.along[last] - line.along[first] < _SHORTEST[int(result[first])] and not set(
+            range(first, last + 1)
+        ) & set(crossed):
+            result[first:last] = GROUND
+    opened = float(line.length[(structure == TUNNEL) & (result == GROUND)].sum())
+    if opened:
+        told[
+            f"{opened:.0f} m of tunnels have less than {COVER:g} m of ground over them: they are cuttings"
+        ] += 1
+    return result
+
+
+Water = Callable[[Float64Array, Float64Array], Float64Array]
+"""Level of floods (m) at positions x and y (n,), m; NaN on land."""
+
+
+def bends_told(ways: Sequence[Way], at: Sequence[tuple[int, float]]) -> list[str]:
+    """Return findings about bends that are tighter than their ways' least radius: way and radius (m) each."""
+    tight = sorted(
+        (radius / ways[way].radius, way, radius) for way, radius in at if radius < ways[way].radius
+    )
+    lines = [
+        f"{_name(ways[way])}: a bend of {radius:.1f} m: expected {ways[way].radius:g} m"
+        for _, way, radius in tight[:_SELDOM]
+    ]
+    more = len(tight) - len(lines)
+    return lines + ([f"{more} more bends are tighter than their roads' least radius"] if more else [])

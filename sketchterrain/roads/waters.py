@@ -1,0 +1,49 @@
+"""Water that roads cross: the level of floods of rivers, lakes and the sea."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sketchterrain.array_types import Float64Array
+from sketchterrain.placement.feature_types import Lake, River, distance_inside
+
+_FLOOD: Final = 0.5  # of a river's depth, above its surface: its banks' tops
+_BANKS = 1.3  # half widths of a river with its banks
+
+
+def flood_levels(
+    rivers: Sequence[River],
+    lakes: Sequence[Lake],
+    sea_level: float | None,
+    ground: Callable[[Float64Array, Float64Array], Float64Array],
+    x: Float64Array,
+    y: Float64Array,
+) -> Float64Array:
+    """Return levels (m) of floods at positions (n,), m; NaN on land."""
+    level, at = np.full(len(x), np.nan), np.stack([x, y], axis=1)
+    if sea_level is not None:
+        level[ground(x, y) < sea_level] = sea_level
+    for lake in lakes:
+        field = lake.shape
+        size = (np.array(field.inside.shape[::-1]) - 1) * field.spacing
+        low = np.array([field.west, field.south])
+        near = np.flatnonzero(((at >= low) & (at <= low + size)).all(axis=1))
+        inside = near[distance_inside(field, at[near]) > 0.0]
+        level[inside] = np.fmax(level[inside], lake.level)
+    if rivers:
+        line = np.concatenate([river.centreline for river in rivers])
+        half = 0.5 * _BANKS * np.concatenate([river.centreline_width for river in rivers]).astype(np.float64)
+        depth = np.concatenate([river.centreline_depth for river in rivers]).astype(np.float64)
+        gap = 0.5 * max(
+            float(np.hypot(*np.diff(river.centreline[:, :2], axis=0).T).max()) for river in rivers
+        )
+        away, nearest = cKDTree(line[:, :2]).query(at, distance_upper_bound=float(half.max()) + gap)
+        found = np.isfinite(away)
+        nearest = np.where(found, nearest, 0)
+        wet = found & (away < half[nearest])
+        level[wet] = np.fmax(level[wet], (line[:, 2] + _FLOOD * depth)[nearest[wet]])
+    return level

@@ -1,0 +1,331 @@
+"""Roads, railways and paths: pieces of their axes with profile and cross-section."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import groupby
+from typing import TYPE_CHECKING, ClassVar, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import Float64Array, Int64Array, LatticeArray, StructuredArray
+from sketchterrain.caching import LRUCache
+from sketchterrain.io.resources import kernel_columns, kernel_constants
+from sketchterrain.roads.road_types import GROUND, TUNNEL, Road
+from sketchterrain.terrain.centrelines import nearest_on_arc
+from sketchterrain.terrain.index import BoxIndex
+from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.terrain.layers.earthworks import Strips, coverage, with_strips
+from sketchterrain.terrain.layers.layer import (
+    ITEM,
+    ITEMS,
+    DetailState,
+    HostSamples,
+    HostSite,
+    Packed,
+    Sampling,
+    TerrainLayer,
+    WorldSettings,
+    content_items,
+    smooth_rise,
+)
+
+if TYPE_CHECKING:
+    from sketchterrain.terrain.culler import Culled
+
+_HEADER: Final = "layers/roads.clh"
+ROAD: Final = kernel_columns(_HEADER, "RoadRow")
+_WIDER, _CLEAR, _CELLS = kernel_constants(_HEADER, "ROAD_WIDER", "ROAD_CLEAR", "ROAD_CELLS")
+_TURN = (
+    0.5  # sum of the tangents of quarters of angles (115°) after which a chain ends: it may come near itself
+)
+_OVERLAP = 4.0  # length of two chains' overlap, in half widths
+_IN_ITEM = 16  # pieces of an item
+_LEAST_SHARE = 1.0 / 256.0
+
+
+@dataclass(frozen=True, eq=False)
+class PackedRoads:
+    """Pieces of all chains (``Roads`` of ``kernels/layers/roads.clh``)."""
+
+    at: LatticeArray  # (n, 2) starts, lattice units
+    chain: npt.NDArray[np.int32]  # (n,)
+    row: Float64Array  # (n, 24) columns of `ROAD`
+
+    def __getitem__(self, name: str) -> Float64Array:
+        """Return a column of `ROAD`, shape (n,)."""
+        return self.row[:, ROAD[name]]
+
+    def ends(self, name: str) -> tuple[Float64Array, Float64Array]:
+        """Return a column at the starts and at the ends of pieces, (n,) each."""
+        return self[f"road_from_{name}"], self[f"road_to_{name}"]
+
+    def boxes(self, unit: float) -> LatticeArray:
+        """Return the boxes (n, 4) that pieces affect, lattice units."""
+        end = self.at + np.rint(self.row[:, :2] / unit).astype(np.int64)
+        sagitta = 0.5 * np.abs(self["road_bend"]) * np.hypot(self.row[:, 0], self.row[:, 1])
+        reach = np.maximum(np.maximum(*self.ends("reach")), np.maximum(*self.ends("half")) + _CLEAR)
+        wide = np.ceil((reach + sagitta) / unit * (1 + 1e-5) + 2).astype(np.int64)[:, None]
+        low, high = np.minimum(self.at, end), np.maximum(self.at, end)
+        return np.concatenate([low - wide, high + wide], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class RoadsLayer(TerrainLayer):
+    """Roads, railways and paths on the ground."""
+
+    name: ClassVar[str] = "roads"
+
+    materials: tuple[str, ...]  # names, in the order of their weights
+    roads: tuple[Road, ...] = field(metadata=ITEMS)
+
+    def rows(self, extent: float) -> PackedRoads:
+        """Return the pieces of all roads on the ground, by chain."""
+        key = metres_per_unit(extent)
+        if key not in self._rows:
+            self._rows[key] = _packed(self.roads, self.materials, extent)
+        return self._rows[key]
+
+    @cached_property
+    def _rows(self) -> dict[float, PackedRoads]:
+        return {}
+
+    @cached_property
+    def _widths(self) -> Float64Array:
+        """Widths (m) of pieces, ascending: those below a cell are left out of it."""
+        halves = [np.maximum(road.half_width[:-1], road.half_width[1:]) for road in self.roads]
+        return np.unique(2.0 * np.concatenate([np.zeros(0), *halves]))
+
+    def items(self, world: WorldSettings) -> StructuredArray:
+        """Return runs of pieces by their contents."""
+        packed = self.rows(world.extent)
+        if not len(packed.at):
+            return np.zeros(0, ITEM)
+        boxes = packed.boxes(world.unit)
+        breaks = np.flatnonzero(np.append(True, np.diff(packed.chain) != 0))
+        first = np.concatenate(
+            [
+                np.arange(a, b, _IN_ITEM)
+                for a, b in zip(breaks, np.append(breaks[1:], len(packed.at)), strict=True)
+            ]
+        )
+        ends = np.append(first[1:], len(packed.at))
+        contents = [
+            (packed.at[a:b].tobytes(), packed.row[a:b].tobytes())
+            for a, b in zip(first.tolist(), ends.tolist(), strict=True)
+        ]
+        low, high = (
+            reduce.reduceat(part, first)
+            for reduce, part in ((np.minimum, boxes[:, :2]), (np.maximum, boxes[:, 2:]))
+        )
+        return content_items(contents, low, high)
+
+    def pack_key(self, cell: float) -> float:
+        """Return how many widths a cell does not show."""
+        return float(np.searchsorted(self._widths, cell * _CELLS, side="right"))
+
+    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
+        """Return the pieces."""
+        packed = cache.get_or_compute(self.name, lambda: self.rows(sampling.world.extent))
+        arrays: dict[str, npt.NDArray[np.generic]] = {
+            "road_at": packed.at,
+            "road_chain": packed.chain,
+            "road_row": packed.row,
+        }
+        visible = 2.0 * np.maximum(*packed.ends("half")) > _CELLS * sampling.cell
+        return Packed(arrays, packed.boxes(sampling.unit), "road", visible, packed)
+
+    def omitted(self, state: DetailState, culled: Culled, sampling: Sampling) -> None:
+        """Add the change by roads that fade out, and by strips that are wider at a coarser cell."""
+        packed: PackedRoads = culled.details.details
+        if not len(packed.at):
+            return
+        index = state.cache.get_or_compute(self.name, lambda: BoxIndex(packed.boxes(sampling.unit)))
+        block, piece = index.touching(state.blocks)
+        if not len(block):
+            return
+        low = np.minimum(*packed.ends("height"))[piece]
+        high = np.maximum(*packed.ends("height"))[piece]
+        deep = np.maximum(np.maximum(high - state.low[block], state.high[block] - low), 0.0)
+        seen = smooth_rise(2.0 * np.minimum(*packed.ends("half"))[piece] / sampling.cell, _CELLS, _CELLS)
+        steep = np.maximum(packed["road_cut"], packed["road_fill"])[piece]
+        moved = (1.0 - seen) * deep + np.minimum(_WIDER * sampling.cell * (steep + 1.0), deep + high - low)
+        bound = np.zeros(len(state.blocks))
+        np.maximum.at(bound, block, moved)
+        state.bound += bound
+        np.minimum.at(state.low, block, low)
+        np.maximum.at(state.high, block, high)
+
+    def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:
+        """Return the ground with roads."""
+        packed = self.rows(site.sampling.world.extent)
+        if not len(packed.at):
+            return ground
+        cell, unit = site.sampling.cell, site.sampling.unit
+        index = self._index(unit, packed)
+        point, piece = index.touching(np.stack([site.x, site.y, site.x, site.y], axis=1))
+        offset = (np.stack([site.x[point], site.y[point]], axis=1) - packed.at[piece]) * unit
+        t, square, left = _feet(packed.row[piece, :2], packed["road_bend"][piece], offset)
+
+        def at_foot(name: str, piece: Int64Array, t: Float64Array) -> Float64Array:
+            start, end = (column[piece] for column in packed.ends(name))
+            return np.asarray(start + (end - start) * t)
+
+        near = np.flatnonzero(square < at_foot("reach", piece, t) ** 2)
+        key = point[near] * (int(packed.chain[-1]) + 1) + packed.chain[piece[near]]
+        order = np.lexsort((np.arange(len(near)), square[near], key))
+        near = near[order[np.append(True, np.diff(key[order]) != 0)[: len(order)]]] if len(order) else near
+        point, piece, t, square, left = (each[near] for each in (point, piece, t, square, left))
+        portals = packed["road_portals"][piece].astype(np.int64)
+        own = ~(((portals & 1 > 0) & (t <= 0.0)) | ((portals & 2 > 0) & (t >= 1.0)))
+        point, piece, t, square, left = (each[own] for each in (point, piece, t, square, left))
+        away = np.sqrt(square)
+        lean = np.where(left, at_foot("left", piece, t), at_foot("right", piece, t))
+        half, whole, reach, share = (at_foot(name, piece, t) for name in ("half", "whole", "reach", "share"))
+        seen = smooth_rise(2.0 * half / cell, _CELLS, _CELLS)
+        wide = np.minimum(whole + _WIDER * cell, 0.5 * (whole + reach))
+        strips = Strips(
+            point,
+            _profile(packed.row[piece], t) + lean * np.minimum(away, whole),
+            np.maximum(away - wide, 0.0),
+            reach - wide,
+            packed["road_cut"][piece],
+            packed["road_fill"][piece],
+            square / whole**2,
+            share,
+            seen,
+            (seen > 0.0) & (share > _LEAST_SHARE),
+            np.clip((whole + _CLEAR - away) / _CLEAR, 0.0, 1.0),
+            coverage(half, away, cell),
+        )
+        return with_strips(ground, strips)
+
+    def _index(self, unit: float, packed: PackedRoads) -> BoxIndex:
+        key = ("index", unit)
+        found = self._indices.get(key)
+        if found is None:
+            found = self._indices[key] = BoxIndex(packed.boxes(unit))
+        return found
+
+    @cached_property
+    def _indices(self) -> dict[tuple[str, float], BoxIndex]:
+        return {}
+
+
+def _feet(
+    chord: Float64Array, bend: Float64Array, offset: Float64Array
+) -> tuple[Float64Array, Float64Array, npt.NDArray[np.bool_]]:
+    """Return shares along arcs of the points nearest to offsets from their starts, and which are on the left."""
+    t, square = nearest_on_arc(chord, bend, offset)
+    inverse = 1.0 / (chord**2).sum(axis=1)
+    u = (offset * chord).sum(axis=1) * inverse
+    v = (offset[:, 1] * chord[:, 0] - offset[:, 0] * chord[:, 1]) * inverse
+    left = 2.0 * bend * (u * u - u + v * v) + (1.0 - bend * bend) * v > 0.0
+    return t, square, left
+
+
+def _profile(row: Float64Array, t: Float64Array) -> Float64Array:
+    """Return heights (m) of the axes of packed pieces at shares t."""
+    start, end, first, last = row[:, 4:8].T
+    middle = 2.0 * (end - start) - 0.5 * (first + last)
+    s = 1.0 - t
+    rising, falling = start + t * (first + (middle - first) * t), end - s * (last + (middle - last) * s)
+    return np.asarray(np.where(t < 0.5, rising, falling))
+
+
+def _packed(roads: Sequence[Road], materials: tuple[str, ...], extent: float) -> PackedRoads:
+    unit = metres_per_unit(extent)
+    starts, rows, chains = [np.zeros((0, 2))], [np.zeros((0, 24))], [np.zeros(0, np.int32)]
+    number = 0
+    for _, leg in groupby(roads, key=lambda road: road.leg):
+        parts = list(leg)
+        for is_ground, group in groupby(parts, key=lambda road: road.structure == GROUND):
+            run = list(group)
+            if not is_ground:
+                continue
+            place = parts.index(run[0])
+            before = place > 0 and parts[place - 1].structure == TUNNEL
+            behind = place + len(run)
+            after = behind < len(parts) and parts[behind].structure == TUNNEL
+            at, row = _run_rows(run, materials)
+            row[0, ROAD["road_portals"]] += before
+            row[-1, ROAD["road_portals"]] += 2 * after
+            for first, last, share in _chains(row, run):
+                own = row[first:last].copy()
+                own[:, ROAD["road_from_share"]], own[:, ROAD["road_to_share"]] = share[:-1], share[1:]
+                starts.append(at[first:last])
+                rows.append(own)
+                chains.append(np.full(last - first, number, np.int32))
+                number += 1
+    at, row = np.concatenate(starts), np.concatenate(rows)
+    lattice = to_lattice(at, extent)
+    end = to_lattice(at + row[:, :2], extent)
+    row[:, :2] = (end - lattice) * unit
+    length2 = (row[:, :2] ** 2).sum(axis=1)
+    row[:, 2] = 1.0 / np.where(length2 > 0.0, length2, 1.0)
+    whole = length2 > 0.0
+    return PackedRoads(lattice[whole], np.concatenate(chains)[whole], row[whole])
+
+
+def _run_rows(run: Sequence[Road], materials: tuple[str, ...]) -> tuple[Float64Array, Float64Array]:
+    """Return starts (n, 2), m, and rows of the pieces of successive roads."""
+    pieces = [len(road.bend) for road in run]
+    rows = np.zeros((sum(pieces), 24))
+
+    def both(name: str, values: Sequence[Float64Array]) -> None:
+        rows[:, ROAD[f"road_from_{name}"]] = np.concatenate([each[:-1] for each in values])
+        rows[:, ROAD[f"road_to_{name}"]] = np.concatenate([each[1:] for each in values])
+
+    axis = [road.axis for road in run]
+    rows[:, :2] = np.concatenate([np.diff(each[:, :2], axis=0) for each in axis])
+    rows[:, ROAD["road_bend"]] = np.concatenate([road.bend for road in run])
+    both("height", [each[:, 2] for each in axis])
+    both("half", [road.half_width for road in run])
+    both("whole", [road.whole_half for road in run])
+    both("left", [road.crossfall[:, 0] for road in run])
+    both("right", [road.crossfall[:, 1] for road in run])
+    both("reach", [road.reach for road in run])
+    both("rise", [road.slope for road in run])
+    length = np.concatenate([np.diff(road.along) for road in run])
+    for name in ("road_from_rise", "road_to_rise"):
+        rows[:, ROAD[name]] *= length
+    for name, values in {
+        "road_cut": [road.works.cut for road in run],
+        "road_fill": [road.works.fill for road in run],
+        "road_material": [materials.index(road.works.surface) for road in run],
+    }.items():
+        rows[:, ROAD[name]] = np.repeat(np.array(values, np.float64), pieces)
+    return np.concatenate([each[:-1, :2] for each in axis]), rows
+
+
+def _chains(row: Float64Array, run: Sequence[Road]) -> list[tuple[int, int, Float64Array]]:
+    """Return the first and last (exclusive) pieces of chains, and their shares at stations.
+
+    A chain that turns far may come near itself: it ends, and the next one fades in where it fades out.
+    """
+    count = len(row)
+    turned = np.cumsum(np.abs(row[:, ROAD["road_bend"]]))
+    cuts = np.flatnonzero(np.diff(np.floor(turned / _TURN)) > 0) + 1
+    if not len(cuts):
+        return [(0, count, np.ones(count + 1))]
+    along = np.append(0.0, np.cumsum(np.concatenate([np.diff(road.along) for road in run])))
+    half = 0.5 * _OVERLAP * float(row[:, ROAD["road_from_whole"]].max())
+    middles = along[cuts]
+    kept = [middles[0]]
+    for place in middles[1:]:  # overlaps do not meet
+        if place - kept[-1] > 3.0 * half:
+            kept.append(place)
+    kept = [place for place in kept if half < place < along[-1] - half]
+    found = []
+    for begin, end in zip([None, *kept], [*kept, None], strict=True):
+        share = np.ones(count + 1)
+        if begin is not None:
+            share = np.minimum(share, np.clip((along - begin + half) / (2.0 * half), 0.0, 1.0))
+        if end is not None:
+            share = np.minimum(share, np.clip((end + half - along) / (2.0 * half), 0.0, 1.0))
+        used = np.flatnonzero(np.maximum(share[:-1], share[1:]) > 0.0)
+        found.append((int(used[0]), int(used[-1]) + 1, share[used[0] : used[-1] + 2]))
+    return found

@@ -31,12 +31,13 @@ HALO, BOLD = 0.28, 0.044  # stroke widths of halos and bold letters, in font siz
 
 @dataclass(frozen=True, eq=False)
 class Polylines:
-    """Lines of one pen (mm), with round caps and joins."""
+    """Lines of one pen (mm), with round caps and joins; dashes are lengths drawn and left out in turn."""
 
     paths: Sequence[Points]
     colour: Colour
     width: float
     opacity: float = 1.0
+    dashes: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,6 +165,8 @@ def _element(shape: Shape) -> str:
         data = "".join(map(_path, shape.paths))
         pen = f'fill="none" stroke="{_hex(shape.colour)}" stroke-opacity="{shape.opacity:g}"'
         pen += f' stroke-width="{_units(shape.width)}"'
+        if shape.dashes:
+            pen += f' stroke-dasharray="{" ".join(str(_units(length)) for length in shape.dashes)}"'
     return f'<path {pen} d="{data}"/>'
 
 

@@ -43,7 +43,9 @@ from sketchterrain.export.map.relief import (
     sample_map,
     shaded_relief,
 )
+from sketchterrain.export.map.roads import draw_roads, road_legend
 from sketchterrain.io.files import write_atomic
+from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.terrain.terrain import Terrain
 
 Entry: TypeAlias = tuple[str, list[Shape]]
@@ -113,6 +115,7 @@ def legend_entries(
     interval: float,
     present: set[str],
     heights: list[Label],
+    network: RoadNetwork,
 ) -> list[Entry]:
     """Return the entries of the legend; `present` has some of rivers, lakes, forests and peaks."""
     entries: list[Entry] = []
@@ -157,6 +160,7 @@ def legend_entries(
         "peaks": ("Summit, height (m)", peak),
     }
     entries += [entry for name, entry in known.items() if name in present]
+    entries += road_legend(network, WIDTH, HEIGHT)
     for index, material in enumerate(samples.materials):
         if material.is_mapped and samples.cover[..., index].mean() > 0.01:
             symbol = [Polygons([patch], material.tint), Polylines([patch], GREY, 0.1)]
@@ -271,13 +275,14 @@ def map_sheet(terrain: Terrain) -> MapSheet:
     heights = label_contours(contours, samples, space, interval)
     lakes, sea = (draw_still_water(depth, samples) for depth in (samples.depth, samples.sea_depth))
     forests = draw_forests(samples)
+    roads = draw_roads(terrain.features.network, frame)
     left, top, width, height = frame.box
     # Samples are pixel centres: the image extends half a sample beyond the frame.
     x, y = (0.5 * step * frame.mm_per_metre for step in samples.spacing)
     image = RasterImage(shaded_relief(samples), (left - x, top - y, width + 2 * x, height + 2 * y))
     drawn = {"rivers": rivers, "lakes": lakes, "sea": sea, "forests": forests, "peaks": peaks}
     present = {name for name, shapes in drawn.items() if shapes}
-    entries = legend_entries(contours, samples, interval, present, heights)
+    entries = legend_entries(contours, samples, interval, present, heights, terrain.features.network)
     name = terrain.sketch.name or "Terrain"
     facts = [f"Topographic map 1 : {grouped(frame.scale)}"]
     facts += [f"contour interval {interval:g} m"] if contours else []
@@ -294,6 +299,7 @@ def map_sheet(terrain: Terrain) -> MapSheet:
             "sea": sea,
             "lakes": lakes,
             "rivers": rivers,
+            **({"roads": roads} if roads else {}),
             "grid": grid_lines(frame),
             "labels": [*heights, *levels, *peaks],
             "border": border(frame),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -41,11 +42,12 @@ _TOOLS = {
     "select": ("V", "&Select", "Select and move generated features, lines and areas"),
     "brush": ("B", "&Brush", "Paint with the active label; [ and ] change the size"),
     "eraser": ("E", "&Eraser", "Erase paint of the active layer"),
-    "line": ("L", "&Line", "Draw a river or line, or the outline of a lake: click its points, or drag"),
+    "line": ("L", "&Line", "Draw a river, road or line, or outline a lake or pad: click its points, or drag"),
     "fill": ("F", "&Fill", "Fill an area with the active label"),
     "pick": ("I", "P&ick", "Pick the label from the sketch"),
     "pan": ("H", "&Hand", "Move the sketch; Space does so with any tool"),
 }
+_LAYER_KEYS = "1234567890TPUW"
 _MODES = {
     "orbit": ("&Orbit", "Turn around the terrain with the mouse"),
     "fly": ("&Fly", "Fly freely with W A S D and the mouse"),
@@ -97,8 +99,12 @@ COMMANDS: Final[dict[str, Command]] = {
     **{f"tool-{name}": Command(text, tip, name, (key,), "tool") for name, (key, text, tip) in _TOOLS.items()},
     # layer
     **{
-        f"layer-{name}": Command(f"&{key} {layer.title}", f"Paint {layer.help}", "", (str(key),), "layer")
-        for key, (name, layer) in enumerate(LAYERS.items(), start=1)
+        f"layer-{name}": Command(
+            f"&{key} {layer.title}" if key.isdigit() else layer.title,
+            f"{'Paint' if layer.is_painted else 'Draw'} {layer.help}",
+            *("", tuple(key), "layer"),
+        )
+        for (name, layer), key in zip(LAYERS.items(), chain(_LAYER_KEYS, repeat("")), strict=False)
     },
     "new-label": Command("&New label", "Add a label to this layer", "add", ("Ctrl+Shift+N",)),
     "delete-label": Command("&Delete label", "Delete the label with its paint and vectors", "delete"),

@@ -19,7 +19,6 @@ from sketchterrain.document.label_layers import MAX_LABELS, freeze_image, labels
 from sketchterrain.document.layers import LAYERS, layer_of
 from sketchterrain.document.parameters import SKETCH, Parameter, Value
 from sketchterrain.document.sketch import TABLES, Sketch
-from sketchterrain.document.vector_edits import move_node
 from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.errors import InputError
 from sketchterrain.placement.feature_types import FEATURE_TYPES, TYPES, Lake, River, lock_edit, move_edit
@@ -84,10 +83,8 @@ def name_of(placed: Placement, selection: Selection) -> str:
 
 
 def dragged(sketch: Sketch, placed: Placement | None, handle: Handle, x: float, y: float) -> Sketch:
-    """Return the sketch with a handle dragged to a position (m); only vectors need no placement."""
+    """Return the sketch with a handle of a placed feature dragged to a position (m)."""
     selection = handle.selection
-    if selection.is_vector:
-        return with_vectors(sketch, move_node(sketch.vectors[selection.kind], (handle.x, handle.y), (x, y)))
     if placed is None:
         return sketch
     if handle.role == "move":
@@ -108,7 +105,8 @@ def dragged(sketch: Sketch, placed: Placement | None, handle: Handle, x: float, 
 def drag_title(placed: Placement | None, handle: Handle) -> str:
     """Return the history title of a drag."""
     if handle.selection.is_vector or placed is None:
-        return f"Move a node of {LAYERS[handle.selection.kind].title.lower()}"
+        verb = "Move a node" if handle.role == "point" else "Set the width"
+        return f"{verb} of {LAYERS[handle.selection.kind].title.lower()}"
     return _TITLES[handle.role].format(name_of(placed, handle.selection))
 
 
@@ -303,7 +301,8 @@ def _clamp(action: str, name: str, value: float) -> float:
 def labels_of(sketch: Sketch, layer: str) -> tuple[int, ...]:
     """Return the declared labels of a layer and those of its paint and vectors, ascending."""
     declared = {label for name, label in sketch.labels if name == layer}
-    return tuple(sorted(declared | set(vector_counts(sketch, layer)) | set(labels_in(sketch.layers[layer]))))
+    painted = set(labels_in(sketch.layers[layer])) if LAYERS[layer].is_painted else set()
+    return tuple(sorted(declared | set(vector_counts(sketch, layer)) | painted))
 
 
 def vector_counts(sketch: Sketch, layer: str) -> dict[int, int]:
@@ -339,18 +338,20 @@ def delete_label(sketch: Sketch, layer: str, label: int) -> Sketch:
     """Remove a label: its properties, its paint and its vectors."""
     sketch = _without_vectors(sketch, layer, label)
     labels = {key: value for key, value in sketch.labels.items() if key != (layer, label)}
-    image = sketch.layers[layer]
+    if len(labels) < len(sketch.labels):
+        sketch = sketch.replace(labels=labels)
+    image = sketch.layers[layer] if LAYERS[layer].is_painted else np.zeros(0, np.uint8)
     painted = image == label
     if not painted.any():
-        return sketch if len(labels) == len(sketch.labels) else sketch.replace(labels=labels)
+        return sketch
     erased = np.where(painted, np.uint8(0), image)
-    return sketch.replace(labels=labels, layers={**sketch.layers, layer: freeze_image(erased)})
+    return sketch.replace(layers={**sketch.layers, layer: freeze_image(erased)})
 
 
 def clear_layer(sketch: Sketch, layer: str) -> Sketch:
     """Erase a layer's paint and vectors; its labels keep their properties."""
     sketch = _without_vectors(sketch, layer)
-    image = sketch.layers[layer]
+    image = sketch.layers[layer] if LAYERS[layer].is_painted else np.zeros(0, np.uint8)
     if not image.any():
         return sketch
     return sketch.replace(layers={**sketch.layers, layer: freeze_image(np.zeros_like(image))})
@@ -367,9 +368,9 @@ def _without_vectors(sketch: Sketch, layer: str, label: int | None = None) -> Sk
     return with_vectors(sketch, vectors.edited(remove=gone.tolist()))
 
 
-def with_vectors(sketch: Sketch, layer: VectorLayer) -> Sketch:
-    """Return the sketch with another vector layer in place of that of its name."""
-    return sketch.replace(vectors={**sketch.vectors, layer.layer: layer})
+def with_vectors(sketch: Sketch, *layers: VectorLayer) -> Sketch:
+    """Return the sketch with other vector layers in place of those of their names."""
+    return sketch.replace(vectors={**sketch.vectors, **{layer.layer: layer for layer in layers}})
 
 
 def set_property(sketch: Sketch, layer: str, label: int, name: str, value: Value) -> Sketch:

@@ -13,7 +13,7 @@ from PyQt6.QtGui import QDesktopServices, QImage
 from PyQt6.QtWidgets import QDialog, QFileDialog, QMessageBox, QWidget
 
 from sketchterrain.document.label_layers import LabelImage, decode_layer
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
@@ -162,7 +162,9 @@ class Files(QObject):
 
     def import_layers(self, paths: Iterable[Path], layer: str) -> None:
         """Import images as layers in one undo step."""
-        by_layer = {path.stem.lower() if path.stem.lower() in LAYERS else layer: path for path in paths}
+        by_layer = {
+            path.stem.lower() if path.stem.lower() in PAINTED_LAYERS else layer: path for path in paths
+        }
         rows, columns = next(iter(self._document.sketch.layers.values())).shape
 
         def read() -> object:

@@ -9,7 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sketchterrain.array_types import BoolArray, Float64Array
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.document.layers import WAY_LAYERS
 from sketchterrain.document.parameters import Value
 from sketchterrain.document.vectors import (
     AREA,
@@ -22,6 +23,13 @@ from sketchterrain.document.vectors import (
     starts,
 )
 from sketchterrain.errors import InputError
+
+_COMPLEX = np.array([1.0, 1.0j])  # makes one number of a position
+
+
+def network_layers(name: str) -> tuple[str, ...]:
+    """Return the layers that share nodes with a layer, itself first: ways of all kinds are one network."""
+    return (name, *(each for each in WAY_LAYERS if each != name)) if name in WAY_LAYERS else (name,)
 
 
 def vertices_of(layer: VectorLayer, name: int) -> range:
@@ -53,10 +61,20 @@ def move_node(layer: VectorLayer, start: tuple[float, float], end: tuple[float, 
     return _rebuilt(layer, np.where(at, on_grid(end), layer.vertices), np.ones(len(at), np.bool_))
 
 
-def insert_vertex(layer: VectorLayer, after: int, x: float, y: float) -> VectorLayer:
-    """Insert a vertex at a position (m) after a vertex, by its number, in the same ring."""
-    rings = layer.rings + (layer.rings > after)
-    return replace(layer, vertices=np.insert(layer.vertices, after + 1, (x, y), axis=0), rings=rings)
+def shared_nodes(layers: Sequence[VectorLayer], places: Float64Array) -> BoolArray:
+    """Return which vertices at positions (n, 2), m, are nodes with others of some layers."""
+    low, high = places.min(axis=0), places.max(axis=0)
+    near = [
+        layer.vertices[((layer.vertices >= low) & (layer.vertices <= high)).all(axis=1)] for layer in layers
+    ]
+    found, counts = np.unique(np.concatenate(near) @ _COMPLEX, return_counts=True)
+    return np.asarray(counts[np.searchsorted(found, places @ _COMPLEX)] > 1)
+
+
+def insert_vertices(layer: VectorLayer, after: Int64Array, places: Float64Array) -> VectorLayer:
+    """Insert vertices at positions (n, 2), m, each after one by its number, in the same ring; ascending."""
+    rings = layer.rings + np.searchsorted(after, layer.rings)
+    return replace(layer, vertices=np.insert(layer.vertices, after + 1, places, axis=0), rings=rings)
 
 
 def delete_vertex(layer: VectorLayer, vertex: int) -> VectorLayer:
@@ -123,6 +141,14 @@ def join_lines(layer: VectorLayer, name: int, index: int | None = None) -> Vecto
 def _turn(before: Float64Array, after: Float64Array) -> float:
     cross = float(before[0] * after[1] - before[1] * after[0])
     return abs(math.atan2(cross, float(before @ after)))
+
+
+def change_layer(
+    source: VectorLayer, target: VectorLayer, name: int, label: int
+) -> tuple[VectorLayer, VectorLayer]:
+    """Move a feature to another layer, with its vertices and own properties; there it has the last id."""
+    feature = replace(source.feature(name), label=label, id=0)
+    return source.edited(remove=[name]), target.edited(add=[feature])
 
 
 def reverse_line(layer: VectorLayer, name: int) -> VectorLayer:

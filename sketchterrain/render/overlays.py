@@ -18,6 +18,7 @@ from sketchterrain.look.objects import shore_lines, terrain_objects
 from sketchterrain.placement.feature_types import FEATURE_TYPES, ShapeField
 from sketchterrain.render.programs import build_program, fullscreen_pass, set_uniforms
 from sketchterrain.render.scene import TerrainSource, sample_heights, visible_rectangle
+from sketchterrain.roads.road_shapes import axis_points
 from sketchterrain.tiles.tile_pool import DrawList
 
 if TYPE_CHECKING:
@@ -25,7 +26,9 @@ if TYPE_CHECKING:
 
 
 FEATURE_COLOURS: Final = {
-    name: layer.overlay or layer.colour for name, layer in LAYERS.items() if layer.is_points or layer.is_water
+    name: layer.overlay or layer.colour
+    for name, layer in LAYERS.items()
+    if layer.is_points or layer.is_water or not layer.is_painted
 }
 """Colours by layer; features that fill unpainted areas have half the opacity."""
 _RING: Final = 96
@@ -33,6 +36,8 @@ _POST: Final = 0.12
 """Height of the post in the centre of a feature, in radii ..."""
 _MIN_POST: Final = 4.0  # ... and at least, in m
 _LIFT: Final = 0.004  # radii by which rings are lifted, otherwise ridges between two vertices hide them
+_AXIS_TOLERANCE: Final = 0.1  # m that lines of axes of roads are off their arcs
+_AXIS_LIFT: Final = 0.3  # m above the ground
 _COAST: Final = 512  # samples along a side for the coastline
 _HIDDEN_OPACITY: Final = 0.3  # opacity of lines hidden by the terrain
 _LINE: Final = np.dtype([("from", "<f8", 3), ("to", "<f8", 3), ("colour", "u1", 4)])
@@ -110,7 +115,23 @@ def feature_lines(terrain: TerrainSource, heights: HeightCache | None = None) ->
     for each in terrain_objects(terrain.features):
         lines = each.lines() if each.level is None else _coast(terrain, each.level)
         parts.append(_lines_of(*lines, FEATURE_COLOURS[each.kind]))
-    return np.concatenate(parts)
+    return np.concatenate([*parts, *_built(terrain)])
+
+
+def _built(terrain: TerrainSource) -> list[npt.NDArray[np.void]]:
+    """Return the lines of the axes of roads, the outlines of pads, and walls."""
+    network = terrain.features.network
+    lines = [(each.layer, axis_points(each, _AXIS_TOLERANCE).position) for each in network.roads]
+    lines += [
+        ("pad", np.insert(np.concatenate([each.outline, each.outline[:1]]), 2, each.level, axis=1))
+        for each in network.pads
+    ]
+    lines += [
+        ("wall", np.column_stack([each.line, terrain.heights(*each.line.T).astype(np.float64)]))
+        for each in network.walls
+    ]
+    above = np.array([0.0, 0.0, _AXIS_LIFT])
+    return [_lines_of(line[:-1] + above, line[1:] + above, FEATURE_COLOURS[name]) for name, line in lines]
 
 
 def _lines_of(
@@ -164,7 +185,7 @@ OVERLAYS: Final = {
     "error": "tiles, coloured by geometric error δ (m)",
     "screen-error": "tiles, coloured by screen-space error (px)",
     "materials": "material weights of the terrain",
-    "features": "rings and centre posts of features, river centrelines, shores",
+    "features": "rings and centre posts of features, centrelines of rivers and roads, shores",
     "triplanar": "weights of the texture planes",
 }
 """Help texts by name."""

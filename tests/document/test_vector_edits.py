@@ -55,7 +55,7 @@ def test_a_node_moves_in_every_feature_and_snaps_to_another(rivers):
 
 
 def test_vertices_are_inserted_and_deleted(rivers):
-    more = edits.insert_vertex(rivers, 1, 7.0, 2.0)
+    more = edits.insert_vertices(rivers, np.array([1]), np.array([[7.0, 2.0]]))
     assert places(more, 1) == [(0, 0), (5, 1), (7, 2), (10, 0)]
     assert places(more, 2) == places(rivers, 2)
     assert edits.vertices_of(more, 2) == range(4, 6)

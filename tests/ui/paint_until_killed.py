@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from PyQt6.QtCore import QCoreApplication, QTimer
 
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.document.toml_format import settings_text
@@ -26,7 +26,7 @@ from sketchterrain.ui.models.painting import Stroke
 def fingerprint(sketch: Sketch) -> str:
     """Return a hash of everything in a sketch."""
     digest = hashlib.sha1(settings_text(sketch).encode(), usedforsecurity=False)
-    for name in LAYERS:
+    for name in PAINTED_LAYERS:
         digest.update(sketch.layers[name].tobytes())
     return digest.hexdigest()
 
@@ -75,7 +75,7 @@ class Painter:
             return
         choice = self._random.random()
         if choice < 0.5:
-            draft = self._document.begin_draft(self._random.choice(list(LAYERS)))
+            draft = self._document.begin_draft(self._random.choice(list(PAINTED_LAYERS)))
             self._stroke = Stroke(draft.image, self._random.randrange(5))
         elif choice < 0.6:
             sketch = self._document.sketch

@@ -9,7 +9,7 @@ from threading import Event
 
 import pytest
 
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.ui.models.background import (
@@ -57,7 +57,7 @@ def seed(document, number):
 
 
 def same(a: Sketch, b: Sketch) -> bool:
-    return a.seed == b.seed and all((a.layers[name] == b.layers[name]).all() for name in LAYERS)
+    return a.seed == b.seed and all((a.layers[name] == b.layers[name]).all() for name in PAINTED_LAYERS)
 
 
 def test_a_modified_document_is_written_and_removed_once_saved(document, autosave, qtbot, tmp_path):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from PyQt6.QtCore import QPointF
 from PyQt6.QtGui import QColor, QImage
 
-from sketchterrain.document.layers import DRAW_ORDER, LAYERS
+from sketchterrain.document.layers import DRAW_ORDER, PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.canvas.compositing import (
@@ -174,7 +174,7 @@ SIDE = 64
 @pytest.fixture
 def plain(qapp):
     """A document with a square of mountain in the west and a lake in the east."""
-    layers = {name: np.zeros((SIDE, SIDE), np.uint8) for name in LAYERS}
+    layers = {name: np.zeros((SIDE, SIDE), np.uint8) for name in PAINTED_LAYERS}
     layers["mountain"][8:56, 8:28] = 1
     layers["lake"][8:56, 36:56] = 2
     return Document(Sketch(layers=layers, extent=6400.0))

@@ -246,7 +246,7 @@ def test_pick_activates_the_topmost_visible_label(canvas, blank, workspace, qtbo
     assert (workspace.layer, workspace.label) == ("mountain", 3)
     assert steps(blank) == ()
     qtbot.mouseClick(canvas, LEFT, Qt.KeyboardModifier.AltModifier, QPoint(1, 1))
-    assert lines[-1] == "Nothing is painted here."
+    assert lines[-1] == "Nothing is painted or drawn here."
 
 
 def test_wheel_and_keys_zoom_scroll_and_size_the_brush(canvas, workspace, qtbot):

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 
@@ -41,7 +41,9 @@ def test_a_stroke_is_visible_at_once_and_one_step(document, emitted):
     assert document.sketch.layers["lake"] is draft.image
     assert not draft.image.flags.writeable
     assert (document.sketch.layers["lake"][5:9, :10] == 3).all()
-    assert all(document.sketch.layers[name] is before.layers[name] for name in LAYERS if name != "lake")
+    assert all(
+        document.sketch.layers[name] is before.layers[name] for name in PAINTED_LAYERS if name != "lake"
+    )
     assert boxes[-1] == ("lake", (5, 0, 9, 10))
 
 
@@ -152,7 +154,7 @@ def test_redrawing_only_reported_boxes_equals_every_layer(document, seed):
     live_changes = []
 
     def redraw_all():
-        mirror.update({name: document.layer(name).copy() for name in LAYERS})
+        mirror.update({name: document.layer(name).copy() for name in PAINTED_LAYERS})
 
     def redraw(layer: str, box: tuple):
         image = document.layer(layer)
@@ -166,9 +168,9 @@ def test_redrawing_only_reported_boxes_equals_every_layer(document, seed):
     document.painted.connect(redraw)
     document.live_changed.connect(lambda: live_changes.append(None))
     for _ in range(150):
-        before = {name: document.layer(name).copy() for name in LAYERS}
+        before = {name: document.layer(name).copy() for name in PAINTED_LAYERS}
         emitted = len(live_changes)
-        layer = str(rng.choice(list(LAYERS)))
+        layer = str(rng.choice(list(PAINTED_LAYERS)))
         image = document.sketch.layers[layer]
         top, left = (int(rng.integers(0, side)) for side in image.shape)
         box = (top, left, min(top + 90, image.shape[0]), min(left + 90, image.shape[1]))
@@ -187,13 +189,13 @@ def test_redrawing_only_reported_boxes_equals_every_layer(document, seed):
                 document.go_to(int(rng.integers(len(document.history.titles))))
             case 7 if rng.random() < 0.2:
                 shape = tuple(int(n) for n in rng.integers(50, 300, 2))
-                layers = {name: rng.integers(0, 2, shape).astype(np.uint8) for name in LAYERS}
+                layers = {name: rng.integers(0, 2, shape).astype(np.uint8) for name in PAINTED_LAYERS}
                 document.do("Resize", document.sketch.replace(layers=layers), merge="a")
             case _:
                 layers = {**document.sketch.layers, layer: 0 * image}
                 document.do("Clear", document.sketch.replace(layers=layers))
         changed = False
-        for name in LAYERS:
+        for name in PAINTED_LAYERS:
             np.testing.assert_array_equal(mirror[name], document.layer(name))
             changed |= not np.array_equal(before[name], document.layer(name))
         assert not changed or len(live_changes) > emitted

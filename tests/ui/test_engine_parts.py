@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.engine.channel import (
     Channel,
@@ -186,14 +186,14 @@ def builder(small_document):
 
 
 def same(sketch: Sketch, small_document: Document) -> bool:
-    layers = all(np.array_equal(sketch.layers[name], small_document.layer(name)) for name in LAYERS)
+    layers = all(np.array_equal(sketch.layers[name], small_document.layer(name)) for name in PAINTED_LAYERS)
     return layers and settings_of(sketch) == settings_of(small_document.sketch)
 
 
 def test_the_first_update_is_complete_and_a_strokes_holds_its_box(small_document, builder):
     update, fresh = builder.next()
     assert fresh
-    assert set(update.layers) == set(LAYERS)
+    assert set(update.layers) == set(PAINTED_LAYERS)
     assert update.shape == (40, 60)
 
     builder.next()
@@ -214,7 +214,7 @@ def test_a_mirror_follows_strokes_undo_settings_and_other_documents(small_docume
     for turn in range(60):
         choice = int(rng.integers(0, 7))
         if choice <= 2:
-            layer, (top, left) = str(rng.choice(list(LAYERS))), rng.integers(0, (30, 50)).tolist()
+            layer, (top, left) = str(rng.choice(list(PAINTED_LAYERS))), rng.integers(0, (30, 50)).tolist()
             box = (top, left, top + int(rng.integers(1, 10)), left + int(rng.integers(1, 10)))
             paint(small_document, layer, box, rng.integers(0, 4), title="Paint" if choice else None)
         elif choice == 3:

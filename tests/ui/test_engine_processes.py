@@ -10,7 +10,7 @@ import pytest
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.terrain import building as from_sketch
@@ -287,7 +287,7 @@ def test_crashed_processes_restart_at_last_without_opengl(document, qtbot, launc
     link.start()
     assert launched[-1].peers[0].receive() == link.view
     assert launched[-1].peers[0].receive() == msg.UpdatePending(1, fresh=True)
-    assert set(launched[-1].peers[1].receive().layers) == set(LAYERS)
+    assert set(launched[-1].peers[1].receive().layers) == set(PAINTED_LAYERS)
     ends = ((2, "restarting."), (3, "restarting without the 3-D view."), (3, "start the program again."))
     for count, line in ends:
         launched[-1].peers[0].close()

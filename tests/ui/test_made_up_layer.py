@@ -49,7 +49,7 @@ def main(kind: str, folder: Path) -> None:
 
     from sketchterrain.app.listings import adherence_lines, preset_entry, undescribed_labels
     from sketchterrain.batch.plan import parse_setting, with_settings
-    from sketchterrain.document.layers import DRAW_ORDER, LAYERS, layer_of
+    from sketchterrain.document.layers import DRAW_ORDER, LAYERS, PAINTED_LAYERS, layer_of
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.document.store import load_sketch, save_sketch
     from sketchterrain.export.map.sheet import map_sheet
@@ -135,7 +135,7 @@ def main(kind: str, folder: Path) -> None:
     assert hatch_colour("cave").alpha()
     assert not swatch("cave", 1, 16).isNull()
     assert "cave" in [paint.layer for paint in paints_of(workspace)]
-    assert len(hatches_of(workspace)) == len(LAYERS)
+    assert len(hatches_of(workspace)) == len(PAINTED_LAYERS)
     assert label_detail(sketch, "cave", 1, 480).startswith("30 m · ")
     panel, page = LayersPanel(document, workspace), LabelPage(document, workspace)
     panel.clear_layer()

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.label_layers import Box, LabelImage, union_box
-from sketchterrain.document.layers import DRAW_ORDER, LAYERS
+from sketchterrain.document.layers import DRAW_ORDER, LAYERS, PAINTED_LAYERS
 from sketchterrain.ui.look.layer_colours import hatch, hatch_colour, hatch_period, label_colour
 from sketchterrain.ui.models.workspace import Workspace
 
@@ -20,12 +20,14 @@ Colours: TypeAlias = npt.NDArray[np.uint32]
 Codes: TypeAlias = npt.NDArray[np.uint32]
 Floats: TypeAlias = npt.NDArray[np.float32]
 
-MASK: Final = (1 << len(LAYERS)) - 1
+MASK: Final = (1 << len(PAINTED_LAYERS)) - 1
 """Code bits of painted layers, bit i for the i-th `LayerPaint`; the other bits are a hash of the labels."""
 
 _TILE = 256  # px of a level along a tile's side
 _MAX_TILES = 240  # 126 MB
-_HASH_FACTORS = np.random.default_rng(1).integers(2**32, size=len(LAYERS), dtype=np.uint32) | np.uint32(1)
+_HASH_FACTORS = np.random.default_rng(1).integers(
+    2**32, size=len(PAINTED_LAYERS), dtype=np.uint32
+) | np.uint32(1)
 _HASH_BITS = np.uint32(0xFFFF0000)
 _MAX_MIXTURES = 4096  # label combinations of a look-up table
 

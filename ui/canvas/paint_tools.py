@@ -202,14 +202,23 @@ class PickTool(Tool):
 
 
 def pick_label(context: ToolContext, pointer: Pointer) -> None:
-    """Activate the topmost visible layer and label at a position; report if nothing is painted there."""
-    layers = [(name, context.document.layer(name)) for name in reversed(visible_layers(context.workspace))]
-    found = pick(layers, math.floor(pointer.y), math.floor(pointer.x))
+    """Activate layer and label of the vector, else of the topmost visible paint at a position; report it."""
+    sketch, at = context.document.sketch, context.world_from_sketch(pointer.x, pointer.y)
+    selection = vectors.vector_at(sketch, context.workspace, *at, reach=REACH / context.px_per_metre)
+    vector = vectors.find_vector(sketch, selection)
+    if selection is not None and vector is not None:
+        found: tuple[str, int] | None = (selection.kind, vector.label)
+    else:
+        layers = [
+            (name, context.document.layer(name)) for name in reversed(visible_layers(context.workspace))
+        ]
+        found = pick(layers, math.floor(pointer.y), math.floor(pointer.x))
     if found is None:
-        context.signals.message.emit("Nothing is painted here.")
+        context.signals.message.emit("Nothing is painted or drawn here.")
     else:
         context.workspace.use_label(*found)
-        context.signals.message.emit(f"Paints {LAYERS[found[0]].title.lower()}, label {found[1]}.")
+        verb = "Paints" if LAYERS[found[0]].is_painted else "Draws"
+        context.signals.message.emit(f"{verb} {LAYERS[found[0]].title.lower()}, label {found[1]}.")
 
 
 _DRAG = 6.0  # logical px after which a press draws freehand
@@ -223,7 +232,7 @@ class LineTool(Tool):
 
     A drag draws freehand. Backspace or the right button removes the last point. The line is a vector on
     layers that take lines, the outline of one where they only take areas, and else it is painted. Points
-    of vectors snap to vertices and lines of their layer.
+    of vectors snap to vertices and lines of their layer, those of roads, railways and paths to all of these.
     """
 
     cursor = Qt.CursorShape.CrossCursor
@@ -248,6 +257,11 @@ class LineTool(Tool):
         return LINE if "line" in taken else AREA if "area" in taken else None
 
     @property
+    def _is_smooth(self) -> bool:
+        """Whether lines are curves through their points: all but walls are."""
+        return self._kind is None or LAYERS[self.context.workspace.layer].kind != "barrier"
+
+    @property
     def width(self) -> float:
         """Width of the line, px of the sketch."""
         workspace = self.context.workspace
@@ -260,7 +274,7 @@ class LineTool(Tool):
                 self.press_key(Qt.Key.Key_Backspace)
             return
         workspace = self.context.workspace
-        if not self.context.may_paint():
+        if not self.context.may_paint(pixels=False):
             self.cancel()
             return
         if self._target != (workspace.layer, workspace.label):
@@ -319,7 +333,8 @@ class LineTool(Tool):
         points = self._points
         self.cancel()
         layer, label = self._target
-        if not points or layer != self.context.workspace.layer or not self.context.may_paint():
+        is_same = layer == self.context.workspace.layer
+        if not points or not is_same or not self.context.may_paint(pixels=False):
             return
         if self._kind is not None:
             self._add_vector(self._kind, points)
@@ -339,12 +354,11 @@ class LineTool(Tool):
         try:
             if len(places) < least:
                 raise InputError(f"{title}: expected {least} points or more")
-            layer = context.document.sketch.vectors[name]
-            layer = vectors.with_nodes(layer, places, REACH / context.px_per_metre)
-            feature = VectorFeature(kind, (places,), label, {"smooth": 1} if kind == LINE else {})
+            smooth = kind == LINE and self._is_smooth
+            feature = VectorFeature(kind, (places,), label, {"smooth": 1} if smooth else {})
             what = "a line" if kind == LINE else "an area"
-            added = layer.edited(add=[feature])
-            vectors.change_vectors(context.document, context.workspace, f"Draw {what} of", added)
+            layers = vectors.with_feature(context.document.sketch, name, feature)
+            vectors.change_vectors(context.document, context.workspace, f"Draw {what} of", *layers)
         except InputError as error:
             context.signals.message.emit(str(error))
             self._points = points
@@ -355,8 +369,9 @@ class LineTool(Tool):
         at = context.world_from_sketch(pointer.x, pointer.y)
         place = None
         if self._kind is not None:
-            layer = context.document.sketch.vectors[name]
-            place = vectors.snapped(layer, *at, REACH / context.px_per_metre, to_lines=True)
+            layers = vectors.network_of(context.document.sketch, name)
+            shown = [layer for layer in layers if context.workspace.look(layer.layer).visible]
+            place = vectors.snapped(shown, *at, REACH / context.px_per_metre)
         return (pointer.x, pointer.y) if place is None else context.sketch_from_world(*place)
 
     def _simplify(self) -> None:
@@ -390,7 +405,7 @@ class LineTool(Tool):
         if points and self._place is not None and not self._freehand and self._place != points[-1]:
             points.append(self._place)
         if len(points) > 1:
-            curve = points if is_area else line_path(points)
+            curve = line_path(points) if not is_area and self._is_smooth else points
             path = QPolygonF([context.screen_from_sketch(x, y) for x, y in curve])
             colour = label_colour(context.workspace.layer, context.workspace.label)
             if is_area:

@@ -12,8 +12,16 @@ from sketchterrain.ui.canvas.tool_context import REACH, Pointer, Tool, ToolConte
 from sketchterrain.ui.canvas.vectors import VectorMarks
 from sketchterrain.ui.commands import exists, name_of
 from sketchterrain.ui.engine.protocol import GoTo, Placement
-from sketchterrain.ui.models.selection import FeatureDrag, Handle, delete, handles_of, select_at, vertex_at
-from sketchterrain.ui.models.vectors import insert_vertex, vector_at
+from sketchterrain.ui.models.selection import (
+    FeatureDrag,
+    Handle,
+    delete,
+    handles_of,
+    select_at,
+    vector_width_handle,
+    vertex_at,
+)
+from sketchterrain.ui.models.vectors import drag_refusal, insert_vertex, vector_at
 from sketchterrain.ui.models.workspace import Selection
 
 _TOLERANCE = 9.0  # logical px around a handle or feature
@@ -47,7 +55,7 @@ class SelectTool(Tool):
         handle = self._handle_at(at)
         selection = self._selection_at(at) if handle is None else handle.selection
         self.context.workspace.selection = selection
-        if handle is not None and not handle.selection.is_vector:
+        if handle is not None and not handle.is_vertex:
             self._start_drag(handle, at)
             return
         if handle is None and self.context.link.placed is not None:
@@ -131,8 +139,7 @@ class SelectTool(Tool):
         """Return what a command at a screen position is for: a vertex, or what a click would select."""
         at = self.context.world_from_sketch(*self.context.sketch_from_screen(place))
         handle = self._handle_at(at)
-        is_vertex = handle is not None and handle.selection.is_vector
-        return handle.selection if handle is not None and is_vertex else self._selection_at(at)
+        return handle.selection if handle is not None and handle.is_vertex else self._selection_at(at)
 
     def cursor_at(self, place: QPointF) -> Qt.CursorShape:
         if self.is_busy:
@@ -149,7 +156,13 @@ class SelectTool(Tool):
         if hovered is not None and hovered.is_vector and self._drag is None:
             self._vectors.draw_outline(painter, hovered, faint)
         if selection is not None and selection.is_vector:
-            self._vectors.draw_selection(painter, selection, self._drag)
+            is_node = self._drag is not None and self._drag.handle.is_vertex
+            self._vectors.draw_selection(painter, selection, self._drag if is_node else None)
+            width = vector_width_handle(self.context.document.sketch, selection)
+            if width is not None and not is_node:
+                self._draw_handle(painter, width, selection)
+            if self._drag is not None and self._last_drag is not None:
+                self._draw_drag(painter, placed)
         if placed is None:
             return
         if hovered is not None and self._drag is None and exists(placed, hovered):
@@ -179,7 +192,7 @@ class SelectTool(Tool):
         else:
             painter.drawEllipse(at, 5.0, 5.0)
 
-    def _draw_drag(self, painter: QPainter, placed: Placement) -> None:
+    def _draw_drag(self, painter: QPainter, placed: Placement | None) -> None:
         """Draw the dragged handle until the engine has placed it."""
         if self._last_drag is None or (self._drag is None and self._last_drag[0] is not placed):
             self._last_drag = None
@@ -200,12 +213,14 @@ class SelectTool(Tool):
     def _start_drag(self, handle: Handle, at: tuple[float, float]) -> None:
         context, placed = self.context, self.context.link.placed
         self._pressed = None
-        if handle.selection.is_vector and (refusal := context.workspace.refusal(handle.selection.kind)):
-            self._report(refusal)
-            return
+        if handle.selection.is_vector:
+            node = (context.document.sketch, context.workspace, handle.selection.kind, handle.x, handle.y)
+            if refusal := drag_refusal(*node):
+                self._report(refusal)
+                return
         reach = REACH / context.px_per_metre
         self._drag = FeatureDrag(context.document, placed, handle, grab=at, reach=reach)
-        self._last_drag = None if handle.selection.is_vector else (placed, self._drag)
+        self._last_drag = None if handle.is_vertex else (placed, self._drag)
         self._hovered = None
         context.signals.redraw()
 
@@ -227,10 +242,12 @@ class SelectTool(Tool):
     def _handle_at(self, at: tuple[float, float]) -> Handle | None:
         """Return the handle at a position, m."""
         sketch, selection = self.context.document.sketch, self.context.workspace.selection
-        if selection is None or selection.is_vector:
-            return vertex_at(sketch, selection, *at, reach=REACH / self.context.px_per_metre)
         placed, place = self.context.link.placed, self.context.screen_from_world(*at)
-        handles = [] if placed is None else self._visible_handles(placed)
+        vertex = vertex_at(sketch, selection, *at, reach=REACH / self.context.px_per_metre)
+        if vertex is not None:
+            return vertex
+        width = vector_width_handle(sketch, selection)
+        handles = [width] if width is not None else [] if placed is None else self._visible_handles(placed)
         near = [(QLineF(place, self._handle_place(each)).length(), each) for each in handles]
         best = min(near, key=lambda pair: pair[0], default=None)
         return best[1] if best is not None and best[0] <= _TOLERANCE else None

@@ -10,6 +10,7 @@ from PyQt6.QtCore import QObject, QPointF, QRectF, Qt, pyqtSignal
 from PyQt6.QtGui import QPainter
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
@@ -162,9 +163,12 @@ class ToolContext:
             viewport.top + rows * viewport.scale
         ) / self.ratio
 
-    def may_paint(self) -> bool:
-        """Return whether the active layer is visible and unlocked; otherwise report why not."""
+    def may_paint(self, *, pixels: bool = True) -> bool:
+        """Return whether the active layer can be edited, and has pixels if that is asked; else report why."""
         refusal = self.workspace.refusal(self.workspace.layer)
+        if pixels and not LAYERS[self.workspace.layer].is_painted:
+            title = LAYERS[self.workspace.layer].title
+            refusal = f"{title} are drawn, not painted: use the line tool (L), or select one (V)."
         if refusal:
             self.signals.message.emit(refusal)
         return not refusal

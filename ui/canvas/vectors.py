@@ -9,7 +9,8 @@ import numpy as np
 from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF, QTransform
 
-from sketchterrain.document.vector_edits import vertices_of
+from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.vector_edits import shared_nodes, vertices_of
 from sketchterrain.document.vectors import AREA, LINE
 from sketchterrain.ui.canvas.marks import SELECTED, OverlayImage, draw_haloed, screen_paths
 from sketchterrain.ui.canvas.tool_context import ToolContext
@@ -19,6 +20,8 @@ from sketchterrain.ui.models.selection import FeatureDrag
 from sketchterrain.ui.models.workspace import Selection
 
 _LEAST_WIDTH = 1.5  # logical px of a line
+_CASING = 1.0  # logical px of the light rim of a road, on each side
+_DASH = 6.0  # logical px
 _MAX_HANDLES = 1500
 
 
@@ -54,15 +57,17 @@ class VectorMarks:
             return
         numbers = vertices_of(layer, selection.id)
         places = layer.vertices[numbers.start : numbers.stop].copy()
-        shared = vectors.curves_of(layer).shared[numbers.start : numbers.stop]
+        network = vectors.network_of(context.document.sketch, selection.kind)
+        shared = shared_nodes(network, places)
         if drag is None:
             self.draw_outline(painter, selection, SELECTED)
         else:
             start, end = (drag.handle.x, drag.handle.y), (drag.x, drag.y)
             places[(places == start).all(axis=1)] = end
-            moved = vectors.Curves.from_layer(vectors.with_moved_node(layer, start, end))
-            for path in screen_paths(context, moved.shapes, context.area):
-                draw_haloed(painter, path, SELECTED, 2.0)
+            for layer in network:
+                moved = vectors.Curves.from_layer(vectors.with_moved_node(layer, start, end))
+                for path in screen_paths(context, moved.shapes, context.area):
+                    draw_haloed(painter, path, SELECTED, 2.0)
         x, y = context.screens_from_world(*places.T)
         left, top, right, bottom = context.area.adjusted(-5.0, -5.0, 5.0, 5.0).getCoords()
         visible = np.flatnonzero((x > left) & (x < right) & (y > top) & (y < bottom))
@@ -79,22 +84,43 @@ class VectorMarks:
             order = np.argsort(layer.kinds == LINE, kind="stable")
             shapes = vectors.curves_of(layer).shapes[order]
             paths = screen_paths(context, shapes, area, margin=0.5 * float(widths.max()))
-            for index, path in zip(order.tolist(), paths, strict=True):
-                if not path.isEmpty():
-                    pen = _pen(layer.layer, int(layer.labels[index]), float(widths[index]))
-                    colour = pen.color()
-                    colour.setAlpha(128)
-                    painter.setPen(pen)
-                    painter.setBrush(colour if layer.kinds[index] == AREA else Qt.BrushStyle.NoBrush)
-                    painter.drawPath(path)
+            visible = [
+                (path, _pens(layer.layer, int(layer.labels[index]), float(widths[index])), layer.kinds[index])
+                for index, path in zip(order.tolist(), paths, strict=True)
+                if not path.isEmpty()
+            ]
+            # One pen of all lines after the other, so that casings do not cross junctions.
+            for number in range(max((len(pens) for _, pens, _ in visible), default=0)):
+                for path, pens, kind in visible:
+                    if number < len(pens):
+                        colour = pens[number].color()
+                        colour.setAlpha(128)
+                        painter.setPen(pens[number])
+                        painter.setBrush(colour if kind == AREA else Qt.BrushStyle.NoBrush)
+                        painter.drawPath(path)
 
 
 @lru_cache(maxsize=256)
-def _pen(layer: str, label: int, width: float) -> QPen:
+def _pens(layer: str, label: int, width: float) -> tuple[QPen, ...]:
+    """Return the pens of a line of a width (px), one over the other: roads have a casing, railways ties."""
     colour = label_colour(layer, label)
-    if width <= _LEAST_WIDTH:  # round ones would take three times the time
-        return QPen(colour, _LEAST_WIDTH, cap=Qt.PenCapStyle.FlatCap, join=Qt.PenJoinStyle.BevelJoin)
-    return QPen(colour, width, cap=Qt.PenCapStyle.RoundCap, join=Qt.PenJoinStyle.RoundJoin)
+    # Round caps would take three times the time.
+    is_thin = width <= _LEAST_WIDTH
+    cap = Qt.PenCapStyle.FlatCap if is_thin else Qt.PenCapStyle.RoundCap
+    join = Qt.PenJoinStyle.BevelJoin if is_thin else Qt.PenJoinStyle.RoundJoin
+    wide = max(width, _LEAST_WIDTH)
+    pen = QPen(colour, wide, cap=cap, join=join)
+    if LAYERS[layer].kind != "way":
+        return (pen,)
+    casing = QPen(QColor(255, 255, 255, 210), wide + 2.0 * _CASING, cap=cap, join=join)
+    if layer == "railway":
+        ties = QPen(QColor(255, 255, 255, 230), 0.5 * wide, cap=Qt.PenCapStyle.FlatCap, join=join)
+        ties.setDashPattern([_DASH / ties.widthF(), _DASH / ties.widthF()])
+        return casing, pen, ties
+    if layer == "path":
+        pen.setCapStyle(Qt.PenCapStyle.FlatCap)
+        pen.setDashPattern([_DASH / wide, 0.5 * _DASH / wide])
+    return casing, pen
 
 
 def _draw_arrow(painter: QPainter, path: QPainterPath) -> None:

@@ -72,6 +72,17 @@ _APPEARANCE: Final = frozenset({"name", "weather", "look", "frame"})  # settings
 _REPORT_AFTER: Final = 0.3  # s, after which the window shows that features are being placed
 
 
+def place_of_finding(sketch: Sketch, line: str) -> tuple[float, float] | None:
+    """Return the middle vertex (m) of the vector that a finding begins with, as ``road 12: …``; else None."""
+    layer, name, *_ = [*line.replace(":", " ").split(), "", ""]
+    vectors = sketch.vectors.get(layer)
+    if vectors is None or not name.isdecimal() or int(name) not in vectors.ids:
+        return None
+    (ring, *_) = vectors.feature(int(name)).rings
+    x, y = ring[len(ring) // 2].tolist()
+    return x, y
+
+
 class Placer:
     """Follows the window's sketch, places it, and reports to the window and the engine."""
 
@@ -176,6 +187,7 @@ class Placer:
                 rivers=found.rivers,
                 lakes=found.lakes,
                 resolutions=recipe.resolutions,
+                findings=tuple((line, place_of_finding(sketch, line)) for line in recipe.network.findings),
                 orphans=recipe.orphans,
                 seconds=self._policy.finish(),
             )

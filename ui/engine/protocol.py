@@ -207,6 +207,7 @@ class Placement:
     rivers: tuple[River, ...]
     lakes: tuple[Lake, ...]
     resolutions: tuple[tuple[str, float, float], ...] = ()  # resolved contradictions: text, x, y (m)
+    findings: tuple[tuple[str, tuple[float, float] | None], ...] = ()  # about roads: text, x and y if known
     orphans: tuple[str, ...] = ()  # a line for each edit whose feature no longer exists
     seconds: float = 0.0  # duration of the placement
 

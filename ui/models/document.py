@@ -18,7 +18,7 @@ from sketchterrain.document.label_layers import (
     labels_in,
     union_box,
 )
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 
@@ -67,7 +67,7 @@ class Document(QObject):
         self.path: Path | None = None  # None if never saved
         self.draft: Draft | None = None  # the current stroke
         self._saved: object = self.state
-        self._labels = LRUCache(len(LAYERS))  # that may occur in an image
+        self._labels = LRUCache(len(PAINTED_LAYERS))  # that may occur in an image
 
     @property
     def sketch(self) -> Sketch:

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.label_layers import Box, LabelImage, union_box
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LANE_WIDTHS, LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.hydrology.splines import cubics
 from sketchterrain.placement.heights import ShapeHeight, shape_height
@@ -256,8 +256,8 @@ def line_width(sketch: Sketch, layer: str, label: int, brush: float) -> float:
     """Return the painted width (px) of a line: the label's width property, else the brush's diameter."""
     if "width" not in LAYERS[layer].parameters:
         return 2.0 * brush
-    width = sketch.properties(layer, label)["width"]
-    assert isinstance(width, float)  # noqa: S101 # declared so
+    properties = sketch.properties(layer, label)
+    width = float(properties["width"] or LANE_WIDTHS.get(layer, 0.0) * properties.get("lanes", 0))
     return max(width / sketch.pixel_size, 2.0 * THINNEST)
 
 

@@ -1,5 +1,6 @@
 """The selection: hit testing of placed features, drag handles and drags, commands; one history step each."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -8,18 +9,36 @@ import numpy as np
 from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.document.layers import LAYERS, layer_of, vector_of
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vector_edits import nearest_vertex
-from sketchterrain.document.vectors import on_grid
+from sketchterrain.document.vector_edits import set_value
+from sketchterrain.document.vectors import LINE, on_grid
 from sketchterrain.errors import InputError
 from sketchterrain.placement.feature_types import FEATURE_TYPES, River, distance_inside, height_profile
 from sketchterrain.ui import commands
-from sketchterrain.ui.commands import drag_title, dragged, find_parent_river, find_point, find_river, name_of
+from sketchterrain.ui.commands import (
+    drag_title,
+    dragged,
+    find_parent_river,
+    find_point,
+    find_river,
+    name_of,
+    with_vectors,
+)
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.vectors import delete_vector, find_vector
+from sketchterrain.ui.models.vectors import (
+    curves_of,
+    delete_vector,
+    find_vector,
+    network_of,
+    node_moved,
+    snapped,
+    widths_of,
+)
 from sketchterrain.ui.models.workspace import Selection, Workspace
 
 _MAX_HANDLES = 1000  # of a vector
+_ALONG = 0.1  # m along a line, which gives its direction
+_DECIMALS = 2  # of a dragged width, m
 _TREE_HEIGHT = 20.0  # m that a dense forest counts when compared with mountains
 
 
@@ -31,8 +50,13 @@ class Handle:
     selection: Selection
     x: float  # position, m
     y: float
-    base_x: float  # origin of a radius or width, m: the feature's centre or the river's centreline
+    base_x: float  # origin of a radius or width, m: the feature's centre or the centreline
     base_y: float
+
+    @property
+    def is_vertex(self) -> bool:
+        """Whether it is a vertex of a vector."""
+        return self.role == "point" and self.selection.is_vector
 
 
 def select_at(placed: Placement, x: float, y: float, *, reach: float) -> Selection | None:
@@ -64,16 +88,34 @@ def _of_water(kind: str, name: int) -> Selection:
 
 
 def vector_handles(sketch: Sketch, selection: Selection | None) -> tuple[Handle, ...]:
-    """Return a handle for each vertex of the selected vector, for every so many of a large one."""
+    """Return handles for the vertices of the selected vector, of a large one every so many, and its width."""
     feature = find_vector(sketch, selection)
     if feature is None or selection is None:
         return ()
     places = np.concatenate(feature.rings).tolist()
     step = -(-len(places) // _MAX_HANDLES)
-    return tuple(
+    width = vector_width_handle(sketch, selection)
+    vertices = (
         Handle("point", Selection(selection.kind, selection.id, i), *places[i], *places[i])
         for i in range(0, len(places), step)
     )
+    return (*vertices, *([width] if width is not None else []))
+
+
+def vector_width_handle(sketch: Sketch, selection: Selection | None) -> Handle | None:
+    """Return the handle of a line's width: on its left, halfway along it; None if it is no line with one."""
+    feature = find_vector(sketch, selection)
+    if feature is None or selection is None or feature.kind != LINE:
+        return None
+    layer = sketch.vectors[selection.kind]
+    index = layer.index(selection.id)
+    line = curves_of(layer).shapes[index]
+    (x, y), (to_x, to_y) = (
+        line.interpolate(min(0.5 * line.length + step, line.length)).coords[0] for step in (0.0, _ALONG)
+    )
+    across = 0.5 * float(widths_of(sketch, layer)[index]) / max(math.hypot(to_x - x, to_y - y), 1e-9)
+    whole = Selection(selection.kind, selection.id)
+    return Handle("width", whole, x - across * (to_y - y), y + across * (to_x - x), x, y) if across else None
 
 
 def vertex_at(
@@ -148,8 +190,8 @@ def _heights(points: StructuredArray, distance: Float64Array) -> Float64Array:
 class FeatureDrag:
     """A drag of a handle: edits the document, as one history step.
 
-    Placed features follow at once. A vertex of a vector moves with its node when the drag is finished; it
-    snaps to others within `reach` (m).
+    Placed features and widths follow at once. A vertex of a vector moves with its node when the drag is
+    finished; it snaps to others and to lines within `reach` (m).
     """
 
     def __init__(
@@ -182,17 +224,17 @@ class FeatureDrag:
         if not self.is_alive:
             return
         x, y = x + self._offset[0], y + self._offset[1]
-        if not self.handle.selection.is_vector:
+        if not self.handle.is_vertex:
             self._change(x, y)
             return
-        layer = self._before.vectors[self.handle.selection.kind]
-        near = nearest_vertex(layer, x, y, self._reach, other_than=(self.handle.x, self.handle.y))
-        self.x, self.y = on_grid((x, y) if near is None else layer.vertices[near]).tolist()
+        layers = network_of(self._before, self.handle.selection.kind)
+        near = snapped(layers, x, y, self._reach, other_than=(self.handle.x, self.handle.y))
+        self.x, self.y = near or on_grid((x, y)).tolist()
 
     def finish(self) -> None:
         """End the drag; `problem` tells why the last motion was not possible."""
         is_moved = (self.x, self.y) != (self.handle.x, self.handle.y)
-        if self.handle.selection.is_vector and is_moved and self.is_alive:
+        if self.handle.is_vertex and is_moved and self.is_alive:
             self._change(self.x, self.y)
         self._last = None
 
@@ -206,10 +248,24 @@ class FeatureDrag:
     def _change(self, x: float, y: float) -> None:
         self.problem = ""
         try:
-            self._do(dragged(self._before, self._placed, self.handle, x, y))
+            self._do(self._changed(x, y))
             self.x, self.y = x, y
         except InputError as error:
             self.problem = str(error)
+
+    def _changed(self, x: float, y: float) -> Sketch:
+        before, handle = self._before, self.handle
+        kind, name = handle.selection.kind, handle.selection.id
+        if not handle.selection.is_vector:
+            return dragged(before, self._placed, handle, x, y)
+        if handle.is_vertex:
+            return with_vectors(before, *node_moved(before, kind, (handle.x, handle.y), (x, y)))
+        parameter = LAYERS[kind].parameters["width"]
+        low, high = parameter.soft_range or (parameter.low, parameter.high)
+        width = round(2.0 * math.hypot(x - handle.base_x, y - handle.base_y), _DECIMALS)
+        return with_vectors(
+            before, set_value(before.vectors[kind], name, "width", min(max(width, low), high))
+        )
 
     def _do(self, sketch: Sketch) -> None:
         self._document.do(drag_title(self._placed, self.handle), sketch, merge=self._merge)

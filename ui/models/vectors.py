@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document import vector_edits as edits
-from sketchterrain.document.layers import DRAW_ORDER, LAYERS
+from sketchterrain.document.layers import DRAW_ORDER, LANE_WIDTHS, LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import LINE, VECTOR_LAYERS, VectorFeature, VectorLayer, on_grid
 from sketchterrain.errors import InputError
@@ -27,8 +27,14 @@ if TYPE_CHECKING:  # it takes a quarter of a second
 _PIECES = 16  # straight ones of a curve between two vertices
 _POWERS = (np.arange(_PIECES) / _PIECES) ** np.arange(4)[:, None]
 _ON_LINE = 0.01  # m
+_AT_VERTEX = 0.1  # m from a vertex, where two lines that share it cross
 _OFFSET = 0.02  # of what is pasted, over the sketch's extent
-_curves = LRUCache(4)
+_curves = LRUCache(12)
+_ORDER = (
+    *(name for name in DRAW_ORDER if name in VECTOR_LAYERS),
+    *(name for name in reversed(VECTOR_LAYERS) if not LAYERS[name].is_painted),
+)
+"""Vector layers from bottom to top."""
 
 Shapes: TypeAlias = npt.NDArray[np.object_]
 """Shapely geometries."""
@@ -42,13 +48,11 @@ class Curves:
     ----------
     shapes, outlines : (n,) m; the outline of an area is its border and holes
     tree : index of the shapes
-    shared : (m,) whether each vertex is a node with others
     """
 
     shapes: Shapes
     outlines: Shapes
     tree: shapely.STRtree
-    shared: BoolArray
 
     @classmethod
     def from_layer(cls, layer: VectorLayer) -> Curves:
@@ -61,9 +65,7 @@ class Curves:
             lengths = np.diff(layer.rings)[own]
             points, line = _sampled(layer.vertices[own[layer.ring_of_vertex]], lengths)
             shapes[smooth] = shapely.linestrings(points, indices=line)
-        places = layer.vertices @ np.array([1.0, 1.0j])
-        _, node, counts = np.unique(places, return_inverse=True, return_counts=True)
-        return cls(shapes, outlines(shapes), shapely.STRtree(shapes), counts[node] > 1)
+        return cls(shapes, outlines(shapes), shapely.STRtree(shapes))
 
     def nearest(self, x: float, y: float, reach: float | Float64Array) -> int | None:
         """Return the index of the feature with the nearest outline within a distance (m), or each its own."""
@@ -136,9 +138,19 @@ def _pair(place: Float64Array) -> tuple[float, float]:
 
 def widths_of(sketch: Sketch, layer: VectorLayer) -> Float64Array:
     """Return the width of each line of a layer (m), 0 of the rest."""
-    if "width" not in LAYERS[layer.layer].parameters:
+    name = layer.layer
+    if "width" not in LAYERS[name].parameters:
         return np.zeros(len(layer))
-    return np.where(layer.kinds == LINE, sketch.vector_values(layer.layer, "width"), 0.0)
+    widths = sketch.vector_values(name, "width")
+    if name in LANE_WIDTHS:
+        by_lanes = LANE_WIDTHS[name] * sketch.vector_values(name, "lanes")
+        widths = np.where(widths == 0.0, by_lanes, widths)
+    return np.where(layer.kinds == LINE, widths, 0.0)
+
+
+def network_of(sketch: Sketch, name: str) -> list[VectorLayer]:
+    """Return the layers that share nodes with a layer, itself first."""
+    return [sketch.vectors[each] for each in edits.network_layers(name)]
 
 
 def find_vector(sketch: Sketch, selection: Selection | None) -> VectorFeature | None:
@@ -151,7 +163,7 @@ def find_vector(sketch: Sketch, selection: Selection | None) -> VectorFeature | 
 
 def visible_vectors(sketch: Sketch, workspace: Workspace) -> list[VectorLayer]:
     """Return the visible layers that have vectors, from bottom to top."""
-    names = [name for name in DRAW_ORDER if name in VECTOR_LAYERS and workspace.look(name).visible]
+    names = [name for name in _ORDER if workspace.look(name).visible]
     return [sketch.vectors[name] for name in names if len(sketch.vectors[name])]
 
 
@@ -172,28 +184,95 @@ def vector_at(sketch: Sketch, workspace: Workspace, x: float, y: float, *, reach
 
 
 def snapped(
-    layer: VectorLayer, x: float, y: float, reach: float, *, to_lines: bool = False
+    layers: Sequence[VectorLayer],
+    x: float,
+    y: float,
+    reach: float,
+    *,
+    other_than: tuple[float, float] | None = None,
 ) -> tuple[float, float] | None:
-    """Return the vertex, else the place on a line, within a distance (m)."""
-    vertex = edits.nearest_vertex(layer, x, y, reach)
-    if vertex is not None:
-        return _pair(layer.vertices[vertex])
-    index = curves_of(layer).nearest(x, y, reach) if to_lines else None
-    return None if index is None else nearest_place(layer, index, x, y)[1]
+    """Return the nearest vertex of layers, else place on a line or border, within a distance (m).
+
+    `other_than`: not the node at a position, nor what is connected to it.
+    """
+    vertices = [(layer, edits.nearest_vertex(layer, x, y, reach, other_than=other_than)) for layer in layers]
+    places = [layer.vertices[number] for layer, number in vertices if number is not None]
+    for layer in layers if not places else ():
+        index = curves_of(layer).nearest(x, y, _reaches(layer, reach, other_than))
+        if index is not None:
+            places.append(np.array(nearest_place(layer, index, x, y)[1]))
+    return _pair(min(places, key=lambda place: float(np.hypot(*(place - (x, y)))))) if places else None
 
 
-def with_nodes(layer: VectorLayer, places: Float64Array, reach: float) -> VectorLayer:
+def _reaches(layer: VectorLayer, reach: float, other_than: tuple[float, float] | None) -> Float64Array:
+    """Return a distance for each feature; less than 0 of those that have a node at a position."""
+    reaches = np.full(len(layer), reach)
+    if other_than is not None:
+        at_node = edits.at_node(layer, *other_than)
+        reaches[layer.feature_of_ring[layer.ring_of_vertex[at_node]]] = -np.inf
+    return reaches
+
+
+def with_nodes(
+    layer: VectorLayer, places: Float64Array, *, other_than: tuple[float, float] | None = None
+) -> VectorLayer:
     """Return the layer with vertices at those of some positions (m) that are on its lines and borders.
 
-    A smooth line that gets a vertex moves a little: further ones may be off it by `reach` (m).
+    `other_than`: not in features that have a node at a position.
     """
-    curves = curves_of(layer)
-    for x, y in places.tolist():
-        is_on_line = curves.nearest(x, y, _ON_LINE) is not None
-        index = curves_of(layer).nearest(x, y, reach) if is_on_line else None
-        if index is not None and not edits.at_node(layer, x, y).any():
-            layer = edits.insert_vertex(layer, nearest_place(layer, index, x, y)[0], x, y)
-    return layer
+    curves, reaches = curves_of(layer), _reaches(layer, _ON_LINE, other_than)
+    found: list[tuple[int, float, float, float]] = []
+    for x, y in np.unique(places, axis=0).tolist():
+        index = None if edits.at_node(layer, x, y).any() else curves.nearest(x, y, reaches)
+        if index is not None:
+            after = nearest_place(layer, index, x, y)[0]
+            found.append((after, float(np.hypot(*(layer.vertices[after] - (x, y)))), x, y))
+    if not found:
+        return layer
+    found.sort()
+    at = np.array(found)
+    return edits.insert_vertices(layer, at[:, 0].astype(np.int64), at[:, 2:])
+
+
+def with_feature(sketch: Sketch, name: str, feature: VectorFeature) -> list[VectorLayer]:
+    """Return the layers of a network, `name` first, with another feature, joined where it touches others.
+
+    Roads, railways and paths are also joined where they cross at one level.
+    """
+    layers = network_of(sketch, name)
+    own = VectorLayer(name).edited(add=[feature])
+    if LAYERS[name].kind == "way":
+        own = with_nodes(own, _crossings(sketch, own, layers))
+    first, *others = (with_nodes(layer, own.vertices) for layer in layers)
+    return [first.edited(add=[replace(own.feature(1), id=0)]), *others]
+
+
+def _crossings(sketch: Sketch, own: VectorLayer, layers: Sequence[VectorLayer]) -> Float64Array:
+    """Return where a new line crosses those at its level, away from its vertices, (n, 2), m."""
+    import shapely
+
+    (line,) = curves_of(own).shapes
+    (storey,) = _storeys(sketch, own, [0])
+    found = [np.zeros((0, 2))]
+    for layer in layers:
+        curves = curves_of(layer)
+        rows = curves.tree.query(line, predicate="crosses").tolist()
+        same = [
+            row for row, other in zip(rows, _storeys(sketch, layer, rows), strict=True) if other == storey
+        ]
+        found.append(shapely.get_coordinates(shapely.intersection(line, curves.shapes[same])))
+    places = on_grid(np.concatenate(found))
+    return places[[edits.nearest_vertex(own, x, y, _AT_VERTEX) is None for x, y in places]]
+
+
+def _storeys(sketch: Sketch, layer: VectorLayer, rows: list[int]) -> list[int]:
+    """Return the levels of some ways; those of bridges and tunnels follow from that unless they are given."""
+    labels = layer.labels[rows].tolist()
+    values = [
+        {**sketch.properties(layer.layer, label), **own}
+        for label, own in zip(labels, layer.properties(rows), strict=True)
+    ]
+    return [each["level"] or {"bridge": 1, "tunnel": -1}.get(each["structure"], 0) for each in values]
 
 
 def with_moved_node(layer: VectorLayer, start: tuple[float, float], end: tuple[float, float]) -> VectorLayer:
@@ -207,15 +286,46 @@ def with_moved_node(layer: VectorLayer, start: tuple[float, float], end: tuple[f
         return own
 
 
+def node_moved(
+    sketch: Sketch, name: str, start: tuple[float, float], end: tuple[float, float]
+) -> list[VectorLayer]:
+    """Return the layers of a network with a node moved; on a line or border it is a vertex of that too."""
+    place = np.array([end])
+    layers = [with_nodes(layer, place, other_than=start) for layer in network_of(sketch, name)]
+    return [
+        edits.move_node(each, start, end) if edits.at_node(each, *start).any() else each for each in layers
+    ]
+
+
+def drag_refusal(sketch: Sketch, workspace: Workspace, name: str, x: float, y: float) -> str:
+    """Return why the node of a layer at a position (m) cannot be moved; empty if it can."""
+    locked = (
+        layer.layer
+        for layer in network_of(sketch, name)
+        if workspace.look(layer.layer).locked and edits.at_node(layer, x, y).any()
+    )
+    return workspace.refusal(name) or next(map(workspace.refusal, locked), "")
+
+
 def change_vectors(
-    document: Document, workspace: Workspace, title: str, layer: VectorLayer, *, merge: Hashable | None = None
+    document: Document,
+    workspace: Workspace,
+    title: str,
+    layer: VectorLayer,
+    *others: VectorLayer,
+    merge: Hashable | None = None,
 ) -> None:
-    """Record a step that replaces a vector layer; raise InputError if it is locked or hidden."""
+    """Record a step that replaces vector layers; raise InputError if one is locked or the first is hidden."""
+    sketch = document.sketch
     if refusal := workspace.refusal(layer.layer):
         raise InputError(refusal)
-    if layer is not document.sketch.vectors[layer.layer]:
-        changed = with_vectors(document.sketch, layer)
-        document.do(f"{title} {LAYERS[layer.layer].title.lower()}", changed, merge=merge)
+    changed = [each for each in (layer, *others) if each is not sketch.vectors[each.layer]]
+    for each in changed:
+        if workspace.look(each.layer).locked:
+            raise InputError(workspace.refusal(each.layer))
+    if changed:
+        title = f"{title} {LAYERS[layer.layer].title.lower()}"
+        document.do(title, with_vectors(sketch, *changed), merge=merge)
 
 
 def insert_vertex(document: Document, workspace: Workspace, x: float, y: float, *, reach: float) -> bool:
@@ -228,7 +338,7 @@ def insert_vertex(document: Document, workspace: Workspace, x: float, y: float, 
     if index is None:
         return False
     after, place = nearest_place(layer, index, x, y)
-    changed = edits.insert_vertex(layer, after, *place)
+    changed = edits.insert_vertices(layer, np.array([after]), np.array([place]))
     change_vectors(document, workspace, "Insert a vertex in", changed)
     workspace.selection = replace(selection, index=after + 1 - edits.vertices_of(layer, selection.id)[0])
     return True

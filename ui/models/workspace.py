@@ -318,6 +318,8 @@ def _bookmark(table: dict[str, Any]) -> Bookmark:
 
 
 TOOLS: Final = ("select", "brush", "eraser", "line", "fill", "pick", "pan")
+PAINT_TOOLS: Final = ("brush", "eraser", "fill")
+"""Tools for layers with an image."""
 OVERLAYS: Final = {
     "relief": "the terrain's relief beneath the paint",
     "elevation": "elevation data beneath the paint, shaded",
@@ -367,6 +369,7 @@ class Workspace(QObject):
     def __init__(self) -> None:
         super().__init__()
         self._tool = "brush"
+        self._paint_tool = ""  # that the line tool replaces while the active layer has no image
         self.layer, self.label = next(iter(LAYERS)), 1  # the active ones, changed by `use_label` only
         self._brushes: dict[str, float] = {}  # radii that were chosen, by layer
         self._longer_side = DEFAULT_SIDE
@@ -384,6 +387,7 @@ class Workspace(QObject):
     def tool(self, tool: str) -> None:
         if tool not in TOOLS:
             raise ValueError(f"expected a tool, one of {', '.join(TOOLS)}, got {tool!r}")
+        self._paint_tool = ""
         if tool != self._tool:
             self._tool = tool
             self.tool_changed.emit(tool)
@@ -391,8 +395,17 @@ class Workspace(QObject):
     def use_label(self, layer: str, label: int) -> None:
         if (layer, label) != (self.layer, self.label):
             self.layer, self.label = LAYERS[layer].name, label
+            self._suit_tool()
             self.label_changed.emit(layer, label)
             self.brush_changed.emit(self.brush)
+
+    def _suit_tool(self) -> None:
+        """Take the line tool in place of a paint tool for a layer of vectors alone, and back for another."""
+        if LAYERS[self.layer].is_painted and self._paint_tool and self._tool == "line":
+            self.tool = self._paint_tool
+        elif not LAYERS[self.layer].is_painted and self._tool in PAINT_TOOLS:
+            paint_tool, self.tool = self._tool, "line"
+            self._paint_tool = paint_tool
 
     @property
     def brush(self) -> float:

@@ -33,6 +33,8 @@ _SWATCH: Final = 24
 _HEIGHT: Final = 34
 _ICON: Final = 17
 _COLUMN_WIDTH: Final = 32
+_DIGITS: Final = (*range(Qt.Key.Key_1, Qt.Key.Key_9 + 1), Qt.Key.Key_0)
+"""Keys of the first layers."""
 
 
 class _RowDelegate(QStyledItemDelegate):
@@ -106,7 +108,7 @@ class Row(NamedTuple):
 
 
 class LayerList(QTreeWidget):
-    """Layers and their labels. Arrow keys or 1 to 9 select, Space toggles visibility."""
+    """Layers and their labels. Arrow keys or 1 to 9 and 0 select, Space toggles visibility."""
 
     label_activated = pyqtSignal(str, int)
     layer_activated = pyqtSignal(str)
@@ -130,7 +132,7 @@ class LayerList(QTreeWidget):
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         self.setAccessibleName("Layers")
-        self.setToolTip("Layers and labels. 1 to 9 select a layer, Space shows or hides it")
+        self.setToolTip("Layers and labels. 1 to 9 and 0 select a layer, Space shows or hides it")
         header = self.header()
         if header is not None:
             header.setStretchLastSection(False)
@@ -165,9 +167,8 @@ class LayerList(QTreeWidget):
             super().keyPressEvent(event)
             return
         row = self._current()
-        number = event.key() - Qt.Key.Key_1
-        if 0 <= number < len(LAYERS):
-            self.layer_activated.emit(list(LAYERS)[number])
+        if event.key() in _DIGITS:
+            self.layer_activated.emit(list(LAYERS)[_DIGITS.index(event.key())])
         elif row is not None and event.key() == Qt.Key.Key_Space:
             self.eye_clicked.emit(row.layer)
         elif event.key() == Qt.Key.Key_Delete:
@@ -188,7 +189,7 @@ class LayerList(QTreeWidget):
     def _accepts(self, event: QKeyEvent) -> bool:
         plain = event.modifiers() in (Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.KeypadModifier)
         own = event.key() in (Qt.Key.Key_Space, Qt.Key.Key_Delete)
-        return plain and (own or 0 <= event.key() - Qt.Key.Key_1 < len(LAYERS))
+        return plain and (own or event.key() in _DIGITS)
 
     def _current(self) -> Row | None:
         index = self.indexOfTopLevelItem(self.currentItem())

@@ -76,7 +76,7 @@ def label_detail(sketch: Sketch, layer: str, label: int, pixels: int) -> str:
     drawn = commands.vector_counts(sketch, layer).get(label, 0)
     main += f" · {drawn} drawn" if drawn else ""
     if not area:
-        return main if drawn else f"{main} · not painted"
+        return main if drawn else f"{main} · not {'painted' if LAYERS[layer].is_painted else 'drawn'}"
     if area < 1e4:
         return f"{main} · {number(area, decimals=0)} m²"
     return f"{main} · {number(area / 1e6, decimals=1 if area >= 1e6 else 2)} km²"
@@ -236,6 +236,7 @@ class LayersPanel(QWidget):
         current = next(i for i, row in enumerate(rows) if (row.layer, row.label) == (layer, label))
         self.list.show_rows(rows, current)
         look = workspace.look(layer)
+        self.opacity.setEnabled(LAYERS[layer].is_painted)
         self._percent.setText(f"{round(100 * look.opacity)} %")
         with QSignalBlocker(self.opacity):
             self.opacity.setValue(round(look.opacity * SLIDER_STEPS))

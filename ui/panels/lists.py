@@ -143,7 +143,7 @@ class HistoryPanel(Panel):
 
 
 class ContradictionsPanel(Panel):
-    """List of resolved contradictions; a click on one shows its place."""
+    """List of resolved contradictions and findings about roads; a click on one shows its place."""
 
     place_activated = pyqtSignal(float, float)  # a place (m)
 
@@ -177,17 +177,20 @@ class ContradictionsPanel(Panel):
     def _refresh(self, *_: object) -> None:
         placed = self._link.placed
         resolutions = () if placed is None else placed.resolutions
+        findings = () if placed is None else placed.findings
         orphans = () if placed is None else placed.orphans
-        if (resolutions, orphans) == self._lines:
+        if (resolutions, findings, orphans) == self._lines:
             return
-        self._lines = (resolutions, orphans)
+        self._lines = (resolutions, findings, orphans)
         self._model.clear()
         for line, x, y in resolutions:
             self._model.appendRow(_item(line, "warning", place=(x, y)))
+        for line, place in findings:
+            self._model.appendRow(_item(line, "info", place=place))
         for line in orphans:
             self._model.appendRow(_item(f"Edit without its feature: {line}", "delete", is_pale=True))
-        self._none.setHidden(bool(resolutions or orphans))
-        self.list.setVisible(bool(resolutions or orphans))
+        self._none.setHidden(self._model.rowCount() > 0)
+        self.list.setVisible(self._model.rowCount() > 0)
 
     def _activate(self, index: QModelIndex) -> None:
         place = index.data(_PLACE)

@@ -12,7 +12,7 @@ from PyQt6.QtWidgets import QProgressBar, QPushButton, QSizePolicy, QWidget
 from superqt import QElidingLabel
 
 from sketchterrain.app.listings import limited_lines
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.io.system import memory_in_use
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.link import EngineLink
@@ -118,7 +118,7 @@ class AdherencePanel(ScrollingPanel):
         tip = "Show where the active layer is missing and where it spills over"
         self.overlay = check_box("&Show in the sketch", tip)
         self._head, self._state, self._peaks = heading(), faint_label(), faint_label()
-        self.bars = {name: AdherenceBar(name) for name, layer in LAYERS.items() if layer.kind != "cover"}
+        self.bars = {name: AdherenceBar(name) for name in PAINTED_LAYERS if LAYERS[name].kind != "cover"}
         tip = "Show hollows, channels that rise, and ground steeper than that of real land"
         self.faults = check_box("Show &faults of landforms", tip)
         self._realism_head, self._realism = heading(), faint_label()
@@ -288,7 +288,7 @@ class StatusLine(QWidget):
         if not (0 <= row < sketch.height_px and 0 <= column < sketch.width_px):
             return []
         titles = []
-        for name in sorted(LAYERS, key=lambda each: each != self._workspace.layer):
+        for name in sorted(PAINTED_LAYERS, key=lambda each: each != self._workspace.layer):
             label = int(self._document.layer(name)[row, column])
             if label and self._workspace.look(name).visible:
                 titles.append(label_title(name, label).lower())

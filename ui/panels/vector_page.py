@@ -4,10 +4,12 @@ from dataclasses import replace
 
 from PyQt6.QtWidgets import QComboBox, QLabel, QWidget
 
+from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.own_materials import with_materials
 from sketchterrain.document.parameters import Parameter, Value
-from sketchterrain.document.vector_edits import set_value, vertices_of
+from sketchterrain.document.vector_edits import change_layer, network_layers, set_value, vertices_of
 from sketchterrain.document.vectors import LINE, VECTOR_LAYERS, VectorLayer, vector_parameters
-from sketchterrain.ui import commands
+from sketchterrain.ui.commands import labels_of
 from sketchterrain.ui.look.theme import MARGIN, column, described, row
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.vectors import change_vectors, curves_of, find_vector
@@ -17,11 +19,10 @@ from sketchterrain.ui.panels.form import ParameterForm
 
 _NAME = Parameter("name", str, "", 0, 200, "characters", "")
 _HELP = {
-    "width": "from bank to bank",
     "smooth": "its vertices are the control points of a smooth curve",
     "directed": "it runs from its first vertex to its last one, not downhill",
 }
-_OF_LINES = tuple(_HELP)
+_OF_LINES = ("width", *_HELP)
 
 
 class VectorPage(QWidget):
@@ -32,15 +33,15 @@ class VectorPage(QWidget):
         self._document, self._workspace = document, workspace
         self._shown: Selection | None = None
         self._head = PageHead()
-        self.label = described(scroll_past(QComboBox()), "Label", "Its label, which it has properties of")
+        tip = "Its label, which it has properties of; of roads, railways and paths the kind of way too"
+        self.label = described(scroll_past(QComboBox()), "Label", tip)
         title = QLabel("La&bel")
         title.setBuddy(self.label)
-        self.forms = {name: _form(name) for name in VECTOR_LAYERS}
-        column(self, self._head, row(None, (title, 1), self.label), *self.forms.values(), spacing=MARGIN)
-        for form in self.forms.values():
-            form.edited.connect(self._set)
-            form.reset_requested.connect(lambda name: self._set(name, None, object()))
-        self.label.activated.connect(lambda _: self._set("label", self.label.currentData(), object()))
+        self._declared = {name: vector_parameters(name) for name in VECTOR_LAYERS}
+        self.forms = {name: self._form(name) for name in VECTOR_LAYERS}
+        labels = row(None, (title, 1), self.label)
+        self._column = column(self, self._head, labels, *self.forms.values(), spacing=MARGIN)
+        self.label.activated.connect(lambda _: self._set_label(*self.label.currentData()))
         for signal in (document.sketch_changed, workspace.selection_changed, workspace.look_changed):
             signal.connect(self.refresh)
         self.refresh()
@@ -65,10 +66,19 @@ class VectorPage(QWidget):
             _facts(sketch.vectors[name], selection.id),
             (name, feature.label),
         )
+        own_label = (name, feature.label)
+        labels = {(each, label) for each in network_layers(name) for label in labels_of(sketch, each) or [1]}
+        ordered = sorted(labels | {own_label}, key=lambda pair: (pair[0] != name, *pair))
         self.label.clear()
-        for label in sorted({*commands.labels_of(sketch, name), feature.label}):
-            self.label.addItem(label_title(name, label), label)
-        self.label.setCurrentIndex(self.label.findData(feature.label))
+        for pair in ordered:
+            self.label.addItem(label_title(*pair), pair)
+        self.label.setCurrentIndex(ordered.index(own_label))
+        declared = with_materials(vector_parameters(name), sketch.material_table)
+        if declared != self._declared[name]:  # the sketch has other materials
+            self._declared[name] = declared
+            self.forms[name].deleteLater()
+            self.forms[name] = self._form(name)
+            self._column.addWidget(self.forms[name])
         values = {"name": "", "smooth": 0, "directed": 0, **sketch.properties(name, feature.label), **own}
         for each, form in self.forms.items():
             form.setVisible(each == name)
@@ -78,6 +88,18 @@ class VectorPage(QWidget):
             if field.reset is not None:
                 field.reset.setVisible(key in own)
 
+    def _set_label(self, layer: str, label: int) -> None:
+        """Set the label, of a way also its kind: it moves to the layer of that."""
+        shown, sketch = self._shown, self._document.sketch
+        if shown is None or layer == shown.kind:
+            self._set("label", label, object())
+        elif find_vector(sketch, shown) is not None:
+            changed = change_layer(sketch.vectors[shown.kind], sketch.vectors[layer], shown.id, label)
+            change_vectors(
+                self._document, self._workspace, f"Make {label_title(layer, label).lower()} of", *changed
+            )
+            self._workspace.selection = Selection(layer, int(changed[1].ids[-1]))
+
     def _set(self, name: str, value: Value | None, key: object) -> None:
         shown, sketch = self._shown, self._document.sketch
         if shown is not None and find_vector(sketch, shown) is not None:
@@ -86,16 +108,19 @@ class VectorPage(QWidget):
             title = f"Set {title_from_key(name).lower()} of"
             change_vectors(self._document, self._workspace, title, changed, merge=key)
 
-
-def _form(layer: str) -> ParameterForm:
-    declared = {name: each for name, each in vector_parameters(layer).items() if name != "flow"}
-    # Without the sentinel of a width: nothing is painted.
-    rows = [replace(each, help=_HELP.get(name, each.help), sentinel=None) for name, each in declared.items()]
-    form = ParameterForm([_NAME, *rows])
-    for field in form.rows.values():
-        if field.reset is not None:
-            field.reset.setToolTip("Back to its label's")
-    return form
+    def _form(self, layer: str) -> ParameterForm:
+        left_out = ("flow",) if LAYERS[layer].is_water else ("directed",)
+        declared = {name: each for name, each in self._declared[layer].items() if name not in left_out}
+        rows = [replace(each, help=_HELP.get(name, each.help)) for name, each in declared.items()]
+        if LAYERS[layer].is_painted:  # but vectors are not: no width is as wide as painted
+            rows = [replace(each, sentinel=None) for each in rows]
+        form = ParameterForm([_NAME, *rows])
+        for field in form.rows.values():
+            if field.reset is not None:
+                field.reset.setToolTip("Back to its label's")
+        form.edited.connect(self._set)
+        form.reset_requested.connect(lambda name: self._set(name, None, object()))
+        return form
 
 
 def _facts(layer: VectorLayer, name: int) -> str:

@@ -7,13 +7,12 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.placement.feature_types import FEATURE_TYPES, River
 from sketchterrain.ui.canvas.marks import shore_lines
 from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.selection import Handle, handles_of, vector_handles
-from sketchterrain.ui.models.vectors import Curves, curves_of, find_vector, with_moved_node
+from sketchterrain.ui.models.vectors import Curves, curves_of, find_vector, network_of, with_moved_node
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, circle
 
@@ -135,7 +134,7 @@ class MarkBuilder:
         if self.selection is None:
             return ()
         if self.sketch is not None and find_vector(self.sketch, self.selection) is not None:
-            return self._vector(self.sketch.vectors[self.selection.kind], self.selection.id)
+            return self._vector(self.sketch, self.selection)
         find = (self.placed, self.selection)
         river, point, lake = find_river(*find), find_point(*find), find_lake(*find)
         if lake is not None:
@@ -152,13 +151,22 @@ class MarkBuilder:
             radius = float(np.hypot(self.drag[1] - x, self.drag[2] - y))
         return (self._segments(self.terrain.drape(circle(x, y, radius))),)
 
-    def _vector(self, layer: VectorLayer, name: int) -> tuple[Segments, ...]:
-        curves = curves_of(layer)
-        if self.drag is not None:
+    def _vector(self, sketch: Sketch, selection: Selection) -> tuple[Segments, ...]:
+        """Return the outline of the selected vector, and of all at the node that is dragged."""
+        layer = sketch.vectors[selection.kind]
+        lines = curves_of(layer).lines(layer.index(selection.id))
+        if self.drag is not None and self.drag[0].is_vertex:
             handle, x, y = self.drag
-            layer = with_moved_node(layer, (handle.x, handle.y), (x, y))
-            curves = Curves.from_layer(layer)
-        lines = curves.lines(layer.index(name)) if name in layer.ids else []
+            moved = [
+                with_moved_node(each, (handle.x, handle.y), (x, y))
+                for each in network_of(sketch, selection.kind)
+            ]
+            lines = [
+                line
+                for each in moved
+                for index in range(len(each))
+                for line in Curves.from_layer(each).lines(index)
+            ]
         return tuple(
             self._segments(self.terrain.drape(line[_thin(len(line), _MAX_SHORE_SEGMENTS)])) for line in lines
         )

@@ -9,6 +9,7 @@ from PyQt6.QtCore import QEvent, QObject, QPointF, Qt, pyqtSignal
 from PyQt6.QtGui import QMouseEvent, QWheelEvent
 from PyQt6.QtWidgets import QWidget
 
+from sketchterrain.errors import InputError
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.actions import ContextMenu, add_selection_commands, add_vector_commands
 from sketchterrain.ui.application import single_shot
@@ -17,7 +18,7 @@ from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import FeatureDrag, Handle, add, handles_of, select_at
-from sketchterrain.ui.models.vectors import vector_at
+from sketchterrain.ui.models.vectors import drag_refusal, insert_vertex, vector_at
 from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.view3d.camera import Projection, drag_motion, zoom_motion
 from sketchterrain.ui.view3d.marks import HandleMark, Marks
@@ -155,14 +156,14 @@ class ViewMouse(QObject):
         """Drop pending picks, as when the engine ended."""
         self._picks.clear()
 
-    def open_menu(self, at: QPointF, place: Place | None) -> None:
-        """Open the menu of a pixel and its place (m), or of the selection without a place."""
+    def open_menu(self, at: QPointF, place: Place | None, *, vertex: Selection | None = None) -> None:
+        """Open the menu of a pixel and its place (m) or vertex, or of the selection without a place."""
         placed, document, workspace = self._link.placed, self._document, self._workspace
         if placed is None or document is None:
             return
         menu = ContextMenu(self._view)
         if place is not None:
-            workspace.selection = self._find(place)
+            workspace.selection = vertex or self._find(place)
         selection = workspace.selection
         if selection is not None and selection.is_vector:
             add_vector_commands(menu, document, workspace, self.message.emit)
@@ -189,10 +190,12 @@ class ViewMouse(QObject):
         mark = self._marks().handle_at(at.x(), at.y(), reach=_REACH)
         if event.button() == _Button.LeftButton and plain and mark and projection and placed and document:
             self._forget_drag()
-            kind = mark.handle.selection.kind
-            if mark.handle.selection.is_vector and (refusal := self._workspace.refusal(kind)):
-                self.message.emit(refusal)
-                return
+            handle = mark.handle
+            if handle.selection.is_vector:
+                node = (document.sketch, self._workspace, handle.selection.kind, handle.x, handle.y)
+                if refusal := drag_refusal(*node):
+                    self.message.emit(refusal)
+                    return
             self._drag = HandleDrag(document, placed, mark, projection, at)
             self._workspace.selection = mark.handle.selection
             self._scene.drag = self._drag.state
@@ -226,11 +229,13 @@ class ViewMouse(QObject):
             if event.button() == _Button.LeftButton:
                 self._select(at)
             elif event.button() == _Button.RightButton:
-                self._pick("menu", at, partial(self.open_menu, at))
+                mark = self._marks().handle_at(at.x(), at.y(), reach=_REACH)
+                vertex = mark.handle.selection if mark is not None and mark.handle.is_vertex else None
+                self._pick("menu", at, partial(self.open_menu, at, vertex=vertex))
         self._hover(at)
 
     def _double_click(self, event: QMouseEvent) -> None:
-        """Centre the terrain under the mouse."""
+        """Insert a vertex in the selected vector under the mouse, or centre the terrain there."""
         if event.button() == _Button.LeftButton:
             self._start = self._last = event.position()
             self._is_moved, self._is_double = False, True
@@ -302,8 +307,20 @@ class ViewMouse(QObject):
         return select_at(placed, x, y, reach=reach) if vector is None else vector
 
     def _go_to(self, place: Place | None) -> None:
-        if place is not None:
+        """Insert a vertex in the selected vector at a place (m) on it, else centre the place."""
+        if place is not None and not self._insert_vertex(place):
             self._link.send(GoTo(place[0], place[1]))
+
+    def _insert_vertex(self, place: Place) -> bool:
+        projection, document = self._projection(), self._document
+        if projection is None or document is None:
+            return False
+        reach = _REACH * projection.metres_per_px(place)
+        try:
+            return insert_vertex(document, self._workspace, *place[:2], reach=reach)
+        except InputError as error:
+            self.message.emit(str(error))
+            return True
 
     def _pick(self, purpose: str, at: QPointF, then: Callable[[Place | None], None]) -> None:
         """Ask the engine for the terrain at a pixel; replaces a pending pick of the same purpose."""
@@ -326,6 +343,7 @@ class ViewMouse(QObject):
         handle, x, y = drag
         if handle.selection.is_vector:  # it moves at once
             self._forget_drag()
+            return
         for each in handles_of(placed, handle.selection):
             is_same = (each.role, each.selection) == (handle.role, handle.selection)
             if is_same and max(abs(each.x - x), abs(each.y - y)) < _PLACED:

@@ -15,6 +15,7 @@
 #include "render/shade.glsl"
 #include "render/clouds.glsl"
 #include "render/variety.glsl"
+#include "render/lit_material.glsl"
 
 uniform sampler2D gbuffer_depth; // SAMPLES² samples a pixel, ground.frag.glsl
 uniform sampler2D gbuffer_normal;
@@ -45,23 +46,6 @@ float bed_hardness(float height, float bend, float footprint)
     float lod = log2(footprint * float(textureSize(noise_field, 0).y) / BED_SPAN);
     return textureLod(noise_field, vec2(0.37, at), lod).z
         + 0.6 * textureLod(noise_field, vec2(0.71, at * FINER_BEDS), lod + log2(FINER_BEDS)).z;
-#endif
-}
-
-// Noise of about 1000, 100 and 10 m.
-struct Noise {
-    vec4 wide, middle, small;
-};
-
-Noise noise_at(float footprint)
-{
-#if MATERIALS == 1
-    vec4 middle = textureLod(noise_field, (position.xy + eye.xy) / 512.0 + 0.37, floor(log2(footprint) + 0.5));
-    return Noise(middle.zxwy, middle, middle.yzxw);
-#else
-    return Noise(texture(noise_field, (position.xy + eye.xy) / 4096.0),
-        texture(noise_field, (position.xy + eye.xy) / 512.0 + 0.37),
-        texture(noise_field, (position.xy + eye.xy) / 64.0 + 0.71));
 #endif
 }
 
@@ -174,19 +158,6 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
     return all;
 }
 
-// Radiance of a material under sun and sky.
-vec3 shade_material(MaterialSample material, vec3 n, vec3 to_eye)
-{
-    vec3 normal = normalize(n + material.bump);
-    vec4 light = ground_light(position.xy);
-    float sun = light.r * tree_shade(position, n) * cloud_shadow(position);
-    float open = light.g * material.open;
-    vec3 lit = reflectance(material.albedo, vec3(0.03), material.roughness, normal, to_eye, to_sun.xyz)
-        * sun_light.rgb * sun;
-    lit += material.albedo / PI * sky_irradiance(normal) * open;
-    return lit;
-}
-
 void main()
 {
     float depth;
@@ -196,7 +167,7 @@ void main()
     vec3 to_eye = -position / distance;
     vec3 n = normalize(texelFetch(gbuffer_normal, at, 0).xyz + vec3(0.0, 0.0, 1e-4));
     float footprint = distance * trees.z * pow(max(dot(n, to_eye), 0.05), -0.35);
-    Noise noise = noise_at(footprint);
+    Noise noise = noise_at(position, footprint);
     MaterialSample material = compose(select_materials(at, noise), noise, n, distance, footprint);
-    radiance = vec4(through_air(shade_material(material, n, to_eye), position), depth);
+    radiance = vec4(through_air(lit_material(material, position, n, to_eye, ground_light(position.xy).rg), position), depth);
 }

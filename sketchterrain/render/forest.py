@@ -8,6 +8,7 @@ import numpy as np
 
 from sketchterrain.array_types import BoolArray, Bounds, Float32Array, Float64Array, FloatArray
 from sketchterrain.look.tree_levels import DETAILS, MASKED_DETAILS
+from sketchterrain.render.built import BuiltScenery
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.plant_cells import (
@@ -61,6 +62,7 @@ class Forest:
         *,
         quality: Quality,
         defines: Mapping[str, int | str],
+        built: BuiltScenery | None = None,
     ) -> None:
         self.draw_distance = min(quality.plant_distance, 0.45 * terrain.extent)
         self._pixels = np.array(PIXELS) / quality.plant_lod_scale
@@ -69,7 +71,10 @@ class Forest:
         self._context, self._meshes = context, PlantMeshes(context)
         self.rebuild(defines)
         self.shadows = PlantShadows(
-            context, self._meshes, self._cells, sun, quality=quality, draw_distance=self.draw_distance
+            *(context, self._meshes, self._cells, sun),
+            quality=quality,
+            draw_distance=self.draw_distance,
+            built=built,
         )
         self._enabled = quality.includes("trees")
         self._requested = self._grown = False

@@ -1,4 +1,4 @@
-"""Shadow maps of plants, drawn in slices and reused until the eye moves on."""
+"""Shadow maps of plants and of what is built, drawn in slices and reused until the eye moves on."""
 
 from typing import Final, NamedTuple, cast
 
@@ -7,6 +7,7 @@ import numpy as np
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.look.tree_levels import DETAILS
+from sketchterrain.render.built import BuiltScenery
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.plant_cells import (
@@ -61,7 +62,7 @@ class _ShadowMap:
         self.placement = self.previous_placement = _NOWHERE
         self.share = 1.0  # weight of the current buffer against the previous one
         self.pending: _Placement | None = None
-        self.changes = self.pending_changes = -1  # of the plant cells
+        self.changes = self.pending_changes = (-1, -1)  # of the plant cells, and of what is built
         self.drawn = 0  # instances
 
     def clear(self) -> None:
@@ -79,7 +80,10 @@ class _ShadowMap:
 
 
 class PlantShadows:
-    """The shadow maps of all plants, as the quality asks for; `angle` (rad) as in `PlantDensity`."""
+    """The shadow maps of all plants, and of what is `built`, as the quality asks for.
+
+    `angle` (rad) is as in `PlantDensity`.
+    """
 
     def __init__(
         self,
@@ -90,8 +94,10 @@ class PlantShadows:
         *,
         quality: Quality,
         draw_distance: float,
+        built: BuiltScenery | None = None,
     ) -> None:
         self._cells, self._sun, self._draw_distance = cells, sun, draw_distance
+        self._built = built
         self.angle = LEAST_ANGLE
         self._axes = sun_axes(sun)
         self._context = context
@@ -183,12 +189,16 @@ class PlantShadows:
     def _stale(self, index: int) -> bool:
         shadow_map, requested = self._maps[index], self._requested[index]
         current = (shadow_map.placement, shadow_map.changes)
-        return requested is not None and current != (requested, self._cells.changes)
+        return requested is not None and current != (requested, self._changes)
+
+    @property
+    def _changes(self) -> tuple[int, int]:
+        return self._cells.changes, self._built.changes if self._built else 0
 
     def _start(self, index: int, eye: tuple[float, float, float]) -> None:
         """Select the plants of a map and clear its target."""
         shadow_map, placement = self._maps[index], self._requested[index]
-        shadow_map.pending, shadow_map.pending_changes, shadow_map.drawn = placement, self._cells.changes, 0
+        shadow_map.pending, shadow_map.pending_changes, shadow_map.drawn = placement, self._changes, 0
         if placement is None:
             return
         found = (self._cells[key] for key in self._covered)
@@ -211,6 +221,10 @@ class PlantShadows:
         counts[:, self._details[index]] = np.bincount(plants.kind[selected], minlength=KINDS)
         self._batches[index].set_instances(MeshInstances(rows, counts))
         shadow_map.clear()
+        if self._built:
+            to_map = self._matrix(placement, tuple(self._built.origin.tolist()))
+            middle = np.array(placement.centre) @ sun_axes(placement.sun)
+            self._built.draw_shadow(to_map, middle[:2], np.sqrt(2.0) * placement.half + MARGIN)
 
     def _draw(self, index: int, count: int) -> None:
         """Draw the next plants of a map; display it when all are drawn."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from sketchterrain.array_types import Bounds
 from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_HEIGHT
+from sketchterrain.render.built import BuiltScenery
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.clouds import Clouds, cloud_defines
 from sketchterrain.render.forest import Forest
@@ -35,7 +36,8 @@ class Scenery:
     """Terrain tiles, light, plants, ground cover, water, sky and clouds, and the passes that draw them.
 
     `timed` measures the stages ``textures`` and ``sky`` of the construction. `stream` has the tiles, `lit`
-    the light on them, `surface` a map of the drawn terrain, `forest` plants and their shadow maps, `cover`
+    the light on them, `surface` a map of the drawn terrain, `built` roads
+    and buildings, `forest` plants and their shadow maps, `cover`
     grass and stones near the eye, `shading` the full-screen passes.
     """
 
@@ -82,7 +84,10 @@ class Scenery:
             close=quality.light_maps > 2,
             shadows=quality.includes("shadows"),
         )
-        self.forest = Forest(context, terrain, sun, quality=quality, defines=self.shading.defines)
+        self.built = BuiltScenery(context, terrain, defines=self.shading.defines)
+        self.forest = Forest(
+            context, terrain, sun, quality=quality, defines=self.shading.defines, built=self.built
+        )
         tiles, radius = self.stream.tile_renderer, self.forest.draw_distance
         self.surface = SurfaceMap(context, tiles, texels=quality.surface_texels, radius=radius)
         self.cover = GroundCover(context, quality=quality, shading=self.shading)
@@ -107,13 +112,15 @@ class Scenery:
 
     @property
     def triangles(self) -> int:
-        """Triangles of terrain, plants and ground cover in the last picture."""
-        return self.stream.tile_renderer.triangles + self.forest.triangles + self.cover.triangles
+        """Triangles of terrain, plants, ground cover and what is built in the last picture."""
+        others = self.forest.triangles + self.cover.triangles + self.built.triangles
+        return self.stream.tile_renderer.triangles + others
 
     def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> TerrainUpdateStats:
         """Replace the terrain: tiles and water at once, light and plants over the next frames."""
         tile_stats = self.stream.set_terrain(terrain, areas)
         self.lit.set_terrain(terrain, areas)
+        self.built.set_terrain(terrain, areas)
         self.forest.set_terrain(terrain, areas)
         self.surface.invalidate()
         self._features = terrain.features
@@ -150,6 +157,7 @@ class Scenery:
         self._cloudiness = cloudiness
         self.shading, self._clouds = self._lighting()
         self.forest.rebuild(self.shading.defines)
+        self.built.rebuild(self.shading.defines)
         self.cover = GroundCover(self._context, quality=self._quality, shading=self.shading)
         self._water.rebuild(self._features, self.shading.defines)
 
@@ -191,6 +199,9 @@ class Scenery:
         units = self._bind(targets) | {"clock": clock} | self.surface.uniforms(camera.eye) | clouds
         yield from self._clouds.draw(units, parts=parts)
         yield from self.shading.shade_scene(targets, camera.eye, units, parts=parts)
+        if self.built:
+            materials = self.shading.material_uniforms(camera.eye)
+            yield from self.built.draw(camera, targets, units | materials, parts=parts)
         self._context.enable_only(moderngl.DEPTH_TEST)
         targets.scene.use()
         if self.cover:

@@ -62,14 +62,18 @@ class Shading:
         """Set tints and texture sizes from the climate and the sketch's looks."""
         self.tints = _climate_tints(self._table, aridity, look)
         self._widths = texture_widths(self._table, look)
-        set_uniforms(self._ground.program, self.tints | texture_uniforms(self._table, self._widths))
+        self._materials = self.tints | texture_uniforms(self._table, self._widths)
+
+    def material_uniforms(self, eye: tuple[float, float, float]) -> dict[str, object]:
+        """Return the uniforms of matter.glsl and variety.glsl for an eye (m)."""
+        phases = [tuple(phase) for phase in texture_phases(self._table, eye, self._widths).tolist()]
+        return self._materials | {"phases": phases}
 
     def shade_scene(
         self, targets: RenderTargets, eye: tuple[float, float, float], units: dict[str, object], *, parts: int
     ) -> Iterator[None]:
         """Shade the G-buffer, with the sky behind it, into ``targets.scene``; yield between parts."""
-        phases = [tuple(phase) for phase in texture_phases(self._table, eye, self._widths).tolist()]
-        ground = units | {"phases": phases}
+        ground = units | self.material_uniforms(eye)
         if self._upsample is None:
             self._shade_single_sample(targets, ground, units)
             return

@@ -9,6 +9,7 @@ from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.errors import DeviceError
 from sketchterrain.placement.feature_types import FEATURE
 from sketchterrain.render.programs import open_context
+from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.terrain.surfaces import VertexStore
 from sketchterrain.vegetation.plants import PLANT
 
@@ -39,7 +40,11 @@ class Waves:
             id=LAYERS["river"].code << 48, centreline=line, centreline_width=np.full(60, 24.0, np.float32)
         )
         self.features = SimpleNamespace(
-            points=np.zeros(0, FEATURE), rivers=(river,) if rivers else (), lakes=(), sea_level=sea_level
+            points=np.zeros(0, FEATURE),
+            rivers=(river,) if rivers else (),
+            lakes=(),
+            sea_level=sea_level,
+            network=RoadNetwork(),
         )
         self.sea_level = sea_level
         self.plants = plants

@@ -1,0 +1,73 @@
+// What is built on the ground: a texture of the ground's materials, with a colour of its own or as it lies there.
+#include "render/frame.glsl"
+#include "render/surface.glsl"
+#include "render/triplanar.glsl"
+#include "render/matter.glsl"
+#include "render/shade.glsl"
+#include "render/clouds.glsl"
+#include "render/variety.glsl"
+#include "render/lit_material.glsl"
+
+uniform vec3 means[LAYERS]; // mean albedo of the layers
+
+const float SUNLIT_ABOVE = 40.0; // m over shaded ground at which its shadow is 1/e
+
+// Share of an interval of half width `half_width` about 0 in one of width `seen` about x.
+float covered(float x, float half_width, float seen)
+{
+    return clamp(min(half_width, x + 0.5 * seen) - max(-half_width, x - 0.5 * seen), 0.0, seen) / seen;
+}
+
+// Rails and sleepers of railway tracks.
+//   at       m along the tracks, and across from the edge of the first one
+//   spacing  m between the middles of two tracks
+//   seen     width of a pixel, m: along, across
+void lay_tracks(inout MaterialSample m, vec2 at, float spacing, vec2 seen)
+{
+    float across = abs(mod(at.y, spacing) - 0.5 * spacing);
+    float sleeper = covered(mod(at.x, 0.6) - 0.3, 0.13, max(seen.x, 0.02)) * covered(across, 1.3, max(seen.y, 0.02));
+    float rail = covered(across - 0.7535, 0.036, max(seen.y, 0.01));
+    m.albedo = mix(m.albedo, vec3(0.17, 0.155, 0.14), mix(sleeper, 0.43, smoothstep(0.2, 0.6, seen.x)) * 0.85);
+    m.albedo = mix(m.albedo, vec3(0.16, 0.13, 0.11), rail);
+    m.roughness = mix(m.roughness, 0.45, rail);
+}
+
+// Rows of tiles on a roof.
+//   at  m along the eaves, and up
+void lay_tiles(inout MaterialSample m, vec2 at, float seen)
+{
+    float clear = 1.0 - smoothstep(0.08, 0.25, seen);
+    vec2 tile = vec2(at.x / 0.24 + 0.5 * mod(floor(at.y / 0.32), 2.0), at.y / 0.32);
+    vec2 within = fract(tile) - vec2(0.5, 0.0);
+    float shade = smoothstep(0.0, 0.25, within.y) * (1.0 - 0.35 * smoothstep(0.3, 0.5, abs(within.x)));
+    float own = fract(sin(dot(floor(tile), vec2(12.99, 78.23))) * 43758.55);
+    m.albedo *= mix(1.0, (0.55 + 0.5 * shade) * (0.85 + 0.3 * own), clear);
+    m.bump += clear * 0.25 * vec3(0.0, 0.0, -within.y);
+}
+
+// Radiance of a built surface at a position (m from the eye).
+//   colour  rgb: √ of its mean albedo; w: 1 if the surface has one, 0 for the ground's own
+//   tone    factor of the albedo
+//   look    x: layer; y: m between railway tracks, −1: tiles
+//   uv      m along and across; seen: width of a pixel in them
+vec3 built_radiance(vec3 position, vec3 n, vec4 colour, float tone, vec2 look, vec2 uv, vec2 seen)
+{
+    float distance = length(position);
+    vec3 to_eye = -position / distance;
+    float footprint = distance * trees.z * pow(max(dot(n, to_eye), 0.05), -0.35);
+    vec3 planes = triplanar_weights(n);
+    float level = log(max(distance / FULL_SIZE, 1.0)) / log(RATIO);
+    int least = planes.x <= planes.y && planes.x <= planes.z ? 0 : planes.y <= planes.z ? 1 : 2;
+    int a = least == 0 ? 1 : 0;
+    int b = least == 2 ? 1 : 2;
+    int layer = int(look.x + 0.5);
+    MaterialSample m = sample_material(layer, position, n, a, b, planes[b] / max(planes[a] + planes[b], 1e-4), level, footprint);
+    Noise noise = noise_at(position, footprint);
+    vec3 own = colour.rgb * colour.rgb / means[layer] * (1.0 + 0.10 * noise.small.w + 0.06 * noise.middle.w);
+    m.albedo *= tone * mix(variety(layer, noise.wide, noise.middle, noise.small), own, colour.w);
+    if (look.y > 0.0) lay_tracks(m, uv, look.y, seen);
+    if (look.y < 0.0) lay_tiles(m, uv, max(seen.x, seen.y));
+    vec4 light = ground_light(position.xy);
+    float shaded = exp(-max(eye.z + position.z - light.b, 0.0) / SUNLIT_ABOVE);
+    return through_air(lit_material(m, position, n, to_eye, 1.0 - (1.0 - light.rg) * shaded), position);
+}

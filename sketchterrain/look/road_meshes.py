@@ -1,0 +1,394 @@
+"""Meshes of roads: surfaces on the ground, bridges and tunnels; trees along roads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sketchterrain.array_types import Float64Array
+from sketchterrain.look.built_meshes import (
+    BuiltObject,
+    BuiltPart,
+    extruded,
+    feature_name,
+    flat_quads,
+    house,
+    rectangle,
+    swept,
+    wall,
+)
+from sketchterrain.roads.road_shapes import AxisPoints, axis_points
+from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Road, RoadNetwork
+
+if TYPE_CHECKING:
+    from sketchterrain.placement.feature_types import River
+
+CHORD: Final = 0.02  # m, deviation of meshes from arcs and vertical curves
+SHOULDER: Final = "gravel"
+TRACK: Final = 4.4  # m between the middles of railway tracks
+_JUNCTION: Final = 40.0  # m along a leg from a junction where the ground may differ from the road's section
+_STEP: Final = 2.0  # m between places where a bridge looks for ground and obstacles
+_DECK: Final = {"road": (20.0, 0.5, 2.6), "railway": (14.0, 0.7, 3.2), "path": (28.0, 0.16, 0.7)}
+"""Span over thickness of a deck, its least and greatest thickness (m)."""
+_SPANS: Final = {"road": (16.0, 42.0), "railway": (12.0, 32.0), "path": (10.0, 24.0)}
+"""Shortest and longest spans (m); about 1.3 times the height between."""
+_PARAPET: Final = {"road": (0.85, 0.28), "railway": (0.45, 0.30), "path": (1.05, 0.08)}
+"""Height and thickness (m)."""
+_SLAB: Final = 0.35  # m, thickness of a deck beside its girder
+_ROOM: Final = {"road": 5.2, "railway": 6.2, "path": 2.6}  # m, clear height of tunnels in their middle
+_DARK: Final = 30.0  # m of a tunnel that are seen
+_GLOOM: Final = 7.0  # m over which light falls to 1/e in it
+_BEFORE: Final = 1.0  # m that a portal stands before the tunnel's end
+_VERGE: Final = 1.5  # m from the shoulder to trees
+_CORNER: Final = 15.0  # m from junctions without trees
+
+
+def built_objects(network: RoadNetwork, rivers: Sequence[River] = ()) -> list[BuiltObject]:
+    """Return bridges, tunnels, houses, walls and hedges."""
+    bridges = [road for road in network.roads if road.structure == BRIDGE]
+    obstacles = _Obstacles(network.roads, rivers) if bridges else None
+    return [
+        *(_bridge(road, obstacles) for road in bridges if obstacles is not None),
+        *(_tunnel(road) for road in network.roads if road.structure == TUNNEL),
+        *(house(pad) for pad in network.pads if pad.building > 0.0 and len(pad.outline) > 2),
+        *(wall(each) for each in network.walls if len(each.line) > 1),
+    ]
+
+
+def road_surfaces(network: RoadNetwork) -> Iterator[BuiltObject]:
+    """Yield the surfaces of roads on the ground."""
+    return (_surface(road) for road in network.roads if road.structure == GROUND)
+
+
+def road_content(road: Road) -> tuple[object, ...]:
+    """Return what the meshes of a road depend on."""
+    values = (road.axis, road.bend, road.slope, road.half_width, road.shoulder, road.crossfall)
+    return (road.id, road.structure, road.works, road.ends, *(each.tobytes() for each in values))
+
+
+def track_spacing(road: Road) -> float:
+    """Return the distance (m) between the middles of a railway's tracks, 0 for other roads."""
+    width = 2.0 * float(road.half_width[0])
+    return width / max(round(width / TRACK), 1) if road.layer == "railway" else 0.0
+
+
+def _name(road: Road) -> str:
+    parts = {GROUND: "", BRIDGE: " bridge", TUNNEL: " tunnel"}[road.structure]
+    return feature_name(road.id) + parts
+
+
+def _surface(road: Road) -> BuiltObject:
+    points = axis_points(road, CHORD)
+    half, whole = points.half_width, points.half_width + points.shoulder
+    lines = [points.beside(offset) for offset in (whole, half, -half, -whole)]
+    ends = zip(road.ends, (points.along[0], points.along[-1]), strict=True)
+    distances = [np.abs(points.along - end) for ways, end in ends if ways > 2]
+    near = np.min(distances, axis=0) < _JUNCTION if distances else np.zeros(len(half), bool)
+
+    def parts(ground: Float64Array) -> list[BuiltPart]:
+        for line, heights in zip(lines, ground.reshape(4, -1), strict=True):
+            line[near, 2] = heights
+        return _carriageway(road, points, lines, SHOULDER)
+
+    places = np.concatenate([line[near, :2] for line in lines])
+    return BuiltObject(_name(road), road_content(road), places, parts)
+
+
+def _carriageway(
+    road: Road, points: AxisPoints, lines: Sequence[Float64Array], beside: str
+) -> list[BuiltPart]:
+    """Return the surface between the edges of the shoulders and carriageway, from left to right."""
+    middle = swept(road.works.surface, lines[1:3], points.along, track=track_spacing(road))
+    if not road.shoulder.any():
+        return [middle]
+    return [middle, *(swept(beside, pair, points.along) for pair in (lines[:2], lines[2:]))]
+
+
+class _Obstacles:
+    """Roads and rivers that piers keep off."""
+
+    def __init__(self, roads: Sequence[Road], rivers: Sequence[River]) -> None:
+        self._roads = _tree(
+            [
+                (
+                    _resampled(axis_points(road, 0.5).position, _STEP),
+                    float(road.whole_half.max()) + 1.0,
+                    road.leg,
+                )
+                for road in roads
+                if road.structure != TUNNEL
+            ]
+        )
+        self._rivers = _tree(
+            [
+                (_resampled(river.centreline, 4.0), 0.5 * float(river.centreline_width.mean()), 0)
+                for river in rivers
+                if len(river.centreline) > 1
+            ]
+        )
+
+    def blocked(self, road: Road, places: Float64Array) -> Float64Array:
+        """Return what is below places (n, 3) on a bridge: 0 ground, 1 a river, 2 a road."""
+        result = np.zeros(len(places))
+        for kind, tree in ((1.0, self._rivers), (2.0, self._roads)):
+            if tree is None:
+                continue
+            index, points, reach, legs = tree
+            reached = float(reach.max())
+            for n, near in enumerate(index.query_ball_point(places[:, :2], reached)):
+                found = np.array(near, np.intp)
+                close = np.hypot(*(points[found, :2] - places[n, :2]).T) < reach[found]
+                below = (legs[found] != road.leg) & (points[found, 2] < places[n, 2] - 2.0)
+                if (close & below).any():
+                    result[n] = kind
+        return result
+
+
+def _tree(
+    lines: Sequence[tuple[Float64Array, float, int]],
+) -> tuple[cKDTree, Float64Array, Float64Array, np.ndarray] | None:
+    """Return points of lines with a reach (m) and a number each, and a tree of them."""
+    if not lines:
+        return None
+    counts = [len(line) for line, *_ in lines]
+    points = np.concatenate([line for line, *_ in lines])
+    reach, number = (np.repeat([each[k] for each in lines], counts) for k in (1, 2))
+    return cKDTree(points[:, :2]), points, reach, number
+
+
+def _resampled(line: Float64Array, step: float) -> Float64Array:
+    """Return points of a line (n, k) about `step` m apart, both ends included."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line[:, :2], axis=0).T))])
+    at = np.linspace(0.0, along[-1], max(round(along[-1] / step), 1) + 1)
+    return np.column_stack([np.interp(at, along, axis) for axis in line.T])
+
+
+def _points_at(points: AxisPoints, along: Float64Array) -> AxisPoints:
+    """Return points at distances along an axis, beyond its ends on their tangents."""
+
+    def at(values: Float64Array) -> Float64Array:
+        columns = values.reshape(len(values), -1).T
+        return np.column_stack([np.interp(along, points.along, each) for each in columns]).reshape(
+            len(along), *values.shape[1:]
+        )
+
+    result = AxisPoints(*(at(values) for values in points))
+    beyond = along - np.clip(along, points.along[0], points.along[-1])
+    ahead = np.column_stack([result.left[:, 1], -result.left[:, 0]])
+    result.position[:, :2] += ahead * beyond[:, None]
+    return result._replace(along=along)
+
+
+def _bridge(road: Road, obstacles: _Obstacles) -> BuiltObject:
+    points = axis_points(road, CHORD)
+    count = max(round((points.along[-1] - points.along[0]) / _STEP), 2)
+    sampled = _points_at(points, np.linspace(points.along[0], points.along[-1], count + 1))
+    blocked = obstacles.blocked(road, sampled.position)
+    return BuiltObject(
+        _name(road),
+        (*road_content(road), blocked.tobytes()),
+        sampled.position[:, :2],
+        partial(_bridge_parts, road, points, sampled, blocked),
+    )
+
+
+def _bridge_parts(
+    road: Road, points: AxisPoints, sampled: AxisPoints, blocked: Float64Array, ground: Float64Array
+) -> list[BuiltPart]:
+    ratio, thinnest, thickest = _DECK[road.layer]
+    height, length = sampled.position[:, 2] - ground, float(np.ptp(points.along))
+    shortest, longest = _SPANS[road.layer]
+    span = float(np.clip(1.3 * np.median(height), shortest, longest))
+    piers = _pier_places(length, span, blocked)
+    stops = np.concatenate([[0], piers, [len(ground) - 1]]) / (len(ground) - 1) * length
+    depth = float(np.clip(np.diff(stops).max() / ratio, thinnest, thickest))
+    slab = min(_SLAB, depth)
+    rail, thick = _PARAPET[road.layer]
+    half, whole = points.half_width, points.half_width + points.shoulder
+    outer, girder = whole + thick, 0.62 * whole
+    edges = [points.beside(offset) for offset in (whole, half, -half, -whole)]
+    section = (
+        (-whole, 0.0),
+        (-whole, rail),
+        (-outer, rail),
+        (-outer, -slab),
+        (-girder, -slab),
+        (-0.85 * girder, -depth),
+        (0.85 * girder, -depth),
+        (girder, -slab),
+        (outer, -slab),
+        (outer, rail),
+        (whole, rail),
+        (whole, 0.0),
+    )
+    up = np.array([0.0, 0.0, 1.0])
+    lines = [points.beside(offset) + z * up for offset, z in section]
+    parts = [*_carriageway(road, points, edges, "concrete"), swept("concrete", lines, points.along)]
+    for end, outward in ((0, -1.0), (-1, 1.0)):
+        at = sampled.position[end]
+        ahead = outward * np.array([sampled.left[end, 1], -sampled.left[end, 0]])
+        wide = 2.0 * float(outer[end])
+        foot = float(ground[end]) - 1.5
+        block = rectangle(at[:2] - 0.4 * ahead, ahead, 1.4, wide)
+        parts += extruded("concrete", block, min(foot, at[2] - depth - 1.0), at[2] - 0.15)
+        wing = min(1.0 + 1.5 * depth, 6.0) if road.layer != "path" else 0.6
+        for side in (-1.0, 1.0):
+            middle = at[:2] + ahead * 0.5 * wing + side * (0.5 * wide - 0.5 * thick) * sampled.left[end]
+            shape = rectangle(middle, ahead, wing, thick)
+            parts += extruded("concrete", shape, min(foot, at[2] - depth - 1.0), at[2] + rail)
+    for pier in piers:
+        below = sampled.position[pier, 2] - depth
+        if below - ground[pier] < 0.8:
+            continue
+        place, left = sampled.position[pier, :2], sampled.left[pier]
+        ahead = np.array([left[1], -left[0]])
+        wide = 2.0 * float(np.interp(sampled.along[pier], points.along, whole))
+        long = float(np.clip((below - ground[pier]) / 14.0, 0.25 if road.layer == "path" else 0.7, 2.6))
+        cap = min(0.9, 0.35 * (below - float(ground[pier]))) if road.layer != "path" else 0.2
+        shaft = rectangle(place, ahead, long, (0.42 if road.layer != "path" else 0.8) * wide)
+        parts += extruded("concrete", shaft, float(ground[pier]) - 1.5, below - cap, top=False)
+        parts += extruded(
+            "concrete", rectangle(place, ahead, long + 0.3, 0.78 * wide), below - cap, below + 0.1
+        )
+        underside = rectangle(place, ahead, long + 0.3, 0.78 * wide)[::-1]
+        parts.append(flat_quads("concrete", np.column_stack([underside, np.full(4, below - cap)])))
+    return parts
+
+
+def _pier_places(length: float, span: float, blocked: Float64Array) -> np.ndarray:
+    """Return indices of samples with piers: evenly spaced, moved off roads, and off rivers if near."""
+    last = len(blocked) - 1
+    spans = max(round(length / span), 1)
+    places = []
+    for wished in np.arange(1, spans) * last / spans:
+        cost = np.abs(np.arange(last + 1) - wished) + 0.4 * last / spans * (blocked == 1.0)
+        cost[(blocked == 2.0) | (np.arange(last + 1) < 2) | (np.arange(last + 1) > last - 2)] = np.inf
+        best = int(np.argmin(cost))
+        if cost[best] < 0.7 * last / spans:
+            places.append(best)
+    return np.unique(np.array(places, np.intp))
+
+
+def _tunnel(road: Road) -> BuiltObject:
+    points = axis_points(road, CHORD)
+    return BuiltObject(
+        _name(road), road_content(road), np.zeros((0, 2)), lambda _: _tunnel_parts(road, points)
+    )
+
+
+MOUTH: Final = "mouth"
+"""Material of a tunnel's opening, through which a renderer shows its inside."""
+
+
+def _tunnel_parts(road: Road, points: AxisPoints) -> list[BuiltPart]:
+    start, end = points.along[0], points.along[-1]
+    is_short = end - start < 2.0 * _DARK
+    parts = []
+    for first, inward in ((start, 1.0), (end, -1.0)):
+        deep = end - start + _BEFORE if is_short else _DARK
+        inside = np.linspace(-_BEFORE, deep, max(round(deep / 2.0), 2) + 1)
+        if is_short and inward < 0.0:
+            parts += _portal(road, _points_at(points, np.array([first + _BEFORE, first])), inward)
+            continue
+        tube = _points_at(points, first + inward * inside)
+        away = np.minimum(inside, end - start - inside) if is_short else inside
+        tone = np.exp(-np.maximum(away, 0.0) / _GLOOM)
+        arch = _arch(road, tube, inward)
+        parts.append(swept("concrete", arch[::-1], inside, tone=tone))
+        half = float(tube.half_width[0])
+        floor = [tube.beside(inward * each) for each in (half, -half)]
+        sides = [tube.beside(inward * each) for each in (tube.half_width + tube.shoulder, half, -half)]
+        sides.append(tube.beside(-inward * (tube.half_width + tube.shoulder)))
+        surface = road.works.surface
+        parts.append(swept(surface, floor, tube.along, tone=tone, track=track_spacing(road)))
+        parts += [
+            swept("concrete", pair, inside, tone=tone)
+            for pair in (sides[:2], sides[2:])
+            if road.shoulder.any()
+        ]
+        if not is_short:
+            back = [
+                [line[-1] for line in (arch[k], arch[-1 - k], arch[-2 - k], arch[k + 1])]
+                for k in range(len(arch) // 2)
+            ]
+            parts.append(flat_quads("concrete", back, tone=0.0))
+        parts += _portal(road, _points_at(points, np.array([first - inward * _BEFORE, first])), inward)
+    return parts
+
+
+def _arch(road: Road, points: AxisPoints, inward: float) -> list[Float64Array]:
+    """Return lines (n, 3) of a tunnel's wall, from the left foot over its crown, seen inward."""
+    room = _ROOM[road.layer]
+    wide = points.half_width + points.shoulder + 0.15
+    upright = 0.45 * room
+    angle = np.linspace(0.0, np.pi, 13)
+    section = [(1.0, 0.0), *((np.cos(a), upright + (room - upright) * np.sin(a)) for a in angle), (-1.0, 0.0)]
+    lines = []
+    for across, height in section:
+        line = points.position.copy()
+        line[:, :2] += (inward * across * wide)[:, None] * points.left
+        line[:, 2] += height
+        lines.append(line)
+    return lines
+
+
+def _portal(road: Road, points: AxisPoints, inward: float) -> list[BuiltPart]:
+    """Return a tunnel's front, with the walls and roof that lead back into the hill, and its opening."""
+    material = "stone" if road.layer == "railway" else "concrete"
+    arch = np.array([line[0] for line in _arch(road, points, inward)])
+    room, at = _ROOM[road.layer], points.position[0]
+    left = inward * points.left[0]
+    wide = float(points.half_width[0] + points.shoulder[0]) + 1.6
+    top = at[2] + room + 1.4
+    # Points of the front's outline that face those of the arch.
+    side = (arch[:, :2] - at[:2]) @ left
+    rise = arch[:, 2] - at[2]
+    reach = np.minimum(wide / np.maximum(np.abs(side), 1e-6), (room + 1.4) / np.maximum(rise, 1e-6))
+    reach[[0, -1]] = wide / np.abs(side[[0, -1]])
+    frame = np.column_stack([at[:2] + (side * reach)[:, None] * left, at[2] + rise * reach])
+    for sign in (1.0, -1.0):
+        corner = np.array([*(at[:2] + sign * wide * left), top])
+        frame[np.argmin(np.linalg.norm(frame - corner, axis=1))] = corner
+    front = [[arch[k], arch[k + 1], frame[k + 1], frame[k]] for k in range(len(arch) - 1)]
+    mouth = [[arch[k], arch[-1 - k], arch[-2 - k], arch[k + 1]] for k in range(len(arch) // 2)]
+    back = (room + 1.4) / road.works.cut + 2.0 + _BEFORE
+    ahead = np.array([left[1], -left[0]])
+    hood = [
+        at[:2] + s * wide * left + d * ahead for s, d in ((1.0, 0.0), (-1.0, 0.0), (-1.0, back), (1.0, back))
+    ]
+    low = at[2] - 1.0
+    sides = []
+    for a, b in ((1, 2), (3, 0)):
+        sides.append([[*hood[a], low], [*hood[b], low], [*hood[b], top], [*hood[a], top]])
+    roof = [[*hood[k], top] for k in range(4)]
+    coping = rectangle(at[:2] + 0.1 * ahead, ahead, 0.7, 2.0 * wide + 0.4)
+    underside = np.column_stack([coping[::-1], np.full(4, top - 0.1)])
+    return [
+        flat_quads(material, front),
+        flat_quads(material, [*sides, roof]),
+        *extruded(material, coping, top - 0.1, top + 0.4),
+        flat_quads(material, underside),
+        flat_quads(MOUTH, mouth),
+    ]
+
+
+def trees_along(network: RoadNetwork) -> Float64Array:
+    """Return the positions (n, 2; m) of trees on both sides of roads that ask for them."""
+    rows = []
+    for road in network.roads:
+        if road.structure != GROUND or road.trees <= 0.0:
+            continue
+        points = axis_points(road, 0.1)
+        first, last = (
+            end + sign * (_CORNER if ways > 2 else 0.0)
+            for end, sign, ways in zip(points.along[[0, -1]], (1.0, -1.0), road.ends, strict=True)
+        )
+        along = np.arange(np.ceil(first / road.trees), np.floor(last / road.trees) + 1.0) * road.trees
+        at = _points_at(points, along)
+        out = at.half_width + at.shoulder + _VERGE
+        rows += [at.beside(sign * out)[:, :2] for sign in (1.0, -1.0)]
+    return np.concatenate([np.zeros((0, 2)), *rows])

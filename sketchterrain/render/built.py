@@ -1,0 +1,311 @@
+"""Drawing of roads and what is built: painted ground, and meshes of bridges, tunnels, houses and walls.
+
+A road on the ground is a chain of boxes about its pieces: the ground that is drawn in them, at whatever level
+of detail, is painted with its material. Nothing fights for depth or pokes through; hills in front hide it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Final
+
+import moderngl
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import Bounds, Float64Array
+from sketchterrain.look.built_meshes import BUILT, BuiltPart
+from sketchterrain.look.road_meshes import MOUTH, built_objects, road_content
+from sketchterrain.render.programs import build_program, set_uniforms
+from sketchterrain.render.road_strips import DEVIATION, Chunks, Strips, road_strips
+from sketchterrain.render.targets import bands
+from sketchterrain.render.vertex_memory import COMMAND
+from sketchterrain.roads.road_types import GROUND, RoadNetwork
+
+if TYPE_CHECKING:
+    from sketchterrain.render.camera import Camera
+    from sketchterrain.render.scene import TerrainSource
+    from sketchterrain.render.targets import RenderTargets
+
+ALPHA_BLEND: Final = (moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA)
+CELL: Final = 256.0  # m, side of the squares whose objects are drawn together
+FINE: Final = 300.0  # m, distance up to which fine parts are drawn
+
+_VERTEX: Final = np.dtype(
+    [("position", "<f4", 3), ("normal", "u1", 4), ("colour", "u1", 4), ("uv", "<f4", 2), ("look", "<f4", 2)]
+)
+_VERTEX_FORMAT: Final = (
+    *("3f4 4f1 4f1 2f4 2f4", "local_position", "local_normal"),
+    *("vertex_colour", "vertex_uv", "vertex_look"),
+)
+_PIECE_FORMAT: Final = (
+    *("4f4 4f4 4f4 4f4 4f4/i", "piece_start", "piece_end"),
+    *("piece_left", "piece_width", "piece_look"),
+)
+# Corners of a box, counted by its end (1), left side (2) and top (4), counter-clockwise from outside.
+_BOX: Final = np.array([int(corner) for corner in "046062137175015054267273023031457476"], np.uint32)
+_TILES: Final = -1.0  # in place of the distance of railway tracks: rows of tiles
+
+
+class BuiltScenery:
+    """Everything built on a terrain.
+
+    `changes` counts updates, `triangles` those of the last picture, `origin` (m) is that of its vertices.
+    """
+
+    def __init__(
+        self, context: moderngl.Context, terrain: TerrainSource, *, defines: Mapping[str, int | str]
+    ) -> None:
+        self._context = context
+        self.origin = np.array([0.5 * terrain.size[0], 0.5 * terrain.size[1], 0.0])
+        self._shadow = build_program(context, "built_shadow.vert.glsl", "nothing.frag.glsl")
+        self._box = context.buffer(_BOX.tobytes())
+        self.changes = self.triangles = 0
+        self._network, self._layers = RoadNetwork(), {}
+        self._strips: dict[object, list[Strips]] = {}
+        self._objects: dict[object, list[BuiltPart]] = {}
+        self._drawn: dict[str, _Drawn] = {}
+        self.rebuild(defines)
+        self.set_terrain(terrain, ())
+
+    def __bool__(self) -> bool:
+        return bool(self._drawn)
+
+    def rebuild(self, defines: Mapping[str, int | str]) -> None:
+        """Replace the programs by ones with other macros."""
+        self._defines = defines
+        self._programs: dict[str, moderngl.Program] = {}
+        for each in self._drawn.values():
+            each.arrays.clear()
+
+    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> None:
+        """Replace what has changed, or stands in `areas` (m) where the ground has."""
+        network = terrain.features.network
+        if network is self._network and not areas:
+            return
+        layers = {name: number for number, name in enumerate(terrain.sketch.material_table.layers)}
+        if layers != self._layers:
+            self._layers, self._strips, self._objects = layers, {}, {}
+        self._network = network
+        strips = self._update_strips(network)
+        objects = self._update_objects(terrain, areas)
+        if strips or objects:
+            self.changes += 1
+
+    def _update_strips(self, network: RoadNetwork) -> bool:
+        """Replace the strips of roads on the ground; return whether any has changed."""
+        structure = {(road.leg, road.part): road.structure for road in network.roads}
+        before, self._strips = self._strips, {}
+        for road in network.roads:
+            if road.structure != GROUND:
+                continue
+            around = tuple(structure.get((road.leg, road.part + step), GROUND) for step in (-1, 1))
+            key = (road_content(road), around)
+            self._strips[key] = before.get(key) or road_strips(road, around, self._layers, self.origin)
+        if before.keys() == self._strips.keys():
+            return False
+        strips = [each for road in self._strips.values() for each in road]
+        self._drawn.pop("strips", None)
+        if strips:
+            starts = np.cumsum([0, *(len(each.rows) for each in strips)])[:-1]
+            chunks = Chunks.joined([each.chunks for each in strips], starts.tolist())
+            rows = self._context.buffer(np.concatenate([each.rows for each in strips]).tobytes())
+            self._drawn["strips"] = _Drawn(self._context, rows, self._box, chunks)
+        return True
+
+    def _update_objects(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> bool:
+        """Replace the meshes; return whether any has changed."""
+        objects = built_objects(self._network, terrain.features.rivers)
+        before, self._objects = self._objects, {}
+        kept = {each.key for each in objects if each.key in before and not _within(each.places, areas)}
+        new = [each for each in objects if each.key not in kept]
+        if not new and len(before) == len(objects):
+            self._objects = before
+            return False
+        counts = np.cumsum([0, *(len(each.places) for each in new)])
+        places = np.concatenate([np.zeros((0, 2)), *(each.places for each in new)])
+        ground = terrain.heights(*places.T).astype(np.float64) if len(places) else np.zeros(0)
+        made = {
+            each.key: each.parts(ground[first:last])
+            for each, first, last in zip(new, counts[:-1], counts[1:], strict=True)
+        }
+        self._objects = {each.key: made.get(each.key) or before[each.key] for each in objects}
+        self._upload()
+        return True
+
+    def _upload(self) -> None:
+        """Upload the meshes, those in a square of `CELL` after each other, fine parts last."""
+        groups: dict[tuple[bool, int, int, bool], list[BuiltPart]] = {}
+        for parts in self._objects.values():
+            x, y = np.floor(parts[0].position[0, :2] / CELL).astype(int).tolist()
+            for part in parts:
+                groups.setdefault((part.material == MOUTH, x, y, part.fine), []).append(part)
+        for name in ("meshes", "mouths"):
+            self._drawn.pop(name, None)
+            own = {key: parts for key, parts in groups.items() if key[0] == (name == "mouths")}
+            if not own:
+                continue
+            vertices, indices, chunks, base, start = [], [], [], 0, 0
+            for (*_, fine), parts in own.items():
+                chunk = [_packed(part, self._layers, self.origin) for part in parts]
+                triangles = 0
+                for part, packed in zip(parts, chunk, strict=True):
+                    indices.append(part.triangles.ravel() + np.uint32(base))
+                    base, triangles = base + len(packed), triangles + part.triangles.size
+                vertices += chunk
+                position = np.concatenate([part.position for part in parts])
+                low, high = position.min(axis=0), position.max(axis=0)
+                width = 1e-3 if fine else max(float(np.ptp(part.position, axis=0).max()) for part in parts)
+                chunks.append(_chunk(low, high, width, start, triangles))
+                start += triangles
+            self._drawn[name] = _Drawn(
+                self._context,
+                self._context.buffer(np.concatenate(vertices).tobytes()),
+                self._context.buffer(np.concatenate(indices).astype(np.uint32).tobytes()),
+                Chunks.joined(chunks, [0] * len(chunks)),
+            )
+
+    def draw(
+        self, camera: Camera, targets: RenderTargets, uniforms: Mapping[str, object], *, parts: int
+    ) -> Iterator[None]:
+        """Draw everything over the shaded ground into ``targets.scene``; yield between parts."""
+        context, self.triangles = self._context, 0
+        width, height = targets.size
+        pixel = 2.0 * float(np.tan(np.radians(camera.fov) / 2.0)) / height
+        anchor = tuple((self.origin - camera.eye).tolist())
+        try:
+            for name, target in (
+                ("strips", targets.upsampled),
+                ("mouths", targets.scene),
+                ("meshes", targets.scene),
+            ):
+                drawn = self._drawn.get(name)
+                count = (
+                    0
+                    if drawn is None
+                    else drawn.select(camera, width / height, pixel, strips=name == "strips")
+                )
+                if drawn is None or not count:
+                    continue
+                self.triangles += drawn.triangles
+                if name == "strips":  # the far sides of boxes, so that the eye may be inside of one
+                    context.enable_only(moderngl.CULL_FACE | moderngl.BLEND)
+                    context.cull_face, context.blend_func = "front", ALPHA_BLEND
+                else:
+                    context.enable_only(moderngl.CULL_FACE | moderngl.DEPTH_TEST)
+                    context.cull_face = "back"
+                array = drawn.array(
+                    name, self._program(name), _PIECE_FORMAT if name == "strips" else _VERTEX_FORMAT
+                )
+                set_uniforms(array.program, {**uniforms, "anchor": anchor})
+                for _ in bands(target, parts):
+                    array.render_indirect(drawn.commands, moderngl.TRIANGLES, count=count)
+                    yield
+        finally:  # a picture in parts may be abandoned
+            context.cull_face = "back"
+
+    def draw_shadow(self, to_map: Float64Array, place: Sequence[float], radius: float) -> None:
+        """Draw meshes within a radius (m) of a place into the bound shadow map.
+
+        `to_map` maps positions relative to `origin` to clip space.
+        """
+        drawn = self._drawn.get("meshes")
+        if drawn is None:
+            return
+        count = drawn.select_near(place, radius)
+        if count:
+            array = drawn.array("shadow", self._shadow, _VERTEX_FORMAT)
+            set_uniforms(self._shadow, {"to_map": tuple(to_map.T.astype(np.float32).ravel().tolist())})
+            self._context.enable_only(moderngl.DEPTH_TEST)
+            array.render_indirect(drawn.commands, moderngl.TRIANGLES, count=count)
+
+    def _program(self, name: str) -> moderngl.Program:
+        if name not in self._programs:
+            files = {
+                "strips": ("road_strip.vert.glsl", "road_strip.frag.glsl"),
+                "mouths": ("built.vert.glsl", "built_mouth.frag.glsl"),
+                "meshes": ("built.vert.glsl", "built.frag.glsl"),
+            }[name]
+            self._programs[name] = build_program(self._context, *files, defines=self._defines)
+        return self._programs[name]
+
+
+class _Drawn:
+    """Vertices or instances, indices, chunks, and the commands that draw those in view."""
+
+    def __init__(
+        self, context: moderngl.Context, rows: moderngl.Buffer, indices: moderngl.Buffer, chunks: Chunks
+    ) -> None:
+        self._context, self._rows, self._indices, self._chunks = context, rows, indices, chunks
+        self.commands = context.buffer(reserve=len(chunks.low) * COMMAND.itemsize, dynamic=True)
+        self.arrays: dict[str, moderngl.VertexArray] = {}
+        self.triangles = 0
+
+    def array(self, name: str, program: moderngl.Program, layout: tuple[str, ...]) -> moderngl.VertexArray:
+        """Return the vertex array of a program."""
+        if name not in self.arrays:
+            given, *names = layout
+            self.arrays[name] = self._context.vertex_array(
+                program, [(self._rows, given, *names)], index_buffer=self._indices, skip_errors=True
+            )
+        return self.arrays[name]
+
+    def select(self, camera: Camera, aspect: float, pixel: float, *, strips: bool) -> int:
+        """Select the chunks in view and their levels of detail; return their number."""
+        index, away = self._chunks.visible(camera, aspect, pixel)
+        fits = self._chunks.error[index, 1:] <= DEVIATION * pixel * away[:, None]
+        level = np.logical_and.accumulate(fits, axis=1).sum(axis=1)
+        return self._write(index, level, strips=strips)
+
+    def select_near(self, place: Sequence[float], radius: float) -> int:
+        """Select the chunks of meshes within a radius (m) of a place; return their number."""
+        outside = np.maximum(
+            np.maximum(self._chunks.low[:, :2] - place, place - self._chunks.high[:, :2]), 0.0
+        )
+        index = np.flatnonzero(np.hypot(*outside.T) < radius)
+        return self._write(index, np.zeros(len(index), np.int64), strips=False)
+
+    def _write(self, index: npt.NDArray[np.int64], level: npt.NDArray[np.int64], *, strips: bool) -> int:
+        first, count = self._chunks.first[index, level], self._chunks.count[index, level]
+        commands = np.zeros(len(index), COMMAND)
+        if strips:
+            commands["count"], commands["instances"], commands["base_instance"] = _BOX.size, count, first
+        else:
+            commands["count"], commands["instances"], commands["first"] = count, 1, first
+        self.triangles = int((commands["count"].astype(np.int64) * commands["instances"]).sum()) // 3
+        self.commands.orphan()
+        self.commands.write(commands.tobytes())
+        return len(commands)
+
+
+def _chunk(low: Float64Array, high: Float64Array, width: float, first: int, count: int) -> Chunks:
+    return Chunks(
+        low[None],
+        high[None],
+        np.array([width]),
+        np.zeros(1, np.int64),
+        np.zeros((1, 1)),
+        np.array([[first]]),
+        np.array([[count]]),
+    )
+
+
+def _within(places: Float64Array, areas: Sequence[Bounds]) -> bool:
+    """Return whether any of (n, 2) places is in one of the areas."""
+    x, y = places.T
+    return any(bool(((x >= w) & (x <= e) & (y >= s) & (y <= n)).any()) for w, s, e, n in areas)
+
+
+def _packed(part: BuiltPart, layers: Mapping[str, int], origin: Float64Array) -> npt.NDArray[np.void]:
+    """Return the vertices of a part."""
+    vertices = np.zeros(len(part.position), _VERTEX)
+    vertices["position"] = part.position - origin
+    vertices["normal"][:, :3] = np.rint(127.5 * (part.normal + 1.0))
+    vertices["normal"][:, 3] = np.rint(127.5 * np.clip(part.tone, 0.0, 2.0))
+    vertices["uv"] = part.uv
+    built = BUILT.get(part.material)
+    if built is not None:
+        vertices["colour"] = np.rint(255.0 * np.append(np.sqrt(built.colour), 1.0))
+    texture = built.texture if built else part.material
+    vertices["look"] = layers.get(texture, 0), _TILES if part.material == "roof" else part.track
+    return vertices

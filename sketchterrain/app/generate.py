@@ -41,6 +41,7 @@ from sketchterrain.io.system import peak_memory
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.render.sky import Weather
 from sketchterrain.render.views import check_view
+from sketchterrain.roads.road_report import road_facts
 from sketchterrain.terrain.adherence import measure_adherence
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.realism import realism_entry
@@ -93,6 +94,7 @@ def raster_facts(raster: Raster) -> dict[str, Any]:
 def report_header(terrain: Terrain) -> dict[str, Any]:
     """Return the entries of every report of a terrain."""
     sketch, recipe, context = terrain.sketch, terrain.recipe, terrain.context
+    network = recipe.network
     base = load_base(sketch, LRUCache() if terrain.memory is None else terrain.memory)
     return {
         "format": 1,
@@ -105,6 +107,7 @@ def report_header(terrain: Terrain) -> dict[str, Any]:
         "rasters": [source.values | {"found": not raster_problem(source)} for source in sketch.rasters],
         **({} if base is None else {"base": base.facts}),
         "resolutions": [resolution.line for resolution in recipe.resolutions],
+        **({"roads": road_facts(network, sketch)} if network.roads or network.pads or network.walls else {}),
         "edits": {"count": len(sketch.edits), "orphans": list(recipe.orphans)},
     }
 

@@ -121,6 +121,7 @@ def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
         lines.append(f"preview: {folder / 'preview.png'}")
     lines += [f"restarted: {line}" for line in report["restarts"]]
     lines += [f"elevation: {line}" for line in report.get("base", {}).get("findings", ())]
+    lines += [f"roads: {line}" for line in report.get("roads", {}).get("findings", ())]
     lines += [f"resolved: {line}" for line in report["resolutions"]]
     return [*lines, *(f"note: {line}" for line in report["notes"])]
 

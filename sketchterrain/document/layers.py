@@ -374,17 +374,18 @@ _ALL: Final = (
         vectors=("line",),
         tags=(
             TagRule("highway", "motorway", {"lanes": 2, "grade": 0.06, "radius": 300.0, "shoulder": 2.5}),
-            TagRule("highway", "trunk primary", {"grade": 0.08, "radius": 60.0, "shoulder": 1.5}),
+            TagRule("highway", "trunk", {"lanes": 2, "grade": 0.08, "radius": 60.0, "shoulder": 1.5}),
+            TagRule("highway", "primary", {"grade": 0.08, "radius": 60.0, "shoulder": 1.5}),
             TagRule("highway", "secondary tertiary", {"grade": 0.10, "radius": 25.0}),
             TagRule("highway", "motorway_link trunk_link primary_link", {"lanes": 1, "grade": 0.08}),
             TagRule("highway", "secondary_link tertiary_link", {"lanes": 1, "grade": 0.10}),
             TagRule(
-                *("highway", "unclassified residential living_street road pedestrian"),
+                *("highway", "unclassified residential living_street road pedestrian busway"),
                 {"width": 5.0, "grade": 0.14, "radius": 10.0, "shoulder": 0.5},
             ),
             TagRule("highway", "service", {"width": 3.5, "grade": 0.16, "radius": 6.0, "shoulder": 0.5}),
             TagRule(
-                *("highway", "track"),
+                *("highway", "track track_grade1 track_grade2 track_grade3 track_grade4 track_grade5"),
                 {"width": 3.0, "grade": 0.18, "radius": 8.0, "shoulder": 0.3, "surface": "gravel"},
             ),
         ),
@@ -402,7 +403,7 @@ _ALL: Final = (
             TagRule("railway", "rail"),
             TagRule(
                 "railway",
-                "narrow_gauge tram light_rail funicular",
+                "narrow_gauge tram light_rail subway funicular",
                 {"width": 3.2, "grade": 0.08, "radius": 30.0},
             ),
         ),
@@ -438,10 +439,7 @@ _ALL: Final = (
         overlay=(230, 150, 130),
         vectors=("area",),
         tags=(
-            TagRule(
-                *("building", "yes house residential detached apartments commercial retail industrial hut"),
-                {"building": 6.0},
-            ),
+            TagRule("building", "yes", {"building": 6.0}),  # and any other value
             TagRule(
                 "building", "farm farm_auxiliary barn garage garages shed cabin chalet", {"building": 4.0}
             ),
@@ -461,7 +459,7 @@ _ALL: Final = (
         overlay=(160, 200, 120),
         vectors=("line",),
         tags=(
-            TagRule("barrier", "wall city_wall retaining_wall fence"),
+            TagRule("barrier", "wall city_wall retaining_wall"),
             TagRule("barrier", "hedge", {"material": "hedge", "height": 1.6, "width": 1.0}),
         ),
         source_names="barrier barriers walls hedges",

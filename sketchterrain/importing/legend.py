@@ -15,7 +15,8 @@ import msgspec
 import numpy as np
 
 from sketchterrain.document.label_layers import to_oklab
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.parameters import Value
 from sketchterrain.document.toml_format import load_toml
 from sketchterrain.document.vectors import VECTOR_LAYERS, vector_parameters
@@ -125,8 +126,8 @@ def _meaning(layer: str, label: int | None, where: str) -> Meaning:
             if label is not None:
                 raise InputError(f"{where}: {layer} has no labels")
             return special
-    if layer not in LAYERS:
-        names = (*LAYERS, NOTHING.layer, INK.layer)
+    if layer not in PAINTED_LAYERS:
+        names = (*PAINTED_LAYERS, NOTHING.layer, INK.layer)
         raise InputError(
             f"{where}: unknown layer {format_value(layer)}: expected {', '.join(names)}"
             f"{did_you_mean(layer, names)}"
@@ -156,25 +157,32 @@ _NO_LAYER = (
 
 def _own() -> Legend:
     named = (f"{name}={code}" for name, layer in LAYERS.items() for code in layer.map_colours.split())
-    layers = {layer.colour: Meaning(name, 1) for name, layer in LAYERS.items()}
+    layers = {LAYERS[name].colour: Meaning(name, 1) for name in PAINTED_LAYERS}
     return Legend({**layers, **Legend.parse((*named, *_NO_LAYER)).colours, **layers})
 
 
 OWN_LEGEND: Final = _own()  # the program's colours, and those of common maps
 
 
-def parse_layer_name(name: str) -> Meaning | None:
-    """Parse a name such as ``Mountains``, ``river 2`` or ``lake_3.png``; None if it is not a layer."""
+def parse_layer_name(name: str, layers: Iterable[str] = PAINTED_LAYERS) -> Meaning | None:
+    """Parse a name such as ``Mountains``, ``river 2`` or ``lake_3.png``; None if it is not of the layers."""
     match = _NAMED.fullmatch(name.strip())
     if match is None:
         return None
     word, label = match[1].lower(), int(match[2] or 1)
-    known = {**{name: name for name in LAYERS}, **{LAYERS[name].title.lower(): name for name in LAYERS}}
+    known = {text: layer for layer in layers for text in (layer, LAYERS[layer].title.lower())}
     return Meaning(known[word], label) if word in known and 1 <= label <= 255 else None
 
 
 Properties = dict[str, Value]
-_Rule = tuple[str, Properties]
+
+
+class _Rule(NamedTuple):
+    """What a tag means: a layer, properties, and a label of its own in layers of vectors alone."""
+
+    layer: str
+    properties: Properties
+    label: int = 1
 
 
 @dataclass(frozen=True)
@@ -186,17 +194,28 @@ class FeatureLabel:
     guessed: frozenset[str]  # names of properties that follow from the kind of feature
     clipped: int  # values out of range
     unread: int  # invalid values
+    label: int = 1  # of layers of vectors alone: 1, or that of its tag, whose guessed properties it has
 
 
-def _rules(key: str) -> dict[str, _Rule]:
-    rules = ((layer.name, rule) for layer in LAYERS.values() for rule in layer.tags if rule.key == key)
-    return {value: (name, dict(rule.properties)) for name, rule in rules for value in rule.values.split()}
+def label_properties(layer: str, label: int) -> Properties:
+    """Return the properties of the label that imports give to features of a tag."""
+    return dict(LAYERS[layer].tags[label - 2].properties) if label > 1 else {}
 
 
-_WATERWAY, _GROUND = _rules("waterway"), _rules("natural")
+def _rules(*keys: str) -> dict[str, _Rule]:
+    return {
+        value: _Rule(name, dict(rule.properties), 1 if layer.is_painted else number)
+        for name, layer in LAYERS.items()
+        for number, rule in enumerate(layer.tags, start=2)
+        if rule.key in keys
+        for value in rule.values.split()
+    }
+
+
+_WATERWAY, _GROUND, _WAYS, _BUILDINGS = map(_rules, ("waterway", "natural", "highway", "building"))
 # Lines of OpenStreetMap's waterways run downstream.
 _DIRECTED: dict[str, _Rule] = {
-    value: (layer, {**properties, "directed": 1}) for value, (layer, properties) in _WATERWAY.items()
+    value: rule._replace(properties={**rule.properties, "directed": 1}) for value, rule in _WATERWAY.items()
 }
 # OpenStreetMap's keys (wiki: Map features), `fclass` of Geofabrik's extracts, `featurecla` of Natural Earth,
 # `type` of this program's own exports.
@@ -205,12 +224,34 @@ _KEYS: dict[str, dict[str, _Rule]] = {
     "water": _rules("water"),
     "natural": _GROUND,
     "landuse": _GROUND,
-    "fclass": _GROUND | _DIRECTED,
+    "highway": _WAYS,
+    "railway": _rules("railway"),
+    "building": _BUILDINGS,
+    "barrier": _rules("barrier"),
+    "fclass": {"building": _BUILDINGS["yes"]} | _rules("highway", "railway") | _GROUND | _DIRECTED,
     "featurecla": _GROUND | _WATERWAY,
-    "type": {layer: (layer, {}) for layer in LAYERS},
+    "type": {layer: _Rule(layer, {}) for layer in LAYERS},
 }
-OSM_KEYS: Final = ("waterway", "water", "natural", "landuse")
-"""OpenStreetMap's keys whose values may assign a feature to a layer."""
+BUILT_KEYS: Final = ("highway", "railway", "building", "barrier")
+OSM_KEYS: Final = ("waterway", "water", "natural", "landuse", *BUILT_KEYS)
+"""OpenStreetMap's keys whose values may assign a feature to a layer; those of what is built no point."""
+_NOT_BUILT = re.compile(
+    "no|construction|proposed|planned|abandoned|razed|demolished|dismantled|destroyed|removed|ruins"
+)  # values of these keys
+_NO_WAYS = {"area": "yes", "indoor": "yes", "abandoned": "yes", "proposed": "yes", "service": "parking_aisle"}
+_NO = ("no", "false", "f", "0")  # as of bridge=no; F in Geofabrik's extracts
+_SURFACES = {
+    "asphalt": "paved concrete chipseal paving_stones sett cobblestone unhewn_cobblestone bricks metal",
+    "gravel": "unpaved compacted fine_gravel pebblestone ballast",
+    "soil": "ground dirt earth mud clay wood woodchips",
+    "rock": "stone",
+    "sand": "salt",
+    "grass": "grass_paver",
+}
+_MATERIALS = {name: name for name in MATERIALS} | {
+    value: name for name, values in _SURFACES.items() for value in values.split()
+}
+_LEVEL = 3.0  # m, of a building
 _SOURCES = {source: name for name, layer in LAYERS.items() for source in layer.source_names.split()}
 # Other names of properties: in our own exports strength is the height of hills and mountains.
 _ALIASES = {
@@ -220,13 +261,15 @@ _ALIASES = {
 }
 
 RELEVANT_TAGS: Final = frozenset(
-    {"layer", "name", "tags", "other_tags", "radius", *_KEYS}
+    {"layer", "name", "tags", "other_tags", "radius", *_KEYS, *_NO_WAYS}
+    | {"bridge", "tunnel", "oneway", "junction", "tracks", "building:levels"}
     | {name for layer in LAYERS for name in vector_parameters(layer)}
     | {name for names in _ALIASES.values() for name in names}
 )  # lower-case names of properties that are read
 
 _HSTORE = re.compile(r'"((?:[^"\\]|\\.)*)"=>"((?:[^"\\]|\\.)*)"')
-_NUMBER = re.compile(r"\s*([+-]?\d+(?:\.\d+)?)\s*(?:m|metres?|meters?)?\s*", re.I)
+_NUMBER = re.compile(r"\s*([+-]?\d+(?:\.\d+)?)\s*(?:m|metres?|meters?|(ft|feet|'))?\s*", re.I)
+_FOOT = 0.3048  # m
 
 
 def relevant_tags(properties: Mapping[str, Any]) -> dict[str, Any]:
@@ -258,43 +301,90 @@ def feature_label(tags: Mapping[str, Any], source: str, layer: str | None) -> Fe
 
     By its property ``layer``, else its tags, else the name of its `source` layer, else the default `layer`.
     """
-    name, defaults = _layer_name(tags.get("layer")), Properties()
-    if name is None:
-        name, defaults = _layer_of_tags(tags)
+    name = _layer_name(tags.get("layer"))
+    rule = None if name else _rule_of_tags(tags)
     name = name or _layer_name(source) or _SOURCES.get(source.lower()) or layer
-    return None if name is None else _feature_label(name, defaults, tags)
+    rule = rule or (None if name is None else _Rule(name, {}))
+    if rule is None or LAYERS[rule.layer].is_painted:
+        return None if rule is None else _feature_label(rule, tags)
+    if any(_NOT_BUILT.fullmatch(str(tags.get(key)).lower()) for key in BUILT_KEYS):
+        return None
+    if LAYERS[rule.layer].kind == "way":
+        if any(tags.get(key) == value for key, value in _NO_WAYS.items()):
+            return None
+        return _feature_label(rule, _of_way(rule, tags))
+    return _feature_label(rule, _of_building(tags) if LAYERS[rule.layer].kind == "pad" else tags)
+
+
+def _of_way(rule: _Rule, tags: Mapping[str, Any]) -> dict[str, Any]:
+    """Return OpenStreetMap's tags of a road, railway or path by the names of its properties."""
+    found = dict(tags)
+    if "structure" not in tags:
+        for key in ("bridge", "tunnel"):
+            if str(tags.get(key, "no")).lower() not in _NO:
+                found["structure"] = key
+    if parse_number(tags.get("layer")) is not None:
+        found["level"] = tags["layer"]
+    elif any(key in tags for key in BUILT_KEYS):
+        found.pop("level", None)  # floors of a building
+    if isinstance(tags.get("surface"), str):
+        surface = re.split("[;:]", tags["surface"])[0].strip().lower()
+        found["surface"] = _MATERIALS.get(surface, surface)
+    if rule.layer == "railway" and "tracks" in tags:
+        found["lanes"] = tags["tracks"]
+    is_one_way = str(tags.get("oneway", "no")).lower() in ("yes", "true", "1", "-1")
+    by_lanes = bool(rule.properties) and not rule.properties.keys() & {"lanes", "width"}
+    if is_one_way and by_lanes and tags.get("junction") != "roundabout":
+        found.setdefault("lanes", 1)
+    if "lanes" in found and "width" in rule.properties and not found.keys() & set(_ALIASES["width"]):
+        found["width"] = 0.0  # by lanes
+    return found
+
+
+def _of_building(tags: Mapping[str, Any]) -> dict[str, Any]:
+    """Return OpenStreetMap's tags of a building by the names of a pad's properties."""
+    found = dict(tags)
+    if parse_number(tags.get("building")) is None:
+        found.pop("building", None)
+        height, levels = (parse_number(tags.get(key)) for key in ("height", "building:levels"))
+        if height or levels:
+            found["building"] = height or _LEVEL * (levels or 0.0)
+    return found
 
 
 def parse_number(value: object) -> float | None:
-    """Return a number, also from a text such as ``12.5 m``, or None."""
+    """Return a number, also from a text such as ``12.5 m`` or ``8 ft``, or None."""
     if isinstance(value, bool):
         return None
     if isinstance(value, int | float):
         return float(value) if abs(value) < 1e300 and math.isfinite(value) else None
     match = _NUMBER.fullmatch(value) if isinstance(value, str) and len(value) < 40 else None
-    return float(match[1]) if match else None
+    return float(match[1]) * (_FOOT if match[2] else 1.0) if match else None
 
 
 def _layer_name(text: object) -> str | None:
-    meaning = parse_layer_name(text) if isinstance(text, str) else None
+    meaning = parse_layer_name(text, LAYERS) if isinstance(text, str) else None
     return meaning.layer if meaning is not None else None
 
 
-def _layer_of_tags(tags: Mapping[str, Any]) -> tuple[str | None, Properties]:
+def _rule_of_tags(tags: Mapping[str, Any]) -> _Rule | None:
     for key, rules in _KEYS.items():
         value = tags.get(key)
         if isinstance(value, str):
-            found = rules.get(value.strip().lower().replace(" ", "_"))
+            any_other = rules["yes"] if key == "building" and parse_number(value) is None else None
+            found = rules.get(value.strip().lower().replace(" ", "_"), any_other)
             if found is not None:
-                return found[0], dict(found[1])
-    return None, {}
+                return found
+    return None
 
 
-def _feature_label(layer: str, defaults: Properties, tags: Mapping[str, Any]) -> FeatureLabel:
-    properties: Properties = {}
+def _feature_label(rule: _Rule, tags: Mapping[str, Any]) -> FeatureLabel:
+    layer, defaults, properties = rule.layer, rule.properties, Properties()
     clipped = unread = 0
     for name, parameter in vector_parameters(layer).items():
         value = next((tags[tag] for tag in _ALIASES.get(name, (name,)) if tag in tags), None)
+        if value is None:
+            continue
         number = parse_number(value)
         if parameter.kind is str and isinstance(value, str) and value in parameter.choices:
             properties[name] = value
@@ -304,11 +394,11 @@ def _feature_label(layer: str, defaults: Properties, tags: Mapping[str, Any]) ->
             # 0.8999999762 of a float32 is 0.9.
             properties[name] = round(inside) if parameter.kind is int else float(f"{inside:.6g}")
         else:
-            unread += value is not None
+            unread += 1
     if layer in VECTOR_LAYERS and isinstance(tags.get("name"), str):
         properties["name"] = tags["name"]
     guessed = frozenset(defaults.keys() - properties.keys())
-    return FeatureLabel(layer, defaults | properties, guessed, clipped, unread)
+    return FeatureLabel(layer, defaults | properties, guessed, clipped, unread, rule.label)
 
 
 def cluster_properties(

@@ -26,7 +26,7 @@ from sketchterrain.array_types import Float64Array
 from sketchterrain.document.parameters import SKETCH
 from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.importing.images import vector_driver
-from sketchterrain.importing.legend import OSM_KEYS, RELEVANT_TAGS
+from sketchterrain.importing.legend import BUILT_KEYS, OSM_KEYS, RELEVANT_TAGS
 from sketchterrain.io.crs import is_westward, parse_crs, plain_path
 from sketchterrain.io.files import wrap_read_errors
 
@@ -168,10 +168,13 @@ class SourceLayer:
     repaired: int  # areas that crossed themselves
 
 
-def read_vector_layers(path: Path, *, untagged: bool = True) -> list[SourceLayer]:
+def read_vector_layers(
+    path: Path, *, untagged: bool = True, degrees: tuple[float, float, float, float] | None = None
+) -> list[SourceLayer]:
     """Read the layers of a vector file, known by its first bytes; raise `InputError` if it cannot be read.
 
-    Of OpenStreetMap only features with a tag that may assign them to a layer, unless `untagged`.
+    Of OpenStreetMap only features with a tag that may assign them to a layer, unless `untagged`, and that
+    touch a rectangle in `degrees` (west, south, east, north).
     """
     location = one_line(path)
     with wrap_read_errors(path), path.open("rb") as stream:
@@ -206,7 +209,10 @@ def read_vector_layers(path: Path, *, untagged: bool = True) -> list[SourceLayer
                 if tables is not None and name.lower() not in tables:
                     raise InputError(f"{where}: expected a table, not a view")
                 tagged = driver == "OSM" and not untagged
-                layers.append(_read_layer(dataset, driver, name, where, remaining, tagged=tagged))
+                inside = degrees if driver == "OSM" else None
+                layers.append(
+                    _read_layer(dataset, driver, name, where, remaining, tagged=tagged, inside=inside)
+                )
                 remaining -= int(shapely.get_num_coordinates(layers[-1].shapes).sum())
     except (RuntimeError, ValueError, shapely.errors.GEOSException) as error:
         raise InputError(
@@ -240,7 +246,14 @@ def _tables(path: Path, location: str) -> set[str]:
 
 
 def _read_layer(
-    dataset: Path | str, driver: str, name: str, where: str, max_vertices: int, *, tagged: bool
+    dataset: Path | str,
+    driver: str,
+    name: str,
+    where: str,
+    max_vertices: int,
+    *,
+    tagged: bool,
+    inside: tuple[float, float, float, float] | None,
 ) -> SourceLayer:
     info = pyogrio.read_info(dataset, layer=name)
     if info["driver"] != driver:
@@ -251,7 +264,8 @@ def _read_layer(
         dataset,
         layer=name,
         columns=columns,
-        where=_with_tags(columns) if tagged else None,
+        where=_with_tags(name, columns) if tagged else None,
+        bbox=inside,
         max_features=max_vertices + 1 if driver == "OSM" else None,  # bounds the memory
         force_2d=True,
         datetime_as_string=True,
@@ -268,10 +282,12 @@ def _read_layer(
     return SourceLayer(name, _crs(meta["crs"], where), shapes, properties, skipped, repaired)
 
 
-def _with_tags(columns: Sequence[str]) -> str:
+def _with_tags(layer: str, columns: Sequence[str]) -> str:
     """Return the SQL condition that a feature of OpenStreetMap has a tag that may assign it to a layer."""
     return " OR ".join(
-        f'"{key}" IS NOT NULL' if key in columns else f"other_tags LIKE '%\"{key}\"=>%'" for key in OSM_KEYS
+        f'"{key}" IS NOT NULL' if key in columns else f"other_tags LIKE '%\"{key}\"=>%'"
+        for key in OSM_KEYS
+        if layer != "points" or key not in BUILT_KEYS
     )
 
 

@@ -1,4 +1,4 @@
-"""Sketches of vector maps: rivers and lakes as vectors, forests, summits and others rasterised."""
+"""Sketches of vector maps: waters, roads and buildings as vectors, forests, summits and others rasterised."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rasterio.features import rasterize
 
 from sketchterrain.array_types import BoolArray
 from sketchterrain.document.label_layers import MAX_LABELS, MAX_SIDE, LabelImage
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, WAY_LAYERS
 from sketchterrain.document.parameters import Properties, Value
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import (
@@ -36,6 +36,7 @@ from sketchterrain.importing.legend import (
     FeatureLabel,
     cluster_properties,
     feature_label,
+    label_properties,
     parse_number,
     relevant_tags,
 )
@@ -54,11 +55,14 @@ from sketchterrain.importing.vector_files import (
     to_longitude_latitude,
     valid_areas,
 )
-from sketchterrain.io.crs import crs_text, parse_metric_crs
+from sketchterrain.io.crs import crs_text, parse_crs, parse_metric_crs
 
 _SIZE = 512  # px
 _MARGIN = 0.5  # of the bounds' size, around them: wide lines there extend into them
-_NO_AREAS = ("summits", "course")  # kinds of layers whose closed lines are no areas
+_NO_AREAS = ("summits", "course", "way", "barrier")  # kinds of layers whose closed lines are no areas
+_JOINED = ("course", "way")  # kinds of layers whose lines are networks
+_BORDER = 100.0  # m around a sketch, where its vectors end
+_ON_ELEVATION = ("forest", "material")  # layers that are painted on real elevation: others change its heights
 _MAX_WIDTH = 1e6  # m
 _DEFAULT_WIDTH = 0.04  # of the longer side: lines and discs on layers of areas
 _SIMPLIFICATION = 1 / 16  # px, tolerance for wide lines
@@ -128,14 +132,7 @@ def sketch_from_vectors(
         elif target is not None:
             raise InputError("it has no coordinate reference system: expected no crs to transform it to")
         area = sketch_area(_bounds(features) if bounds is None else box, size_px, exact=bounds is not None)
-        pixels = features._replace(shapes=shapely.transform(features.shapes, area.pixels))
-        visible = _visible(pixels, area, skipped)
-        drawn = _on_grid(features.where(visible & features.are_vectors), area, skipped)
-        painted = pixels.where(visible & ~features.are_vectors)
-        if not len(drawn.shapes) + len(painted.shapes):
-            raise InputError(f"no visible features ({_skipped(skipped)})")
-        images, labels, merged = _paint(painted, area, width)
-        vectors = _vector_layers(drawn, width)
+        content = _content(features, area, width, skipped)
     except (InputError, shapely.errors.GEOSException) as error:
         raise InputError(f"{one_line(path)}: {one_line(error)}") from None
     sketch = Sketch(
@@ -143,16 +140,85 @@ def sketch_from_vectors(
         extent=area.extent,
         weather={} if latitude is None else {"latitude": latitude},
         frame={"crs": crs_text(target), "east": area.west, "north": area.south},
-        layers=images,
-        vectors=vectors,
-        labels=labels | {(name, 1): _label(name, width) for name in vectors},
+        layers=content.images,
+        vectors=content.vectors,
+        labels=content.labels,
     )
-    notes = [_used(drawn, painted), *merged, *_guess_notes(drawn, painted, area, width)]
-    repaired = sum(each.repaired for each in layers)
-    notes += [f"areas that cross themselves ({repaired}): repaired"] if repaired else []
-    notes += [f"skipped: {_skipped(skipped)}"] if +skipped else []
+    notes = [*content.notes, *_reading_notes(layers, skipped)]
     notes.append(f"{sketch.width_px}×{sketch.height_px} px, {sketch.pixel_size:.4g} m each")
     return TraceResult(sketch, (*notes, _position_note(sketch.frame)))
+
+
+def with_vectors_of(sketch: Sketch, path: Path) -> tuple[Sketch, tuple[str, ...]]:
+    """Return a sketch on real elevation with the features of a vector file that lie in it, and notes.
+
+    Roads, railways, paths, walls, buildings, rivers and lakes are vectors up to 100 m around it, and forests
+    and materials are painted; what would change heights is left out. Raise `InputError` if the file cannot
+    be read, or has nothing inside.
+    """
+    target = parse_metric_crs(sketch.frame["crs"]) if sketch.frame["crs"] else None
+    west, south = sketch.frame["east"], sketch.frame["north"]
+    area = SketchArea(west, south, sketch.pixel_size, sketch.width_px, sketch.height_px)
+    around = shapely.box(west, south, *np.add((west, south), sketch.size)).buffer(_BORDER, join_style="mitre")
+    outline = shapely.segmentize(around, 0.05 * around.length)
+    degrees = None
+    if target is not None:
+        degrees = tuple(shapely.bounds(_reprojected(outline, target, parse_crs("OGC:CRS84"))).tolist())
+    layers = read_vector_layers(path, untagged=False, degrees=degrees)
+    skipped: Counter[str] = sum((source.skipped for source in layers), Counter())
+    try:
+        source, features = _collect(layers, None, None, skipped)
+        if (source is None) != (target is None):
+            raise InputError("expected a CRS of both the file and the elevation, or of neither")
+        kept = features.are_vectors | np.isin(features.names, _ON_ELEVATION)
+        skipped["that the elevation already has"] += int((~kept).sum())
+        features = features.where(kept)
+        if source is not None and target is not None:
+            box = shapely.bounds(_reprojected(outline, target, source)).tolist()
+            _, features = _clip(features, source, box, skipped)
+            features = features._replace(shapes=_reprojected(features.shapes, source, target))
+        features = _inside(features, around.bounds, skipped)
+        content = _content(features, area, None, skipped)
+    except (InputError, shapely.errors.GEOSException) as error:
+        raise InputError(f"{one_line(path)}: {one_line(error)}") from None
+    sketch = sketch.replace(
+        layers={**sketch.layers, **content.images},
+        vectors={**sketch.vectors, **content.vectors},
+        labels={**sketch.labels, **{key: each for key, each in content.labels.items() if each}},
+    )
+    return sketch, (*content.notes, *_reading_notes(layers, skipped))
+
+
+class _Content(NamedTuple):
+    """What a sketch gets of features, and notes on them."""
+
+    images: dict[str, LabelImage]
+    vectors: dict[str, VectorLayer]
+    labels: dict[tuple[str, int], dict[str, Value]]
+    notes: list[str]
+
+
+def _content(features: _Features, area: SketchArea, width: float | None, skipped: Counter[str]) -> _Content:
+    """Return what features (m) become in a sketch's area; raise `InputError` if none is visible."""
+    pixels = features._replace(shapes=shapely.transform(features.shapes, area.pixels))
+    visible = _visible(pixels, area, skipped)
+    drawn = _on_grid(features.where(visible & features.are_vectors), area, skipped)
+    painted = pixels.where(visible & ~features.are_vectors)
+    if not len(drawn.shapes) + len(painted.shapes):
+        raise InputError(f"no visible features ({_skipped(skipped)})")
+    images, labels, merged = _paint(painted, area, width)
+    vectors = _vector_layers(drawn, width)
+    for name, layer in vectors.items():
+        labels |= {(name, label): _label(name, label, width) for label in {1, *layer.labels.tolist()}}
+    return _Content(
+        images, vectors, labels, [_used(drawn, painted), *merged, *_guess_notes(drawn, painted, area, width)]
+    )
+
+
+def _reading_notes(layers: Sequence[SourceLayer], skipped: Counter[str]) -> list[str]:
+    repaired = sum(each.repaired for each in layers)
+    notes = [f"areas that cross themselves ({repaired}): repaired"] if repaired else []
+    return notes + ([f"skipped: {_skipped(skipped)}"] if +skipped else [])
 
 
 def _check(layer: str | None, width: float | None, bounds: Box | None, size_px: int) -> None:
@@ -223,7 +289,11 @@ def _shape(
     if shape.geom_type == "LineString" and is_area and shape.is_closed:
         rings = np.array([shapely.Polygon(shape.coords)]) if len(shape.coords) > 3 else np.array([shape])
         shape = valid_areas(rings)[0]
+    takes = LAYERS[label.layer].vectors
     if shapely.get_dimensions(shape) == AREA and not shape.is_empty:
+        if takes and "area" not in takes:
+            is_wall = LAYERS[label.layer].kind == "barrier"
+            return (shapely.LineString(shape.exterior.coords) if is_wall else "that are areas of lines"), None
         return shape, None
     if shape.geom_type == "Point":
         if not LAYERS[label.layer].is_points:
@@ -231,7 +301,6 @@ def _shape(
         radius = parse_number(tags.get("radius"))
         return shape, None if radius is None else 2.0 * radius
     own_width = parse_number(tags.get("width"))
-    takes = LAYERS[label.layer].vectors
     if "line" not in takes if takes else is_area and own_width is None and width is None:
         return "that are open lines of areas", None
     return shape, own_width
@@ -248,13 +317,17 @@ def _clip(
     west, south, east, north = bounds
     dx, dy = _MARGIN * (east - west), _MARGIN * (north - south)
     # Points farther away may be outside of the target CRS.
-    box = (west - dx, south - dy, east + dx, north + dy)
+    return bounds, _inside(features, (west - dx, south - dy, east + dx, north + dy), skipped)
+
+
+def _inside(features: _Features, box: Box, skipped: Counter[str]) -> _Features:
+    """Return features clipped to a rectangle."""
     shapes = shapely.clip_by_rect(features.shapes, *box)
     inside = ~shapely.is_empty(shapes) & (shapely.get_dimensions(shapes) == features.kinds)
     skipped["outside"] += int((~inside).sum())
     if not inside.any():
         raise InputError("no usable feature within the bounds")
-    return bounds, features._replace(shapes=shapes).where(inside)
+    return features._replace(shapes=shapes).where(inside)
 
 
 def _unwrapped(shapes: Shapes, bounds: Box | None) -> Shapes:
@@ -319,7 +392,9 @@ def _on_grid(features: _Features, area: SketchArea, skipped: Counter[str]) -> _F
     same = shapely.get_dimensions(shapes) == features.kinds[of]  # clipped areas may have lines beside them
     shapes, of = shapes[same], of[same]
     lines = shapely.get_dimensions(shapes) == LINE
-    shapes[lines] = _joined(shapes[lines])
+    kinds = np.array([LAYERS[label.layer].kind for label in features.labels[of]], dtype=np.str_)
+    for network in (lines & (kinds == kind) for kind in _JOINED):
+        shapes[network] = _joined(shapes[network])
     whole = shapely.is_valid(shapes) & ~shapely.is_empty(shapes)
     skipped["that collapse to a point"] += len(features.shapes) - len(np.unique(of[whole]))
     return _Features(shapes[whole], features.labels[of[whole]], features.widths[of[whole]])
@@ -345,13 +420,16 @@ def _vector_layers(features: _Features, width: float | None) -> dict[str, Vector
         layer = features.where(features.names == name)
         pairs = zip(layer.labels, layer.kinds.tolist(), strict=True)
         columns = property_columns([_properties(label, kind, width) for label, kind in pairs])
-        layers[name] = VectorLayer.from_shapes(name, layer.shapes, columns=columns)
+        labels = [label.label for label in layer.labels]
+        layers[name] = VectorLayer.from_shapes(name, layer.shapes, labels=labels, columns=columns)
     return layers
 
 
 def _properties(label: FeatureLabel, kind: int, width: float | None) -> Properties:
-    """Return the properties of a river or lake itself; width 0 of a river's area means as drawn."""
+    """Return the properties of a feature itself; width 0 of a river's area means as drawn."""
     properties = dict(label.properties)
+    if not LAYERS[label.layer].is_painted:  # its label has the others
+        return {name: value for name, value in properties.items() if name not in label.guessed}
     if kind == AREA and "width" in LAYERS[label.layer].parameters:
         properties["width"] = 0.0
         properties.pop("directed", None)
@@ -360,10 +438,12 @@ def _properties(label: FeatureLabel, kind: int, width: float | None) -> Properti
     return properties
 
 
-def _label(layer: str, width: float | None) -> Properties:
-    """Return the properties of the label of a layer's vectors."""
-    parameter = LAYERS[layer].parameters.get("width")
-    return {} if width is None or parameter is None else {"width": min(width, parameter.high)}
+def _label(layer: str, label: int, width: float | None) -> dict[str, Value]:
+    """Return the properties of a label of a layer's vectors."""
+    parameter, properties = LAYERS[layer].parameters.get("width"), label_properties(layer, label)
+    if width is not None and parameter is not None:
+        properties["width"] = min(max(width, parameter.low), parameter.high)
+    return properties
 
 
 def _paint(
@@ -374,7 +454,7 @@ def _paint(
     Where shapes of a layer overlap, the last label wins.
     """
     size = (area.rows, area.columns)
-    images: dict[str, LabelImage] = {VECTOR_LAYERS[0]: np.zeros(size, dtype=np.uint8)}  # the sketch's size
+    images: dict[str, LabelImage] = {PAINTED_LAYERS[0]: np.zeros(size, dtype=np.uint8)}  # the sketch's size
     labels: dict[tuple[str, int], dict[str, Value]] = {}
     notes = []
     for name in dict.fromkeys(features.names.tolist()):
@@ -441,11 +521,16 @@ def _used(*parts: _Features) -> str:
 
 def _guess_notes(drawn: _Features, painted: _Features, area: SketchArea, width: float | None) -> list[str]:
     notes = []
-    rivers = drawn.labels[drawn.kinds == LINE].tolist()
+    rivers = drawn.labels[(drawn.kinds == LINE) & (drawn.names == "river")].tolist()
     guessed_rivers = sum("width" not in label.properties or "width" in label.guessed for label in rivers)
     if guessed_rivers:
         default = f"{width:g} m" if width is not None else "by their kind: 12 m, streams 3 m, ditches 1.5 m"
         notes.append(f"lines of rivers without a width ({guessed_rivers} of {len(rivers)}): {default}")
+    ways = drawn.labels[np.isin(drawn.names, WAY_LAYERS)].tolist()
+    guessed_ways = sum(not {"width", "lanes"} & label.properties.keys() - label.guessed for label in ways)
+    if guessed_ways:
+        default = f"{width:g} m" if width is not None else "by their kind"
+        notes.append(f"roads, railways and paths without a width ({guessed_ways} of {len(ways)}): {default}")
     guessed = int((np.isnan(painted.widths) & (painted.kinds != AREA)).sum())
     if guessed:
         notes.append(

@@ -107,6 +107,14 @@ def test_new_on_elevation(call, tmp_path):
     assert (sketch.size, sketch.frame["crs"]) == ((1500.0, 1500.0), "EPSG:25832")
     assert [each.role for each in sketch.rasters] == ["elevation", "picture"]
 
+    road = {"type": "LineString", "coordinates": [[601000, 5269000], [602000, 5269000]]}
+    members = {"type": "Feature", "properties": {"highway": "primary"}, "geometry": road}
+    crs = {"type": "name", "properties": {"name": "EPSG:25832"}}
+    (tmp_path / "road.geojson").write_text(json.dumps(members | {"crs": crs}))
+    done = call("new", tmp_path / "roads", "--dem", path, "--osm", tmp_path / "road.geojson")
+    assert "note: used: 1 line as road" in done.out.splitlines()
+    assert len(load_sketch(tmp_path / "roads").vectors["road"]) == 1
+
     target = tmp_path / "alps.sketch"
     for code, problem in ((0, ""), (3, "a new file, this one exists")):
         done = call("new", target, "--dem", path.parent, "--embed")
@@ -118,6 +126,12 @@ def test_new_on_elevation(call, tmp_path):
         (("--dem", tmp_path), 3, "no elevation in it"),
         (("--dem", path, "--extent", "0"), 2, "--extent"),
         (("--extent", "100"), 2, "--extent without --dem"),
+        (
+            ("--osm", path),
+            2,
+            "--osm without --dem: expected elevation; `trace FILE -o DIR` takes vectors alone",
+        ),
+        (("--dem", path, "--osm", path), 3, "alps.tif: expected a vector file"),
         (("--dem", path, "--crs", "EPSG:4326"), 3, "is in degrees"),
     ):
         done = call("new", tmp_path / "refused", *options)

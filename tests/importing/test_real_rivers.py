@@ -128,10 +128,12 @@ def test_tags_of_openstreetmap_are_read(tmp_path) -> None:
             (ring, {"natural": "water", "depth": "4"}),
             (ring, {"landuse": "forest"}),
             (ring, {"building": "yes"}),
+            (ring, {"leisure": "park"}),
         ],
     )
     traced = sketch_from_vectors(path, size_px=32)
-    assert traced.notes[0] == "used: 1 line as river, 1 area as river, 1 area as forest, 1 area as lake"
+    used = "1 line as river, 1 area as river, 1 area as forest, 1 area as lake, 1 line as road, 1 area as pad"
+    assert traced.notes[0] == f"used: {used}"
     assert not any(note.startswith("skipped") for note in traced.notes)
     vectors = traced.sketch.vectors
     first, second = (dict(vectors["river"].feature(number).properties) for number in (1, 2))
@@ -139,6 +141,6 @@ def test_tags_of_openstreetmap_are_read(tmp_path) -> None:
     assert second == {"width": 0}
     assert dict(vectors["lake"].feature(1).properties) == {"depth": 4}
     assert traced.sketch.layers["forest"].any()
-    # With a default for features without tags roads and buildings are used too.
+    # With a default for features without tags parks are used too.
     assert "3 lines as river" not in sketch_from_vectors(path, size_px=32).notes[0]
     assert sketch_from_vectors(path, layer="dune", size_px=32).sketch.layers["dune"].any()

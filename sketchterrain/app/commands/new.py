@@ -20,6 +20,13 @@ def new(
         list[Path] | None,
         typer.Option(metavar="FILE", help="Elevation beneath the sketch; repeatable, or a folder of files."),
     ] = None,
+    osm: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Roads, buildings, waters, forests inside of --dem: OpenStreetMap, other vectors.",
+        ),
+    ] = None,
     extent: Annotated[
         float | None,
         typer.Option(metavar="M", min=1.0, help="Longer side of a part of --dem; default: all."),
@@ -43,6 +50,8 @@ def new(
 
     if embed and not (raster or dem):
         raise USAGE_ERROR("--embed without --raster or --dem: expected a raster to store")
+    if osm is not None and not dem:
+        raise USAGE_ERROR("--osm without --dem: expected elevation; `trace FILE -o DIR` takes vectors alone")
     for name, value in (("extent", extent), ("align", align), ("lakes", lakes)):
         if value and not dem:
             raise USAGE_ERROR(f"--{name} without --dem: expected elevation")
@@ -61,12 +70,17 @@ def new(
             sketch, base = sketch_on_elevation(
                 grids, crs=crs, origin=origin, extent=extent, vertical=vertical or ""
             )
+            traced: tuple[str, ...] = ()
+            if osm is not None:
+                from sketchterrain.importing.vectors import with_vectors_of
+
+                sketch, traced = with_vectors_of(sketch, osm)
             sketch, found = with_lakes(sketch) if lakes else (sketch, ())
             sketch = aligned(sketch) if align else sketch
             new_sketch(folder, sketch.replace(rasters=(*sketch.rasters, *sources)))
         width, depth = (side / 1000.0 for side in sketch.size)
         what = f"sketch of {width:.4g} × {depth:.4g} km on {pluralize(len(base.grids), 'grid')} of elevation"
-        lines = [f"note: {line}" for line in (*base.findings, *found)]
+        lines = [f"note: {line}" for line in (*base.findings, *found, *traced)]
     else:
         size, lines, what = None, [], "starter sketch"
         east, north = origin or (0.0, 0.0)

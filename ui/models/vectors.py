@@ -72,7 +72,9 @@ class Curves:
         import shapely
 
         reach = np.broadcast_to(reach, len(self.shapes))
-        most = max(reach.max(initial=0.0), 0.0)
+        most = reach.max(initial=0.0)
+        if most <= 0.0:
+            return None
         box = (x - most, y - most, x + most, y + most)
         rows = self.tree.query(shapely.box(*box))
         distance = shapely.distance(shapely.clip_by_rect(self.outlines[rows], *box), shapely.Point(x, y))

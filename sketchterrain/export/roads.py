@@ -131,7 +131,7 @@ def road_content(network: RoadNetwork, axes: EngineAxes) -> dict[str, Any]:
         return {
             "id": road.id,
             "type": road.layer,
-            "leg": road.leg,
+            "leg": str(road.leg),
             "part": road.part,
             "structure": STRUCTURES[road.structure],
             "surface": road.works.surface,

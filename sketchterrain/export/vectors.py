@@ -111,7 +111,7 @@ def _road_entry(road: Road) -> dict[str, Any]:
     return {
         "id": road.id,
         "type": road.layer,
-        "leg": road.leg,
+        "leg": str(road.leg),
         "part": road.part,
         "structure": STRUCTURES[road.structure],
         "axis": road.axis.tolist(),

@@ -288,7 +288,7 @@ def test_shapes_and_features_of_all_others(first) -> None:
 @st.composite
 def tiny_sketches(draw: st.DrawFn) -> Sketch:
     size = draw(st.tuples(st.integers(1, 14), st.integers(1, 14)))
-    names = draw(st.sets(st.sampled_from(sorted(LAYER_CODES)), min_size=1))
+    names = draw(st.sets(st.sampled_from(sorted(PAINTED_LAYERS)), min_size=1))
     labels = st.sampled_from([0, 0, 0, 1, 1, 2])
     layers = {name: draw(arrays.arrays(np.uint8, size, elements=labels)) for name in sorted(names)}
     extent = draw(st.sampled_from([1.0, 100.0, 4096.0, 1e6]))

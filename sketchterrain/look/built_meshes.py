@@ -25,9 +25,9 @@ class BuiltMaterial(NamedTuple):
 BUILT: Final = {
     "concrete": BuiltMaterial("asphalt", (0.40, 0.385, 0.36)),
     "stone": BuiltMaterial("rock", (0.27, 0.255, 0.235)),
-    "plaster": BuiltMaterial("sand", (0.60, 0.55, 0.47)),
+    "plaster": BuiltMaterial("asphalt", (0.58, 0.53, 0.45)),
     "roof": BuiltMaterial("asphalt", (0.26, 0.105, 0.065)),
-    "hedge": BuiltMaterial("grass", (0.045, 0.080, 0.022)),
+    "hedge": BuiltMaterial("grass", (0.040, 0.062, 0.022)),
     "wood": BuiltMaterial("asphalt", (0.13, 0.075, 0.042)),
     "glass": BuiltMaterial("asphalt", (0.020, 0.024, 0.030)),
 }
@@ -115,8 +115,8 @@ def flat_quads(material: str, corners: npt.ArrayLike, *, tone: float = 1.0, fine
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     axes = np.stack([along, np.cross(normal, along)], axis=1)
     uv = np.einsum("mki,mci->mkc", corner - corner[:, :1], axes)
-    first = 4 * np.arange(len(corner), dtype=np.uint32)[:, None]
-    triangles = np.concatenate([first + np.uint32([0, 1, 2]), first + np.uint32([0, 2, 3])])
+    first = 4 * np.arange(len(corner))[:, None]
+    triangles = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
     return BuiltPart(
         material,
         corner.reshape(-1, 3),

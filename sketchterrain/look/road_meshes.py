@@ -296,13 +296,13 @@ def _tunnel_parts(road: Road, points: AxisPoints) -> list[BuiltPart]:
             continue
         tube = _points_at(points, first + inward * inside)
         away = np.minimum(inside, end - start - inside) if is_short else inside
-        tone = np.exp(-np.maximum(away, 0.0) / _GLOOM)
+        tone = 0.6 * np.exp(-np.maximum(away, 0.0) / _GLOOM)
         arch = _arch(road, tube, inward)
         parts.append(swept("concrete", arch[::-1], inside, tone=tone))
         half = float(tube.half_width[0])
         floor = [tube.beside(inward * each) for each in (half, -half)]
-        sides = [tube.beside(inward * each) for each in (tube.half_width + tube.shoulder, half, -half)]
-        sides.append(tube.beside(-inward * (tube.half_width + tube.shoulder)))
+        sides = [tube.beside(inward * each) for each in (tube.half_width + tube.shoulder + 0.2, half, -half)]
+        sides.append(tube.beside(-inward * (tube.half_width + tube.shoulder + 0.2)))
         surface = road.works.surface
         parts.append(swept(surface, floor, tube.along, tone=tone, track=track_spacing(road)))
         parts += [

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 ALPHA_BLEND: Final = (moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA)
 CELL: Final = 256.0  # m, side of the squares whose objects are drawn together
-FINE: Final = 300.0  # m, distance up to which fine parts are drawn
+FINE: Final = 0.08  # m, size of fine parts: left out some 300 m away
 
 _VERTEX: Final = np.dtype(
     [("position", "<f4", 3), ("normal", "u1", 4), ("colour", "u1", 4), ("uv", "<f4", 2), ("look", "<f4", 2)]
@@ -61,7 +61,8 @@ class BuiltScenery:
         self._shadow = build_program(context, "built_shadow.vert.glsl", "nothing.frag.glsl")
         self._box = context.buffer(_BOX.tobytes())
         self.changes = self.triangles = 0
-        self._network, self._layers = RoadNetwork(), {}
+        self._network = RoadNetwork()
+        self._layers: dict[str, int] = {}
         self._strips: dict[object, list[Strips]] = {}
         self._objects: dict[object, list[BuiltPart]] = {}
         self._drawn: dict[str, _Drawn] = {}
@@ -99,7 +100,8 @@ class BuiltScenery:
         for road in network.roads:
             if road.structure != GROUND:
                 continue
-            around = tuple(structure.get((road.leg, road.part + step), GROUND) for step in (-1, 1))
+            first, last = (structure.get((road.leg, road.part + step), GROUND) for step in (-1, 1))
+            around = first, last
             key = (road_content(road), around)
             self._strips[key] = before.get(key) or road_strips(road, around, self._layers, self.origin)
         if before.keys() == self._strips.keys():
@@ -110,7 +112,7 @@ class BuiltScenery:
             starts = np.cumsum([0, *(len(each.rows) for each in strips)])[:-1]
             chunks = Chunks.joined([each.chunks for each in strips], starts.tolist())
             rows = self._context.buffer(np.concatenate([each.rows for each in strips]).tobytes())
-            self._drawn["strips"] = _Drawn(self._context, rows, self._box, chunks)
+            self._drawn["strips"] = _Drawn(self._context, rows, self._box, chunks, strips=True)
         return True
 
     def _update_objects(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> bool:
@@ -155,7 +157,7 @@ class BuiltScenery:
                 vertices += chunk
                 position = np.concatenate([part.position for part in parts])
                 low, high = position.min(axis=0), position.max(axis=0)
-                width = 1e-3 if fine else max(float(np.ptp(part.position, axis=0).max()) for part in parts)
+                width = FINE if fine else max(float(np.ptp(part.position, axis=0).max()) for part in parts)
                 chunks.append(_chunk(low, high, width, start, triangles))
                 start += triangles
             self._drawn[name] = _Drawn(
@@ -165,46 +167,66 @@ class BuiltScenery:
                 Chunks.joined(chunks, [0] * len(chunks)),
             )
 
+    def paint_roads(
+        self, camera: Camera, targets: RenderTargets, uniforms: Mapping[str, object], *, parts: int
+    ) -> Iterator[None]:
+        """Paint roads on the shaded ground, before anything else is drawn on it; yield between parts."""
+        self.triangles = 0
+        try:  # the far sides of boxes, so that the eye may be inside of one; a picture may be abandoned
+            self._context.cull_face = "front"
+            self._context.enable_only(moderngl.CULL_FACE | moderngl.BLEND)
+            self._context.blend_func = ALPHA_BLEND
+            if self._select("strips", camera, targets.size):
+                yield from self._render("strips", camera, targets.upsampled, uniforms, parts=parts)
+        finally:
+            self._context.cull_face = "back"
+
     def draw(
         self, camera: Camera, targets: RenderTargets, uniforms: Mapping[str, object], *, parts: int
     ) -> Iterator[None]:
-        """Draw everything over the shaded ground into ``targets.scene``; yield between parts."""
-        context, self.triangles = self._context, 0
-        width, height = targets.size
-        pixel = 2.0 * float(np.tan(np.radians(camera.fov) / 2.0)) / height
-        anchor = tuple((self.origin - camera.eye).tolist())
-        try:
-            for name, target in (
-                ("strips", targets.upsampled),
-                ("mouths", targets.scene),
-                ("meshes", targets.scene),
-            ):
-                drawn = self._drawn.get(name)
-                count = (
-                    0
-                    if drawn is None
-                    else drawn.select(camera, width / height, pixel, strips=name == "strips")
-                )
-                if drawn is None or not count:
-                    continue
-                self.triangles += drawn.triangles
-                if name == "strips":  # the far sides of boxes, so that the eye may be inside of one
-                    context.enable_only(moderngl.CULL_FACE | moderngl.BLEND)
-                    context.cull_face, context.blend_func = "front", ALPHA_BLEND
-                else:
-                    context.enable_only(moderngl.CULL_FACE | moderngl.DEPTH_TEST)
-                    context.cull_face = "back"
-                array = drawn.array(
-                    name, self._program(name), _PIECE_FORMAT if name == "strips" else _VERTEX_FORMAT
-                )
-                set_uniforms(array.program, {**uniforms, "anchor": anchor})
-                for _ in bands(target, parts):
-                    array.render_indirect(drawn.commands, moderngl.TRIANGLES, count=count)
-                    yield
-        finally:  # a picture in parts may be abandoned
-            context.cull_face = "back"
+        """Draw the meshes into ``targets.scene``, after what grows on the ground; yield between parts.
 
-    def draw_shadow(self, to_map: Float64Array, place: Sequence[float], radius: float) -> None:
+        What is behind the openings of tunnels is removed first.
+        """
+        context = self._context
+        context.enable_only(moderngl.CULL_FACE | moderngl.DEPTH_TEST)
+        if self._select("mouths", camera, targets.size):
+            targets.copy_scene()
+            context.depth_func = "1"  # the shader tests
+            for _ in self._render("mouths", camera, targets.scene, uniforms):
+                pass
+            context.depth_func = "<"
+        if self._select("meshes", camera, targets.size):
+            yield from self._render("meshes", camera, targets.scene, uniforms, parts=parts)
+
+    def _select(self, name: str, camera: Camera, size: tuple[int, int]) -> bool:
+        """Select what is in view of a picture of a size (px); return whether there is anything."""
+        drawn = self._drawn.get(name)
+        if drawn is None:
+            return False
+        pixel = 2.0 * float(np.tan(np.radians(camera.fov) / 2.0)) / size[1]
+        drawn.select(camera, size[0] / size[1], pixel)
+        self.triangles += drawn.triangles
+        return drawn.count > 0
+
+    def _render(
+        self,
+        name: str,
+        camera: Camera,
+        target: moderngl.Framebuffer,
+        uniforms: Mapping[str, object],
+        *,
+        parts: int = 1,
+    ) -> Iterator[None]:
+        drawn = self._drawn[name]
+        array = drawn.array(name, self._program(name))
+        anchor = tuple((self.origin - camera.eye).tolist())
+        set_uniforms(array.program, {**uniforms, "anchor": anchor})
+        for _ in bands(target, parts):
+            array.render_indirect(drawn.commands, moderngl.TRIANGLES, count=drawn.count)
+            yield
+
+    def draw_shadow(self, to_map: Float64Array, place: npt.ArrayLike, radius: float) -> None:
         """Draw meshes within a radius (m) of a place into the bound shadow map.
 
         `to_map` maps positions relative to `origin` to clip space.
@@ -212,12 +234,12 @@ class BuiltScenery:
         drawn = self._drawn.get("meshes")
         if drawn is None:
             return
-        count = drawn.select_near(place, radius)
-        if count:
-            array = drawn.array("shadow", self._shadow, _VERTEX_FORMAT)
+        drawn.select_near(place, radius)
+        if drawn.count:
+            array = drawn.array("shadow", self._shadow)
             set_uniforms(self._shadow, {"to_map": tuple(to_map.T.astype(np.float32).ravel().tolist())})
             self._context.enable_only(moderngl.DEPTH_TEST)
-            array.render_indirect(drawn.commands, moderngl.TRIANGLES, count=count)
+            array.render_indirect(drawn.commands, moderngl.TRIANGLES, count=drawn.count)
 
     def _program(self, name: str) -> moderngl.Program:
         if name not in self._programs:
@@ -231,51 +253,56 @@ class BuiltScenery:
 
 
 class _Drawn:
-    """Vertices or instances, indices, chunks, and the commands that draw those in view."""
+    """Vertices or instances of boxes, indices, chunks, and the `count` commands that draw those in view."""
 
     def __init__(
-        self, context: moderngl.Context, rows: moderngl.Buffer, indices: moderngl.Buffer, chunks: Chunks
+        self,
+        context: moderngl.Context,
+        rows: moderngl.Buffer,
+        indices: moderngl.Buffer,
+        chunks: Chunks,
+        *,
+        strips: bool = False,
     ) -> None:
         self._context, self._rows, self._indices, self._chunks = context, rows, indices, chunks
+        self._strips = strips
         self.commands = context.buffer(reserve=len(chunks.low) * COMMAND.itemsize, dynamic=True)
         self.arrays: dict[str, moderngl.VertexArray] = {}
-        self.triangles = 0
+        self.count = self.triangles = 0
 
-    def array(self, name: str, program: moderngl.Program, layout: tuple[str, ...]) -> moderngl.VertexArray:
+    def array(self, name: str, program: moderngl.Program) -> moderngl.VertexArray:
         """Return the vertex array of a program."""
         if name not in self.arrays:
-            given, *names = layout
+            layout = _PIECE_FORMAT if self._strips else _VERTEX_FORMAT
             self.arrays[name] = self._context.vertex_array(
-                program, [(self._rows, given, *names)], index_buffer=self._indices, skip_errors=True
+                program, [(self._rows, *layout)], index_buffer=self._indices, skip_errors=True
             )
         return self.arrays[name]
 
-    def select(self, camera: Camera, aspect: float, pixel: float, *, strips: bool) -> int:
-        """Select the chunks in view and their levels of detail; return their number."""
+    def select(self, camera: Camera, aspect: float, pixel: float) -> None:
+        """Select the chunks in view and their levels of detail; a pixel is so many rad."""
         index, away = self._chunks.visible(camera, aspect, pixel)
         fits = self._chunks.error[index, 1:] <= DEVIATION * pixel * away[:, None]
-        level = np.logical_and.accumulate(fits, axis=1).sum(axis=1)
-        return self._write(index, level, strips=strips)
+        self._write(index, np.logical_and.accumulate(fits, axis=1).sum(axis=1))
 
-    def select_near(self, place: Sequence[float], radius: float) -> int:
-        """Select the chunks of meshes within a radius (m) of a place; return their number."""
-        outside = np.maximum(
-            np.maximum(self._chunks.low[:, :2] - place, place - self._chunks.high[:, :2]), 0.0
-        )
+    def select_near(self, place: npt.ArrayLike, radius: float) -> None:
+        """Select the chunks within a radius (m) of a place."""
+        x = np.asarray(place)
+        outside = np.maximum(np.maximum(self._chunks.low[:, :2] - x, x - self._chunks.high[:, :2]), 0.0)
         index = np.flatnonzero(np.hypot(*outside.T) < radius)
-        return self._write(index, np.zeros(len(index), np.int64), strips=False)
+        self._write(index, np.zeros(len(index), np.int64))
 
-    def _write(self, index: npt.NDArray[np.int64], level: npt.NDArray[np.int64], *, strips: bool) -> int:
+    def _write(self, index: npt.NDArray[np.int64], level: npt.NDArray[np.int64]) -> None:
         first, count = self._chunks.first[index, level], self._chunks.count[index, level]
         commands = np.zeros(len(index), COMMAND)
-        if strips:
+        if self._strips:
             commands["count"], commands["instances"], commands["base_instance"] = _BOX.size, count, first
         else:
             commands["count"], commands["instances"], commands["first"] = count, 1, first
+        self.count = len(commands)
         self.triangles = int((commands["count"].astype(np.int64) * commands["instances"]).sum()) // 3
         self.commands.orphan()
         self.commands.write(commands.tobytes())
-        return len(commands)
 
 
 def _chunk(low: Float64Array, high: Float64Array, width: float, first: int, count: int) -> Chunks:

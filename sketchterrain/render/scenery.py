@@ -199,15 +199,16 @@ class Scenery:
         units = self._bind(targets) | {"clock": clock} | self.surface.uniforms(camera.eye) | clouds
         yield from self._clouds.draw(units, parts=parts)
         yield from self.shading.shade_scene(targets, camera.eye, units, parts=parts)
-        if self.built:
-            materials = self.shading.material_uniforms(camera.eye)
-            yield from self.built.draw(camera, targets, units | materials, parts=parts)
+        built = units | (self.shading.material_uniforms(camera.eye) if self.built else {})
+        yield from self.built.paint_roads(camera, targets, built, parts=parts)
         self._context.enable_only(moderngl.DEPTH_TEST)
         targets.scene.use()
         if self.cover:
             targets.copy_scene()
             targets.scene.use()
             yield from self.cover.draw(camera, size, units, above=above)
+        yield from self.built.draw(camera, targets, built, parts=parts)
+        self._context.enable_only(moderngl.DEPTH_TEST)
         yield from self.forest.draw(camera, size, units, parts=parts)
         if self._water:
             lift = WATER_LIFT * self._quality.tolerance * _pixel(camera, framebuffer.size[1])

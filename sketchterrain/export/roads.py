@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 
-from sketchterrain.array_types import Float64Array, UInt8Array
+from sketchterrain.array_types import BoolArray, Float64Array, UInt8Array
 from sketchterrain.document.layers import LAYERS, WAY_LAYERS
-from sketchterrain.export.engines import EngineAxes, rounded_list, tile_path, tile_samples
+from sketchterrain.export.engines import EngineAxes, rounded_list, tile_path, tile_samples, write_water_json
 from sketchterrain.export.files import write_json, write_values_png
 from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.target import Export
@@ -34,82 +36,62 @@ MASKS: Final = {
 
 def road_layers(network: RoadNetwork, origin: Origin) -> list[VectorLayer]:
     """Return the layers that are not empty: axes of each kind, edges, bridge decks, tunnels, pads, walls."""
-    roads = network.roads
+    roads, pads, walls = network.roads, network.pads, network.walls
     points = [axis_points(road, TOLERANCE) for road in roads]
+    fields = _columns(roads, **_ROAD_FIELDS)
+    kinds, structures = (np.array([getattr(road, name) for road in roads]) for name in ("layer", "structure"))
 
-    def lines(places: Sequence[Float64Array]) -> list[Any]:
-        return [shapely.linestrings(np.add(place, (*origin, 0.0)[: place.shape[1]])) for place in places]
+    def moved(make: Callable[..., Any], places: Iterable[Float64Array]) -> npt.NDArray[np.object_]:
+        return np.array([make(np.add(place, (*origin, 0.0)[: place.shape[1]])) for place in places], object)
 
-    def chosen(which: Callable[[Road], bool]) -> tuple[list[Road], list[AxisPoints]]:
-        found = [number for number, road in enumerate(roads) if which(road)]
-        return [roads[number] for number in found], [points[number] for number in found]
+    axes = moved(shapely.linestrings, (at.position for at in points))
+    edges = moved(shapely.linestrings, (at.beside(side * at.half_width) for at in points for side in (1, -1)))
+    decks = moved(shapely.polygons, (strip_outline(at, at.half_width + at.shoulder) for at in points))
+    areas = moved(shapely.polygons, (np.insert(pad.outline, 2, pad.level, axis=1) for pad in pads))
+    lines = moved(shapely.linestrings, (wall.line for wall in walls))
 
-    layers = []
-    for name in WAY_LAYERS:
-        own, at = chosen(lambda road, name=name: road.layer == name)  # type: ignore[misc]
-        axes = lines([each.position for each in at])
-        layers.append((LAYERS[name].title.lower(), "LineString Z", axes, _road_fields(own)))
-    sides = {"left": 1.0, "right": -1.0}
-    edges = [
-        edge for each in points for edge in lines([each.beside(s * each.half_width) for s in sides.values()])
-    ]
-    fields: dict[str, Any] = {
-        "id": np.repeat(id_texts(road.id for road in roads), 2),
-        "side": np.array([*sides] * len(roads), object),
-    }
-    layers.append(("road_edges", "LineString Z", edges, fields))
-    own, at = chosen(lambda road: road.structure == BRIDGE)
-    decks = [
-        shapely.polygons(np.add(strip_outline(each, each.half_width + each.shoulder), (*origin, 0.0)))
-        for each in at
-    ]
-    layers.append(("bridge_decks", "Polygon Z", decks, _road_fields(own)))
-    own, at = chosen(lambda road: road.structure == TUNNEL)
-    layers.append(("tunnels", "LineString Z", lines([each.position for each in at]), _road_fields(own)))
-    pads, walls = network.pads, network.walls
-    fields = {
-        "id": id_texts(pad.id for pad in pads),
-        "level": np.array([pad.level for pad in pads], np.float64),
-        "building": np.array([pad.building for pad in pads], np.float64),
-    }
-    areas = [shapely.force_3d(shapely.polygons(np.add(pad.outline, origin)), pad.level) for pad in pads]
-    layers.append(("pads", "Polygon Z", areas, fields))
-    fields = {
-        "id": id_texts(wall.id for wall in walls),
-        "height": np.array([wall.height for wall in walls], np.float64),
-        "width": np.array([wall.width for wall in walls], np.float64),
-        "material": np.array([wall.material for wall in walls], object),
-    }
-    layers.append(("walls", "LineString", lines([wall.line for wall in walls]), fields))
-    return [
-        VectorLayer(name, kind, np.array(shapes, object), f) for name, kind, shapes, f in layers if shapes
-    ]
+    def chosen(name: str, kind: str, shapes: npt.NDArray[np.object_], own: BoolArray) -> VectorLayer:
+        return VectorLayer(name, kind, shapes[own], {key: values[own] for key, values in fields.items()})
+
+    sides = {"id": np.repeat(fields["id"], 2), "side": np.array(["left", "right"] * len(roads), object)}
+    layers = (
+        *(chosen(LAYERS[way].title.lower(), "LineString Z", axes, kinds == way) for way in WAY_LAYERS),
+        VectorLayer("road_edges", "LineString Z", edges, sides),
+        chosen("bridge_decks", "Polygon Z", decks, structures == BRIDGE),
+        chosen("tunnels", "LineString Z", axes, structures == TUNNEL),
+        VectorLayer("pads", "Polygon Z", areas, _columns(pads, **_PAD_FIELDS)),
+        VectorLayer("walls", "LineString", lines, _columns(walls, **_WALL_FIELDS)),
+    )
+    return [layer for layer in layers if len(layer.geometry)]
 
 
-def _road_fields(roads: Sequence[Road]) -> dict[str, Any]:
-    """Return attributes of parts of roads, named as the properties of layers are where they have these."""
-    numbers: dict[str, Callable[[Road], float]] = {
-        "length": lambda road: road.along[-1] - road.along[0],
-        "width": lambda road: 2.0 * float(road.half_width.mean()),
-        "shoulder": lambda road: float(road.shoulder.mean()),
-        "steepest": lambda road: float(np.abs(grades(road)).max()),
-        "cut": lambda road: road.works.cut,
-        "fill": lambda road: road.works.fill,
-        "trees": lambda road: road.trees,
-    }
-    return {
-        "id": id_texts(road.id for road in roads),
-        "leg": id_texts(road.leg for road in roads),
-        "part": np.array([road.part for road in roads], np.int32),
-        "structure": np.array([STRUCTURES[road.structure] for road in roads], object),
-        "surface": np.array([road.works.surface for road in roads], object),
-        **{name: np.array([value(road) for road in roads], np.float64) for name, value in numbers.items()},
-    }
+# Named as the properties of layers where they have these.
+_ROAD_FIELDS: Final[dict[str, Callable[[Road], Any]]] = {
+    "leg": lambda road: str(road.leg),
+    "part": lambda road: road.part,
+    "structure": lambda road: STRUCTURES[road.structure],
+    "surface": lambda road: road.works.surface,
+    "length": lambda road: road.along[-1] - road.along[0],
+    "width": lambda road: 2.0 * float(road.half_width.mean()),
+    "shoulder": lambda road: float(road.shoulder.mean()),
+    "steepest": lambda road: float(np.abs(grades(road)).max()),
+    "cut": lambda road: road.works.cut,
+    "fill": lambda road: road.works.fill,
+    "trees": lambda road: road.trees,
+}
+_PAD_FIELDS: Final = {name: attrgetter(name) for name in ("level", "building")}
+_WALL_FIELDS: Final = {name: attrgetter(name) for name in ("height", "width", "material")}
 
 
-def write_road_files(export: Export, axes: EngineAxes, *, splat: bool = False) -> dict[Path, str]:
-    """Write roads as splines and as masks, if there are any; return the files with their descriptions."""
-    files = write_road_masks(export, splat=splat)
+def _columns(items: Sequence[Any], **fields: Callable[[Any], Any]) -> dict[str, npt.NDArray[Any]]:
+    columns = {name: np.array([value(item) for item in items]) for name, value in fields.items()}
+    texts = {name: values.astype(object) for name, values in columns.items() if values.dtype.kind == "U"}
+    return {"id": id_texts(item.id for item in items), **columns, **texts}
+
+
+def write_corridors(export: Export, axes: EngineAxes, *, splat: bool = False) -> dict[Path, str]:
+    """Write waters, and roads as splines and as masks, if any; return the files with their descriptions."""
+    files = write_water_json(export, axes) | write_road_masks(export, splat=splat)
     network = export.terrain.features.network
     if network.roads:
         path = export.folder / f"{export.name}_roads.json"

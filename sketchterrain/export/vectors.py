@@ -4,7 +4,6 @@ import json
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,7 +30,7 @@ from sketchterrain.placement.feature_types import (
     has_parameter,
     style_of,
 )
-from sketchterrain.roads.road_types import STRUCTURES, Pad, Road
+from sketchterrain.roads.road_types import STRUCTURES, Pad, Road, Wall
 from sketchterrain.terrain.surfaces import TerrainFeatures
 
 _OUTLINE_DECIMALS = 2  # centimetres
@@ -44,18 +43,14 @@ def write_features(folder: Path, features: TerrainFeatures) -> tuple[Path, ...]:
     Ids are 64-bit unsigned integers, lengths metres, angles degrees. Roads, pads and walls are left out if
     there are none.
     """
-    network = features.network
-    built: dict[str, list[dict[str, Any]]] = {
-        "roads": [_road_entry(road) for road in network.roads],
-        "pads": [_pad_entry(pad) for pad in network.pads],
-        "walls": [asdict(wall) | {"line": wall.line.tolist()} for wall in network.walls],
-    }
-    lists = {
+    lists: dict[str, Iterable[dict[str, Any]]] = {
         "features": map(_point_entry, features.points),
         "splines": map(_river_entry, features.rivers),
         "lakes": map(_lake_entry, features.lakes),
-        **{name: entries for name, entries in built.items() if entries},
     }
+    for name in ("roads", "pads", "walls"):
+        if built := getattr(features.network, name):
+            lists[name] = map(_built_entry, built)
     text = '{"format": 1' + "".join(f',\n"{name}": [\n{_lines(entries)}]' for name, entries in lists.items())
     text += "}\n" if features.sea_level is None else f',\n"sea": {{"level": {features.sea_level}}}}}\n'
     return (write_atomic(folder / "features.json", text.encode()),)
@@ -107,33 +102,13 @@ def _lake_entry(lake: Lake) -> dict[str, Any]:
     }
 
 
-def _road_entry(road: Road) -> dict[str, Any]:
-    return {
-        "id": road.id,
-        "type": road.layer,
-        "leg": str(road.leg),
-        "part": road.part,
-        "structure": STRUCTURES[road.structure],
-        "axis": road.axis.tolist(),
-        "bend": road.bend.tolist(),
-        "slope": road.slope.tolist(),
-        "width": (2.0 * road.half_width).tolist(),
-        "shoulder": road.shoulder.tolist(),
-        "crossfall": road.crossfall.tolist(),
-        **road.works._asdict(),
-        "trees": road.trees,
-    }
-
-
-def _pad_entry(pad: Pad) -> dict[str, Any]:
-    outline = pad.outline.tolist()
-    return {
-        "id": pad.id,
-        "outline": [*outline, outline[0]],
-        "level": pad.level,
-        "building": pad.building,
-        **pad.works._asdict(),
-    }
+def _built_entry(built: Road | Pad | Wall) -> dict[str, Any]:
+    """Return all values, those of its earthworks among them."""
+    values = vars(built) if isinstance(built, Wall) else vars(built) | built.works._asdict()
+    if isinstance(built, Road):
+        values |= {"leg": str(built.leg), "structure": STRUCTURES[built.structure]}
+    arrays = {name: value.tolist() for name, value in values.items() if isinstance(value, np.ndarray)}
+    return {name: value for name, value in (values | arrays).items() if name != "works"}
 
 
 def lake_outline(shape: ShapeField) -> list[npt.NDArray[np.float64]]:

@@ -10,7 +10,7 @@ import shapely
 from PIL import Image
 
 from sketchterrain.export.engines import EngineAxes
-from sketchterrain.export.roads import built_ground, coverage, road_content, road_layers, write_road_files
+from sketchterrain.export.roads import built_ground, coverage, road_content, road_layers, write_corridors
 from sketchterrain.export.sampled import SampleGrid, TerrainSamples
 from sketchterrain.export.target import Export, ExportOptions, Tiling
 from sketchterrain.export.vectors import Origin, geopackage, write_features
@@ -36,11 +36,13 @@ def test_features_file_lists_roads_pads_and_walls_and_only_those_that_exist(netw
     content = json.loads(path.read_text(encoding="utf-8"))
     assert [len(content[name]) for name in ("roads", "pads", "walls")] == [8, 2, 2]
     bridge, road = content["roads"][2], network.roads[2]
-    assert (bridge["id"], bridge["type"], bridge["structure"]) == (road.id, "road", "bridge")
+    assert (bridge["id"], bridge["layer"], bridge["structure"]) == (road.id, "road", "bridge")
     assert bridge["axis"] == road.axis.tolist()
-    assert bridge["width"] == [6.0, 6.0]
+    assert bridge["half_width"] == [3.0, 3.0]
     assert (bridge["surface"], bridge["cut"], bridge["fill"]) == ("asphalt", 1.0, 0.67)
-    assert content["pads"][0]["outline"][0] == content["pads"][0]["outline"][-1] == [600.0, 600.0]
+    assert content["pads"][0]["outline"] == network.pads[0].outline.tolist()
+    assert (content["pads"][0]["level"], content["pads"][0]["fill"]) == (40.0, 0.67)
+    assert not any("works" in entry for name in ("roads", "pads", "walls") for entry in content[name])
     assert content["walls"][1]["material"] == "hedge"
     (path,) = write_features(tmp_path, features(RoadNetwork()))
     assert list(json.loads(path.read_text(encoding="utf-8"))) == ["format", "features", "splines", "lakes"]
@@ -165,11 +167,11 @@ def test_road_files_are_written_for_each_tile_only_if_there_are_roads(network, t
         terrain = SimpleNamespace(features=features(network))
         tiling = Tiling(columns=2, rows=1)
         export = Export(terrain, "pass", ExportOptions(), grid, tiling, samples, tmp_path, None)
-        return [path.name for path in write_road_files(export, EngineAxes("east", "up", "north"), **options)]
+        return [path.name for path in write_corridors(export, EngineAxes("east", "up", "north"), **options)]
 
-    assert written(RoadNetwork()) == []
+    assert written(RoadNetwork()) == ["pass_water.json"]
     masks = [f"pass_{kind}_x{x}_y0.png" for kind in ("carriageway", "built") for x in (0, 1)]
-    assert written(network) == [*masks, "pass_roads.json"]
+    assert written(network) == ["pass_water.json", *masks, "pass_roads.json"]
     with Image.open(tmp_path / masks[0]) as image:
         assert (image.mode, image.size) == ("L", (65, 129))
     written(network, splat=True)

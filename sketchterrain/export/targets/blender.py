@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import Any, Final
 
-from sketchterrain.export.engines import EngineAxes, write_water_json
+from sketchterrain.export.engines import EngineAxes
 from sketchterrain.export.gltf import AXES, GlbWriter
 from sketchterrain.export.gltf_plants import BYTES_PER_PLANT, add_instances, collect_plants
 from sketchterrain.export.rasters import write_exr, write_normals_and_weights
-from sketchterrain.export.roads import write_road_files
+from sketchterrain.export.roads import write_corridors
 from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.target import Export, ExportOutput, Target
 from sketchterrain.export.targets.gltf import check_glb, plant_metadata, terrain_scene, write_plant_points
@@ -30,7 +30,7 @@ def _write_blender(export: Export) -> ExportOutput:
     path = export.folder / f"{export.name}.glb"
     with export.stages.stage("glb", "GLB"):
         files[scene.write(path)] = "ground and water; coincides with the displaced grid"
-    files |= plants | write_water_json(export, _AXES) | write_road_files(export, _AXES)
+    files |= plants | write_corridors(export, _AXES)
     files |= write_normals_and_weights(
         export.folder / export.name, export.samples, export.terrain.material_names
     )

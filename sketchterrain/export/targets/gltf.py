@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.engines import write_water_json
 from sketchterrain.export.gltf import AXES, GlbWriter, add_ground, add_objects, grid_centre
 from sketchterrain.export.gltf_plants import (
     BYTES_PER_PLANT,
@@ -15,7 +14,7 @@ from sketchterrain.export.gltf_plants import (
 )
 from sketchterrain.export.mesh import check_mesh_error, export_mesh, mesh_metadata
 from sketchterrain.export.rasters import write_normals_and_weights
-from sketchterrain.export.roads import write_road_files
+from sketchterrain.export.roads import write_corridors
 from sketchterrain.export.target import Export, ExportOptions, ExportOutput, Target
 
 _MAX_SIDE: Final = 8193  # vertices, of 56 bytes including their triangles
@@ -42,12 +41,8 @@ def _write_gltf(export: Export) -> ExportOutput:
     with export.stages.stage("glb", "GLB"):
         scene.write(path)
     files = {path: "ground, water and plants, m: x east, y up, z south"} | points
-    files |= (
-        write_water_json(export, AXES)
-        | write_road_files(export, AXES)
-        | write_normals_and_weights(
-            export.folder / export.name, export.samples, export.terrain.material_names
-        )
+    files |= write_corridors(export, AXES) | write_normals_and_weights(
+        export.folder / export.name, export.samples, export.terrain.material_names
     )
     settings: dict[str, Any] = {"up": "+Y", "unit": "1 m", "scale": 1.0}
     if points:

@@ -10,12 +10,11 @@ from sketchterrain.export.engines import (
     tile_path,
     write_plants_json,
     write_tiles,
-    write_water_json,
 )
 from sketchterrain.export.files import write_values_png
 from sketchterrain.export.planning import HeightQuantisation
 from sketchterrain.export.rasters import write_exr, write_raw
-from sketchterrain.export.roads import write_road_files
+from sketchterrain.export.roads import write_corridors
 from sketchterrain.export.sampled import SampleGrid, TerrainSamples, control_map, rgba_weights
 from sketchterrain.export.target import Export, ExportOptions, ExportOutput, Target, TileWindow, Tiling
 
@@ -64,7 +63,7 @@ def _write_godot(export: Export) -> ExportOutput:
     x, z = import_position(export.grid)
     axes = EngineAxes("east", "up", "south", origin=(export.grid.west - x, export.grid.north + z, 0.0))
     files = write_tiles(export, "godot", "Heights and control map", partial(_write_images, export, steps))
-    files |= write_plants_json(export, axes) | write_water_json(export, axes) | write_road_files(export, axes)
+    files |= write_plants_json(export, axes) | write_corridors(export, axes)
     facts: dict[str, Any] = {
         "heights": {"numbers": "float32", "channel": "R", "metres": "value"},
         "axes": axes.metadata,

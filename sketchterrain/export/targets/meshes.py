@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.engines import EngineAxes, write_plants_json, write_water_json
+from sketchterrain.export.engines import EngineAxes, write_plants_json
 from sketchterrain.export.files import format_rows, write_png
 from sketchterrain.export.gltf import bake_colour, material_appearance
 from sketchterrain.export.mesh import (
@@ -30,6 +30,7 @@ from sketchterrain.export.mesh import (
     texture_stride,
 )
 from sketchterrain.export.rasters import write_normals_and_weights
+from sketchterrain.export.roads import write_corridors
 from sketchterrain.export.target import Export, ExportOutput, Target
 from sketchterrain.io.files import atomic_file, wrap_os_errors, write_atomic
 
@@ -229,7 +230,7 @@ def _write_stl(export: Export) -> ExportOutput:
 def _write_common(export: Export, axes: EngineAxes) -> dict[Path, str]:
     stem, names = export.folder / export.name, export.terrain.material_names
     images = write_normals_and_weights(stem, export.samples, names)
-    return images | write_plants_json(export, axes) | write_water_json(export, axes)
+    return images | write_plants_json(export, axes) | write_corridors(export, axes)
 
 
 TARGETS: Final = (

@@ -162,9 +162,7 @@ def _write_npy(export: Export) -> ExportOutput:
 
 def _write_features(export: Export) -> dict[Path, str]:
     paths = write_features(export.folder, export.terrain.features)
-    return dict.fromkeys(
-        paths, "mountains, hills, forests; rivers, lakes, roads, pads, walls; the level of the sea"
-    )
+    return dict.fromkeys(paths, "mountains, hills, forests; rivers, lakes, roads; the level of the sea")
 
 
 TARGETS = (

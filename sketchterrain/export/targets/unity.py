@@ -14,12 +14,11 @@ from sketchterrain.export.engines import (
     tile_path,
     tile_samples,
     write_tiles,
-    write_water_json,
 )
 from sketchterrain.export.files import format_rows, write_json_list, write_values_png
 from sketchterrain.export.planning import HeightQuantisation
 from sketchterrain.export.rasters import write_raw
-from sketchterrain.export.roads import write_road_files
+from sketchterrain.export.roads import write_corridors
 from sketchterrain.export.sampled import (
     CHANNELS,
     TerrainSamples,
@@ -56,7 +55,7 @@ def _write_unity(export: Export) -> ExportOutput:
     files = write_tiles(export, "unity", "Heights and splat maps", partial(_write_images, export, steps))
     if requested_storeys(export.options):
         files |= write_tiles(export, "plants", "Plants", partial(_write_trees, export, steps))
-    files |= write_water_json(export, axes) | write_road_files(export, axes, splat=True)
+    files |= write_corridors(export, axes, splat=True)
     facts = {
         "heights": {"numbers": "uint16", **steps.metadata},
         "byte_order": "little-endian",

@@ -9,12 +9,11 @@ from sketchterrain.export.engines import (
     tile_path,
     write_plants_json,
     write_tiles,
-    write_water_json,
 )
 from sketchterrain.export.files import write_values_png
 from sketchterrain.export.planning import HeightQuantisation
 from sketchterrain.export.rasters import write_raw
-from sketchterrain.export.roads import write_road_files
+from sketchterrain.export.roads import write_corridors
 from sketchterrain.export.sampled import TerrainSamples, flip_green
 from sketchterrain.export.target import Export, ExportOutput, Target, TileWindow, Tiling
 
@@ -42,11 +41,7 @@ def _write_unreal(export: Export) -> ExportOutput:
     corner = (export.grid.west, export.grid.north, 0.0)  # north-west, at the landscape's origin
     axes = EngineAxes("east", "south", "up", unit="cm", per_metre=_CENTIMETRES, origin=corner)
     files = write_tiles(export, "unreal", "Heights and weight maps", partial(_write_images, export, steps))
-    files |= (
-        write_plants_json(export, axes, degrees=True)
-        | write_water_json(export, axes)
-        | write_road_files(export, axes)
-    )
+    files |= write_plants_json(export, axes, degrees=True) | write_corridors(export, axes)
     facts = {
         "heights": {"numbers": "uint16", **steps.metadata},
         "byte_order": "little-endian" if export.options.format == "r16" else "as PNG has it",

@@ -403,7 +403,7 @@ def test_vertices_of_a_vector_are_dragged_in_one_step(view, link, document, work
     click(view, 320, 240)
     answer(link, (900.0, 950.0, 0.0))
     assert workspace.selection == Selection("river", 1)
-    assert [each.handle.role for each in marks(view).handles] == ["point"] * 3
+    assert [each.handle.role for each in marks(view).handles] == [*["point"] * 3, "width"]
     mark = marks(view).handles[1]
     mouse(view, PRESS, mark.x, mark.y)
     mouse(view, MOVE, mark.x + 30, mark.y)

@@ -212,7 +212,7 @@ def test_ways_are_drawn_with_a_casing_in_their_width(canvas, workspace, ways):
 def test_a_layer_without_an_image_is_listed_cleared_and_picked(canvas, workspace, ways, show_widget):
     panel = show_widget(LayersPanel(ways, workspace))
     details = {row.layer: row.detail for row in panel.list.rows}
-    assert (details["road"], details["wall"]) == ("by lanes · 1 drawn", "1.2 m · not drawn")
+    assert (details["road"], details["wall"]) == ("width by lanes · 1 drawn", "1.2 m · not drawn")
     workspace.tool = "pick"
     click(canvas, 300, 600)
     assert (workspace.layer, canvas.lines[-1]) == ("road", "Draws roads, label 1.")

@@ -156,10 +156,10 @@ class SelectTool(Tool):
         if hovered is not None and hovered.is_vector and self._drag is None:
             self._vectors.draw_outline(painter, hovered, faint)
         if selection is not None and selection.is_vector:
-            is_node = self._drag is not None and self._drag.handle.is_vertex
-            self._vectors.draw_selection(painter, selection, self._drag if is_node else None)
+            drag = self._drag
+            self._vectors.draw_selection(painter, selection, None if drag and drag.handle.is_live else drag)
             width = vector_width_handle(self.context.document.sketch, selection)
-            if width is not None and not is_node:
+            if width is not None and (drag is None or not drag.handle.is_vertex):
                 self._draw_handle(painter, width, selection)
             if self._drag is not None and self._last_drag is not None:
                 self._draw_drag(painter, placed)

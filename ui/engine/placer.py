@@ -187,6 +187,7 @@ class Placer:
                 rivers=found.rivers,
                 lakes=found.lakes,
                 resolutions=recipe.resolutions,
+                roads=recipe.network.roads,
                 findings=tuple((line, place_of_finding(sketch, line)) for line in recipe.network.findings),
                 orphans=recipe.orphans,
                 seconds=self._policy.finish(),

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.export.target import ExportOptions
     from sketchterrain.placement.feature_types import Lake, River
+    from sketchterrain.roads.road_types import Road
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.world.options import WorldOptions
 
@@ -207,6 +208,7 @@ class Placement:
     rivers: tuple[River, ...]
     lakes: tuple[Lake, ...]
     resolutions: tuple[tuple[str, float, float], ...] = ()  # resolved contradictions: text, x, y (m)
+    roads: tuple[Road, ...] = ()
     findings: tuple[tuple[str, tuple[float, float] | None], ...] = ()  # about roads: text, x and y if known
     orphans: tuple[str, ...] = ()  # a line for each edit whose feature no longer exists
     seconds: float = 0.0  # duration of the placement

@@ -253,12 +253,13 @@ def _between(c: list[list[float]], from_radius: float, to_radius: float, count: 
 
 
 def line_width(sketch: Sketch, layer: str, label: int, brush: float) -> float:
-    """Return the painted width (px) of a line: the label's width property, else the brush's diameter."""
+    """Return the width (px) of a line: the label's width property, else the brush's diameter."""
     if "width" not in LAYERS[layer].parameters:
         return 2.0 * brush
     properties = sketch.properties(layer, label)
     width = float(properties["width"] or LANE_WIDTHS.get(layer, 0.0) * properties.get("lanes", 0))
-    return max(width / sketch.pixel_size, 2.0 * THINNEST)
+    least = 0.0 if LAYERS[layer].vectors else 2.0 * THINNEST
+    return max(width / sketch.pixel_size, least)
 
 
 def painted_height(sketch: Sketch, layer: str, label: int, image: LabelImage, dab: Dab) -> ShapeHeight | None:

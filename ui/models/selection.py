@@ -58,6 +58,11 @@ class Handle:
         """Whether it is a vertex of a vector."""
         return self.role == "point" and self.selection.is_vector
 
+    @property
+    def is_live(self) -> bool:
+        """Whether the document follows a drag at once: not for vertices of rivers and lakes."""
+        return not (self.is_vertex and LAYERS[self.selection.kind].is_painted)
+
 
 def select_at(placed: Placement, x: float, y: float, *, reach: float) -> Selection | None:
     """Return the object at a position (m), within a tolerance (m).
@@ -190,8 +195,8 @@ def _heights(points: StructuredArray, distance: Float64Array) -> Float64Array:
 class FeatureDrag:
     """A drag of a handle: edits the document, as one history step.
 
-    Placed features and widths follow at once. A vertex of a vector moves with its node when the drag is
-    finished; it snaps to others and to lines within `reach` (m).
+    Vertices of vectors move with their nodes, and snap to others and to lines within `reach` (m). Those of
+    rivers and lakes move when the drag is finished.
     """
 
     def __init__(
@@ -224,17 +229,19 @@ class FeatureDrag:
         if not self.is_alive:
             return
         x, y = x + self._offset[0], y + self._offset[1]
-        if not self.handle.is_vertex:
+        if self.handle.is_vertex:
+            layers = network_of(self._before, self.handle.selection.kind)
+            near = snapped(layers, x, y, self._reach, other_than=(self.handle.x, self.handle.y))
+            x, y = near or on_grid((x, y)).tolist()
+        if self.handle.is_live:
             self._change(x, y)
-            return
-        layers = network_of(self._before, self.handle.selection.kind)
-        near = snapped(layers, x, y, self._reach, other_than=(self.handle.x, self.handle.y))
-        self.x, self.y = near or on_grid((x, y)).tolist()
+        else:
+            self.x, self.y = x, y
 
     def finish(self) -> None:
         """End the drag; `problem` tells why the last motion was not possible."""
         is_moved = (self.x, self.y) != (self.handle.x, self.handle.y)
-        if self.handle.is_vertex and is_moved and self.is_alive:
+        if not self.handle.is_live and is_moved and self.is_alive:
             self._change(self.x, self.y)
         self._last = None
 

@@ -70,7 +70,7 @@ def label_detail(sketch: Sketch, layer: str, label: int, pixels: int) -> str:
     """Return for example ``"900 m · 1.2 km²"``."""
     shown = LAYERS[layer].main
     main = with_unit(shown, sketch.properties(layer, label)[shown.name])
-    if shown.kind is not str and not shown.unit:
+    if (not main[0].isdigit() and not LAYERS[layer].is_painted) or (shown.kind is not str and not shown.unit):
         main = f"{shown.name} {main}"
     area = pixels * sketch.pixel_size**2  # m²
     drawn = commands.vector_counts(sketch, layer).get(label, 0)

@@ -4,8 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array
+from sketchterrain.document.layers import LAYERS, id_of_vector
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.placement.feature_types import FEATURE_TYPES, River
 from sketchterrain.ui.canvas.marks import shore_lines
@@ -22,6 +24,7 @@ _MAX_SHORE_SEGMENTS = 1500
 _MIN_RADIUS = 5.0  # px; smaller features have no mark
 _DOT_SPACING = 13.0  # px; side of a square with one mark, that of the largest feature
 _POINT_SPACING = 13.0  # px between a river's visible control points
+_NEAR_AXIS = 20.0  # m from a station of a way's axis that is beside a place
 _WIDTH_ARM = 14.0  # px from a river's bank to the handle of its width, for rivers are thin
 
 Drag = tuple[Handle, float, float]  # a handle and where it has been dragged (m)
@@ -155,7 +158,7 @@ class MarkBuilder:
         """Return the outline of the selected vector, and of all at the node that is dragged."""
         layer = sketch.vectors[selection.kind]
         lines = curves_of(layer).lines(layer.index(selection.id))
-        if self.drag is not None and self.drag[0].is_vertex:
+        if self.drag is not None and not self.drag[0].is_live:
             handle, x, y = self.drag
             moved = [
                 with_moved_node(each, (handle.x, handle.y), (x, y))
@@ -168,8 +171,21 @@ class MarkBuilder:
                 for line in Curves.from_layer(each).lines(index)
             ]
         return tuple(
-            self._segments(self.terrain.drape(line[_thin(len(line), _MAX_SHORE_SEGMENTS)])) for line in lines
+            self._segments(self._drape(line[_thin(len(line), _MAX_SHORE_SEGMENTS)])) for line in lines
         )
+
+    def _drape(self, places: Float64Array) -> Float64Array:
+        """Return places (n, 2) on the terrain, (n, 3), or above it on bridges of the selected way."""
+        draped, kind = self.terrain.drape(places), "" if self.selection is None else self.selection.kind
+        name = id_of_vector(kind, self.selection.id) if self.selection is not None and kind in LAYERS else 0
+        axes = [road.axis for road in self.placed.roads if road.id == name]
+        if axes:
+            stations = np.concatenate(axes)
+            found = cKDTree(stations[:, :2]).query(places, distance_upper_bound=_NEAR_AXIS)
+            distance, near = map(np.asarray, found)
+            on_axis = np.isfinite(distance)
+            draped[on_axis, 2] = np.maximum(draped[on_axis, 2], stations[near[on_axis], 2])
+        return draped
 
     def _segments(self, line: Float64Array) -> Segments:
         """Return the visible segments of a line (n, 3), hidden where the terrain hides both ends."""
@@ -217,7 +233,7 @@ class MarkBuilder:
                 places, bases = places + shift, bases + shift
             dragged = [each == handle for each in handles]
             places[dragged] = x, y
-        return self.terrain.drape(places), self.terrain.drape(bases)
+        return self._drape(places), self._drape(bases)
 
 
 def _thin(count: int, most: int) -> list[int]:

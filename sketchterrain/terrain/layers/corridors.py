@@ -24,6 +24,7 @@ from sketchterrain.terrain.centrelines import (
     prepare_centreline,
     tolerance_cell,
 )
+from sketchterrain.terrain.index import BoxIndex
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.layers.layer import (
     ITEM,
@@ -63,6 +64,7 @@ _NEARNESS, _WEIGHT_SCALE, _BANK_WIDTH, _BANK_RISE, _FLOODPLAIN_SLOPE, _CHANNEL_C
 # Difference of the bed by arcs for a coarser cell: in cells along the banks' slope, and in widths along the
 # fall. Measured, not proven: blends of arcs shift where these are split differently.
 _ARC_SLOPES, _ARC_WIDTHS = 0.4, 0.8
+_POINTS_AT_ONCE = 1 << 15
 _SIDE_SLOPE = 1.5  # greatest slope of a valley's sides over their mean one
 
 
@@ -97,6 +99,13 @@ class PackedRivers:
         """Greatest distance (m) of any effect of an arc from the box around its two ends, shape (n,)."""
         sagitta = 0.5 * np.abs(self.arc[:, ARC["arc_bend"]]) * np.hypot(*self.chord.T)
         return np.asarray(np.maximum(*self.ends("valley_radius")) + sagitta)
+
+    def boxes(self, unit: float) -> LatticeArray:
+        """Return the boxes (n, 4) that arcs affect, lattice units."""
+        end = self.start + np.rint(self.chord / unit).astype(np.int64)
+        wide = np.ceil(self.support / unit * (1 + 1e-5) + 2).astype(np.int64)[:, None]
+        low, high = np.minimum(self.start, end), np.maximum(self.start, end)
+        return np.concatenate([low - wide, high + wide], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,13 +206,8 @@ class CorridorsLayer(TerrainLayer):
             "river_up": rivers.up,
             "river_down": rivers.down,
         }
-        unit = sampling.unit
-        end = rivers.start + np.rint(rivers.chord / unit).astype(np.int64)
-        wide = np.ceil(rivers.support / unit * (1 + 1e-5) + 2).astype(np.int64)[:, None]
-        low, high = np.minimum(rivers.start, end), np.maximum(rivers.start, end)
-        box = np.concatenate([low - wide, high + wide], axis=1)
         unchanged = rivers.is_in(self.arcs(sampling.world.extent))
-        return Packed(arrays, box, "river", details=(rivers, unchanged))
+        return Packed(arrays, rivers.boxes(sampling.unit), "river", details=(rivers, unchanged))
 
     def arcs(self, extent: float, cell_size: float = FINEST_CELL) -> PackedRivers:
         """Return the rivers' centrelines as arcs, within 1 % of the cell size of their splines.
@@ -338,20 +342,24 @@ def _carved(height: Float64Array, rivers: PackedRivers, site: HostSite) -> tuple
     cell, unit = site.sampling.cell, site.sampling.unit
     weights, nearest = np.zeros(height.shape), np.full(height.shape, 1e30)
     sums = np.zeros((4, *height.shape))
-    for i in range(len(rivers.start)):
-        chord, bend = rivers.chord[i], rivers.arc[i, ARC["arc_bend"]]
-        contribution = rivers.arc[i, ARC["arc_weight"]]
-        dx = (site.x - rivers.start[i, 0]) * unit
-        dy = (site.y - rivers.start[i, 1]) * unit
-        t, d2 = nearest_on_arc(chord, bend, np.stack([dx, dy], axis=-1))
-        here = rivers.up[i][:, None] + (rivers.down[i] - rivers.up[i])[:, None] * t
+    index = BoxIndex(rivers.boxes(unit))
+    for first in range(0, len(height), _POINTS_AT_ONCE):
+        x, y = (each[first : first + _POINTS_AT_ONCE] for each in (site.x, site.y))
+        # Beyond its box an arc adds exactly nothing.
+        point, i = index.touching(np.stack([x, y, x, y], axis=-1))
+        offset = np.stack([x[point], y[point]], axis=-1) - rivers.start[i]
+        t, d2 = nearest_on_arc(rivers.chord[i], rivers.arc[i, ARC["arc_bend"]], offset * unit)
+        here = (rivers.up[i] + (rivers.down[i] - rivers.up[i]) * t[:, None]).T
         width, radius = here[SECTION["half_width"]], here[SECTION["valley_radius"]]
         share2 = d2 / radius**2
         inside = np.maximum(1 - share2, 0)
-        contribution = contribution * inside**2 * (_WEIGHT_SCALE * width / (d2 + width**2 * _NEARNESS)) ** 4
-        weights += contribution
-        sums += contribution * here
-        nearest = np.minimum(nearest, d2 / (width * np.maximum(inside * (1 + share2), 1e-6)))
+        near_by = (_WEIGHT_SCALE * width / (d2 + width**2 * _NEARNESS)) ** 4
+        contribution = rivers.arc[i, ARC["arc_weight"]] * inside**2 * near_by
+        point += first
+        np.add.at(weights, point, contribution)
+        for total, values in zip(sums, contribution * here, strict=True):
+            np.add.at(total, point, values)
+        np.minimum.at(nearest, point, d2 / (width * np.maximum(inside * (1 + share2), 1e-6)))
     near = weights > 1e-30
     surface, half_width, depth, radius = sums[:, near] / weights[near]
     d = np.sqrt(nearest[near] * half_width)

@@ -19,7 +19,7 @@ MAY_IMPORT = {
     "elevation": BASE,
     "placement": BASE,
     "hydrology": BASE | {"placement"},
-    "roads": BASE | {"placement"},
+    "roads": BASE | {"placement", "hydrology"},
     "compute": {"errors", "array_types", "io"},
     # The class `Terrain` offers foliage: vegetation is the one room below that terrain imports.
     "terrain": CORE | {"elevation"},

@@ -18,9 +18,9 @@ from sketchterrain.roads.network import Leg, Way
 
 MAX_STEP: Final = 10.0
 """Greatest distance of stations (m)."""
-_STEP_WIDTHS, _LEAST_STEP = 3.0, 3.0  # step in half widths of the carriageway, and at least, m
+_STEP_WIDTHS, _LEAST_STEP = 3.0, 5.0  # step in half widths of the carriageway, and at least, m
 _CORNER_WIDTHS, _LEAST_CORNER = 1.0, 1.5  # how far arcs leave vertices: in half widths, and at least, m
-_MAX_BEND = 0.1  # tangent of a quarter of an arc's angle
+_MAX_BEND = 0.13  # tangent of a quarter of an arc's angle
 _STRAIGHT = 1e-3  # the same of a corner that is none
 _SHORT = 1e-2  # m; shorter straights between arcs are left out
 

@@ -33,6 +33,7 @@ ROAD_LAYERS: Final = (*WAY_LAYERS, "pad", "wall")
 _EARLIER: Final = "roads by content"
 CROWN: Final = 0.025
 """Slope of a straight carriageway from its axis to its edges, of ways that have superelevation."""
+_GROUND_STEP = 8.0  # m between samples of the ground along a way
 _FRICTION = 0.12  # of tyres across the carriageway that superelevation leaves
 _LEVEL_ENDS, _WARP = 4.0, 20.0  # m beyond a junction's width with no crossfall; m over which it changes
 _REACH, _LEAST_REACH, _MOST_REACH = 1.5, 4.0, 60.0  # of earthworks: times their width, m
@@ -122,15 +123,36 @@ def _roads(plan: _Plan, known: _Known, cache: LRUCache) -> tuple[tuple[Road, ...
 
     half, shoulder = of_ways([way.half_width for way in ways]), of_ways([way.shoulder for way in ways])
     aside = line.left * (half + shoulder)[:, None]
-    # Nothing of a leg's samples depends on another leg, but at nodes the mean of all is taken.
-    found = known.at(np.concatenate([line.at, line.at + aside, line.at - aside])).reshape(3, -1, 2)
-    middle, left, right = found[..., 0]
-    carried = carry(graph, plan.stations, line, 0.5 * middle + 0.25 * (left + right), found[0, :, 1])
+    sampled = _sampled(line)
+    at, aside = line.at[sampled], aside[sampled]
+    found = known.at(np.concatenate([at, at + aside, at - aside])).reshape(3, -1, 2)
+    middle, left, right = (_between(line, sampled, heights) for heights in found[..., 0])
+    water = found[0, :, 1][np.searchsorted(sampled, np.arange(len(line.at)), side="right") - 1]
+    carried = carry(graph, plan.stations, line, 0.5 * middle + 0.25 * (left + right), water)
     crossfall = _crossfall(graph, line, half)
     cut, fill = of_ways([way.works.cut for way in ways]), of_ways([way.works.fill for way in ways])
     reach = _reach(carried.profile.height, (left, middle, right), half + shoulder, cut, fill)
     roads = _parts(graph, line, carried, half, shoulder, crossfall, reach)
     return _canonical(roads, cache), (*carried.findings, *plan.bends)
+
+
+def _sampled(line: Alignment) -> Int64Array:
+    """Return the stations at which the ground is evaluated: the ends of legs, and one every some metres."""
+    step = np.floor(line.along / _GROUND_STEP)
+    chosen = np.append(True, np.diff(step) != 0.0)
+    chosen[line.first[:-1]] = chosen[line.first[1:] - 1] = True
+    return np.flatnonzero(chosen)
+
+
+def _between(line: Alignment, sampled: Int64Array, heights: Float64Array) -> Float64Array:
+    """Return heights at all stations, linear between those at some."""
+    station = np.arange(len(line.at))
+    after = np.searchsorted(sampled, station)
+    before = np.maximum(after - 1, 0)
+    start, end = line.along[sampled[before]], line.along[sampled[after]]
+    share = np.where(end > start, (line.along - start) / np.where(end > start, end - start, 1.0), 1.0)
+    share = np.where(sampled[after] == station, 1.0, share)
+    return np.asarray(heights[before] * (1.0 - share) + heights[after] * share)
 
 
 def _crossfall(graph: WayGraph, line: Alignment, half: Float64Array) -> Float64Array:

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from sketchterrain.array_types import Float64Array, Int64Array
-from sketchterrain.document.layers import LANE_WIDTHS, WAY_LAYERS, id_of_vector
+from sketchterrain.document.layers import LANE_WIDTHS, WAY_LAYERS, id_of_vector, vector_of
 from sketchterrain.document.vectors import STEP, VectorLayer, on_grid
 from sketchterrain.hydrology.vector_rivers import line_path
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Works
@@ -243,7 +243,8 @@ def _legs(ways: Sequence[Way], paths: Sequence[Float64Array]) -> list[Leg]:
         ends = int(node[index[0]]), int(node[index[-1]])
         degrees = int(degree[ends[0]]), int(degree[ends[1]])
         own = int(way[curves[number][0]])
-        key = ways[own].id << _ORDINAL_BITS | ordinals[own]
+        vector = vector_of(ways[own].id) or 0
+        key = (WAY_LAYERS.index(ways[own].layer) << 31 | vector) << _ORDINAL_BITS | ordinals[own]
         ordinals[own] += 1
         legs.append(Leg(key, points[index], owner, ends, degrees))
     return legs

@@ -33,7 +33,7 @@ class Road:
 
     id: int  # of the feature: `document.layers.id_of_vector`
     layer: str  # road, railway or path
-    leg: int  # number of the leg that it is a part of; hash of its nodes and features
+    leg: int  # number of the leg that it is a part of, below 2⁵³
     part: int  # along the leg
     structure: int  # GROUND, BRIDGE or TUNNEL
     axis: Float64Array  # (m, 3) stations x, y and height of the surface there, m; m ≥ 2

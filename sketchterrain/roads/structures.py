@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
@@ -27,13 +27,13 @@ COVER: Final = 3.0
 """Least ground over a tube, m; where there is less, it is a cutting."""
 
 _LEAST_CLEARANCE = 4.5  # m, from carriageway to carriageway, below which it is told
-_MAX_FILL, _ABUTMENT = 9.0, 1.5  # m over the ground from which on a bridge is built, and where it ends
-_MAX_CUT = 16.0  # m under the ground from which on a tunnel is built
+_MAX_FILL, _ABUTMENT = 12.0, 4.0  # m over the ground from which on a bridge is built, and where it ends
+_MAX_CUT = 20.0  # m under the ground from which on a tunnel is built
 _SHORTEST = {BRIDGE: 4.0, TUNNEL: 20.0}  # m; shorter ones are ground
+_BETWEEN = 15.0  # m; ground between two structures of a kind that is shorter is one of them
 _LONGEST_IN_WATER = 1500.0  # m; a longer way in water is a causeway
 _BEYOND_WATER, _BEYOND_WAY = 1.0, 2.5  # m from the edge of what is crossed to the abutment
 _DECK_COVER = 0.3  # m of ground over a deck from which on it is a road on the ground
-_SELDOM = 5  # findings of a kind that are told one by one
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +90,7 @@ def carry(
     bridged = choose & ~is_path
     _mark_runs(structure, line, depth > _MAX_FILL, depth > _ABUTMENT, BRIDGE, bridged)
     _mark_runs(structure, line, -depth > _MAX_CUT, -depth > COVER + TUNNEL_HEIGHT, TUNNEL, bridged)
+    _join(structure, line, choose)
     second = solved()
     _clear(structure, line, graph, second.height, water, causeway, (met, under), lower, upper)
     profile = solved()
@@ -153,6 +154,15 @@ def _mark_runs(
         is_long = line.along[last] - line.along[first] >= _SHORTEST[kind]
         if is_long and line.leg[first] == line.leg[last] and most[first : last + 1].any():
             structure[first:last] = kind
+
+
+def _join(structure: Int64Array, line: Alignment, allowed: BoolArray) -> None:
+    """Join structures of one kind with little ground between them."""
+    runs = _runs(structure, line)
+    for (_, first), (last, _) in pairwise(runs):
+        same = line.leg[first] == line.leg[last] and structure[first - 1] == structure[last]
+        if same and line.along[last] - line.along[first] < _BETWEEN and allowed[first:last].all():
+            structure[first:last] = structure[last]
 
 
 def _true_runs(inside: BoolArray) -> list[tuple[int, int]]:
@@ -249,18 +259,11 @@ def _trimmed(
     return result
 
 
-Water = Callable[[Float64Array, Float64Array], Float64Array]
-"""Level of floods (m) at positions x and y (n,), m; NaN on land."""
-
-
 def bends_told(ways: Sequence[Way], at: Sequence[tuple[int, float]]) -> list[str]:
-    """Return findings about bends that are tighter than their ways' least radius: way and radius (m) each."""
-    tight = sorted(
-        (radius / ways[way].radius, way, radius) for way, radius in at if radius < ways[way].radius
-    )
-    lines = [
-        f"{_name(ways[way])}: a bend of {radius:.1f} m: expected {ways[way].radius:g} m"
-        for _, way, radius in tight[:_SELDOM]
-    ]
-    more = len(tight) - len(lines)
-    return lines + ([f"{more} more bends are tighter than their roads' least radius"] if more else [])
+    """Return a finding about bends that are tighter than their ways' least radius: way and radius (m) each."""
+    tight = [(radius / ways[way].radius, way, radius) for way, radius in at if radius < ways[way].radius]
+    if not tight:
+        return []
+    _, way, radius = min(tight)
+    worst = f"{_name(ways[way])} {radius:.1f} m, expected {ways[way].radius:g} m"
+    return [f"bends tighter than their ways' least radius: {len(tight)}, the tightest of {worst}"]

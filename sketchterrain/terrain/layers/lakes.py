@@ -146,16 +146,18 @@ class LakesLayer(TerrainLayer):
             inverse_margin, level, fade, depth, inverse_shelf, slope, rise = (
                 packed[name][i] for name in LAKE
             )
-            d = field_distance(fields, int(i), x, y)
+            west, south, east, north = fields.boxes[i]
+            at = np.flatnonzero((x >= west) & (x <= east) & (y >= south) & (y <= north))
+            d = field_distance(fields, int(i), x[at], y[at])
             s = np.clip(-d * inverse_margin, 0, 1)
             t = np.clip(d * inverse_shelf, 0, 1)
             bed = level - depth * t**2 * (3 - 2 * t) - slope * t * (1 - t) ** 2
             weight = fade * (1 - s) ** 2 / (s**2 + _SHARPNESS) ** 2
-            weights += weight
-            own += weight * (bed + rise * (1 - np.maximum(1 - _BEACH * s, 0) ** 2))
-            top += weight * (level + rise)
-            visible += weight * fade
-            nearest, deepest = np.minimum(nearest, s), np.maximum(deepest, t)
+            weights[at] += weight
+            own[at] += weight * (bed + rise * (1 - np.maximum(1 - _BEACH * s, 0) ** 2))
+            top[at] += weight * (level + rise)
+            visible[at] += weight * fade
+            nearest[at], deepest[at] = np.minimum(nearest[at], s), np.maximum(deepest[at], t)
         near = weights > 0
         own, top, visible = (part[near] / weights[near] for part in (own, top, visible))
         s, t, below = nearest[near], deepest[near], height[near]

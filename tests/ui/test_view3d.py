@@ -394,6 +394,38 @@ def test_every_selection_and_viewpoint_can_be_painted(view, link, document, work
         assert not view.grab().isNull()
 
 
+def test_ways_follow_the_drag_of_their_node_and_get_vertices_in_the_view(
+    view, link, document, workspace, placed
+):
+    lines = {"road": [(800, 900), (1000, 1000), (1200, 900)], "path": [(1000, 1000), (1000, 1400)]}
+    layers = {
+        name: VectorLayer(name).edited(add=[VectorFeature(LINE, (np.array(points, float),))])
+        for name, points in lines.items()
+    }
+    document.open(document.sketch.replace(vectors=layers), modified=True)
+    workspace.selection = Selection("road", 1)
+    mark = marks(view).handles[1]
+    mouse(view, PRESS, mark.x, mark.y)
+    for step in (15, 30):
+        mouse(view, MOVE, mark.x + step, mark.y)
+        road, path = (document.sketch.vectors[name].vertices for name in lines)
+        assert road[1].tolist() == path[0].tolist()
+        assert marks(view).handles[1].x == pytest.approx(mark.x + step, abs=1.0)
+        assert marks(view).outline
+    mouse(view, RELEASE, mark.x + 30, mark.y)
+    assert document.history.titles == ("Open", "Move a node of roads")
+    document.undo()
+    mouse(view, DOUBLE, 320, 240)
+    mouse(view, RELEASE, 320, 240)
+    answer(link, (1000.0, 1200.0, 0.0))
+    assert isinstance(link.requests[-1], GoTo), "no part of the selected road"
+    mouse(view, DOUBLE, 320, 240)
+    mouse(view, RELEASE, 320, 240)
+    answer(link, (900.0, 950.0, 0.0))
+    assert len(document.sketch.vectors["road"].vertices) == 4
+    assert workspace.selection == Selection("road", 1, 1)
+
+
 def test_vertices_of_a_vector_are_dragged_in_one_step(view, link, document, workspace, placed):
     places = np.array([(800.0, 900.0), (1000.0, 1000.0), (1200.0, 900.0)])
     lines = [VectorFeature(LINE, (part,)) for part in (places, places[[2, 0]] - (0.0, 300.0))]

@@ -25,7 +25,7 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
 from sketchterrain.importing.image_colours import DetectedColour
@@ -160,8 +160,8 @@ def meaning_box(*, special: bool = True) -> QComboBox:
         box.addItem("Nothing", NOTHING)
         box.addItem("Lettering, outlines", INK)
     for label in range(1, _LABELS + 1):
-        for name, layer in LAYERS.items():
-            title = layer.title if label == 1 else f"{layer.title} {label}"
+        for name in PAINTED_LAYERS:
+            title = LAYERS[name].title if label == 1 else f"{LAYERS[name].title} {label}"
             box.addItem(QIcon(swatch(name, label, _SWATCH)), title, Meaning(name, label))
     box.setMaxVisibleItems(box.count())
     return box

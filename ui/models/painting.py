@@ -258,7 +258,7 @@ def line_width(sketch: Sketch, layer: str, label: int, brush: float) -> float:
         return 2.0 * brush
     properties = sketch.properties(layer, label)
     width = float(properties["width"] or LANE_WIDTHS.get(layer, 0.0) * properties.get("lanes", 0))
-    least = 0.0 if LAYERS[layer].vectors else 2.0 * THINNEST
+    least = 2.0 * THINNEST if LAYERS[layer].is_painted else 0.0
     return max(width / sketch.pixel_size, least)
 
 

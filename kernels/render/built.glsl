@@ -1,4 +1,5 @@
 // What is built on the ground: a texture of the ground's materials, with a colour of its own or as it lies there.
+//   FAR  1: only the mean of the texture
 #include "render/frame.glsl"
 #include "render/surface.glsl"
 #include "render/triplanar.glsl"
@@ -16,6 +17,15 @@ const float SUNLIT_ABOVE = 40.0; // m over shaded ground at which its shadow is 
 float covered(float x, float half_width, float seen)
 {
     return clamp(min(half_width, x + 0.5 * seen) - max(-half_width, x - 0.5 * seen), 0.0, seen) / seen;
+}
+
+// Noise of about 1000, 100 and 10 m, with explicit mipmap levels, as the control flow is not uniform.
+Noise built_noise(vec3 position, float footprint)
+{
+    vec2 place = position.xy + eye.xy;
+    float lod = log2(footprint * float(textureSize(noise_field, 0).x));
+    return Noise(textureLod(noise_field, place / 4096.0, lod - 12.0),
+        textureLod(noise_field, place / 512.0 + 0.37, lod - 9.0), textureLod(noise_field, place / 64.0 + 0.71, lod - 6.0));
 }
 
 // Rails and sleepers of railway tracks.
@@ -55,14 +65,21 @@ vec3 built_radiance(vec3 position, vec3 n, vec4 colour, float tone, vec2 look, v
     float distance = length(position);
     vec3 to_eye = -position / distance;
     float footprint = distance * trees.z * pow(max(dot(n, to_eye), 0.05), -0.35);
+    int layer = int(look.x + 0.5);
+#if FAR
+    vec4 mean = textureLod(material_colour, vec3(0.5, 0.5, float(layer)), COARSEST_LOD);
+    vec4 relief = textureLod(material_relief, vec3(0.5, 0.5, float(layer)), COARSEST_LOD);
+    MaterialSample m = MaterialSample(mean.rgb * mean.rgb, mean.a, vec3(0.0), relief.b, relief.a);
+#else
     vec3 planes = triplanar_weights(n);
     float level = log(max(distance / FULL_SIZE, 1.0)) / log(RATIO);
     int least = planes.x <= planes.y && planes.x <= planes.z ? 0 : planes.y <= planes.z ? 1 : 2;
     int a = least == 0 ? 1 : 0;
     int b = least == 2 ? 1 : 2;
-    int layer = int(look.x + 0.5);
-    MaterialSample m = sample_material(layer, position, n, a, b, planes[b] / max(planes[a] + planes[b], 1e-4), level, footprint);
-    Noise noise = noise_at(position, footprint);
+    float share = planes[b] / max(planes[a] + planes[b], 1e-4);
+    MaterialSample m = sample_material(layer, position, n, a, b, share, level, footprint);
+#endif
+    Noise noise = built_noise(position, footprint);
     vec3 own = colour.rgb * colour.rgb / means[layer] * (1.0 + 0.10 * noise.small.w + 0.06 * noise.middle.w);
     m.albedo *= tone * mix(variety(layer, noise.wide, noise.middle, noise.small), own, colour.w);
     if (look.y > 0.0) lay_tracks(m, uv, look.y, seen);

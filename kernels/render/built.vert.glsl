@@ -1,6 +1,7 @@
 #version 430 core
 // A vertex of a bridge, tunnel, house or wall.
-#include "render/frame.glsl"
+//   FAR  1: lit here, for lit.frag.glsl
+#include "render/built.glsl"
 
 uniform vec3 anchor; // of all vertices, relative to the eye, m
 
@@ -10,20 +11,32 @@ in vec4 vertex_colour;  // rgb: √albedo; w: whether it has one
 in vec2 vertex_uv;      // m
 in vec2 vertex_look;    // layer, and m between railway tracks
 
+#if FAR
+out vec3 seen; // radiance
+#else
 out vec3 position;
 out vec3 normal;
 out vec4 colour;
 out float tone;
 out vec2 uv;
 flat out vec2 look;
+#endif
 
 void main()
 {
-    position = anchor + local_position;
-    normal = local_normal.xyz * 2.0 - 1.0;
+    vec3 at = anchor + local_position;
+    vec3 n = local_normal.xyz * 2.0 - 1.0;
+    float dim = 2.0 * local_normal.w;
+#if FAR
+    vec2 plain = vec2(vertex_look.x, 0.0);
+    seen = built_radiance(at, normalize(n), vertex_colour, dim, plain, vec2(0.0), vec2(0.0));
+#else
+    position = at;
+    normal = n;
     colour = vertex_colour;
-    tone = 2.0 * local_normal.w;
+    tone = dim;
     uv = vertex_uv;
     look = vertex_look;
-    gl_Position = to_clip * vec4(position, 1.0);
+#endif
+    gl_Position = to_clip * vec4(at, 1.0);
 }

@@ -1,11 +1,15 @@
 #version 430 core
 // The part of the drawn ground that a piece of a road covers, blended over the shaded ground by the share of a pixel.
+//   FAR  1: lit at the corners of its box
 #include "render/built.glsl"
 #include "render/road_strip.glsl"
 
 uniform sampler2D gbuffer_depth;
 
 flat in vec4 start, end, left, width, look;
+#if FAR
+in vec3 seen_light;
+#endif
 out vec4 radiance;
 
 void main()
@@ -43,6 +47,10 @@ void main()
     float away = abs(position.z - axis.z - fall * across) / strip_reach(distance);
     share *= 1.0 - smoothstep(0.7, 1.0, away);
     if (!is_inside || depth >= 1.0 || share <= 0.0) discard;
+#if FAR
+    radiance = vec4(seen_light, share);
+#else
     vec2 uv = vec2(mix(start.w, end.w, t), across + half_width);
     radiance = vec4(built_radiance(position, n, vec4(0.0), 1.0, look.xy, uv, wide), share);
+#endif
 }

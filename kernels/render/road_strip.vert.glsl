@@ -1,6 +1,7 @@
 #version 430 core
 // A corner of the box of a piece of a road. Corners are counted by end, side and height.
-#include "render/frame.glsl"
+//   FAR  1: lit here
+#include "render/built.glsl"
 #include "render/road_strip.glsl"
 
 uniform vec3 anchor; // of all pieces, relative to the eye, m
@@ -12,6 +13,9 @@ in vec4 piece_width; // half widths at start and end, m; crossfall to the left a
 in vec4 piece_look;  // x: layer; y: m between railway tracks; zw: kinds of the ends
 
 flat out vec4 start, end, left, width, look;
+#if FAR
+out vec3 seen_light; // radiance
+#endif
 
 void main()
 {
@@ -26,6 +30,10 @@ void main()
     vec2 ahead = vec2(aside.y, -aside.x) * (last ? 1.0 : -1.0);
     float distance = length(at);
     float half_width = last ? width.y : width.x;
+#if FAR
+    vec3 slope = vec3(vec2(aside.y, -aside.x) * (start.z - end.z) / max(end.w - start.w, 1e-3), 1.0);
+    seen_light = built_radiance(at, normalize(slope), vec4(0.0), 1.0, vec2(look.x, 0.0), vec2(0.0), vec2(0.0));
+#endif
     float margin = 2.0 * trees.z * distance;
     float kind = last ? look.w : look.z;
     float longer = kind == ROUND ? half_width + margin : kind == LONGER ? OVERLAP : 0.0;

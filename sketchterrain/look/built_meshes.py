@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Float64Array
+from sketchterrain.array_types import Float64Array, FloatArray
 from sketchterrain.document.layers import layer_of, vector_of
 from sketchterrain.roads.road_types import Pad, Wall
 
@@ -38,6 +38,7 @@ _EAVES: Final = 0.5  # m by which a roof overhangs
 _ROOF_SLOPE: Final = 0.7
 _WINDOW: Final = (1.0, 1.3)  # m, width and height
 _BAY, _STOREY, _SILL = 2.6, 2.8, 0.95  # m
+_FINE, _BOARDS = 0.08, 0.25  # m, sizes of windows, and of boards and plinths
 _HEDGE_STEP, _WALL_STEP = 0.8, 2.0  # m between the cross-sections of a hedge, and of a wall
 
 
@@ -51,7 +52,7 @@ class BuiltPart(NamedTuple):
     tone: Float64Array  # (n,) factor of the albedo
     triangles: npt.NDArray[np.uint32]  # (k, 3), counter-clockwise from outside
     track: float = 0.0  # m between the middles of railway tracks on it; 0: none
-    fine: bool = False  # too small to be seen from afar
+    size: float = 0.0  # m, of its details, which nobody sees from afar; 0: its own
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +86,7 @@ def swept(
     """
     left, right = np.stack(lines[:-1]), np.stack(lines[1:])
     step = right - left
-    normal = np.cross(step, np.gradient(left + right, axis=1))
-    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
+    normal = _unit(_cross(step, np.gradient(left + right, axis=1)))
     strips, count = left.shape[:2]
     width = np.linalg.norm(step, axis=-1).mean(axis=1)
     v = np.concatenate([[0.0], np.cumsum(width)])
@@ -106,17 +106,26 @@ def swept(
     )
 
 
-def flat_quads(material: str, corners: npt.ArrayLike, *, tone: float = 1.0, fine: bool = False) -> BuiltPart:
+def _cross(a: Float64Array, b: Float64Array) -> Float64Array:
+    """Return cross products of (…, 3) vectors, for few of them faster than NumPy."""
+    (ax, ay, az), (bx, by, bz) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+def _unit(vectors: Float64Array) -> Float64Array:
+    length = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+    return np.asarray(vectors / np.maximum(length, 1e-12)[..., None])
+
+
+def flat_quads(material: str, corners: npt.ArrayLike, *, tone: float = 1.0, size: float = 0.0) -> BuiltPart:
     """Return plane quads (m, 4, 3), counter-clockwise from outside; a triangle's last corner is repeated."""
     corner = np.asarray(corners, np.float64).reshape(-1, 4, 3)
-    normal = np.cross(corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 1])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-    along = corner[:, 1] - corner[:, 0]
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-    axes = np.stack([along, np.cross(normal, along)], axis=1)
+    normal = _unit(_cross(corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 1]))
+    along = _unit(corner[:, 1] - corner[:, 0])
+    axes = np.stack([along, _cross(normal, along)], axis=1)
     uv = np.einsum("mki,mci->mkc", corner - corner[:, :1], axes)
     first = 4 * np.arange(len(corner))[:, None]
-    triangles = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
+    triangles = np.concatenate([first + np.array([0, 1, 2]), first + np.array([0, 2, 3])])
     return BuiltPart(
         material,
         corner.reshape(-1, 3),
@@ -124,7 +133,7 @@ def flat_quads(material: str, corners: npt.ArrayLike, *, tone: float = 1.0, fine
         uv.reshape(-1, 2),
         np.full(4 * len(corner), tone),
         triangles.astype(np.uint32),
-        fine=fine,
+        size=size,
     )
 
 
@@ -132,14 +141,20 @@ def extruded(
     material: str, outline: Float64Array, low: float, high: float, *, top: bool = True, tone: float = 1.0
 ) -> list[BuiltPart]:
     """Return the sides of a prism over a counter-clockwise outline (n, 2), and its top."""
-    bottom, upper = (np.column_stack([outline, np.full(len(outline), z)]) for z in (low, high))
-    following = np.roll(np.arange(len(outline)), -1)
-    sides = np.stack([bottom, bottom[following], upper[following], upper], axis=1)
-    parts = [flat_quads(material, sides, tone=tone)]
+    quads = prism_quads(outline, low, high)
     if top:
-        corners = upper[triangulated(outline)]
-        parts.append(flat_quads(material, corners[:, [0, 1, 2, 2]], tone=tone))
-    return parts
+        corners = np.column_stack([outline, np.full(len(outline), high)])[triangulated(outline)]
+        quads = np.concatenate([quads, corners[:, [0, 1, 2, 2]]])
+    return [flat_quads(material, quads, tone=tone)]
+
+
+def prism_quads(outline: Float64Array, low: float, high: float) -> Float64Array:
+    """Return the sides (n, 4, 3) of a prism over a counter-clockwise outline (n, 2)."""
+    sides = np.empty((len(outline), 4, 3))
+    sides[:, 0, :2] = sides[:, 3, :2] = outline
+    sides[:, 1, :2] = sides[:, 2, :2] = np.roll(outline, -1, axis=0)
+    sides[:, :2, 2], sides[:, 2:, 2] = low, high
+    return sides
 
 
 def rectangle(middle: Float64Array, ahead: Float64Array, length: float, width: float) -> Float64Array:
@@ -187,47 +202,54 @@ def _house_parts(pad: Pad) -> list[BuiltPart]:
     plaster, tiles = 0.72 + 0.4 * chance[0], 0.75 + 0.45 * chance[1]
     low, top, outline = pad.level - _BURIED, pad.level + pad.building, pad.outline
     sides = np.roll(outline, -1, axis=0) - outline
-    lengths = np.hypot(*sides.T)
+    lengths = np.sqrt((sides * sides).sum(axis=1))
     units = sides / np.maximum(lengths, 1e-9)[:, None]
-    is_rectangle = len(outline) == 4 and bool(
-        np.abs(np.sum(units * np.roll(units, -1, axis=0), axis=1)).max() < 0.1
-    )
-    if not is_rectangle:
-        walls = extruded("plaster", outline, low, top, top=False, tone=plaster)
-        roof = extruded("concrete", outline, top - 0.4, top - 0.3)[1:]
-        return [*walls, *roof, *_windows(outline, pad.level, top - 0.5)]
+    turns = np.abs((units * np.roll(units, -1, axis=0)).sum(axis=1))
+    if len(outline) != 4 or turns.max() > 0.1:
+        walls = flat_quads("plaster", prism_quads(outline, low, top), tone=plaster)
+        return [
+            walls,
+            *extruded("concrete", outline, top - 0.4, top - 0.3),
+            *_windows(outline, pad.level, top),
+        ]
     if lengths[1] + lengths[3] > lengths[0] + lengths[2]:
-        outline, units = np.roll(outline, -1, axis=0), np.roll(units, -1, axis=0)
-    half = 0.25 * float(min(lengths[0] + lengths[2], lengths[1] + lengths[3]))
+        outline, units, lengths = (np.roll(each, -1, axis=0) for each in (outline, units, lengths))
+    half = 0.25 * float(lengths[1] + lengths[3])
     rise = min(_ROOF_SLOPE * half, 0.5 * pad.building)
     eaves = top - rise
-    hip = half * float(chance[2] < 0.4) * 0.9
-    middles = [0.5 * (outline[1] + outline[2]), 0.5 * (outline[3] + outline[0])]
+    is_hipped = chance[2] < 0.4
+    middles = 0.5 * (outline[[1, 3]] + outline[[2, 0]])
     axis = (middles[0] - middles[1]) / max(float(np.hypot(*(middles[0] - middles[1]))), 1e-9)
-    parts = extruded("plaster", outline, low, eaves, top=False, tone=plaster)
-    parts += extruded("stone", _offset(outline, units, 0.06), low, pad.level + 0.45)
-    ground = np.column_stack([outline, np.full(4, eaves)])
-    drop = rise / half * _EAVES
-    q = np.column_stack([_offset(outline, units, _EAVES), np.full(4, eaves - drop)])
-    out = _EAVES if hip == 0.0 else -hip
-    ridge = [np.append(middles[0] + out * axis, top), np.append(middles[1] - out * axis, top)]
-    slopes = [[q[0], q[1], ridge[0], ridge[1]], [q[2], q[3], ridge[1], ridge[0]]]
-    if hip == 0.0:
-        gables = [
-            [ground[1], ground[2], np.append(middles[0], top)],
-            [ground[3], ground[0], np.append(middles[1], top)],
-        ]
-        parts.append(flat_quads("plaster", [[*each, each[-1]] for each in gables], tone=plaster))
-        edge = np.array([q[0], q[1], ridge[0], q[2], q[3], ridge[1]])
+    out = -0.9 * half if is_hipped else _EAVES
+    ridge = np.column_stack([middles + out * np.stack([axis, -axis]), [top, top]])
+    corners = np.column_stack([_offset(outline, units, _EAVES), np.full(4, eaves - rise / half * _EAVES)])
+    slopes = np.array([[corners[0], corners[1], *ridge], [corners[2], corners[3], *ridge[::-1]]])
+    faces = prism_quads(outline, low, eaves)
+    if is_hipped:
+        ends = [[corners[1], corners[2], ridge[0], ridge[0]], [corners[3], corners[0], ridge[1], ridge[1]]]
+        slopes, edge = np.concatenate([slopes, ends]), corners
     else:
-        slopes += [[q[1], q[2], ridge[0], ridge[0]], [q[3], q[0], ridge[1], ridge[1]]]
-        edge = q
+        gables = np.empty((2, 4, 3))
+        gables[:, 0, :2], gables[:, 1, :2], gables[:, 2:, :2] = (
+            outline[[1, 3]],
+            outline[[2, 0]],
+            middles[:, None],
+        )
+        gables[:, :2, 2], gables[:, 2:, 2] = eaves, top
+        faces = np.concatenate([faces, gables])
+        edge = np.concatenate([corners[:2], ridge[:1], corners[2:], ridge[1:]])
     thick = np.array([0.0, 0.0, 0.2])
-    parts.append(flat_quads("roof", slopes, tone=tiles))
-    parts.append(flat_quads("wood", [[p - thick for p in reversed(slope)] for slope in slopes]))
     following = np.roll(edge, -1, axis=0)
-    parts.append(flat_quads("wood", np.stack([edge - thick, following - thick, following, edge], axis=1)))
-    return [*parts, *_windows(outline, pad.level, eaves)]
+    boards = np.stack([edge - thick, following - thick, following, edge], axis=1)
+    plinth = _offset(outline, units, 0.06)
+    return [
+        flat_quads("plaster", faces, tone=plaster),
+        flat_quads("roof", slopes, tone=tiles),
+        flat_quads("wood", np.concatenate([slopes[:, ::-1] - thick, boards]), size=_BOARDS),
+        flat_quads("stone", prism_quads(plinth, low, pad.level + 0.45), size=_BOARDS),
+        flat_quads("stone", [[[*corner, pad.level + 0.45] for corner in plinth]], size=_BOARDS),
+        *_windows(outline, pad.level, eaves),
+    ]
 
 
 def _offset(outline: Float64Array, units: Float64Array, out: float) -> Float64Array:
@@ -238,30 +260,35 @@ def _offset(outline: Float64Array, units: Float64Array, out: float) -> Float64Ar
 def _windows(outline: Float64Array, level: float, eaves: float) -> list[BuiltPart]:
     """Return windows in rows, and a door in the middle of the first side."""
     width, height = _WINDOW
-    glass, wood = [], []
     storeys = max(int((eaves - level - _SILL - height) / _STOREY) + 1, 0)
+    glass, wood = [np.zeros((0, 4, 3))], [np.zeros((0, 4, 3))]
     for number, (start, end) in enumerate(zip(outline, np.roll(outline, -1, axis=0), strict=True)):
         length = float(np.hypot(*(end - start)))
-        unit = (end - start) / max(length, 1e-9)
-        out = np.array([unit[1], -unit[0]])
         bays = int((length - 0.6) / _BAY)
-        for bay in range(bays):
-            middle = start + unit * length * (bay + 0.5) / bays
-            for storey in range(storeys):
-                is_door = number == 0 and storey == 0 and bay == bays // 2
-                low = level + (0.05 if is_door else _SILL + _STOREY * storey)
-                high = level + 2.1 if is_door else low + height
-                wood.append(_upright(middle + 0.02 * out, (0.5 * width + 0.1) * unit, low - 0.1, high + 0.1))
-                if not is_door:
-                    glass.append(_upright(middle + 0.05 * out, 0.5 * width * unit, low, high))
-    kinds = (("wood", wood), ("glass", glass))
-    return [flat_quads(material, quads, fine=True) for material, quads in kinds if quads]
+        if not bays or not storeys:
+            continue
+        unit = (end - start) / length
+        out = np.array([unit[1], -unit[0]])
+        bay, storey = (axis.ravel() for axis in np.meshgrid(np.arange(bays), np.arange(storeys)))
+        middle = start + (length * (bay + 0.5) / bays)[:, None] * unit
+        sill = level + _SILL + _STOREY * storey
+        is_door = (bay == bays // 2) & (storey == 0) & (number == 0)
+        low, high = (
+            np.where(is_door, level + 0.05, sill - 0.1),
+            np.where(is_door, level + 2.1, sill + height + 0.1),
+        )
+        wood.append(_upright(middle + 0.02 * out, (0.5 * width + 0.1) * unit, low, high))
+        glass.append(_upright(middle + 0.05 * out, 0.5 * width * unit, sill, sill + height)[~is_door])
+    kinds = (("wood", np.concatenate(wood)), ("glass", np.concatenate(glass)))
+    return [flat_quads(material, quads, size=_FINE) for material, quads in kinds if len(quads)]
 
 
-def _upright(middle: Float64Array, half: Float64Array, low: float, high: float) -> list[Float64Array]:
-    """Return an upright quad about a place (2,), by half its width as a vector."""
-    a, b = middle - half, middle + half
-    return [np.append(a, low), np.append(b, low), np.append(b, high), np.append(a, high)]
+def _upright(middle: Float64Array, half: Float64Array, low: FloatArray, high: FloatArray) -> Float64Array:
+    """Return upright quads (n, 4, 3) about places (n, 2), by half their width as a vector."""
+    quads = np.empty((len(middle), 4, 3))
+    quads[:, [0, 3], :2], quads[:, [1, 2], :2] = (middle - half)[:, None], (middle + half)[:, None]
+    quads[:, :2, 2], quads[:, 2:, 2] = low[:, None], high[:, None]
+    return quads
 
 
 def wall(given: Wall) -> BuiltObject:

@@ -7,7 +7,7 @@ of detail, is painted with its material. Nothing fights for depth or pokes throu
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import moderngl
 import numpy as np
@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 
 ALPHA_BLEND: Final = (moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA)
 CELL: Final = 256.0  # m, side of the squares whose objects are drawn together
-FINE: Final = 0.08  # m, size of fine parts: left out some 300 m away
+FAR: Final = 10.0  # px, size of things that are lit at their vertices
+UNIT: Final = 12.0  # m, size of meshes that counts for that
 
 _VERTEX: Final = np.dtype(
     [("position", "<f4", 3), ("normal", "u1", 4), ("colour", "u1", 4), ("uv", "<f4", 2), ("look", "<f4", 2)]
@@ -64,7 +65,7 @@ class BuiltScenery:
         self._network = RoadNetwork()
         self._layers: dict[str, int] = {}
         self._strips: dict[object, list[Strips]] = {}
-        self._objects: dict[object, list[BuiltPart]] = {}
+        self._objects: dict[object, list[_Block]] = {}
         self._drawn: dict[str, _Drawn] = {}
         self.rebuild(defines)
         self.set_terrain(terrain, ())
@@ -128,7 +129,7 @@ class BuiltScenery:
         places = np.concatenate([np.zeros((0, 2)), *(each.places for each in new)])
         ground = terrain.heights(*places.T).astype(np.float64) if len(places) else np.zeros(0)
         made = {
-            each.key: each.parts(ground[first:last])
+            each.key: _blocks(each.parts(ground[first:last]), self._layers, self.origin)
             for each, first, last in zip(new, counts[:-1], counts[1:], strict=True)
         }
         self._objects = {each.key: made.get(each.key) or before[each.key] for each in objects}
@@ -136,35 +137,35 @@ class BuiltScenery:
         return True
 
     def _upload(self) -> None:
-        """Upload the meshes, those in a square of `CELL` after each other, fine parts last."""
-        groups: dict[tuple[bool, int, int, bool], list[BuiltPart]] = {}
-        for parts in self._objects.values():
-            x, y = np.floor(parts[0].position[0, :2] / CELL).astype(int).tolist()
-            for part in parts:
-                groups.setdefault((part.material == MOUTH, x, y, part.fine), []).append(part)
+        """Upload the meshes, those of a square of `CELL` after each other, by the size of their parts."""
+        groups: dict[tuple[bool, int, int, float], list[_Block]] = {}
+        for block in (block for blocks in self._objects.values() for block in blocks):
+            x, y = np.floor(block.low[:2] / CELL).astype(int).tolist()
+            groups.setdefault((block.is_mouth, x, y, block.size), []).append(block)
         for name in ("meshes", "mouths"):
             self._drawn.pop(name, None)
-            own = {key: parts for key, parts in groups.items() if key[0] == (name == "mouths")}
+            own = {key: blocks for key, blocks in groups.items() if key[0] == (name == "mouths")}
             if not own:
                 continue
-            vertices, indices, chunks, base, start = [], [], [], 0, 0
-            for (*_, fine), parts in own.items():
-                chunk = [_packed(part, self._layers, self.origin) for part in parts]
-                triangles = 0
-                for part, packed in zip(parts, chunk, strict=True):
-                    indices.append(part.triangles.ravel() + np.uint32(base))
-                    base, triangles = base + len(packed), triangles + part.triangles.size
-                vertices += chunk
-                position = np.concatenate([part.position for part in parts])
-                low, high = position.min(axis=0), position.max(axis=0)
-                width = FINE if fine else max(float(np.ptp(part.position, axis=0).max()) for part in parts)
-                chunks.append(_chunk(low, high, width, start, triangles))
-                start += triangles
+            blocks = [block for group in own.values() for block in group]
+            base = np.cumsum([0, *(len(block.vertices) for block in blocks)])
+            indices = [block.indices + first for block, first in zip(blocks, base[:-1], strict=True)]
+            count = np.array([sum(len(block.indices) for block in group) for group in own.values()])
+            chunks = Chunks(
+                np.array([np.min([block.low for block in group], axis=0) for group in own.values()]),
+                np.array([np.max([block.high for block in group], axis=0) for group in own.values()]),
+                np.array([size or max(block.extent for block in group) for (*_, size), group in own.items()]),
+                np.full(len(own), UNIT),
+                np.zeros(len(own), np.int64),
+                np.zeros((len(own), 1)),
+                (np.cumsum(count) - count)[:, None],
+                count[:, None],
+            )
             self._drawn[name] = _Drawn(
                 self._context,
-                self._context.buffer(np.concatenate(vertices).tobytes()),
+                self._context.buffer(np.concatenate([block.vertices for block in blocks]).tobytes()),
                 self._context.buffer(np.concatenate(indices).astype(np.uint32).tobytes()),
-                Chunks.joined(chunks, [0] * len(chunks)),
+                chunks,
             )
 
     def paint_roads(
@@ -176,8 +177,8 @@ class BuiltScenery:
             self._context.cull_face = "front"
             self._context.enable_only(moderngl.CULL_FACE | moderngl.BLEND)
             self._context.blend_func = ALPHA_BLEND
-            if self._select("strips", camera, targets.size):
-                yield from self._render("strips", camera, targets.upsampled, uniforms, parts=parts)
+            for name in ("strips far", "strips"):
+                yield from self._draw(name, camera, targets.size, targets.upsampled, uniforms, parts)
         finally:
             self._context.cull_face = "back"
 
@@ -190,35 +191,30 @@ class BuiltScenery:
         """
         context = self._context
         context.enable_only(moderngl.CULL_FACE | moderngl.DEPTH_TEST)
-        if self._select("mouths", camera, targets.size):
+        if "mouths" in self._drawn and self._drawn["mouths"].select(camera, targets.size, far=False):
             targets.copy_scene()
             context.depth_func = "1"  # the shader tests
-            for _ in self._render("mouths", camera, targets.scene, uniforms):
+            for _ in self._draw("mouths", camera, targets.size, targets.scene, uniforms, 1):
                 pass
             context.depth_func = "<"
-        if self._select("meshes", camera, targets.size):
-            yield from self._render("meshes", camera, targets.scene, uniforms, parts=parts)
+        for name in ("meshes far", "meshes"):
+            yield from self._draw(name, camera, targets.size, targets.scene, uniforms, parts)
 
-    def _select(self, name: str, camera: Camera, size: tuple[int, int]) -> bool:
-        """Select what is in view of a picture of a size (px); return whether there is anything."""
-        drawn = self._drawn.get(name)
-        if drawn is None:
-            return False
-        pixel = 2.0 * float(np.tan(np.radians(camera.fov) / 2.0)) / size[1]
-        drawn.select(camera, size[0] / size[1], pixel)
-        self.triangles += drawn.triangles
-        return drawn.count > 0
-
-    def _render(
+    def _draw(
         self,
         name: str,
         camera: Camera,
+        size: tuple[int, int],
         target: moderngl.Framebuffer,
         uniforms: Mapping[str, object],
-        *,
-        parts: int = 1,
+        parts: int,
     ) -> Iterator[None]:
-        drawn = self._drawn[name]
+        """Draw what is in view of a picture of a size (px), near or far."""
+        kind, _, far = name.partition(" ")
+        drawn = self._drawn.get(kind)
+        if drawn is None or not drawn.select(camera, size, far=bool(far)):
+            return
+        self.triangles += drawn.triangles
         array = drawn.array(name, self._program(name))
         anchor = tuple((self.origin - camera.eye).tolist())
         set_uniforms(array.program, {**uniforms, "anchor": anchor})
@@ -245,10 +241,13 @@ class BuiltScenery:
         if name not in self._programs:
             files = {
                 "strips": ("road_strip.vert.glsl", "road_strip.frag.glsl"),
+                "strips far": ("road_strip.vert.glsl", "road_strip.frag.glsl"),
                 "mouths": ("built.vert.glsl", "built_mouth.frag.glsl"),
                 "meshes": ("built.vert.glsl", "built.frag.glsl"),
+                "meshes far": ("built.vert.glsl", "lit.frag.glsl"),
             }[name]
-            self._programs[name] = build_program(self._context, *files, defines=self._defines)
+            defines = {**self._defines, "FAR": int(name.endswith("far"))}
+            self._programs[name] = build_program(self._context, *files, defines=defines)
         return self._programs[name]
 
 
@@ -279,11 +278,15 @@ class _Drawn:
             )
         return self.arrays[name]
 
-    def select(self, camera: Camera, aspect: float, pixel: float) -> None:
-        """Select the chunks in view and their levels of detail; a pixel is so many rad."""
-        index, away = self._chunks.visible(camera, aspect, pixel)
+    def select(self, camera: Camera, size: tuple[int, int], *, far: bool) -> bool:
+        """Select the near or far chunks in view and their levels of detail; return whether there are any."""
+        pixel = 2.0 * float(np.tan(np.radians(camera.fov) / 2.0)) / size[1]
+        index, away = self._chunks.visible(camera, size[0] / size[1], pixel)
+        own = (away * pixel * FAR > self._chunks.unit[index]) == far
+        index, away = index[own], away[own]
         fits = self._chunks.error[index, 1:] <= DEVIATION * pixel * away[:, None]
         self._write(index, np.logical_and.accumulate(fits, axis=1).sum(axis=1))
+        return self.count > 0
 
     def select_near(self, place: npt.ArrayLike, radius: float) -> None:
         """Select the chunks within a radius (m) of a place."""
@@ -305,34 +308,50 @@ class _Drawn:
         self.commands.write(commands.tobytes())
 
 
-def _chunk(low: Float64Array, high: Float64Array, width: float, first: int, count: int) -> Chunks:
-    return Chunks(
-        low[None],
-        high[None],
-        np.array([width]),
-        np.zeros(1, np.int64),
-        np.zeros((1, 1)),
-        np.array([[first]]),
-        np.array([[count]]),
-    )
-
-
 def _within(places: Float64Array, areas: Sequence[Bounds]) -> bool:
     """Return whether any of (n, 2) places is in one of the areas."""
     x, y = places.T
     return any(bool(((x >= w) & (x <= e) & (y >= s) & (y <= n)).any()) for w, s, e, n in areas)
 
 
-def _packed(part: BuiltPart, layers: Mapping[str, int], origin: Float64Array) -> npt.NDArray[np.void]:
-    """Return the vertices of a part."""
-    vertices = np.zeros(len(part.position), _VERTEX)
-    vertices["position"] = part.position - origin
-    vertices["normal"][:, :3] = np.rint(127.5 * (part.normal + 1.0))
-    vertices["normal"][:, 3] = np.rint(127.5 * np.clip(part.tone, 0.0, 2.0))
-    vertices["uv"] = part.uv
-    built = BUILT.get(part.material)
-    if built is not None:
-        vertices["colour"] = np.rint(255.0 * np.append(np.sqrt(built.colour), 1.0))
-    texture = built.texture if built else part.material
-    vertices["look"] = layers.get(texture, 0), _TILES if part.material == "roof" else part.track
-    return vertices
+class _Block(NamedTuple):
+    """Packed parts of an object that are left out at the same distance."""
+
+    is_mouth: bool
+    size: float  # as `BuiltPart.size`
+    extent: float  # m, its longest side
+    low: Float64Array  # (3,) m
+    high: Float64Array
+    vertices: npt.NDArray[np.void]
+    indices: npt.NDArray[np.int64]
+
+
+def _blocks(parts: Sequence[BuiltPart], layers: Mapping[str, int], origin: Float64Array) -> list[_Block]:
+    """Return the parts packed, in as few blocks as possible."""
+    groups: dict[tuple[bool, float], list[BuiltPart]] = {}
+    for part in parts:
+        groups.setdefault((part.material == MOUTH, part.size), []).append(part)
+    blocks = []
+    for (is_mouth, size), group in groups.items():
+        position = np.concatenate([part.position for part in group])
+        low, high = position.min(axis=0), position.max(axis=0)
+        vertices = np.zeros(len(position), _VERTEX)
+        vertices["position"] = position - origin
+        normal = np.concatenate([part.normal for part in group])
+        tone = np.concatenate([part.tone for part in group])
+        vertices["normal"] = np.rint(127.5 * np.column_stack([normal + 1.0, np.clip(tone, 0.0, 2.0)]))
+        vertices["uv"] = np.concatenate([part.uv for part in group])
+        counts = [len(part.position) for part in group]
+        looks = []
+        for part in group:
+            built = BUILT.get(part.material)
+            colour = [0.0] * 4 if built is None else [*np.sqrt(built.colour), 1.0]
+            layer = layers.get(built.texture if built else part.material, 0)
+            looks.append([*colour, layer, _TILES if part.material == "roof" else part.track])
+        columns = np.repeat(looks, counts, axis=0)
+        vertices["colour"], vertices["look"] = np.rint(255.0 * columns[:, :4]), columns[:, 4:]
+        base = np.cumsum([0, *counts])
+        indices = [part.triangles.ravel() + first for part, first in zip(group, base[:-1], strict=True)]
+        extent = float((high - low).max())
+        blocks.append(_Block(is_mouth, size, extent, low, high, vertices, np.concatenate(indices)))
+    return blocks

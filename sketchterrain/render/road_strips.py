@@ -35,7 +35,8 @@ class Chunks:
 
     low: Float64Array  # corners, m
     high: Float64Array
-    width: Float64Array  # m, of the widest thing
+    width: Float64Array  # m, of the widest thing; narrow ones are left out
+    unit: Float64Array  # m, size by which they are near or far
     rank: Int64Array  # order of drawing
     error: Float64Array  # m, largest deviation from the finest level
     first: Int64Array
@@ -130,6 +131,7 @@ def _strips(
         Chunks(
             corners - widest,
             high + widest,
+            np.full(count, 2.0 * widest),
             np.full(count, 2.0 * widest),
             np.zeros(count, np.int64),
             error,

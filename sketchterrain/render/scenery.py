@@ -29,7 +29,7 @@ from sketchterrain.render.water import Water
 from sketchterrain.tiles.lod import ScreenError
 
 QUAD: Final = 32.0  # px; largest width of a quad up to a tolerance of 2 px, in proportion to it above
-WATER_LIFT: Final = 1.5  # tolerances by which water is lifted above terrain that may be drawn too high
+LIFT: Final = 1.5  # tolerances by which water is lifted above terrain that may be drawn too high
 
 
 class Scenery:
@@ -196,7 +196,10 @@ class Scenery:
         clouds = self._clouds.follow(
             camera, size[0] / size[1], base=self.lit.haze_base, clock=clock, moving=moving
         )
-        units = self._bind(targets) | {"clock": clock} | self.surface.uniforms(camera.eye) | clouds
+        lift = LIFT * self._quality.tolerance * _pixel(camera, framebuffer.size[1])
+        units = (
+            self._bind(targets) | {"clock": clock, "lift": lift} | self.surface.uniforms(camera.eye) | clouds
+        )
         yield from self._clouds.draw(units, parts=parts)
         yield from self.shading.shade_scene(targets, camera.eye, units, parts=parts)
         built = units | (self.shading.material_uniforms(camera.eye) if self.built else {})
@@ -211,8 +214,7 @@ class Scenery:
         self._context.enable_only(moderngl.DEPTH_TEST)
         yield from self.forest.draw(camera, size, units, parts=parts)
         if self._water:
-            lift = WATER_LIFT * self._quality.tolerance * _pixel(camera, framebuffer.size[1])
-            yield from self._water.draw(camera, targets, units | {"lift": lift}, parts=parts)
+            yield from self._water.draw(camera, targets, units, parts=parts)
         self.shading.tonemap(targets, framebuffer, units, exposure=self._sky.exposure(camera.heading))
 
     def _set_frame(self, camera: Camera, targets: RenderTargets, distance: float) -> None:

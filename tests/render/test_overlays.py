@@ -18,6 +18,7 @@ from sketchterrain.render.overlays import FEATURE_COLOURS, OVERLAYS, Overlay, fe
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.targets import FrameBlock
 from sketchterrain.tiles.lod import ScreenError
+from tests.sample_roads import make_network
 
 from .conftest import Waves
 from .ground_model import TILE_BYTES
@@ -157,6 +158,22 @@ def test_lakes_have_shorelines(waves):
     ends, count = np.unique(np.round(np.concatenate([start, end]), 6), axis=0, return_counts=True)
     assert (count == 2).all()
     assert ends[:, 0].max() == pytest.approx(100.0 + 30.5 * 4.0)
+
+
+def test_axes_of_roads_outlines_of_pads_and_walls_are_lines_just_above_the_ground():
+    waves, network = Waves(rivers=False), make_network()
+    waves.features.network = network
+    start, end, colour = columns(feature_lines(waves))
+    for name in ("road", "path", "pad", "wall"):
+        own = (colour[:, :3] == FEATURE_COLOURS[name]).all(axis=1)
+        assert own.any(), name
+        if name == "pad":
+            assert set(start[own, 2].round(6).tolist()) == {each.level + 0.3 for each in network.pads}
+        if name == "wall":
+            assert start[own, 2] == pytest.approx(waves.heights(*start[own, :2].T) + 0.3, abs=1e-4)
+    stations = np.concatenate([road.axis for road in network.roads]) + np.array([0.0, 0.0, 0.3])
+    ends = {tuple(point) for point in np.concatenate([start, end]).round(6).tolist()}
+    assert {tuple(point) for point in stations.round(6).tolist()} <= ends
 
 
 def test_the_sea_has_a_coastline():

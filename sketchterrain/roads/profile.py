@@ -1,15 +1,18 @@
 """Longitudinal profiles of a network: heights within every limit of grade, equal where ways meet.
 
-Heights are whole numbers of `UNIT`, and so are the rises that pieces allow. No equations are solved: the
-bits are the same everywhere, and a change of the ground reaches no farther than its cone of slopes.
-
-1. Of all heights within the grade of every given one, U is the lowest upper, and L the greatest lower
-   envelope: U(i) = min over j of z(j) + g d(i, j), L(i) = max over j of z(j) - g d(i, j), with d along the
-   network. Both, and (U + L) / 2, keep the limit.
-2. Bounds at some stations have envelopes of their own; a median of functions that keep the limit keeps it.
-3. Structures are straight, and so are their ramps, as far as means reach.
-4. Means over ± h along a leg, twice, round the profile. They keep the limit where h itself changes by no
+1. Junctions: their ground, moved until no leg between two of them exceeds its grade, by sweeps that share
+   each excess between both ends; what is left of it by the mean of the envelopes of 3.
+2. Legs between them: the least squares of the distance from the ground within the limits, exactly, by dynamic
+   programming: f(i + 1, z) = w (z - ground)² + min of f(i, z') over |z' - z| <= g d. The derivative of f is
+   piecewise linear; each step moves its parts below and above the minimum apart by g d.
+3. Bounds at some stations hold along the network by envelopes: U(i) = min over j of u(j) + g d(i, j), and L
+   from below. A median of functions that keep the limit keeps it.
+4. Structures are straight, and so are their ramps, as far as means reach.
+5. Means over ± h along a leg, twice, round the profile. They keep the limit where h itself changes by no
    more than its distance; h is 0 at junctions.
+
+Only + - * / are used, and every leg is solved for itself: the bits are the same everywhere, and an edit
+changes a leg, and others as far as heights of junctions change.
 """
 
 # mypy: disable-error-code="untyped-decorator"
@@ -30,6 +33,8 @@ from sketchterrain.roads.network import Leg, Way
 UNIT: Final = 2.0**-16
 """Metres of a whole height."""
 _FREE: Final = 1 << 60
+_WALL: Final = 1e9  # slope of the derivative where there is no height
+_SWEEPS: Final = 200
 _SLACK = 0.9995  # of the grade: heights are rounded
 _LEAST_MEAN = 1e-3  # m
 _SMOOTH, _SMOOTH_RADII = (10.0, 40.0), 0.5  # m of the means, within this range by the least radius
@@ -44,7 +49,9 @@ class StationGraph:
     starts: Int64Array  # (nodes + 1,) of the neighbours of each node
     to: Int64Array
     weight: Int64Array  # greatest difference of height, units
+    piece_weight: Int64Array  # (n − 1,) the same of pieces
     reach: Float64Array  # (n,) m over which means are taken at most
+    limit: Float64Array  # (n − 1,) greatest slope of pieces; NaN between legs
 
 
 def station_graph(ways: Sequence[Way], legs: Sequence[Leg], line: Alignment) -> StationGraph:
@@ -59,12 +66,18 @@ def station_graph(ways: Sequence[Way], legs: Sequence[Leg], line: Alignment) -> 
     own = line.way >= 0
     grade = np.array([way.grade for way in ways])
     limit = np.where(own, grade[line.way], np.nan)
+    # Slopes at stations are means of those beside them: the piece before a stricter one keeps its limit.
+    strict = limit.copy()
+    strict[:-1] = np.fmin(strict[:-1], limit[1:])
+    strict[1:] = np.fmin(strict[1:], limit[:-1])
+    limit = np.where(own, strict, np.nan)
     weight = np.floor(np.where(own, limit * line.length, 0.0) * (_SLACK / UNIT)).astype(np.int64)
     a, b = node[:-1][own], node[1:][own]
     source, target, both = np.append(a, b), np.append(b, a), np.tile(weight[own], 2)
     order = np.argsort(source, kind="stable")
     starts = np.append(0, np.cumsum(np.bincount(source, minlength=len(used))))
-    return StationGraph(node, len(used), starts, target[order], both[order], _mean_reach(ways, line, limit))
+    reach = _mean_reach(ways, line, limit)
+    return StationGraph(node, len(used), starts, target[order], both[order], weight, reach, limit)
 
 
 def _mean_reach(ways: Sequence[Way], line: Alignment, limit: Float64Array) -> Float64Array:
@@ -89,7 +102,7 @@ class Profile:
 
     height: Float64Array  # (n,) m
     slope: Float64Array  # (n,)
-    violation: Float64Array  # (n,) m by which bounds contradict each other at a station's node
+    violation: Float64Array  # (n,) m by which bounds contradict each other at a station
 
 
 def solve_profile(
@@ -110,29 +123,151 @@ def solve_profile(
     straight : first and last stations between which it is straight
     lower, upper : (n,) bounds, m; infinite where there are none
     """
-    free = np.zeros(graph.count, np.bool_)
-    free[graph.node[is_free]] = True
-    free[graph.node[~is_free]] = False
-    wanted = _at_nodes(graph, ground)
-    high = _envelope(np.where(free, _FREE, wanted), graph)
-    low = -_envelope(np.where(free, _FREE, -wanted), graph)
-    bound_high = _envelope(_at_nodes(graph, upper, np.minimum, _FREE), graph)
-    bound_low = -_envelope(-_at_nodes(graph, lower, np.maximum, -_FREE), graph)
-    alone = high >= _FREE  # a network without ground, on structures as a whole
-    middle = np.where(alone, wanted, (high + low) >> 1)
+    height = _nearest_heights(graph, line, ground, is_free)
+    bound_high = _envelope(_at_nodes(graph, upper, np.minimum, _FREE), graph)[graph.node]
+    bound_low = -_envelope(-_at_nodes(graph, lower, np.maximum, -_FREE), graph)[graph.node]
     contrary = bound_low > bound_high
-    node_height = np.where(
-        contrary, (bound_low + bound_high) >> 1, np.clip(middle, bound_low, np.maximum(bound_low, bound_high))
-    )
-    height = node_height[graph.node] * UNIT
-    along = line.along
+    whole = np.clip(np.rint(height / UNIT).astype(np.int64), bound_low, np.maximum(bound_low, bound_high))
+    height = np.where(contrary, (bound_low + bound_high) >> 1, whole) * UNIT
     for first, last in straight:
-        share = (along[first : last + 1] - along[first]) / max(along[last] - along[first], 1e-9)
-        height[first : last + 1] = height[first] + share * (height[last] - height[first])
+        rise, size, limit = height[last] - height[first], line.length[first:last], graph.limit[first:last]
+        if abs(rise) > limit.min() * size.sum():  # stricter parts are less steep than others
+            size = limit * size
+        height[first + 1 : last + 1] = height[first] + rise * np.cumsum(size) / max(size.sum(), 1e-9)
     for _ in range(2):
-        height = _means(along, line.first, height, graph.reach)
-    violation = np.where(contrary, (bound_low - bound_high) * UNIT, 0.0)[graph.node]
+        height = _means(line.along, line.first, height, graph.reach)
+    violation = np.where(contrary, (bound_low - bound_high) * UNIT, 0.0)
     return Profile(*_parabolas(line, height), violation)
+
+
+def _nearest_heights(
+    graph: StationGraph, line: Alignment, ground: Float64Array, is_free: BoolArray
+) -> Float64Array:
+    """Return heights within the limits that are near to the ground, without bounds."""
+    ends = np.stack([graph.node[line.first[:-1]], graph.node[line.first[1:] - 1]], axis=1)
+    rise = np.append(0, np.cumsum(graph.piece_weight))
+    most = rise[line.first[1:] - 1] - rise[line.first[:-1]]
+    names, number = np.unique(ends, return_inverse=True)
+    ends = number.reshape(ends.shape)
+    source, target = ends.T.ravel(), ends[:, ::-1].T.ravel()
+    order = np.argsort(source, kind="stable")
+    starts = np.append(0, np.cumsum(np.bincount(source, minlength=len(names))))
+    to, weight = target[order], np.tile(most, 2)[order]
+    data, known = np.zeros(len(names)), np.zeros(len(names), np.bool_)
+    for station in (line.first[:-1], line.first[1:] - 1):
+        at = np.searchsorted(names, graph.node[station])
+        data[at] = ground[station]
+        known[at[~is_free[station]]] = True
+    whole = np.rint(data / UNIT).astype(np.int64)
+    wanted = _midst(np.where(known, whole, _FREE), np.where(known, -whole, _FREE), starts, to, weight)
+    wanted = np.where(known | (np.abs(wanted) >= _FREE >> 1), whole, wanted)
+    moved = np.rint(_shared(wanted * UNIT, starts, to, weight * UNIT) / UNIT).astype(np.int64)
+    junction = _midst(moved, -moved, starts, to, weight)
+    share = np.where(is_free, 0.0, _lengths_around(line))
+    return np.asarray(
+        _least_squares(line.first, ground, share, graph.piece_weight * UNIT, junction[ends] * UNIT)
+    )
+
+
+def _lengths_around(line: Alignment) -> Float64Array:
+    """Return half the length of the pieces on both sides of each station, m."""
+    half = 0.5 * line.length
+    return np.asarray(np.append(half, 0.0) + np.append(0.0, half))
+
+
+def _midst(
+    high: Int64Array, low: Int64Array, starts: Int64Array, to: Int64Array, weight: Int64Array
+) -> Int64Array:
+    """Return the mean of the upper envelope of `high` and the lower one of - `low`."""
+    upper, lower = _lower_envelope(high, starts, to, weight), -_lower_envelope(low, starts, to, weight)
+    return np.asarray((upper + lower) >> 1)
+
+
+@njit(cache=True)
+def _shared(height, starts, to, most):  # type: ignore[no-untyped-def]
+    """Return heights of junctions, moved in sweeps by their mean excess over the limits of their legs."""
+    before, after = height.copy(), height.copy()
+    for _ in range(_SWEEPS):
+        for i in range(len(height)):
+            total, count = 0.0, 0
+            for k in range(starts[i], starts[i + 1]):
+                apart = before[to[k]] - before[i]
+                excess = apart - most[k] if apart > most[k] else apart + most[k]
+                if abs(apart) > most[k]:
+                    total += excess
+                    count += 1
+            after[i] = before[i] + (0.5 * total / count if count else 0.0)
+        before, after = after, before
+    return before
+
+
+@njit(cache=True)
+def _least_squares(first, ground, share, most, ends):  # type: ignore[no-untyped-def]
+    """Return heights of the stations of legs with given ends: see 2. in the module's description.
+
+    Knots of the derivative are kept in two stacks, below and above the minimum, each with a common offset.
+    """
+    found = ground.copy()
+    count = 0
+    for leg in range(len(first) - 1):
+        count = max(count, first[leg + 1] - first[leg])
+    place, jump = np.empty((2, 2 * count + 4)), np.empty((2, 2 * count + 4))
+    best = np.empty(count)
+    for leg in range(len(first) - 1):
+        start, last = first[leg], first[leg + 1] - 1
+        size = np.array([1, 1])
+        offset = np.zeros(2)
+        place[0, 0] = place[1, 0] = ends[leg, 0]
+        jump[0, 0] = jump[1, 0] = _WALL
+        near = np.zeros(2)  # slope of the derivative just below and above the minimum
+        middle = ends[leg, 0]
+        best[0] = middle
+        for i in range(start + 1, last):
+            r = most[i - 1]
+            for side, sign in ((0, -1.0), (1, 1.0)):
+                offset[side] += sign * r
+                place[side, size[side]] = middle + sign * r - offset[side]
+                jump[side, size[side]] = near[side]
+                size[side] += 1
+            w = share[i]
+            low, high = middle - r, middle + r
+            if w <= 0.0:  # the flat part stays
+                near[0] = near[1] = 0.0
+            else:
+                aim = ground[i]
+                near[0] = near[1] = w
+                side = 1 if aim > high else 0
+                if low <= aim <= high:
+                    middle = aim
+                else:
+                    # From the flat part's end to where the derivative w (z - aim) + … is 0.
+                    other = 1 - side
+                    sign = 1.0 if side == 1 else -1.0
+                    at, value, slope = (high if side == 1 else low), 0.0, w
+                    value = sign * w * (at - aim)  # below 0
+                    while True:
+                        # The knot at `at` is the top of this side's stack: it goes to the other one.
+                        size[side] -= 1
+                        edge = jump[side, size[side]]
+                        place[other, size[other]] = at - offset[other]
+                        jump[other, size[other]] = -edge
+                        size[other] += 1
+                        slope += edge
+                        target = at - sign * value / slope
+                        if size[side] > 0:
+                            following = place[side, size[side] - 1] + offset[side]
+                            if sign * (target - following) > 0.0:
+                                value += slope * sign * (following - at)
+                                at = following
+                                continue
+                        middle = target
+                        break
+                    near[0] = near[1] = slope
+            best[i - start] = middle
+        found[start], found[last] = ends[leg, 0], ends[leg, 1]
+        for i in range(last - 1, start, -1):
+            found[i] = min(max(best[i - start], found[i + 1] - most[i]), found[i + 1] + most[i])
+    return found
 
 
 def _at_nodes(
@@ -213,6 +348,6 @@ def _parabolas(line: Alignment, height: Float64Array) -> tuple[Float64Array, Flo
     both = np.flatnonzero(own[:-1] & own[1:])  # pieces on both sides of station both + 1
     before, after = length[both], length[both + 1]
     change = rise[both + 1] - rise[both]
-    slope[both + 1] = rise[both] + change * before / (before + after)
+    slope[both + 1] = rise[both] + change * after / (before + after)
     result[both + 1] += change * before * after / (4.0 * (before + after))
     return result, slope

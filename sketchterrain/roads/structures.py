@@ -260,7 +260,7 @@ def _trimmed(
 
 
 def bends_told(ways: Sequence[Way], at: Sequence[tuple[int, float]]) -> list[str]:
-    """Return a finding about bends that are tighter than their ways' least radius: way and radius (m) each."""
+    """Return a finding about bends that are too tight: way and radius (m) each."""
     tight = [(radius / ways[way].radius, way, radius) for way, radius in at if radius < ways[way].radius]
     if not tight:
         return []

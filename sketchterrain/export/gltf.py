@@ -20,11 +20,12 @@ from sketchterrain.array_types import UInt8Array
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import EngineAxes
 from sketchterrain.export.mesh import (
+    WATER,
     GridMesh,
     mesh_normals,
     mesh_positions,
     mesh_texcoords,
-    object_meshes,
+    scene_objects,
     texture_stride,
 )
 from sketchterrain.export.sampled import SampleGrid
@@ -188,18 +189,32 @@ def add_ground(glb: GlbWriter, mesh: GridMesh, export: Export) -> None:
 
 
 def add_objects(glb: GlbWriter, export: Export) -> None:
-    """Add the waters, a node each."""
+    """Add the waters, roads and what is built, a node for each material of each."""
     grid = export.grid
-    material = None
-    for water in object_meshes(export.terrain.features, export.samples):
-        if material is None:
-            material = glb.material("water", alphaMode="BLEND", pbrMetallicRoughness=_WATER)
-        position = _centred_axes(grid).points(*water.position.T).astype(np.float32)
-        up = np.zeros_like(position)
-        up[:, 1] = 1.0
-        attributes = {"POSITION": glb.attribute(position, bounds=True), "NORMAL": glb.attribute(up)}
-        number = glb.mesh(water.name, attributes, indices=glb.indices(water.triangles), material=material)
-        glb.node(water.name, mesh=number, translation=grid_centre(grid).tolist())
+    axes, numbers = _centred_axes(grid), dict[str, int]()
+    for each in scene_objects(export):
+        if each.material not in numbers:
+            look = {"alphaMode": "BLEND", "pbrMetallicRoughness": _WATER}
+            if each.material != WATER:
+                colour = [*object_colour(each.material, export.terrain), 1.0]
+                look = {"pbrMetallicRoughness": {"baseColorFactor": colour, "metallicFactor": 0.0}}
+            numbers[each.material] = glb.material(each.material, **look)
+        attributes = {
+            "POSITION": glb.attribute(axes.points(*each.position.T).astype(np.float32), bounds=True),
+            "NORMAL": glb.attribute(axes.vectors(each.normal).astype(np.float32)),
+        }
+        indices, material = glb.indices(each.triangles), numbers[each.material]
+        number = glb.mesh(each.name, attributes, indices=indices, material=material)
+        glb.node(each.name, mesh=number, translation=grid_centre(grid).tolist())
+
+
+def object_colour(material: str, terrain: Terrain) -> list[float]:
+    """Return the linear mean albedo of a material of the ground or of what is built."""
+    from sketchterrain.look.built_meshes import BUILT
+
+    if material in BUILT:
+        return list(BUILT[material].colour)
+    return list(material_appearance(terrain).albedo[terrain.material_names.index(material)])
 
 
 def _centred_axes(grid: SampleGrid) -> EngineAxes:

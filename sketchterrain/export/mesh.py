@@ -1,4 +1,4 @@
-"""Terrain and water as triangles: all vertices of a grid, or an adaptive mesh with a measured error bound.
+"""Terrain as triangles: all vertices of a grid, or an adaptive mesh of measured error; objects on the terrain.
 
 Garland & Heckbert 1995, "Fast Polygonal Approximation of Terrains and Height Fields": the vertex with the
 largest error is inserted into a Delaunay triangulation until no error exceeds the bound. pydelatin works in
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,9 @@ from sketchterrain.export.engines import EngineAxes
 from sketchterrain.export.sampled import SampleGrid, TerrainSamples
 from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.terrain.surfaces import TerrainFeatures
+
+if TYPE_CHECKING:
+    from sketchterrain.terrain.terrain import Terrain
 
 MIN_ERROR: Final = 0.001  # m; about the precision of float32 for heights of kilometres
 
@@ -257,12 +260,42 @@ def _parts(mesh: GridMesh) -> Iterator[slice]:
         yield slice(first, first + _VERTICES_AT_ONCE)
 
 
-class ObjectMesh(NamedTuple):
-    """Surface of a thing on the terrain: of one river or lake, or the sea."""
+WATER: Final = "water"
+_UP: Final = np.array([0.0, 0.0, 1.0])
 
-    name: str  # "river 7", by its id
+
+class ObjectMesh(NamedTuple):
+    """What one river, lake, road, bridge or building has of a material, or the sea."""
+
+    name: str  # "river 7", "road 7 bridge", by its id
+    material: str  # `WATER`, or one of the ground or of `look.built_meshes`
     position: npt.NDArray[np.float64]  # (n, 3): x east, y north, z up, m
-    triangles: npt.NDArray[np.uint32]  # (k, 3), counter-clockwise from above
+    normal: npt.NDArray[np.float64]  # (n, 3) unit vectors
+    triangles: npt.NDArray[np.uint32]  # (k, 3), counter-clockwise from above or outside
+
+
+def scene_objects(export: Export) -> Iterator[ObjectMesh]:
+    """Return waters, then roads and what is built."""
+    yield from object_meshes(export.terrain.features, export.samples)
+    yield from built_meshes(export.terrain, export.grid)
+
+
+def built_meshes(terrain: Terrain, grid: SampleGrid) -> Iterator[ObjectMesh]:
+    """Return roads, bridges, tunnels, buildings and walls that reach into a rectangle."""
+    from sketchterrain.look.built_meshes import joined_parts
+    from sketchterrain.look.road_meshes import built_objects, road_surfaces
+
+    network, (west, south, east, north) = terrain.features.network, grid.bounds
+    for each in (*road_surfaces(network), *built_objects(network, terrain.features.rivers)):
+        ground = terrain.heights(*each.places.T) if len(each.places) else np.zeros(0)
+        for part in joined_parts(each.parts(ground.astype(np.float64))):
+            x, y, _ = part.position.T
+            inside = (x >= west) & (x <= east) & (y >= south) & (y <= north)
+            remaining = part.triangles[inside[part.triangles].any(axis=1)]
+            if len(remaining):
+                used, index = np.unique(remaining, return_inverse=True)
+                triangles = index.reshape(-1, 3).astype(np.uint32)
+                yield ObjectMesh(each.name, part.material, part.position[used], part.normal[used], triangles)
 
 
 def object_meshes(features: TerrainFeatures, samples: TerrainSamples) -> Iterator[ObjectMesh]:
@@ -286,4 +319,6 @@ def object_meshes(features: TerrainFeatures, samples: TerrainSamples) -> Iterato
         remaining = triangles[visible & inside[triangles].any(axis=1) & (area > 0.0)]
         if len(remaining):
             used, index = np.unique(remaining, return_inverse=True)
-            yield ObjectMesh(each.name, position[used], index.reshape(-1, 3).astype(np.uint32))
+            normal = np.broadcast_to(_UP, (len(used), 3))
+            triangles = index.reshape(-1, 3).astype(np.uint32)
+            yield ObjectMesh(each.name, WATER, position[used], normal, triangles)

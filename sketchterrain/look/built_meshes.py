@@ -22,6 +22,8 @@ class BuiltMaterial(NamedTuple):
     colour: tuple[float, float, float]  # mean albedo, linear
 
 
+MOUTH: Final = "mouth"
+"""Material of a tunnel's opening, through which a renderer shows its inside."""
 BUILT: Final = {
     "concrete": BuiltMaterial("asphalt", (0.40, 0.385, 0.36)),
     "stone": BuiltMaterial("rock", (0.27, 0.255, 0.235)),
@@ -30,6 +32,7 @@ BUILT: Final = {
     "hedge": BuiltMaterial("grass", (0.040, 0.062, 0.022)),
     "wood": BuiltMaterial("asphalt", (0.13, 0.075, 0.042)),
     "glass": BuiltMaterial("asphalt", (0.020, 0.024, 0.030)),
+    MOUTH: BuiltMaterial("asphalt", (0.002, 0.002, 0.002)),
 }
 """Materials beside those of the ground."""
 
@@ -104,6 +107,21 @@ def swept(
         np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3),
         track,
     )
+
+
+def joined_parts(parts: Sequence[BuiltPart]) -> list[BuiltPart]:
+    """Return one part a material."""
+    joined = []
+    for material in dict.fromkeys(part.material for part in parts):
+        own = [part for part in parts if part.material == material]
+        base = np.cumsum([0, *(len(part.position) for part in own)])
+        position, normal, uv = (np.concatenate([part[k] for part in own]) for k in (1, 2, 3))
+        tone = np.concatenate([part.tone for part in own])
+        triangles = [part.triangles + first for part, first in zip(own, base[:-1], strict=True)]
+        joined.append(
+            BuiltPart(material, position, normal, uv, tone, np.concatenate(triangles).astype(np.uint32))
+        )
+    return joined
 
 
 def _cross(a: Float64Array, b: Float64Array) -> Float64Array:

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.look.built_meshes import (
+    MOUTH,
     BuiltObject,
     BuiltPart,
     extruded,
@@ -278,10 +279,6 @@ def _tunnel(road: Road) -> BuiltObject:
     return BuiltObject(
         _name(road), road_content(road), np.zeros((0, 2)), lambda _: _tunnel_parts(road, points)
     )
-
-
-MOUTH: Final = "mouth"
-"""Material of a tunnel's opening, through which a renderer shows its inside."""
 
 
 def _tunnel_parts(road: Road, points: AxisPoints) -> list[BuiltPart]:

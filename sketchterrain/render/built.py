@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, Float64Array
-from sketchterrain.look.built_meshes import BUILT, BuiltPart
-from sketchterrain.look.road_meshes import MOUTH, built_objects, road_content
+from sketchterrain.look.built_meshes import BUILT, MOUTH, BuiltPart
+from sketchterrain.look.road_meshes import built_objects, road_content
 from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.render.road_strips import DEVIATION, Chunks, Strips, road_strips
 from sketchterrain.render.targets import bands

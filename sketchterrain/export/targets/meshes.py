@@ -17,8 +17,9 @@ import numpy.typing as npt
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import EngineAxes, write_plants_json
 from sketchterrain.export.files import format_rows, write_png
-from sketchterrain.export.gltf import bake_colour, material_appearance
+from sketchterrain.export.gltf import bake_colour, material_appearance, object_colour
 from sketchterrain.export.mesh import (
+    WATER,
     GridMesh,
     check_mesh_error,
     export_mesh,
@@ -26,7 +27,7 @@ from sketchterrain.export.mesh import (
     mesh_normals,
     mesh_positions,
     mesh_texcoords,
-    object_meshes,
+    scene_objects,
     texture_stride,
 )
 from sketchterrain.export.rasters import write_normals_and_weights
@@ -190,18 +191,27 @@ def _write_obj(export: Export) -> ExportOutput:
                 mesh.triangles,
             )
         )
-        for water in object_meshes(export.terrain.features, export.samples):
-            up = np.broadcast_to(np.array([0.0, 1.0, 0.0], np.float32), water.position.shape)
-            position = _Y_UP.points(*water.position.T).astype(np.float64)
-            add(ObjObject(water.name, "water", position, up, None, water.triangles))
-    files[path] = "ground and water, m: x east, y up, z south"
+        materials: dict[str, dict[str, str]] = {}
+        for each in scene_objects(export):
+            if each.material not in materials:
+                colour = "" if each.material == WATER else _rgb(object_colour(each.material, export.terrain))
+                materials[each.material] = {"Kd": colour, "illum": "1"} if colour else _WATER
+            position = _Y_UP.points(*each.position.T).astype(np.float64)
+            normal = _Y_UP.vectors(each.normal).astype(np.float32)
+            add(ObjObject(each.name, each.material, position, normal, None, each.triangles))
+    files[path] = "ground, water, roads and buildings, m: x east, y up, z south"
     ground = {"Kd": "1 1 1", "Ks": "0 0 0", "illum": "1", "map_Kd": f"{name}_colour.png"}
-    files[write_mtl(folder / f"{name}.mtl", {"ground": ground, "water": _WATER})] = "materials of the OBJ"
+    files[write_mtl(folder / f"{name}.mtl", {"ground": ground} | materials)] = "materials of the OBJ"
     files[write_png(folder / f"{name}_colour.png", colours)] = "the ground's colours, sRGB"
     files |= _write_common(export, _Y_UP)
     facts = {"axes": _Y_UP.metadata, "mesh": mesh_metadata(export, result)}
     facts["heights"] = {"numbers": f"text, {HEIGHT_DECIMALS} decimals"}
     return ExportOutput(files, {"up": "Y", "forward": "-Z", "scale": 1.0, "unit": "1 m"}, facts)
+
+
+def _rgb(colour: list[float]) -> str:
+    """Return a linear colour as an OBJ's sRGB."""
+    return " ".join(f"{value ** (1.0 / 2.2):.3f}" for value in colour)
 
 
 def _write_stl(export: Export) -> ExportOutput:

@@ -1,4 +1,4 @@
-"""Terrain as triangles: all vertices of a grid, or an adaptive mesh of measured error; objects on the terrain.
+"""Terrain as triangles: all vertices of a grid, or an adaptive mesh of measured error; objects on it.
 
 Garland & Heckbert 1995, "Fast Polygonal Approximation of Terrains and Height Fields": the vertex with the
 largest error is inserted into a Delaunay triangulation until no error exceeds the bound. pydelatin works in

@@ -44,8 +44,6 @@ _ROOM: Final = {"road": 5.2, "railway": 6.2, "path": 2.6}  # m, clear height of 
 _DARK: Final = 30.0  # m of a tunnel that are seen
 _GLOOM: Final = 7.0  # m over which light falls to 1/e in it
 _BEFORE: Final = 1.0  # m that a portal stands before the tunnel's end
-_VERGE: Final = 1.5  # m from the shoulder to trees
-_CORNER: Final = 15.0  # m from junctions without trees
 
 
 def built_objects(network: RoadNetwork, rivers: Sequence[River] = ()) -> list[BuiltObject]:
@@ -168,26 +166,10 @@ def _resampled(line: Float64Array, step: float) -> Float64Array:
     return np.column_stack([np.interp(at, along, axis) for axis in line.T])
 
 
-def _points_at(points: AxisPoints, along: Float64Array) -> AxisPoints:
-    """Return points at distances along an axis, beyond its ends on their tangents."""
-
-    def at(values: Float64Array) -> Float64Array:
-        columns = values.reshape(len(values), -1).T
-        return np.column_stack([np.interp(along, points.along, each) for each in columns]).reshape(
-            len(along), *values.shape[1:]
-        )
-
-    result = AxisPoints(*(at(values) for values in points))
-    beyond = along - np.clip(along, points.along[0], points.along[-1])
-    ahead = np.column_stack([result.left[:, 1], -result.left[:, 0]])
-    result.position[:, :2] += ahead * beyond[:, None]
-    return result._replace(along=along)
-
-
 def _bridge(road: Road, obstacles: _Obstacles) -> BuiltObject:
     points = axis_points(road, CHORD)
     count = max(round((points.along[-1] - points.along[0]) / _STEP), 2)
-    sampled = _points_at(points, np.linspace(points.along[0], points.along[-1], count + 1))
+    sampled = points.at_distances(np.linspace(points.along[0], points.along[-1], count + 1))
     blocked = obstacles.blocked(road, sampled.position)
     return BuiltObject(
         _name(road),
@@ -209,6 +191,13 @@ def _bridge_parts(
     depth = float(np.clip(np.diff(stops).max() / ratio, thinnest, thickest))
     slab = min(_SLAB, depth)
     rail, thick = _PARAPET[road.layer]
+    # Ends at a junction that is in the air: parapets stop before it, and a pier replaces the abutment.
+    joints = [ways > 2 and height[end] > depth + 2.0 for ways, end in zip(road.ends, (0, -1), strict=True)]
+    room = 1.3 * float(points.half_width.max() + points.shoulder.max()) + 2.0
+    stops_at = [points.along[0] + room * joints[0], points.along[-1] - room * joints[1]]
+    extra = [stops_at[0] - 0.01, *stops_at, stops_at[1] + 0.01]
+    points = points.at_distances(np.unique(np.clip([*points.along, *extra], *points.along[[0, -1]])))
+    rail = rail * ((points.along >= stops_at[0]) & (points.along <= stops_at[1]))
     half, whole = points.half_width, points.half_width + points.shoulder
     outer, girder = whole + thick, 0.62 * whole
     edges = [points.beside(offset) for offset in (whole, half, -half, -whole)]
@@ -227,9 +216,12 @@ def _bridge_parts(
         (whole, 0.0),
     )
     up = np.array([0.0, 0.0, 1.0])
-    lines = [points.beside(offset) + z * up for offset, z in section]
+    lines = [points.beside(offset) + np.outer(np.zeros(len(half)) + z, up) for offset, z in section]
     parts = [*_carriageway(road, points, edges, "concrete"), swept("concrete", lines, points.along)]
     for end, outward in ((0, -1.0), (-1, 1.0)):
+        if joints[end]:
+            piers = np.append(piers, end % len(ground))
+            continue
         at = sampled.position[end]
         ahead = outward * np.array([sampled.left[end, 1], -sampled.left[end, 0]])
         wide = 2.0 * float(outer[end])
@@ -240,7 +232,7 @@ def _bridge_parts(
         for side in (-1.0, 1.0):
             middle = at[:2] + ahead * 0.5 * wing + side * (0.5 * wide - 0.5 * thick) * sampled.left[end]
             shape = rectangle(middle, ahead, wing, thick)
-            parts += extruded("concrete", shape, min(foot, at[2] - depth - 1.0), at[2] + rail)
+            parts += extruded("concrete", shape, min(foot, at[2] - depth - 1.0), at[2] + float(rail.max()))
     for pier in piers:
         below = sampled.position[pier, 2] - depth
         if below - ground[pier] < 0.8:
@@ -266,7 +258,7 @@ def _pier_places(length: float, span: float, blocked: Float64Array) -> np.ndarra
     spans = max(round(length / span), 1)
     places = []
     for wished in np.arange(1, spans) * last / spans:
-        cost = np.abs(np.arange(last + 1) - wished) + 0.4 * last / spans * (blocked == 1.0)
+        cost = np.abs(np.arange(last + 1) - wished) + 0.6 * last / spans * (blocked == 1.0)
         cost[(blocked == 2.0) | (np.arange(last + 1) < 2) | (np.arange(last + 1) > last - 2)] = np.inf
         best = int(np.argmin(cost))
         if cost[best] < 0.7 * last / spans:
@@ -289,9 +281,9 @@ def _tunnel_parts(road: Road, points: AxisPoints) -> list[BuiltPart]:
         deep = end - start + _BEFORE if is_short else _DARK
         inside = np.linspace(-_BEFORE, deep, max(round(deep / 2.0), 2) + 1)
         if is_short and inward < 0.0:
-            parts += _portal(road, _points_at(points, np.array([first + _BEFORE, first])), inward)
+            parts += _portal(road, points.at_distances(np.array([first + _BEFORE, first])), inward)
             continue
-        tube = _points_at(points, first + inward * inside)
+        tube = points.at_distances(first + inward * inside)
         away = np.minimum(inside, end - start - inside) if is_short else inside
         tone = 0.6 * np.exp(-np.maximum(away, 0.0) / _GLOOM)
         arch = _arch(road, tube, inward)
@@ -313,7 +305,7 @@ def _tunnel_parts(road: Road, points: AxisPoints) -> list[BuiltPart]:
                 for k in range(len(arch) // 2)
             ]
             parts.append(flat_quads("concrete", back, tone=0.0))
-        parts += _portal(road, _points_at(points, np.array([first - inward * _BEFORE, first])), inward)
+        parts += _portal(road, points.at_distances(np.array([first - inward * _BEFORE, first])), inward)
     return parts
 
 
@@ -371,21 +363,3 @@ def _portal(road: Road, points: AxisPoints, inward: float) -> list[BuiltPart]:
         flat_quads(material, underside),
         flat_quads(MOUTH, mouth),
     ]
-
-
-def trees_along(network: RoadNetwork) -> Float64Array:
-    """Return the positions (n, 2; m) of trees on both sides of roads that ask for them."""
-    rows = []
-    for road in network.roads:
-        if road.structure != GROUND or road.trees <= 0.0:
-            continue
-        points = axis_points(road, 0.1)
-        first, last = (
-            end + sign * (_CORNER if ways > 2 else 0.0)
-            for end, sign, ways in zip(points.along[[0, -1]], (1.0, -1.0), road.ends, strict=True)
-        )
-        along = np.arange(np.ceil(first / road.trees), np.floor(last / road.trees) + 1.0) * road.trees
-        at = _points_at(points, along)
-        out = at.half_width + at.shoulder + _VERGE
-        rows += [at.beside(sign * out)[:, :2] for sign in (1.0, -1.0)]
-    return np.concatenate([np.zeros((0, 2)), *rows])

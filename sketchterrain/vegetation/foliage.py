@@ -19,6 +19,7 @@ from sketchterrain.array_types import (
 )
 from sketchterrain.errors import InputError
 from sketchterrain.placement.hashing import hash_keys
+from sketchterrain.roads.built_ground import BuiltGround, trees_along
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.vegetation.graded_poisson import GradedPoisson, run_to_completion
 from sketchterrain.vegetation.plants import (
@@ -69,6 +70,9 @@ LEVELS: Final = 3
 
 _SQUARES: Final = {"woody": 2048.0, "grass": 256.0}
 """Approximate side (m) of the squares by which plants are sorted."""
+_VERGES: Final = {"woody": 3.0, "grass": 0.1}
+"""Distance (m) that plants keep from carriageways."""
+_AVENUE_SCALE = 0.8  # of trees along roads
 _AT_ONCE = 1 << 12  # plants evaluated in a step
 _PACE = 8  # times as much is done in a step of pieces, between which nobody waits
 _SAMPLES = 16  # blocks along a side that an estimate reads
@@ -152,11 +156,16 @@ class Storey:
             seed=int(hash_keys(recipe.seed, f"plants {name}")),
         )
         self._square = power_of_two_step(_SQUARES[name], recipe.extent)
+        self._built = BuiltGround(recipe.network)
+        self._verge = _VERGES[name]
+        trees = trees_along(recipe.network) if name == "woody" else np.zeros((0, 2))
+        self._planted = to_lattice(trees, recipe.extent)
 
     def bound(self, area: Area) -> int:
         """Return the greatest possible number of plants in an area (lattice units)."""
         thickest = GREATEST_DENSITY / self._rule.least**2
-        return math.ceil(_lattice_units(area) * thickest + _border_surplus(area, thickest))
+        planted = len(self._planted_in(area))
+        return math.ceil(_lattice_units(area) * thickest + _border_surplus(area, thickest)) + planted
 
     def estimate(self, area: Area) -> int:
         """Return an estimate, rarely exceeded, of the number of plants in an area (lattice units)."""
@@ -170,7 +179,7 @@ class Storey:
             each = np.array([self._density(block) for block in blocks])
             density = float(each.mean() + _ERRORS * each.std() / math.sqrt(each.size))
         most = _MARGIN * _lattice_units(area) * density + _border_surplus(area, density)
-        return min(math.ceil(most), self.bound(area))
+        return min(math.ceil(most) + len(self._planted_in(area)), self.bound(area))
 
     def _density(self, spacing: Float32Array) -> float:
         """Return the mean density of plants over a raster, per lattice unit squared."""
@@ -213,22 +222,50 @@ class Storey:
         for start in range(0, len(points), pace * _AT_ONCE):
             yield
             plants.append(self._grown(points[start : start + pace * _AT_ONCE]))
-        return np.concatenate(plants) if plants else np.zeros(0, PLANT)
+        found = np.concatenate(plants) if plants else np.zeros(0, PLANT)
+        planted = self._planted_in(area)
+        return self._with_planted(found, planted) if len(planted) else found
+
+    def _planted_in(self, area: Area) -> LatticeArray:
+        """Return the places of trees along roads in an area (lattice units)."""
+        west, south, east, north = area
+        x, y = self._planted.T
+        return np.asarray(self._planted[(x >= west) & (x < east) & (y >= south) & (y < north)])
+
+    def _with_planted(self, plants: StructuredArray, places: LatticeArray) -> StructuredArray:
+        """Return plants with trees along roads, after the others of their square."""
+        sites = PlantSites.evaluate(self._evaluator, places[:, 0].copy(), places[:, 1].copy())
+        trees = self._records(sites)
+        above = sites.z > self._evaluator.recipe.climate["tree_line"]
+        trees["species"], trees["level"] = SPECIES.index("oak"), LEVELS
+        trees["scale"] = _AVENUE_SCALE * (0.9 + 0.2 * self._noise.draw("avenue", sites.x, sites.y))
+        every = np.concatenate([plants, trees[~above]])
+        column, row = (np.floor(every[axis] / (self._square * self._unit)) for axis in ("x", "y"))
+        return np.asarray(every[np.lexsort((column, row))])
+
+    def _records(self, sites: PlantSites) -> StructuredArray:
+        """Return plants at sites, without species and scale."""
+        plants = np.zeros(len(sites.x), PLANT)
+        if not len(plants):
+            return plants
+        plants["x"], plants["y"], plants["z"] = sites.x * self._unit, sites.y * self._unit, sites.z
+        plants["normal"] = sites.normal
+        plants["rotation"] = 2 * np.pi * self._noise.draw("rotation", sites.x, sites.y)
+        plants["tint"] = self._noise.draw("tint", sites.x, sites.y)
+        return plants
 
     def _grown(self, points: npt.NDArray[Any]) -> StructuredArray:
         """Return the plants at points, except where they cannot grow."""
         places = (np.ascontiguousarray(points[axis]) for axis in ("x", "y"))
         sites = PlantSites.evaluate(self._evaluator, *places)
         surviving = self._rule.survives(sites)
+        at = np.stack([sites.x, sites.y], axis=1) * self._unit
+        surviving &= ~self._built.is_near(at, self._verge)
         points, sites = points[surviving], sites.subset(surviving)
-        plants = np.zeros(len(points), PLANT)
-        if not len(points):
-            return plants
-        plants["x"], plants["y"], plants["z"] = sites.x * self._unit, sites.y * self._unit, sites.z
-        plants["normal"], plants["level"] = sites.normal, points["level"]
-        plants["rotation"] = 2 * np.pi * self._noise.draw("rotation", sites.x, sites.y)
-        plants["tint"] = self._noise.draw("tint", sites.x, sites.y)
-        self._rule.assign_species(plants, sites, points["spacing"] * self._unit)
+        plants = self._records(sites)
+        plants["level"] = points["level"]
+        if len(points):
+            self._rule.assign_species(plants, sites, points["spacing"] * self._unit)
         return plants
 
 

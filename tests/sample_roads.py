@@ -4,7 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import id_of_vector
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
+from sketchterrain.roads.build import road_network
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Pad, Road, RoadNetwork, Wall, Works
 
 WORKS = Works(cut=1.0, fill=0.67, surface="asphalt")
@@ -113,3 +117,69 @@ def make_network():
         walls,
         ("road 1: grade of 12 % at (300, 100), over its limit of 10 %",),
     )
+
+
+def sketch_with(*features, extent=1024.0, **given):
+    """Return a sketch with features: layer, vertices (m), and properties of its own, `id` among them, each."""
+    added = {}
+    for layer, points, *own in features:
+        kind, own = AREA if layer == "pad" else LINE, dict(*own)
+        number = own.pop("id", 0)
+        feature = VectorFeature(kind, (np.asarray(points, np.float64),), 1, own, number)
+        added.setdefault(layer, []).append(feature)
+    vectors = {name: VectorLayer(name).edited(add=each) for name, each in added.items()}
+    return Sketch(extent=extent, layers={"hill": np.zeros((16, 16), np.uint8)}, vectors=vectors, **given)
+
+
+def hills(x, y):
+    """Return the height of ground with slopes of up to 60 %."""
+    return 40.0 * np.sin(x / 90.0) * np.cos(y / 120.0) + 15.0 * np.sin((x + y) / 37.0) + 0.02 * x
+
+
+def no_water(x, y):
+    """Return that there is none."""
+    del y
+    return np.full(len(x), np.nan)
+
+
+def network_on(sketch, ground=hills, water=no_water):
+    """Return the roads, pads and walls of a sketch on a ground."""
+    return road_network(sketch, ground, water, LRUCache(), sketch)
+
+
+def contents(network):
+    """Return all values of a network, to compare bits."""
+    return [
+        [each.tobytes() if isinstance(each, np.ndarray) else each for each in vars(item).values()]
+        for item in (*network.roads, *network.pads, *network.walls)
+    ] + [network.findings]
+
+
+def hairpins(x, y, *, legs=5, length=60.0, apart=7.0):
+    """Return the vertices of a road that turns back several times."""
+    rows = [[(x, y + apart * leg), (x + length, y + apart * leg)] for leg in range(legs)]
+    return [at for leg, row in enumerate(rows) for at in row[:: -1 if leg % 2 else 1]]
+
+
+def ring(x, y, radius, count=12):
+    """Return the vertices of a polygon, counter-clockwise."""
+    angle = 2.0 * np.pi * np.arange(count) / count
+    return np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
+
+
+SCENE = (
+    ("road", [(1000, 1000), (1200, 1050), (1400, 980), (1700, 1100), (2000, 1000)], {"id": 1, "smooth": 1}),
+    ("road", hairpins(1500, 1300), {"id": 2, "structure": "ground"}),
+    ("road", [(1400, 980), (1450, 1150), (1500, 1300)], {"id": 3}),
+    ("railway", [(900, 800), (1500, 900), (2100, 1250)], {"id": 4, "superelevation": 0.08, "radius": 900.0}),
+    ("path", [(1200, 1050), (1180, 1100), (1250, 1160), (1230, 1220)], {"id": 5, "smooth": 1}),
+    ("road", [(1700, 900), (1700, 1400)], {"id": 6, "level": 1}),
+    ("road", [(1600, 1100), (1800, 1100)], {"id": 7, "structure": "bridge", "level": 2}),
+    ("road", [(2000, 1000), (2400, 1100), (2800, 1100)], {"id": 8, "grade": 0.04}),
+    ("road", [*ring(1300, 1200, 6.0).tolist(), (1306, 1200)], {"id": 9}),
+    ("pad", [(1210, 1060), (1230, 1060), (1230, 1075), (1210, 1075)], {"id": 10, "building": 5.0}),
+    ("pad", [(1225, 1070), (1245, 1072), (1240, 1090)], {"id": 11}),
+    ("pad", [(1475, 1005), (1495, 1005), (1495, 1020), (1475, 1020)], {"id": 12, "surface": "asphalt"}),
+    ("wall", [(1100, 1100), (1150, 1100)], {"id": 13}),
+)
+"""Features within 4096 m: all structures on steep ground, bends under the width, pads on each other."""

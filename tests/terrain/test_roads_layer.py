@@ -1,0 +1,208 @@
+"""Roads and pads as layers: kernels against NumPy, exact zero beyond, tiles, bounds, updates."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sketchterrain.caching import LRUCache
+from sketchterrain.roads.road_shapes import axis_points
+from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL
+from sketchterrain.terrain.building import with_roads
+from sketchterrain.terrain.evaluator import Evaluator
+from sketchterrain.terrain.host_heights import host_samples
+from sketchterrain.terrain.layers.layer import MASKS
+from sketchterrain.terrain.layers.pads import PadsLayer
+from sketchterrain.terrain.layers.roads import RoadsLayer
+from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.terrain import Terrain
+from tests.sample_roads import SCENE, contents, sketch_with
+
+from .conftest import assert_same, tiers
+
+EXTENT, UNIT = 4096.0, 4096.0 / 2**24
+CELLS = (0.0, 1.0, 2.5, 4.0, 6.0, 16.0)
+"""Of which 2.5 and 4 m show carriageways of 6 m in part."""
+
+
+@pytest.fixture(scope="module")
+def bare(make_recipe) -> TerrainRecipe:
+    return make_recipe(ground={"relief": 120.0})
+
+
+def built(bare: TerrainRecipe, *features) -> TerrainRecipe:
+    return with_roads(sketch_with(*features, extent=EXTENT), bare, LRUCache())
+
+
+@pytest.fixture(scope="module")
+def recipe(bare) -> TerrainRecipe:
+    return built(bare, *SCENE)
+
+
+def places(recipe: TerrainRecipe, count: int = 6000, wide: float = 12.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return lattice positions around the axes of roads and the corners of pads."""
+    network, rng = recipe.network, np.random.default_rng(7)
+    axes = [axis_points(road, 0.5).position[:, :2] for road in network.roads]
+    points = np.concatenate(axes + [pad.outline for pad in network.pads])
+    at = points[rng.integers(len(points), size=count)] + rng.normal(0.0, wide, (count, 2))
+    x, y = np.rint(at / UNIT).astype(np.int64).T
+    return x, y
+
+
+def test_the_scene_has_every_structure(recipe) -> None:
+    lengths = np.bincount(
+        [road.structure for road in recipe.network.roads],
+        [r.along[-1] - r.along[0] for r in recipe.network.roads],
+    )
+    assert lengths[[GROUND, BRIDGE, TUNNEL]].min() > 500.0
+
+
+def test_kernels_agree_with_numpy_float64(recipe, context, double_context) -> None:
+    x, y = places(recipe)
+    for cell in CELLS:
+        expected = host_samples(recipe, x, y, cell_size=cell)
+        for opened, metres, share in ((context, 3e-4, 1e-5), (double_context, 1e-5, 1e-6)):
+            height, masks = Evaluator(recipe, opened).points(x, y, cell_size=cell)
+            assert np.abs(height - expected.height).max() < metres, cell
+            for number, mask in enumerate(MASKS):
+                assert np.abs(masks[:, number] - getattr(expected, mask)).max() < share, (cell, mask)
+
+
+def distance_to_ground(recipe: TerrainRecipe, x, y) -> np.ndarray:
+    """Return distances (m) beyond the reach of roads on the ground and of pads, 0 within."""
+    at = np.stack([x, y], axis=1) * UNIT
+    beyond = np.full(len(at), np.inf)
+    for road in recipe.network.roads:
+        if road.structure == GROUND:
+            line = axis_points(road, 0.01).position[:, :2]
+            away = _to_polyline(at, line)
+            beyond = np.minimum(beyond, away - road.reach.max())
+    for pad in recipe.network.pads:
+        loop = np.concatenate([pad.outline, pad.outline[:1]])
+        inside = (at > pad.outline.min(axis=0)).all(axis=1) & (at < pad.outline.max(axis=0)).all(axis=1)
+        beyond = np.minimum(beyond, np.where(inside, 0.0, _to_polyline(at, loop) - pad.reach))
+    return beyond
+
+
+def _to_polyline(at: np.ndarray, line: np.ndarray) -> np.ndarray:
+    from shapely import LineString, distance, points
+
+    return distance(points(at), LineString(line))
+
+
+def test_ground_is_bit_equal_where_no_road_reaches(recipe, bare, context) -> None:
+    """Also under bridges and over tunnels."""
+    x, y = places(recipe, 12000, wide=60.0)
+    beyond = distance_to_ground(recipe, x, y) > 0.1
+    assert 0.2 < beyond.mean() < 0.8
+    for cell in CELLS:
+        one, two = (Evaluator(each, context).points(x, y, cell_size=cell)[0] for each in (recipe, bare))
+        assert np.array_equal(one[beyond], two[beyond]), cell
+    one, two = (Evaluator(each, context).points(x, y, cell_size=0.0)[0] for each in (recipe, bare))
+    assert (one != two).mean() > 0.1
+
+
+LEVEL = 6
+SIDE = (1 << 24) >> LEVEL
+KEYS = [(column, row) for column in range(14, 45) for row in range(11, 24)]
+
+
+def test_tiles_meet_and_equal_points_whatever_the_launch(recipe, context) -> None:
+    surface, bounds = Evaluator(recipe, context).tiles(KEYS, LEVEL)
+    number = {key: index for index, key in enumerate(KEYS)}
+    for (column, row), index in number.items():
+        east, north = number.get((column + 1, row)), number.get((column, row + 1))
+        for name in ("height", "normal", "materials"):
+            values = getattr(surface, name)
+            if east is not None:
+                assert np.array_equal(values[index][:, -1], values[east][:, 0])
+            if north is not None:
+                assert np.array_equal(values[index][0], values[north][-1])
+    few = Evaluator(recipe, context)
+    for start in range(0, len(KEYS), 13):
+        part, own = few.tiles(KEYS[start : start + 13][::-1], LEVEL)
+        assert np.array_equal(part.ground[::-1], surface.ground[start : start + 13])
+        assert np.array_equal(own[::-1], bounds[start : start + 13])
+    step = np.arange(65) * (SIDE >> 6)
+    for key in KEYS[::29]:
+        x, y = (each.ravel() for each in np.meshgrid(key[0] * SIDE + step, key[1] * SIDE + step[::-1]))
+        height, _ = few.points(x, y, cell_size=EXTENT / (64 << LEVEL))
+        assert np.array_equal(height, surface.height[number[key]].ravel())
+
+
+@pytest.mark.parametrize("level", [3, 4, 5, 6])
+def test_bounds_hold_of_what_a_cell_size_omits(recipe, context, level) -> None:
+    shift = LEVEL - level
+    keys = sorted({(column >> shift, row >> shift) for column, row in KEYS})
+    evaluator, side = Evaluator(recipe, context), (1 << 24) >> level
+    surface, bounds = evaluator.tiles(keys, level)
+    step = np.arange(65) * (side >> 6)
+    for (column, row), own, bound in zip(keys, surface.height, bounds, strict=True):
+        x, y = (each.ravel() for each in np.meshgrid(column * side + step, row * side + step[::-1]))
+        full, _ = evaluator.points(x, y, cell_size=0.0)
+        assert np.abs(own.ravel() - full).max() <= bound + 1e-3, (column, row)
+
+
+def edited(rng: np.random.Generator, scene: list[tuple], number: int) -> list[tuple]:
+    """Return features with one of them moved, removed, added or given another property."""
+    scene, place = list(scene), int(rng.integers(len(scene)))
+    layer, points, own = scene[place]
+    points = np.array(points, np.float64)
+    kind = ("vertex", "end", "whole", "property", "remove", "add")[number % 6]
+    if kind == "vertex":
+        points[rng.integers(len(points))] += rng.normal(0.0, 3.0, 2)
+    elif kind == "end":
+        points[-1] += rng.normal(0.0, 30.0, 2) * (layer != "pad")
+    elif kind == "whole":
+        points += rng.normal(0.0, 30.0, 2)
+    elif kind == "property":
+        own = (
+            own
+            | {"cut": float(rng.uniform(0.3, 2.0)), "height": 1.0}
+            | ({"grade": 0.07} if layer == "road" else {})
+        )
+    elif kind == "remove" and len(scene) > 8:
+        return [*scene[:place], *scene[place + 1 :]]
+    else:
+        return [
+            *scene,
+            ("road", [(1100, 1000 + 9 * number), (1900, 900 + 11 * number)], {"id": 100 + number}),
+        ]
+    scene[place] = (layer, points, own)
+    return scene
+
+
+@tiers("first", [0], [1, 2, 3])
+def test_updates_equal_new_terrains_and_change_their_areas_only(bare, context, first) -> None:
+    rng, memory, scene = np.random.default_rng(first), LRUCache(), [*SCENE]
+    old = Terrain(
+        sketch_with(*scene, extent=EXTENT),
+        with_roads(sketch_with(*scene, extent=EXTENT), bare, memory),
+        context,
+    )
+    x, y = places(old.recipe, 4000, wide=20.0)
+    keys = [(LEVEL, *key) for key in KEYS[::7]]
+    old.tiles(keys)  # fills its caches
+    for number in range(12):
+        scene = edited(rng, scene, number)
+        sketch = sketch_with(*scene, extent=EXTENT)
+        fresh = Terrain(sketch, built(bare, *scene), context)
+        updated = with_roads(sketch, bare, memory)
+        assert contents(updated.network) == contents(fresh.recipe.network), number
+        new, areas = old.updated(sketch, updated)
+        for cell in (0.0, 4.0):
+            found, expected, before = (
+                each.evaluator.points(x, y, cell_size=cell) for each in (new, fresh, old)
+            )
+            for a, b, c in zip(found, expected, before, strict=True):
+                assert np.array_equal(a, b), number
+                changed = (a != c).reshape(len(x), -1).any(axis=1)
+                inside = np.zeros(len(x), np.bool_)
+                for west, south, east, north in areas:
+                    inside |= (
+                        (x * UNIT >= west) & (x * UNIT <= east) & (y * UNIT >= south) & (y * UNIT <= north)
+                    )
+                assert not (changed & ~inside).any(), number
+        for one, two in zip(new.tiles(keys), fresh.tiles(keys), strict=True):
+            assert_same(one, two, parents=True)
+        old = new

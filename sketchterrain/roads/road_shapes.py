@@ -26,6 +26,20 @@ class AxisPoints(NamedTuple):
         rise = np.where(offset > 0.0, self.crossfall[:, 0], self.crossfall[:, 1]) * np.abs(offset)
         return np.asarray(self.position + np.column_stack([self.left * offset[:, None], rise]))
 
+    def at_distances(self, along: Float64Array) -> AxisPoints:
+        """Return points at distances (m) as `along`, beyond the ends on their tangents."""
+
+        def at(values: Float64Array) -> Float64Array:
+            columns = values.reshape(len(values), -1).T
+            found = np.column_stack([np.interp(along, self.along, each) for each in columns])
+            return found.reshape(len(along), *values.shape[1:])
+
+        result = AxisPoints(*(at(values) for values in self))
+        beyond = along - np.clip(along, self.along[0], self.along[-1])
+        ahead = np.column_stack([result.left[:, 1], -result.left[:, 0]])
+        result.position[:, :2] += ahead * beyond[:, None]
+        return result._replace(along=along)
+
 
 def axis_points(road: Road, tolerance: float) -> AxisPoints:
     """Return the stations of a road and points between them.

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import shapely
 from scipy import ndimage
 
 from sketchterrain.array_types import BoolArray, Float64Array
@@ -30,7 +31,7 @@ from sketchterrain.elevation.offsets import corrections, measure_offsets
 from sketchterrain.elevation.raster_reader import SUFFIXES
 from sketchterrain.elevation.waters import flat_waters, water_findings
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.importing.vector_files import metric_crs_at, to_longitude_latitude
+from sketchterrain.importing.vector_files import metric_crs_at, reproject, to_longitude_latitude
 from sketchterrain.io.crs import crs_text, parse_crs, parse_metric_crs
 
 _MAX_SIDE: Final = 2048  # px of the sketch, of which each is a step of the data where that is allowed
@@ -46,12 +47,14 @@ def sketch_on_elevation(
     origin: tuple[float, float] | None = None,
     extent: float | None = None,
     vertical: str = "",
+    degrees: tuple[float, float, float, float] | None = None,
 ) -> tuple[Sketch, BaseElevation]:
     """Return an empty sketch on elevation rasters, and their base in its CRS, not from its corner.
 
     By default its CRS is that of the first raster, or its UTM zone, and it is the largest rectangle in which
-    the data have their whole weight; `extent` (m) is the longer side of a part in its middle, or from
-    `origin`. Raise InputError if a file cannot be read or the sketch would have no data.
+    the data have their whole weight, limited to a rectangle of longitudes and latitudes, `degrees`. `extent`
+    (m) is the longer side of a part in its middle, or from `origin`. Raise InputError if a file cannot be
+    read or the sketch would have no data.
     """
     if crs is not None:
         parse_metric_crs(crs)
@@ -63,6 +66,13 @@ def sketch_on_elevation(
             crs = crs_text(metric_crs_at(parse_crs(first.crs), place)) if first.crs else ""
     base = combine_rasters(sources, SketchFrame(crs), LRUCache(), vertical=vertical)
     west, south, east, north = _whole_area(base)
+    if degrees is not None and crs:
+        outline = shapely.segmentize(shapely.box(*degrees), 0.1)
+        x, y = reproject(shapely.get_coordinates(outline), parse_crs("OGC:CRS84"), parse_crs(crs)).T
+        west, east = max(west, float(x.min())), min(east, float(x.max()))
+        south, north = max(south, float(y.min())), min(north, float(y.max()))
+        if not (west < east and south < north):
+            raise InputError("the vectors are outside of the elevation")
     longest = float(SKETCH["extent"].high) if extent is None else extent
     width, depth = min(east - west, longest), min(north - south, longest)
     middle = round(0.5 * (west + east - width), 2), round(0.5 * (south + north - depth), 2)

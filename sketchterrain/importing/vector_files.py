@@ -224,6 +224,29 @@ def read_vector_layers(
     return layers
 
 
+def osm_bounds(path: Path) -> tuple[float, float, float, float] | None:
+    """Return the rectangle of an OpenStreetMap file's roads and paths, in degrees; None for another file.
+
+    Raise `InputError` if it cannot be read.
+    """
+    with wrap_read_errors(path), path.open("rb") as stream:
+        if vector_driver(stream.read(4096)) != "OSM":
+            return None
+    try:
+        with plain_path(path) as file, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            _, boxes = pyogrio.read_bounds(file, layer="lines", where="highway IS NOT NULL")
+    except (RuntimeError, ValueError) as error:
+        raise InputError(
+            f"{one_line(path)}: cannot be read as OSM ({one_line(error)[:_MAX_MESSAGE]})"
+        ) from None
+    if not boxes.shape[1]:
+        return None
+    west, south = boxes[:2].min(axis=1).tolist()
+    east, north = boxes[2:].max(axis=1).tolist()
+    return west, south, east, north
+
+
 def _tables(path: Path, location: str) -> set[str]:
     """Return the tables of a GeoPackage, in lower case, without views, whose queries may never end."""
     try:

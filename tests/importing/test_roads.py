@@ -81,7 +81,7 @@ def test_tags_give_layer_class_and_structure() -> None:
             {"fclass": "track_grade3", "bridge": "T", "tunnel": "F", "layer": 1},
             {"structure": "bridge"},
         ),
-        ("path", {"highway": "steps", "bridge": "no"}, {"grade": 0.7, "surface": "rock"}),
+        ("path", {"highway": "steps", "bridge": "no"}, {"grade": 1.0, "surface": "rock"}),
         ("railway", {"railway": "rail", "tracks": "2", "name": "Line 1"}, {"lanes": 2, "name": "Line 1"}),
         ("railway", {"other_tags": '"railway"=>"tram","layer"=>"-1"'}, {"width": 3.2, "level": -1}),
         ("pad", {"building": "yes"}, {"building": 6.0}),
@@ -127,7 +127,7 @@ def test_features_of_one_class_share_a_label(tmp_path, elevation) -> None:
         ([(100, 300), (900, 300)], {"highway": "track", "bridge": "yes"}),
         ([(100, 500), (900, 500)], {"highway": "secondary"}),
     )
-    for width, expected in ((None, {"width": 3.0, "grade": 0.18}), (7.0, {"width": 7.0, "grade": 0.18})):
+    for width, expected in ((None, {"width": 3.0, "grade": 0.35}), (7.0, {"width": 7.0, "grade": 0.18})):
         traced = sketch_from_vectors(path, size_px=32, width=width)
         roads = traced.sketch.vectors["road"]
         track, bridge, other = roads.labels.tolist()

@@ -67,13 +67,16 @@ def new(
 
             paths = [path for each in dem for path in elevation_files(each)]
             grids = [raster_source(path, "elevation", embed=embed) for path in paths]
-            sketch, base = sketch_on_elevation(
-                grids, crs=crs, origin=origin, extent=extent, vertical=vertical or ""
-            )
-            traced: tuple[str, ...] = ()
+            degrees, traced = None, ()
             if osm is not None:
+                from sketchterrain.importing.vector_files import osm_bounds
                 from sketchterrain.importing.vectors import with_vectors_of
 
+                degrees = None if origin or extent else osm_bounds(osm)
+            sketch, base = sketch_on_elevation(
+                grids, crs=crs, origin=origin, extent=extent, vertical=vertical or "", degrees=degrees
+            )
+            if osm is not None:
                 sketch, traced = with_vectors_of(sketch, osm)
             sketch, found = with_lakes(sketch) if lakes else (sketch, ())
             sketch = aligned(sketch) if align else sketch

@@ -127,7 +127,7 @@ def test_features_of_one_class_share_a_label(tmp_path, elevation) -> None:
         ([(100, 300), (900, 300)], {"highway": "track", "bridge": "yes"}),
         ([(100, 500), (900, 500)], {"highway": "secondary"}),
     )
-    for width, expected in ((None, {"width": 3.0, "grade": 0.35}), (7.0, {"width": 7.0, "grade": 0.18})):
+    for width, expected in ((None, {"width": 3.0, "grade": 0.35}), (7.0, {"width": 7.0, "grade": 0.35})):
         traced = sketch_from_vectors(path, size_px=32, width=width)
         roads = traced.sketch.vectors["road"]
         track, bridge, other = roads.labels.tolist()

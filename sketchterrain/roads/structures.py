@@ -33,6 +33,7 @@ _SHORTEST = {BRIDGE: 4.0, TUNNEL: 20.0}  # m; shorter ones are ground
 _BETWEEN = 15.0  # m; ground between two structures of a kind that is shorter is one of them
 _LONGEST_IN_WATER = 1500.0  # m; a longer way in water is a causeway
 _BEYOND_WATER, _BEYOND_WAY = 1.0, 2.5  # m from the edge of what is crossed to the abutment
+_STOREYS, _NEGLIGIBLE = 4, 1e-3  # times that clearances are asked for, and what they may lack, m
 _DECK_COVER = 0.3  # m of ground over a deck from which on it is a road on the ground
 
 
@@ -91,9 +92,11 @@ def carry(
     _mark_runs(structure, line, depth > _MAX_FILL, depth > _ABUTMENT, BRIDGE, bridged)
     _mark_runs(structure, line, -depth > _MAX_CUT, -depth > COVER + TUNNEL_HEIGHT, TUNNEL, bridged)
     _join(structure, line, choose)
-    second = solved()
-    _clear(structure, line, graph, second.height, water, causeway, (met, under), lower, upper)
     profile = solved()
+    for _ in range(_STOREYS):  # what is above a raised deck is raised after it
+        if not _clear(structure, line, graph, profile.height, water, causeway, (met, under), lower, upper):
+            break
+        profile = solved()
     structure = _trimmed(structure, line, profile.height, ground, met, told)
     for crossing, a, b in zip(ways.crossings, met, under, strict=True):
         room = profile.height[a] - profile.height[b]
@@ -192,6 +195,7 @@ def _cross_water(
                 last += 1
             part = np.arange(first, last)
             structure[part[choose[part]]] = BRIDGE
+            causeway[part[structure[part] == GROUND]] = True  # as the feature asks
     return causeway
 
 
@@ -205,8 +209,8 @@ def _clear(
     crossings: tuple[Sequence[int], Sequence[int]],
     lower: Float64Array,
     upper: Float64Array,
-) -> None:
-    """Set bounds: decks above floods and above what they cross, and this beneath them."""
+) -> bool:
+    """Set bounds: decks above floods and above what they cross, and this beneath them; return whether any."""
     least = np.where(np.isfinite(water) & ~causeway, water + FREEBOARD, -np.inf)
     most = np.full(len(height), np.inf)
     for a, b in zip(*crossings, strict=True):
@@ -214,20 +218,24 @@ def _clear(
         least[a] = max(least[a], height[b] + CLEARANCE) if not is_tunnel else least[a]
         if is_tunnel:
             most[b] = min(most[b], height[a] - TUNNEL_HEIGHT - COVER)
-        elif height[a] - height[b] < CLEARANCE:
+        elif height[a] - height[b] < CLEARANCE and BRIDGE not in structure[max(b - 1, 0) : b + 1]:
             upper[b] = min(upper[b], height[b])
+    found = False
     for first, last in _runs(structure, line):
         ends = list(_with_ramps((first, last), graph, line))
         inside = slice(first, last + 1)
         if structure[first] == BRIDGE:
             deck = deck_depth(line.along[last] - line.along[first])
             lack = float((least[inside] + deck - height[inside]).max())
-            if lack > 0.0:
+            if lack > _NEGLIGIBLE:
+                found = True
                 lower[ends] = np.maximum(lower[ends], height[ends] + lack)
         else:
             lack = float((height[inside] - most[inside]).max())
-            if lack > 0.0:
+            if lack > _NEGLIGIBLE:
+                found = True
                 upper[ends] = np.minimum(upper[ends], height[ends] - lack)
+    return found
 
 
 def _trimmed(

@@ -142,7 +142,8 @@ def _divided(ways: Sequence[Way], at: Float64Array, bend: Float64Array, way: Int
     """Return pieces without empty ones, halved until none is longer than its step or bends too much."""
     size = np.sqrt((np.diff(at, axis=0) ** 2).sum(axis=1))
     # The last piece of a leg joins it with the next one; where an arc is empty its two ends are one point.
-    keep: BoolArray = (way == -1) | ((way >= 0) & (size > _SHORT))
+    last = np.append(way[1:] == -2, False)  # whose end is a node
+    keep: BoolArray = (way == -1) | ((way >= 0) & ((size > _SHORT) | last))
     station = np.append(True, keep)
     bend, way = bend[keep], way[keep]
     at = at[station]

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 AUTOMATIC: Final = -1
 """The structure of a feature that follows from the ground."""
 _ORDINAL_BITS = 16
+_ON_LINE: Final = 1.5 * STEP  # m from a line of places on it that are rounded
 _STRUCTURE: Final = {"automatic": AUTOMATIC, "ground": GROUND, "bridge": BRIDGE, "tunnel": TUNNEL}
 
 
@@ -155,6 +156,8 @@ def _with_crossings(
     points = on_grid(points)
     known = [set(map(tuple, path.tolist())) for path in paths]
     added = defaultdict(list)
+    for number in np.flatnonzero(~shapely.is_simple(lines)).tolist():  # it meets itself
+        added[number] += map(tuple, on_grid(shapely.get_coordinates(shapely.node(lines[number]))).tolist())
     crossings = []
     for (x, y), number in zip(points.tolist(), pair.tolist(), strict=True):
         a, b = int(one[number]), int(other[number])
@@ -171,16 +174,18 @@ def _with_crossings(
                 added[each].append((x, y))
     paths = list(paths)
     for number, places in added.items():
-        paths[number] = _with_vertices(paths[number], lines[number], np.array(sorted(set(places))))
+        paths[number] = _with_vertices(paths[number], np.array(sorted(set(places))))
     return paths, crossings
 
 
-def _with_vertices(path: Float64Array, line: shapely.LineString, places: Float64Array) -> Float64Array:
-    """Return a path with vertices added on it."""
-    along = np.append(0.0, np.cumsum(np.hypot(*np.diff(path, axis=0).T)))
-    at = shapely.line_locate_point(line, shapely.points(places))
-    order = np.argsort(np.append(along, at), kind="stable")
-    return _without_repeats(np.concatenate([path, places])[order])
+def _with_vertices(path: Float64Array, places: Float64Array) -> Float64Array:
+    """Return a path with vertices added wherever it runs through them."""
+    segments = shapely.linestrings(np.stack([path[:-1], path[1:]], axis=1))
+    points = shapely.points(places)
+    place, segment = shapely.STRtree(segments).query(points, predicate="dwithin", distance=_ON_LINE)
+    along = segment + shapely.line_locate_point(segments[segment], points[place], normalized=True)
+    order = np.argsort(np.append(np.arange(len(path)), along), kind="stable")
+    return _without_repeats(np.concatenate([path, places[place]])[order])
 
 
 def _legs(ways: Sequence[Way], paths: Sequence[Float64Array]) -> list[Leg]:

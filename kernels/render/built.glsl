@@ -57,7 +57,7 @@ void lay_tiles(inout MaterialSample m, vec2 at, float seen)
 
 // Radiance of a built surface at a position (m from the eye).
 //   colour  rgb: √ of its mean albedo; w: 1 if the surface has one, 0 for the ground's own
-//   tone    factor of the albedo
+//   tone    factor of its light
 //   look    x: layer; y: m between railway tracks, −1: tiles
 //   uv      m along and across; seen: width of a pixel in them
 vec3 built_radiance(vec3 position, vec3 n, vec4 colour, float tone, vec2 look, vec2 uv, vec2 seen)
@@ -81,10 +81,10 @@ vec3 built_radiance(vec3 position, vec3 n, vec4 colour, float tone, vec2 look, v
 #endif
     Noise noise = built_noise(position, footprint);
     vec3 own = colour.rgb * colour.rgb / means[layer] * (1.0 + 0.10 * noise.small.w + 0.06 * noise.middle.w);
-    m.albedo *= tone * mix(variety(layer, noise.wide, noise.middle, noise.small), own, colour.w);
+    m.albedo *= mix(variety(layer, noise.wide, noise.middle, noise.small), own, colour.w);
     if (look.y > 0.0) lay_tracks(m, uv, look.y, seen);
     if (look.y < 0.0) lay_tiles(m, uv, max(seen.x, seen.y));
     vec4 light = ground_light(position.xy);
     float shaded = exp(-max(eye.z + position.z - light.b, 0.0) / SUNLIT_ABOVE);
-    return through_air(lit_material(m, position, n, to_eye, 1.0 - (1.0 - light.rg) * shaded), position);
+    return through_air(tone * lit_material(m, position, n, to_eye, 1.0 - (1.0 - light.rg) * shaded), position);
 }

@@ -52,7 +52,7 @@ class BuiltPart(NamedTuple):
     position: Float64Array  # (n, 3) m
     normal: Float64Array  # (n, 3) unit vectors, outward
     uv: Float64Array  # (n, 2) m along and across
-    tone: Float64Array  # (n,) factor of the albedo
+    tone: Float64Array  # (n,) factor of its light
     triangles: npt.NDArray[np.uint32]  # (k, 3), counter-clockwise from outside
     track: float = 0.0  # m between the middles of railway tracks on it; 0: none
     size: float = 0.0  # m, of its details, which nobody sees from afar; 0: its own

@@ -315,7 +315,11 @@ def _arch(road: Road, points: AxisPoints, inward: float) -> list[Float64Array]:
     wide = points.half_width + points.shoulder + 0.15
     upright = 0.45 * room
     angle = np.linspace(0.0, np.pi, 13)
-    section = [(1.0, 0.0), *((np.cos(a), upright + (room - upright) * np.sin(a)) for a in angle), (-1.0, 0.0)]
+    section = [
+        (1.0, -0.3),
+        *((np.cos(a), upright + (room - upright) * np.sin(a)) for a in angle),
+        (-1.0, -0.3),
+    ]
     lines = []
     for across, height in section:
         line = points.position.copy()

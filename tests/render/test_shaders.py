@@ -100,6 +100,7 @@ def test_no_stage_exceeds_the_guaranteed_texture_units(gl):
         build_program(gl, "screen.vert.glsl", "shade_ground.frag.glsl", defines=defines),
         build_program(gl, "rock.vert.glsl", "rock.frag.glsl", defines=defines),
         build_program(gl, "water.vert.glsl", "water.frag.glsl", defines=defines),
+        build_program(gl, "road_strip.vert.glsl", "road_strip.frag.glsl", defines={**defines, "FAR": 0}),
         build_transform(gl, "grass_plant.vert.glsl", ["foot_height"], defines={**defines, "KIND": 1}),
         build_transform(gl, "rock_place.vert.glsl", ["centre_radius"], defines=defines),
     ]

@@ -1,0 +1,217 @@
+"""Roads and what is built: meshes against their sections, pictures against what must and must not change."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sketchterrain.document.layers import id_of_vector
+from sketchterrain.look.built_meshes import MOUTH, joined_parts, triangulated
+from sketchterrain.look.road_meshes import built_objects, road_surfaces
+from sketchterrain.render.built import BuiltScenery
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.offscreen import canvas, read_picture, render_picture
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.renderer import Renderer
+from sketchterrain.render.road_strips import PIECES, STEPS, road_strips
+from sketchterrain.render.sky import Sun
+from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Pad, RoadNetwork
+from tests.sample_roads import WORKS, curved_road, make_network, make_road
+
+from .conftest import Waves
+
+SUN = Sun(200.0, 40.0)
+QUALITY = replace(
+    Quality.from_level(0.0, without=("clouds", "haze")), quads=64, tolerance=1.0, finest_quad=1.0
+)
+SIZE = (240, 160)
+ROAD = make_road([(100, 250, 0), (900, 250, 0)], crossfall=np.zeros((2, 2)), shoulder=0.0)
+
+
+class Flat(Waves):
+    """Level ground at 0 m with a ridge of 60 m along y = 500."""
+
+    def __init__(self, network):
+        super().__init__(rivers=False, plants=False)
+        self.features.network = network
+
+    def heights(self, x, y, *, cell_size=0.0):
+        x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
+        return (60.0 * np.exp(-(((y - 500.0) / 30.0) ** 2))).astype(np.float32)
+
+
+def picture(network, camera, quality=QUALITY):
+    return render_picture(Flat(network), size=SIZE, camera=camera, sun=SUN, quality=quality).astype(int)
+
+
+def seen(camera, x, y, size=SIZE, z=0.0):
+    """Return the pixel, as reals, of a place (m)."""
+    at = camera.to_clip(size[0] / size[1]) @ [*(np.array([x, y, z]) - camera.eye), 1.0]
+    return (0.5 + 0.5 * at[0] / at[3]) * size[0], (0.5 - 0.5 * at[1] / at[3]) * size[1]
+
+
+def test_all_meshes_are_finite_and_face_outward():
+    network = make_network()
+    names = set()
+    for each in (*built_objects(network), *road_surfaces(network)):
+        names.add(each.name)
+        for part in joined_parts(each.parts(np.full(len(each.places), 10.0))):
+            a, b, c = (part.position[part.triangles[:, k]] for k in range(3))
+            turned = np.cross(b - a, c - a)
+            facing = np.einsum("ij,ij->i", turned, part.normal[part.triangles[:, 0]])
+            assert (facing[np.linalg.norm(turned, axis=1) > 1e-9] > 0.0).all(), (each.name, part.material)
+            assert np.isfinite(part.position).all()
+            np.testing.assert_allclose(np.linalg.norm(part.normal, axis=1), 1.0, atol=1e-9)
+    assert names >= {"road 1", "road 2 bridge", "railway 3 tunnel", "pad 5", "wall 7", "wall 8", "path 4"}
+
+
+def test_a_bridge_follows_its_arc_and_its_piers_keep_off_roads():
+    _, bridge, _ = curved_road()
+    centre = np.array([300.0, 400.0])
+    under = make_road([(180, 500, 5), (300, 400, 5)], vector=9, leg=9)
+    (each,) = built_objects(RoadNetwork((bridge, under)))
+    parts = each.parts(np.full(len(each.places), 4.0))
+    deck = next(part for part in parts if part.material == "asphalt")
+    radius = np.hypot(*(deck.position[:, :2] - centre).T)
+    assert np.abs(np.abs(radius - 100.0) - bridge.half_width[0]).max() < 1e-6
+    assert deck.position[:, 2].min() > 29.5
+    standing = np.concatenate([part.position for part in parts if part.position[:, 2].min() < 4.0])
+    piers = standing[(standing[:, 2] < 4.0) & (np.hypot(*(standing[:, :2] - [200, 400]).T) > 8.0)]
+    piers = piers[np.hypot(*(piers[:, :2] - [300, 500]).T) > 8.0]
+    assert len(piers) >= 8
+    ahead = np.array([120.0, -100.0]) / np.hypot(120.0, 100.0)
+    aside = np.abs((piers[:, :2] - [180, 500]) @ [-ahead[1], ahead[0]])
+    assert aside.min() > under.half_width[0]
+    # Where bridges meet in the air, parapets end before.
+    (each,) = built_objects(RoadNetwork((replace(bridge, ends=(3, 2)),)))
+    position = np.concatenate([part.position for part in each.parts(np.full(len(each.places), 4.0))])
+    for end, highest in ((bridge.axis[0], 0.1), (bridge.axis[-1], 1.0)):
+        near = np.hypot(*(position[:, :2] - end[:2]).T) < 6.0
+        assert position[near, 2].max() - end[2] == pytest.approx(highest, abs=0.1)
+
+
+def test_triangulation_covers_a_concave_outline_once():
+    outline = np.array([[0, 0], [6, 0], [6, 4], [4, 4], [4, 1], [2, 1], [2, 4], [0, 4]], float)
+    a, b, c = np.moveaxis(outline[triangulated(outline)], 1, 0)
+    area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    assert (area > 0.0).all()
+    assert area.sum() == pytest.approx(24.0 - 6.0)
+
+
+def test_coarse_strips_deviate_by_their_error_and_cover_every_chunk():
+    _, bend, _ = curved_road()
+    road = replace(bend, structure=GROUND)
+    shoulder, surface = road_strips(road, (GROUND, BRIDGE), {"asphalt": 3, "gravel": 5}, np.zeros(3))
+    assert set(surface.rows[:, 16]) == {3.0}
+    assert set(shoulder.rows[:, 16]) == {5.0}
+    chunks = surface.chunks
+    for level, step in enumerate(STEPS):
+        for first, count in zip(chunks.first[:, level], chunks.count[:, level], strict=True):
+            rows = surface.rows[first : first + count]
+            np.testing.assert_array_equal(rows[1:, :4], rows[:-1, 4:8])
+            assert count <= PIECES / step
+        ends = (
+            surface.rows[chunks.first[0, level]],
+            surface.rows[chunks.first[-1, level] + chunks.count[-1, level] - 1],
+        )
+        assert ends[0][18] == 0.0
+        assert ends[1][19] == 2.0  # it goes on under the bridge
+        sagitta = 100.0 * (1.0 - np.cos(0.5 * step * (0.5 * np.pi) / chunks.count[:, 0].sum()))
+        assert chunks.error[:, level].max() <= sagitta * 1.1 + 1e-3
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("level", [0.0, 1.0])
+def test_a_road_changes_the_pixels_of_its_carriageway_and_no_others(level):
+    """Beyond a ridge it changes nothing: the ground that is drawn is painted, wherever the road may be."""
+    quality = (
+        QUALITY
+        if level == 0.0
+        else replace(Quality.from_level(1.0, without=("clouds", "haze", "grass")), quads=64)
+    )
+    camera = Camera((500.0, 100.0, 60.0), (500.0, 300.0, 0.0), near=1.0, far=30_000.0)
+    hidden = make_road([(100, 620, 0), (900, 620, 0)], vector=2, leg=2, crossfall=np.zeros((2, 2)))
+    bare, with_road, behind = (
+        picture(RoadNetwork(roads), camera, quality) for roads in ((), (ROAD,), (hidden,))
+    )
+    assert np.array_equal(bare, behind)
+    changed = np.abs(with_road - bare).max(axis=2) > 8
+    top, bottom = (seen(camera, 500.0, y)[1] for y in (253.0, 247.0))
+    rows = np.flatnonzero(changed[:, SIZE[0] // 2])
+    assert rows.size >= 4
+    assert abs(rows.min() - top) <= 1.5
+    assert abs(rows.max() + 1 - bottom) <= 1.5
+    assert not changed[: int(top) - 2].any()
+    assert not changed[int(bottom) + 3 :].any()
+
+
+@pytest.mark.gl
+def test_narrow_roads_fade_by_the_share_of_a_pixel():
+    camera = Camera((500.0, 100.0, 300.0), (500.0, 400.0, 0.0), near=1.0, far=30_000.0)
+    bare, *shown = (
+        picture(RoadNetwork((replace(ROAD, half_width=np.full(2, 0.5 * width)),) if width else ()), camera)
+        for width in (0.0, 0.6, 1.2, 2.4)
+    )
+    change = np.array([np.abs(each - bare).sum() for each in shown])
+    assert change[0] > 0
+    np.testing.assert_allclose(change / change[0], [1.0, 2.0, 4.0], rtol=0.35)
+
+
+@pytest.mark.gl
+def test_a_tunnel_is_dark_inside_and_a_house_throws_a_shadow():
+    tunnel = make_road([(500, 430, 0), (500, 570, 0)], layer="railway", structure=TUNNEL, vector=3, part=1)
+    front = make_road([(500, 300, 0), (500, 430, 0)], layer="railway", vector=3)
+    quality = replace(Quality.from_level(0.5, without=("clouds", "haze", "grass", "rocks")), quads=64)
+    camera = Camera((500.0, 400.0, 3.0), (500.0, 430.0, 2.5), near=0.5, far=30_000.0)
+    network = RoadNetwork((front, tunnel))
+    assert any(part.material == MOUTH for part in built_objects(network)[0].parts(np.zeros(0)))
+    shown = picture(network, camera, quality)
+    bare = picture(RoadNetwork((front,)), camera, quality)
+    column, row = (round(each) for each in seen(camera, 500.0, 430.0, z=3.0))
+    assert shown[row - 4 : row + 4, column - 4 : column + 4].mean() < 25
+    assert bare[row - 4 : row + 4, column - 4 : column + 4].mean() > 60
+    outline = np.array([[490.0, 240.0], [510.0, 240.0], [510.0, 252.0], [490.0, 252.0]])
+    house = Pad(id_of_vector("pad", 5), outline, level=0.0, reach=8.0, building=8.0, works=WORKS)
+    camera = Camera((500.0, 200.0, 90.0), (500.0, 250.0, 0.0), near=1.0, far=30_000.0)
+    shown, bare = (picture(RoadNetwork(pads=pads), camera, quality) for pads in ((house,), ()))
+    column, row = (round(each) for each in seen(camera, 502.0, 254.0))
+    assert shown[row, column].sum() < 0.8 * bare[row, column].sum()
+
+
+@pytest.mark.gl
+def test_a_picture_in_parts_is_bit_equal():
+    camera = Camera((300.0, 60.0, 90.0), (450.0, 250.0, 30.0), near=1.0, far=30_000.0)
+    quality = replace(Quality.from_level(0.5), quads=64)
+    pictures = []
+    with canvas(SIZE) as (context, texture, framebuffer):
+        for refined in (False, True):
+            renderer = Renderer(context, Flat(make_network()), sun=SUN, quality=quality)
+            if refined:
+                for _ in renderer.refined(camera, framebuffer):
+                    pass
+            else:
+                renderer.prepare(camera, SIZE)
+                renderer.draw(camera, framebuffer)
+            assert renderer.scenery.built.triangles > 1000
+            pictures.append(read_picture(texture))
+    assert np.array_equal(*pictures)
+
+
+@pytest.mark.gl
+def test_an_edit_rebuilds_what_it_changes(gl, monkeypatch):
+    network = make_network()
+    built = BuiltScenery(gl, Flat(network), defines={})
+    objects, strips = dict(built._objects), dict(built._strips)
+    assert built.changes == 1
+    built.set_terrain(Flat(network), ())
+    assert built.changes == 1
+    moved = replace(network.roads[0], axis=np.add(network.roads[0].axis, [0.0, 5.0, 0.0]))
+    built.set_terrain(Flat(replace(network, roads=(moved, *network.roads[1:]))), [(0.0, 0.0, 10.0, 10.0)])
+    assert built.changes == 2
+    assert all(built._objects[key] is objects[key] for key in objects)
+    assert sum(key in strips for key in built._strips) == len(strips) - 1
+    bridge = next(key for key in objects if key[0] == network.roads[2].id and key[1] == BRIDGE)
+    built.set_terrain(Flat(network), [(150.0, 350.0, 350.0, 550.0)])  # the ground under the bridge
+    assert [key for key in objects if built._objects[key] is not objects[key]] == [bridge]
+    built.set_terrain(Flat(RoadNetwork()), [])
+    assert not built

@@ -1,15 +1,20 @@
 """Roads, pads and walls made by hand, for tests that need no terrain: all within 1024 × 768 m."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import id_of_vector
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.roads.build import road_network
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Pad, Road, RoadNetwork, Wall, Works
+from sketchterrain.terrain.layers.layer import HostSamples, HostSite, WorldSettings
+from sketchterrain.terrain.layers.pads import PadsLayer
+from sketchterrain.terrain.layers.roads import RoadsLayer
 
 WORKS = Works(cut=1.0, fill=0.67, surface="asphalt")
 
@@ -120,7 +125,7 @@ def make_network():
 
 
 def sketch_with(*features, extent=1024.0, **given):
-    """Return a sketch with features: layer, vertices (m), and properties of its own, `id` among them, each."""
+    """Return a sketch with features: layer, vertices (m), and properties with its `id`, each."""
     added = {}
     for layer, points, *own in features:
         kind, own = AREA if layer == "pad" else LINE, dict(*own)
@@ -145,6 +150,18 @@ def no_water(x, y):
 def network_on(sketch, ground=hills, water=no_water):
     """Return the roads, pads and walls of a sketch on a ground."""
     return road_network(sketch, ground, water, LRUCache(), sketch)
+
+
+def heights_with(network, at, ground=hills, cell=0.05, extent=1024.0):
+    """Return the height (m) of a ground with the pads and roads of a network at positions (n, 2), m."""
+    world = WorldSettings(extent, 0, 0.0)
+    x, y = np.rint(np.asarray(at).T / world.unit).astype(np.int64)
+    site = HostSite(SimpleNamespace(world=world, unit=world.unit, cell=cell), x, y)
+    none = np.zeros(len(x))
+    samples = HostSamples(ground(x * world.unit, y * world.unit), *[none] * 6)
+    for layer in (PadsLayer(MATERIALS, network.pads), RoadsLayer(MATERIALS, network.roads)):
+        samples = layer.heights(samples, site)
+    return samples.height
 
 
 def contents(network):

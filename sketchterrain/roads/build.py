@@ -64,7 +64,7 @@ def road_network(sketch: Sketch, ground: Heights, water: Heights, cache: LRUCach
     findings: tuple[str, ...] = ()
     if any(len(sketch.vectors[name]) for name in WAY_LAYERS):
         ways = cache.get_or_compute(key, partial(_plan, sketch))
-        if ways.graph.legs:
+        if ways is not None:
             roads, findings = _roads(ways, line_ground, cache)
     return RoadNetwork(roads, _pads(sketch, pad_ground), _walls(sketch), findings)
 
@@ -104,8 +104,10 @@ class _Plan:
     bends: list[str]  # findings
 
 
-def _plan(sketch: Sketch) -> _Plan:
+def _plan(sketch: Sketch) -> _Plan | None:
     graph = way_graph(sketch)
+    if not graph.legs:
+        return None
     line, radii = align(graph.ways, graph.legs)
     way = np.concatenate([np.zeros(0, np.int64), *(np.append(leg.way[0], leg.way) for leg in graph.legs)])
     tight = np.flatnonzero(np.isfinite(radii))

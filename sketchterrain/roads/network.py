@@ -24,6 +24,7 @@ AUTOMATIC: Final = -1
 """The structure of a feature that follows from the ground."""
 _ORDINAL_BITS = 16
 _ON_LINE: Final = 1.5 * STEP  # m from a line of places on it that are rounded
+_LEAST_LOOP: Final = 0.1  # m
 _STRUCTURE: Final = {"automatic": AUTOMATIC, "ground": GROUND, "bridge": BRIDGE, "tunnel": TUNNEL}
 
 
@@ -246,6 +247,8 @@ def _legs(ways: Sequence[Way], paths: Sequence[Float64Array]) -> list[Leg]:
         index = np.concatenate([chosen[0], *(part[1:] for part in chosen[1:])])
         owner = np.concatenate([np.full(len(part) - 1, way[part[0]]) for part in chosen])
         ends = int(node[index[0]]), int(node[index[-1]])
+        if ends[0] == ends[1] and np.ptp(points[index], axis=0).max() < _LEAST_LOOP:
+            continue
         degrees = int(degree[ends[0]]), int(degree[ends[1]])
         own = int(way[curves[number][0]])
         vector = vector_of(ways[own].id) or 0

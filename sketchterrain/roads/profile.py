@@ -111,6 +111,7 @@ def solve_profile(
     ground: Float64Array,
     is_free: BoolArray,
     straight: Sequence[tuple[int, int]],
+    decks: Sequence[tuple[int, int]],
     lower: Float64Array,
     upper: Float64Array,
 ) -> Profile:
@@ -120,7 +121,8 @@ def solve_profile(
     ----------
     ground : (n,) heights that it is to be near to, m
     is_free : (n,) stations at which they do not matter: those on structures
-    straight : first and last stations between which it is straight
+    straight : first and last stations between which it is straight before means are taken
+    decks : the same of structures without their ramps: they stay straight
     lower, upper : (n,) bounds, m; infinite where there are none
     """
     height = _nearest_heights(graph, line, ground, is_free)
@@ -129,15 +131,23 @@ def solve_profile(
     contrary = bound_low > bound_high
     whole = np.clip(np.rint(height / UNIT).astype(np.int64), bound_low, np.maximum(bound_low, bound_high))
     height = np.where(contrary, (bound_low + bound_high) >> 1, whole) * UNIT
-    for first, last in straight:
+    _straighten(height, straight, line, graph)
+    for _ in range(2):
+        height = _means(line.along, line.first, height, graph.reach)
+    _straighten(height, decks, line, graph)
+    violation = np.where(contrary, (bound_low - bound_high) * UNIT, 0.0)
+    return Profile(*_parabolas(line, height), violation)
+
+
+def _straighten(
+    height: Float64Array, runs: Sequence[tuple[int, int]], line: Alignment, graph: StationGraph
+) -> None:
+    """Let heights be linear from the first to the last stations of runs, in place."""
+    for first, last in runs:
         rise, size, limit = height[last] - height[first], line.length[first:last], graph.limit[first:last]
         if abs(rise) > limit.min() * size.sum():  # stricter parts are less steep than others
             size = limit * size
-        height[first + 1 : last + 1] = height[first] + rise * np.cumsum(size) / max(size.sum(), 1e-9)
-    for _ in range(2):
-        height = _means(line.along, line.first, height, graph.reach)
-    violation = np.where(contrary, (bound_low - bound_high) * UNIT, 0.0)
-    return Profile(*_parabolas(line, height), violation)
+        height[first + 1 : last] = height[first] + rise * np.cumsum(size)[:-1] / max(size.sum(), 1e-9)
 
 
 def _nearest_heights(

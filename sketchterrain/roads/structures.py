@@ -76,7 +76,7 @@ def carry(
         is_free = np.zeros(len(line.at), np.bool_)
         for first, last in straight:
             is_free[first + 1 : last] = True
-        return solve_profile(graph, line, ground, is_free, straight, lower, upper)
+        return solve_profile(graph, line, ground, is_free, straight, runs, lower, upper)
 
     for crossing, a, b in zip(ways.crossings, met, under, strict=True):
         below = ways.ways[crossing.lower]

@@ -12,8 +12,6 @@ from sketchterrain.terrain.building import with_roads
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_samples
 from sketchterrain.terrain.layers.layer import MASKS
-from sketchterrain.terrain.layers.pads import PadsLayer
-from sketchterrain.terrain.layers.roads import RoadsLayer
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
 from tests.sample_roads import SCENE, contents, sketch_with

@@ -155,15 +155,13 @@ def flat_quads(material: str, corners: npt.ArrayLike, *, tone: float = 1.0, size
     )
 
 
-def extruded(
-    material: str, outline: Float64Array, low: float, high: float, *, top: bool = True, tone: float = 1.0
-) -> list[BuiltPart]:
-    """Return the sides of a prism over a counter-clockwise outline (n, 2), and its top."""
-    quads = prism_quads(outline, low, high)
-    if top:
-        corners = np.column_stack([outline, np.full(len(outline), high)])[triangulated(outline)]
-        quads = np.concatenate([quads, corners[:, [0, 1, 2, 2]]])
-    return [flat_quads(material, quads, tone=tone)]
+def extruded(material: str, outline: Float64Array, low: float, high: float) -> BuiltPart:
+    """Return a prism over a counter-clockwise outline (n, 2)."""
+    corner = triangulated(outline)[:, [0, 1, 2, 2]]
+    top, bottom = (np.column_stack([outline, np.full(len(outline), z)]) for z in (high, low))
+    return flat_quads(
+        material, np.concatenate([prism_quads(outline, low, high), top[corner], bottom[corner[:, ::-1]]])
+    )
 
 
 def prism_quads(outline: Float64Array, low: float, high: float) -> Float64Array:
@@ -227,7 +225,7 @@ def _house_parts(pad: Pad) -> list[BuiltPart]:
         walls = flat_quads("plaster", prism_quads(outline, low, top), tone=plaster)
         return [
             walls,
-            *extruded("concrete", outline, top - 0.4, top - 0.3),
+            extruded("concrete", outline, top - 0.4, top - 0.3),
             *_windows(outline, pad.level, top),
         ]
     if lengths[1] + lengths[3] > lengths[0] + lengths[2]:

@@ -18,6 +18,7 @@ from sketchterrain.look.built_meshes import (
     feature_name,
     flat_quads,
     house,
+    prism_quads,
     rectangle,
     swept,
     wall,
@@ -49,9 +50,9 @@ _BEFORE: Final = 1.0  # m that a portal stands before the tunnel's end
 def built_objects(network: RoadNetwork, rivers: Sequence[River] = ()) -> list[BuiltObject]:
     """Return bridges, tunnels, houses, walls and hedges."""
     bridges = [road for road in network.roads if road.structure == BRIDGE]
-    obstacles = _Obstacles(network.roads, rivers) if bridges else None
+    obstacles = _Obstacles(network.roads if bridges else (), rivers if bridges else ())
     return [
-        *(_bridge(road, obstacles) for road in bridges if obstacles is not None),
+        *(_bridge(road, obstacles) for road in bridges),
         *(_tunnel(road) for road in network.roads if road.structure == TUNNEL),
         *(house(pad) for pad in network.pads if pad.building > 0.0 and len(pad.outline) > 2),
         *(wall(each) for each in network.walls if len(each.line) > 1),
@@ -91,72 +92,53 @@ def _surface(road: Road) -> BuiltObject:
     def parts(ground: Float64Array) -> list[BuiltPart]:
         for line, heights in zip(lines, ground.reshape(4, -1), strict=True):
             line[near, 2] = heights
-        return _carriageway(road, points, lines, SHOULDER)
+        return _carriageway(road, points.along, lines, SHOULDER)
 
     places = np.concatenate([line[near, :2] for line in lines])
     return BuiltObject(_name(road), road_content(road), places, parts)
 
 
 def _carriageway(
-    road: Road, points: AxisPoints, lines: Sequence[Float64Array], beside: str
+    road: Road,
+    along: Float64Array,
+    lines: Sequence[Float64Array],
+    beside: str,
+    tone: Float64Array | float = 1.0,
 ) -> list[BuiltPart]:
     """Return the surface between the edges of the shoulders and carriageway, from left to right."""
-    middle = swept(road.works.surface, lines[1:3], points.along, track=track_spacing(road))
+    middle = swept(road.works.surface, lines[1:3], along, tone=tone, track=track_spacing(road))
     if not road.shoulder.any():
         return [middle]
-    return [middle, *(swept(beside, pair, points.along) for pair in (lines[:2], lines[2:]))]
+    return [middle, *(swept(beside, pair, along, tone=tone) for pair in (lines[:2], lines[2:]))]
 
 
 class _Obstacles:
-    """Roads and rivers that piers keep off."""
+    """Roads on the ground and rivers, which piers keep off: points with a reach (m), and 1 for rivers."""
 
     def __init__(self, roads: Sequence[Road], rivers: Sequence[River]) -> None:
-        self._roads = _tree(
-            [
-                (
-                    _resampled(axis_points(road, 0.5).position, _STEP),
-                    float(road.whole_half.max()) + 1.0,
-                    road.leg,
-                )
-                for road in roads
-                if road.structure != TUNNEL
-            ]
-        )
-        self._rivers = _tree(
-            [
-                (_resampled(river.centreline, 4.0), 0.5 * float(river.centreline_width.mean()), 0)
-                for river in rivers
-                if len(river.centreline) > 1
-            ]
-        )
+        lines = [
+            (_resampled(axis_points(road, 0.5).position, _STEP), float(road.whole_half.max()) + 1.0, 2.0)
+            for road in roads
+            if road.structure == GROUND
+        ]
+        lines += [
+            (_resampled(river.centreline, _STEP), 0.5 * float(river.centreline_width.mean()), 1.0)
+            for river in rivers
+            if len(river.centreline) > 1
+        ]
+        rows = [np.column_stack([line, np.tile(own, (len(line), 1))]) for line, *own in lines]
+        self._rows = np.concatenate([np.zeros((0, 5)), *rows])
+        self._tree = cKDTree(self._rows[:, :2])
 
-    def blocked(self, road: Road, places: Float64Array) -> Float64Array:
+    def blocked(self, places: Float64Array) -> Float64Array:
         """Return what is below places (n, 3) on a bridge: 0 ground, 1 a river, 2 a road."""
+        found = self._tree.query_ball_point(places[:, :2], self._rows[:, 3].max(initial=0.0))
         result = np.zeros(len(places))
-        for kind, tree in ((1.0, self._rivers), (2.0, self._roads)):
-            if tree is None:
-                continue
-            index, points, reach, legs = tree
-            reached = float(reach.max())
-            for n, near in enumerate(index.query_ball_point(places[:, :2], reached)):
-                found = np.array(near, np.intp)
-                close = np.hypot(*(points[found, :2] - places[n, :2]).T) < reach[found]
-                below = (legs[found] != road.leg) & (points[found, 2] < places[n, 2] - 2.0)
-                if (close & below).any():
-                    result[n] = kind
+        for number, (place, near) in enumerate(zip(places, found, strict=True)):
+            rows = self._rows[near]
+            below = (np.hypot(*(rows[:, :2] - place[:2]).T) < rows[:, 3]) & (rows[:, 2] < place[2] - 2.0)
+            result[number] = rows[below, 4].max(initial=0.0)
         return result
-
-
-def _tree(
-    lines: Sequence[tuple[Float64Array, float, int]],
-) -> tuple[cKDTree, Float64Array, Float64Array, np.ndarray] | None:
-    """Return points of lines with a reach (m) and a number each, and a tree of them."""
-    if not lines:
-        return None
-    counts = [len(line) for line, *_ in lines]
-    points = np.concatenate([line for line, *_ in lines])
-    reach, number = (np.repeat([each[k] for each in lines], counts) for k in (1, 2))
-    return cKDTree(points[:, :2]), points, reach, number
 
 
 def _resampled(line: Float64Array, step: float) -> Float64Array:
@@ -170,7 +152,7 @@ def _bridge(road: Road, obstacles: _Obstacles) -> BuiltObject:
     points = axis_points(road, CHORD)
     count = max(round((points.along[-1] - points.along[0]) / _STEP), 2)
     sampled = points.at_distances(np.linspace(points.along[0], points.along[-1], count + 1))
-    blocked = obstacles.blocked(road, sampled.position)
+    blocked = obstacles.blocked(sampled.position)
     return BuiltObject(
         _name(road),
         (*road_content(road), blocked.tobytes()),
@@ -201,23 +183,18 @@ def _bridge_parts(
     half, whole = points.half_width, points.half_width + points.shoulder
     outer, girder = whole + thick, 0.62 * whole
     edges = [points.beside(offset) for offset in (whole, half, -half, -whole)]
-    section = (
-        (-whole, 0.0),
-        (-whole, rail),
-        (-outer, rail),
-        (-outer, -slab),
-        (-girder, -slab),
-        (-0.85 * girder, -depth),
-        (0.85 * girder, -depth),
-        (girder, -slab),
-        (outer, -slab),
-        (outer, rail),
-        (whole, rail),
+    right = [
         (whole, 0.0),
-    )
+        (whole, rail),
+        (outer, rail),
+        (outer, -slab),
+        (girder, -slab),
+        (0.85 * girder, -depth),
+    ]
+    section = [(-offset, z) for offset, z in right] + right[::-1]
     up = np.array([0.0, 0.0, 1.0])
     lines = [points.beside(offset) + np.outer(np.zeros(len(half)) + z, up) for offset, z in section]
-    parts = [*_carriageway(road, points, edges, "concrete"), swept("concrete", lines, points.along)]
+    parts = [*_carriageway(road, points.along, edges, "concrete"), swept("concrete", lines, points.along)]
     for end, outward in ((0, -1.0), (-1, 1.0)):
         if joints[end]:
             piers = np.append(piers, end % len(ground))
@@ -226,29 +203,27 @@ def _bridge_parts(
         ahead = outward * np.array([sampled.left[end, 1], -sampled.left[end, 0]])
         wide = 2.0 * float(outer[end])
         foot = float(ground[end]) - 1.5
-        block = rectangle(at[:2] - 0.4 * ahead, ahead, 1.4, wide)
-        parts += extruded("concrete", block, min(foot, at[2] - depth - 1.0), at[2] - 0.15)
+        low = min(foot, at[2] - depth - 1.0)
+        parts.append(
+            extruded("concrete", rectangle(at[:2] - 0.4 * ahead, ahead, 1.4, wide), low, at[2] - 0.15)
+        )
         wing = min(1.0 + 1.5 * depth, 6.0) if road.layer != "path" else 0.6
         for side in (-1.0, 1.0):
             middle = at[:2] + ahead * 0.5 * wing + side * (0.5 * wide - 0.5 * thick) * sampled.left[end]
-            shape = rectangle(middle, ahead, wing, thick)
-            parts += extruded("concrete", shape, min(foot, at[2] - depth - 1.0), at[2] + float(rail.max()))
+            top = at[2] + float(rail.max())
+            parts.append(extruded("concrete", rectangle(middle, ahead, wing, thick), low, top))
+    slender = road.layer == "path"
     for pier in piers:
-        below = sampled.position[pier, 2] - depth
-        if below - ground[pier] < 0.8:
+        (*place, top), left = sampled.position[pier], sampled.left[pier]
+        below, foot, ahead = top - depth, float(ground[pier]), np.array([left[1], -left[0]])
+        if below - foot < 0.8:
             continue
-        place, left = sampled.position[pier, :2], sampled.left[pier]
-        ahead = np.array([left[1], -left[0]])
         wide = 2.0 * float(np.interp(sampled.along[pier], points.along, whole))
-        long = float(np.clip((below - ground[pier]) / 14.0, 0.25 if road.layer == "path" else 0.7, 2.6))
-        cap = min(0.9, 0.35 * (below - float(ground[pier]))) if road.layer != "path" else 0.2
-        shaft = rectangle(place, ahead, long, (0.42 if road.layer != "path" else 0.8) * wide)
-        parts += extruded("concrete", shaft, float(ground[pier]) - 1.5, below - cap, top=False)
-        parts += extruded(
-            "concrete", rectangle(place, ahead, long + 0.3, 0.78 * wide), below - cap, below + 0.1
-        )
-        underside = rectangle(place, ahead, long + 0.3, 0.78 * wide)[::-1]
-        parts.append(flat_quads("concrete", np.column_stack([underside, np.full(4, below - cap)])))
+        long = float(np.clip((below - foot) / 14.0, 0.25 if slender else 0.7, 2.6))
+        cap = below - (0.2 if slender else min(0.9, 0.35 * (below - foot)))
+        shaft = rectangle(np.array(place), ahead, long, (0.8 if slender else 0.42) * wide)
+        head = rectangle(np.array(place), ahead, long + 0.3, 0.78 * wide)
+        parts += [extruded("concrete", shaft, foot - 1.5, cap), extruded("concrete", head, cap, below + 0.1)]
     return parts
 
 
@@ -288,25 +263,18 @@ def _tunnel_parts(road: Road, points: AxisPoints) -> list[BuiltPart]:
         tone = 0.6 * np.exp(-np.maximum(away, 0.0) / _GLOOM)
         arch = _arch(road, tube, inward)
         parts.append(swept("concrete", arch[::-1], inside, tone=tone))
-        half = float(tube.half_width[0])
-        floor = [tube.beside(inward * each) for each in (half, -half)]
-        sides = [tube.beside(inward * each) for each in (tube.half_width + tube.shoulder + 0.2, half, -half)]
-        sides.append(tube.beside(-inward * (tube.half_width + tube.shoulder + 0.2)))
-        surface = road.works.surface
-        parts.append(swept(surface, floor, tube.along, tone=tone, track=track_spacing(road)))
-        parts += [
-            swept("concrete", pair, inside, tone=tone)
-            for pair in (sides[:2], sides[2:])
-            if road.shoulder.any()
-        ]
+        half, outer = inward * tube.half_width, inward * (tube.half_width + tube.shoulder + 0.2)
+        floor = [tube.beside(offset) for offset in (outer, half, -half, -outer)]
+        parts += _carriageway(road, tube.along, floor, "concrete", tone)
         if not is_short:
-            back = [
-                [line[-1] for line in (arch[k], arch[-1 - k], arch[-2 - k], arch[k + 1])]
-                for k in range(len(arch) // 2)
-            ]
-            parts.append(flat_quads("concrete", back, tone=0.0))
+            parts.append(flat_quads("concrete", _across([line[-1] for line in arch]), tone=0.0))
         parts += _portal(road, points.at_distances(np.array([first - inward * _BEFORE, first])), inward)
     return parts
+
+
+def _across(arch: Sequence[Float64Array]) -> list[list[Float64Array]]:
+    """Return the opening of an arch as quads that face a viewer to whom it begins on the left."""
+    return [[arch[k], arch[-1 - k], arch[-2 - k], arch[k + 1]] for k in range(len(arch) // 2)]
 
 
 def _arch(road: Road, points: AxisPoints, inward: float) -> list[Float64Array]:
@@ -347,23 +315,15 @@ def _portal(road: Road, points: AxisPoints, inward: float) -> list[BuiltPart]:
         corner = np.array([*(at[:2] + sign * wide * left), top])
         frame[np.argmin(np.linalg.norm(frame - corner, axis=1))] = corner
     front = [[arch[k], arch[k + 1], frame[k + 1], frame[k]] for k in range(len(arch) - 1)]
-    mouth = [[arch[k], arch[-1 - k], arch[-2 - k], arch[k + 1]] for k in range(len(arch) // 2)]
     back = (room + 1.4) / road.works.cut + 2.0 + _BEFORE
     ahead = np.array([left[1], -left[0]])
-    hood = [
-        at[:2] + s * wide * left + d * ahead for s, d in ((1.0, 0.0), (-1.0, 0.0), (-1.0, back), (1.0, back))
-    ]
-    low = at[2] - 1.0
-    sides = []
-    for a, b in ((1, 2), (3, 0)):
-        sides.append([[*hood[a], low], [*hood[b], low], [*hood[b], top], [*hood[a], top]])
-    roof = [[*hood[k], top] for k in range(4)]
+    ends = ((1.0, 0.0), (-1.0, 0.0), (-1.0, back), (1.0, back))
+    hood = np.array([at[:2] + s * wide * left + d * ahead for s, d in ends])
+    roof = np.column_stack([hood, np.full(4, top)])[None]
     coping = rectangle(at[:2] + 0.1 * ahead, ahead, 0.7, 2.0 * wide + 0.4)
-    underside = np.column_stack([coping[::-1], np.full(4, top - 0.1)])
     return [
         flat_quads(material, front),
-        flat_quads(material, [*sides, roof]),
-        *extruded(material, coping, top - 0.1, top + 0.4),
-        flat_quads(material, underside),
-        flat_quads(MOUTH, mouth),
+        flat_quads(material, np.concatenate([prism_quads(hood, at[2] - 1.0, top)[1::2], roof])),
+        extruded(material, coping, top - 0.1, top + 0.4),
+        flat_quads(MOUTH, _across(list(arch))),
     ]

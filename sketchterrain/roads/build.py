@@ -21,7 +21,7 @@ from sketchterrain.roads.alignment import Alignment, align
 from sketchterrain.roads.network import WayGraph, vector_texts, way_graph
 from sketchterrain.roads.profile import StationGraph, station_graph
 from sketchterrain.roads.road_types import Pad, Road, RoadNetwork, Wall, Works
-from sketchterrain.roads.structures import Carried, bends_told, carry
+from sketchterrain.roads.structures import FREEBOARD, Carried, bends_told, carry
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -296,12 +296,10 @@ def _pads(sketch: Sketch, known: _Known) -> tuple[Pad, ...]:
     rings = [layer.ring(int(layer.parts[index])) for index in indices]
     rings = [ring if _signed_area(ring) > 0.0 else ring[::-1] for ring in rings]
     samples = [_inside(ring) for ring in rings]
-    heights = np.split(
-        known.at(np.concatenate(samples))[:, 0], np.cumsum([len(each) for each in samples])[:-1]
-    )
+    found = np.split(known.at(np.concatenate(samples)), np.cumsum([len(each) for each in samples])[:-1])
     pads = []
-    for index, outline, height in zip(indices, rings, heights, strict=True):
-        level = float(np.round(np.median(height) * 1024.0) / 1024.0)
+    for index, outline, (height, water) in zip(indices, rings, (each.T for each in found), strict=True):
+        level = float(np.round(np.median(np.fmax(height, water + FREEBOARD)) * 1024.0) / 1024.0)
         most = float(np.abs(height - level).max())
         widest = _REACH * 2.0 * most / min(cut[index], fill[index])
         works = Works(float(cut[index]), float(fill[index]), surface[index])

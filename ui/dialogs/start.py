@@ -129,6 +129,7 @@ _PRESET_TIPS = {
     "canyon_mesa": "Mesas, buttes and a canyon with a river",
     "desert_mountains": "A desert with distant mountains",
     "island_coast": "An island with mountains, a bay and beaches",
+    "mountain_pass": "A road over a pass, a village, a railway",
     "rolling_hills": "Hills, groves and a stream",
     "valley_river": "A valley with a river between hills and mountains",
 }

@@ -73,6 +73,7 @@ class Effort:
     elevation_angles: tuple[float, ...] = (0.0, 30.0)  # degrees
     elevation_dems: int = 1  # real ones, of those there are
     detail_lattices: int = 4  # of octaves
+    road_points: int = 50_000  # of carriageways
     world_sides: tuple[int, ...] = (513, 1025)  # vertices along a side
     world_workers_side: int = 513  # of the world that workers share
     world_workers: tuple[int, ...] = (2,)
@@ -138,6 +139,7 @@ FULL = replace(
     elevation_sides=(1024, 4096, 16384),
     elevation_angles=(0.0, 10.0, 17.0, 30.0, 45.0),
     elevation_dems=4,
+    road_points=1_000_000,
     world_sides=(1025, 2049, 4097, 8193, 16385, 32769),
     world_workers_side=8193,
     world_workers=(1, 2),

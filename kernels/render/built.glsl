@@ -37,8 +37,8 @@ void lay_tracks(inout MaterialSample m, vec2 at, float spacing, vec2 seen)
     float across = abs(mod(at.y, spacing) - 0.5 * spacing);
     float sleeper = covered(mod(at.x, 0.6) - 0.3, 0.13, max(seen.x, 0.02)) * covered(across, 1.3, max(seen.y, 0.02));
     float rail = covered(across - 0.7535, 0.036, max(seen.y, 0.01));
-    m.albedo = mix(m.albedo, vec3(0.17, 0.155, 0.14), mix(sleeper, 0.43, smoothstep(0.2, 0.6, seen.x)) * 0.85);
-    m.albedo = mix(m.albedo, vec3(0.16, 0.13, 0.11), rail);
+    m.albedo = mix(m.albedo, vec3(0.36, 0.34, 0.31), mix(sleeper, 0.26, smoothstep(0.2, 0.6, seen.x)) * 0.85);
+    m.albedo = mix(m.albedo, vec3(0.085, 0.070, 0.062), rail);
     m.roughness = mix(m.roughness, 0.45, rail);
 }
 

@@ -57,6 +57,7 @@ void main()
     float heap = smoothstep(-0.1, 0.8, textureLod(noise_field, world / 93.0 + 0.21, 0.0).x
         + 0.6 * textureLod(noise_field, world / 311.0 + 0.57, 0.0).y);
     float chance = STONES_ANYWHERE(weights) + (STONES_IN_HEAPS(weights) + STONES_IN_MIDDLES(weights) * heap) * heap;
+    chance *= clamp(1.0 - 8.0 * PAVED(weights), 0.0, 1.0); // a stone is wider than its place
     chance *= sizes.z * smoothstep(STEEP - 0.12, STEEP + 0.12, normal.z);
     up *= step(d, chance * 0.999);
 

@@ -82,6 +82,7 @@ class Material:
     bunches: float = 0.0  # share of it with bunches of dry grass in arid terrain
     stones: Stones = Stones()
     tags: str = ""  # values of OpenStreetMap's tags that stand for it
+    is_paved: bool = False  # no stone lies on it, nor beside it
 
     @property
     def is_wooded(self) -> bool:
@@ -224,6 +225,7 @@ _DECLARED: Final = (
         tint=(196, 196, 200),
         colour=(60, 60, 70),
         tags="asphalt paved",
+        is_paved=True,
     ),
 )
 

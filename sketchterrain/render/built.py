@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import moderngl
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Bounds, Float64Array
 from sketchterrain.look.built_meshes import BUILT, MOUTH, BuiltPart
@@ -20,7 +21,8 @@ from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.render.road_strips import DEVIATION, Chunks, Strips, road_strips
 from sketchterrain.render.targets import bands
 from sketchterrain.render.vertex_memory import COMMAND
-from sketchterrain.roads.road_types import GROUND, RoadNetwork
+from sketchterrain.roads.road_shapes import axis_points
+from sketchterrain.roads.road_types import BRIDGE, GROUND, RoadNetwork
 
 if TYPE_CHECKING:
     from sketchterrain.render.camera import Camera
@@ -67,6 +69,7 @@ class BuiltScenery:
         self._strips: dict[object, list[Strips]] = {}
         self._objects: dict[object, list[_Block]] = {}
         self._drawn: dict[str, _Drawn] = {}
+        self._decks = cKDTree(np.zeros((0, 3)))
         self.rebuild(defines)
         self.set_terrain(terrain, ())
 
@@ -89,10 +92,19 @@ class BuiltScenery:
         if layers != self._layers:
             self._layers, self._strips, self._objects = layers, {}, {}
         self._network = network
+        decks = [axis_points(road, 0.5) for road in network.roads if road.structure == BRIDGE]
+        stations = [
+            each.at_distances(np.arange(each.along[0], each.along[-1], 3.0)).position for each in decks
+        ]
+        self._decks = cKDTree(np.concatenate([np.zeros((0, 3)), *stations]))
         strips = self._update_strips(network)
         objects = self._update_objects(terrain, areas)
         if strips or objects:
             self.changes += 1
+
+    def clearance(self, eye: Sequence[float]) -> float:
+        """Return the distance (m) from an eye to the axis of the nearest bridge, inf without any."""
+        return float(self._decks.query(eye)[0])
 
     def _update_strips(self, network: RoadNetwork) -> bool:
         """Replace the strips of roads on the ground; return whether any has changed."""

@@ -29,6 +29,7 @@ def material_macros(table: MaterialTable) -> dict[str, int | str]:
         "STONES_ANYWHERE(w)": _sum(table, lambda material: material.stones.anywhere),
         "STONES_IN_HEAPS(w)": _sum(table, lambda material: material.stones.heaps),
         "STONES_IN_MIDDLES(w)": _sum(table, lambda material: material.stones.middles),
+        "PAVED(w)": _sum(table, lambda material: float(material.is_paved)),
         "STONE_COLOURS": _stone_colours(table),
         "STONE_WEAR(w)": _stone_wear(table),
     }

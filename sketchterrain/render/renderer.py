@@ -273,7 +273,7 @@ class Renderer:
         x, y, z = camera.eye
         above = max(z - float(surface_heights(self._terrain, x, y)), 0.0)
         distance = draw_distance(above, extent=self._terrain.extent, extents=self._quality.draw_distance)
-        near, far = clip_planes(above, distance)
+        near, far = clip_planes(min(above, self.scenery.built.clearance(camera.eye)), distance)
         return replace(camera, near=near, far=far), distance, above
 
     def release(self) -> None:

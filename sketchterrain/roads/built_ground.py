@@ -14,6 +14,7 @@ from sketchterrain.roads.road_shapes import axis_points
 from sketchterrain.roads.road_types import GROUND, TUNNEL, RoadNetwork
 
 _SPACING: Final = 2.0  # m between the points that stand for axes
+_BARE_SHOULDER = 0.8  # of its width
 _VERGE: Final = 1.5  # m from the shoulder to trees
 _CORNER: Final = 15.0  # m from junctions without trees
 
@@ -45,7 +46,8 @@ class BuiltGround:
                 points = axis_points(road, 0.5)
                 count = max(int(np.ceil((points.along[-1] - points.along[0]) / _SPACING)), 1)
                 points = points.at_distances(np.linspace(points.along[0], points.along[-1], count + 1))
-                rows.append(np.column_stack([points.position[:, :2], points.half_width]))
+                wide = points.half_width + _BARE_SHOULDER * points.shoulder
+                rows.append(np.column_stack([points.position[:, :2], wide]))
         if not rows:
             return None, np.zeros(0)
         every = np.concatenate(rows)

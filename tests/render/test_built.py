@@ -203,6 +203,7 @@ def test_an_edit_rebuilds_what_it_changes(gl, monkeypatch):
     built = BuiltScenery(gl, Flat(network), defines={})
     objects, strips = dict(built._objects), dict(built._strips)
     assert built.changes == 1
+    assert built.clearance(tuple(network.roads[2].axis[0] + np.array([0.0, 0.0, 2.0]))) == pytest.approx(2.0)
     built.set_terrain(Flat(network), ())
     assert built.changes == 1
     moved = replace(network.roads[0], axis=np.add(network.roads[0].axis, [0.0, 5.0, 0.0]))
@@ -215,3 +216,4 @@ def test_an_edit_rebuilds_what_it_changes(gl, monkeypatch):
     assert [key for key in objects if built._objects[key] is not objects[key]] == [bridge]
     built.set_terrain(Flat(RoadNetwork()), [])
     assert not built
+    assert built.clearance((0.0, 0.0, 0.0)) == np.inf

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.layers import DENSITY
+from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.placement import differences as row_differences
 from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES
 from sketchterrain.placement.fill import Fill
@@ -52,8 +53,8 @@ class Part:
     value: Callable[[TerrainRecipe], Any] | None = None  # unless it is found from other parts
 
 
-_WITHOUT_EFFECT = ("id", "label", "area")
-"""Fields of items that name them, or that are only exported."""
+_WITHOUT_EFFECT = ("id", "label", "area", "layer", "leg", "part", "trees", "ends", "building")
+"""Fields of items that name them, or that are only drawn or exported."""
 
 _SHARES = 20  # of the parts, one of them in the default tier
 _DERIVED = ("extent", "size", "near", "conifers")
@@ -70,6 +71,10 @@ def other_value(value: Any) -> Any:
         return 0.8 * value if value else 0.5
     if isinstance(value, np.ndarray):
         return ~value if value.dtype == bool else (0.8 * value).astype(value.dtype)
+    if isinstance(value, str):
+        return "rock" if value != "rock" else "sand"
+    if isinstance(value, tuple) and isinstance(value[0], str):
+        return value[::-1]
     if isinstance(value, tuple):
         return value[:-1] if is_dataclass(value[0]) else tuple(other_value(each) for each in value)
     raise TypeError(type(value))
@@ -86,6 +91,8 @@ def mapped(value: Any, path: Path, function: Callable[[Any], Any]) -> Any:
     """Return a value with a function applied to the part at a path of fields and keys, of all items."""
     if not path:
         return function(value)
+    if hasattr(value, "_fields"):
+        return value._replace(**{path[0]: mapped(getattr(value, path[0]), path[1:], function)})
     if isinstance(value, tuple):
         return tuple(mapped(each, path, function) for each in value)
     if value is None:
@@ -97,11 +104,12 @@ def mapped(value: Any, path: Path, function: Callable[[Any], Any]) -> Any:
 
 def at_path(value: Any, path: Path) -> Any:
     """Return the part of a value at a path, a list of those of all items."""
-    if path and isinstance(value, tuple):
+    if path and isinstance(value, tuple) and not hasattr(value, "_fields"):
         return [at_path(each, path) for each in value]
     if not path or value is None:
         return value
-    return at_path(getattr(value, path[0]) if is_dataclass(value) else value[path[0]], path[1:])
+    has_fields = is_dataclass(value) or hasattr(value, "_fields")
+    return at_path(getattr(value, path[0]) if has_fields else value[path[0]], path[1:])
 
 
 def are_equal(one: Any, other: Any) -> bool:
@@ -121,6 +129,9 @@ def paths(value: Any) -> Iterator[Path]:
     """Return the paths of all values in dataclasses, mappings and tuples of these."""
     if isinstance(value, tuple) and value and is_dataclass(value[0]):
         yield from paths(value[0])
+    elif hasattr(value, "_fields"):
+        for name in value._fields:
+            yield from ((name, *rest) for rest in paths(getattr(value, name)))
     elif is_dataclass(value):
         for each in fields(value):
             yield from ((each.name, *rest) for rest in paths(getattr(value, each.name)))
@@ -379,7 +390,7 @@ def parts_of(recipe: TerrainRecipe) -> list[Part]:
 
 @pytest.fixture(scope="module")
 def terrain(context) -> Terrain:
-    """Return a terrain with shapes in every layer, features elsewhere, and dunes of several styles."""
+    """Return a terrain with shapes in every layer, features elsewhere, dunes of several styles, a road, a pad."""
     sketch = random_sketch(np.random.default_rng(12), share=1.0)
     labels, dunes = {}, np.array(sketch.layers["dune"])
     for number, label in enumerate((1, 2, 3, 4)):
@@ -387,8 +398,19 @@ def terrain(context) -> Terrain:
         labels["dune", label] = {"wavelength": (90.0, 50.0)[number // 2], "wind": (20.0, 250.0)[number % 2]}
     density = dict.fromkeys(DENSITY, 8000000.0 / sketch.extent**2)
     climate = {"snow_line": 150.0, "tree_line": 80.0, "aridity": 0.5}
+    tile = 0.5 * sketch.extent
+    way = tile + np.array([[-90.0, -70.0], [15.0, 10.0], [30.0, 120.0]])
+    outline = tile + np.array([[25.0, 12.0], [36.0, 12.0], [36.0, 24.0], [25.0, 24.0]])
+    features = {
+        "road": VectorFeature(LINE, (way,), 1, {"structure": "ground", "superelevation": 0.06}),
+        "pad": VectorFeature(AREA, (outline,), 1, {}),
+    }
     sketch = sketch.replace(
-        labels=labels, density=density, climate=climate, layers={**sketch.layers, "dune": dunes}
+        labels=labels,
+        density=density,
+        climate=climate,
+        layers={**sketch.layers, "dune": dunes},
+        vectors={name: VectorLayer(name).edited(add=[each]) for name, each in features.items()},
     )
     built = build(sketch, device=context)
     # Rivers are so steep that arcs depend on it.

@@ -19,6 +19,7 @@ _FEW = 1 << 14
 _SIZE_BITS = 2
 # An index is rebuilt after each change up to so many items, and then once a share of them has changed.
 _FEW_ITEMS, _EDITED_SHARE = 1024, 16
+_POINT_BITS = 2  # squares of points are smaller than boxes by this power of two
 _NONE = np.zeros(0, np.int64)
 _NO_BOXES = np.zeros((0, 4), np.int64)
 
@@ -123,6 +124,26 @@ class BoxIndex:
         bits = (len(self) + 1).bit_length()
         order = np.sort(block << bits | item)
         return order >> bits, order & ((1 << bits) - 1)
+
+    def at_points(self, x: LatticeArray, y: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
+        """Return pairs (point, item) of points (n,) in boxes, by point, then by item.
+
+        Points are asked for by squares as large as most boxes.
+        """
+        if not len(self) or not len(x):
+            return _NONE, _NONE
+        bits = max(int(np.median(self._high - self._low)).bit_length() - _POINT_BITS, 0)
+        cells, square = np.unique(np.stack([x, y], axis=1) >> bits, axis=0, return_inverse=True)
+        square = square.reshape(-1)
+        low = cells << bits
+        block, item = self.touching(np.concatenate([low, low + ((1 << bits) - 1)], axis=1))
+        starts = np.searchsorted(block, np.arange(len(cells) + 1))
+        point, offset = _runs(np.diff(starts)[square])
+        item = item[starts[square[point]] + offset]
+        at = np.stack([x[point], y[point]], axis=1)
+        boxes = self._edits.applied(self._boxes) if self._edits else self._boxes
+        inside = ((at >= boxes[item, :2]) & (at <= boxes[item, 2:])).all(axis=1)
+        return point[inside], item[inside]
 
     def _candidates(self, blocks: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
         """Return pairs of blocks and items in cells near them."""

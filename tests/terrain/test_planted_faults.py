@@ -363,6 +363,8 @@ def parts_of(recipe: TerrainRecipe) -> list[Part]:
         for name in own:
             if getattr(layer, name) is None:  # elevation data: tests/terrain/test_base_layer.py
                 continue
+            if (layer.name, name) == ("roads", "materials"):  # its items hold their numbers
+                continue
             parts = paths(getattr(layer, name)) if isinstance(layer, ReliefLayer) else [()]
             found += [key_part(type(layer), (name, *part)) for part in parts]
         if not isinstance(layer, PointsLayer | CorridorsLayer | DunesLayer):
@@ -400,9 +402,9 @@ def terrain(context) -> Terrain:
     climate = {"snow_line": 150.0, "tree_line": 80.0, "aridity": 0.5}
     tile = 0.5 * sketch.extent
     way = tile + np.array([[-90.0, -70.0], [15.0, 10.0], [30.0, 120.0]])
-    outline = tile + np.array([[25.0, 12.0], [36.0, 12.0], [36.0, 24.0], [25.0, 24.0]])
+    outline = tile + np.array([[38.0, 40.0], [52.0, 40.0], [52.0, 52.0], [38.0, 52.0]])
     features = {
-        "road": VectorFeature(LINE, (way,), 1, {"structure": "ground", "superelevation": 0.06}),
+        "road": VectorFeature(LINE, (way,), 1, {"structure": "ground", "grade": 1.0}),
         "pad": VectorFeature(AREA, (outline,), 1, {}),
     }
     sketch = sketch.replace(

@@ -346,7 +346,7 @@ def _carved(height: Float64Array, rivers: PackedRivers, site: HostSite) -> tuple
     for first in range(0, len(height), _POINTS_AT_ONCE):
         x, y = (each[first : first + _POINTS_AT_ONCE] for each in (site.x, site.y))
         # Beyond its box an arc adds exactly nothing.
-        point, i = index.touching(np.stack([x, y, x, y], axis=-1))
+        point, i = index.at_points(x, y)
         offset = np.stack([x[point], y[point]], axis=-1) - rivers.start[i]
         t, d2 = nearest_on_arc(rivers.chord[i], rivers.arc[i, ARC["arc_bend"]], offset * unit)
         here = (rivers.up[i] + (rivers.down[i] - rivers.up[i]) * t[:, None]).T

@@ -166,7 +166,7 @@ class RoadsLayer(TerrainLayer):
             return ground
         cell, unit = site.sampling.cell, site.sampling.unit
         index = self._index(unit, packed)
-        point, piece = index.touching(np.stack([site.x, site.y, site.x, site.y], axis=1))
+        point, piece = index.at_points(site.x, site.y)
         offset = (np.stack([site.x[point], site.y[point]], axis=1) - packed.at[piece]) * unit
         t, square, left = _feet(packed.row[piece, :2], packed["road_bend"][piece], offset)
 
@@ -218,7 +218,7 @@ class RoadsLayer(TerrainLayer):
 def _feet(
     chord: Float64Array, bend: Float64Array, offset: Float64Array
 ) -> tuple[Float64Array, Float64Array, npt.NDArray[np.bool_]]:
-    """Return shares along arcs of the points nearest to offsets from their starts, and which are on the left."""
+    """Return shares along arcs nearest to offsets from their starts, squared distances, and which are left."""
     t, square = nearest_on_arc(chord, bend, offset)
     inverse = 1.0 / (chord**2).sum(axis=1)
     u = (offset * chord).sum(axis=1) * inverse

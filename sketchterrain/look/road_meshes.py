@@ -33,6 +33,7 @@ CHORD: Final = 0.02  # m, deviation of meshes from arcs and vertical curves
 SHOULDER: Final = "gravel"
 TRACK: Final = 4.4  # m between the middles of railway tracks
 _JUNCTION: Final = 40.0  # m along a leg from a junction where the ground may differ from the road's section
+_MARGIN: Final = 40.0  # m about bridges where others may be below
 _STEP: Final = 2.0  # m between places where a bridge looks for ground and obstacles
 _DECK: Final = {"road": (20.0, 0.5, 2.6), "railway": (14.0, 0.7, 3.2), "path": (28.0, 0.16, 0.7)}
 """Span over thickness of a deck, its least and greatest thickness (m)."""
@@ -50,7 +51,7 @@ _BEFORE: Final = 1.0  # m that a portal stands before the tunnel's end
 def built_objects(network: RoadNetwork, rivers: Sequence[River] = ()) -> list[BuiltObject]:
     """Return bridges, tunnels, houses, walls and hedges."""
     bridges = [road for road in network.roads if road.structure == BRIDGE]
-    obstacles = _Obstacles(network.roads if bridges else (), rivers if bridges else ())
+    obstacles = _Obstacles(_below(network.roads, bridges), rivers if bridges else ())
     return [
         *(_bridge(road, obstacles) for road in bridges),
         *(_tunnel(road) for road in network.roads if road.structure == TUNNEL),
@@ -112,6 +113,26 @@ def _carriageway(
     return [middle, *(swept(beside, pair, along, tone=tone) for pair in (lines[:2], lines[2:]))]
 
 
+def _below(roads: Sequence[Road], bridges: Sequence[Road]) -> list[Road]:
+    """Return the roads on the ground that may be under one of the bridges, by their bounding boxes."""
+    if not bridges:
+        return []
+    others = [road for road in roads if road.structure == GROUND]
+    (low, high), (west, east) = (
+        [
+            np.array([bound(road.axis[:, :2], axis=0) for road in each]).reshape(-1, 2)
+            for bound in (np.min, np.max)
+        ]
+        for each in (others, bridges)
+    )
+    more = (
+        _MARGIN + np.array([float(np.abs(road.bend).max() * np.ptp(road.along)) for road in others])[:, None]
+    )
+    meets = ((low - more)[:, None] <= east[None]) & ((high + more)[:, None] >= west[None])
+    near = np.flatnonzero(np.asarray(meets.all(axis=2)).any(axis=1))
+    return [others[number] for number in near]
+
+
 class _Obstacles:
     """Roads on the ground and rivers, which piers keep off: points with a reach (m), and 1 for rivers."""
 
@@ -119,7 +140,6 @@ class _Obstacles:
         lines = [
             (_resampled(axis_points(road, 0.5).position, _STEP), float(road.whole_half.max()) + 1.0, 2.0)
             for road in roads
-            if road.structure == GROUND
         ]
         lines += [
             (_resampled(river.centreline, _STEP), 0.5 * float(river.centreline_width.mean()), 1.0)

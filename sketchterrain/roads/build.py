@@ -133,7 +133,7 @@ def _roads(plan: _Plan, known: _Known, cache: LRUCache) -> tuple[tuple[Road, ...
     carried = carry(graph, plan.stations, line, 0.5 * middle + 0.25 * (left + right), water)
     crossfall = _crossfall(graph, line, half)
     cut, fill = of_ways([way.works.cut for way in ways]), of_ways([way.works.fill for way in ways])
-    reach = _reach(carried.profile.height, (left, middle, right), half + shoulder, cut, fill)
+    reach = _reach(line, carried.profile.height, (left, middle, right), half + shoulder, cut, fill)
     roads = _parts(graph, line, carried, half, shoulder, crossfall, reach)
     return _canonical(roads, cache), (*carried.findings, *plan.bends)
 
@@ -202,6 +202,7 @@ def _blurred(values: Float64Array, line: Alignment) -> Float64Array:
 
 
 def _reach(
+    line: Alignment,
     height: Float64Array,
     ground: tuple[Float64Array, Float64Array, Float64Array],
     whole: Float64Array,
@@ -219,8 +220,10 @@ def _reach(
         closing = np.maximum(slope + np.where(lack > 0.0, lean, -lean), _DAYLIGHT * slope)
         widest = np.maximum(widest, np.abs(lack) / closing)
     reach = whole + np.clip(_REACH * widest, _LEAST_REACH, _MOST_REACH)
-    neighbours = np.maximum(reach, np.maximum(np.append(reach[1:], 0.0), np.append(0.0, reach[:-1])))
-    return np.ceil(neighbours)
+    wider, same = reach.copy(), np.diff(line.leg) == 0
+    wider[:-1] = np.maximum(wider[:-1], np.where(same, reach[1:], 0.0))
+    wider[1:] = np.maximum(wider[1:], np.where(same, reach[:-1], 0.0))
+    return np.asarray(np.ceil(wider))
 
 
 def _parts(

@@ -30,7 +30,8 @@ class BuiltGround:
         near = np.zeros(len(at), np.bool_)
         tree, half = self._axes
         if tree is not None:
-            away, nearest = tree.query(at, distance_upper_bound=float(half.max()) + beyond)
+            most = float(half.max()) + beyond
+            away, nearest = (np.asarray(each) for each in tree.query(at, distance_upper_bound=most))
             found = np.isfinite(away)
             near[found] = away[found] < half[nearest[found]] + beyond
         if self._pads is not None:

@@ -141,7 +141,7 @@ def vector_texts(sketch: Sketch, layer: VectorLayer, name: str) -> list[str]:
 
 def _without_repeats(path: Float64Array) -> Float64Array:
     keep = np.append(True, (path[1:] != path[:-1]).any(axis=1))
-    return path[keep]
+    return np.asarray(path[keep])
 
 
 def _with_crossings(
@@ -156,7 +156,7 @@ def _with_crossings(
     points, pair = shapely.get_coordinates(met, return_index=True)
     points = on_grid(points)
     known = [set(map(tuple, path.tolist())) for path in paths]
-    added = defaultdict(list)
+    added: dict[int, list[tuple[float, float]]] = defaultdict(list)
     for number in np.flatnonzero(~shapely.is_simple(lines)).tolist():  # it meets itself
         added[number] += map(tuple, on_grid(shapely.get_coordinates(shapely.node(lines[number]))).tolist())
     crossings = []
@@ -205,7 +205,9 @@ def _legs(ways: Sequence[Way], paths: Sequence[Float64Array]) -> list[Leg]:
     np.minimum.at(low, node, layer_of)
     np.maximum.at(high, node, layer_of)
     is_junction = (degree != 2) | (low != high)
-    curves = []  # (first, last) vertices of pieces between junctions and ends of features
+    curves: list[
+        tuple[int, int]
+    ] = []  # (first, last) vertices of pieces between junctions and ends of features
     for number in range(len(paths)):
         start, end = int(first[number]), int(first[number + 1])
         inner = np.flatnonzero(is_junction[node[start + 1 : end - 1]]) + start + 1
@@ -221,7 +223,7 @@ def _legs(ways: Sequence[Way], paths: Sequence[Float64Array]) -> list[Leg]:
 
     def grown(number: int, *, reverse: bool) -> list[tuple[int, bool]]:
         """Return curves, and whether they are reversed, that continue one beyond its last node."""
-        found = []
+        found: list[tuple[int, bool]] = []
         while True:
             a, b = curves[number]
             last = int(node[a if reverse else b])

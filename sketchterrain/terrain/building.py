@@ -274,7 +274,7 @@ def plan_terrain(
     sketch: Sketch, memory: LRUCache, checkpoint: Callable[[], None] = lambda: None
 ) -> TerrainPlan:
     """Place the features of a sketch and lay out its water; see `make_recipe`."""
-    last = memory.get(_NATURAL)
+    last: _Natural | None = memory.get(_NATURAL)
     if last is not None and _differ_in_roads(last.sketch, sketch):
         return last.plan
     given, sketch = sketch, with_vectors_painted(sketch, memory)

@@ -259,7 +259,7 @@ class Storey:
         places = (np.ascontiguousarray(points[axis]) for axis in ("x", "y"))
         sites = PlantSites.evaluate(self._evaluator, *places)
         surviving = self._rule.survives(sites)
-        at = np.stack([sites.x, sites.y], axis=1) * self._unit
+        at = np.asarray(np.stack([sites.x, sites.y], axis=1) * self._unit, np.float64)
         surviving &= ~self._built.is_near(at, self._verge)
         points, sites = points[surviving], sites.subset(surviving)
         plants = self._records(sites)

@@ -67,7 +67,7 @@ def new(
 
             paths = [path for each in dem for path in elevation_files(each)]
             grids = [raster_source(path, "elevation", embed=embed) for path in paths]
-            degrees, traced = None, ()
+            degrees, traced = None, tuple[str, ...]()
             if osm is not None:
                 from sketchterrain.importing.vector_files import osm_bounds
                 from sketchterrain.importing.vectors import with_vectors_of

@@ -348,7 +348,8 @@ def _carved(height: Float64Array, rivers: PackedRivers, site: HostSite) -> tuple
         # Beyond its box an arc adds exactly nothing.
         point, i = index.at_points(x, y)
         offset = np.stack([x[point], y[point]], axis=-1) - rivers.start[i]
-        t, d2 = nearest_on_arc(rivers.chord[i], rivers.arc[i, ARC["arc_bend"]], offset * unit)
+        away: Float64Array = np.asarray(offset * unit, np.float64)
+        t, d2 = nearest_on_arc(rivers.chord[i], rivers.arc[i, ARC["arc_bend"]], away)
         here = (rivers.up[i] + (rivers.down[i] - rivers.up[i]) * t[:, None]).T
         width, radius = here[SECTION["half_width"]], here[SECTION["valley_radius"]]
         share2 = d2 / radius**2

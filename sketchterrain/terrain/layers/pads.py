@@ -110,17 +110,19 @@ class PadsLayer(TerrainLayer):
             inside = (site.x >= west) & (site.x <= east) & (site.y >= south) & (site.y <= north)
             near = np.flatnonzero(inside)
             corner = to_lattice(pad.outline[0], world.extent)
-            at = (np.stack([site.x[near], site.y[near]], axis=1) - corner) * world.unit
+            offset = np.stack([site.x[near], site.y[near]], axis=1) - corner
+            at: Float64Array = np.asarray(offset * world.unit, np.float64)
             distance = outline_distance(_edges(pad), at)
             own = np.maximum(distance, 0.0) < pad.reach
             points.append(near[own])
             numbers.append(np.full(int(own.sum()), number))
             distances.append(distance[own])
         order = np.argsort(np.concatenate(points), kind="stable")
-        point, number, distance = (np.concatenate(each)[order] for each in (points, numbers, distances))
+        point, own_pad = (np.concatenate(each)[order] for each in (points, numbers))
+        distance = np.concatenate(distances)[order]
         level, cut, fill, reach = np.array(
             [[pad.level, pad.works.cut, pad.works.fill, pad.reach] for pad in self.pads]
-        )[number].T
+        )[own_pad].T
         beyond, one = np.maximum(distance, 0.0), np.ones(len(point))
         covered = np.clip(0.5 - distance / cell, 0.0, _COVERAGE_MOST)
         clear = np.clip(1.5 - 0.5 * distance, 0.0, 1.0)
@@ -147,4 +149,4 @@ def outline_distance(edges: Float64Array, at: Float64Array) -> Float64Array:
         is_east = px * north < py * east
         inside ^= ((py < 0.0) != (py < north)) & (is_east == (north > 0.0))
     distance = np.sqrt(nearest)
-    return np.where(inside, -distance, distance)
+    return np.asarray(np.where(inside, -distance, distance))

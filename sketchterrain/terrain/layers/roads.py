@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Float64Array, Int64Array, LatticeArray, StructuredArray
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.roads.road_types import GROUND, TUNNEL, Road
@@ -62,6 +62,11 @@ class PackedRoads:
     def ends(self, name: str) -> tuple[Float64Array, Float64Array]:
         """Return a column at the starts and at the ends of pieces, (n,) each."""
         return self[f"road_from_{name}"], self[f"road_to_{name}"]
+
+    def along(self, name: str, piece: Int64Array, t: Float64Array) -> Float64Array:
+        """Return a value at shares t of pieces, linear between their ends."""
+        start, end = (column[piece] for column in self.ends(name))
+        return np.asarray(start + (end - start) * t)
 
     def boxes(self, unit: float) -> LatticeArray:
         """Return the boxes (n, 4) that pieces affect, lattice units."""
@@ -164,37 +169,24 @@ class RoadsLayer(TerrainLayer):
         packed = self.rows(site.sampling.world.extent)
         if not len(packed.at):
             return ground
-        cell, unit = site.sampling.cell, site.sampling.unit
-        index = self._index(unit, packed)
-        point, piece = index.at_points(site.x, site.y)
-        offset = (np.stack([site.x[point], site.y[point]], axis=1) - packed.at[piece]) * unit
-        t, square, left = _feet(packed.row[piece, :2], packed["road_bend"][piece], offset)
-
-        def at_foot(name: str, piece: Int64Array, t: Float64Array) -> Float64Array:
-            start, end = (column[piece] for column in packed.ends(name))
-            return np.asarray(start + (end - start) * t)
-
-        near = np.flatnonzero(square < at_foot("reach", piece, t) ** 2)
-        key = point[near] * (int(packed.chain[-1]) + 1) + packed.chain[piece[near]]
-        order = np.lexsort((np.arange(len(near)), square[near], key))
-        near = near[order[np.append(True, np.diff(key[order]) != 0)[: len(order)]]] if len(order) else near
-        point, piece, t, square, left = (each[near] for each in (point, piece, t, square, left))
-        portals = packed["road_portals"][piece].astype(np.int64)
-        own = ~(((portals & 1 > 0) & (t <= 0.0)) | ((portals & 2 > 0) & (t >= 1.0)))
-        point, piece, t, square, left = (each[own] for each in (point, piece, t, square, left))
-        away = np.sqrt(square)
-        lean = np.where(left, at_foot("left", piece, t), at_foot("right", piece, t))
-        half, whole, reach, share = (at_foot(name, piece, t) for name in ("half", "whole", "reach", "share"))
+        cell = site.sampling.cell
+        feet = self._feet(packed, site)
+        piece, t = feet.piece, feet.t
+        away = np.sqrt(feet.square)
+        lean = np.where(feet.left, packed.along("left", piece, t), packed.along("right", piece, t))
+        half, whole, reach, share = (
+            packed.along(name, piece, t) for name in ("half", "whole", "reach", "share")
+        )
         seen = smooth_rise(2.0 * half / cell, _CELLS, _CELLS)
         wide = np.minimum(whole + _WIDER * cell, 0.5 * (whole + reach))
         strips = Strips(
-            point,
+            feet.point,
             _profile(packed.row[piece], t) + lean * np.minimum(away, whole),
             np.maximum(away - wide, 0.0),
             reach - wide,
             packed["road_cut"][piece],
             packed["road_fill"][piece],
-            square / whole**2,
+            feet.square / whole**2,
             share,
             seen,
             (seen > 0.0) & (share > _LEAST_SHARE),
@@ -203,28 +195,47 @@ class RoadsLayer(TerrainLayer):
         )
         return with_strips(ground, strips)
 
-    def _index(self, unit: float, packed: PackedRoads) -> BoxIndex:
-        key = ("index", unit)
-        found = self._indices.get(key)
-        if found is None:
-            found = self._indices[key] = BoxIndex(packed.boxes(unit))
-        return found
+    def _feet(self, packed: PackedRoads, site: HostSite) -> _Feet:
+        """Return the nearest point of each chain near each point, none beyond a tunnel's portal."""
+        unit = site.sampling.unit
+        if unit not in self._indices:
+            self._indices[unit] = BoxIndex(packed.boxes(unit))
+        point, piece = self._indices[unit].at_points(site.x, site.y)
+        at = np.stack([site.x[point], site.y[point]], axis=1)
+        chord, bend = packed.row[piece, :2], packed["road_bend"][piece]
+        offset: Float64Array = np.asarray((at - packed.at[piece]) * unit, np.float64)
+        t, square = nearest_on_arc(chord, bend, offset)
+        inverse = 1.0 / (chord**2).sum(axis=1)
+        u = (offset * chord).sum(axis=1) * inverse
+        v = (offset[:, 1] * chord[:, 0] - offset[:, 0] * chord[:, 1]) * inverse
+        left = 2.0 * bend * (u * u - u + v * v) + (1.0 - bend * bend) * v > 0.0
+        feet = _Feet(point, piece, t, square, left)
+        feet = feet.subset(square < packed.along("reach", piece, t) ** 2)
+        key = feet.point * (int(packed.chain[-1]) + 1) + packed.chain[feet.piece]
+        order = np.lexsort((np.arange(len(key)), feet.square, key))
+        is_first = np.append(True, np.diff(key[order]) != 0)[: len(order)]
+        feet = feet.subset(order[is_first])
+        portals = packed["road_portals"][feet.piece].astype(np.int64)
+        before, behind = (portals & 1 > 0) & (feet.t <= 0.0), (portals & 2 > 0) & (feet.t >= 1.0)
+        return feet.subset(~(before | behind))
 
     @cached_property
-    def _indices(self) -> dict[tuple[str, float], BoxIndex]:
+    def _indices(self) -> dict[float, BoxIndex]:
         return {}
 
 
-def _feet(
-    chord: Float64Array, bend: Float64Array, offset: Float64Array
-) -> tuple[Float64Array, Float64Array, npt.NDArray[np.bool_]]:
-    """Return shares along arcs nearest to offsets from their starts, squared distances, and which are left."""
-    t, square = nearest_on_arc(chord, bend, offset)
-    inverse = 1.0 / (chord**2).sum(axis=1)
-    u = (offset * chord).sum(axis=1) * inverse
-    v = (offset[:, 1] * chord[:, 0] - offset[:, 0] * chord[:, 1]) * inverse
-    left = 2.0 * bend * (u * u - u + v * v) + (1.0 - bend * bend) * v > 0.0
-    return t, square, left
+class _Feet(NamedTuple):
+    """Points of chains nearest to points of the ground, (k,) each."""
+
+    point: Int64Array
+    piece: Int64Array
+    t: Float64Array  # 0 … 1 along the piece
+    square: Float64Array  # squared distance, m²
+    left: BoolArray  # whether the point is to the left
+
+    def subset(self, chosen: BoolArray | Int64Array) -> _Feet:
+        """Return some of them."""
+        return _Feet._make(each[chosen] for each in self)
 
 
 def _profile(row: Float64Array, t: Float64Array) -> Float64Array:

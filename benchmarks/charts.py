@@ -27,6 +27,7 @@ from sketchterrain.benchmarks.plotting import (
 )
 from sketchterrain.benchmarks.points import draw_room, draw_spectra, draw_table_6_1
 from sketchterrain.benchmarks.report import Outcome, Row, value_of
+from sketchterrain.benchmarks.roads import draw_roads
 from sketchterrain.benchmarks.speed import draw_rates, draw_thesis
 from sketchterrain.benchmarks.splines import draw_splines
 from sketchterrain.benchmarks.worlds import draw_worlds
@@ -218,6 +219,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "live": draw_live,
     "pictures": draw_qualities,
     "points": draw_table_6_1,
+    "roads": draw_roads,
     "speed": draw_rates,
     "splines": draw_splines,
     "world": draw_worlds,

@@ -17,6 +17,7 @@ from sketchterrain.benchmarks import (
     live,
     noise,
     pictures,
+    roads,
     speed,
     splines,
     worlds,
@@ -76,6 +77,7 @@ BENCHMARKS = {
         Benchmark("live", "20 shapes on 512 px, and views of presets", str(live.SEED), live.measure),
         Benchmark("pictures", "valley_river, and flights over presets", _OWN, pictures.measure),
         Benchmark("elevation", "generated DEM grids", str(elevation.SEED), elevation.measure),
+        Benchmark("roads", "Andorra, its SRTM and OpenStreetMap", _OWN, roads.measure),
         Benchmark("erosion", "the middle of alpine_range, 8 km wide in a full run", _OWN, erosion.measure),
         Benchmark(
             "landforms",

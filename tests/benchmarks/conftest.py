@@ -60,6 +60,7 @@ TINY = replace(
     batch_seeds=1,
     batch_jobs=(1,),
     batch_rounds=2,
+    road_points=1_000,
     world_sides=(17, 33),
     world_workers_side=17,
     world_workers=(),

@@ -1,0 +1,448 @@
+"""Roads of Andorra: grades, sections, earthworks, structures and times, beside other programs' methods."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cached_property, partial
+from itertools import groupby
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+from typing import Any, TypeAlias
+
+import numpy as np
+import shapely
+from scipy.spatial import cKDTree
+
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.benchmarks.effort import Effort
+from sketchterrain.benchmarks.plotting import HUES, SMALL, new_figure
+from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
+from sketchterrain.benchmarks.road_methods import METHODS, Problem
+from sketchterrain.benchmarks.road_samples import RoadSamples, road_samples
+from sketchterrain.benchmarks.timing import TimedContext, alternate
+from sketchterrain.caching import LRUCache
+from sketchterrain.document.layers import id_of_vector
+from sketchterrain.document.rasters import raster_source
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
+from sketchterrain.document.vectors import LINE, VectorFeature, on_grid
+from sketchterrain.importing.elevation import sketch_on_elevation
+from sketchterrain.importing.vectors import with_vectors_of
+from sketchterrain.roads.build import ROAD_LAYERS, road_network
+from sketchterrain.roads.road_shapes import axis_points
+from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, RoadNetwork, deck_depth
+from sketchterrain.roads.structures import TUNNEL_HEIGHT
+from sketchterrain.roads.waters import flood_levels
+from sketchterrain.terrain.building import make_recipe
+from sketchterrain.terrain.host_heights import host_heights
+from sketchterrain.terrain.lattice import QUADS
+from sketchterrain.terrain.terrain import Terrain
+
+DEMS, OSM = "SKETCHTERRAIN_DEMS", "SKETCHTERRAIN_OSM"
+"""Environment variables: the folder with `N42E001.hgt.zip`, and a file of OpenStreetMap with its roads."""
+
+_CORNER, _EXTENT = (368_000.0, 4_697_500.0), 32_000.0  # m
+_STEP, _DENSE, _SECTIONS = 10.0, 2.0, 100.0  # m between samples, those of structures, sections
+_OFFSETS = np.arange(-40.0, 40.25, 0.5)  # m of points of sections from the axis
+_EDGE = 1.0 - 1e-3  # of the half width: positions have steps of 2 mm
+_OVER = 1e-3  # of grades
+_CELL = 2.0  # m, of the ground that roads are laid on
+_MOVED = np.array([12.0, 16.0])  # m by which nodes are moved
+
+_PROFILES = (
+    Column("method", "method"),
+    Column("over", "over the limit by > 0.1 %: % of samples"),
+    Column("p50", "grade, median"),
+    Column("p95", "95 %"),
+    Column("most", "largest"),
+    Column("rms", "cut and fill, rms m"),
+    Column("p90", "90 %"),
+    Column("p99", "99 %"),
+    Column("seconds", "s"),
+)
+_HEADINGS = ("line", "measure", "asked", "reached", "of", "besides")
+_Line: TypeAlias = tuple[str, float | None, float, int, str]
+"""A measure, what is asked, what is reached, of how many, and facts."""
+
+
+def measure(context: TimedContext, effort: Effort) -> Outcome:
+    """Roads, railways and paths of Andorra (OpenStreetMap 2013) on SRTM 3″, and what is asked of them.
+
+    Without the files that `SKETCHTERRAIN_DEMS` and `SKETCHTERRAIN_OSM` name: three roads over valley_river.
+
+    Grades are those between samples 10 m apart along the car roads: of the evaluated terrain at full detail,
+    and of the profile on bridges and tunnels. Other methods get the same samples and the ground at 2 m; the
+    first three drape bridges and tunnels too, Proland's are straight, ADMM's free. Cut and fill are
+    differences from the ground, of samples on the ground. Seconds are those without sampling it.
+
+    Edges and points are compared with profile and crossfall where no carriageway of another leg, and no other
+    part of the own leg (in bends tighter than half its width), overlaps them. Points in coarser cells are
+    those of the tiles' triangles. Sections of 80 m, every 100 m, are beside Bruneton's blend of the same
+    profile, b = smoothstep(1, 2, |v| / (w / 2)).
+    """
+    case = _Case(context, _sketch(), effort)
+    lines = [
+        dict(zip(_HEADINGS, (name, *line[:3], str(line[3]), line[4]), strict=True))
+        for name, work in _LINES.items()
+        for line in work(case)
+    ]
+    columns = tuple(Column(each, each) for each in _HEADINGS)
+    title = f"{case.length / 1e3:.0f} km of car roads"
+    return Outcome(
+        (
+            Table("Longitudinal profiles", _PROFILES, tuple(_profiles(case))),
+            Table(title, columns, tuple(lines)),
+        )
+    )
+
+
+def _sketch() -> Sketch:
+    dem, osm = Path(os.environ.get(DEMS, "")) / "N42E001.hgt.zip", Path(os.environ.get(OSM, ""))
+    if dem.is_file() and osm.is_file():
+        source = raster_source(dem, "elevation")
+        return with_vectors_of(sketch_on_elevation([source], origin=_CORNER, extent=_EXTENT)[0], osm)[0]
+    sketch, t = load_sketch("valley_river"), np.linspace(0.05, 0.95, 64)
+    wave = 0.5 + 0.05 * np.sin(12.0 * t)
+    branch: Any = np.full(64, t[32]), np.linspace(wave[32], 0.2, 64), {}
+    drawn: Any = ((t, wave, {}), (wave, t, {"level": 1}), branch)
+    features = [
+        VectorFeature(LINE, (on_grid(np.stack([x, y], axis=1) * sketch.size),), 1, own) for x, y, own in drawn
+    ]
+    return sketch.replace(vectors={**sketch.vectors, "road": sketch.vectors["road"].edited(add=features)})
+
+
+class _Case:
+    """The terrain with roads and without, and samples of the car roads."""
+
+    def __init__(self, context: TimedContext, sketch: Sketch, effort: Effort) -> None:
+        memory = LRUCache()
+        removed = {name: sketch.vectors[name].edited(remove=sketch.vectors[name].ids) for name in ROAD_LAYERS}
+        without = sketch.replace(vectors={**sketch.vectors, **removed})
+        self.context, self.sketch, self.effort = context, sketch, effort
+        self.recipe, self.bare = (make_recipe(each, memory=memory) for each in (sketch, without))
+        self.terrain, self.natural = (Terrain(sketch, each, context) for each in (self.recipe, self.bare))
+        self.roads = self.recipe.network.roads
+        self.samples = road_samples(self.roads, "road", _STEP)
+        self.length = float(np.diff(self.samples.along)[self.samples.inner].sum())
+        self.sampling = 0.0  # s
+        ids = [id_of_vector("road", number) for number in sketch.vectors["road"].ids.tolist()]
+        grades = sketch.vector_values("road", "grade").tolist()
+        self.limits = self.samples.limits(dict(zip(ids, grades, strict=True)))
+        self.on_terrain = np.where(self.samples.on_ground, self.heights(self.samples.at), self.samples.height)
+
+    @cached_property
+    def axes(self) -> tuple[Any, Int64Array]:
+        """Axes of all roads as lines, and their legs."""
+        lines = [shapely.LineString(axis_points(road, 0.01).position) for road in self.roads]
+        return np.array(lines, object), np.array([road.leg for road in self.roads])
+
+    def heights(self, at: Float64Array, *, bare: bool = False, cell: float = 0.0) -> Float64Array:
+        """Return heights (n,) at positions (n, 2 or 3), m."""
+        terrain = self.natural if bare else self.terrain
+        return terrain.heights(at[:, 0], at[:, 1], cell_size=cell).astype(np.float64)
+
+    def ground(self, x: Float64Array, y: Float64Array) -> Float64Array:
+        """Return heights (m) without roads, on the host; their time is added to `sampling`."""
+        start = perf_counter()
+        found = host_heights(self.bare, x, y, cell_size=_CELL)
+        self.sampling += perf_counter() - start
+        return found
+
+    def network(self, sketch: Sketch, memory: LRUCache) -> tuple[RoadNetwork, float, float]:
+        """Return a sketch's network, seconds without sampling the ground, and those of sampling it."""
+        waters = partial(flood_levels, self.bare.rivers, self.bare.lakes, self.bare.sea_level, self.ground)
+        start, before = perf_counter(), self.sampling
+        network = road_network(sketch, self.ground, waters, memory, self.bare)
+        sampling = self.sampling - before
+        return network, perf_counter() - start - sampling, sampling
+
+    def alone(self, at: Float64Array, leg: Int64Array, offset: Float64Array) -> BoolArray:
+        """Return where a leg at an offset from its axis (m) overlaps no other one, nor itself."""
+        (lines, legs), points = self.axes, shapely.points(at[:, :2])
+        wide = [road.whole_half.max() for road in self.roads]
+        line, point = shapely.STRtree(points).query(lines, predicate="dwithin", distance=wide)
+        nearer = shapely.distance(points[point], lines[line]) < np.abs(offset)[point] - 0.05
+        result = np.ones(len(at), np.bool_)
+        result[point[(legs[line] != leg[point]) | nearer]] = False
+        return result
+
+    def untouched(self, at: Float64Array, leg: Int64Array) -> BoolArray:
+        """Return where no earthworks reach, but for those of a leg."""
+        (lines, legs), tree = self.axes, shapely.STRtree(shapely.points(at[:, :2]))
+        reach = np.array([road.reach.max() if road.structure == GROUND else np.nan for road in self.roads])
+        line, point = tree.query(lines, predicate="dwithin", distance=reach + 0.1)
+        result = np.ones(len(at), np.bool_)
+        result[point[legs[line] != leg[point]]] = False
+        for pad in self.recipe.network.pads:
+            outline = shapely.Polygon(pad.outline)
+            result[tree.query(outline, predicate="dwithin", distance=pad.reach + 0.1)] = False
+        return result
+
+
+def _profiles(case: _Case) -> Iterator[Row]:
+    """Yield grades by each method, and how far its heights are from the ground."""
+    samples, limits = case.samples, case.limits
+    ground = partial(case.natural.heights, cell_size=_CELL)
+    raw = ground(*samples.at.T).astype(np.float64)
+    problem = Problem(samples, raw, ground, limits, case.sketch.vectors["road"].vertices)
+    found = {}
+    for name, method in METHODS.items():
+        start = perf_counter()
+        found[name] = method(problem), perf_counter() - start
+    memory = LRUCache()
+    solve = [case.network(case.sketch, memory)[1] for _ in range(3)][-1]
+    found["this program, profile"], found["this program, terrain"] = (
+        (height, solve) for height in (samples.height, case.on_terrain)
+    )
+    for name, (height, seconds) in found.items():
+        grade, works = samples.grades(height)[samples.inner], np.abs(height - raw)[samples.on_ground]
+        over = 100.0 * float(np.mean(grade > limits[samples.inner] + _OVER))
+        errors = np.sqrt(np.mean(works**2)), *np.percentile(works, (90, 99))
+        values = (name, over, *np.percentile(grade, (50, 95, 100)).tolist(), *map(float, errors), seconds)
+        yield dict(zip([column.key for column in _PROFILES], values, strict=True))
+
+
+def _grade(case: _Case) -> Iterator[_Line]:
+    over = case.samples.grades(case.on_terrain) > case.limits + _OVER
+    yield "samples over the limit by > 0.1 %", 0, over.sum(), len(over), ""
+
+
+def _across(case: _Case) -> Iterator[_Line]:
+    samples = case.samples
+    offset = np.concatenate([_EDGE * samples.half, -_EDGE * samples.half])
+    edge = np.concatenate([samples.beside(each) for each in np.split(offset, 2)])
+    on_ground = np.tile(samples.on_ground, 2)
+    alone = on_ground & case.alone(edge, np.tile(samples.leg, 2), offset)
+    off, raw = (np.abs(case.heights(edge, bare=bare) - edge[:, 2]) for bare in (False, True))
+    shared = f"carriageways overlap at {100 * np.mean(~alone[on_ground]):.1f} % of the edges"
+    yield "edges > 2 cm off the section, %", 0, 100 * np.mean(off[alone] > 0.02), alone.sum(), shared
+    raw_median = f"the ground: median {np.median(raw[on_ground]):.2g} m"
+    yield "largest distance from the section, m", 0.02, off[alone].max(), alone.sum(), raw_median
+
+
+def _poke(case: _Case) -> Iterator[_Line]:
+    points = road_samples(case.roads, "road", case.length / case.effort.road_points)
+    random = np.random.default_rng(27)
+    offset = random.uniform(-_EDGE, _EDGE, len(points.at)) * points.half
+    section = points.beside(offset)
+    alone = np.flatnonzero(points.on_ground & case.alone(section, points.leg, offset))
+    above = case.heights(section[alone]) - section[alone, 2]
+    yield "ground above the carriageway, m", 0.01, above.max(), len(alone), f"more: {np.sum(above > 0.01)}"
+    some = alone[:: max(len(alone) // 100_000, 1)]
+    for level in range(6, 12):
+        cell = case.sketch.extent / (QUADS << level)
+        own = some[points.half[some] >= cell]
+        if len(own):
+            above = _on_triangles(case, section[own, :2], cell) - section[own, 2]
+            more = f"more: {100 * np.mean(above > 0.1 * cell):.2g} %"
+            yield f"… in cells of {cell:.3g} m, w ≥ 2 cells: cells", 0.1, above.max() / cell, len(own), more
+    at = random.uniform(0.0, 1.0, (len(points.at) // 8, 2)) * case.sketch.size
+    at = at[case.untouched(at, np.full(len(at), -1))]
+    changed = case.heights(at) != case.heights(at, bare=True)
+    yield "points beyond earthworks with other bits", 0, changed.sum(), len(at), ""
+
+
+def _on_triangles(case: _Case, at: Float64Array, cell: float) -> Float64Array:
+    """Return heights (n,) of a grid of cells (m), the higher ones of both diagonals'."""
+    corner = np.floor(at / cell)
+    s, t = (at / cell - corner).T
+    steps = ((0, 0), (1, 0), (0, 1), (1, 1))
+    a, b, c, d = (case.heights((corner + step) * cell, cell=cell) for step in steps)
+    rising = np.where(s > t, a + s * (b - a) + t * (d - b), a + t * (c - a) + s * (d - c))
+    falling = np.where(s + t < 1, a + s * (b - a) + t * (c - a), d + (1 - s) * (c - d) + (1 - t) * (b - d))
+    return np.asarray(np.maximum(rising, falling))
+
+
+def _joints(case: _Case) -> Iterator[_Line]:
+    legs = [list(group) for _, group in groupby(case.roads, key=lambda road: road.leg)]
+    at = np.array([leg[k].axis[k] for leg in legs for k in (0, -1)])
+    on_ground = np.array([leg[k].structure == GROUND for leg in legs for k in (0, -1)])
+    _, node, count = np.unique(at[:, 0] + 1j * at[:, 1], return_inverse=True, return_counts=True)
+    order = np.lexsort((at[:, 2], node))
+    step = np.diff(at[order, 2])[np.diff(node[order]) == 0]
+    yield "step of profiles at nodes, m", 1e-3, step.max(initial=0.0), len(count), ""
+    met = at[on_ground & (count[node] > 1)]
+    off = np.abs(case.heights(met) - met[:, 2])
+    more = f"more: {np.sum(off > 1e-3)}"
+    yield "terrain off the profile at nodes, m", 1e-3, off.max(initial=0.0), len(met), more
+    for level in (6, 8, 10):
+        tiles = _busy_tiles(case, level)
+        height = dict(zip(tiles, case.terrain.evaluator.tiles(tiles, level)[0].height, strict=True))
+        sides = [(height[x, y][:, -1], height[x + 1, y][:, 0]) for x, y in tiles if (x + 1, y) in height]
+        sides += [(height[x, y][0], height[x, y + 1][-1]) for x, y in tiles if (x, y + 1) in height]
+        one, other = (np.concatenate(each) for each in zip(*sides, strict=True))
+        yield f"vertices of borders with other bits, level {level}", 0, np.sum(one != other), len(one), ""
+
+
+def _busy_tiles(case: _Case, level: int) -> list[tuple[int, int]]:
+    """Return a square of 64 tiles (column, row), that with most of the roads."""
+    eight = 8.0 * case.sketch.extent / (1 << level)
+    places, counts = np.unique(np.floor(case.samples.at / eight), axis=0, return_counts=True)
+    column, row = (8 * places[counts.argmax()]).astype(int).tolist()
+    return [(column + x, row + y) for y in range(8) for x in range(8)]
+
+
+def _cuts(case: _Case) -> Iterator[_Line]:
+    samples, away = case.samples, np.abs(_OFFSETS)
+    chosen = np.flatnonzero(samples.on_ground)[:: round(_SECTIONS / _STEP)]
+    half, leg = samples.half[chosen, None], samples.leg[chosen, None]
+    at = (samples.at[chosen, None] + samples.left[chosen, None] * _OFFSETS[:, None]).reshape(-1, 2)
+    own, raw = (case.heights(at, bare=bare).reshape(-1, len(away)) for bare in (False, True))
+    legs = np.concatenate([np.full(len(road.axis), road.leg) for road in case.roads])
+    axes = cKDTree(np.concatenate([road.axis[:, :2] for road in case.roads]))
+    nearest = legs[axes.query(at)[1]].reshape(own.shape) == leg
+    t = np.clip(2.0 - away / half, 0.0, 1.0)
+    fixed = raw + t * t * (3.0 - 2.0 * t) * (samples.height[chosen, None] - raw)
+    works = [case.samples.roads[k].works for k in samples.road[chosen]]
+    asked = np.array([max(each.cut, each.fill) for each in works])[:, None]
+    for name, height, edge in (("", own, samples.whole[chosen, None]), ("fixed width: ", fixed, half)):
+        beside = (away > edge) & nearest & (np.abs(height - raw) > 0.01)
+        pair = beside[:, 1:] & beside[:, :-1]
+        slope = np.abs(np.diff(height, axis=1)) / np.diff(_OFFSETS)
+        p50, p99, most = np.percentile(slope[pair], (50, 99, 100))
+        steep = 100 * np.mean((slope > 1.1 * asked)[pair])
+        facts = f"slope: median {p50:.2f}, 99 % {p99:.2f}, largest {most:.1f}"
+        yield f"{name}slopes over the road's own by > 10 %, %", 0, steep, pair.sum(), facts
+        moved = 1e3 * np.mean(np.sum(np.abs(height - raw) * nearest, axis=1)) * np.diff(_OFFSETS)[0]
+        yield f"{name}volume moved, m³ a km", None, moved, len(chosen), ""
+
+
+def _runs(samples: RoadSamples, structure: int) -> list[slice]:
+    """Return the runs of samples on structures of a kind."""
+    change = np.flatnonzero((np.diff(samples.structure) != 0) | ~samples.inner) + 1
+    pairs = zip([0, *change], [*change, len(samples.at)], strict=True)
+    return [slice(a, b) for a, b in pairs if samples.structure[a] == structure and b - a > 3]
+
+
+def _bridges(case: _Case) -> Iterator[_Line]:
+    samples = road_samples(case.roads, "road", _DENSE)
+    off = []
+    for each in _runs(samples, BRIDGE):
+        along, height = samples.along[each] - samples.along[each.start], samples.height[each]
+        fits = (np.polyval(np.polyfit(along, height, degree), along) for degree in (2, 1))
+        off.append([0.5 * np.ptp(height - fit) for fit in fits])
+    if not off:
+        return
+    curve, line = np.array(off).T
+    facts = f"off a straight line by more: {np.sum(line > 0.05)}, at most {line.max():.2f} m"
+    yield "off a vertical curve, m", 0.05, curve.max(), len(off), facts
+    ends, grounds = (
+        {tuple(road.axis[k]) for road in case.roads if road.structure == kind for k in (0, -1)}
+        for kind in (BRIDGE, GROUND)
+    )
+    at = np.array(sorted(ends & grounds)).reshape(-1, 3)
+    step = np.abs(case.heights(at) - at[:, 2])
+    yield "step between deck and ground, m", 0.02, step.max(initial=0.0), len(at), ""
+    (lines, legs), is_bridge = case.axes, np.array([road.structure == BRIDGE for road in case.roads])
+    room, under = [], []
+    for a, b in shapely.STRtree(lines).query(lines, predicate="crosses").T:
+        if is_bridge[a] and legs[a] != legs[b]:
+            for place in shapely.get_parts(shapely.intersection(lines[a], lines[b])):
+                upper, lower = (_height_at(lines[k], place) for k in (a, b))
+                if upper > lower:
+                    room.append(upper - lower)
+                    under.append(room[-1] - deck_depth(float(np.ptp(case.roads[a].along))))
+    if room:
+        facts = f"under the deck: {min(under):.2f} m"
+        yield "carriageway over carriageway, m: at least", 4.5, min(room), len(room), facts
+
+
+def _height_at(line: Any, place: Any) -> float:
+    """Return the height (m) of a line's nearest point to a place."""
+    x, y, z = shapely.get_coordinates(line, include_z=True).T
+    along = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
+    return float(np.interp(shapely.line_locate_point(line, place), along, z))
+
+
+def _tunnels(case: _Case) -> Iterator[_Line]:
+    samples = road_samples(case.roads, "road", _DENSE)
+    runs = _runs(samples, TUNNEL)
+    if runs:
+        inside = np.concatenate([np.arange(each.start + 1, each.stop - 1) for each in runs])
+        at, raw = samples.at[inside], case.heights(samples.at[inside], bare=True)
+        cover = raw - samples.height[inside] - TUNNEL_HEIGHT
+        less = f"less: {np.sum(cover < 3.0)} of {len(at)} points"
+        yield "cover, m: at least", 3.0, cover.min(), len(runs), less
+        free = case.untouched(at, samples.leg[inside])
+        changed = (case.heights(at) != raw)[free]
+        yield "points between portals with other bits", 0, changed.sum(), len(changed), ""
+
+
+def _solves(case: _Case) -> Iterator[_Line]:
+    memory, rounds = LRUCache(), case.effort.rounds
+    before, first, sampling = case.network(case.sketch, memory)
+    again = median(case.network(case.sketch, memory)[1] for _ in range(rounds))
+    facts = f"of it profiles: {again:.2f} s; sampling the ground besides: {sampling:.1f} s"
+    yield "plan and profiles, s", 2.0, first, len(case.roads), facts
+    layer, times, far, change = case.sketch.vectors["road"], [], [], []
+    nodes, count = np.unique(layer.vertices, axis=0, return_counts=True)
+    known = {tuple(at[:2]): at[2] for road in before.roads for at in road.axis.tolist()}
+    for node in np.random.default_rng(27).permutation(nodes[count > 1])[:rounds]:
+        place = (layer.vertices == node).all(axis=1)
+        moved = replace(layer, vertices=layer.vertices + place[:, None] * _MOVED)
+        sketch = case.sketch.replace(vectors={**case.sketch.vectors, "road": moved})
+        after, *seconds = case.network(sketch, memory)
+        times.append(sum(seconds))
+        stations = [at for road in after.roads for at in road.axis.tolist()]
+        offs = [(abs(known.get((x, y), z) - z), np.hypot(x - node[0], y - node[1])) for x, y, z in stations]
+        far.append(max((distance for off, distance in offs if off > 0.01), default=0.0))
+        change.append(max(offs)[0])
+        case.network(case.sketch, memory)
+    yield "a node moved by 20 m, s", 0.05, median(times), rounds, f"largest: {max(times):.2f} s"
+    facts = f"at most {max(far):.0f} m; change at vertices that stay: median {median(change):.2f} m"
+    yield "… heights change by > 1 cm up to, m, median", None, median(far), rounds, facts
+
+
+def _tiles(case: _Case) -> Iterator[_Line]:
+    for level in (5, 7, 9):
+        keys = _busy_tiles(case, level)
+        work = {
+            name: partial(case.context.lap, partial(terrain.evaluator.tiles, keys, level))
+            for name, terrain in (("with", case.terrain), ("without", case.natural))
+        }
+        laps = alternate(work, rounds=case.effort.rounds)
+        own, bare = (1e3 * median(lap.wall for lap in laps[name]) for name in work)
+        cell = case.sketch.extent / (QUADS << level)
+        facts = f"{own:.0f} and {bare:.0f} ms"
+        yield f"time with roads ÷ without, cells of {cell:.3g} m", 1.5, own / bare, len(keys), facts
+
+
+def _accuracy(case: _Case) -> Iterator[_Line]:
+    samples = case.samples
+    at = samples.beside(np.random.default_rng(5).uniform(-20.0, 20.0, len(samples.at)))
+    at = at[:: max(len(at) // 10_000, 1), :2]
+    off = 1e3 * np.abs(case.heights(at) - host_heights(case.recipe, *at.T))
+    p99 = f"99 %: {np.percentile(off, 99):.2g}"
+    yield "float32 off float64 on the host, mm", None, off.max(), len(at), p99
+
+
+_LINES = {
+    "roads.grade": _grade,
+    "roads.across": _across,
+    "roads.poke": _poke,
+    "roads.joint": _joints,
+    "roads.cut": _cuts,
+    "roads.bridge": _bridges,
+    "roads.tunnel": _tunnels,
+    "network.solve": _solves,
+    "tiles": _tiles,
+    "kernel": _accuracy,
+}
+"""Lines by name."""
+
+
+def draw_roads(rows: Sequence[Row]) -> Any:
+    """Draw the share of samples over the limit, and cut and fill, against the time to solve."""
+    figure = new_figure(9.0, 3.6, "Longitudinal profiles: error against time")
+    panels = (("over", "samples over the limit of grade, %"), ("rms", "cut and fill, rms m"))
+    for axes, (key, title) in zip(figure.subplots(1, 2), panels, strict=True):
+        for row, hue in zip(rows, (*HUES, *HUES), strict=False):
+            at = max(value_of(row, "seconds"), 1e-3), value_of(row, key)
+            axes.plot(*at, "o", color=hue)
+            axes.annotate(str(row["method"]), at, (5, 4), textcoords="offset points", fontsize=SMALL)
+        axes.set(xlabel="s", title=title, xscale="log", xlim=(5e-4, 100.0))
+        axes.margins(y=0.15)
+    return figure

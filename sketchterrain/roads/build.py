@@ -19,7 +19,7 @@ from sketchterrain.document.vectors import AREA, LINE
 from sketchterrain.hydrology.vector_rivers import line_path
 from sketchterrain.roads.alignment import Alignment, align
 from sketchterrain.roads.network import WayGraph, vector_texts, way_graph
-from sketchterrain.roads.profile import StationGraph, station_graph
+from sketchterrain.roads.profile import StationGraph, station_graph, united_reach
 from sketchterrain.roads.road_types import Pad, Road, RoadNetwork, Wall, Works
 from sketchterrain.roads.structures import FREEBOARD, Carried, bends_told, carry
 
@@ -220,10 +220,7 @@ def _reach(
         closing = np.maximum(slope + np.where(lack > 0.0, lean, -lean), _DAYLIGHT * slope)
         widest = np.maximum(widest, np.abs(lack) / closing)
     reach = whole + np.clip(_REACH * widest, _LEAST_REACH, _MOST_REACH)
-    wider, same = reach.copy(), np.diff(line.leg) == 0
-    wider[:-1] = np.maximum(wider[:-1], np.where(same, reach[1:], 0.0))
-    wider[1:] = np.maximum(wider[1:], np.where(same, reach[:-1], 0.0))
-    return np.asarray(np.ceil(wider))
+    return np.asarray(np.ceil(united_reach(line.along, line.first, reach)))
 
 
 def _parts(

@@ -37,6 +37,7 @@ _WALL: Final = 1e9  # slope of the derivative where there is no height
 _SWEEPS: Final = 200
 _SLACK = 0.9995  # of the grade: heights are rounded
 _LEAST_MEAN = 1e-3  # m
+_BENT = 0.75  # of the squared distance along a bend that is left inside of it
 _SMOOTH, _SMOOTH_RADII = (10.0, 40.0), 0.5  # m of the means, within this range by the least radius
 
 
@@ -344,6 +345,28 @@ def _means(along, first, height, reach):  # type: ignore[no-untyped-def]
                 rise = (height[k + 1] - height[k]) / (along[k + 1] - along[k])
                 total += side * (integral[k] + x * (height[k] + 0.5 * x * rise))
             found[i] = total / (2.0 * half)
+    return found
+
+
+@njit(cache=True)
+def united_reach(along, first, reach):  # type: ignore[no-untyped-def]
+    """Return how far beside stations all discs of a reach around stations of their leg extend.
+
+    Where the nearest station does not reach, no other one does, unless inside of bends that are tighter than
+    four reaches: earthworks end without steps.
+    """
+    found = reach.copy()
+    most = reach.max()
+    for leg in range(len(first) - 1):
+        for i in range(first[leg], first[leg + 1]):
+            for step in (-1, 1):
+                j = i + step
+                while first[leg] <= j < first[leg + 1]:
+                    apart = _BENT * (along[j] - along[i]) ** 2
+                    if apart > most * most:
+                        break
+                    found[i] = max(found[i], (max(reach[j] ** 2 - apart, 0.0)) ** 0.5)
+                    j += step
     return found
 
 

@@ -257,7 +257,8 @@ def _random_line(rng: Rng, layer: VectorLayer, sketch: Sketch) -> VectorFeature:
     if len(layer) and rng.random() < 0.5:
         path[-1] = layer.vertices[rng.integers(len(layer.vertices))]
     flags = {key: 1 for key in ("smooth", "directed") if rng.random() < 0.5}
-    width = {"width": float(rng.uniform(2, 60))} if rng.random() < 0.5 else {}
+    widest = min(LAYERS[layer.layer].parameters["width"].high, 60.0)
+    width = {"width": float(rng.uniform(2, widest))} if rng.random() < 0.5 else {}
     return VectorFeature(LINE, (path,), int(rng.choice(_LABELS)), {**flags, **width})
 
 

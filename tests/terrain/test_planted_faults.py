@@ -87,11 +87,15 @@ def constant(value: Any) -> Any:
     return None if value is None else type(value)()
 
 
+def _is_named_tuple(value: Any) -> bool:
+    return isinstance(value, tuple) and hasattr(value, "_fields")
+
+
 def mapped(value: Any, path: Path, function: Callable[[Any], Any]) -> Any:
     """Return a value with a function applied to the part at a path of fields and keys, of all items."""
     if not path:
         return function(value)
-    if hasattr(value, "_fields"):
+    if _is_named_tuple(value):
         return value._replace(**{path[0]: mapped(getattr(value, path[0]), path[1:], function)})
     if isinstance(value, tuple):
         return tuple(mapped(each, path, function) for each in value)
@@ -104,11 +108,11 @@ def mapped(value: Any, path: Path, function: Callable[[Any], Any]) -> Any:
 
 def at_path(value: Any, path: Path) -> Any:
     """Return the part of a value at a path, a list of those of all items."""
-    if path and isinstance(value, tuple) and not hasattr(value, "_fields"):
+    if path and isinstance(value, tuple) and not _is_named_tuple(value):
         return [at_path(each, path) for each in value]
     if not path or value is None:
         return value
-    has_fields = is_dataclass(value) or hasattr(value, "_fields")
+    has_fields = is_dataclass(value) or _is_named_tuple(value)
     return at_path(getattr(value, path[0]) if has_fields else value[path[0]], path[1:])
 
 
@@ -129,7 +133,7 @@ def paths(value: Any) -> Iterator[Path]:
     """Return the paths of all values in dataclasses, mappings and tuples of these."""
     if isinstance(value, tuple) and value and is_dataclass(value[0]):
         yield from paths(value[0])
-    elif hasattr(value, "_fields"):
+    elif _is_named_tuple(value):
         for name in value._fields:
             yield from ((name, *rest) for rest in paths(getattr(value, name)))
     elif is_dataclass(value):
@@ -392,7 +396,7 @@ def parts_of(recipe: TerrainRecipe) -> list[Part]:
 
 @pytest.fixture(scope="module")
 def terrain(context) -> Terrain:
-    """Return a terrain with shapes in every layer, features elsewhere, dunes of several styles, a road, a pad."""
+    """Return a terrain with shapes in every layer, features elsewhere, dunes of two styles, a road, a pad."""
     sketch = random_sketch(np.random.default_rng(12), share=1.0)
     labels, dunes = {}, np.array(sketch.layers["dune"])
     for number, label in enumerate((1, 2, 3, 4)):

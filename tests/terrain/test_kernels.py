@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.placement.feature_types import ShapeField
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_samples
@@ -14,10 +15,13 @@ from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.layers.lakes import LakesLayer
-from sketchterrain.terrain.layers.layer import MASKS, HostSamples
+from sketchterrain.terrain.layers.layer import MASKS, HostSamples, TerrainLayer
+from sketchterrain.terrain.layers.pads import PadsLayer
 from sketchterrain.terrain.layers.plateaus import PlateausLayer
+from sketchterrain.terrain.layers.roads import RoadsLayer
 from sketchterrain.terrain.noise import SKEW_OTHER, SKEW_SAME, OctaveTable, octave_table
 from sketchterrain.terrain.recipe import TerrainRecipe
+from tests.sample_roads import make_network
 
 from .conftest import (
     CASES,
@@ -188,6 +192,16 @@ def moved_field(field: ShapeField, shift: Shift) -> ShapeField:
     return replace(field, west=field.west + east, south=field.south + north)
 
 
+def ways_at(recipe: TerrainRecipe, east: float, north: float) -> list[TerrainLayer]:
+    """Return the roads and pads of a recipe, moved (m)."""
+    roads, pads = recipe[RoadsLayer], recipe[PadsLayer]
+    by = np.array([east, north, 0.0])
+    return [
+        replace(roads, roads=tuple(replace(road, axis=road.axis + by) for road in roads.roads)),
+        replace(pads, pads=tuple(replace(pad, outline=pad.outline + by[:2]) for pad in pads.pads)),
+    ]
+
+
 def moved(recipe: TerrainRecipe, shift: Shift) -> TerrainRecipe:
     painted = recipe.points.painted.copy()
     painted["x"] += metres(shift)[0]
@@ -201,7 +215,7 @@ def moved(recipe: TerrainRecipe, shift: Shift) -> TerrainRecipe:
         tuple(replace(each, shape=moved_field(each.shape, shift)) for each in items)
         for items in (recipe[CoversLayer].covers, recipe[PlateausLayer].plateaus)
     )
-    there = recipe.with_layers([PlateausLayer(plateaus)])
+    there = recipe.with_layers([PlateausLayer(plateaus), *ways_at(recipe, *metres(shift))])
     return rebuilt(there, painted, rivers, lakes, covers)
 
 
@@ -261,6 +275,9 @@ def complete_recipe(make_recipe: Callable[..., TerrainRecipe], *names: str) -> T
         ground={"relief": 0.0},  # nodes do not shift by less than their spacing
     )
     assert metres_per_unit(recipe.extent) == UNIT
+    network = make_network()
+    ways = RoadsLayer(MATERIALS, network.roads), PadsLayer(MATERIALS, network.pads)
+    recipe = recipe.with_layers(ways_at(recipe.with_layers(ways), 1500.0, 1500.0))
     return snap_to_lattice(recipe)
 
 
@@ -292,7 +309,7 @@ def compare(recipe, shift, shift_noise, context) -> None:
 
 @tiers("shift", [SHIFTS[1], SHIFTS[3]], SHIFTS)
 def test_a_shifted_recipe_gives_the_same_terrain(shift, make_recipe, shift_noise, context) -> None:
-    """Hills, mountains, forest, rivers, lakes and covers, heights to materials."""
+    """Hills, mountains, forest, rivers, lakes, covers, roads and pads, heights to materials."""
     compare(complete_recipe(make_recipe, "hill", "mountain", "forest"), shift, shift_noise, context)
 
 

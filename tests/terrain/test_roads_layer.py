@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from sketchterrain.caching import LRUCache
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.roads.road_shapes import axis_points
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL
 from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.building import with_roads
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_samples
-from sketchterrain.terrain.layers.layer import MASKS
+from sketchterrain.terrain.layers.layer import MASKS, WorldSettings
 from sketchterrain.terrain.layers.relief import ReliefLayer
+from sketchterrain.terrain.layers.roads import RoadsLayer
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
-from tests.sample_roads import SCENE, contents, sketch_with
+from tests.sample_roads import SCENE, contents, make_road, sketch_with
 
 from .conftest import Waves, assert_same, small_base, tiers
 
@@ -141,6 +145,15 @@ def test_bounds_hold_of_what_a_cell_size_omits(recipe, context, level) -> None:
         x, y = (each.ravel() for each in np.meshgrid(column * side + step, row * side + step[::-1]))
         full, _ = evaluator.points(x, y, cell_size=0.0)
         assert np.abs(own.ravel() - full).max() <= bound + 1e-3, (column, row)
+
+
+def test_another_division_into_legs_is_a_change() -> None:
+    """Of pieces that stay: beside a steep road there are the earthworks of each leg's nearest point."""
+    stations = np.arange(33.0)[:, None] * (6.0, 0.0, 1.8)
+    parts = [make_road(stations[k : k + 17], part=k, slope=0.3) for k in (0, 16)]
+    layers = [RoadsLayer(MATERIALS, (parts[0], replace(parts[1], leg=leg))) for leg in (1, 2)]
+    assert len(layers[0].items(WorldSettings(EXTENT, 0, 0.0))) == 2
+    assert layers[0].change(layers[1], WorldSettings(EXTENT, 0, 0.0))
 
 
 def edited(rng: np.random.Generator, scene: list[tuple], number: int) -> list[tuple]:

@@ -118,9 +118,10 @@ class RoadsLayer(TerrainLayer):
             ]
         )
         ends = np.append(first[1:], len(packed.at))
+        of_chains = np.isin(np.stack([first, ends], axis=1), np.append(breaks, len(packed.at)))
         contents = [
-            (packed.at[a:b].tobytes(), packed.row[a:b].tobytes())
-            for a, b in zip(first.tolist(), ends.tolist(), strict=True)
+            (packed.at[a:b].tobytes(), packed.row[a:b].tobytes(), is_end.tobytes())
+            for a, b, is_end in zip(first.tolist(), ends.tolist(), of_chains, strict=True)
         ]
         low, high = (
             reduce.reduceat(part, first)

@@ -28,9 +28,9 @@ from sketchterrain.document.layers import id_of_vector
 from sketchterrain.document.rasters import raster_source
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
-from sketchterrain.document.vectors import LINE, VectorFeature, on_grid
 from sketchterrain.importing.elevation import sketch_on_elevation
 from sketchterrain.importing.vectors import with_vectors_of
+from sketchterrain.io.resources import kernel_constants
 from sketchterrain.roads.build import ROAD_LAYERS, road_network
 from sketchterrain.roads.road_shapes import axis_points
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, RoadNetwork, deck_depth
@@ -50,6 +50,8 @@ _OFFSETS = np.arange(-40.0, 40.25, 0.5)  # m of points of sections from the axis
 _EDGE = 1.0 - 1e-3  # of the half width: positions have steps of 2 mm
 _OVER = 1e-3  # of grades
 _CELL = 2.0  # m, of the ground that roads are laid on
+(_WIDER,) = kernel_constants("layers/roads.clh", "ROAD_WIDER")  # cells by which strips are wider
+_TILES = 64
 _MOVED = np.array([12.0, 16.0])  # m by which nodes are moved
 
 _PROFILES = (
@@ -71,17 +73,17 @@ _Line: TypeAlias = tuple[str, float | None, float, int, str]
 def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Roads, railways and paths of Andorra (OpenStreetMap 2013) on SRTM 3″, and what is asked of them.
 
-    Without the files that `SKETCHTERRAIN_DEMS` and `SKETCHTERRAIN_OSM` name: three roads over valley_river.
+    Without the files that `SKETCHTERRAIN_DEMS` and `SKETCHTERRAIN_OSM` name: the preset `mountain_pass`.
 
     Grades are those between samples 10 m apart along the car roads: of the evaluated terrain at full detail,
     and of the profile on bridges and tunnels. Other methods get the same samples and the ground at 2 m; the
     first three drape bridges and tunnels too, Proland's are straight, ADMM's free. Cut and fill are
     differences from the ground, of samples on the ground. Seconds are those without sampling it.
 
-    Edges and points are compared with profile and crossfall where no carriageway of another leg, and no other
-    part of the own leg (in bends tighter than half its width), overlaps them. Points in coarser cells are
-    those of the tiles' triangles. Sections of 80 m, every 100 m, are beside Bruneton's blend of the same
-    profile, b = smoothstep(1, 2, |v| / (w / 2)).
+    Edges and points are compared with profile and crossfall where no other road, nor another bend of the own
+    one, overlaps them with its shoulders. Points in coarser cells are those of the tiles' triangles, where no
+    other strip and no portal is nearer than twice what strips are widened by. Sections of 80 m, every 100 m,
+    are beside Bruneton's blend of the same profile, b = smoothstep(1, 2, |v| / (w / 2)).
     """
     case = _Case(context, _sketch(), effort)
     lines = [
@@ -104,14 +106,7 @@ def _sketch() -> Sketch:
     if dem.is_file() and osm.is_file():
         source = raster_source(dem, "elevation")
         return with_vectors_of(sketch_on_elevation([source], origin=_CORNER, extent=_EXTENT)[0], osm)[0]
-    sketch, t = load_sketch("valley_river"), np.linspace(0.05, 0.95, 64)
-    wave = 0.5 + 0.05 * np.sin(12.0 * t)
-    branch: Any = np.full(64, t[32]), np.linspace(wave[32], 0.2, 64), {}
-    drawn: Any = ((t, wave, {}), (wave, t, {"level": 1}), branch)
-    features = [
-        VectorFeature(LINE, (on_grid(np.stack([x, y], axis=1) * sketch.size),), 1, own) for x, y, own in drawn
-    ]
-    return sketch.replace(vectors={**sketch.vectors, "road": sketch.vectors["road"].edited(add=features)})
+    return load_sketch("mountain_pass")
 
 
 class _Case:
@@ -139,6 +134,18 @@ class _Case:
         lines = [shapely.LineString(axis_points(road, 0.01).position) for road in self.roads]
         return np.array(lines, object), np.array([road.leg for road in self.roads])
 
+    @cached_property
+    def pieces(self) -> tuple[Any, Float64Array]:
+        """Pieces of the axes; starts, ends, half widths (m), legs, and whether they are in tunnels."""
+        lines, facts = [], []
+        for road in self.roads:
+            axis = axis_points(road, 0.1)
+            lines.append(np.stack([axis.position[:-1, :2], axis.position[1:, :2]], axis=1))
+            own = np.full((len(axis.along) - 1, 2), (road.leg, road.structure == TUNNEL), np.float64)
+            wide = axis.half_width + axis.shoulder
+            facts.append(np.column_stack([axis.along[:-1], axis.along[1:], wide[1:], own]))
+        return shapely.linestrings(np.concatenate(lines)), np.concatenate(facts)
+
     def heights(self, at: Float64Array, *, bare: bool = False, cell: float = 0.0) -> Float64Array:
         """Return heights (n,) at positions (n, 2 or 3), m."""
         terrain = self.natural if bare else self.terrain
@@ -159,23 +166,33 @@ class _Case:
         sampling = self.sampling - before
         return network, perf_counter() - start - sampling, sampling
 
-    def alone(self, at: Float64Array, leg: Int64Array, offset: Float64Array) -> BoolArray:
-        """Return where a leg at an offset from its axis (m) overlaps no other one, nor itself."""
-        (lines, legs), points = self.axes, shapely.points(at[:, :2])
-        wide = [road.whole_half.max() for road in self.roads]
-        line, point = shapely.STRtree(points).query(lines, predicate="dwithin", distance=wide)
-        nearer = shapely.distance(points[point], lines[line]) < np.abs(offset)[point] - 0.05
+    def alone(
+        self, at: Float64Array, samples: RoadSamples, offset: Float64Array, more: float = 0.0
+    ) -> BoolArray:
+        """Return where roads at offsets from their axes (m) overlap no other road, nor themselves.
+
+        They do where an axis is nearer than the offset, or 1.5 times as far along as the way across.
+        """
+        (lines, facts), points = self.pieces, shapely.points(at[:, :2])
+        piece, point = shapely.STRtree(points).query(lines, "dwithin", facts[:, 2] + more)
+        first, last, _, leg, in_tunnel = facts[piece].T
+        away = shapely.distance(lines[piece], points[point])
+        across, along = np.abs(offset[point]), samples.along[point]
+        far = np.maximum(first - along, along - last) > 1.5 * (across + away)
         result = np.ones(len(at), np.bool_)
-        result[point[(legs[line] != leg[point]) | nearer]] = False
+        other = (leg != samples.leg[point]) | far | (away < across - 0.05) | (in_tunnel * more > 0.0)
+        result[point[other]] = False
         return result
 
     def untouched(self, at: Float64Array, leg: Int64Array) -> BoolArray:
-        """Return where no earthworks reach, but for those of a leg."""
+        """Return where no earthworks reach, but for those of a leg's ends."""
         (lines, legs), tree = self.axes, shapely.STRtree(shapely.points(at[:, :2]))
         reach = np.array([road.reach.max() if road.structure == GROUND else np.nan for road in self.roads])
         line, point = tree.query(lines, predicate="dwithin", distance=reach + 0.1)
         result = np.ones(len(at), np.bool_)
-        result[point[legs[line] != leg[point]]] = False
+        place = shapely.line_locate_point(lines[line], tree.geometries[point])
+        beside = (place > 0.01) & (place < shapely.length(lines[line]) - 0.01)
+        result[point[(legs[line] != leg[point]) | beside]] = False
         for pad in self.recipe.network.pads:
             outline = shapely.Polygon(pad.outline)
             result[tree.query(outline, predicate="dwithin", distance=pad.reach + 0.1)] = False
@@ -212,34 +229,42 @@ def _grade(case: _Case) -> Iterator[_Line]:
 
 def _across(case: _Case) -> Iterator[_Line]:
     samples = case.samples
-    offset = np.concatenate([_EDGE * samples.half, -_EDGE * samples.half])
-    edge = np.concatenate([samples.beside(each) for each in np.split(offset, 2)])
-    on_ground = np.tile(samples.on_ground, 2)
-    alone = on_ground & case.alone(edge, np.tile(samples.leg, 2), offset)
-    off, raw = (np.abs(case.heights(edge, bare=bare) - edge[:, 2]) for bare in (False, True))
-    shared = f"carriageways overlap at {100 * np.mean(~alone[on_ground]):.1f} % of the edges"
-    yield "edges > 2 cm off the section, %", 0, 100 * np.mean(off[alone] > 0.02), alone.sum(), shared
-    raw_median = f"the ground: median {np.median(raw[on_ground]):.2g} m"
-    yield "largest distance from the section, m", 0.02, off[alone].max(), alone.sum(), raw_median
+    on_ground, edges, overlap = samples.on_ground, [], 0.0
+    for side in (_EDGE, -_EDGE):
+        edge = samples.beside(side * samples.half)
+        alone = on_ground & case.alone(edge, samples, samples.half)
+        overlap += 50.0 * float(np.mean(~alone[on_ground]))
+        off, raw = (np.abs(case.heights(edge, bare=bare) - edge[:, 2]) for bare in (False, True))
+        edges.append((off[alone], raw[on_ground]))
+    off, raw = (np.concatenate(each) for each in zip(*edges, strict=True))
+    shared = f"carriageways overlap at {overlap:.1f} % of the edges"
+    yield "edges > 2 cm off the section, %", 0, 100 * float(np.mean(off > 0.02)), len(off), shared
+    ground = f"the ground: median {np.median(raw):.2g} m"
+    yield "largest distance from the section, m", 0.02, off.max(), len(off), ground
 
 
 def _poke(case: _Case) -> Iterator[_Line]:
-    points = road_samples(case.roads, "road", case.length / case.effort.road_points)
     random = np.random.default_rng(27)
-    offset = random.uniform(-_EDGE, _EDGE, len(points.at)) * points.half
-    section = points.beside(offset)
-    alone = np.flatnonzero(points.on_ground & case.alone(section, points.leg, offset))
-    above = case.heights(section[alone]) - section[alone, 2]
-    yield "ground above the carriageway, m", 0.01, above.max(), len(alone), f"more: {np.sum(above > 0.01)}"
-    some = alone[:: max(len(alone) // 100_000, 1)]
+
+    def thrown(count: int) -> tuple[RoadSamples, Float64Array, Float64Array]:
+        points = road_samples(case.roads, "road", case.length / count)
+        offset = random.uniform(-_EDGE, _EDGE, len(points.at)) * points.half
+        return points, offset, points.beside(offset)
+
+    points, offset, section = thrown(case.effort.road_points)
+    own = points.on_ground & case.alone(section, points, offset)
+    above = case.heights(section[own]) - section[own, 2]
+    yield "ground above the carriageway, m", 0.01, above.max(), len(above), f"more: {np.sum(above > 0.01)}"
+    points, offset, section = thrown(max(case.effort.road_points // 10, 1000))
     for level in range(6, 12):
         cell = case.sketch.extent / (QUADS << level)
-        own = some[points.half[some] >= cell]
-        if len(own):
+        own = points.on_ground & (points.half >= cell)
+        own &= case.alone(section, points, offset, 2.0 * _WIDER * cell)
+        if own.any():
             above = _on_triangles(case, section[own, :2], cell) - section[own, 2]
-            more = f"more: {100 * np.mean(above > 0.1 * cell):.2g} %"
-            yield f"… in cells of {cell:.3g} m, w ≥ 2 cells: cells", 0.1, above.max() / cell, len(own), more
-    at = random.uniform(0.0, 1.0, (len(points.at) // 8, 2)) * case.sketch.size
+            more = f"more: {np.sum(above > 0.1 * cell)}"
+            yield f"… in cells of {cell:.3g} m, w ≥ 2 cells: cells", 0.1, above.max() / cell, len(above), more
+    at = random.uniform(0.0, 1.0, (len(points.at), 2)) * case.sketch.size
     at = at[case.untouched(at, np.full(len(at), -1))]
     changed = case.heights(at) != case.heights(at, bare=True)
     yield "points beyond earthworks with other bits", 0, changed.sum(), len(at), ""
@@ -362,12 +387,13 @@ def _tunnels(case: _Case) -> Iterator[_Line]:
     runs = _runs(samples, TUNNEL)
     if runs:
         inside = np.concatenate([np.arange(each.start + 1, each.stop - 1) for each in runs])
-        at, raw = samples.at[inside], case.heights(samples.at[inside], bare=True)
-        cover = raw - samples.height[inside] - TUNNEL_HEIGHT
-        less = f"less: {np.sum(cover < 3.0)} of {len(at)} points"
-        yield "cover, m: at least", 3.0, cover.min(), len(runs), less
-        free = case.untouched(at, samples.leg[inside])
-        changed = (case.heights(at) != raw)[free]
+        at = samples.at[inside]
+        raw, own = (
+            case.heights(at, bare=bare) - samples.height[inside] - TUNNEL_HEIGHT for bare in (True, False)
+        )
+        opened = f"other roads' cuttings leave less than 3 m at {100 * np.mean(own < 3.0):.1f} %"
+        yield f"cover, m: at least; less at {np.sum(raw < 3.0)} points", 3.0, raw.min(), len(at), opened
+        changed = (own != raw)[case.untouched(at, samples.leg[inside])]
         yield "points between portals with other bits", 0, changed.sum(), len(changed), ""
 
 
@@ -398,16 +424,22 @@ def _solves(case: _Case) -> Iterator[_Line]:
 
 def _tiles(case: _Case) -> Iterator[_Line]:
     for level in (5, 7, 9):
-        keys = _busy_tiles(case, level)
-        work = {
-            name: partial(case.context.lap, partial(terrain.evaluator.tiles, keys, level))
-            for name, terrain in (("with", case.terrain), ("without", case.natural))
-        }
-        laps = alternate(work, rounds=case.effort.rounds)
-        own, bare = (1e3 * median(lap.wall for lap in laps[name]) for name in work)
-        cell = case.sketch.extent / (QUADS << level)
-        facts = f"{own:.0f} and {bare:.0f} ms"
-        yield f"time with roads ÷ without, cells of {cell:.3g} m", 1.5, own / bare, len(keys), facts
+        with_roads = np.unique(np.floor(case.samples.at / (case.sketch.extent / (1 << level))), axis=0)
+        chosen = np.random.default_rng(27).permutation(with_roads.astype(int))[:_TILES]
+        yield _tile_time(case, "any tiles", list(map(tuple, chosen.tolist())), level)
+        yield _tile_time(case, "the busiest", _busy_tiles(case, level), level)
+
+
+def _tile_time(case: _Case, what: str, keys: list[tuple[int, int]], level: int) -> _Line:
+    work = {
+        terrain: partial(case.context.lap, partial(terrain.evaluator.tiles, keys, level))
+        for terrain in (case.terrain, case.natural)
+    }
+    laps = alternate(work, rounds=case.effort.rounds)
+    own, bare = (1e3 * median(lap.wall for lap in laps[terrain]) for terrain in work)
+    cell = case.sketch.extent / (QUADS << level)
+    facts = f"{own:.0f} and {bare:.0f} ms"
+    return f"time with roads ÷ without, {what}, cells of {cell:.3g} m", 1.5, own / bare, len(keys), facts
 
 
 def _accuracy(case: _Case) -> Iterator[_Line]:

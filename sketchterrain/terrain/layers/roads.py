@@ -158,9 +158,9 @@ class RoadsLayer(TerrainLayer):
         deep = np.maximum(np.maximum(high - state.low[block], state.high[block] - low), 0.0)
         seen = smooth_rise(2.0 * np.minimum(*packed.ends("half"))[piece] / sampling.cell, _CELLS, _CELLS)
         steep = np.maximum(packed["road_cut"], packed["road_fill"])[piece]
-        # An embankment of slope s, b m beyond a strip that fades within w m, moves by s h(b / w) for each metre
-        # of a wider strip, with h(p) = (1 + 7 p^8 - 8 p^9) / (1 - p^8)^2. Where it is above the ground this is
-        # at most max(1.6 s, 2.5 deep / w). A mean of two of them moves by at most deep / w more.
+        # For each metre that a strip is wider, its embankment of slope s moves by s h(p) at a share p of
+        # the width w within which it fades: h(p) = (1 + 7 p^8 - 8 p^9) / (1 - p^8)^2. Above the ground this
+        # is at most max(1.6 s, 2.5 deep / w). A mean of two embankments moves by at most deep / w more.
         width = np.maximum(np.minimum(*packed.ends("reach")) - np.maximum(*packed.ends("whole")), 1.0)[piece]
         wider = np.minimum(_WIDER * sampling.cell, 0.5 * width)
         moved = wider * (1.6 * steep + 3.5 * deep / width)

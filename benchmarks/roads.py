@@ -87,7 +87,9 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     """
     case = _Case(context, _sketch(), effort)
     lines = [
-        dict(zip(_HEADINGS, (name, *line[:3], str(line[3]), line[4]), strict=True))
+        dict(
+            zip(_HEADINGS, (name, *line[:2], np.asarray(line[2]).item(), str(line[3]), line[4]), strict=True)
+        )
         for name, work in _LINES.items()
         for line in work(case)
     ]

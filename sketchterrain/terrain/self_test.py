@@ -18,6 +18,7 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device, list_devices
 from sketchterrain.compute.device_check import DeviceCheck, cached_on_disk, check_device
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.io import resources
 from sketchterrain.io.system import ChildFailedError, ChildTimedOutError, module_result
@@ -42,6 +43,12 @@ _PAINTED = {
     "forest": (slice(20, 30), slice(14, 20)),
     "lake": (slice(22, 28), slice(23, 30)),
     "material": (slice(13, 15), slice(4, 9)),
+}
+
+# Vertices of vectors (m): a road with bends and a bridge across the river, a pad.
+_DRAWN = {
+    "road": (LINE, [[300.0, 410.0], [520.0, 430.0], [560.0, 640.0], [430.0, 700.0]]),
+    "pad": (AREA, [[600.0, 420.0], [640.0, 410.0], [645.0, 440.0]]),
 }
 
 
@@ -104,7 +111,11 @@ def probe_terrain() -> Sketch:
     for name, painted in _PAINTED.items():
         layers[name] = np.zeros((_PIXELS, _PIXELS), np.uint8)
         layers[name][painted] = 1
-    return Sketch(name="self-test", extent=_EXTENT, seed=1, layers=layers)
+    vectors = {
+        name: VectorLayer(name).edited(add=[VectorFeature(kind, (np.array(places),))])
+        for name, (kind, places) in _DRAWN.items()
+    }
+    return Sketch(name="self-test", extent=_EXTENT, seed=1, layers=layers, vectors=vectors)
 
 
 @cache

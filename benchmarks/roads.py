@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.plotting import HUES, SMALL, new_figure
+from sketchterrain.benchmarks.plotting import HUES, SKY, SMALL, new_figure
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
 from sketchterrain.benchmarks.road_methods import METHODS, Problem
 from sketchterrain.benchmarks.road_samples import RoadSamples, road_samples
@@ -470,13 +470,14 @@ _LINES = {
 
 def draw_roads(rows: Sequence[Row]) -> Any:
     """Draw the share of samples over the limit, and cut and fill, against the time to solve."""
-    figure = new_figure(9.0, 3.6, "Longitudinal profiles: error against time")
+    figure = new_figure(9.0, 3.4, "Longitudinal profiles: error against time")
     panels = (("over", "samples over the limit of grade, %"), ("rms", "cut and fill, rms m"))
-    for axes, (key, title) in zip(figure.subplots(1, 2), panels, strict=True):
-        for row, hue in zip(rows, (*HUES, *HUES), strict=False):
+    every = figure.subplots(1, 2)
+    for axes, (key, title) in zip(every, panels, strict=True):
+        for row, hue, mark in zip(rows[:-1], (*HUES, SKY), "os^Dv*", strict=True):
             at = max(value_of(row, "seconds"), 1e-3), value_of(row, key)
-            axes.plot(*at, "o", color=hue)
-            axes.annotate(str(row["method"]), at, (5, 4), textcoords="offset points", fontsize=SMALL)
-        axes.set(xlabel="s", title=title, xscale="log", xlim=(5e-4, 100.0))
-        axes.margins(y=0.15)
+            axes.plot(*at, mark, color=hue, label=str(row["method"]), alpha=0.8)
+        axes.set(xlabel="s", title=title, xscale="log")
+        axes.margins(0.1, 0.1)
+    every[1].legend(fontsize=SMALL, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure

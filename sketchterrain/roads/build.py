@@ -33,6 +33,7 @@ ROAD_LAYERS: Final = (*WAY_LAYERS, "pad", "wall")
 _EARLIER: Final = "roads by content"
 CROWN: Final = 0.025
 """Slope of a straight carriageway from its axis to its edges, of ways that have superelevation."""
+_STALE = 2  # times as many known positions as are asked for, from which on the others are dropped
 _GROUND_STEP = 8.0  # m between samples of the ground along a way
 _FRICTION = 0.12  # of tyres across the carriageway that superelevation leaves
 _LEVEL_ENDS, _WARP = 4.0, 20.0  # m beyond a junction's width with no crossfall; m over which it changes
@@ -89,8 +90,15 @@ class _Known:
         if missing.any():
             x, y = points[missing].T
             found[missing] = np.stack([self._ground(x, y), self._water(x, y)], axis=1)
-        self._keys, first = np.unique(keys, return_index=True)
-        self._values = found[first]
+            new, first = np.unique(keys[missing], return_index=True)
+            if len(self._keys) > _STALE * len(keys):
+                new, first = np.unique(keys, return_index=True)
+                self._keys, self._values = new, found[first]
+                return found
+            every = np.concatenate([self._keys, new])
+            order = np.argsort(every, kind="stable")
+            self._keys = every[order]
+            self._values = np.concatenate([self._values, found[missing][first]])[order]
         return found
 
 

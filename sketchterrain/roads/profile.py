@@ -301,9 +301,13 @@ def _lower_envelope(values, starts, to, weight):  # type: ignore[no-untyped-def]
     """Return the greatest function below values that rises by at most the weight along each edge."""
     found = values.copy()
     count = len(found)
-    queue = np.arange(count)  # a ring
-    waiting = np.ones(count, np.bool_)
-    head, size = 0, count
+    queue = np.zeros(count, np.int64)  # a ring
+    waiting = values < _FREE
+    head, size = 0, 0
+    for i in range(count):
+        if waiting[i]:
+            queue[size] = i
+            size += 1
     while size > 0:
         here = queue[head]
         head = (head + 1) % count

@@ -13,7 +13,7 @@ import numpy as np
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.document.layers import vector_of
 from sketchterrain.roads.alignment import Alignment
-from sketchterrain.roads.network import AUTOMATIC, Way, WayGraph
+from sketchterrain.roads.network import AUTOMATIC, Crossing, Way, WayGraph
 from sketchterrain.roads.profile import Profile, StationGraph, solve_profile
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, deck_depth
 
@@ -26,7 +26,7 @@ TUNNEL_HEIGHT: Final = 5.5
 COVER: Final = 3.0
 """Least ground over a tube, m; where there is less, it is a cutting."""
 
-_LEAST_CLEARANCE = 4.5  # m, from carriageway to carriageway, below which it is told
+_LEAST_CLEARANCE = 4.5  # m, between a carriageway and a deck, below which it is told
 _MAX_FILL, _ABUTMENT = 12.0, 4.0  # m over the ground from which on a bridge is built, and where it ends
 _MAX_CUT = 20.0  # m under the ground from which on a tunnel is built
 _SHORTEST = {BRIDGE: 4.0, TUNNEL: 20.0}  # m; shorter ones are ground
@@ -79,10 +79,8 @@ def carry(
         return solve_profile(graph, line, ground, is_free, straight, runs, lower, upper)
 
     for crossing, a, b in zip(ways.crossings, met, under, strict=True):
-        below = ways.ways[crossing.lower]
-        wide = 1.5 * (below.half_width + below.shoulder) + _BEYOND_WAY
-        if structure[max(b - 1, 0)] != TUNNEL and structure[min(b, len(structure) - 1)] != TUNNEL:
-            _mark(structure, line, a, wide, BRIDGE, choose)
+        if TUNNEL not in _beside(structure, b):
+            _mark(structure, line, a, _width_below(ways, crossing), BRIDGE, choose)
     in_water = np.isfinite(water)
     causeway = _cross_water(structure, line, in_water, choose, told)
     lower[causeway] = water[causeway] + FREEBOARD
@@ -92,18 +90,51 @@ def carry(
     _mark_runs(structure, line, depth > _MAX_FILL, depth > _ABUTMENT, BRIDGE, bridged)
     _mark_runs(structure, line, -depth > _MAX_CUT, -depth > COVER + TUNNEL_HEIGHT, TUNNEL, bridged)
     _join(structure, line, choose)
-    profile = solved()
-    for _ in range(_STOREYS):  # what is above a raised deck is raised after it
-        if not _clear(structure, line, graph, profile.height, water, causeway, (met, under), lower, upper):
-            break
+    asked_tunnels, opened = structure == TUNNEL, True
+    while opened:
         profile = solved()
-    structure = _trimmed(structure, line, profile.height, ground, met, told)
+        for _ in range(_STOREYS):  # what is above a raised deck is raised after it
+            if not _clear(
+                structure, line, graph, profile.height, water, causeway, (met, under), lower, upper
+            ):
+                break
+            profile = solved()
+        result = _trimmed(structure, line, profile.height, ground, met)
+        opened = False
+        for crossing, a, b in zip(ways.crossings, met, under, strict=True):
+            is_open = TUNNEL in _beside(structure, b) and TUNNEL not in _beside(result, b)
+            if is_open and BRIDGE not in _beside(structure, a):  # the way above needs a bridge then
+                structure[(structure == TUNNEL) & (result == GROUND)] = GROUND
+                _mark(structure, line, a, _width_below(ways, crossing), BRIDGE, choose)
+                opened = opened or BRIDGE in _beside(structure, a)
+    lost = float(line.length[asked_tunnels & (result == GROUND)].sum())
+    if lost:
+        told[
+            f"{lost:.0f} m of tunnels have less than {COVER:g} m of ground over them: they are cuttings"
+        ] += 1
+    decks = {
+        station: deck_depth(line.along[last] - line.along[first])
+        for first, last in _runs(result, line)
+        if result[first] == BRIDGE
+        for station in range(first, last + 1)
+    }
     for crossing, a, b in zip(ways.crossings, met, under, strict=True):
-        room = profile.height[a] - profile.height[b]
-        if room < _LEAST_CLEARANCE:
+        room = profile.height[a] - profile.height[b] - decks.get(a, 0.0)
+        if room < _LEAST_CLEARANCE and TUNNEL not in _beside(result, b):
             names = (_name(ways.ways[number]) for number in (crossing.upper, crossing.lower))
             told[f"{next(names)} is {room:.1f} m above {next(names)}: expected {_LEAST_CLEARANCE} m"] += 1
-    return Carried(structure, profile, tuple(told))
+    return Carried(result, profile, tuple(told))
+
+
+def _beside(structure: Int64Array, station: int) -> Int64Array:
+    """Return the structures of the pieces on both sides of a station."""
+    return structure[max(station - 1, 0) : station + 1]
+
+
+def _width_below(ways: WayGraph, crossing: Crossing) -> float:
+    """Return half the length of a bridge over the lower way of a crossing, m."""
+    below = ways.ways[crossing.lower]
+    return 1.5 * (below.half_width + below.shoulder) + _BEYOND_WAY
 
 
 def _name(way: Way) -> str:
@@ -214,11 +245,11 @@ def _clear(
     least = np.where(np.isfinite(water) & ~causeway, water + FREEBOARD, -np.inf)
     most = np.full(len(height), np.inf)
     for a, b in zip(*crossings, strict=True):
-        is_tunnel = TUNNEL in structure[max(b - 1, 0) : b + 1]
+        is_tunnel = TUNNEL in _beside(structure, b)
         least[a] = max(least[a], height[b] + CLEARANCE) if not is_tunnel else least[a]
         if is_tunnel:
             most[b] = min(most[b], height[a] - TUNNEL_HEIGHT - COVER)
-        elif height[a] - height[b] < CLEARANCE and BRIDGE not in structure[max(b - 1, 0) : b + 1]:
+        elif height[a] - height[b] < CLEARANCE and BRIDGE not in _beside(structure, b):
             upper[b] = min(upper[b], height[b])
     found = False
     for first, last in _runs(structure, line):
@@ -229,12 +260,12 @@ def _clear(
             lack = float((least[inside] + deck - height[inside]).max())
             if lack > _NEGLIGIBLE:
                 found = True
-                lower[ends] = np.maximum(lower[ends], height[ends] + lack)
+                lower[ends] = np.maximum(lower[ends], height[ends]) + lack
         else:
             lack = float((height[inside] - most[inside]).max())
             if lack > _NEGLIGIBLE:
                 found = True
-                upper[ends] = np.minimum(upper[ends], height[ends] - lack)
+                upper[ends] = np.minimum(upper[ends], height[ends]) - lack
     return found
 
 
@@ -244,7 +275,6 @@ def _trimmed(
     height: Float64Array,
     ground: Float64Array,
     crossed: Sequence[int],
-    told: Counter[str],
 ) -> Int64Array:
     """Return structures without tunnels under too little ground, and decks in the ground."""
     result = structure.copy()
@@ -259,11 +289,6 @@ def _trimmed(
             range(first, last + 1)
         ) & set(crossed):
             result[first:last] = GROUND
-    opened = float(line.length[(structure == TUNNEL) & (result == GROUND)].sum())
-    if opened:
-        told[
-            f"{opened:.0f} m of tunnels have less than {COVER:g} m of ground over them: they are cuttings"
-        ] += 1
     return result
 
 

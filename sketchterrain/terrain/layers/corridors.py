@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
@@ -216,7 +217,18 @@ class CorridorsLayer(TerrainLayer):
         half a width: otherwise a straight river would dominate a winding one beside it. Streams that the
         cells do not show are left out.
         """
-        cell, unit = tolerance_cell(cell_size), metres_per_unit(extent)
+        cell = tolerance_cell(cell_size)
+        key = extent, cell
+        if key not in self._arcs:
+            self._arcs[key] = self._flattened(extent, cell)
+        return self._arcs[key]
+
+    @cached_property
+    def _arcs(self) -> dict[tuple[float, float], PackedRivers]:
+        return {}
+
+    def _flattened(self, extent: float, cell: float) -> PackedRivers:
+        unit = metres_per_unit(extent)
         courses, anchors = [], []
         for course in self.courses:
             if course.is_hidden(cell):

@@ -49,7 +49,7 @@ def with_strips(ground: HostSamples, strips: Strips) -> HostSamples:
     low, high = z - fill * run, z + cut * run
     low -= (1.0 - seen) * np.maximum(low - below, 0.0)
     high += (1.0 - seen) * np.maximum(below - high, 0.0)
-    own = share * np.maximum(1.0 - part2, 0.0) ** 2 / (np.minimum(away, _FAR) + _NEAR) ** 8
+    own = share * np.maximum(1.0 - part2, 0.0) ** 2 / (np.minimum(away, _FAR) + _NEAR) ** 16
     count = len(ground.height)
     most, least = np.full(count, -_NO_BOUND), np.full(count, _NO_BOUND)
     weight, total, clear, covered = np.zeros((4, count))

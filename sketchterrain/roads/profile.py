@@ -116,21 +116,33 @@ def solve_profile(
     lower: Float64Array,
     upper: Float64Array,
 ) -> Profile:
-    """Return the profile of stations.
+    """Return the profile of stations; see `nearest_heights` and `bounded_profile`."""
+    nearest = nearest_heights(graph, line, ground, is_free)
+    return bounded_profile(graph, line, nearest, straight, decks, lower, upper)
+
+
+def bounded_profile(
+    graph: StationGraph,
+    line: Alignment,
+    nearest: Float64Array,
+    straight: Sequence[tuple[int, int]],
+    decks: Sequence[tuple[int, int]],
+    lower: Float64Array,
+    upper: Float64Array,
+) -> Profile:
+    """Return the profile of stations within bounds.
 
     Parameters
     ----------
-    ground : (n,) heights that it is to be near to, m
-    is_free : (n,) stations at which they do not matter: those on structures
+    nearest : (n,) heights within the limits of grade, m
     straight : first and last stations between which it is straight before means are taken
     decks : the same of structures without their ramps: they stay straight
     lower, upper : (n,) bounds, m; infinite where there are none
     """
-    height = _nearest_heights(graph, line, ground, is_free)
     bound_high = _envelope(_at_nodes(graph, upper, np.minimum, _FREE), graph)[graph.node]
     bound_low = -_envelope(-_at_nodes(graph, lower, np.maximum, -_FREE), graph)[graph.node]
     contrary = bound_low > bound_high
-    whole = np.clip(np.rint(height / UNIT).astype(np.int64), bound_low, np.maximum(bound_low, bound_high))
+    whole = np.clip(np.rint(nearest / UNIT).astype(np.int64), bound_low, np.maximum(bound_low, bound_high))
     height = np.where(contrary, (bound_low + bound_high) >> 1, whole) * UNIT
     _straighten(height, straight, line, graph)
     for _ in range(2):
@@ -151,10 +163,13 @@ def _straighten(
         height[first + 1 : last] = height[first] + rise * np.cumsum(size)[:-1] / max(size.sum(), 1e-9)
 
 
-def _nearest_heights(
+def nearest_heights(
     graph: StationGraph, line: Alignment, ground: Float64Array, is_free: BoolArray
 ) -> Float64Array:
-    """Return heights within the limits that are near to the ground, without bounds."""
+    """Return heights (n,), m, within the limits of grade that are nearest to the ground, without bounds.
+
+    `is_free` are stations at which the ground does not matter: those on structures.
+    """
     ends = np.stack([graph.node[line.first[:-1]], graph.node[line.first[1:] - 1]], axis=1)
     rise = np.append(0, np.cumsum(graph.piece_weight))
     most = rise[line.first[1:] - 1] - rise[line.first[:-1]]

@@ -14,7 +14,7 @@ from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.document.layers import vector_of
 from sketchterrain.roads.alignment import Alignment
 from sketchterrain.roads.network import AUTOMATIC, Crossing, Way, WayGraph
-from sketchterrain.roads.profile import Profile, StationGraph, solve_profile
+from sketchterrain.roads.profile import Profile, StationGraph, bounded_profile, nearest_heights
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, deck_depth
 
 CLEARANCE: Final = 4.7
@@ -70,13 +70,19 @@ def carry(
     met = [_places(line, crossing.upper, crossing.x, crossing.y) for crossing in ways.crossings]
     under = [_places(line, crossing.lower, crossing.x, crossing.y) for crossing in ways.crossings]
 
+    nearest: dict[bytes, Float64Array] = {}
+
     def solved() -> Profile:
         runs = _runs(structure, line)
         straight = [_with_ramps(run, graph, line) for run in runs]
         is_free = np.zeros(len(line.at), np.bool_)
         for first, last in straight:
             is_free[first + 1 : last] = True
-        return solve_profile(graph, line, ground, is_free, straight, runs, lower, upper)
+        key = structure.tobytes()
+        if key not in nearest:  # bounds change more often than structures
+            nearest.clear()
+            nearest[key] = nearest_heights(graph, line, ground, is_free)
+        return bounded_profile(graph, line, nearest[key], straight, runs, lower, upper)
 
     for crossing, a, b in zip(ways.crossings, met, under, strict=True):
         if TUNNEL not in _beside(structure, b):

@@ -78,7 +78,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     Grades are those between samples 10 m apart along the car roads: of the evaluated terrain at full detail,
     and of the profile on bridges and tunnels. Other methods get the same samples and the ground at 2 m; the
     first three drape bridges and tunnels too, Proland's are straight, ADMM's free. Cut and fill are
-    differences from the ground, of samples on the ground. Seconds are those without sampling it.
+    differences from the ground, of samples on the ground. Their times, in seconds, leave out sampling it.
 
     Edges and points are compared with profile and crossfall where no other road, nor another bend of the own
     one, overlaps them with its shoulders. Points in coarser cells are those of the tiles' triangles, where no

@@ -27,7 +27,9 @@ from sketchterrain.terrain.adherence_rivers import RiverAdherence, measure_river
 from sketchterrain.terrain.building import relief_without
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.layer import MASKS, TerrainLayer
+from sketchterrain.terrain.layers.pads import PadsLayer
 from sketchterrain.terrain.layers.points import support_radii
+from sketchterrain.terrain.layers.roads import RoadsLayer
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
 
@@ -87,7 +89,10 @@ class SampledTerrain:
 
     @classmethod
     def evaluate(cls, terrain: Terrain) -> SampledTerrain:
-        """Evaluate a terrain at full detail."""
+        """Evaluate a terrain at full detail, without roads and pads, whose heights hide what is painted."""
+        names = terrain.recipe.materials.names
+        bare = terrain.recipe.with_layers([PadsLayer(names, ()), RoadsLayer(names, ())])
+        terrain, _ = terrain.updated(terrain.sketch, bare)
         x, y = (to_lattice(axis, terrain.extent).ravel() for axis in pixel_centres(terrain.sketch))
         height, masks = terrain.evaluator.points(x, y, cell_size=0.0)
         drawn = with_vectors_painted(terrain.sketch, LRUCache())

@@ -466,7 +466,7 @@ def test_changes_of_sketches_reach_every_part(terrain) -> None:
         # Of label 1, on which unpainted ground depends; and what sequences may lack.
         (
             walk([23, 0], [[name]] * 8, terrain.context)
-            for name in ("hill.height", "mountain.height", "own material")
+            for name in ("hill.height", "mountain.height", "own material", "climate.snow_line")
         ),
         (random_sequence(number, terrain.context) for number in range(100)),
     )

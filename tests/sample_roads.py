@@ -142,7 +142,7 @@ def hills(x, y):
 
 
 def no_water(x, y):
-    """Return that there is none."""
+    """Return the level of floods: dry land."""
     del y
     return np.full(len(x), np.nan)
 

@@ -497,6 +497,17 @@ def vector_of(feature: int) -> int | None:
     return feature & 0x7FFFFFFF if is_vector else None
 
 
+def feature_name(feature: int) -> str:
+    """Return the layer of a feature and the number of its vector, if any, or its id: "road 7"."""
+    vector = vector_of(feature)
+    return f"{layer_of(feature)} {feature if vector is None else vector}"
+
+
+def storey(level: int, structure: str) -> int:
+    """Return which of two ways that cross is higher: by their level, else by what carries them."""
+    return level or {"bridge": 1, "tunnel": -1}.get(structure, 0)
+
+
 POINT_LAYERS: Final = tuple(layer.name for layer in _ALL if layer.is_points)
 """Layers of point features: their types, which can be added and locked."""
 

@@ -23,7 +23,7 @@ from sketchterrain.document.label_layers import (
     freeze_image,
     labels_in,
 )
-from sketchterrain.document.layers import DENSITY, LAYERS, PAINTED_LAYERS, Layer
+from sketchterrain.document.layers import DENSITY, LANE_WIDTHS, LAYERS, PAINTED_LAYERS, Layer
 from sketchterrain.document.material_rules import RuleChange, check_rule_changes
 from sketchterrain.document.materials import MaterialTable
 from sketchterrain.document.own_materials import (
@@ -232,6 +232,22 @@ class Sketch:
         of_labels = np.array([float(self.properties(layer, int(label))[name]) for label in labels])
         values, own = of_labels[number], vectors.columns.get(name)
         return values if own is None else np.where(np.isnan(own), values, own)
+
+    def vector_texts(self, layer: str, name: str) -> list[str]:
+        """Return a text of each vector of a layer, by its name: its own, else its label's."""
+        vectors = self.vectors[layer]
+        labels, number = np.unique(vectors.labels, return_inverse=True)
+        of_labels = [str(self.properties(layer, int(label))[name]) for label in labels]
+        own = vectors.columns.get(name, [""] * len(vectors))
+        return [str(text) or of_labels[each] for text, each in zip(own, number, strict=True)]
+
+    def vector_widths(self, layer: str) -> Float64Array:
+        """Return the width of each vector of a layer, (n,), m; of ways without one, by their lanes."""
+        widths = self.vector_values(layer, "width")
+        if layer not in LANE_WIDTHS:
+            return widths
+        by_lanes = LANE_WIDTHS[layer] * self.vector_values(layer, "lanes")
+        return np.where(widths == 0.0, by_lanes, widths)
 
     @property
     def material_table(self) -> MaterialTable:

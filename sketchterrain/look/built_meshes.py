@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, FloatArray
-from sketchterrain.document.layers import layer_of, vector_of
+from sketchterrain.document.layers import feature_name
 from sketchterrain.roads.road_types import Pad, Wall
 
 
@@ -66,12 +66,6 @@ class BuiltObject:
     key: Hashable  # equal for equal objects on equal ground
     places: Float64Array  # (k, 2) m, where it depends on the ground's height
     parts: Callable[[Float64Array], list[BuiltPart]]  # by the heights (k,; m) there
-
-
-def feature_name(feature: int) -> str:
-    """Return the layer and number of a feature, such as "road 7"."""
-    vector = vector_of(feature)
-    return f"{layer_of(feature)} {feature if vector is None else vector}"
 
 
 def swept(

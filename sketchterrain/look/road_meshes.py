@@ -10,12 +10,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.document.layers import feature_name
 from sketchterrain.look.built_meshes import (
     MOUTH,
     BuiltObject,
     BuiltPart,
     extruded,
-    feature_name,
     flat_quads,
     house,
     prism_quads,

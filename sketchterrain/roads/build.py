@@ -18,7 +18,7 @@ from sketchterrain.document.layers import WAY_LAYERS, id_of_vector
 from sketchterrain.document.vectors import AREA, LINE
 from sketchterrain.hydrology.vector_rivers import line_path
 from sketchterrain.roads.alignment import Alignment, align
-from sketchterrain.roads.network import WayGraph, vector_texts, way_graph
+from sketchterrain.roads.network import WayGraph, way_graph
 from sketchterrain.roads.profile import StationGraph, station_graph, united_reach
 from sketchterrain.roads.road_types import Pad, Road, RoadNetwork, Wall, Works
 from sketchterrain.roads.structures import FREEBOARD, Carried, bends_told, carry
@@ -66,7 +66,8 @@ def road_network(sketch: Sketch, ground: Heights, water: Heights, cache: LRUCach
     if any(len(sketch.vectors[name]) for name in WAY_LAYERS):
         ways = cache.get_or_compute(key, partial(_plan, sketch))
         if ways is not None:
-            roads, findings = _roads(ways, line_ground, cache)
+            on_ground = ("roads", IdentityKey(ways), IdentityKey(of))
+            roads, findings = cache.get_or_compute(on_ground, partial(_roads, ways, line_ground, cache))
     return RoadNetwork(roads, _pads(sketch, pad_ground), _walls(sketch), findings)
 
 
@@ -300,7 +301,7 @@ def _pads(sketch: Sketch, known: _Known) -> tuple[Pad, ...]:
     if not indices:
         return ()
     cut, fill, building = (sketch.vector_values("pad", name) for name in ("cut", "fill", "building"))
-    surface = vector_texts(sketch, layer, "surface")
+    surface = sketch.vector_texts("pad", "surface")
     rings = [layer.ring(int(layer.parts[index])) for index in indices]
     rings = [ring if _signed_area(ring) > 0.0 else ring[::-1] for ring in rings]
     samples = [_inside(ring) for ring in rings]
@@ -341,7 +342,7 @@ def _inside(ring: Float64Array) -> Float64Array:
 def _walls(sketch: Sketch) -> tuple[Wall, ...]:
     layer = sketch.vectors["wall"]
     height, width = (sketch.vector_values("wall", name) for name in ("height", "width"))
-    material = vector_texts(sketch, layer, "material")
+    material = sketch.vector_texts("wall", "material")
     numbers: Int64Array = np.flatnonzero(layer.kinds == LINE)
     return tuple(
         Wall(

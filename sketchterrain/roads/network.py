@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from sketchterrain.array_types import Float64Array, Int64Array
-from sketchterrain.document.layers import LANE_WIDTHS, WAY_LAYERS, id_of_vector, vector_of
+from sketchterrain.document.layers import WAY_LAYERS, id_of_vector, storey, vector_of
 from sketchterrain.document.vectors import STEP, VectorLayer, on_grid
 from sketchterrain.hydrology.vector_rivers import line_path
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Works
@@ -40,14 +40,9 @@ class Way:
     radius: float  # m, at least
     superelevation: float
     structure: int  # AUTOMATIC, GROUND, BRIDGE or TUNNEL
-    level: int
+    storey: int  # which of two ways that cross is higher
     works: Works
     trees: float
-
-    @property
-    def storey(self) -> int:
-        """Which of two ways that cross is higher: the level, and else the structure."""
-        return self.level or {BRIDGE: 1, TUNNEL: -1}.get(self.structure, 0)
 
 
 @dataclass(frozen=True)
@@ -105,38 +100,25 @@ def way_graph(sketch: Sketch) -> WayGraph:
 def _ways(sketch: Sketch, layer: VectorLayer) -> list[Way]:
     name = layer.layer
     numbers = {key: sketch.vector_values(name, key).tolist() for key in _NUMBERS}
-    texts = {key: vector_texts(sketch, layer, key) for key in ("surface", "structure")}
-    rows = zip(layer.ids.tolist(), *numbers.values(), *texts.values(), strict=True)
-    found = []
-    for number, width, lanes, shoulder, grade, radius, lean, cut, fill, level, trees, surface, kind in rows:
-        found.append(
-            Way(
-                id_of_vector(name, number),
-                name,
-                0.5 * (width or lanes * LANE_WIDTHS[name]),
-                *(shoulder, grade, radius, lean),
-                _STRUCTURE[kind],
-                int(level),
-                Works(cut, fill, surface),
-                trees,
-            )
+    texts = {key: sketch.vector_texts(name, key) for key in ("surface", "structure")}
+    halves = (0.5 * sketch.vector_widths(name)).tolist()
+    rows = zip(layer.ids.tolist(), halves, *numbers.values(), *texts.values(), strict=True)
+    return [
+        Way(
+            id_of_vector(name, number),
+            name,
+            half,
+            *(shoulder, grade, radius, lean),
+            _STRUCTURE[structure],
+            storey(int(level), structure),
+            Works(cut, fill, surface),
+            trees,
         )
-    return found
+        for number, half, shoulder, grade, radius, lean, cut, fill, level, trees, surface, structure in rows
+    ]
 
 
-_NUMBERS = (
-    *("width", "lanes", "shoulder", "grade", "radius", "superelevation"),
-    *("cut", "fill", "level", "trees"),
-)
-
-
-def vector_texts(sketch: Sketch, layer: VectorLayer, name: str) -> list[str]:
-    """Return a text of each vector by its name: its own, else its label's."""
-    labels, number = np.unique(layer.labels, return_inverse=True)
-    of_labels = [str(sketch.properties(layer.layer, int(label))[name]) for label in labels]
-    own = layer.columns.get(name)
-    values = [of_labels[each] for each in number]
-    return values if own is None else [str(a) or b for a, b in zip(own, values, strict=True)]
+_NUMBERS = ("shoulder", "grade", "radius", "superelevation", "cut", "fill", "level", "trees")
 
 
 def _without_repeats(path: Float64Array) -> Float64Array:

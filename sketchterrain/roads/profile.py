@@ -106,21 +106,6 @@ class Profile:
     violation: Float64Array  # (n,) m by which bounds contradict each other at a station
 
 
-def solve_profile(
-    graph: StationGraph,
-    line: Alignment,
-    ground: Float64Array,
-    is_free: BoolArray,
-    straight: Sequence[tuple[int, int]],
-    decks: Sequence[tuple[int, int]],
-    lower: Float64Array,
-    upper: Float64Array,
-) -> Profile:
-    """Return the profile of stations; see `nearest_heights` and `bounded_profile`."""
-    nearest = nearest_heights(graph, line, ground, is_free)
-    return bounded_profile(graph, line, nearest, straight, decks, lower, upper)
-
-
 def bounded_profile(
     graph: StationGraph,
     line: Alignment,

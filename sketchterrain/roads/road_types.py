@@ -100,9 +100,16 @@ def profile_at(road: Road, piece: int | np.ndarray, t: Float64Array) -> Float64A
 
     The slope is linear from each end to the middle of a piece (parabolic vertical curves).
     """
-    start, end = road.axis[piece, 2], road.axis[np.asarray(piece) + 1, 2]
-    length = road.along[np.asarray(piece) + 1] - road.along[piece]
-    first, last = road.slope[piece] * length, road.slope[np.asarray(piece) + 1] * length
+    after = np.asarray(piece) + 1
+    length = road.along[after] - road.along[piece]
+    rises = road.slope[piece] * length, road.slope[after] * length
+    return vertical_curve(road.axis[piece, 2], road.axis[after, 2], *rises, t)
+
+
+def vertical_curve(
+    start: Float64Array, end: Float64Array, first: Float64Array, last: Float64Array, t: Float64Array
+) -> Float64Array:
+    """Return heights at shares t of pieces from a height to another, whose ends rise by so much a piece."""
     middle = 2.0 * (end - start) - 0.5 * (first + last)
     s = 1.0 - t
     rising = start + t * (first + (middle - first) * t)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
-from sketchterrain.document.layers import vector_of
+from sketchterrain.document.layers import feature_name
 from sketchterrain.roads.alignment import Alignment
 from sketchterrain.roads.network import AUTOMATIC, Crossing, Way, WayGraph
 from sketchterrain.roads.profile import Profile, StationGraph, bounded_profile, nearest_heights
@@ -26,7 +25,7 @@ TUNNEL_HEIGHT: Final = 5.5
 COVER: Final = 3.0
 """Least ground over a tube, m; where there is less, it is a cutting."""
 
-_LEAST_CLEARANCE = 4.5  # m, between a carriageway and a deck, below which it is told
+_LEAST_CLEARANCE = 4.5  # m, between a carriageway and a deck, below which a crossing is reported
 _MAX_FILL, _ABUTMENT = 12.0, 4.0  # m over the ground from which on a bridge is built, and where it ends
 _MAX_CUT = 20.0  # m under the ground from which on a tunnel is built
 _SHORTEST = {BRIDGE: 4.0, TUNNEL: 20.0}  # m; shorter ones are ground
@@ -60,7 +59,7 @@ def carry(
     ground : (n,) m, across the carriageway
     water : (n,) level of floods, m; NaN on land
     """
-    told: Counter[str] = Counter()
+    told: list[str] = []
     asked = np.array([way.structure for way in ways.ways])[line.way]
     is_path = np.array([way.layer == "path" for way in ways.ways])[line.way]
     structure = np.where(line.way < 0, GROUND, np.where(asked == AUTOMATIC, GROUND, asked))
@@ -113,23 +112,39 @@ def carry(
                 structure[(structure == TUNNEL) & (result == GROUND)] = GROUND
                 _mark(structure, line, a, _width_below(ways, crossing), BRIDGE, choose)
                 opened = opened or BRIDGE in _beside(structure, a)
-    lost = float(line.length[asked_tunnels & (result == GROUND)].sum())
-    if lost:
-        told[
-            f"{lost:.0f} m of tunnels have less than {COVER:g} m of ground over them: they are cuttings"
-        ] += 1
+    told += _shallow_tunnels(asked_tunnels & (result == GROUND), line)
+    told += _low_crossings(ways, result, profile.height, line, (met, under))
+    return Carried(result, profile, tuple(dict.fromkeys(told)))
+
+
+def _shallow_tunnels(opened: BoolArray, line: Alignment) -> list[str]:
+    """Return a finding about pieces of tunnels that are cuttings, if any."""
+    lost = float(line.length[opened].sum())
+    what = f"{lost:.0f} m of tunnels have less than {COVER:g} m of ground over them: they are cuttings"
+    return [what] if lost else []
+
+
+def _low_crossings(
+    ways: WayGraph,
+    structure: Int64Array,
+    height: Float64Array,
+    line: Alignment,
+    stations: tuple[Sequence[int], Sequence[int]],
+) -> list[str]:
+    """Return findings about crossings without enough room, by the stations above and below."""
     decks = {
         station: deck_depth(line.along[last] - line.along[first])
-        for first, last in _runs(result, line)
-        if result[first] == BRIDGE
+        for first, last in _runs(structure, line)
+        if structure[first] == BRIDGE
         for station in range(first, last + 1)
     }
-    for crossing, a, b in zip(ways.crossings, met, under, strict=True):
-        room = profile.height[a] - profile.height[b] - decks.get(a, 0.0)
-        if room < _LEAST_CLEARANCE and TUNNEL not in _beside(result, b):
-            names = (_name(ways.ways[number]) for number in (crossing.upper, crossing.lower))
-            told[f"{next(names)} is {room:.1f} m above {next(names)}: expected {_LEAST_CLEARANCE} m"] += 1
-    return Carried(result, profile, tuple(told))
+    found = []
+    for crossing, a, b in zip(ways.crossings, *stations, strict=True):
+        room = height[a] - height[b] - decks.get(a, 0.0)
+        if room < _LEAST_CLEARANCE and TUNNEL not in _beside(structure, b):
+            upper, lower = (feature_name(ways.ways[each].id) for each in (crossing.upper, crossing.lower))
+            found.append(f"{upper} is {room:.1f} m above {lower}: expected {_LEAST_CLEARANCE} m")
+    return found
 
 
 def _beside(structure: Int64Array, station: int) -> Int64Array:
@@ -141,10 +156,6 @@ def _width_below(ways: WayGraph, crossing: Crossing) -> float:
     """Return half the length of a bridge over the lower way of a crossing, m."""
     below = ways.ways[crossing.lower]
     return 1.5 * (below.half_width + below.shoulder) + _BEYOND_WAY
-
-
-def _name(way: Way) -> str:
-    return f"{way.layer} {vector_of(way.id)}"
 
 
 def _places(line: Alignment, way: int, x: float, y: float) -> int:
@@ -211,7 +222,7 @@ def _true_runs(inside: BoolArray) -> list[tuple[int, int]]:
 
 
 def _cross_water(
-    structure: Int64Array, line: Alignment, in_water: BoolArray, choose: BoolArray, told: Counter[str]
+    structure: Int64Array, line: Alignment, in_water: BoolArray, choose: BoolArray, told: list[str]
 ) -> BoolArray:
     """Bridge the water that ways cross; return the stations of those that stay in it, on a causeway."""
     causeway = np.zeros(len(in_water), np.bool_)
@@ -224,7 +235,7 @@ def _cross_water(
             size = line.along[last] - line.along[first]
             if in_water[first] or in_water[last] or size > _LONGEST_IN_WATER:  # it ends in the water
                 causeway[first : last + 1] = True
-                told["a way ends in water or runs in it: it is on a causeway"] += 1
+                told.append("a way ends in water or runs in it: it is on a causeway")
                 continue
             while first > start and line.along[start + a] - line.along[first] < _BEYOND_WATER:
                 first -= 1
@@ -304,5 +315,5 @@ def bends_told(ways: Sequence[Way], at: Sequence[tuple[int, float]]) -> list[str
     if not tight:
         return []
     _, way, radius = min(tight)
-    worst = f"{_name(ways[way])} {radius:.1f} m, expected {ways[way].radius:g} m"
+    worst = f"{feature_name(ways[way].id)} {radius:.1f} m, expected {ways[way].radius:g} m"
     return [f"bends tighter than their ways' least radius: {len(tight)}, the tightest of {worst}"]

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import maximum_filter1d
 
-from sketchterrain.array_types import BoolArray, Float64Array
+from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray
 from sketchterrain.hydrology.splines import catmull_rom, cubics
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.feature_types import River
@@ -140,6 +140,16 @@ def nearest_on_arc(
     deviation = 2.0 * g / (whole + np.sqrt(np.maximum(whole * whole + 8.0 * bend * g, 0.0)))
     square = np.where(foot == t, deviation * deviation, (u - foot) ** 2 + v * v)
     return foot, square * (chord**2).sum(axis=-1)
+
+
+def arc_boxes(
+    start: LatticeArray, chord: Float64Array, bend: Float64Array, radius: Float64Array, unit: float
+) -> LatticeArray:
+    """Return boxes (n, 4), lattice units, of all that is within a radius (m) of arcs."""
+    end = start + np.rint(chord / unit).astype(np.int64)
+    sagitta = 0.5 * np.abs(bend) * np.hypot(*chord.T)
+    wide = np.ceil((radius + sagitta) / unit * (1 + 1e-5) + 2).astype(np.int64)[:, None]
+    return np.concatenate([np.minimum(start, end) - wide, np.maximum(start, end) + wide], axis=1)
 
 
 def valley_radius(river: River, ground: Float64Array) -> Float64Array:

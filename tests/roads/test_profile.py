@@ -9,7 +9,7 @@ from sketchterrain.document.layers import id_of_vector
 from sketchterrain.document.vectors import on_grid
 from sketchterrain.roads.alignment import align
 from sketchterrain.roads.network import way_graph
-from sketchterrain.roads.profile import solve_profile, station_graph
+from sketchterrain.roads.profile import bounded_profile, nearest_heights, station_graph
 from sketchterrain.roads.road_shapes import axis_points, grades
 from sketchterrain.roads.road_types import GROUND, profile_at
 from tests.sample_roads import contents, hills, network_on, sketch_with
@@ -143,9 +143,8 @@ def test_bounds_that_contradict_each_other_are_told_and_shared() -> None:
     stations = station_graph(graph.ways, graph.legs, line)
     x = line.at[:, 0]
     lower, upper = np.where(x == 0.0, 60.0, -np.inf), np.where(x == 100.0, 0.0, np.inf)
-    profile = solve_profile(
-        stations, line, np.zeros(len(x)), np.zeros(len(x), np.bool_), [], [], lower, upper
-    )
+    nearest = nearest_heights(stations, line, np.zeros(len(x)), np.zeros(len(x), np.bool_))
+    profile = bounded_profile(stations, line, nearest, [], [], lower, upper)
     assert profile.violation.max() == pytest.approx(50.0, abs=0.1)  # 60 m less the 10 m of the grade
     for value, bound in ((lower - profile.height, 25.0), (profile.height - upper, 25.0)):
         assert value.max() == pytest.approx(bound, abs=0.5)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document import vector_edits as edits
-from sketchterrain.document.layers import DRAW_ORDER, LANE_WIDTHS, LAYERS
+from sketchterrain.document.layers import DRAW_ORDER, LAYERS, storey
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import LINE, VECTOR_LAYERS, VectorFeature, VectorLayer, on_grid
 from sketchterrain.errors import InputError
@@ -143,11 +143,7 @@ def widths_of(sketch: Sketch, layer: VectorLayer) -> Float64Array:
     name = layer.layer
     if "width" not in LAYERS[name].parameters:
         return np.zeros(len(layer))
-    widths = sketch.vector_values(name, "width")
-    if name in LANE_WIDTHS:
-        by_lanes = LANE_WIDTHS[name] * sketch.vector_values(name, "lanes")
-        widths = np.where(widths == 0.0, by_lanes, widths)
-    return np.where(layer.kinds == LINE, widths, 0.0)
+    return np.where(layer.kinds == LINE, sketch.vector_widths(name), 0.0)
 
 
 def network_of(sketch: Sketch, name: str) -> list[VectorLayer]:
@@ -254,14 +250,12 @@ def _crossings(sketch: Sketch, own: VectorLayer, layers: Sequence[VectorLayer]) 
     import shapely
 
     (line,) = curves_of(own).shapes
-    (storey,) = _storeys(sketch, own, [0])
+    (level,) = _storeys(sketch, own, [0])
     found = [np.zeros((0, 2))]
     for layer in layers:
         curves = curves_of(layer)
         rows = curves.tree.query(line, predicate="crosses").tolist()
-        same = [
-            row for row, other in zip(rows, _storeys(sketch, layer, rows), strict=True) if other == storey
-        ]
+        same = [row for row, other in zip(rows, _storeys(sketch, layer, rows), strict=True) if other == level]
         found.append(shapely.get_coordinates(shapely.intersection(line, curves.shapes[same])))
     places = on_grid(np.concatenate(found))
     return places[[edits.nearest_vertex(own, x, y, _AT_VERTEX) is None for x, y in places]]
@@ -274,7 +268,7 @@ def _storeys(sketch: Sketch, layer: VectorLayer, rows: list[int]) -> list[int]:
         {**sketch.properties(layer.layer, label), **own}
         for label, own in zip(labels, layer.properties(rows), strict=True)
     ]
-    return [each["level"] or {"bridge": 1, "tunnel": -1}.get(each["structure"], 0) for each in values]
+    return [storey(each["level"], each["structure"]) for each in values]
 
 
 def with_moved_node(layer: VectorLayer, start: tuple[float, float], end: tuple[float, float]) -> VectorLayer:

@@ -19,6 +19,7 @@ from sketchterrain.terrain.centrelines import (
     TOLERANCE_CELLS,
     VALLEY_RUN_PER_DEPTH,
     PreparedCentreline,
+    arc_boxes,
     flatten_to_arcs,
     meetings_on,
     nearest_on_arc,
@@ -95,18 +96,10 @@ class PackedRivers:
         )
         return np.isin(own, others)
 
-    @property
-    def support(self) -> Float64Array:
-        """Greatest distance (m) of any effect of an arc from the box around its two ends, shape (n,)."""
-        sagitta = 0.5 * np.abs(self.arc[:, ARC["arc_bend"]]) * np.hypot(*self.chord.T)
-        return np.asarray(np.maximum(*self.ends("valley_radius")) + sagitta)
-
     def boxes(self, unit: float) -> LatticeArray:
         """Return the boxes (n, 4) that arcs affect, lattice units."""
-        end = self.start + np.rint(self.chord / unit).astype(np.int64)
-        wide = np.ceil(self.support / unit * (1 + 1e-5) + 2).astype(np.int64)[:, None]
-        low, high = np.minimum(self.start, end), np.maximum(self.start, end)
-        return np.concatenate([low - wide, high + wide], axis=1)
+        radius = np.maximum(*self.ends("valley_radius"))
+        return arc_boxes(self.start, self.chord, self.arc[:, ARC["arc_bend"]], radius, unit)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,8 @@ import numpy.typing as npt
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_columns, kernel_constants
-from sketchterrain.roads.road_types import GROUND, TUNNEL, Road
-from sketchterrain.terrain.centrelines import nearest_on_arc
+from sketchterrain.roads.road_types import GROUND, TUNNEL, Road, vertical_curve
+from sketchterrain.terrain.centrelines import arc_boxes, nearest_on_arc
 from sketchterrain.terrain.index import BoxIndex
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.layers.earthworks import Strips, coverage, with_strips
@@ -39,9 +39,8 @@ if TYPE_CHECKING:
 _HEADER: Final = "layers/roads.clh"
 ROAD: Final = kernel_columns(_HEADER, "RoadRow")
 _WIDER, _CLEAR, _CELLS = kernel_constants(_HEADER, "ROAD_WIDER", "ROAD_CLEAR", "ROAD_CELLS")
-_TURN = (
-    0.5  # sum of the tangents of quarters of angles (115°) after which a chain ends: it may come near itself
-)
+_PROFILE = slice(ROAD["road_from_height"], ROAD["road_to_rise"] + 1)
+_TURN = 0.5  # sum of the tangents of quarters of angles (115°), from which on a chain may come near itself
 _OVERLAP = 4.0  # length of two chains' overlap, in half widths
 _IN_ITEM = 16  # pieces of an item
 _LEAST_SHARE = 1.0 / 256.0
@@ -51,6 +50,7 @@ _LEAST_SHARE = 1.0 / 256.0
 class PackedRoads:
     """Pieces of all chains (``Roads`` of ``kernels/layers/roads.clh``)."""
 
+    unit: float  # m a lattice unit
     at: LatticeArray  # (n, 2) starts, lattice units
     chain: npt.NDArray[np.int32]  # (n,)
     row: Float64Array  # (n, 24) columns of `ROAD`
@@ -68,14 +68,16 @@ class PackedRoads:
         start, end = (column[piece] for column in self.ends(name))
         return np.asarray(start + (end - start) * t)
 
-    def boxes(self, unit: float) -> LatticeArray:
-        """Return the boxes (n, 4) that pieces affect, lattice units."""
-        end = self.at + np.rint(self.row[:, :2] / unit).astype(np.int64)
-        sagitta = 0.5 * np.abs(self["road_bend"]) * np.hypot(self.row[:, 0], self.row[:, 1])
+    @cached_property
+    def boxes(self) -> LatticeArray:
+        """Boxes (n, 4) that pieces affect, lattice units."""
         reach = np.maximum(np.maximum(*self.ends("reach")), np.maximum(*self.ends("half")) + _CLEAR)
-        wide = np.ceil((reach + sagitta) / unit * (1 + 1e-5) + 2).astype(np.int64)[:, None]
-        low, high = np.minimum(self.at, end), np.maximum(self.at, end)
-        return np.concatenate([low - wide, high + wide], axis=1)
+        return arc_boxes(self.at, self.row[:, :2], self["road_bend"], reach, self.unit)
+
+    @cached_property
+    def index(self) -> BoxIndex:
+        """Index of the boxes."""
+        return BoxIndex(self.boxes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +91,9 @@ class RoadsLayer(TerrainLayer):
 
     def rows(self, extent: float) -> PackedRoads:
         """Return the pieces of all roads on the ground, by chain."""
-        key = metres_per_unit(extent)
-        if key not in self._rows:
-            self._rows[key] = _packed(self.roads, self.materials, extent)
-        return self._rows[key]
+        if extent not in self._rows:
+            self._rows[extent] = _packed(self.roads, self.materials, extent)
+        return self._rows[extent]
 
     @cached_property
     def _rows(self) -> dict[float, PackedRoads]:
@@ -109,7 +110,7 @@ class RoadsLayer(TerrainLayer):
         packed = self.rows(world.extent)
         if not len(packed.at):
             return np.zeros(0, ITEM)
-        boxes = packed.boxes(world.unit)
+        boxes = packed.boxes
         breaks = np.flatnonzero(np.append(True, np.diff(packed.chain) != 0))
         first = np.concatenate(
             [
@@ -135,22 +136,22 @@ class RoadsLayer(TerrainLayer):
 
     def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
         """Return the pieces."""
-        packed = cache.get_or_compute(self.name, lambda: self.rows(sampling.world.extent))
+        del cache
+        packed = self.rows(sampling.world.extent)
         arrays: dict[str, npt.NDArray[np.generic]] = {
             "road_at": packed.at,
             "road_chain": packed.chain,
             "road_row": packed.row,
         }
         visible = 2.0 * np.maximum(*packed.ends("half")) > _CELLS * sampling.cell
-        return Packed(arrays, packed.boxes(sampling.unit), "road", visible, packed)
+        return Packed(arrays, packed.boxes, "road", visible, packed)
 
     def omitted(self, state: DetailState, culled: Culled, sampling: Sampling) -> None:
         """Add the change by roads that fade out, and by strips that are wider at a coarser cell."""
         packed: PackedRoads = culled.details.details
         if not len(packed.at):
             return
-        index = state.cache.get_or_compute(self.name, lambda: BoxIndex(packed.boxes(sampling.unit)))
-        block, piece = index.touching(state.blocks)
+        block, piece = packed.index.touching(state.blocks)
         if not len(block):
             return
         low = np.minimum(*packed.ends("height"))[piece]
@@ -184,11 +185,12 @@ class RoadsLayer(TerrainLayer):
         half, whole, reach, share = (
             packed.along(name, piece, t) for name in ("half", "whole", "reach", "share")
         )
+        start, end, first, last = packed.row[piece, _PROFILE].T
         seen = smooth_rise(2.0 * half / cell, _CELLS, _CELLS)
         wide = np.minimum(whole + _WIDER * cell, 0.5 * (whole + reach))
         strips = Strips(
             feet.point,
-            _profile(packed.row[piece], t) + lean * np.minimum(away, whole),
+            vertical_curve(start, end, first, last, t) + lean * np.minimum(away, whole),
             np.maximum(away - wide, 0.0),
             reach - wide,
             packed["road_cut"][piece],
@@ -204,13 +206,10 @@ class RoadsLayer(TerrainLayer):
 
     def _feet(self, packed: PackedRoads, site: HostSite) -> _Feet:
         """Return the nearest point of each chain near each point, none beyond a tunnel's portal."""
-        unit = site.sampling.unit
-        if unit not in self._indices:
-            self._indices[unit] = BoxIndex(packed.boxes(unit))
-        point, piece = self._indices[unit].at_points(site.x, site.y)
+        point, piece = packed.index.at_points(site.x, site.y)
         at = np.stack([site.x[point], site.y[point]], axis=1)
         chord, bend = packed.row[piece, :2], packed["road_bend"][piece]
-        offset: Float64Array = np.asarray((at - packed.at[piece]) * unit, np.float64)
+        offset: Float64Array = np.asarray((at - packed.at[piece]) * packed.unit, np.float64)
         t, square = nearest_on_arc(chord, bend, offset)
         inverse = 1.0 / (chord**2).sum(axis=1)
         u = (offset * chord).sum(axis=1) * inverse
@@ -226,10 +225,6 @@ class RoadsLayer(TerrainLayer):
         before, behind = (portals & 1 > 0) & (feet.t <= 0.0), (portals & 2 > 0) & (feet.t >= 1.0)
         return feet.subset(~(before | behind))
 
-    @cached_property
-    def _indices(self) -> dict[float, BoxIndex]:
-        return {}
-
 
 class _Feet(NamedTuple):
     """Points of chains nearest to points of the ground, (k,) each."""
@@ -243,15 +238,6 @@ class _Feet(NamedTuple):
     def subset(self, chosen: BoolArray | Int64Array) -> _Feet:
         """Return some of them."""
         return _Feet._make(each[chosen] for each in self)
-
-
-def _profile(row: Float64Array, t: Float64Array) -> Float64Array:
-    """Return heights (m) of the axes of packed pieces at shares t."""
-    start, end, first, last = row[:, 4:8].T
-    middle = 2.0 * (end - start) - 0.5 * (first + last)
-    s = 1.0 - t
-    rising, falling = start + t * (first + (middle - first) * t), end - s * (last + (middle - last) * s)
-    return np.asarray(np.where(t < 0.5, rising, falling))
 
 
 def _packed(roads: Sequence[Road], materials: tuple[str, ...], extent: float) -> PackedRoads:
@@ -285,7 +271,7 @@ def _packed(roads: Sequence[Road], materials: tuple[str, ...], extent: float) ->
     length2 = (row[:, :2] ** 2).sum(axis=1)
     row[:, 2] = 1.0 / np.where(length2 > 0.0, length2, 1.0)
     whole = length2 > 0.0
-    return PackedRoads(lattice[whole], np.concatenate(chains)[whole], row[whole])
+    return PackedRoads(unit, lattice[whole], np.concatenate(chains)[whole], row[whole])
 
 
 def _run_rows(run: Sequence[Road], materials: tuple[str, ...]) -> tuple[Float64Array, Float64Array]:

@@ -140,7 +140,7 @@ _RULES: Final[dict[str, type[Woods] | type[Meadow]]] = {"woody": Woods, "grass":
 class Storey:
     """Plants of one storey of ``STOREYS``, a function of the world."""
 
-    def __init__(self, evaluator: Evaluator, name: str) -> None:
+    def __init__(self, evaluator: Evaluator, name: str, built: BuiltGround) -> None:
         recipe = evaluator.recipe
         self._evaluator = evaluator
         self._unit = metres_per_unit(recipe.extent)
@@ -156,7 +156,7 @@ class Storey:
             seed=int(hash_keys(recipe.seed, f"plants {name}")),
         )
         self._square = power_of_two_step(_SQUARES[name], recipe.extent)
-        self._built = BuiltGround(recipe.network)
+        self._built = built
         self._verge = _VERGES[name]
         trees = trees_along(recipe.network) if name == "woody" else np.zeros((0, 2))
         self._planted = to_lattice(trees, recipe.extent)
@@ -305,7 +305,8 @@ class FoliageSampler:
 
     def __init__(self, evaluator: Evaluator) -> None:
         self._extent = evaluator.recipe.extent
-        self._storeys = {name: Storey(evaluator, name) for name in STOREYS}
+        built = BuiltGround(evaluator.recipe.network)
+        self._storeys = {name: Storey(evaluator, name, built) for name in STOREYS}
 
     def within(self, rectangle: Bounds, storey: str = "woody") -> StructuredArray:
         """Return the plants of a rectangle; see :meth:`Terrain.foliage`."""

@@ -74,6 +74,7 @@ _SIDE_SLOPE = 1.5  # greatest slope of a valley's sides over their mean one
 class PackedRivers:
     """Arcs of all centrelines (``Rivers`` of ``kernels/layers/corridors.clh``)."""
 
+    unit: float  # m a lattice unit
     start: LatticeArray  # (n, 2) upstream ends, lattice units
     arc: Float64Array  # (n, 8) columns of `ARC`
     up: Float64Array  # (n, 4) columns of `SECTION`
@@ -96,10 +97,16 @@ class PackedRivers:
         )
         return np.isin(own, others)
 
-    def boxes(self, unit: float) -> LatticeArray:
-        """Return the boxes (n, 4) that arcs affect, lattice units."""
+    @cached_property
+    def boxes(self) -> LatticeArray:
+        """Boxes (n, 4) that arcs affect, lattice units."""
         radius = np.maximum(*self.ends("valley_radius"))
-        return arc_boxes(self.start, self.chord, self.arc[:, ARC["arc_bend"]], radius, unit)
+        return arc_boxes(self.start, self.chord, self.arc[:, ARC["arc_bend"]], radius, self.unit)
+
+    @cached_property
+    def index(self) -> BoxIndex:
+        """Index of the boxes."""
+        return BoxIndex(self.boxes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +208,7 @@ class CorridorsLayer(TerrainLayer):
             "river_down": rivers.down,
         }
         unchanged = rivers.is_in(self.arcs(sampling.world.extent))
-        return Packed(arrays, rivers.boxes(sampling.unit), "river", details=(rivers, unchanged))
+        return Packed(arrays, rivers.boxes, "river", details=(rivers, unchanged))
 
     def arcs(self, extent: float, cell_size: float = FINEST_CELL) -> PackedRivers:
         """Return the rivers' centrelines as arcs, within 1 % of the cell size of their splines.
@@ -230,7 +237,7 @@ class CorridorsLayer(TerrainLayer):
             anchors.append(np.tile(course.anchor, (len(courses[-1].bend), 1)))
         if not courses:
             empty = np.zeros((0, 4))
-            return PackedRivers(np.zeros((0, 2), np.int64), np.zeros((0, 8)), empty, empty)
+            return PackedRivers(unit, np.zeros((0, 2), np.int64), np.zeros((0, 8)), empty, empty)
         starts, ends = (
             np.concatenate([c.points[part] for c in courses]) for part in (slice(-1), slice(1, None))
         )
@@ -249,7 +256,7 @@ class CorridorsLayer(TerrainLayer):
             "arc_bend": np.concatenate([each.bend for each in courses]),
         }.items():
             arc[:, ARC[name]] = values
-        return PackedRivers(start[valid], arc[valid], starts[valid, 2:], ends[valid, 2:])
+        return PackedRivers(unit, start[valid], arc[valid], starts[valid, 2:], ends[valid, 2:])
 
     def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
         """Return the water of blocks with rivers."""
@@ -347,11 +354,10 @@ def _carved(height: Float64Array, rivers: PackedRivers, site: HostSite) -> tuple
     cell, unit = site.sampling.cell, site.sampling.unit
     weights, nearest = np.zeros(height.shape), np.full(height.shape, 1e30)
     sums = np.zeros((4, *height.shape))
-    index = BoxIndex(rivers.boxes(unit))
     for first in range(0, len(height), _POINTS_AT_ONCE):
         x, y = (each[first : first + _POINTS_AT_ONCE] for each in (site.x, site.y))
         # Beyond its box an arc adds exactly nothing.
-        point, i = index.at_points(x, y)
+        point, i = rivers.index.at_points(x, y)
         offset = np.stack([x[point], y[point]], axis=-1) - rivers.start[i]
         away: Float64Array = np.asarray(offset * unit, np.float64)
         t, d2 = nearest_on_arc(rivers.chord[i], rivers.arc[i, ARC["arc_bend"]], away)

@@ -142,8 +142,8 @@ def _roads(plan: _Plan, known: _Known, cache: LRUCache) -> tuple[tuple[Road, ...
     carried = carry(graph, plan.stations, line, 0.5 * middle + 0.25 * (left + right), water)
     crossfall = _crossfall(graph, line, half)
     cut, fill = of_ways([way.works.cut for way in ways]), of_ways([way.works.fill for way in ways])
-    reach = _reach(line, carried.profile.height, (left, middle, right), half + shoulder, cut, fill)
-    roads = _parts(graph, line, carried, half, shoulder, crossfall, reach)
+    extent = _extent(line, carried.profile.height, (left, middle, right), half + shoulder, cut, fill)
+    roads = _parts(graph, line, carried, half, shoulder, crossfall, extent)
     return _canonical(roads, cache), (*carried.findings, *plan.bends)
 
 
@@ -210,26 +210,28 @@ def _blurred(values: Float64Array, line: Alignment) -> Float64Array:
     return np.asarray(result / total)
 
 
-def _reach(
+def _extent(
     line: Alignment,
     height: Float64Array,
     ground: tuple[Float64Array, Float64Array, Float64Array],
     whole: Float64Array,
     cut: Float64Array,
     fill: Float64Array,
-) -> Float64Array:
-    """Return how far from the axis earthworks may be needed, (n,), m."""
+) -> tuple[Float64Array, Float64Array]:
+    """Return how far from the axis earthworks may be needed, and their depth there at most, (n,), m."""
     left, middle, right = ground
-    widest = np.zeros(len(height))
+    widest, deepest = np.zeros(len(height)), np.abs(height - middle)
     for side in (left, right):
         away = np.maximum(whole, 1e-3)
         lean = (side - middle) / away
         lack = height - side
         slope = np.where(lack > 0.0, fill, cut)
-        closing = np.maximum(slope + np.where(lack > 0.0, lean, -lean), _DAYLIGHT * slope)
-        widest = np.maximum(widest, np.abs(lack) / closing)
-    reach = whole + np.clip(_REACH * widest, _LEAST_REACH, _MOST_REACH)
-    return np.asarray(np.ceil(united_reach(line.along, line.first, reach)))
+        parallel = slope + np.where(lack > 0.0, lean, -lean)
+        closing = np.maximum(parallel, _DAYLIGHT * slope)
+        width = np.clip(_REACH * np.abs(lack) / closing, _LEAST_REACH, _MOST_REACH)
+        widest = np.maximum(widest, width)
+        deepest = np.maximum(deepest, np.abs(lack) + np.maximum(-parallel, 0.0) * width)
+    return np.ceil(united_reach(line.along, line.first, whole + widest)), deepest
 
 
 def _parts(
@@ -239,10 +241,11 @@ def _parts(
     half: Float64Array,
     shoulder: Float64Array,
     crossfall: Float64Array,
-    reach: Float64Array,
+    extent: tuple[Float64Array, Float64Array],
 ) -> list[Road]:
     """Return the legs cut where their features or structures change."""
     roads = []
+    reach, depth = extent
     axis = np.column_stack([line.at, carried.profile.height])
     change = np.flatnonzero((np.diff(line.way) != 0) | (np.diff(carried.structure) != 0)) + 1
     for leg, (start, end) in zip(graph.legs, pairwise(line.first.tolist()), strict=True):
@@ -266,6 +269,7 @@ def _parts(
                     shoulder[stations],
                     crossfall[stations],
                     reach[stations],
+                    depth[stations],
                     way.works,
                     way.trees,
                     ends,
@@ -287,6 +291,7 @@ def _canonical(roads: list[Road], cache: LRUCache) -> tuple[Road, ...]:
             road.shoulder,
             road.crossfall,
             road.reach,
+            road.depth,
         )
         rest = (road.id, road.leg, road.part, road.structure, road.works, road.trees, road.ends)
         key = blake2b(b"".join(map(bytes, arrays)), digest_size=16).digest(), rest

@@ -384,8 +384,10 @@ def omitted_detail(terrain: Terrain, tile: st.Tile, rng: np.random.Generator) ->
     width = min(east - west, terrain.extent / 8)
     place = rng.uniform([west, south], [east - width, north - width], (4, 2)).repeat(100, axis=0)
     x, y = (place + rng.uniform(0, width, (400, 2))).T
-    if terrain.recipe.rivers:
-        line = np.concatenate([river.centreline[:, :2] for river in terrain.recipe.rivers])
+    lines = [river.centreline[:, :2] for river in terrain.recipe.rivers]
+    lines += [road.axis[:, :2] for road in terrain.recipe.network.roads]
+    if lines:
+        line = np.concatenate(lines)
         inside = np.all((line > [west, south]) & (line < [east, north]), axis=-1)
         if inside.any():
             beside = line[inside][rng.integers(inside.sum(), size=400)] + rng.normal(0, 8, (400, 2))

@@ -39,10 +39,12 @@ if TYPE_CHECKING:
 _HEADER: Final = "layers/roads.clh"
 ROAD: Final = kernel_columns(_HEADER, "RoadRow")
 _WIDER, _CLEAR, _CELLS = kernel_constants(_HEADER, "ROAD_WIDER", "ROAD_CLEAR", "ROAD_CELLS")
+_DEPTH = 24  # column of rows on the host
 _PROFILE = slice(ROAD["road_from_height"], ROAD["road_to_rise"] + 1)
 _TURN = 0.5  # sum of the tangents of quarters of angles (115°), from which on a chain may come near itself
 _OVERLAP = 4.0  # length of two chains' overlap, in half widths
 _IN_ITEM = 16  # pieces of an item
+_DEPTH_FACTOR, _DEPTH_MARGIN = 2.0, 4.0  # of depths between samples of the ground: times, plus m
 _LEAST_SHARE = 1.0 / 256.0
 
 
@@ -54,6 +56,7 @@ class PackedRoads:
     at: LatticeArray  # (n, 2) starts, lattice units
     chain: npt.NDArray[np.int32]  # (n,)
     row: Float64Array  # (n, 24) columns of `ROAD`
+    depth: Float64Array  # (n,) m by which the ground changes at most
 
     def __getitem__(self, name: str) -> Float64Array:
         """Return a column of `ROAD`, shape (n,)."""
@@ -157,6 +160,7 @@ class RoadsLayer(TerrainLayer):
         low = np.minimum(*packed.ends("height"))[piece]
         high = np.maximum(*packed.ends("height"))[piece]
         deep = np.maximum(np.maximum(high - state.low[block], state.high[block] - low), 0.0)
+        deep = np.minimum(deep, _DEPTH_FACTOR * packed.depth[piece] + _DEPTH_MARGIN)
         seen = smooth_rise(2.0 * np.minimum(*packed.ends("half"))[piece] / sampling.cell, _CELLS, _CELLS)
         steep = np.maximum(packed["road_cut"], packed["road_fill"])[piece]
         # For each metre that a strip is wider, its embankment of slope s moves by s h(p) at a share p of
@@ -242,7 +246,7 @@ class _Feet(NamedTuple):
 
 def _packed(roads: Sequence[Road], materials: tuple[str, ...], extent: float) -> PackedRoads:
     unit = metres_per_unit(extent)
-    starts, rows, chains = [np.zeros((0, 2))], [np.zeros((0, 24))], [np.zeros(0, np.int32)]
+    starts, rows, chains = [np.zeros((0, 2))], [np.zeros((0, _DEPTH + 1))], [np.zeros(0, np.int32)]
     number = 0
     for _, leg in groupby(roads, key=lambda road: road.leg):
         parts = list(leg)
@@ -271,13 +275,14 @@ def _packed(roads: Sequence[Road], materials: tuple[str, ...], extent: float) ->
     length2 = (row[:, :2] ** 2).sum(axis=1)
     row[:, 2] = 1.0 / np.where(length2 > 0.0, length2, 1.0)
     whole = length2 > 0.0
-    return PackedRoads(unit, lattice[whole], np.concatenate(chains)[whole], row[whole])
+    lattice, chain, row = lattice[whole], np.concatenate(chains)[whole], row[whole]
+    return PackedRoads(unit, lattice, chain, row[:, :_DEPTH], row[:, _DEPTH])
 
 
 def _run_rows(run: Sequence[Road], materials: tuple[str, ...]) -> tuple[Float64Array, Float64Array]:
-    """Return starts (n, 2), m, and rows of the pieces of successive roads."""
+    """Return starts (n, 2), m, and rows of the pieces of successive roads, with their depths."""
     pieces = [len(road.bend) for road in run]
-    rows = np.zeros((sum(pieces), 24))
+    rows = np.zeros((sum(pieces), _DEPTH + 1))
 
     def both(name: str, values: Sequence[Float64Array]) -> None:
         rows[:, ROAD[f"road_from_{name}"]] = np.concatenate([each[:-1] for each in values])
@@ -293,6 +298,7 @@ def _run_rows(run: Sequence[Road], materials: tuple[str, ...]) -> tuple[Float64A
     both("right", [road.crossfall[:, 1] for road in run])
     both("reach", [road.reach for road in run])
     both("rise", [road.slope for road in run])
+    rows[:, _DEPTH] = np.concatenate([np.maximum(road.depth[:-1], road.depth[1:]) for road in run])
     length = np.concatenate([np.diff(road.along) for road in run])
     for name in ("road_from_rise", "road_to_rise"):
         rows[:, ROAD[name]] *= length

@@ -8,7 +8,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 
 BASE = {"errors", "array_types", "caching", "io", "document"}
-CORE = BASE | {"placement", "hydrology", "roads", "compute", "terrain", "vegetation"}
+CORE = BASE | {"placement", "hydrology", "roads", "landuse", "compute", "terrain", "vegetation"}
 # Each room and the rooms it may import; a room may always import itself.
 MAY_IMPORT = {
     "errors": set(),
@@ -20,6 +20,7 @@ MAY_IMPORT = {
     "placement": BASE,
     "hydrology": BASE | {"placement"},
     "roads": BASE | {"placement", "hydrology"},
+    "landuse": BASE,
     "compute": {"errors", "array_types", "io"},
     # The class `Terrain` offers foliage: vegetation is the one room below that terrain imports.
     "terrain": CORE | {"elevation"},

@@ -27,14 +27,15 @@ class Layer:
     Shapes become, by `kind`: ``summits``, point features that rise; ``patches``, point features that cover
     an area together; ``landform``, ``sea`` and ``water``, a field of distances from the border; ``course``,
     the lines of a river network; ``cover``, a material on top of the others. Vectors alone become ``way``, a
-    road, railway or path; ``pad``, a level building ground; ``barrier``, a wall or hedge.
+    road, railway or path; ``pad``, a level building ground; ``barrier``, a wall or hedge; ``land``, an area
+    of one use.
     """
 
     name: str  # key in the sketch file; the image is ``name.png`` if it is painted
     title: str
     code: int  # in the ids and hashes of its features; never renumber: every terrain would change
     kind: Literal[
-        "summits", "patches", "landform", "sea", "water", "course", "cover", "way", "pad", "barrier"
+        "summits", "patches", "landform", "sea", "water", "course", "cover", "way", "pad", "barrier", "land"
     ]
     help: str
     parameters: Mapping[str, Parameter] = field(hash=False)  # of each label, by name; the main one is first
@@ -59,7 +60,7 @@ class Layer:
     @property
     def is_painted(self) -> bool:
         """Whether it has a label image; the other layers have vectors alone."""
-        return self.kind not in ("way", "pad", "barrier")
+        return self.kind not in ("way", "pad", "barrier", "land")
 
     @property
     def file(self) -> str:
@@ -194,6 +195,9 @@ def _way(
 LANE_WIDTHS: Final = {"road": 3.0, "railway": 4.4, "path": 1.2}
 """Width (m) of a lane, a track with its ballast, or a path."""
 
+
+LAND_USES: Final = ("field", "meadow", "forest", "built_up")
+CROPS: Final = ("automatic", "wheat", "maize", "rapeseed", "ploughed", "vineyard", "orchard")
 
 _ALL: Final = (
     Layer(
@@ -463,6 +467,32 @@ _ALL: Final = (
             TagRule("barrier", "hedge", {"material": "hedge", "height": 1.6, "width": 1.0}),
         ),
         source_names="barrier barriers walls hedges",
+    ),
+    Layer(
+        *("landuse", "Land use", 14, "land", "where fields, meadows, forests and settlements are"),
+        parameter_table(
+            Parameter("use", str, "field", 0, 10, "", "what the land is used for", choices=LAND_USES),
+            Parameter(
+                *("crop", str, "automatic", 0, 10, "", "what grows in fields; automatic: each its own"),
+                choices=CROPS,
+            ),
+            Parameter(
+                *("direction", float, -1.0, -1.0, 180.0, "°"),
+                "of rows of crops: 0 north, 90 east; -1 along the contours",
+                sentinel=Sentinel(-1.0, "Along the contours", 90.0),
+                soft_range=(0.0, 180.0),
+            ),
+            Parameter("density", float, 0.8, 0.0, 1.0, "", "share of the trees that forests can carry"),
+            Parameter(
+                *("conifers", float, -1.0, -1.0, 1.0, "", "share of conifers; -1 is by elevation"),
+                sentinel=Sentinel(-1.0, "By elevation", 0.5),
+                soft_range=(0.0, 1.0),
+            ),
+        ),
+        colour=(206, 190, 110),
+        hatch="falling",
+        overlay=(240, 220, 60),
+        vectors=("area",),
     ),
 )
 

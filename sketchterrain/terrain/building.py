@@ -20,6 +20,7 @@ from sketchterrain.hydrology.lakes import GroundHeight
 from sketchterrain.hydrology.rivers import WaterLayout, lay_out_water, solve_water
 from sketchterrain.hydrology.streams import stream_courses
 from sketchterrain.hydrology.vector_layout import with_vectors_painted
+from sketchterrain.landuse.areas import land_use
 from sketchterrain.placement.covers import create_covers
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.placement import place
@@ -65,6 +66,7 @@ if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
 
 _NATURAL: Final = "terrain without roads"
+_ON_TOP: Final = {*ROAD_LAYERS, "landuse"}  # layers that change the terrain of the others last
 _ROAD_CELL = 2.0  # m: cell size of the ground that roads are laid on
 _CELLS_PER_EXTENT = 256  # Rivers follow the terrain at this coarse cell size, without its small features.
 
@@ -134,12 +136,12 @@ def recipe_of_plan(
     if last is None or last.plan is not plan or not _differ_in_roads(last.sketch, sketch):
         last = _Natural(sketch, plan, _natural_recipe(sketch, plan, memory, checkpoint))
         memory.store(_NATURAL, last)
-    return with_roads(sketch, last.recipe, memory)
+    return with_roads(sketch, replace(last.recipe, landuse=land_use(sketch)), memory)
 
 
 @dataclass(frozen=True, eq=False)
 class _Natural:
-    """The last terrain without roads and pads, which changes of these do not affect."""
+    """The last terrain without roads, pads and land use, which changes of these do not affect."""
 
     sketch: Sketch
     plan: TerrainPlan
@@ -147,12 +149,12 @@ class _Natural:
 
 
 def _differ_in_roads(one: Sketch, other: Sketch) -> bool:
-    """Return whether two sketches have the same terrain without roads and pads."""
+    """Return whether two sketches have the same terrain without roads, pads and land use."""
     layers = (one.layers[name] is other.layers[name] for name in one.layers)
-    vectors = (one.vectors[name] is other.vectors[name] for name in set(one.vectors) - {*ROAD_LAYERS})
+    vectors = (one.vectors[name] is other.vectors[name] for name in set(one.vectors) - _ON_TOP)
 
     def labels(sketch: Sketch) -> dict[tuple[str, int], Any]:
-        return {key: dict(values) for key, values in sketch.labels.items() if key[0] not in ROAD_LAYERS}
+        return {key: dict(values) for key, values in sketch.labels.items() if key[0] not in _ON_TOP}
 
     rest = [each.name for each in fields(one) if each.name not in ("layers", "vectors", "labels")]
     return (

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import StructuredArray
 from sketchterrain.document.material_rules import DEFAULT_RULES, MaterialRule
 from sketchterrain.document.materials import BUILT_IN, MaterialTable
+from sketchterrain.landuse.areas import NO_LAND_USE, LandUse
 from sketchterrain.placement.feature_types import Lake, River
 from sketchterrain.roads.road_types import NO_ROADS, RoadNetwork
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
@@ -56,6 +57,8 @@ class TerrainRecipe:
         Edits of features that no longer exist, one line each.
     network : RoadNetwork
         Roads, railways, paths, pads and walls.
+    landuse : LandUse
+        Fields, meadows, forests and built-up land.
     """
 
     world: WorldSettings
@@ -66,6 +69,7 @@ class TerrainRecipe:
     resolutions: tuple[Resolution, ...] = ()
     orphans: tuple[str, ...] = ()
     network: RoadNetwork = NO_ROADS
+    landuse: LandUse = NO_LAND_USE
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields, with plain dicts."""

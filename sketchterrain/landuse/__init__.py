@@ -1,0 +1,1 @@
+"""Land use: fields, meadows, forests and built-up land, from vectors."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -30,36 +31,49 @@ class _Edits:
 
     removed: LatticeArray  # items of the index, ascending
     added: LatticeArray  # numbers of added items among all that are left, ascending
-    boxes: LatticeArray  # of the added ones, (n, 4)
-
-    def __bool__(self) -> bool:
-        return bool(len(self.removed) or len(self.added))
+    boxes: BoxIndex  # of the added ones
 
     def updated(self, removed: LatticeArray, added: LatticeArray, boxes: LatticeArray) -> _Edits:
         """Return the changes with further ones."""
         was_added = np.isin(removed, self.added)
         gone = np.union1d(self.removed, _original(removed[~was_added], self.removed, self.added))
         kept = ~np.isin(self.added, removed)
-        numbers = np.concatenate([_renumbered(self.added[kept], removed, added), added])
-        order = np.argsort(numbers)
-        return _Edits(gone, numbers[order], np.concatenate([self.boxes[kept], boxes])[order])
+        numbers = np.sort(np.concatenate([_renumbered(self.added[kept], removed, added), added]))
+        places = np.searchsorted(numbers, added)
+        return _Edits(gone, numbers, self.boxes.updated(np.flatnonzero(~kept), places, boxes))
 
     def pairs(
         self, block: LatticeArray, item: LatticeArray, blocks: LatticeArray
     ) -> tuple[LatticeArray, LatticeArray]:
         """Return pairs of the index without removed items, renumbered, and pairs with added ones."""
         left = ~np.isin(item, self.removed)
-        more, which = np.nonzero(_overlap(blocks[:, None], self.boxes[:, :2], self.boxes[:, 2:]))
+        more, which = self.boxes.touching(blocks)
         items = _renumbered(item[left], self.removed, self.added)
         return np.concatenate([block[left], more]), np.concatenate([items, self.added[which]])
 
     def applied(self, boxes: LatticeArray) -> LatticeArray:
         """Return the boxes of all items, given those of the index."""
-        left = np.delete(boxes, self.removed, axis=0)
-        result = np.empty((len(left) + len(self.added), 4), np.int64)
-        result[_renumbered(np.arange(len(left)), _NONE, self.added)] = left
-        result[self.added] = self.boxes
+        return _edited(boxes, self.removed, self.added, self.boxes.boxes)
+
+    def boxes_of(self, items: LatticeArray, boxes: LatticeArray) -> LatticeArray:
+        """Return the boxes of some items, given those of the index."""
+        place = np.searchsorted(self.added, items)
+        is_added = np.append(self.added, -1)[place] == items
+        result = np.empty((len(items), 4), np.int64)
+        result[~is_added] = boxes[_original(items[~is_added], self.removed, self.added)]
+        result[is_added] = self.boxes.boxes_of(place[is_added])
         return result
+
+
+def _edited(
+    boxes: LatticeArray, removed: LatticeArray, added: LatticeArray, others: LatticeArray
+) -> LatticeArray:
+    """Return boxes without some items, and with others at given numbers."""
+    left = np.delete(boxes, removed, axis=0)
+    result = np.empty((len(left) + len(added), 4), np.int64)
+    result[_renumbered(np.arange(len(left)), _NONE, added)] = left
+    result[added] = others
+    return result
 
 
 def _renumbered(items: LatticeArray, removed: LatticeArray, added: LatticeArray) -> LatticeArray:
@@ -92,10 +106,20 @@ class BoxIndex:
         self._boxes = boxes
         self._low, self._high = boxes[:, :2], boxes[:, 2:]
         self._cells = cells
-        self._edits = _Edits(_NONE, _NONE, _NO_BOXES) if edits is None else edits
+        self._edits = edits
 
     def __len__(self) -> int:
-        return len(self._low) - len(self._edits.removed) + len(self._edits.added)
+        edits = self._edits
+        return len(self._low) + (0 if edits is None else len(edits.added) - len(edits.removed))
+
+    @property
+    def boxes(self) -> LatticeArray:
+        """The boxes of all items, (n, 4)."""
+        return self._boxes if self._edits is None else self._edits.applied(self._boxes)
+
+    def boxes_of(self, items: LatticeArray) -> LatticeArray:
+        """Return the boxes of some items, (n, 4)."""
+        return self._boxes[items] if self._edits is None else self._edits.boxes_of(items, self._boxes)
 
     def updated(self, removed: LatticeArray, added: LatticeArray, boxes: LatticeArray) -> BoxIndex:
         """Return the index without some items, and with others (their numbers in the result) and their boxes.
@@ -103,9 +127,11 @@ class BoxIndex:
         The cells are shared, and rebuilt once there have been many changes: a change of k among n items costs
         O(k log n) on average.
         """
-        edits = self._edits.updated(removed, added, boxes)
-        changes = len(edits.removed) + len(edits.added)
-        if len(self._low) <= _FEW_ITEMS or changes > len(self._low) // _EDITED_SHARE:
+        if len(self._low) <= _FEW_ITEMS:
+            return BoxIndex(_edited(self._boxes, removed, added, boxes))
+        edits = self._edits or _Edits(_NONE, _NONE, BoxIndex(_NO_BOXES))
+        edits = edits.updated(removed, added, boxes)
+        if len(edits.removed) + len(edits.added) > len(self._low) // _EDITED_SHARE:
             return BoxIndex(edits.applied(self._boxes))
         if self._cells is None:
             self._cells = self._build()
@@ -119,7 +145,7 @@ class BoxIndex:
             block, item = self._candidates(blocks)
             touch = _overlap(blocks[block], self._low[item], self._high[item])
             block, item = block[touch], item[touch]
-        if self._edits:
+        if self._edits is not None:
             block, item = self._edits.pairs(block, item, blocks)
         bits = (len(self) + 1).bit_length()
         order = np.sort(block << bits | item)
@@ -132,7 +158,7 @@ class BoxIndex:
         """
         if not len(self) or not len(x):
             return _NONE, _NONE
-        bits = max(int(np.median(self._high - self._low)).bit_length() - _POINT_BITS, 0)
+        bits = max(self._median.bit_length() - _POINT_BITS, 0)
         cells, square = np.unique(np.stack([x, y], axis=1) >> bits, axis=0, return_inverse=True)
         square = square.reshape(-1)
         low = cells << bits
@@ -141,9 +167,14 @@ class BoxIndex:
         point, offset = _runs(np.diff(starts)[square])
         item = item[starts[square[point]] + offset]
         at = np.stack([x[point], y[point]], axis=1)
-        boxes = self._edits.applied(self._boxes) if self._edits else self._boxes
-        inside = ((at >= boxes[item, :2]) & (at <= boxes[item, 2:])).all(axis=1)
+        boxes = self.boxes_of(item)
+        inside = ((at >= boxes[:, :2]) & (at <= boxes[:, 2:])).all(axis=1)
         return point[inside], item[inside]
+
+    @cached_property
+    def _median(self) -> int:
+        """Side of most boxes."""
+        return int(np.median(self._high - self._low)) if len(self._low) else 0
 
     def _candidates(self, blocks: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
         """Return pairs of blocks and items in cells near them."""

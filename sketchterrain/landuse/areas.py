@@ -34,7 +34,7 @@ class LandUse:
     direction: Float64Array = field(default_factory=lambda: np.zeros(0))
     density: Float64Array = field(default_factory=lambda: np.zeros(0))  # (n,) share of a full stand of trees
     conifers: Float64Array = field(default_factory=lambda: np.zeros(0))  # (n,) share; -1: by elevation
-    # (n + 1,) area i has the edges first[i] … first[i + 1], of its border and of its holes
+    # (n + 1,) area i has the edges first[i] … first[i + 1]: it lies to their left
     first: Int64Array = field(default_factory=lambda: np.zeros(1, np.int64))
     edges: Float64Array = field(default_factory=lambda: np.zeros((0, 4)))  # (m, 4) x and y of both ends, m
 
@@ -67,6 +67,11 @@ def land_use(sketch: Sketch) -> LandUse:
     after = np.arange(1, len(layer.vertices) + 1)
     after[layer.rings[1:] - 1] = layer.rings[:-1]
     edges = np.concatenate([layer.vertices, layer.vertices[after]], axis=1)
+    # Borders run counter-clockwise, those of holes clockwise.
+    cross = edges[:, 0] * edges[:, 3] - edges[:, 1] * edges[:, 2]
+    is_border = np.isin(np.arange(len(layer.rings) - 1), layer.parts[:-1])
+    turned = ((np.add.reduceat(cross, layer.rings[:-1]) > 0.0) != is_border)[ring]
+    edges[turned] = np.roll(edges[turned], 2, axis=1)
     area = layer.feature_of_ring[ring]
     order = np.argsort(layer.ids, kind="stable")
     rank = np.empty(len(order), np.int64)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,7 @@ from sketchterrain.array_types import Bounds, Float32Array, Float64Array, Lattic
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.materials import MaterialTable
 from sketchterrain.errors import InputError
+from sketchterrain.terrain.appearance import Appearance
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, level_step, metres_per_unit, to_lattice
 from sketchterrain.terrain.layers.relief import ReliefLayer
@@ -83,6 +85,11 @@ class Terrain:
     def evaluator(self) -> Evaluator:
         """Kernel launches of the recipe, with its buffers on the device."""
         return self._evaluator
+
+    @cached_property
+    def appearance(self) -> Appearance:
+        """Colour of roads and land use on the ground."""
+        return Appearance(self.recipe, self.context, self.heights)
 
     @property
     def extent(self) -> float:

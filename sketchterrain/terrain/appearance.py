@@ -1,0 +1,393 @@
+"""Appearance tiles: colour of roads and land use at any texel size (Bruneton & Neyret 2008, section 4.2)."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array, LatticeArray
+from sketchterrain.document.layers import CROPS, LANE_WIDTHS
+from sketchterrain.io.resources import kernel_columns
+from sketchterrain.landuse.areas import FOREST, LandUse
+from sketchterrain.placement.hashing import hash_unit
+from sketchterrain.roads.road_types import GROUND, TUNNEL, RoadNetwork
+from sketchterrain.terrain.centrelines import arc_boxes
+from sketchterrain.terrain.index import BoxIndex, item_lists
+from sketchterrain.terrain.lattice import LATTICE_BITS, metres_per_unit, to_lattice
+
+if TYPE_CHECKING:
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.terrain.recipe import TerrainRecipe
+
+SIDE: Final = 192
+"""Texels along a side of a tile; the outermost are those of its neighbours."""
+_BLOCK: Final = 32  # texels along the side of a group with lists of its own
+_COARSE: Final = 24.0  # m: texels from which on areas are summed up on the host
+_FILE: Final = "appearance.cl"
+_PIECE: Final = kernel_columns("appearance.clh", "PaintedRoad")
+_AREA: Final = kernel_columns("appearance.clh", "PaintedArea")
+_NOISE: Final = (60.0, 7.0, 0.7)  # m
+_SURFACES: Final = {"asphalt": 0, "gravel": 1, "soil": 2, "rock": 3}
+_RAILS: Final = 4
+_MARKED: Final = 5.0  # m: carriageways of asphalt have marks from this width on
+_STEEP: Final = 0.06  # slope from which on rows of crops follow the contours
+_MAX_TILES: Final = 64  # in a launch
+
+
+class _Painted(NamedTuple):
+    """Items as the kernel reads them, and the index of their boxes."""
+
+    at: LatticeArray
+    row: Float64Array
+    boxes: BoxIndex
+
+
+@dataclass(frozen=True, eq=False)
+class Appearance:
+    """Colour of what vectors paint on a terrain.
+
+    A tile (level, column, row) covers [column, column + 1] × [row, row + 1] · extent / 2^level m and has
+    `SIDE`² texels, row 0 northernmost; those of the outermost rows and columns are its neighbours'.
+    """
+
+    recipe: TerrainRecipe
+    context: ComputeContext
+    heights: Callable[..., Float32Array]  # `Terrain.heights`
+
+    @property
+    def extent(self) -> float:
+        """Width of the tile (0, 0, 0), m."""
+        return self.recipe.extent
+
+    @cached_property
+    def is_empty(self) -> bool:
+        """Whether nothing is painted anywhere."""
+        return not len(self.recipe.landuse) and not len(self._roads.at)
+
+    def texel(self, level: int) -> float:
+        """Return the side of a level's texels, m."""
+        return float(self.extent / 2.0**level / (SIDE - 2))
+
+    def occupied(self, keys: npt.ArrayLike) -> BoolArray:
+        """Return whether anything may be painted in tiles (n, 3) of level, column and row, (n,)."""
+        tiles = np.asarray(keys, np.int64).reshape(-1, 3)
+        boxes = _boxes(tiles, 1)
+        found = np.zeros(len(tiles), np.bool_)
+        for index in (self._roads.boxes, self._areas):
+            if len(index):
+                found[np.unique(index.touching(boxes)[0])] = True
+        return found
+
+    def tiles(self, keys: npt.ArrayLike) -> npt.NDArray[np.uint8]:
+        """Return tiles.
+
+        Parameters
+        ----------
+        keys : (n, 3) levels, columns and rows
+
+        Returns
+        -------
+        (n, SIDE, SIDE, 4) uint8
+            √ of the albedo of red, green and blue over what is painted, and the share of the texel that is.
+        """
+        tiles = np.asarray(keys, np.int64).reshape(-1, 3)
+        result = np.zeros((len(tiles), SIDE, SIDE, 4), np.uint8)
+        for level in np.unique(tiles[:, 0]).tolist():
+            own = np.flatnonzero(tiles[:, 0] == level)
+            for first in range(0, len(own), _MAX_TILES):
+                part = own[first : first + _MAX_TILES]
+                result[part] = self._level(tiles[part])
+        return result
+
+    def _level(self, tiles: Int64Array) -> npt.NDArray[np.uint8]:
+        """Return tiles of one level."""
+        context, level = self.context, int(tiles[0, 0])
+        real, texel, unit = context.real_dtype.type, self.texel(level), metres_per_unit(self.extent)
+        blocks = _boxes(tiles, SIDE // _BLOCK)
+        roads, road_lists = _listed(self._roads.boxes, blocks)
+        is_coarse = texel > _COARSE
+        areas, area_lists = _listed(self._areas, blocks[:0] if is_coarse else blocks)
+        if is_coarse:
+            area_lists = (np.zeros(len(blocks) + 1, np.int32), area_lists[1])
+            base = np.stack([self._coarse(tile) for tile in tiles])
+        at, row, form, edges = self._area_rows(areas)
+        arrays = (
+            *(self._roads.at[roads], self._roads.row[roads].astype(real), *road_lists),
+            *(at, row.astype(real), form, edges.astype(real), *area_lists),
+        )
+        bits = np.array([max(round(np.log2(scale / unit)), 0) for scale in _NOISE] + [0], np.int32)
+        buffers = [context.upload(array) for array in arrays]
+        result = context.empty((len(tiles), SIDE, SIDE, 4), np.uint8)
+        context.launch(
+            *(_FILE, "appearance", (SIDE, SIDE, len(tiles))),
+            *(context.upload(_boxes(tiles, 1)[:, :2]), real(texel), real(unit), bits, *buffers),
+            *(np.int32(is_coarse), context.upload(base) if is_coarse else result, result),
+            group=(_BLOCK, 1, 1),
+            defines=(("SIDE", str(SIDE)),),
+        )
+        return context.download(result, (len(tiles), SIDE, SIDE, 4), np.uint8)
+
+    @cached_property
+    def _roads(self) -> _Painted:
+        return _painted_roads(self.recipe.network, self.extent)
+
+    @cached_property
+    def _areas(self) -> BoxIndex:
+        boxes = self.recipe.landuse.boxes / metres_per_unit(self.extent)
+        low, high = np.floor(boxes[:, :2]), np.ceil(boxes[:, 2:])
+        return BoxIndex(np.concatenate([low, high], axis=1).astype(np.int64))
+
+    def _area_rows(
+        self, areas: Int64Array
+    ) -> tuple[LatticeArray, Float64Array, npt.NDArray[np.int32], Float64Array]:
+        """Return places, rows, forms and edges of some areas."""
+        use = self.recipe.landuse
+        first, last = use.first[areas], use.first[areas + 1]
+        counts = last - first
+        start = np.cumsum(counts) - counts
+        member = np.repeat(first - start, counts) + np.arange(int(counts.sum()))
+        corner = use.edges[first, :2]
+        at = to_lattice(corner, self.extent)
+        origin = np.repeat(at * metres_per_unit(self.extent), counts, axis=0)
+        ends = use.edges[member]
+        edges = np.concatenate([ends[:, :2] - origin, ends[:, 2:] - ends[:, :2]], axis=1)
+        tone = hash_unit(0, "tone of an area", use.ids[areas])
+        row = np.zeros((len(areas), 8))
+        row[:, :4] = use.boxes[areas] - np.tile(at * metres_per_unit(self.extent), 2)
+        bearing = np.radians(self._bearings(areas))
+        row[:, _AREA["area_across_x"]], row[:, _AREA["area_across_y"]] = np.cos(bearing), -np.sin(bearing)
+        row[:, _AREA["area_tone"]], row[:, _AREA["area_density"]] = tone, use.density[areas]
+        form = np.zeros((len(areas), 4), np.int32)
+        form[:, 0], form[:, 1] = start, counts
+        form[:, 2], form[:, 3] = use.use[areas], _crops(use, areas)
+        return at, row, form, edges
+
+    @cached_property
+    def _known_bearings(self) -> Float64Array:
+        return np.full(len(self.recipe.landuse), np.nan)
+
+    def _bearings(self, areas: Int64Array) -> Float64Array:
+        """Return the directions (°) of rows of crops: as given, along contours, or along the longest side."""
+        use, known = self.recipe.landuse, self._known_bearings
+        missing = areas[np.isnan(known[areas])]
+        if len(missing):
+            found = use.direction[missing].copy()
+            own = np.flatnonzero((found < 0.0) & (use.use[missing] != FOREST))
+            found[own] = self._automatic_bearings(missing[own])
+            known[missing] = found
+        return known[areas]
+
+    def _automatic_bearings(self, areas: Int64Array) -> Float64Array:
+        use = self.recipe.landuse
+        if not len(areas):
+            return np.zeros(0)
+        boxes = use.boxes[areas]
+        middle, span = 0.5 * (boxes[:, :2] + boxes[:, 2:]), (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
+        step = 0.25 * span
+        places = np.concatenate([middle + step[:, None] * np.array(way) for way in _CROSS])
+        heights = self.heights(*places.T, cell_size=float(np.median(step))).reshape(4, -1)
+        east, north = (heights[0] - heights[1]) / (2.0 * step), (heights[2] - heights[3]) / (2.0 * step)
+        contour = np.degrees(np.arctan2(-north, east)) % 180.0
+        longest = np.array([_longest_side(use.edges[use.first[k] : use.first[k + 1]]) for k in areas])
+        return np.where(np.hypot(east, north) > _STEEP, contour, longest)
+
+    def _coarse(self, tile: Int64Array) -> npt.NDArray[np.uint8]:
+        """Return what areas paint in a tile of large texels: sums over their edges, exact in colour."""
+        texel = self.texel(int(tile[0]))
+        _, areas = self._areas.touching(_boxes(tile[None], 1))
+        total = np.zeros((SIDE, SIDE + 1, 4))
+        if len(areas):
+            at, row, form, edges = self._area_rows(areas)
+            context = self.context
+            real = context.real_dtype
+            means = context.empty((len(areas), 4), real)
+            rows = [context.upload(each) for each in (row.astype(real), form)]
+            context.launch(
+                *(_FILE, "area_means", (len(areas),), real.type(texel), *rows, means),
+                defines=(("SIDE", str(SIDE)),),
+            )
+            colour = context.download(means, (len(areas), 4), real).astype(np.float64)
+            colour[:, :3] *= colour[:, 3:]
+            corner = tile[1:] * (self.extent / 2.0 ** int(tile[0])) - texel
+            origin = at * metres_per_unit(self.extent) - corner
+            edges[:, :2] += np.repeat(origin, form[:, 1], axis=0)
+            sides = np.repeat(np.arange(len(areas)), form[:, 1])
+            _sum_edges(edges / texel, colour[sides], total)
+        share = np.clip(total[:, :SIDE, 3:], 0.0, 1.0)
+        albedo = np.clip(total[:, :SIDE, :3] / np.maximum(total[:, :SIDE, 3:], 1e-6), 0.0, 1.0)
+        return np.rint(255.0 * np.concatenate([np.sqrt(albedo), share], axis=-1)[::-1]).astype(np.uint8)
+
+
+_CROSS: Final = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
+
+
+def _boxes(tiles: Int64Array, parts: int) -> LatticeArray:
+    """Return the boxes (n · parts², 4) of blocks of tiles' texels, lattice units, from the north-west on.
+
+    One block is the tile itself; several include the texels beyond it.
+    """
+    side = np.left_shift(1, LATTICE_BITS - tiles[:, 0])
+    low = tiles[:, 1:] * side[:, None]
+    if parts == 1:
+        return np.concatenate([low, low + side[:, None]], axis=1)
+    step = side / (SIDE - 2) * _BLOCK
+    margin = side / (SIDE - 2)
+    column = np.arange(parts)
+    west = low[:, :1] - margin[:, None] + step[:, None] * column
+    south = low[:, 1:] - margin[:, None] + step[:, None] * column[::-1]
+    corner = np.stack(np.broadcast_arrays(west[:, None, :], south[:, :, None]), axis=-1).reshape(-1, 2)
+    each = np.repeat(step, parts**2)[:, None]
+    boxes = np.concatenate([np.floor(corner), np.ceil(corner + each)], axis=1)
+    return boxes.astype(np.int64)
+
+
+def _listed(
+    index: BoxIndex, blocks: LatticeArray
+) -> tuple[Int64Array, tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]]:
+    """Return the items that blocks list, and the lists by their numbers among these."""
+    starts, items = item_lists(index, blocks)
+    used, number = np.unique(items, return_inverse=True)
+    return used.astype(np.int64), (starts, number.astype(np.int32))
+
+
+def _crops(use: LandUse, areas: Int64Array) -> npt.NDArray[np.uint8]:
+    """Return the crops of areas; those of automatic ones by their ids: much wheat, some of the others."""
+    common = np.array([CROPS.index(name) for name in _COMMON], np.uint8)
+    draw = hash_unit(0, "crop of a field", use.ids[areas])
+    own = common[np.minimum((draw * len(common)).astype(np.int64), len(common) - 1)]
+    return np.where(use.crop[areas] == 0, own, use.crop[areas])
+
+
+_COMMON: Final = ("wheat", "wheat", "wheat", "wheat", "maize", "maize", "rapeseed", "ploughed")
+
+
+def _longest_side(edges: Float64Array) -> float:
+    """Return the bearing (°) of the longest edge."""
+    ways = edges[:, 2:] - edges[:, :2]
+    east, north = ways[np.argmax((ways**2).sum(axis=1))]
+    return float(np.degrees(np.arctan2(east, north)) % 180.0)
+
+
+@numba.njit(cache=True)
+def _sum_edges(edges, values, total):  # type: ignore[no-untyped-def]
+    """Add to texels, rows from the south, what is east of edges that run south, less what is east of others.
+
+    `edges` (m, 4) are starts and vectors in texels, `values` (m, 4) what the area of each adds to a texel
+    inside it; `total` is (rows, columns + 1, 4).
+    """
+    rows, columns = total.shape[0], total.shape[1] - 1
+    ahead = np.zeros_like(total)  # added to a column and all those east of it
+    for k in range(len(edges)):
+        x, y, east, north = edges[k]
+        if north == 0.0:
+            continue
+        low, high = min(y, y + north), max(y, y + north)
+        sign = -1.0 if north > 0.0 else 1.0
+        for row in range(max(int(np.floor(low)), 0), min(int(np.ceil(high)), rows)):
+            south, tall = max(low, float(row)), min(high, row + 1.0)
+            a, b = x + east * (south - y) / north, x + east * (tall - y) / north
+            a, b = min(a, b), max(a, b)
+            part = sign * (tall - south)
+            first = min(max(int(np.floor(a)), 0), columns)
+            last = min(max(int(np.floor(b)), -1), columns - 1)
+            for column in range(first, last + 1):
+                if b - a > 1e-9:
+                    share = (_clamped_integral(column + 1.0 - a) - _clamped_integral(column + 1.0 - b)) / (
+                        b - a
+                    )
+                else:
+                    share = min(max(column + 1.0 - a, 0.0), 1.0)
+                total[row, column] += values[k] * (part * share)
+            ahead[row, max(last + 1, first)] += values[k] * part
+    for row in range(rows):
+        for column in range(1, columns):
+            ahead[row, column] += ahead[row, column - 1]
+    total += ahead
+
+
+@numba.njit(cache=True)
+def _clamped_integral(x):  # type: ignore[no-untyped-def]
+    """Return the integral of min(x, 1) from 0, 0 below."""
+    return 0.0 if x < 0.0 else 0.5 * x * x if x < 1.0 else x - 0.5
+
+
+def _painted_roads(network: RoadNetwork, extent: float) -> _Painted:
+    """Return the pieces of all roads on the ground."""
+    roads = [road for road in network.roads if road.structure == GROUND]
+    tunnels = {(road.leg, road.part) for road in network.roads if road.structure == TUNNEL}
+    lengths: dict[int, float] = defaultdict(float)
+    for road in network.roads:
+        lengths[road.leg] = max(lengths[road.leg], float(road.along[-1]))
+    ends = _junctions(network)
+    unit = metres_per_unit(extent)
+    starts, rows = [np.zeros((0, 2))], [np.zeros((0, 16))]
+    for road in roads:
+        count = len(road.bend)
+        row = np.zeros((count, 16))
+        chord = np.diff(road.axis[:, :2], axis=0)
+        row[:, :2], row[:, 2] = chord, 1.0 / np.maximum((chord**2).sum(axis=1), 1e-12)
+        row[:, _PIECE["piece_bend"]] = road.bend
+        for name, values in (("half", road.half_width), ("whole", road.whole_half)):
+            row[:, _PIECE[f"piece_from_{name}"]] = values[:-1]
+            row[:, _PIECE[f"piece_to_{name}"]] = values[1:]
+        row[:, _PIECE["piece_start"]] = road.along[:-1]
+        row[:, _PIECE["piece_length"]] = np.diff(road.along)
+        (clear, gives_way), (clear_end, gives_way_end) = ends[road.leg]
+        row[:, _PIECE["piece_clear"]] = clear
+        row[:, _PIECE["piece_marked"]] = lengths[road.leg] - clear_end
+        lane = LANE_WIDTHS[road.layer]
+        row[:, _PIECE["piece_lanes"]] = max(round(2.0 * float(road.half_width.mean()) / lane), 1)
+        surface = _RAILS if road.layer == "railway" else _SURFACES.get(road.works.surface, 1)
+        row[:, _PIECE["piece_surface"]] = surface
+        row[:, _PIECE["piece_ends"]] = 4 * gives_way + 8 * gives_way_end
+        row[0, _PIECE["piece_ends"]] += (road.leg, road.part - 1) in tunnels
+        row[-1, _PIECE["piece_ends"]] += 2 * ((road.leg, road.part + 1) in tunnels)
+        marked = surface == 0 and 2.0 * float(road.half_width.min()) >= _MARKED
+        row[:, _PIECE["piece_marks"]] = marked
+        starts.append(road.axis[:-1, :2])
+        rows.append(row)
+    at, row = to_lattice(np.concatenate(starts), extent), np.concatenate(rows)
+    reach = row[:, [_PIECE["piece_from_whole"], _PIECE["piece_to_whole"]]].max(axis=1, initial=0.0) + _FRAY
+    return _Painted(at, row, BoxIndex(arc_boxes(at, row[:, :2], row[:, _PIECE["piece_bend"]], reach, unit)))
+
+
+_FRAY: Final = 0.5  # m by which noise widens roads
+
+
+def _junctions(network: RoadNetwork) -> dict[int, list[tuple[float, bool]]]:
+    """Return how far (m) marks stay away from each leg's start and end, and whether traffic stops there.
+
+    At a junction of three the two legs that are most nearly straight have the right of way; at larger ones
+    none has.
+    """
+    at_node: dict[tuple[float, float], list[tuple[int, int, float, Float64Array, bool]]] = defaultdict(list)
+    found: dict[int, list[tuple[float, bool]]] = {}
+    for road in network.roads:
+        found.setdefault(road.leg, [(0.0, False), (0.0, False)])
+        for end, (place, inward, ways) in enumerate(((0, 1, road.ends[0]), (-1, -2, road.ends[1]))):
+            if ways < 3:
+                continue
+            ahead = road.axis[inward, :2] - road.axis[place, :2]
+            node = road.axis[place, 0].item(), road.axis[place, 1].item()
+            width = float(road.whole_half[place]) if road.layer == "road" else 0.0
+            at_node[node].append((road.leg, end, width, ahead / np.hypot(*ahead), road.layer == "road"))
+    for arms in at_node.values():
+        through = _through([arm[3] for arm in arms]) if len(arms) == 3 else ()
+        for number, (leg, end, width, _, is_road) in enumerate(arms):
+            others = [arm[2] for k, arm in enumerate(arms) if k != number]
+            gives_way = is_road and number not in through and max(others) > 0.0
+            found[leg][end] = max(*others, width) + 1.0 if max(others) > 0.0 else 0.0, gives_way
+    return found
+
+
+def _through(ways: Sequence[Float64Array]) -> tuple[int, int]:
+    """Return the two of three unit vectors that are most nearly opposite."""
+    pairs = ((0, 1), (0, 2), (1, 2))
+    return min(pairs, key=lambda pair: float(ways[pair[0]] @ ways[pair[1]]))

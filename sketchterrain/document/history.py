@@ -250,8 +250,12 @@ class History:
         # Equal settings are stored as one object.
         last = self._steps[self._at].settings
         settings = {key: last[key] if last[key] == each else each for key, each in _settings(sketch).items()}
-        former = last["vectors"].values()
-        new_bytes = sum(each.nbytes for each in sketch.vectors.values() if each not in former)
+        new_bytes = 0
+        for name, former in last["vectors"].items():
+            if (vectors := sketch.vectors[name]) is not former:
+                known_pieces = set(former.pieces)
+                new_bytes += sum(piece.nbytes for piece in vectors.pieces if piece not in known_pieces)
+                former.release()
         new_bytes += sum(each.nbytes for each in sketch.rasters if each not in last["rasters"])
         self._steps.append(_Step(title, settings, changes, new_bytes))
         self._bytes += self._steps[-1].bytes

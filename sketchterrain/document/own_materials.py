@@ -107,16 +107,16 @@ def with_materials(parameters: Mapping[str, Parameter], table: MaterialTable) ->
 def check_materials_of_vectors(vectors: Mapping[str, VectorLayer], table: MaterialTable) -> None:
     """Raise InputError if a feature names a material that is not in a table."""
     for layer in vectors.values():
-        for name, column in layer.columns.items():
-            declared = LAYERS[layer.layer].parameters.get(name)
-            if declared is None or declared.choices != MATERIALS:
+        for name, declared in LAYERS[layer.layer].parameters.items():
+            if declared.choices != MATERIALS or layer.texts(name) <= {"", *table.names}:
                 continue
-            for number, value in zip(layer.ids.tolist(), column, strict=True):
-                if value and value not in table.names:
-                    expected = " or ".join(map(repr, table.names))
-                    raise InputError(
-                        f"{layer.layer} feature {number}: {name} = {format_value(value)}: expected {expected}"
-                    )
+            column = layer.columns[name]
+            number = next(index for index, value in enumerate(column) if value not in ("", *table.names))
+            expected = " or ".join(map(repr, table.names))
+            raise InputError(
+                f"{layer.layer} feature {layer.ids[number]}: {name} = {format_value(column[number])}: "
+                f"expected {expected}"
+            )
 
 
 def picture_files(folder: str | Path, name: str) -> dict[str, Path]:

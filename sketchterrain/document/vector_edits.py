@@ -32,40 +32,43 @@ def network_layers(name: str) -> tuple[str, ...]:
     return (name, *(each for each in WAY_LAYERS if each != name)) if name in WAY_LAYERS else (name,)
 
 
-def vertices_of(layer: VectorLayer, name: int) -> range:
-    """Return the numbers of a feature's vertices in its layer; raise KeyError for an unknown id."""
-    index = layer.index(name)
-    first, end = layer.rings[layer.parts[index : index + 2]].tolist()
-    return range(first, end)
-
-
 def nearest_vertex(
     layer: VectorLayer, x: float, y: float, radius: float, *, other_than: tuple[float, float] | None = None
 ) -> int | None:
     """Return the number of the vertex nearest to a position, within a radius (m)."""
-    distance = np.hypot(*(layer.vertices - (x, y)).T)
-    if other_than is not None:
-        distance[at_node(layer, *other_than)] = np.inf
-    best = int(np.argmin(distance)) if len(distance) else 0
-    return best if len(distance) and distance[best] <= radius else None
+    best: int | None = None
+    for first, piece in layer.pieces_near(x - radius, y - radius, x + radius, y + radius):
+        distance = np.hypot(*(piece.vertices - (x, y)).T)
+        if other_than is not None:
+            distance[(piece.vertices == on_grid(other_than)).all(axis=1)] = np.inf
+        nearest = int(np.argmin(distance))
+        if distance[nearest] < radius or (distance[nearest] == radius and best is None):
+            best, radius = first + nearest, float(distance[nearest])
+    return best
 
 
-def at_node(layer: VectorLayer, x: float, y: float) -> BoolArray:
-    """Return which vertices are at a position, (m,): those of one node."""
-    return np.asarray((layer.vertices == on_grid([x, y])).all(axis=1))
+def vertices_at(layer: VectorLayer, x: float, y: float) -> Int64Array:
+    """Return the numbers of the vertices at a position: those of one node."""
+    place = on_grid([x, y])
+    near = layer.pieces_near(*place.tolist(), *place.tolist())
+    found = [first + np.flatnonzero((piece.vertices == place).all(axis=1)) for first, piece in near]
+    return np.concatenate([np.zeros(0, np.int64), *found])
 
 
 def move_node(layer: VectorLayer, start: tuple[float, float], end: tuple[float, float]) -> VectorLayer:
     """Move a node from a position to another (m); at that of another node they are one."""
-    at = at_node(layer, *start)[:, None]
-    return _rebuilt(layer, np.where(at, on_grid(end), layer.vertices), np.ones(len(at), np.bool_))
+    own = layer.with_vertices(vertices_at(layer, *start))
+    at = (own.vertices == on_grid(start)).all(axis=1)[:, None]
+    moved = _rebuilt(own, np.where(at, on_grid(end), own.vertices), np.ones(len(at), np.bool_))
+    return layer.edited(own.ids.tolist(), moved)
 
 
 def shared_nodes(layers: Sequence[VectorLayer], places: Float64Array) -> BoolArray:
     """Return which vertices at positions (n, 2), m, are nodes with others of some layers."""
     low, high = places.min(axis=0), places.max(axis=0)
+    pieces = [piece for layer in layers for _, piece in layer.pieces_near(*low, *high)]
     near = [
-        layer.vertices[((layer.vertices >= low) & (layer.vertices <= high)).all(axis=1)] for layer in layers
+        piece.vertices[((piece.vertices >= low) & (piece.vertices <= high)).all(axis=1)] for piece in pieces
     ]
     found, counts = np.unique(np.concatenate(near) @ _COMPLEX, return_counts=True)
     return np.asarray(counts[np.searchsorted(found, places @ _COMPLEX)] > 1)
@@ -73,15 +76,29 @@ def shared_nodes(layers: Sequence[VectorLayer], places: Float64Array) -> BoolArr
 
 def insert_vertices(layer: VectorLayer, after: Int64Array, places: Float64Array) -> VectorLayer:
     """Insert vertices at positions (n, 2), m, each after one by its number, in the same ring; ascending."""
-    rings = layer.rings + np.searchsorted(after, layer.rings)
-    return replace(layer, vertices=np.insert(layer.vertices, after + 1, places, axis=0), rings=rings)
+    own = layer.with_vertices(after)
+    numbers = _numbers_in(own, layer, after)
+    order = np.argsort(numbers, kind="stable")
+    numbers, places = numbers[order], places[order]
+    rings = own.rings + np.searchsorted(numbers, own.rings)
+    longer = replace(own, vertices=np.insert(own.vertices, numbers + 1, places, axis=0), rings=rings)
+    return layer.edited(own.ids.tolist(), longer)
 
 
 def delete_vertex(layer: VectorLayer, vertex: int) -> VectorLayer:
     """Delete a vertex by its number; what then has too few is deleted: a line, an area or a hole."""
-    keep = np.ones(len(layer.vertices), np.bool_)
-    keep[vertex] = False
-    return _rebuilt(layer, layer.vertices, keep)
+    own = layer.with_vertices(np.array([vertex]))
+    keep = np.ones(len(own.vertices), np.bool_)
+    keep[_numbers_in(own, layer, np.array([vertex]))] = False
+    return layer.edited(own.ids.tolist(), _rebuilt(own, own.vertices, keep))
+
+
+def _numbers_in(own: VectorLayer, layer: VectorLayer, vertices: Int64Array) -> Int64Array:
+    """Return the numbers in a layer of some features of vertices of another that has these features."""
+    ranges = [(own.vertices_of(name).start, layer.vertices_of(name)) for name in own.ids.tolist()]
+    starts_of = np.array([(start, each.start) for start, each in ranges])
+    which = np.array([[vertex in each for _, each in ranges].index(True) for vertex in vertices.tolist()])
+    return np.asarray(vertices + (starts_of[which, 0] - starts_of[which, 1]))
 
 
 def _rebuilt(layer: VectorLayer, vertices: Float64Array, keep: BoolArray) -> VectorLayer:
@@ -122,16 +139,15 @@ def join_lines(layer: VectorLayer, name: int, index: int | None = None) -> Vecto
     found: list[tuple[float, Float64Array, int]] = []
     for end in ends if line.kind == LINE else ():
         one = places[::-1] if end == 0 else places  # the end that is shared is its last
-        vertices = np.flatnonzero(at_node(layer, *one[-1]))
-        for ring in np.unique(layer.ring_of_vertex[vertices]).tolist():
-            feature, other = layer.feature_of_ring[ring], layer.ring(ring)
-            if layer.ids[feature] == name or layer.kinds[feature] != LINE:
+        near = layer.with_vertices(vertices_at(layer, *one[-1]))
+        for feature in map(near.feature, near.ids.tolist()):
+            if feature.id == name or feature.kind != LINE:
                 continue
-            for rest in (other, other[::-1]):
+            for rest in (feature.rings[0], feature.rings[0][::-1]):
                 if (rest[0] == one[-1]).all():
                     both = np.concatenate([one, rest[1:]])
                     turn = _turn(one[-1] - one[-2], rest[1] - rest[0])
-                    found.append((turn, both[::-1] if end == 0 else both, int(layer.ids[feature])))
+                    found.append((turn, both[::-1] if end == 0 else both, feature.id))
     if not found:
         raise InputError("no other line shares an end with this one")
     _, both, other_name = min(found, key=lambda each: each[0])

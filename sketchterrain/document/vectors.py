@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from hashlib import blake2b
+from itertools import chain, pairwise
 from types import MappingProxyType
-from typing import Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -79,6 +80,8 @@ class VectorLayer:
     """Features of one layer, in metres from the sketch's south-west corner.
 
     Vertices at equal positions are one node: features that share it are connected, and it moves as one.
+    A large layer consists of `pieces`; an edited one shares those that did not change, so that edits, and
+    the memory of their history, cost what they change. Its arrays are joined when they are asked for.
 
     Parameters
     ----------
@@ -126,7 +129,19 @@ class VectorLayer:
         _check_features(self)
         _check_columns(self)
 
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Join an array of all pieces, or the columns; those of a layer of one piece are always there."""
+            if name not in _JOINERS or "pieces" not in self.__dict__:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            value = _JOINERS[name](self.pieces, name)
+            object.__setattr__(self, name, value)
+            return value
+
     def __reduce__(self) -> tuple[Any, ...]:
+        if len(self.pieces) > 1:
+            return _of_pieces, (self.layer, self.pieces)
         return VectorLayer, (self.layer, *self._arrays, dict(self.columns))
 
     @property
@@ -134,7 +149,42 @@ class VectorLayer:
         return self.vertices, self.rings, self.parts, self.kinds, self.ids, self.labels
 
     def __len__(self) -> int:
-        return len(self.ids)
+        return len(self.ids) if "ids" in self.__dict__ else int(self._firsts[-1, 0])
+
+    @cached_property
+    def pieces(self) -> tuple[VectorLayer, ...]:
+        """Successive parts of a few hundred features; of a small layer itself alone."""
+        block = self.rings[self.parts[:-1]] // _PIECE_VERTICES + np.arange(len(self)) // _PIECE_FEATURES
+        cuts = [0, *(np.flatnonzero(np.diff(block)) + 1).tolist(), len(self)]
+        if len(cuts) == 2:
+            return (_unchecked(self.layer, *self._arrays, dict(self.columns)),)
+        return tuple(self._slice(first, end) for first, end in pairwise(cuts))
+
+    @cached_property
+    def _firsts(self) -> Int64Array:
+        """(p + 1, 3) number of the first feature, ring and vertex of each piece, and of the ends."""
+        return np.cumsum([(0, 0, 0), *(piece._size for piece in self.pieces)], axis=0)
+
+    @cached_property
+    def _size(self) -> tuple[int, int, int]:
+        return len(self.ids), len(self.rings) - 1, len(self.vertices)
+
+    @cached_property
+    def _reach(self) -> Float64Array:
+        """(p, 6) lowest and highest id of each piece, and its west, south, east and north."""
+        return np.array([piece._own_reach for piece in self.pieces]).reshape(-1, 6)
+
+    @cached_property
+    def _own_reach(self) -> tuple[float, ...]:
+        if not len(self):
+            return np.inf, -np.inf, np.inf, np.inf, -np.inf, -np.inf
+        low, high = self.vertices.min(axis=0).tolist(), self.vertices.max(axis=0).tolist()
+        return float(self.ids.min()), float(self.ids.max()), *low, *high
+
+    @property
+    def vertex_count(self) -> int:
+        """Number of vertices."""
+        return int(self._firsts[-1, 2])
 
     @property
     def nbytes(self) -> int:
@@ -144,6 +194,27 @@ class VectorLayer:
             for column in self.columns.values()
         )
         return int(sum(array.nbytes for array in self._arrays)) + columns
+
+    def release(self) -> None:
+        """Free what is joined of the pieces again when it is asked for."""
+        if self._is_edited:
+            for name in self.__dict__.keys() - {"layer", "pieces", "_is_edited"}:
+                del self.__dict__[name]
+
+    @cached_property
+    def _is_edited(self) -> bool:
+        """Whether its arrays are joined from its pieces."""
+        return False
+
+    def texts(self, name: str) -> frozenset[str]:
+        """Return the different texts of a property."""
+        if len(self.pieces) > 1:
+            return frozenset().union(*(piece._texts[name] for piece in self.pieces if name in piece._texts))
+        return self._texts.get(name, frozenset())
+
+    @cached_property
+    def _texts(self) -> Mapping[str, frozenset[str]]:
+        return {name: frozenset(column) for name, column in self.columns.items() if isinstance(column, tuple)}
 
     @cached_property
     def digest(self) -> str:
@@ -166,19 +237,62 @@ class VectorLayer:
         """Return the vertices of a ring, (n, 2), m."""
         return self.vertices[self.rings[number] : self.rings[number + 1]]
 
+    def _find(self, name: int) -> tuple[int, int]:
+        """Return the piece of a feature by its id, and its index there; raise KeyError for an unknown one."""
+        low, high = self._reach[:, 0], self._reach[:, 1]
+        for number in np.flatnonzero((low <= name) & (name <= high)).tolist():
+            found = np.flatnonzero(self.pieces[number].ids == name)
+            if len(found):
+                return number, int(found[0])
+        raise KeyError(name)
+
+    def __contains__(self, name: int) -> bool:
+        """Return whether a feature has an id."""
+        try:
+            self._find(name)
+        except KeyError:
+            return False
+        return True
+
     def index(self, name: int) -> int:
         """Return the index of a feature by its id; raise KeyError for an unknown one."""
-        found = np.flatnonzero(self.ids == name)
-        if not len(found):
-            raise KeyError(name)
-        return int(found[0])
+        number, index = self._find(name)
+        return int(self._firsts[number, 0]) + index
+
+    def vertices_of(self, name: int) -> range:
+        """Return the numbers of a feature's vertices; raise KeyError for an unknown id."""
+        number, index = self._find(name)
+        piece, offset = self.pieces[number], int(self._firsts[number, 2])
+        first, end = piece.rings[piece.parts[index : index + 2]].tolist()
+        return range(offset + first, offset + end)
 
     def feature(self, name: int) -> VectorFeature:
         """Return a feature by its id; raise KeyError for an unknown one."""
-        index = self.index(name)
-        rings = tuple(self.ring(each) for each in range(*self.parts[index : index + 2]))
-        (properties,) = self.properties([index])
-        return VectorFeature(int(self.kinds[index]), rings, int(self.labels[index]), properties, name)
+        number, index = self._find(name)
+        piece = self.pieces[number]
+        rings = tuple(piece.ring(each) for each in range(*piece.parts[index : index + 2]))
+        (properties,) = piece.properties([index])
+        return VectorFeature(int(piece.kinds[index]), rings, int(piece.labels[index]), properties, name)
+
+    def pieces_near(
+        self, west: float, south: float, east: float, north: float
+    ) -> Iterator[tuple[int, VectorLayer]]:
+        """Yield the number of the first vertex and the piece of those that reach a rectangle (m)."""
+        low, high = self._reach[:, 2:4], self._reach[:, 4:]
+        for number in np.flatnonzero(((low <= (east, north)) & (high >= (west, south))).all(axis=1)).tolist():
+            yield int(self._firsts[number, 2]), self.pieces[number]
+
+    def with_vertices(self, numbers: Int64Array) -> VectorLayer:
+        """Return the features that some vertices, by their numbers, belong to, as a layer."""
+        found: dict[int, set[int]] = {}
+        for vertex in numbers.tolist():
+            number = int(np.searchsorted(self._firsts[:, 2], vertex, side="right")) - 1
+            piece = self.pieces[number]
+            ring = int(np.searchsorted(piece.rings, vertex - self._firsts[number, 2], side="right")) - 1
+            index = int(np.searchsorted(piece.parts, ring, side="right")) - 1
+            found.setdefault(number, set()).add(index)
+        chosen = [self.pieces[each]._taken(np.array(sorted(found[each]))) for each in sorted(found)]
+        return _joined(chosen or [_EMPTY[self.layer]])
 
     def properties(self, indices: Sequence[int] | Int64Array) -> list[dict[str, Value]]:
         """Return the own properties of features by their indices."""
@@ -190,26 +304,86 @@ class VectorLayer:
                     row[name] = value
         return rows
 
-    def edited(self, remove: Collection[int] = (), add: Sequence[VectorFeature] = ()) -> VectorLayer:
-        """Return the layer without some features, by id, and with others appended.
+    def edited(
+        self, remove: Collection[int] = (), add: Sequence[VectorFeature] | VectorLayer = ()
+    ) -> VectorLayer:
+        """Return the layer without some features, by id, and with others, in their places or appended.
 
         A new feature of id 0 gets the next free one. Raise InputError for invalid features.
         """
-        kept = ~np.isin(self.ids, list(remove))
-        rings = kept[self.feature_of_ring]
-        counts = np.diff(self.rings)[rings]
-        free = int(self.ids.max(initial=0)) + 1
-        ids = [each.id or free + number for number, each in enumerate(add)]
-        own = [ring for each in add for ring in each.rings]
+        new = add if isinstance(add, VectorLayer) else self._layer_of(add)
+        gone = np.unique(np.fromiter(remove, np.int64, len(remove)))
+        pieces = list(self.pieces)
+        between = (
+            np.searchsorted(gone, self._reach[:, 0]),
+            np.searchsorted(gone, self._reach[:, 1], side="right"),
+        )
+        replaces = np.zeros(len(new), np.bool_)
+        for number in np.flatnonzero(between[0] < between[1]).tolist():
+            piece = pieces[number]
+            order = np.arange(len(piece))
+            own, of_own, of_new = np.intersect1d(piece.ids, new.ids, return_indices=True)
+            stays = np.isin(own, gone)
+            order[of_own[stays]] = len(piece) + of_new[stays]
+            replaces[of_new[stays]] = True
+            kept = order[(order >= len(piece)) | ~np.isin(piece.ids, gone)]
+            pieces[number] = _joined([piece, new])._taken(kept)
+        pieces = [piece for piece in pieces if piece._size[0]]
+        last = new._taken(np.flatnonzero(~replaces))
+        if twice := next((each for each in last.ids.tolist() if each in self), None):
+            raise InputError(
+                f"{self.layer}: id {twice}: expected unique ids, there is a feature with this one"
+            )
+        if pieces and len(last) and len(pieces[-1]) + len(last) <= _PIECE_FEATURES:
+            pieces[-1] = _joined([pieces[-1], last])
+        elif len(last):
+            pieces += last.pieces
+        edited = _of_pieces(self.layer, pieces)
+        if edited.vertex_count > MAX_VERTICES:
+            raise _too_many(self.layer, edited.vertex_count)
+        return edited
+
+    def _layer_of(self, features: Sequence[VectorFeature]) -> VectorLayer:
+        """Return new features as a layer, with the next free ids."""
+        free = 1 + int(self._reach[:, 1].max(initial=0))
+        own = [ring for each in features for ring in each.rings]
         return VectorLayer(
             self.layer,
-            np.concatenate([self.vertices[rings[self.ring_of_vertex]], *own]),
-            starts([*counts.tolist(), *map(len, own)]),
-            starts([*np.diff(self.parts)[kept].tolist(), *(len(each.rings) for each in add)]),
-            np.append(self.kinds[kept], [each.kind for each in add]).astype(np.uint8),
-            np.append(self.ids[kept], np.array(ids, np.int64)),
-            np.append(self.labels[kept], [each.label for each in add]).astype(np.uint8),
-            property_columns([*self.properties(np.flatnonzero(kept)), *(each.properties for each in add)]),
+            np.concatenate([np.zeros((0, 2)), *own]),
+            starts([len(ring) for ring in own]),
+            starts([len(each.rings) for each in features]),
+            np.array([each.kind for each in features], np.uint8),
+            np.array([each.id or free + number for number, each in enumerate(features)], np.int64),
+            np.array([each.label for each in features], np.uint8),
+            property_columns([each.properties for each in features]),
+        )
+
+    def _slice(self, first: int, end: int) -> VectorLayer:
+        """Return successive features."""
+        parts = self.parts[first : end + 1]
+        rings = self.rings[parts[0] : parts[-1] + 1]
+        return _unchecked(
+            self.layer,
+            self.vertices[rings[0] : rings[-1]],
+            rings - rings[0],
+            parts - parts[0],
+            *(array[first:end] for array in (self.kinds, self.ids, self.labels)),
+            {name: column[first:end] for name, column in self.columns.items()},
+        )
+
+    def _taken(self, indices: Int64Array) -> VectorLayer:
+        """Return some features, by their indices, in that order."""
+        rings, of_ring = _ranges(self.parts, indices)
+        vertices, of_vertex = _ranges(self.rings, rings)
+        columns = {
+            name: tuple(column[each] for each in indices.tolist())
+            if isinstance(column, tuple)
+            else column[indices]
+            for name, column in self.columns.items()
+        }
+        arrays = (array[indices] for array in (self.kinds, self.ids, self.labels))
+        return _unchecked(
+            self.layer, self.vertices[vertices], starts(of_vertex), starts(of_ring), *arrays, columns
         )
 
     def shapes(self) -> npt.NDArray[np.object_]:
@@ -275,7 +449,7 @@ def check_vectors(vectors: Mapping[str, VectorLayer]) -> Mapping[str, VectorLaye
     for name, layer in vectors.items():
         if not isinstance(layer, VectorLayer) or layer.layer != name:
             raise InputError(f"vectors of {format_value(name)}: expected a VectorLayer of that name")
-    if sum(len(layer.vertices) for layer in vectors.values()) > MAX_VERTICES:
+    if sum(layer.vertex_count for layer in vectors.values()) > MAX_VERTICES:
         raise InputError(f"more than {MAX_VERTICES / 1e6:g} million vertices: simplify the vector layers")
     return MappingProxyType({name: vectors.get(name) or _EMPTY[name] for name in VECTOR_LAYERS})
 
@@ -319,15 +493,17 @@ def _check_vertices(vertices: Float64Array, layer: str) -> None:
             f"vertices of {layer}: expected numbers (m, 2), got {vertices.dtype} {vertices.shape}"
         )
     if len(vertices) > MAX_VERTICES:
-        raise InputError(
-            f"{layer}: {len(vertices)} vertices: expected at most {MAX_VERTICES / 1e6:g} million"
-        )
+        raise _too_many(layer, len(vertices))
     bad = ~(np.abs(vertices) <= _MAX_COORDINATE).all(axis=1)  # also NaN
     if bad.any():
         x, y = vertices[np.argmax(bad)]
         raise InputError(
             f"{layer}: vertex {x:g}, {y:g}: expected numbers, at most {_MAX_COORDINATE:g} m away"
         )
+
+
+def _too_many(layer: str, count: int) -> InputError:
+    return InputError(f"{layer}: {count} vertices: expected at most {MAX_VERTICES / 1e6:g} million")
 
 
 def _check_features(layer: VectorLayer) -> None:
@@ -430,6 +606,91 @@ def property_columns(properties: Sequence[Properties]) -> dict[str, Column]:
 def starts(counts: npt.ArrayLike) -> Int64Array:
     """Return where each of successive parts of some lengths starts, and the end of the last one."""
     return np.concatenate([[0], np.cumsum(np.asarray(counts, dtype=np.int64))]).astype(np.int64)
+
+
+_PIECE_FEATURES, _PIECE_VERTICES = 256, 4096  # most of a piece, unless one feature has more
+
+_FIELDS: Final = ("vertices", *_WHOLE, "columns")
+
+
+def _unchecked(layer: str, *values: Any) -> VectorLayer:
+    """Return a layer of features that were checked before; properties that none has are left out."""
+    *arrays, columns = values
+    own = {name: column for name, column in columns.items() if _has_any(column)}
+    found = object.__new__(VectorLayer)
+    for array in (*arrays, *own.values()):
+        if isinstance(array, np.ndarray):
+            array.setflags(write=False)
+    for name, value in zip(("layer", *_FIELDS), (layer, *arrays, MappingProxyType(own)), strict=True):
+        object.__setattr__(found, name, value)
+    return found
+
+
+def _has_any(column: Column) -> bool:
+    return any(column) if isinstance(column, tuple) else bool((column == column).any())
+
+
+def _of_pieces(layer: str, pieces: Sequence[VectorLayer]) -> VectorLayer:
+    """Return the layer of successive pieces."""
+    pieces = tuple(pieces)
+    if len(pieces) < 2:
+        return pieces[0] if pieces else _EMPTY[layer]
+    found = object.__new__(VectorLayer)
+    for name, value in {"layer": layer, "pieces": pieces, "_is_edited": True}.items():
+        object.__setattr__(found, name, value)
+    return found if len(found) > _PIECE_FEATURES else _joined(pieces)
+
+
+def _joined(pieces: Sequence[VectorLayer]) -> VectorLayer:
+    """Return the layer of successive pieces as one."""
+    return _unchecked(pieces[0].layer, *(_JOINERS[name](pieces, name) for name in _FIELDS))
+
+
+def _join_arrays(pieces: Sequence[VectorLayer], name: str) -> npt.NDArray[Any]:
+    joined: npt.NDArray[Any] = np.concatenate([getattr(piece, name) for piece in pieces])
+    joined.setflags(write=False)
+    return joined
+
+
+def _join_starts(pieces: Sequence[VectorLayer], name: str) -> Int64Array:
+    joined = starts(np.concatenate([np.diff(getattr(piece, name)) for piece in pieces]))
+    joined.setflags(write=False)
+    return joined
+
+
+def _join_columns(pieces: Sequence[VectorLayer], _: str) -> Mapping[str, Column]:
+    """Return the properties of all pieces, of the types that `property_columns` gives them."""
+    columns: dict[str, Column] = {}
+    for name in dict.fromkeys(name for piece in pieces for name in piece.columns):
+        own = [piece.columns.get(name) for piece in pieces]
+        if any(isinstance(column, tuple) for column in own):
+            columns[name] = tuple(chain.from_iterable(map(_texts, own, map(len, pieces))))
+        else:
+            none = [np.full(len(piece), np.nan) for piece in pieces]
+            columns[name] = np.concatenate(
+                [empty if column is None else column for column, empty in zip(own, none, strict=True)]
+            )
+    return MappingProxyType(columns)
+
+
+def _texts(column: Column | None, count: int) -> tuple[str, ...]:
+    if column is None or isinstance(column, tuple):
+        return column or ("",) * count
+    return tuple("" if value != value else str(value) for value in column.tolist())
+
+
+_JOINERS: Final[Mapping[str, Callable[[Sequence[VectorLayer], str], Any]]] = {
+    **dict.fromkeys(("vertices", "kinds", "ids", "labels"), _join_arrays),
+    **dict.fromkeys(("rings", "parts"), _join_starts),
+    "columns": _join_columns,
+}
+
+
+def _ranges(starts: Int64Array, which: Int64Array) -> tuple[Int64Array, Int64Array]:
+    """Return the numbers of the elements of some parts, by where these start, and how many each has."""
+    counts = starts[which + 1] - starts[which]
+    first = np.cumsum(counts) - counts
+    return np.repeat(starts[which] - first, counts) + np.arange(counts.sum()), counts
 
 
 _EMPTY: Final = {name: VectorLayer(name) for name in VECTOR_LAYERS}

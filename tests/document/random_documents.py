@@ -87,7 +87,7 @@ def random_vectors(rng: Rng, name: str) -> VectorLayer:
         values = {
             each.name: str(rng.choice(each.choices))
             if each.choices
-            else each.kind(round(value, each.kind is float))
+            else each.kind(max(round(value, each.kind is float), each.low))
             for each in declared
             if rng.random() < 0.3
             for value in [float(rng.uniform(each.low, each.high))]

@@ -10,7 +10,7 @@ from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF, QTransform
 
 from sketchterrain.document.layers import LAYERS
-from sketchterrain.document.vector_edits import shared_nodes, vertices_of
+from sketchterrain.document.vector_edits import shared_nodes
 from sketchterrain.document.vectors import AREA, LINE
 from sketchterrain.ui.canvas.marks import SELECTED, OverlayImage, draw_haloed, screen_paths
 from sketchterrain.ui.canvas.tool_context import ToolContext
@@ -53,10 +53,10 @@ class VectorMarks:
     def draw_selection(self, painter: QPainter, selection: Selection, drag: FeatureDrag | None) -> None:
         """Draw the selected vector with its vertices, and while one is dragged all that share the node."""
         context, layer = self._context, self._context.document.sketch.vectors[selection.kind]
-        if selection.id not in layer.ids:
+        feature = vectors.find_vector(context.document.sketch, selection)
+        if feature is None:
             return
-        numbers = vertices_of(layer, selection.id)
-        places = layer.vertices[numbers.start : numbers.stop].copy()
+        places = np.concatenate(feature.rings)
         network = vectors.network_of(context.document.sketch, selection.kind)
         shared = shared_nodes(network, places)
         if drag is None:

@@ -76,7 +76,7 @@ def place_of_finding(sketch: Sketch, line: str) -> tuple[float, float] | None:
     """Return the middle vertex (m) of the vector that a finding begins with, as ``road 12: …``; else None."""
     layer, name, *_ = [*line.replace(":", " ").split(), "", ""]
     vectors = sketch.vectors.get(layer)
-    if vectors is None or not name.isdecimal() or int(name) not in vectors.ids:
+    if vectors is None or not name.isdecimal() or int(name) not in vectors:
         return None
     (ring, *_) = vectors.feature(int(name)).rings
     x, y = ring[len(ring) // 2].tolist()

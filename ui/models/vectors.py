@@ -156,7 +156,7 @@ def find_vector(sketch: Sketch, selection: Selection | None) -> VectorFeature | 
     if selection is None or not selection.is_vector:
         return None
     layer = sketch.vectors[selection.kind]
-    return layer.feature(selection.id) if selection.id in layer.ids else None
+    return layer.feature(selection.id) if selection.id in layer else None
 
 
 def visible_vectors(sketch: Sketch, workspace: Workspace) -> list[VectorLayer]:
@@ -206,8 +206,8 @@ def _reaches(layer: VectorLayer, reach: float, other_than: tuple[float, float] |
     """Return a distance for each feature; less than 0 of those that have a node at a position."""
     reaches = np.full(len(layer), reach)
     if other_than is not None:
-        at_node = edits.at_node(layer, *other_than)
-        reaches[layer.feature_of_ring[layer.ring_of_vertex[at_node]]] = -np.inf
+        own = layer.with_vertices(edits.vertices_at(layer, *other_than))
+        reaches[[layer.index(each) for each in own.ids.tolist()]] = -np.inf
     return reaches
 
 
@@ -221,7 +221,7 @@ def with_nodes(
     curves, reaches = curves_of(layer), _reaches(layer, _ON_LINE, other_than)
     found: list[tuple[int, float, float, float]] = []
     for x, y in np.unique(places, axis=0).tolist():
-        index = None if edits.at_node(layer, x, y).any() else curves.nearest(x, y, reaches)
+        index = None if len(edits.vertices_at(layer, x, y)) else curves.nearest(x, y, reaches)
         if index is not None:
             after = nearest_place(layer, index, x, y)[0]
             found.append((after, float(np.hypot(*(layer.vertices[after] - (x, y)))), x, y))
@@ -273,9 +273,7 @@ def _storeys(sketch: Sketch, layer: VectorLayer, rows: list[int]) -> list[int]:
 
 def with_moved_node(layer: VectorLayer, start: tuple[float, float], end: tuple[float, float]) -> VectorLayer:
     """Return the features at a node, moved to another position (m) where that is possible, for previews."""
-    at_node = np.unique(layer.ring_of_vertex[edits.at_node(layer, *start)])
-    others = np.delete(layer.ids, layer.feature_of_ring[at_node])
-    own = layer.edited(remove=others.tolist())
+    own = layer.with_vertices(edits.vertices_at(layer, *start))
     try:
         return edits.move_node(own, start, end)
     except InputError:
@@ -289,7 +287,7 @@ def node_moved(
     place = np.array([end])
     layers = [with_nodes(layer, place, other_than=start) for layer in network_of(sketch, name)]
     return [
-        edits.move_node(each, start, end) if edits.at_node(each, *start).any() else each for each in layers
+        edits.move_node(each, start, end) if len(edits.vertices_at(each, *start)) else each for each in layers
     ]
 
 
@@ -298,7 +296,7 @@ def drag_refusal(sketch: Sketch, workspace: Workspace, name: str, x: float, y: f
     locked = (
         layer.layer
         for layer in network_of(sketch, name)
-        if workspace.look(layer.layer).locked and edits.at_node(layer, x, y).any()
+        if workspace.look(layer.layer).locked and len(edits.vertices_at(layer, x, y))
     )
     return workspace.refusal(name) or next(map(workspace.refusal, locked), "")
 
@@ -336,7 +334,7 @@ def insert_vertex(document: Document, workspace: Workspace, x: float, y: float, 
     after, place = nearest_place(layer, index, x, y)
     changed = edits.insert_vertices(layer, np.array([after]), np.array([place]))
     change_vectors(document, workspace, "Insert a vertex in", changed)
-    workspace.selection = replace(selection, index=after + 1 - edits.vertices_of(layer, selection.id)[0])
+    workspace.selection = replace(selection, index=after + 1 - layer.vertices_of(selection.id)[0])
     return True
 
 
@@ -346,13 +344,13 @@ def delete_vector(document: Document, workspace: Workspace) -> None:
     if selection is None or find_vector(document.sketch, selection) is None:
         return
     layer, index = document.sketch.vectors[selection.kind], selection.index
-    vertices = edits.vertices_of(layer, selection.id)
+    vertices = layer.vertices_of(selection.id)
     if index is None or index >= len(vertices):  # it has fewer vertices since an undo
         title, changed = "Delete a vector of", layer.edited(remove=[selection.id])
     else:
         title, changed = "Delete a vertex of", edits.delete_vertex(layer, vertices[index])
     change_vectors(document, workspace, title, changed)
-    exists = selection.id in changed.ids
+    exists = selection.id in changed
     workspace.selection = replace(selection, index=max((index or 0) - 1, 0)) if exists else None
 
 
@@ -395,7 +393,7 @@ def paste(document: Document, workspace: Workspace, text: str) -> None:
     name, features = edits.from_text(text)
     layer, step, count = document.sketch.vectors[name], _OFFSET * document.sketch.extent, 1
     first = features[0].rings[0][0]
-    while edits.at_node(layer, *(first + count * step * np.array([1.0, -1.0]))).any():
+    while len(edits.vertices_at(layer, *(first + count * step * np.array([1.0, -1.0])))):
         count += 1
     added = layer.edited(add=[edits.moved(each, count * step, -count * step) for each in features])
     change_vectors(document, workspace, "Paste", added)

@@ -7,7 +7,7 @@ from PyQt6.QtWidgets import QComboBox, QLabel, QWidget
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.own_materials import with_materials
 from sketchterrain.document.parameters import Parameter, Value
-from sketchterrain.document.vector_edits import change_layer, network_layers, set_value, vertices_of
+from sketchterrain.document.vector_edits import change_layer, network_layers, set_value
 from sketchterrain.document.vectors import LINE, VECTOR_LAYERS, VectorLayer, vector_parameters
 from sketchterrain.ui.commands import labels_of
 from sketchterrain.ui.look.theme import MARGIN, column, described, row
@@ -128,4 +128,4 @@ def _facts(layer: VectorLayer, name: int) -> str:
     shape = curves_of(layer).shapes[layer.index(name)]
     length, area = number(shape.length / 1000, decimals=2), number(shape.area / 1e6, decimals=2)
     size = f"{area} km²" if shape.area > 0.0 else f"{length} km"
-    return f"{size}, {len(vertices_of(layer, name))} vertices"
+    return f"{size}, {len(layer.vertices_of(name))} vertices"

@@ -38,6 +38,11 @@ _SURFACES: Final = {"asphalt": 0, "gravel": 1, "soil": 2, "rock": 3}
 _RAILS: Final = 4
 _MARKED: Final = 5.0  # m: carriageways of asphalt have marks from this width on
 _STEEP: Final = 0.06  # slope from which on rows of crops follow the contours
+_SLOPE_CELL: Final = 16.0  # m: of the ground whose slope they follow
+_CROSS: Final = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
+_COMMON: Final = ("wheat", "wheat", "wheat", "wheat", "maize", "maize", "rapeseed", "ploughed")
+_FRAY: Final = 0.5  # m by which noise widens roads
+_DEFINES: Final = (("SIDE", str(SIDE)),)
 _MAX_TILES: Final = 64  # in a launch
 
 
@@ -78,7 +83,7 @@ class Appearance:
     def occupied(self, keys: npt.ArrayLike) -> BoolArray:
         """Return whether anything may be painted in tiles (n, 3) of level, column and row, (n,)."""
         tiles = np.asarray(keys, np.int64).reshape(-1, 3)
-        boxes = _boxes(tiles, 1)
+        boxes = _blocks(_corners(tiles), np.exp2(LATTICE_BITS - tiles[:, 0]) / (SIDE - 2), 1)
         found = np.zeros(len(tiles), np.bool_)
         for index in (self._roads.boxes, self._areas):
             if len(index):
@@ -101,38 +106,67 @@ class Appearance:
         result = np.zeros((len(tiles), SIDE, SIDE, 4), np.uint8)
         for level in np.unique(tiles[:, 0]).tolist():
             own = np.flatnonzero(tiles[:, 0] == level)
-            for first in range(0, len(own), _MAX_TILES):
-                part = own[first : first + _MAX_TILES]
-                result[part] = self._level(tiles[part])
+            result[own] = self._squares(_corners(tiles[own]), self.texel(level))
         return result
 
-    def _level(self, tiles: Int64Array) -> npt.NDArray[np.uint8]:
-        """Return tiles of one level."""
-        context, level = self.context, int(tiles[0, 0])
-        real, texel, unit = context.real_dtype.type, self.texel(level), metres_per_unit(self.extent)
-        blocks = _boxes(tiles, SIDE // _BLOCK)
+    def window(
+        self, west: float, north: float, *, cell: float, columns: int, rows: int
+    ) -> npt.NDArray[np.uint8]:
+        """Return texels around the samples of a grid, (rows, columns, 4) uint8, as those of `tiles`.
+
+        The first sample is at (west, north), m; the others follow every `cell` m to the east and the south.
+        """
+        inner = SIDE - 2
+        across, down = -(-columns // inner), -(-rows // inner)
+        x = west - 0.5 * cell + inner * cell * np.arange(across)
+        y = north + 0.5 * cell - inner * cell * np.arange(1, down + 1)
+        places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        found = self._squares(to_lattice(places, self.extent), cell)[:, 1:-1, 1:-1]
+        whole = found.reshape(down, across, inner, inner, 4).swapaxes(1, 2)
+        return whole.reshape(down * inner, across * inner, 4)[:rows, :columns]
+
+    def _squares(self, corners: LatticeArray, texel: float) -> npt.NDArray[np.uint8]:
+        """Return squares of texels (m), the outermost outside of south-west corners (n, 2), lattice units."""
+        result = np.zeros((len(corners), SIDE, SIDE, 4), np.uint8)
+        for first in range(0, len(corners), _MAX_TILES):
+            part = slice(first, first + _MAX_TILES)
+            result[part] = self._launch(corners[part], texel)
+        return result
+
+    def _launch(self, corners: LatticeArray, texel: float) -> npt.NDArray[np.uint8]:
+        context, unit = self.context, metres_per_unit(self.extent)
+        real, shape = context.real_dtype.type, (len(corners), SIDE, SIDE, 4)
+        blocks = _blocks(corners, texel / unit, SIDE // _BLOCK)
         roads, road_lists = _listed(self._roads.boxes, blocks)
         is_coarse = texel > _COARSE
         areas, area_lists = _listed(self._areas, blocks[:0] if is_coarse else blocks)
         if is_coarse:
             area_lists = (np.zeros(len(blocks) + 1, np.int32), area_lists[1])
-            base = np.stack([self._coarse(tile) for tile in tiles])
-        at, row, form, edges = self._area_rows(areas)
+        at, row, form, edges = self._area_rows(areas, self._bearings(areas))
         arrays = (
-            *(self._roads.at[roads], self._roads.row[roads].astype(real), *road_lists),
+            *(corners, self._roads.at[roads], self._roads.row[roads].astype(real), *road_lists),
             *(at, row.astype(real), form, edges.astype(real), *area_lists),
         )
+        place, *buffers = (context.upload(array) for array in arrays)
+        result = context.empty(shape, np.uint8)
+        base = np.stack([self._coarse(corner, texel) for corner in corners]) if is_coarse else None
         bits = np.array([max(round(np.log2(scale / unit)), 0) for scale in _NOISE] + [0], np.int32)
-        buffers = [context.upload(array) for array in arrays]
-        result = context.empty((len(tiles), SIDE, SIDE, 4), np.uint8)
         context.launch(
-            *(_FILE, "appearance", (SIDE, SIDE, len(tiles))),
-            *(context.upload(_boxes(tiles, 1)[:, :2]), real(texel), real(unit), bits, *buffers),
-            *(np.int32(is_coarse), context.upload(base) if is_coarse else result, result),
+            *(
+                _FILE,
+                "appearance",
+                (SIDE, SIDE, len(corners)),
+                place,
+                real(texel),
+                real(unit),
+                bits,
+                *buffers,
+            ),
+            *(np.int32(is_coarse), result if base is None else context.upload(base), result),
             group=(_BLOCK, 1, 1),
-            defines=(("SIDE", str(SIDE)),),
+            defines=_DEFINES,
         )
-        return context.download(result, (len(tiles), SIDE, SIDE, 4), np.uint8)
+        return context.download(result, shape, np.uint8)
 
     @cached_property
     def _roads(self) -> _Painted:
@@ -145,9 +179,9 @@ class Appearance:
         return BoxIndex(np.concatenate([low, high], axis=1).astype(np.int64))
 
     def _area_rows(
-        self, areas: Int64Array
+        self, areas: Int64Array, bearings: Float64Array
     ) -> tuple[LatticeArray, Float64Array, npt.NDArray[np.int32], Float64Array]:
-        """Return places, rows, forms and edges of some areas."""
+        """Return places, rows, forms and edges of some areas whose rows of crops have bearings (°)."""
         use = self.recipe.landuse
         first, last = use.first[areas], use.first[areas + 1]
         counts = last - first
@@ -161,7 +195,7 @@ class Appearance:
         tone = hash_unit(0, "tone of an area", use.ids[areas])
         row = np.zeros((len(areas), 8))
         row[:, :4] = use.boxes[areas] - np.tile(at * metres_per_unit(self.extent), 2)
-        bearing = np.radians(self._bearings(areas))
+        bearing = np.radians(bearings)
         row[:, _AREA["area_across_x"]], row[:, _AREA["area_across_y"]] = np.cos(bearing), -np.sin(bearing)
         row[:, _AREA["area_tone"]], row[:, _AREA["area_density"]] = tone, use.density[areas]
         form = np.zeros((len(areas), 4), np.int32)
@@ -190,62 +224,50 @@ class Appearance:
             return np.zeros(0)
         boxes = use.boxes[areas]
         middle, span = 0.5 * (boxes[:, :2] + boxes[:, 2:]), (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
-        step = 0.25 * span
+        step = np.maximum(0.25 * span, _SLOPE_CELL)
         places = np.concatenate([middle + step[:, None] * np.array(way) for way in _CROSS])
-        heights = self.heights(*places.T, cell_size=float(np.median(step))).reshape(4, -1)
+        heights = self.heights(*places.T, cell_size=_SLOPE_CELL).reshape(4, -1)
         east, north = (heights[0] - heights[1]) / (2.0 * step), (heights[2] - heights[3]) / (2.0 * step)
         contour = np.degrees(np.arctan2(-north, east)) % 180.0
         longest = np.array([_longest_side(use.edges[use.first[k] : use.first[k + 1]]) for k in areas])
         return np.where(np.hypot(east, north) > _STEEP, contour, longest)
 
-    def _coarse(self, tile: Int64Array) -> npt.NDArray[np.uint8]:
-        """Return what areas paint in a tile of large texels: sums over their edges, exact in colour."""
-        texel = self.texel(int(tile[0]))
-        _, areas = self._areas.touching(_boxes(tile[None], 1))
+    def _coarse(self, corner: LatticeArray, texel: float) -> npt.NDArray[np.uint8]:
+        """Return what areas paint in a square of large texels: sums over their edges, exact in colour."""
+        context, unit = self.context, metres_per_unit(self.extent)
+        real = context.real_dtype
+        _, areas = self._areas.touching(_blocks(corner[None], texel / unit, 1))
         total = np.zeros((SIDE, SIDE + 1, 4))
         if len(areas):
-            at, row, form, edges = self._area_rows(areas)
-            context = self.context
-            real = context.real_dtype
+            at, row, form, edges = self._area_rows(areas, np.zeros(len(areas)))  # no row is seen
             means = context.empty((len(areas), 4), real)
             rows = [context.upload(each) for each in (row.astype(real), form)]
             context.launch(
-                *(_FILE, "area_means", (len(areas),), real.type(texel), *rows, means),
-                defines=(("SIDE", str(SIDE)),),
+                _FILE, "area_means", (len(areas),), real.type(texel), *rows, means, defines=_DEFINES
             )
             colour = context.download(means, (len(areas), 4), real).astype(np.float64)
             colour[:, :3] *= colour[:, 3:]
-            corner = tile[1:] * (self.extent / 2.0 ** int(tile[0])) - texel
-            origin = at * metres_per_unit(self.extent) - corner
-            edges[:, :2] += np.repeat(origin, form[:, 1], axis=0)
-            sides = np.repeat(np.arange(len(areas)), form[:, 1])
-            _sum_edges(edges / texel, colour[sides], total)
+            edges[:, :2] += np.repeat((at - corner) * unit + texel, form[:, 1], axis=0)
+            _sum_edges(edges / texel, np.repeat(colour, form[:, 1], axis=0), total)
         share = np.clip(total[:, :SIDE, 3:], 0.0, 1.0)
         albedo = np.clip(total[:, :SIDE, :3] / np.maximum(total[:, :SIDE, 3:], 1e-6), 0.0, 1.0)
         return np.rint(255.0 * np.concatenate([np.sqrt(albedo), share], axis=-1)[::-1]).astype(np.uint8)
 
 
-_CROSS: Final = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
+def _corners(tiles: Int64Array) -> LatticeArray:
+    """Return the south-west corners (n, 2) of tiles (n, 3), lattice units."""
+    return np.asarray(tiles[:, 1:] << (LATTICE_BITS - tiles[:, :1]))
 
 
-def _boxes(tiles: Int64Array, parts: int) -> LatticeArray:
-    """Return the boxes (n · parts², 4) of blocks of tiles' texels, lattice units, from the north-west on.
-
-    One block is the tile itself; several include the texels beyond it.
-    """
-    side = np.left_shift(1, LATTICE_BITS - tiles[:, 0])
-    low = tiles[:, 1:] * side[:, None]
-    if parts == 1:
-        return np.concatenate([low, low + side[:, None]], axis=1)
-    step = side / (SIDE - 2) * _BLOCK
-    margin = side / (SIDE - 2)
-    column = np.arange(parts)
-    west = low[:, :1] - margin[:, None] + step[:, None] * column
-    south = low[:, 1:] - margin[:, None] + step[:, None] * column[::-1]
-    corner = np.stack(np.broadcast_arrays(west[:, None, :], south[:, :, None]), axis=-1).reshape(-1, 2)
-    each = np.repeat(step, parts**2)[:, None]
-    boxes = np.concatenate([np.floor(corner), np.ceil(corner + each)], axis=1)
-    return boxes.astype(np.int64)
+def _blocks(corners: LatticeArray, texel: npt.ArrayLike, parts: int) -> LatticeArray:
+    """Return boxes (n · parts², 4), lattice units, of blocks of squares' texels, from the north-west."""
+    side = np.broadcast_to(np.asarray(texel, np.float64), len(corners))[:, None]
+    step = side * (SIDE // parts)
+    west = corners[:, :1] - side + step * np.arange(parts)
+    south = corners[:, 1:] - side + step * np.arange(parts)[::-1]
+    low = np.stack(np.broadcast_arrays(west[:, None, :], south[:, :, None]), axis=-1).reshape(-1, 2)
+    high = low + np.repeat(step, parts**2, axis=0)
+    return np.concatenate([np.floor(low), np.ceil(high)], axis=1).astype(np.int64)
 
 
 def _listed(
@@ -263,9 +285,6 @@ def _crops(use: LandUse, areas: Int64Array) -> npt.NDArray[np.uint8]:
     draw = hash_unit(0, "crop of a field", use.ids[areas])
     own = common[np.minimum((draw * len(common)).astype(np.int64), len(common) - 1)]
     return np.where(use.crop[areas] == 0, own, use.crop[areas])
-
-
-_COMMON: Final = ("wheat", "wheat", "wheat", "wheat", "maize", "maize", "rapeseed", "ploughed")
 
 
 def _longest_side(edges: Float64Array) -> float:
@@ -356,9 +375,6 @@ def _painted_roads(network: RoadNetwork, extent: float) -> _Painted:
     at, row = to_lattice(np.concatenate(starts), extent), np.concatenate(rows)
     reach = row[:, [_PIECE["piece_from_whole"], _PIECE["piece_to_whole"]]].max(axis=1, initial=0.0) + _FRAY
     return _Painted(at, row, BoxIndex(arc_boxes(at, row[:, :2], row[:, _PIECE["piece_bend"]], reach, unit)))
-
-
-_FRAY: Final = 0.5  # m by which noise widens roads
 
 
 def _junctions(network: RoadNetwork) -> dict[int, list[tuple[float, bool]]]:

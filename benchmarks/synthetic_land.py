@@ -35,9 +35,9 @@ def curve_count(side: int) -> int:
 def synthetic_land(side: int = SIDE) -> Sketch:
     """Return the sketch of a country in the middle of 100 × 100 km, so many cells (even) along a side.
 
-    Cells are laid like bricks, so that three curves meet at a corner, and each is shared by two areas; some are
-    merged, some split, some have a hole that is an area of its own. A smaller country is the middle of a larger
-    one, with the same ids: only their number differs.
+    Cells are laid like bricks, so that three curves meet at a corner, and each is shared by two areas; some
+    are merged, some split, some have a hole that is an area of its own. A smaller country is the middle of a
+    larger one, with the same ids: only their number differs.
     """
     land = _Land(side)
     return Sketch(
@@ -51,7 +51,7 @@ def synthetic_land(side: int = SIDE) -> Sketch:
 class _Land:
     """Corners and middles of curves of the whole land, and the cells of the one asked for.
 
-    Line r has corners every half cell; the cells of row r, between lines r and r + 1, begin at every second one.
+    Line r has corners every half cell; cells of row r, between lines r and r + 1, begin at every second one.
     """
 
     def __init__(self, side: int) -> None:

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array, LatticeArray
-from sketchterrain.document.layers import CROPS, LANE_WIDTHS
+from sketchterrain.document.layers import LANE_WIDTHS
 from sketchterrain.io.resources import kernel_columns
-from sketchterrain.landuse.areas import FOREST, LandUse
+from sketchterrain.landuse.areas import FOREST
 from sketchterrain.placement.hashing import hash_unit
 from sketchterrain.roads.road_types import GROUND, TUNNEL, RoadNetwork
 from sketchterrain.terrain.centrelines import arc_boxes
@@ -40,7 +40,6 @@ _MARKED: Final = 5.0  # m: carriageways of asphalt have marks from this width on
 _STEEP: Final = 0.06  # slope from which on rows of crops follow the contours
 _SLOPE_CELL: Final = 16.0  # m: of the ground whose slope they follow
 _CROSS: Final = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
-_COMMON: Final = ("wheat", "wheat", "wheat", "wheat", "maize", "maize", "rapeseed", "ploughed")
 _FRAY: Final = 0.5  # m by which noise widens roads
 _DEFINES: Final = (("SIDE", str(SIDE)),)
 _MAX_TILES: Final = 64  # in a launch
@@ -183,15 +182,12 @@ class Appearance:
     ) -> tuple[LatticeArray, Float64Array, npt.NDArray[np.int32], Float64Array]:
         """Return places, rows, forms and edges of some areas whose rows of crops have bearings (°)."""
         use = self.recipe.landuse
-        first, last = use.first[areas], use.first[areas + 1]
-        counts = last - first
-        start = np.cumsum(counts) - counts
-        member = np.repeat(first - start, counts) + np.arange(int(counts.sum()))
-        corner = use.edges[first, :2]
-        at = to_lattice(corner, self.extent)
-        origin = np.repeat(at * metres_per_unit(self.extent), counts, axis=0)
-        ends = use.edges[member]
-        edges = np.concatenate([ends[:, :2] - origin, ends[:, 2:] - ends[:, :2]], axis=1)
+        area, number = use.edges_of(areas)
+        counts = np.bincount(area, minlength=len(areas))
+        at = to_lattice(use.edges[use.first[areas], :2], self.extent)
+        ends = use.edges[number]
+        start = ends[:, :2] - (at * metres_per_unit(self.extent))[area]
+        edges = np.concatenate([start, ends[:, 2:] - ends[:, :2]], axis=1)
         tone = hash_unit(0, "tone of an area", use.ids[areas])
         row = np.zeros((len(areas), 8))
         row[:, :4] = use.boxes[areas] - np.tile(at * metres_per_unit(self.extent), 2)
@@ -199,8 +195,8 @@ class Appearance:
         row[:, _AREA["area_across_x"]], row[:, _AREA["area_across_y"]] = np.cos(bearing), -np.sin(bearing)
         row[:, _AREA["area_tone"]], row[:, _AREA["area_density"]] = tone, use.density[areas]
         form = np.zeros((len(areas), 4), np.int32)
-        form[:, 0], form[:, 1] = start, counts
-        form[:, 2], form[:, 3] = use.use[areas], _crops(use, areas)
+        form[:, 0], form[:, 1] = np.cumsum(counts) - counts, counts
+        form[:, 2], form[:, 3] = use.use[areas], use.crops(areas)
         return at, row, form, edges
 
     @cached_property
@@ -277,14 +273,6 @@ def _listed(
     starts, items = item_lists(index, blocks)
     used, number = np.unique(items, return_inverse=True)
     return used.astype(np.int64), (starts, number.astype(np.int32))
-
-
-def _crops(use: LandUse, areas: Int64Array) -> npt.NDArray[np.uint8]:
-    """Return the crops of areas; those of automatic ones by their ids: much wheat, some of the others."""
-    common = np.array([CROPS.index(name) for name in _COMMON], np.uint8)
-    draw = hash_unit(0, "crop of a field", use.ids[areas])
-    own = common[np.minimum((draw * len(common)).astype(np.int64), len(common) - 1)]
-    return np.where(use.crop[areas] == 0, own, use.crop[areas])
 
 
 def _longest_side(edges: Float64Array) -> float:

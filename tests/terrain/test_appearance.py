@@ -1,0 +1,308 @@
+"""Appearance tiles: shares of areas, edges and phases of marks, junctions, equal texels in all tiles."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import shapely
+
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.compute.device import list_devices
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.vectors import VectorLayer
+from sketchterrain.landuse.areas import NO_LAND_USE, land_use
+from sketchterrain.roads.road_types import RoadNetwork
+from sketchterrain.terrain.appearance import SIDE, Appearance
+
+from ..sample_roads import make_road
+
+if not list_devices():
+    pytest.skip("no OpenCL device", allow_module_level=True)
+
+EXTENT = 4096.0
+MEADOW = 153  # 0.6: share of a meadow's texel that is painted
+WHITE = np.sqrt(0.4)
+
+
+def appearance(areas=(), roads=(), *, use="meadow", extent=EXTENT, real="float", device=0, slope=(0.0, 0.0)):
+    landuse = NO_LAND_USE
+    if len(areas):
+        columns = {"use": (use,) * len(areas) if isinstance(use, str) else tuple(use)}
+        layer = VectorLayer.from_shapes("landuse", np.array(areas, object), columns=columns)
+        landuse = land_use(Sketch(vectors={"landuse": layer}))
+    recipe = SimpleNamespace(extent=extent, landuse=landuse, network=RoadNetwork(tuple(roads)))
+    context = ComputeContext(list_devices()[device], real=real)
+
+    def heights(x, y, *, cell_size):
+        assert cell_size > 0
+        return np.asarray(slope[0] * x + slope[1] * y, np.float32)
+
+    return Appearance(recipe, context, heights)
+
+
+def partition(count, seed, *, size=1000.0, at=(300.0, 400.0)):
+    """Return cells of random points in a square, which share their borders vertex by vertex."""
+    rng = np.random.default_rng(seed)
+    points = shapely.MultiPoint(rng.uniform(0.0, size, (count, 2)))
+    square = shapely.box(0.0, 0.0, size, size)
+    cells = shapely.get_parts(shapely.voronoi_polygons(points, extend_to=square))
+    moved = shapely.transform(shapely.intersection(cells, square), lambda x: x + at)
+    return shapely.set_precision(moved, 1.0 / 1024.0)
+
+
+def texel_boxes(paint, level, column, row):
+    """Return the texels of a tile as shapely boxes, (SIDE, SIDE), row 0 northernmost."""
+    width, side = paint.extent / 2.0**level, paint.texel(level)
+    west = column * width + (np.arange(SIDE) - 1.0) * side
+    north = (row + 1) * width - (np.arange(SIDE) - 1.0) * side
+    return shapely.box(west, north[:, None] - side, west + side, north[:, None])
+
+
+@pytest.mark.parametrize("level", [-1, 0, 1, 3, 5])
+def test_shares_are_the_areas_of_texels_inside(level) -> None:
+    """Of a ring with a hole that touches its border in a vertex, and of slivers."""
+    ring = shapely.Point(800.0, 700.0).buffer(350.0, 12)
+    corner = np.array(ring.exterior.coords[5])
+    hole = shapely.Polygon(corner + np.array([(0, 0), (-90, -150), (60, -190)])).intersection(ring)
+    far_hole = shapely.box(600.0, 500.0, 700.0, 680.0)
+    sliver = shapely.Polygon([(1300.0, 200.0), (1900.0, 1100.0), (1900.4, 1100.0)])
+    shapes = [ring.difference(hole).difference(far_hole), sliver]
+    paint = appearance(shapely.set_precision(shapes, 1.0 / 1024.0))
+    whole = shapely.union_all(shapes)
+    width = EXTENT / 2.0**level
+    for place in ((820.0, 640.0), (1600.0, 650.0), tuple(corner)):
+        column, row = (int(part // width) for part in place)
+        share = paint.tiles([(level, column, row)])[0, ..., 3]
+        rng = np.random.default_rng(level + 9)
+        partly = np.argwhere((share > 0) & (share < MEADOW))
+        near = np.concatenate([rng.integers(0, SIDE, (300, 2)), rng.permutation(partly)[:300]])
+        boxes = texel_boxes(paint, level, column, row)[near[:, 0], near[:, 1]]
+        expected = shapely.area(shapely.intersection(boxes, whole)) / shapely.area(boxes)
+        found = share[near[:, 0], near[:, 1]] / MEADOW
+        assert np.abs(found - expected).max() < 1.5 / 255.0, place
+
+
+@pytest.mark.parametrize("level", [-1, 0, 2, 4, 7])
+def test_neighbours_leave_no_gap_and_do_not_overlap(level) -> None:
+    cells = partition(300, 4, at=(24.0, 24.0))
+    paint = appearance(cells)
+    width = EXTENT / 2.0**level
+    inside = shapely.box(24.0, 24.0, 1024.0, 1024.0)
+    for place in ((500.0, 500.0), (777.0, 333.0)):
+        key = (level, *(int(part // width) for part in place))
+        share = paint.tiles([key])[0, ..., 3]
+        whole = shapely.contains(inside, texel_boxes(paint, *key))
+        assert whole.sum() > 100
+        assert np.abs(share[whole].astype(int) - MEADOW).max() <= 1
+
+
+def test_the_higher_of_two_overlapping_areas_is_on_top() -> None:
+    both = [shapely.box(100.0, 100.0, 300.0, 300.0), shapely.box(200.0, 200.0, 400.0, 400.0)]
+    paint = appearance(both, use=["field", "built_up"])
+    alone = appearance(both[1:], use="built_up")
+    key = (5, 1, 1)
+    (one,), (other,) = paint.tiles([key]), alone.tiles([key])
+    inside = shapely.contains(both[1], texel_boxes(paint, *key))
+    assert inside.sum() > 1000
+    np.testing.assert_array_equal(one[inside][:, 3], other[inside][:, 3])
+    share = one[..., 3][shapely.contains(both[0].difference(both[1]), texel_boxes(paint, *key))]
+    assert (share > 150).all()
+
+
+@pytest.mark.parametrize("level", [0, 3, 6, 10])
+def test_neighbouring_tiles_share_texels(level) -> None:
+    road = make_road([(300, 420, 0), (700, 640, 0), (1100, 1300, 0)], width=7.0)
+    paint = appearance(partition(60, 2), [road], use=["field", "meadow", "built_up", "forest"] * 15)
+    width = EXTENT / 2.0**level
+    column, row = int(700 // width), int(640 // width)
+    here, east, north = paint.tiles(
+        [(level, column, row), (level, column + 1, row), (level, column, row + 1)]
+    )
+    assert here[..., 3].any()
+    for one, other in ((here[:, -2:], east[:, :2]), (here[:2], north[-2:])):
+        off = np.abs(one.astype(int) - other)
+        assert (off > 1).any(axis=-1).sum() <= 2  # rounding moves a texel over the border of a plot
+
+
+def test_windows_are_tiles_of_any_cell_size() -> None:
+    road = make_road([(300, 420, 0), (700, 640, 0), (1100, 1300, 0)], width=7.0)
+    paint = appearance(partition(60, 2), [road], use="field", slope=(0.1, 0.05))
+    texel = paint.texel(5)
+    tiles = paint.tiles([(5, 5, 5), (5, 6, 5)])
+    west, north = 5 * 128.0 + 0.5 * texel, 6 * 128.0 - 0.5 * texel
+    window = paint.window(west, north, cell=texel, columns=300, rows=100)
+    assert window.shape == (100, 300, 4)
+    both = np.concatenate([tiles[0, 1:-1, 1:-1], tiles[1, 1:-1, 1:-1]], axis=1)[:100, :300]
+    np.testing.assert_array_equal(window, both)
+
+
+def test_no_tile_is_left_out_by_occupied() -> None:
+    road = make_road([(1500, 1500, 0), (1700, 1640, 0), (1950, 1510, 0)])
+    paint = appearance(partition(20, 6, size=300.0), [road])
+    keys = np.array([(level, c, r) for level in (2, 4, 5) for c in range(2**level) for r in range(2**level)])
+    painted = paint.tiles(keys)[..., 3].any(axis=(1, 2))
+    occupied = paint.occupied(keys)
+    assert 0 < painted.sum() <= occupied.sum() < len(keys) // 3
+    assert not (painted & ~occupied).any()
+
+
+def straight(width=6.0, turn=0.0, **given):
+    """Return a road of 600 m through the middle of the sketch, turned by an angle (°)."""
+    ahead = np.array([np.cos(np.radians(turn)), np.sin(np.radians(turn))])
+    middle = np.array([2048.0, 2048.0])
+    ends = [np.append(middle - 300.0 * ahead, 0.0), np.append(middle + 300.0 * ahead, 0.0)]
+    return make_road(ends, width=width, **given)
+
+
+def marks(tile):
+    """Return how white texels are, 0 … 1."""
+    return (tile[..., :3] / 255.0).mean(axis=-1) > WHITE
+
+
+def test_dashes_keep_their_phase_over_tiles() -> None:
+    """One dash in 9 m from the leg's start on, within 1 mm, in tiles of 4 m with texels of 2 cm."""
+    paint = appearance(roads=[straight()])
+    level = 10
+    row = int(2048.0 // 4.0)
+    keys = [(level, column, row) for column in range(1800 // 4, 1860 // 4)]
+    tiles = paint.tiles(keys)
+    texel = paint.texel(level)
+    axis = np.concatenate([(tile[-2, 1:-1, :3] / 255.0).mean(axis=-1) ** 2 for tile in tiles])
+    along = 1800.0 - 1748.0 + (np.arange(len(axis)) + 0.5) * texel
+    paved, painted = np.median(axis[(along % 9.0 > 4) & (along % 9.0 < 8)]), np.median(axis[along % 9.0 < 2])
+    assert painted > 3 * paved
+    share = np.clip((axis - paved) / (painted - paved), 0.0, 1.0)
+    for number in range(6, 12):
+        # The length that is white on both sides of where a dash starts and ends.
+        for edge, sign in ((9.0 * number, 1.0), (9.0 * number + 3.0, -1.0)):
+            near = np.abs(along - edge) < 1.0
+            white = (share[near] > 0.5) if sign > 0 else (share[near] <= 0.5)
+            steep = np.flatnonzero(np.diff(white.astype(int)) != 0)
+            assert len(steep) == 1
+            k = np.flatnonzero(near)[steep[0]]
+            before, after = (share[k], share[k + 1]) if sign > 0 else (1 - share[k], 1 - share[k + 1])
+            found = along[k + 1] + 0.5 * texel - (before + after) * texel
+            assert found == pytest.approx(edge, abs=max(1e-3, 0.25 * texel)), (number, sign)
+
+
+@pytest.mark.parametrize("turn", [0.0, 17.0, 45.0, 63.0])
+def test_edges_are_sharp_within_half_a_texel(turn) -> None:
+    """Surfaces cover texels as their outlines do."""
+    road = straight(turn=turn, shoulder=0.0)
+    paint = appearance(roads=[road])
+    axis = shapely.LineString(road.axis[:, :2])
+    surface = axis.buffer(3.0, cap_style="flat")
+    key = (6, 32, 32)
+    share = paint.tiles([key])[0, ..., 3] / 255.0
+    boxes = texel_boxes(paint, *key)
+    expected = shapely.area(shapely.intersection(boxes, surface)) / shapely.area(boxes)
+    # Gravel frays beyond the edge of a road without shoulders, by less than 0.2 m.
+    sharp = shapely.distance(shapely.centroid(boxes), surface.boundary) > 0.2
+    assert np.abs(share - expected)[sharp].max() < 0.5
+    assert share[expected > 0.999].min() > 0.999
+
+
+def crossing(ways):
+    """Return legs of 200 m that meet in the sketch's middle."""
+    middle, legs = np.array([2048.0, 2048.0]), []
+    for number, bearing in enumerate(ways):
+        end = middle + 200.0 * np.array([np.sin(np.radians(bearing)), np.cos(np.radians(bearing))])
+        points = [(*middle, 0.0), (*end, 0.0)]
+        legs.append(make_road(points, vector=number + 1, ends=(len(ways), 1)))
+    return legs
+
+
+@pytest.mark.parametrize(
+    ("ways", "stops"), [((90, 270, 0), 1), ((0, 90, 180, 270), 4), ((0, 100, 200, 250, 310), 5)]
+)
+def test_markings_follow_the_number_of_ways(ways, stops) -> None:
+    """At a junction of three ways one gives way, at larger ones all (Bruneton & Neyret 2008, section 3.1)."""
+    paint = appearance(roads=crossing(ways))
+    window = marks(paint.window(2030.0, 2066.0, cell=0.05, columns=720, rows=720))
+    x, y = np.meshgrid(2030.0 + 0.05 * np.arange(720), 2066.0 - 0.05 * np.arange(720))
+    for number, bearing in enumerate(ways):
+        ahead = np.array([np.sin(np.radians(bearing)), np.cos(np.radians(bearing))])
+        u = (x - 2048.0) * ahead[0] + (y - 2048.0) * ahead[1]
+        v = (x - 2048.0) * -ahead[1] + (y - 2048.0) * ahead[0]  # to the left of the way out
+        # Who arrives keeps to the right, which is the left seen from the junction.
+        line = (u > 3.0) & (u < 6.0)
+        own = window & line & (v > 0.8) & (v < 2.2)
+        other = window & line & (v < -0.8) & (v > -2.2)
+        gives_way = len(ways) > 3 or number == 2
+        assert own.any() == gives_way, (ways, number)
+        assert len(ways) > 4 or not other.any()  # beside four ways or less nothing else is near
+    centre = np.hypot(x - 2048.0, y - 2048.0) < 3.0
+    assert not (window & centre).any()
+
+
+def test_rails_lie_on_roads_and_roads_on_paths() -> None:
+    east_west = ([(1900, 2048, 0), (2200, 2048, 0)], [(2048, 1900, 0), (2048, 2200, 0)])
+    road = make_road(east_west[0])
+    path = make_road(east_west[1], vector=2, layer="path", width=2.0, shoulder=0.2)
+    path = replace(path, works=path.works._replace(surface="soil"))
+    alone, both = appearance(roads=[road]), appearance(roads=[road, path])
+    grid = {"cell": 0.1, "columns": 40, "rows": 40}
+    at_crossing = (2046.0, 2050.0)
+    np.testing.assert_array_equal(alone.window(*at_crossing, **grid), both.window(*at_crossing, **grid))
+    rails = make_road(east_west[1], vector=2, layer="railway", width=4.4, shoulder=0.6)
+    with_rails = appearance(roads=[road, rails]).window(*at_crossing, **grid)
+    np.testing.assert_array_equal(with_rails, appearance(roads=[rails]).window(*at_crossing, **grid))
+
+
+def test_fields_are_ploughed_along_contours_and_else_along_their_longest_side() -> None:
+    """Rows are seen as variation across them, not along them."""
+    field = shapely.box(500.0, 500.0, 900.0, 700.0)
+    for slope, across in (((0.0, 0.0), 0), ((0.2, 0.0), 1), ((0.0, 0.2), 0), ((0.02, 0.02), 0)):
+        layer = VectorLayer.from_shapes("landuse", np.array([field]), columns={"crop": ("ploughed",)})
+        paint = appearance(slope=slope)
+        paint.recipe.landuse = land_use(Sketch(vectors={"landuse": layer}))
+        window = (
+            paint.window(690.0, 610.0, cell=0.1, columns=100, rows=100)[..., :3].astype(float).mean(axis=-1)
+        )
+        varied = [np.abs(np.diff(window, axis=axis)).mean() for axis in (0, 1)]
+        assert np.argmax(varied) == across, slope
+        assert max(varied) > 4 * min(varied)
+
+
+def test_double_precision_agrees() -> None:
+    areas, use = partition(60, 2), ["field", "meadow", "built_up", "forest"] * 15
+    roads = [make_road([(300, 420, 0), (700, 640, 0), (1100, 1300, 0)], width=7.0)]
+    single, double = (appearance(areas, roads, use=use, real=real) for real in ("float", "double"))
+    keys = [(3, 1, 1), (6, 10, 10), (8, 43, 40), (11, 350, 320), (0, 0, 0), (-1, 0, 0)]
+    one, other = single.tiles(keys).astype(int), double.tiles(keys).astype(int)
+    off = np.abs(one - other)
+    assert (off > 1).mean() < 1e-3
+    assert (off[..., 3] > 8).mean() < 1e-4
+
+
+def test_texels_far_from_the_origin_are_as_exact() -> None:
+    near, far = np.array([1000.0, 1000.0]), np.array([9_000_000.0, -9_000_000.0])
+    square = shapely.box(-50.0, -30.0, 40.0, 60.0)
+    shares = []
+    for at in (near, far):
+        paint = appearance([shapely.transform(square, lambda x, at=at: x + at)])
+        west, north = at + np.array([-60.03, 70.02])
+        shares.append(paint.window(west, north, cell=0.5, columns=250, rows=250)[..., 3].astype(int))
+    assert shares[0].max() == MEADOW
+    assert np.abs(shares[0] - shares[1]).max() <= 1
+
+
+@pytest.mark.parametrize("level", [0, 2])
+def test_a_hundred_thousand_curves_in_a_tile(level) -> None:
+    side = 1.5
+    x, y = np.meshgrid(1100.0 + side * np.arange(160), 1100.0 + side * np.arange(160))
+    cells = shapely.box(x.ravel(), y.ravel(), x.ravel() + side, y.ravel() + side)
+    paint = appearance(cells)
+    share = paint.tiles([(level, 0, 0) if level == 0 else (level, 1, 1)])[0, ..., 3]
+    boxes = texel_boxes(paint, level, *((0, 0) if level == 0 else (1, 1)))
+    whole = shapely.contains(shapely.box(1100.0, 1100.0, 1340.0, 1340.0), boxes)
+    assert whole.sum() > 50
+    assert np.abs(share[whole].astype(int) - MEADOW).max() <= 1
+
+
+def test_nothing_is_painted_without_vectors() -> None:
+    paint = appearance()
+    assert paint.is_empty
+    assert not paint.occupied([(0, 0, 0)]).any()
+    assert not paint.tiles([(0, 0, 0), (9, 3, 3)]).any()

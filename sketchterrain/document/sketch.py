@@ -225,17 +225,20 @@ class Sketch:
         declared = self.labels.get((layer, _check_label(layer, label)), {})
         return MappingProxyType(defaults(table) | dict(declared))
 
-    def vector_values(self, layer: str, name: str) -> Float64Array:
-        """Return a number of each vector of a layer, (n,), by its name: its own, else its label's."""
-        vectors = self.vectors[layer]
+    def vector_values(self, layer: str, name: str, vectors: VectorLayer | None = None) -> Float64Array:
+        """Return a number of each vector of a layer, (n,), by its name: its own, else its label's.
+
+        `vectors`: others of that layer than all of the sketch's.
+        """
+        vectors = self.vectors[layer] if vectors is None else vectors
         labels, number = np.unique(vectors.labels, return_inverse=True)
         of_labels = np.array([float(self.properties(layer, int(label))[name]) for label in labels])
         values, own = of_labels[number], vectors.columns.get(name)
         return values if own is None else np.where(np.isnan(own), values, own)
 
-    def vector_texts(self, layer: str, name: str) -> list[str]:
-        """Return a text of each vector of a layer, by its name: its own, else its label's."""
-        vectors = self.vectors[layer]
+    def vector_texts(self, layer: str, name: str, vectors: VectorLayer | None = None) -> list[str]:
+        """Return a text of each vector of a layer, by its name, as `vector_values` does."""
+        vectors = self.vectors[layer] if vectors is None else vectors
         labels, number = np.unique(vectors.labels, return_inverse=True)
         of_labels = [str(self.properties(layer, int(label))[name]) for label in labels]
         own = vectors.columns.get(name, [""] * len(vectors))

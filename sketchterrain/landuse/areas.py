@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.document.layers import CROPS, LAND_USES
+from sketchterrain.document.vectors import VectorLayer, starts
+from sketchterrain.placement.hashing import hash_unit
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
 
 FIELD, MEADOW, FOREST, BUILT_UP = range(len(LAND_USES))
+_COMMON: Final = ("wheat", "wheat", "wheat", "wheat", "maize", "maize", "rapeseed", "ploughed")
 AUTOMATIC: Final = 0
 """Crop of fields whose crop follows from their ids."""
 
@@ -25,6 +31,8 @@ class LandUse:
     """Areas by ascending id. Where areas overlap, the one of the higher id is on top.
 
     Neighbours share their borders vertex by vertex: the shares of a square that they cover add up to 1.
+    Those of a large layer consist of `pieces`, and share with those before an edit what did not change. Their
+    arrays are joined when they are asked for.
     """
 
     ids: Int64Array = field(default_factory=lambda: np.zeros(0, np.int64))  # (n,) of the vectors
@@ -41,9 +49,75 @@ class LandUse:
     def __len__(self) -> int:
         return len(self.ids)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the fields, without cached properties."""
-        return {each.name: getattr(self, each.name) for each in fields(self)}
+    def edges_of(self, areas: Int64Array) -> tuple[Int64Array, Int64Array]:
+        """Return for each edge of some areas, in their order, the area's place among them and its number."""
+        counts = self.first[areas + 1] - self.first[areas]
+        area = np.repeat(np.arange(len(areas)), counts)
+        start = self.first[areas] - (np.cumsum(counts) - counts)
+        return area, np.arange(len(area)) + start[area]
+
+    def crops(self, areas: Int64Array) -> npt.NDArray[np.uint8]:
+        """Return the crops of areas; those of automatic ones by their ids: much wheat, some of the others."""
+        common = np.array([CROPS.index(name) for name in _COMMON], np.uint8)
+        draw = hash_unit(0, "crop of a field", self.ids[areas])
+        own = common[np.minimum((draw * len(common)).astype(np.int64), len(common) - 1)]
+        return np.where(self.crop[areas] == AUTOMATIC, own, self.crop[areas])
+
+    def difference(self, old: LandUse) -> tuple[Int64Array, Int64Array]:
+        """Return the areas that only the old and only this one has, bit for bit, ascending."""
+        if shared := set(self.pieces) & set(old.pieces):
+            (mine_left, rows), (old_left, old_rows) = self._without(shared), old._without(shared)
+            removed, added = mine_left.difference(old_left)
+            return old_rows[removed], rows[added]
+        place = np.minimum(np.searchsorted(old.ids, self.ids), max(len(old) - 1, 0))
+        mine = np.flatnonzero(old.ids[place] == self.ids) if len(old) else np.zeros(0, np.int64)
+        theirs = place[mine]
+        same = np.diff(self.first)[mine] == np.diff(old.first)[theirs]
+        for name in ("use", "crop", "direction", "density", "conifers"):
+            same &= getattr(self, name)[mine] == getattr(old, name)[theirs]
+        mine, theirs = mine[same], theirs[same]
+        # Runs of areas that follow each other in both are compared as memory.
+        cuts = np.flatnonzero((np.diff(mine) != 1) | (np.diff(theirs) != 1)) + 1
+        differs = np.zeros(len(mine), np.bool_)
+        for first, last in zip([0, *cuts.tolist()], [*cuts.tolist(), len(mine)], strict=True):
+            if first < last:
+                one, other = self._edges_between(mine, first, last), old._edges_between(theirs, first, last)
+                rows = np.flatnonzero((one != other).any(axis=1)) + self.first[mine[first]]
+                differs[first + np.searchsorted(self.first[mine[first:last]], rows, side="right") - 1] = True
+        left = np.ones(len(old), np.bool_), np.ones(len(self), np.bool_)
+        left[0][theirs[~differs]] = left[1][mine[~differs]] = False
+        return np.flatnonzero(left[0]), np.flatnonzero(left[1])
+
+    def _edges_between(self, areas: Int64Array, first: int, last: int) -> Float64Array:
+        return self.edges[self.first[areas[first]] : self.first[areas[last - 1] + 1]]
+
+    def _without(self, pieces: Collection[LandUse]) -> tuple[LandUse, Int64Array]:
+        """Return the areas of all pieces but some, and their rows."""
+        first = starts([len(piece) for piece in self.pieces]).tolist()
+        rest = [(piece, row) for piece, row in zip(self.pieces, first, strict=False) if piece not in pieces]
+        rows = [np.arange(row, row + len(piece)) for piece, row in rest]
+        return _joined([piece for piece, _ in rest]), np.concatenate([np.zeros(0, np.int64), *rows])
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Join an array of all pieces."""
+            if name not in self.__dataclass_fields__ or "_pieces" not in self.__dict__:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            object.__setattr__(self, name, _join(self._pieces, name))
+            return self.__dict__[name]
+
+    @property
+    def pieces(self) -> tuple[LandUse, ...]:
+        """Successive areas, those of pieces of the layer."""
+        found: tuple[LandUse, ...] = self.__dict__.get("_pieces", (self,))
+        return found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return pieces, or the fields without cached properties."""
+        if len(self.pieces) > 1:
+            return _of_pieces, (self.pieces,)
+        return LandUse, tuple(getattr(self, each.name) for each in fields(self))
 
     @cached_property
     def boxes(self) -> Float64Array:
@@ -58,41 +132,76 @@ class LandUse:
 NO_LAND_USE: Final = LandUse()
 
 
+_known: WeakKeyDictionary[VectorLayer, tuple[object, LandUse]] = WeakKeyDictionary()
+"""Areas of pieces of layers, and the properties of labels that they were made with."""
+
+
 def land_use(sketch: Sketch) -> LandUse:
-    """Return the areas of a sketch's land use."""
+    """Return the areas of a sketch's land use; unchanged pieces of an edited layer keep theirs."""
     layer = sketch.vectors["landuse"]
     if not len(layer):
         return NO_LAND_USE
-    ring = layer.ring_of_vertex
+    labels = {label: dict(each) for (name, label), each in sketch.labels.items() if name == "landuse"}
+    pieces = []
+    for piece in layer.pieces:
+        known = _known.get(piece)
+        if known is None or known[0] != labels:
+            known = labels, _areas_of(sketch, piece)
+            _known[piece] = known
+        pieces.append(known[1])
+    if all(before.ids[-1] < after.ids[0] for before, after in pairwise(pieces)):
+        return pieces[0] if len(pieces) == 1 else _of_pieces(pieces)
+    return _by_id(_joined(pieces))
+
+
+def _areas_of(sketch: Sketch, layer: VectorLayer) -> LandUse:
     after = np.arange(1, len(layer.vertices) + 1)
     after[layer.rings[1:] - 1] = layer.rings[:-1]
-    edges = np.concatenate([layer.vertices, layer.vertices[after]], axis=1)
-    # Borders run counter-clockwise, those of holes clockwise.
-    cross = edges[:, 0] * edges[:, 3] - edges[:, 1] * edges[:, 2]
-    is_border = np.isin(np.arange(len(layer.rings) - 1), layer.parts[:-1])
-    turned = ((np.add.reduceat(cross, layer.rings[:-1]) > 0.0) != is_border)[ring]
-    edges[turned] = np.roll(edges[turned], 2, axis=1)
-    area = layer.feature_of_ring[ring]
-    order = np.argsort(layer.ids, kind="stable")
-    rank = np.empty(len(order), np.int64)
-    rank[order] = np.arange(len(order))
-    own = np.argsort(rank[area], kind="stable")
-    counts = np.bincount(rank[area], minlength=len(order))
 
     def indices(name: str, choices: tuple[str, ...]) -> npt.NDArray[np.uint8]:
-        values, number = np.unique(sketch.vector_texts("landuse", name), return_inverse=True)
-        return np.array([choices.index(value) for value in values.tolist()], np.uint8)[number][order]
+        return np.array(
+            [choices.index(text) for text in sketch.vector_texts("landuse", name, layer)], np.uint8
+        )
 
     direction, density, conifers = (
-        sketch.vector_values("landuse", name)[order] for name in ("direction", "density", "conifers")
+        sketch.vector_values("landuse", name, layer) for name in ("direction", "density", "conifers")
     )
-    return LandUse(
-        layer.ids[order],
-        indices("use", LAND_USES),
-        indices("crop", CROPS),
-        direction,
-        density,
-        conifers,
-        np.append(0, np.cumsum(counts)),
-        edges[own],
+    use, crop = indices("use", LAND_USES), indices("crop", CROPS)
+    edges = np.concatenate([layer.vertices, layer.vertices[after]], axis=1)
+    # Borders run counter-clockwise, those of holes clockwise: kernels add up signed areas.
+    x, y, to_x, to_y = (edges - np.tile(layer.vertices[layer.rings[:-1]], 2)[layer.ring_of_vertex]).T
+    cross = x * to_y - y * to_x
+    is_border = np.isin(np.arange(len(layer.rings) - 1), layer.parts[:-1])
+    turned = ((np.add.reduceat(cross, layer.rings[:-1]) > 0.0) != is_border)[layer.ring_of_vertex]
+    edges[turned] = np.roll(edges[turned], 2, axis=1)
+    return _by_id(
+        LandUse(layer.ids, use, crop, direction, density, conifers, layer.rings[layer.parts], edges)
     )
+
+
+def _by_id(areas: LandUse) -> LandUse:
+    """Return areas by ascending id."""
+    order = np.argsort(areas.ids, kind="stable")
+    columns: dict[str, Any] = {name: getattr(areas, name)[order] for name in _COLUMNS}
+    first = starts(np.diff(areas.first)[order])
+    return LandUse(**columns, first=first, edges=areas.edges[areas.edges_of(order)[1]])
+
+
+_COLUMNS: Final = tuple(each.name for each in fields(LandUse))[:-2]
+
+
+def _of_pieces(pieces: Sequence[LandUse]) -> LandUse:
+    """Return successive areas, whose arrays are joined when they are asked for."""
+    found = object.__new__(LandUse)
+    object.__setattr__(found, "_pieces", tuple(pieces))
+    return found
+
+
+def _joined(pieces: Sequence[LandUse]) -> LandUse:
+    return LandUse(*(_join(pieces, each.name) for each in fields(LandUse))) if pieces else NO_LAND_USE
+
+
+def _join(pieces: Sequence[LandUse], name: str) -> npt.NDArray[Any]:
+    if name == "first":
+        return starts(np.concatenate([np.diff(piece.first) for piece in pieces]))
+    return np.concatenate([getattr(piece, name) for piece in pieces])

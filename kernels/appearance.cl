@@ -36,6 +36,7 @@ __kernel void appearance(__global const long2 *corner, REAL texel, REAL metres_p
                            value_noise(x_here, y_here, bits.s2, wide, 13u)};
 
     Paint land = {(REAL4)(R(0), R(0), R(0), R(0)), R(0)};
+    REAL4 beside = land.albedo; // colour that interpolation fades out from, where nothing is painted
     REAL left = R(1), settled = R(0);
     for (int k = area_starts[block + 1] - 1; k >= area_starts[block]; --k) { // from the top one down
         const int i = area_list[k];
@@ -54,14 +55,15 @@ __kernel void appearance(__global const long2 *corner, REAL texel, REAL metres_p
             nearest = real_min(nearest, square);
         }
         const REAL share = real_min(real_clamp(inside / (texel * texel), R(0), R(1)), left);
-        if (share <= R(0)) continue;
+        if (share <= R(0) && nearest > R(4) * texel * texel) continue;
         const Paint paint = paint_area(row, form.s2, form.s3, px, py, square_root(nearest), texel, mottle);
+        beside = paint.albedo;
         left -= share;
         settled += form.s2 == USE_BUILT_UP ? share : R(0);
         land.albedo += paint.albedo * (paint.share * share);
         land.share += paint.share * share;
     }
-    Paint paint = {land.albedo / real_max(land.share, R(1e-6)), land.share};
+    Paint paint = {land.share > R(1e-6) ? land.albedo / land.share : beside, land.share};
     if (has_base) {
         const uchar4 below = base[place];
         const REAL4 root = (REAL4)(below.s0, below.s1, below.s2, R(0)) * (R(1) / R(255));

@@ -493,6 +493,25 @@ _ALL: Final = (
         hatch="falling",
         overlay=(240, 220, 60),
         vectors=("area",),
+        tags=(
+            TagRule("natural", "farmland farm field arable cropland plant_nursery greenhouse_horticulture"),
+            TagRule("natural", "vineyard", {"crop": "vineyard"}),
+            TagRule("natural", "orchard plantation", {"crop": "orchard"}),
+            TagRule(
+                *("natural", "meadow grass grassland pasture heath fell village_green recreation_ground"),
+                {"use": "meadow"},
+            ),
+            TagRule("natural", "forest wood", {"use": "forest"}),
+            TagRule("natural", "scrub", {"use": "forest", "density": 0.25}),
+            TagRule(
+                *(
+                    "natural",
+                    "residential commercial industrial retail farmyard allotments garages education",
+                ),
+                {"use": "built_up"},
+            ),
+        ),
+        source_names="farmland fields",
     ),
 )
 
@@ -559,3 +578,13 @@ _BOTTOM_UP = ("cover", "landform", "summits", "patches", "sea", "water", "course
 
 DRAW_ORDER: Final = tuple(sorted(PAINTED_LAYERS, key=lambda name: _BOTTOM_UP.index(LAYERS[name].kind)))
 """The painted layers from bottom to top, as the canvas draws them; thin shapes are drawn last."""
+
+VECTOR_LAYERS: Final = tuple(layer.name for layer in _ALL if layer.vectors)
+"""Layers of points, lines and areas."""
+
+VECTOR_ORDER: Final = (
+    *(name for name in VECTOR_LAYERS if LAYERS[name].kind == "land"),
+    *(name for name in DRAW_ORDER if LAYERS[name].vectors),
+    *(name for name in reversed(VECTOR_LAYERS) if LAYERS[name].kind in ("way", "pad", "barrier")),
+)
+"""The layers of vectors from bottom to top."""

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, VECTOR_LAYERS
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.parameters import Parameter, Properties, Value, parameter_table
 from sketchterrain.errors import InputError, format_value
@@ -53,9 +53,6 @@ Column: TypeAlias = Float64Array | Int64Array | tuple[str, ...]
 def on_grid(places: npt.ArrayLike) -> Float64Array:
     """Return positions (m) rounded as those of vertices are."""
     return np.asarray(np.rint(np.asarray(places, np.float64) / STEP) * STEP + 0.0)
-
-
-VECTOR_LAYERS: Final = tuple(layer.name for layer in LAYERS.values() if layer.vectors)
 
 
 def vector_parameters(layer: str) -> Mapping[str, Parameter]:

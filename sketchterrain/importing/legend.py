@@ -228,7 +228,7 @@ _KEYS: dict[str, dict[str, _Rule]] = {
     "railway": _rules("railway"),
     "building": _BUILDINGS,
     "barrier": _rules("barrier"),
-    "fclass": {"building": _BUILDINGS["yes"]} | _rules("highway", "railway") | _GROUND | _DIRECTED,
+    "fclass": {"building": _BUILDINGS["yes"]} | _GROUND | _rules("highway", "railway") | _DIRECTED,
     "featurecla": _GROUND | _WATERWAY,
     "type": {layer: _Rule(layer, {}) for layer in LAYERS},
 }
@@ -302,6 +302,8 @@ def feature_label(tags: Mapping[str, Any], source: str, layer: str | None) -> Fe
     By its property ``layer``, else its tags, else the name of its `source` layer, else the default `layer`.
     """
     name = _layer_name(tags.get("layer"))
+    if "landuse" in source.lower() and "fclass" in tags:  # residential is a road's too
+        tags = {"landuse": tags["fclass"], **tags}
     rule = None if name else _rule_of_tags(tags)
     name = name or _layer_name(source) or _SOURCES.get(source.lower()) or layer
     rule = rule or (None if name is None else _Rule(name, {}))

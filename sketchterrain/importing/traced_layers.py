@@ -12,10 +12,10 @@ from scipy import ndimage, sparse
 
 from sketchterrain.array_types import BoolArray, UInt8Array
 from sketchterrain.document.label_layers import MAX_LABELS, MAX_SIDE, label_rgb, labels_in
-from sketchterrain.document.layers import DRAW_ORDER, LAYERS
+from sketchterrain.document.layers import DRAW_ORDER, LAYERS, VECTOR_ORDER
 from sketchterrain.document.parameters import SKETCH, Value
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import VECTOR_LAYERS, VectorLayer
+from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.errors import InputError
 
 UNASSIGNED: Final = 255  # value of pixels without a label
@@ -245,7 +245,7 @@ def sketch_picture(sketch: Sketch) -> npt.NDArray[np.uint8]:
     """Return an image of a sketch on white: uint8 (height, width, 3), sRGB."""
     picture = np.full((sketch.height_px, sketch.width_px, 3), 255, dtype=np.uint8)
     unpainted = np.zeros(picture.shape[:2], dtype=np.uint8)
-    for layer in (*DRAW_ORDER, *(name for name in VECTOR_LAYERS if name not in DRAW_ORDER)):
+    for layer in dict.fromkeys((VECTOR_ORDER[0], *DRAW_ORDER, *VECTOR_ORDER)):  # land use is the lowest
         image, vectors = sketch.layers.get(layer, unpainted), sketch.vectors.get(layer)
         if vectors:
             drawn = _rasterised(vectors, sketch)

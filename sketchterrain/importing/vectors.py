@@ -1,4 +1,4 @@
-"""Sketches of vector maps: waters, roads and buildings as vectors, forests, summits and others rasterised."""
+"""Sketches of vector maps: waters, roads, buildings and land use as vectors, the rest rasterised."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import shapely
 from rasterio.crs import CRS
 from rasterio.features import rasterize
 
-from sketchterrain.array_types import BoolArray
+from sketchterrain.array_types import BoolArray, Int64Array
 from sketchterrain.document.label_layers import MAX_LABELS, MAX_SIDE, LabelImage
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, WAY_LAYERS
 from sketchterrain.document.parameters import Properties, Value
@@ -75,8 +75,8 @@ class _Features(NamedTuple):
     labels: npt.NDArray[np.object_]  # `FeatureLabel`
     widths: npt.NDArray[np.float64]  # m, NaN if unknown
 
-    def where(self, mask: BoolArray) -> _Features:
-        """Return the features of a mask."""
+    def where(self, mask: BoolArray | Int64Array) -> _Features:
+        """Return the features of a mask, or in some order."""
         return _Features(self.shapes[mask], self.labels[mask], self.widths[mask])
 
     @property
@@ -105,7 +105,7 @@ def sketch_from_vectors(
     size_px: int = _SIZE,
     name: str | None = None,
 ) -> TraceResult:
-    """Return a sketch of a vector file: rivers and lakes as vectors, the rest painted.
+    """Return a sketch of a vector file: waters, what is built and land use as vectors, the rest painted.
 
     It has `size_px` along the longer side. `layer` and `width` (m, of lines) are defaults for features
     without one; `bounds` are west, south, east, north in the file's coordinates (None: all features); `crs`
@@ -152,9 +152,9 @@ def sketch_from_vectors(
 def with_vectors_of(sketch: Sketch, path: Path) -> tuple[Sketch, tuple[str, ...]]:
     """Return a sketch on real elevation with the features of a vector file that lie in it, and notes.
 
-    Roads, railways, paths, walls, buildings, rivers and lakes are vectors up to 100 m around it, and forests
-    and materials are painted; what would change heights is left out. Raise `InputError` if the file cannot
-    be read, or has nothing inside.
+    Ways, walls, buildings, land use, rivers and lakes are vectors up to 100 m around it, and materials are
+    painted; what would change heights is left out. Raise `InputError` if the file cannot be read, or has
+    nothing inside.
     """
     target = parse_metric_crs(sketch.frame["crs"]) if sketch.frame["crs"] else None
     west, south = sketch.frame["east"], sketch.frame["north"]
@@ -272,6 +272,9 @@ def _usable_features(
             skipped[_UNKNOWN] += 1
             continue
         shape, own_width = _shape(original, label, tags, width)
+        if isinstance(shape, str) and label.properties.get("use") == "forest":  # rows of trees are painted
+            label = feature_label({**tags, "layer": "forest"}, source.name, layer) or label
+            shape, own_width = _shape(original, label, tags, width)
         if isinstance(shape, str):
             skipped[shape] += 1
             continue
@@ -418,6 +421,8 @@ def _vector_layers(features: _Features, width: float | None) -> dict[str, Vector
     layers = {}
     for name in dict.fromkeys(features.names.tolist()):
         layer = features.where(features.names == name)
+        if name == "landuse":  # the last one is on top
+            layer = layer.where(np.argsort(-shapely.area(layer.shapes), kind="stable"))
         pairs = zip(layer.labels, layer.kinds.tolist(), strict=True)
         columns = property_columns([_properties(label, kind, width) for label, kind in pairs])
         labels = [label.label for label in layer.labels]

@@ -132,7 +132,9 @@ def test_tags_of_openstreetmap_are_read(tmp_path) -> None:
         ],
     )
     traced = sketch_from_vectors(path, size_px=32)
-    used = "1 line as river, 1 area as river, 1 area as forest, 1 area as lake, 1 line as road, 1 area as pad"
+    used = (
+        "1 line as river, 1 area as river, 1 area as lake, 1 line as road, 1 area as pad, 1 area as landuse"
+    )
     assert traced.notes[0] == f"used: {used}"
     assert not any(note.startswith("skipped") for note in traced.notes)
     vectors = traced.sketch.vectors
@@ -140,7 +142,7 @@ def test_tags_of_openstreetmap_are_read(tmp_path) -> None:
     assert first == {"width": 7.5, "directed": 1, "name": 'Ötz "upper"'}
     assert second == {"width": 0}
     assert dict(vectors["lake"].feature(1).properties) == {"depth": 4}
-    assert traced.sketch.layers["forest"].any()
+    assert traced.sketch.properties("landuse", int(vectors["landuse"].labels[0]))["use"] == "forest"
     # With a default for features without tags parks are used too.
     assert "3 lines as river" not in sketch_from_vectors(path, size_px=32).notes[0]
     assert sketch_from_vectors(path, layer="dune", size_px=32).sketch.layers["dune"].any()

@@ -209,7 +209,7 @@ def test_roads_end_a_hundred_metres_around_a_sketch_on_elevation(tmp_path, eleva
     (road,) = sketch.vectors["road"].shapes()
     np.testing.assert_allclose(road.bounds, [-100.0, 1000.0, width + 100.0, 1000.0], atol=0.01)
     assert len(sketch.vectors["pad"]) == len(sketch.vectors["river"]) == 1
-    assert sketch.layers["forest"].any()
+    assert sketch.vectors["landuse"].shapes()[0].area == pytest.approx(0.5e6, abs=50.0)
     assert not sketch.layers["mountain"].any()
     assert "1 that the elevation already has" in notes[-1]
     assert sketch.frame == elevation.frame

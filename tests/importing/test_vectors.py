@@ -91,9 +91,8 @@ def test_features_are_at_their_positions(written) -> None:
     (lake,), (river,) = shapes(sketch, "lake"), shapes(sketch, "river")
     assert lake.equals(shapely.box(1000, 0, 2000, 1000) - shapely.box(1400, 400, 1600, 600))
     assert shapely.get_coordinates(river).tolist() == [[0, 2000], [0, 0]]
-    forest = np.zeros((200, 400), bool)
-    forest[0:50, 200:300] = forest[0:50, 350:400] = True
-    np.testing.assert_array_equal(sketch.layers["forest"] == 1, forest)
+    forest = shapely.union_all(shapes(sketch, "landuse"))
+    assert forest.equals(shapely.box(2000, 1500, 3000, 2000) | shapely.box(3500, 1500, 4000, 2000))
     assert np.argwhere(sketch.layers["material"]).min(axis=0).tolist() == [20, 20]
     assert sketch.properties("material", 1)["material"] == "scree"
     assert sketch.layers["hill"][150:, 300:].all()
@@ -319,7 +318,7 @@ def test_skipped_features_are_reported_by_reason(written) -> None:
         line([0, 0], [10, 10], landuse="forest"),
         line([0, 0], [10, 10], natural="water", width=5),
         feature("Polygon", [[[0, 0], [1, 1], [0, 0]]], natural="water"),
-        area(10, 10, 11, 11, natural="wood"),
+        area(10, 10, 11, 11, natural="scree"),
         line([5, 5], [5.0001, 5.0001], waterway="river"),
         feature("Polygon", [], natural="water"),
         {"type": "Feature", "properties": None, "geometry": None},
@@ -349,14 +348,15 @@ def test_properties_and_tags_determine_layer_and_parameters(written) -> None:
         ({"WATERWAY": "River", "WIDTH": 9}, "river", {"width": 9.0}),
         ({"natural": "glacier"}, "material", {"material": "snow"}),
         ({"type": "mountain", "strength": 321.0}, "mountain", {"height": 321.0}),
-        ({"natural": "wood", "density": 7}, "forest", {"density": 1.0}),
-        ({"natural": "wood", "density": "thick"}, "forest", {"density": 0.8}),
+        ({"natural": "wood", "density": 7}, "landuse", {"density": 1.0}),
+        ({"layer": "forest", "density": "thick"}, "forest", {"density": 0.8}),
         ({}, "dune", {}),
     ]:
         ring = box(0, 0, 1000, 1000)
         path = written(line(*ring, **tags) if layer == "river" else area(0, 0, 1e3, 1e3, **tags))
         sketch = sketch_from_vectors(path, layer="dune", size_px=40).sketch
-        found = [name for name, image in sketch.layers.items() if image.any() or sketch.vectors.get(name)]
+        found = [name for name, image in sketch.layers.items() if image.any()]
+        found += [name for name, vectors in sketch.vectors.items() if len(vectors)]
         assert found == [layer], tags
         values = properties(sketch, layer)[0] if layer in sketch.vectors else sketch.properties(layer, 1)
         assert {key: values[key] for key in expected} == expected, tags
@@ -371,7 +371,8 @@ def test_geometries_in_collections_and_closed_lines_are_read(tmp_path, written) 
     assert detect_kind(path) == "vectors"
     assert len(shapes(sketch_from_vectors(path, size_px=20).sketch, "lake")) == 1  # by the file's name
     path = written(line(*box(0, 0, 1000, 1000), natural="wood"))
-    assert sketch_from_vectors(path, size_px=50).sketch.layers["forest"].all()
+    (wood,) = shapes(sketch_from_vectors(path, size_px=50).sketch, "landuse")
+    assert wood.equals(shapely.box(0, 0, 1000, 1000))
 
 
 def test_layers_of_a_geopackage_are_reprojected_and_combined(tmp_path) -> None:
@@ -387,8 +388,7 @@ def test_layers_of_a_geopackage_are_reprojected_and_combined(tmp_path) -> None:
     pack(path, "EPSG:4326", "Mountains", [degrees])
     traced = sketch_from_vectors(path, **SQUARE)
     layers = traced.sketch.layers
-    assert layers["forest"][:, :30].all()
-    assert not layers["forest"][:, 30:].any()
+    assert shapes(traced.sketch, "landuse")[0].equals(shapely.box(0, 0, 300, 1000))
     assert shapes(traced.sketch, "lake")[0].equals(shapely.box(700, 0, 1000, 300))
     assert shapely.get_coordinates(shapes(traced.sketch, "river")).tolist() == [[0, 0], [1000, 1000]]
     assert properties(traced.sketch, "river") == [{"width": 80}]
@@ -521,8 +521,8 @@ def test_all_formats_give_the_same_sketch(tmp_path) -> None:
         sketches[name] = sketch_from_vectors(tmp_path / name, size_px=50).sketch
     for name, sketch in sketches.items():
         assert sketch.extent == 1000, name
-        assert sketch.layers["forest"][25:].all(), name
-        assert sketch.properties("forest", 1)["density"] == 0.25, name
+        assert shapes(sketch, "landuse")[0].equals(shapely.box(0, 0, 1000, 500)), name
+        assert properties(sketch, "landuse") == [{"density": 0.25}], name
         assert shapes(sketch, "lake")[0].equals(shapely.box(0, 500, 400, 1000)), name
 
 

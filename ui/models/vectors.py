@@ -12,9 +12,9 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document import vector_edits as edits
-from sketchterrain.document.layers import DRAW_ORDER, LAYERS, storey
+from sketchterrain.document.layers import LAYERS, VECTOR_ORDER, storey
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import LINE, VECTOR_LAYERS, VectorFeature, VectorLayer, on_grid
+from sketchterrain.document.vectors import LINE, VectorFeature, VectorLayer, on_grid
 from sketchterrain.errors import InputError
 from sketchterrain.hydrology.splines import cubics
 from sketchterrain.ui.commands import with_vectors
@@ -30,11 +30,6 @@ _ON_LINE = 0.01  # m
 _AT_VERTEX = 0.1  # m from a vertex, where two lines that share it cross
 _OFFSET = 0.02  # of what is pasted, over the sketch's extent
 _curves = LRUCache(12)
-_ORDER = (
-    *(name for name in DRAW_ORDER if name in VECTOR_LAYERS),
-    *(name for name in reversed(VECTOR_LAYERS) if not LAYERS[name].is_painted),
-)
-"""Vector layers from bottom to top."""
 
 Shapes: TypeAlias = npt.NDArray[np.object_]
 """Shapely geometries."""
@@ -161,7 +156,7 @@ def find_vector(sketch: Sketch, selection: Selection | None) -> VectorFeature | 
 
 def visible_vectors(sketch: Sketch, workspace: Workspace) -> list[VectorLayer]:
     """Return the visible layers that have vectors, from bottom to top."""
-    names = [name for name in _ORDER if workspace.look(name).visible]
+    names = [name for name in VECTOR_ORDER if workspace.look(name).visible]
     return [sketch.vectors[name] for name in names if len(sketch.vectors[name])]
 
 

@@ -29,6 +29,7 @@ from sketchterrain.export.files import move_files, prepare_folder, staging, stal
 from sketchterrain.export.foliage_files import FoliageOptions, FoliageResult, check_disk_space, write_foliage
 from sketchterrain.export.map.sheet import map_sheet, write_sheet
 from sketchterrain.export.rasters import (
+    write_appearance,
     write_drainage,
     write_height_png,
     write_height_tif,
@@ -36,6 +37,7 @@ from sketchterrain.export.rasters import (
     write_normal_png,
     write_picture,
 )
+from sketchterrain.export.sampled import SampleGrid, sample_appearance
 from sketchterrain.export.vectors import write_features
 from sketchterrain.io.system import peak_memory
 from sketchterrain.placement.feature_types import FEATURE_TYPES
@@ -219,6 +221,10 @@ def _write_files(
         writer.add("height.png", write_height_png, folder, raster)
         writer.add("normal.png", write_normal_png, folder, raster)
         writer.add("materials", write_materials, folder, raster, terrain.material_names)
+        rows, columns = raster.height.shape
+        painted = sample_appearance(terrain, SampleGrid(0.0, 0.0, *terrain.size, columns, rows))
+        if painted is not None:
+            writer.add("appearance.png", write_appearance, folder, painted)
         facts = raster_facts(raster)
         del raster  # freed once written
         writer.add("drainage", write_drainage, folder, terrain.drainage())

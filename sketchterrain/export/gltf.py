@@ -28,7 +28,7 @@ from sketchterrain.export.mesh import (
     scene_objects,
     texture_stride,
 )
-from sketchterrain.export.sampled import SampleGrid
+from sketchterrain.export.sampled import SampleGrid, srgb_of
 from sketchterrain.export.target import Export
 from sketchterrain.io.files import atomic_file
 from sketchterrain.look.texture_levels import customized_levels, own_material_images, procedural_levels
@@ -169,7 +169,8 @@ def add_ground(glb: GlbWriter, mesh: GridMesh, export: Export) -> None:
     stride = texture_stride(grid)
     appearance = material_appearance(export.terrain)
     weights = samples.weights[::stride, ::stride]
-    colour = glb.texture(bake_colour(weights, appearance), "ground colour")
+    painted = None if samples.appearance is None else samples.appearance[::stride, ::stride]
+    colour = glb.texture(bake_colour(weights, appearance, painted), "ground colour")
     roughness = glb.texture(bake_roughness(weights, appearance), "ground roughness")
     material = glb.material(
         "ground",
@@ -247,12 +248,18 @@ def material_appearance(terrain: Terrain) -> MaterialAppearance:
     return MaterialAppearance(colour[:, :3] ** 2, relief[:, 2])
 
 
-def bake_colour(weights: UInt8Array, appearance: MaterialAppearance) -> UInt8Array:
-    """Return the terrain's colours: materials mixed linearly, encoded as sRGB (IEC 61966-2-1)."""
+def bake_colour(
+    weights: UInt8Array, appearance: MaterialAppearance, painted: UInt8Array | None = None
+) -> UInt8Array:
+    """Return the terrain's colours in sRGB: materials mixed linearly, under what is painted on them."""
     steps = np.rint(_STEPS * appearance.albedo).astype(np.int64)
-    linear = np.arange(_STEPS + 1) / _STEPS
-    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
-    return np.rint(255.0 * srgb).astype(np.uint8)[_weighted_mean(weights, steps)]
+    linear = _weighted_mean(weights, steps)
+    if painted is not None:
+        share = painted[..., 3:].astype(np.int64)
+        root = painted[..., :3].astype(np.int64)
+        colour = root * root * _STEPS // (255 * 255)
+        linear = ((linear * (255 - share) + colour * share) // 255).astype(np.uint16)
+    return srgb_of(np.arange(_STEPS + 1) / _STEPS)[linear]
 
 
 def bake_roughness(weights: UInt8Array, appearance: MaterialAppearance) -> UInt8Array:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ from sketchterrain.export.sampled import (
     CHANNELS,
     SampleGrid,
     TerrainSamples,
+    appearance_picture,
     quantise_normals,
     quantise_weights,
     rgba_weights,
@@ -26,6 +27,7 @@ from sketchterrain.io.files import atomic_file, atomic_path, wrap_os_errors, wri
 from sketchterrain.terrain.surfaces import Drainage, Raster
 
 _STEPS = 65535
+APPEARANCE: Final = "colour of roads and land use, sRGB, and the share that they cover as opacity"
 ORIENTATION = {"row_0": "north", "column_0": "west", "samples": "vertices"}
 
 
@@ -96,6 +98,11 @@ def write_materials(folder: Path, raster: Raster, names: Sequence[str]) -> tuple
     return (*images, write_json(folder / "materials.json", description))
 
 
+def write_appearance(folder: Path, painted: npt.NDArray[np.uint8]) -> tuple[Path, ...]:
+    """Write ``appearance.png``: colour of roads and land use, sRGB, and their share as opacity."""
+    return (write_values_png(folder / "appearance.png", appearance_picture(painted)),)
+
+
 def write_normals_and_weights(stem: Path, samples: TerrainSamples, names: Sequence[str]) -> dict[Path, str]:
     """Write ``STEM_normal.png``, ``STEM_materials.png``, ``STEM_materials-2.png`` … with descriptions."""
     path = stem.with_name(f"{stem.name}_normal.png")
@@ -106,6 +113,9 @@ def write_normals_and_weights(stem: Path, samples: TerrainSamples, names: Sequen
         materials = ", ".join(names[first : first + len(CHANNELS)])
         write_values_png(path, rgba_weights(samples.weights, first))
         files[path] = f"weights of {materials}; no opacity"
+    if samples.appearance is not None:
+        path = stem.with_name(f"{stem.name}_appearance.png")
+        files[write_values_png(path, appearance_picture(samples.appearance))] = APPEARANCE
     return files
 
 

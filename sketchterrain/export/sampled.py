@@ -178,12 +178,15 @@ class TerrainSamples:
     height: npt.NDArray[np.float32]  # (rows, columns), m
     normal: npt.NDArray[np.uint8]  # (rows, columns, 3): east, north, up; 0 is −1, 255 is 1
     weights: npt.NDArray[np.uint8]  # (rows, columns, materials), sum 255
+    # (rows, columns, 4) √ of the albedo of roads and land use, and their share; None without any
+    appearance: npt.NDArray[np.uint8] | None = None
 
     def window(self, left: int, top: int, columns: int, rows: int) -> TerrainSamples:
         """Return a part of the samples as views."""
         at = slice(top, top + rows), slice(left, left + columns)
         grid = self.grid.window(left, top, columns, rows)
-        return TerrainSamples(grid, self.height[at], self.normal[at], self.weights[at])
+        painted = None if self.appearance is None else self.appearance[at]
+        return TerrainSamples(grid, self.height[at], self.normal[at], self.weights[at], painted)
 
 
 def sample_terrain(
@@ -196,6 +199,7 @@ def sample_terrain(
         np.empty(shape, np.float32),
         np.empty((*shape, 3), np.uint8),
         np.empty((*shape, len(terrain.material_names)), np.uint8),
+        sample_appearance(terrain, grid),
     )
 
     def store(band: Band) -> None:
@@ -213,6 +217,26 @@ def sample_terrain(
         if last is not None:
             last.result()
     return samples
+
+
+def sample_appearance(terrain: Terrain, grid: SampleGrid) -> npt.NDArray[np.uint8] | None:
+    """Return the colour of roads and land use at a grid's vertices, None without any; see `Appearance`."""
+    if terrain.appearance.is_empty:
+        return None
+    size = {"columns": grid.columns, "rows": grid.rows}
+    return terrain.appearance.window(grid.west, grid.north, cell=grid.spacing, **size)
+
+
+def srgb_of(albedo: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
+    """Return linear albedos as sRGB (IEC 61966-2-1)."""
+    encoded = np.where(albedo <= 0.0031308, 12.92 * albedo, 1.055 * albedo ** (1.0 / 2.4) - 0.055)
+    return np.rint(255.0 * encoded).astype(np.uint8)
+
+
+def appearance_picture(painted: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """Return the colour of roads and land use as sRGB and opacity."""
+    table = srgb_of((np.arange(256) / 255.0) ** 2)
+    return np.concatenate([table[painted[..., :3]], painted[..., 3:]], axis=-1)
 
 
 def quantise_normals(normal: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:

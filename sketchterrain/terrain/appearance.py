@@ -109,18 +109,19 @@ class Appearance:
         return result
 
     def window(
-        self, west: float, north: float, *, cell: float, columns: int, rows: int
+        self, west: float, north: float, *, cell: tuple[float, float], columns: int, rows: int
     ) -> npt.NDArray[np.uint8]:
         """Return texels around the samples of a grid, (rows, columns, 4) uint8, as those of `tiles`.
 
-        The first sample is at (west, north), m; the others follow every `cell` m to the east and the south.
+        The first sample is at (west, north), m; the others follow every so many m to the east and the south,
+        which differ by less than the number of rows can show.
         """
-        inner = SIDE - 2
+        inner, (east_step, south_step) = SIDE - 2, cell
         across, down = -(-columns // inner), -(-rows // inner)
-        x = west - 0.5 * cell + inner * cell * np.arange(across)
-        y = north + 0.5 * cell - inner * cell * np.arange(1, down + 1)
+        x = west - 0.5 * east_step + inner * east_step * np.arange(across)
+        y = north + 0.5 * south_step - inner * south_step * np.arange(1, down + 1)
         places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        found = self._squares(to_lattice(places, self.extent), cell)[:, 1:-1, 1:-1]
+        found = self._squares(to_lattice(places, self.extent), east_step)[:, 1:-1, 1:-1]
         whole = found.reshape(down, across, inner, inner, 4).swapaxes(1, 2)
         return whole.reshape(down * inner, across * inner, 4)[:rows, :columns]
 

@@ -131,7 +131,7 @@ def test_windows_are_tiles_of_any_cell_size() -> None:
     texel = paint.texel(5)
     tiles = paint.tiles([(5, 5, 5), (5, 6, 5)])
     west, north = 5 * 128.0 + 0.5 * texel, 6 * 128.0 - 0.5 * texel
-    window = paint.window(west, north, cell=texel, columns=300, rows=100)
+    window = paint.window(west, north, cell=(texel, texel), columns=300, rows=100)
     assert window.shape == (100, 300, 4)
     both = np.concatenate([tiles[0, 1:-1, 1:-1], tiles[1, 1:-1, 1:-1]], axis=1)[:100, :300]
     np.testing.assert_array_equal(window, both)
@@ -219,7 +219,7 @@ def crossing(ways):
 def test_markings_follow_the_number_of_ways(ways, stops) -> None:
     """At a junction of three ways one gives way, at larger ones all (Bruneton & Neyret 2008, section 3.1)."""
     paint = appearance(roads=crossing(ways))
-    window = marks(paint.window(2030.0, 2066.0, cell=0.05, columns=720, rows=720))
+    window = marks(paint.window(2030.0, 2066.0, cell=(0.05, 0.05), columns=720, rows=720))
     x, y = np.meshgrid(2030.0 + 0.05 * np.arange(720), 2066.0 - 0.05 * np.arange(720))
     for number, bearing in enumerate(ways):
         ahead = np.array([np.sin(np.radians(bearing)), np.cos(np.radians(bearing))])
@@ -242,7 +242,7 @@ def test_rails_lie_on_roads_and_roads_on_paths() -> None:
     path = make_road(east_west[1], vector=2, layer="path", width=2.0, shoulder=0.2)
     path = replace(path, works=path.works._replace(surface="soil"))
     alone, both = appearance(roads=[road]), appearance(roads=[road, path])
-    grid = {"cell": 0.1, "columns": 40, "rows": 40}
+    grid = {"cell": (0.1, 0.1), "columns": 40, "rows": 40}
     at_crossing = (2046.0, 2050.0)
     np.testing.assert_array_equal(alone.window(*at_crossing, **grid), both.window(*at_crossing, **grid))
     rails = make_road(east_west[1], vector=2, layer="railway", width=4.4, shoulder=0.6)
@@ -257,9 +257,7 @@ def test_fields_are_ploughed_along_contours_and_else_along_their_longest_side() 
         layer = VectorLayer.from_shapes("landuse", np.array([field]), columns={"crop": ("ploughed",)})
         paint = appearance(slope=slope)
         paint.recipe.landuse = land_use(Sketch(vectors={"landuse": layer}))
-        window = (
-            paint.window(690.0, 610.0, cell=0.1, columns=100, rows=100)[..., :3].astype(float).mean(axis=-1)
-        )
+        window = paint.window(690.0, 610.0, cell=(0.1, 0.1), columns=100, rows=100)[..., :3].mean(axis=-1)
         varied = [np.abs(np.diff(window, axis=axis)).mean() for axis in (0, 1)]
         assert np.argmax(varied) == across, slope
         assert max(varied) > 4 * min(varied)
@@ -283,7 +281,7 @@ def test_texels_far_from_the_origin_are_as_exact() -> None:
     for at in (near, far):
         paint = appearance([shapely.transform(square, lambda x, at=at: x + at)])
         west, north = at + np.array([-60.03, 70.02])
-        shares.append(paint.window(west, north, cell=0.5, columns=250, rows=250)[..., 3].astype(int))
+        shares.append(paint.window(west, north, cell=(0.5, 0.5), columns=250, rows=250)[..., 3].astype(int))
     assert shares[0].max() == MEADOW
     assert np.abs(shares[0] - shares[1]).max() <= 1
 

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.export.engines import requested_storeys
-from sketchterrain.export.rasters import NO_DATA, Georeference, local_metres, write_cloud_tiff
+from sketchterrain.export.rasters import APPEARANCE, NO_DATA, Georeference, local_metres, write_cloud_tiff
 from sketchterrain.export.roads import MASKS, built_ground, coverage, road_layers
-from sketchterrain.export.sampled import SampleGrid
+from sketchterrain.export.sampled import SampleGrid, appearance_picture
 from sketchterrain.export.target import Export, ExportOutput, Target
 from sketchterrain.export.vectors import (
     GeoPackage,
@@ -96,6 +96,10 @@ def _write_rasters(export: Export, georeference: Georeference) -> dict[Path, str
         normal: "normals: 0 is -1, 255 is 1; bands east, north, up",
         weights: f"weights of the materials, with a sum of 255; bands {', '.join(names)}",
     }
+    if samples.appearance is not None:
+        picture = appearance_picture(samples.appearance)
+        bands = {name: picture[..., band] for band, name in enumerate(("red", "green", "blue", "covered"))}
+        files[write_tiff(export.folder / f"{export.name}_appearance.tif", bands)] = APPEARANCE
     if outlines := built_ground(export.terrain.features.network, samples.grid):
         masks = {kind: coverage(areas, samples.grid) for kind, areas in outlines.items()}
         path = write_tiff(export.folder / f"{export.name}_roads.tif", masks)

@@ -20,7 +20,7 @@ MAY_IMPORT = {
     "placement": BASE,
     "hydrology": BASE | {"placement"},
     "roads": BASE | {"placement", "hydrology"},
-    "landuse": BASE,
+    "landuse": BASE | {"placement"},
     "compute": {"errors", "array_types", "io"},
     # The class `Terrain` offers foliage: vegetation is the one room below that terrain imports.
     "terrain": CORE | {"elevation"},

@@ -20,12 +20,14 @@ from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Lat
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import DRAW_ORDER, LAYERS, layer_of
 from sketchterrain.hydrology.vector_layout import with_vectors_painted
+from sketchterrain.landuse.areas import NO_LAND_USE
 from sketchterrain.placement.feature_types import FEATURE_TYPES, TAN_70
 from sketchterrain.placement.heights import ShapeHeight, shape_height
 from sketchterrain.placement.shapes import Shape, label_shapes
 from sketchterrain.terrain.adherence_rivers import RiverAdherence, measure_river_adherence, standing_water
 from sketchterrain.terrain.building import relief_without
 from sketchterrain.terrain.lattice import to_lattice
+from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.layers.layer import MASKS, TerrainLayer
 from sketchterrain.terrain.layers.pads import PadsLayer
 from sketchterrain.terrain.layers.points import support_radii
@@ -89,9 +91,10 @@ class SampledTerrain:
 
     @classmethod
     def evaluate(cls, terrain: Terrain) -> SampledTerrain:
-        """Evaluate a terrain at full detail, without roads and pads, whose heights hide what is painted."""
+        """Evaluate a terrain at full detail, without roads, pads and land use, which hide what is painted."""
         names = terrain.recipe.materials.names
-        bare = terrain.recipe.with_layers([PadsLayer(names, ()), RoadsLayer(names, ())])
+        built = LandUseLayer(names, NO_LAND_USE), PadsLayer(names, ()), RoadsLayer(names, ())
+        bare = terrain.recipe.with_layers(built)
         terrain, _ = terrain.updated(terrain.sketch, bare)
         x, y = (to_lattice(axis, terrain.extent).ravel() for axis in pixel_centres(terrain.sketch))
         height, masks = terrain.evaluator.points(x, y, cell_size=0.0)

@@ -38,6 +38,7 @@ from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.layers.dunes import DunesLayer
 from sketchterrain.terrain.layers.lakes import LakesLayer
+from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.layers.layer import WorldSettings
 from sketchterrain.terrain.layers.pads import PadsLayer
 from sketchterrain.terrain.layers.plateaus import PlateausLayer
@@ -136,7 +137,7 @@ def recipe_of_plan(
     if last is None or last.plan is not plan or not _differ_in_roads(last.sketch, sketch):
         last = _Natural(sketch, plan, _natural_recipe(sketch, plan, memory, checkpoint))
         memory.store(_NATURAL, last)
-    return with_roads(sketch, replace(last.recipe, landuse=land_use(sketch)), memory)
+    return with_roads(sketch, with_land_use(sketch, last.recipe, memory), memory)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +163,17 @@ def _differ_in_roads(one: Sketch, other: Sketch) -> bool:
         and labels(one) == labels(other)
         and all(getattr(one, name) == getattr(other, name) for name in rest)
     )
+
+
+def with_land_use(sketch: Sketch, recipe: TerrainRecipe, memory: LRUCache) -> TerrainRecipe:
+    """Return a terrain with the land use of its sketch."""
+    layer = sketch.vectors["landuse"]
+    if not len(layer):
+        return recipe
+    labels = (name for name in sketch.labels.items() if name[0][0] == "landuse")
+    key = "land use", IdentityKey(layer), tuple((name, tuple(sorted(own.items()))) for name, own in labels)
+    areas = memory.get_or_compute(key, partial(land_use, sketch))
+    return replace(recipe.with_layers([LandUseLayer(recipe.materials.names, areas)]), landuse=areas)
 
 
 def with_roads(sketch: Sketch, recipe: TerrainRecipe, memory: LRUCache) -> TerrainRecipe:
@@ -232,8 +244,8 @@ def draft_recipe(plan: TerrainPlan, before: TerrainPlan, recipe: TerrainRecipe) 
     draft = plan.dry.with_layers(
         [relief, *(recipe[kind] for kind in (PlateausLayer, LakesLayer, CorridorsLayer, SeaLayer))]
     )
-    draft = draft.with_layers([recipe[PadsLayer], recipe[RoadsLayer]])
-    return replace(draft, network=recipe.network)
+    draft = draft.with_layers([recipe[kind] for kind in (LandUseLayer, PadsLayer, RoadsLayer)])
+    return replace(draft, network=recipe.network, landuse=recipe.landuse)
 
 
 def _streams(sketch: Sketch, plan: TerrainPlan, recipe: TerrainRecipe, memory: LRUCache) -> list[RiverCourse]:

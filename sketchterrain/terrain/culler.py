@@ -28,7 +28,7 @@ class Culled:
     """A layer's part of a launch."""
 
     buffers: Mapping[str, Any]  # on the device, by the names of the kernels' arguments
-    lists: Mapping[str, npt.NDArray[np.int32]]  # what affects which block, to be uploaded
+    lists: Mapping[str, npt.NDArray[Any]]  # what affects which block, to be uploaded
     details: Any  # what the layer's bounds read
 
 
@@ -91,6 +91,6 @@ def _upload_real(context: ComputeContext, array: npt.NDArray[Any]) -> Any:
     return context.upload(array.astype(context.real_dtype) if array.dtype == np.float64 else array)
 
 
-def list_arrays(culled: Mapping[str, Culled]) -> dict[str, npt.NDArray[np.int32]]:
+def list_arrays(culled: Mapping[str, Culled]) -> dict[str, npt.NDArray[Any]]:
     """Return the lists of all layers, by the names of the kernels' arguments."""
     return {name: array for each in culled.values() for name, array in each.lists.items()}

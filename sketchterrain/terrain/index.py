@@ -43,11 +43,11 @@ class _Edits:
         return _Edits(gone, numbers, self.boxes.updated(np.flatnonzero(~kept), places, boxes))
 
     def pairs(
-        self, block: LatticeArray, item: LatticeArray, blocks: LatticeArray
+        self, block: LatticeArray, item: LatticeArray, blocks: LatticeArray, least: int
     ) -> tuple[LatticeArray, LatticeArray]:
         """Return pairs of the index without removed items, renumbered, and pairs with added ones."""
         left = ~np.isin(item, self.removed)
-        more, which = self.boxes.touching(blocks)
+        more, which = self.boxes.touching(blocks, least)
         items = _renumbered(item[left], self.removed, self.added)
         return np.concatenate([block[left], more]), np.concatenate([items, self.added[which]])
 
@@ -137,16 +137,19 @@ class BoxIndex:
             self._cells = self._build()
         return BoxIndex(self._boxes, cells=self._cells, edits=edits)
 
-    def touching(self, blocks: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
-        """Return pairs (block, item) that touch blocks (m, 4), borders included, by block, then by item."""
+    def touching(self, blocks: LatticeArray, least: int = 0) -> tuple[LatticeArray, LatticeArray]:
+        """Return pairs (block, item) that touch blocks (m, 4), borders included, by block, then by item.
+
+        Items whose boxes are narrower than ``least`` both ways may be left out.
+        """
         if len(self._low) * len(blocks) <= _FEW:
             block, item = np.nonzero(_overlap(blocks[:, None], self._low, self._high))
         else:
-            block, item = self._candidates(blocks)
+            block, item = self._candidates(blocks, least)
             touch = _overlap(blocks[block], self._low[item], self._high[item])
             block, item = block[touch], item[touch]
         if self._edits is not None:
-            block, item = self._edits.pairs(block, item, blocks)
+            block, item = self._edits.pairs(block, item, blocks, least)
         bits = (len(self) + 1).bit_length()
         order = np.sort(block << bits | item)
         return order >> bits, order & ((1 << bits) - 1)
@@ -176,7 +179,7 @@ class BoxIndex:
         """Side of most boxes."""
         return int(np.median(self._high - self._low)) if len(self._low) else 0
 
-    def _candidates(self, blocks: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
+    def _candidates(self, blocks: LatticeArray, least: int) -> tuple[LatticeArray, LatticeArray]:
         """Return pairs of blocks and items in cells near them."""
         if self._cells is None:
             self._cells = self._build()
@@ -186,7 +189,8 @@ class BoxIndex:
         shift, area = bits[size][:, None], blocks[block]
         first = np.maximum(((area[:, :2] - origin) >> shift) - 1, 0)
         last = np.minimum((area[:, 2:] - origin) >> shift, np.stack([width, rows], axis=-1)[size] - 1)
-        count = np.where(last[:, 0] >= first[:, 0], np.maximum(last[:, 1] - first[:, 1] + 1, 0), 0)
+        wide = (last[:, 0] >= first[:, 0]) & (bits[size] >= least.bit_length() - 1)
+        count = np.where(wide, np.maximum(last[:, 1] - first[:, 1] + 1, 0), 0)
         part, offset = _runs(count)
         row = base[size[part]] + (first[part, 1] + offset) * width[size[part]]
         start = np.searchsorted(keys, row + first[part, 0])

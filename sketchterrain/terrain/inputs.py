@@ -71,11 +71,17 @@ class KernelInputs:
         *,
         around: LatticeArray | None = None,
         surface: bool = False,
+        heights_only: bool = False,
     ) -> dict[str, Culled]:
-        """Return what affects blocks by layer: those of heights, or of the ``surface``; see `Culler.cull`."""
+        """Return what affects blocks by layer: those of heights, or of the ``surface``; see `Culler.cull`.
+
+        With ``heights_only`` lists of layers that change no height are empty.
+        """
         sampling = self.sampling(cell_size)
         return {
-            layer.name: self.cullers[layer.name].cull(blocks, sampling, around)
+            layer.name: self.cullers[layer.name].cull(
+                blocks if layer.has_heights or not heights_only else blocks[:0], sampling, around
+            )
             for layer in self.recipe.layers
             if layer.surface == surface
         }

@@ -258,7 +258,9 @@ class PatchLauncher:
         """Enqueue heights, masks and mottle with their border, staging ``more`` small arrays along."""
         count, side, real = patches.count, patches.side, self._context.real_dtype
         size = 1 if heights_only else count * side * side
-        culled = self._inputs.cull(patches.square_blocks, patches.cell_size, around=patches.blocks)
+        culled = self._inputs.cull(
+            patches.square_blocks, patches.cell_size, around=patches.blocks, heights_only=heights_only
+        )
         vertices = self._vertices(patches)
         staging = self._staged["heights" if heights_only else "all"]
         if not heights_only:
@@ -277,7 +279,7 @@ class PatchLauncher:
                 self._buffers.buffer(f"height {heights_only}", (count * side + 2, side), real),
                 self._buffers.buffer("masks", (len(MASKS), size), real),
                 self._buffers.buffer("mottle", size, real),
-                self._buffers.buffer("built", size, real),
+                self._buffers.buffer("built", (2, size), real),
             ),
         )
         items = patches.square_side**2

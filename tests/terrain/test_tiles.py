@@ -57,7 +57,7 @@ def test_culling_changes_no_bit(valley, monkeypatch) -> None:
         assert_same(one, two, parents=True)
 
 
-def everything_touches(index, blocks):
+def everything_touches(index, blocks, least=0):
     block, item = np.indices((len(blocks), len(index))).reshape(2, -1)
     return block, item
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.materials import BUILT_IN
+from sketchterrain.landuse.areas import NO_LAND_USE
 from sketchterrain.placement.feature_types import Cover, Lake, River
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.plateaus import Plateau
@@ -15,6 +16,7 @@ from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.layers.dunes import DunesLayer
 from sketchterrain.terrain.layers.forests import ForestsLayer
 from sketchterrain.terrain.layers.lakes import LakesLayer
+from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.layers.layer import TerrainLayer
 from sketchterrain.terrain.layers.pads import PadsLayer
 from sketchterrain.terrain.layers.plateaus import PlateausLayer
@@ -44,7 +46,8 @@ def layer_stack(
 
     ``relief`` is the drained ground, ``painted`` and ``fill`` are the point features, ``valley_radii`` the
     radius of influence (m) of each river's valley at each point of its centreline, ``detail`` the strength
-    of what elevation data lack, ``materials`` the names of materials. Pads and roads are laid on the result.
+    of what elevation data lack, ``materials`` the names of materials. Land use, pads and roads are laid on
+    the result.
     """
     points = PointsLayer(painted, fill)
     return (
@@ -57,6 +60,7 @@ def layer_stack(
         SeaLayer.of(sea),
         LakesLayer(tuple(lakes)),
         CorridorsLayer.of(rivers, valley_radii, extent, cache),
+        LandUseLayer(materials, NO_LAND_USE),
         PadsLayer(materials, ()),
         RoadsLayer(materials, ()),
         CoversLayer(tuple(covers)),

@@ -161,6 +161,7 @@ class TerrainLayer:
 
     name: ClassVar[str]
     surface: ClassVar[bool] = False  # whether it changes materials, not heights
+    has_heights: ClassVar[bool] = True  # whether it changes more than masks and materials
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields, without cached properties."""

@@ -1,0 +1,340 @@
+"""Land use: fields, meadows, forests and built-up land within outlines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, LatticeArray
+from sketchterrain.document.layers import CROPS
+from sketchterrain.io.resources import kernel_constants
+from sketchterrain.landuse.areas import BUILT_UP, FIELD, FOREST, MEADOW, LandUse
+from sketchterrain.terrain.changes import LayerChange
+from sketchterrain.terrain.culler import Culled
+from sketchterrain.terrain.index import BoxIndex
+from sketchterrain.terrain.layers.layer import (
+    ITEMS,
+    MASKS,
+    HostSamples,
+    HostSite,
+    Sampling,
+    TerrainLayer,
+    WorldSettings,
+    smooth_rise,
+)
+
+if TYPE_CHECKING:
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.terrain.culler import Culler
+
+_HEADER: Final = "layers/landuse.clh"
+(_CELLS,) = kernel_constants(_HEADER, "LAND_CELLS")
+_COVERS: Final = {
+    MEADOW: ("grass", 1.0),
+    BUILT_UP: ("gravel", 0.5),
+}
+"""Material of a use, and the share of the ground that it covers; forests leave it to the rules."""
+_GRASSY_CROPS: Final = ("rapeseed", "orchard")
+_MARGIN = 2  # lattice units: rounding of positions
+_FARTHEST = 1 << 30  # lattice units from a block to the ends of its edges
+_MOST_CELL = 0.25  # of the extent: no land use at wider cells
+_AT_ONCE = 1 << 20  # edges
+_MANY = 256  # areas whose boxes are one, if so many differ
+_CROWDED, _PARTS = 32, 4  # areas of a block from which on it is cut into so many parts along a side
+_NEVER = np.iinfo(np.int32).max
+
+
+class AreaIndex(NamedTuple):
+    """Where areas are, and how wide."""
+
+    boxes: BoxIndex  # lattice units
+    width: Float64Array  # (n,) m
+
+    @classmethod
+    def of(cls, areas: LandUse, world: WorldSettings) -> AreaIndex:
+        """Return the index of areas."""
+        boxes, width = _measured(areas, np.arange(len(areas)), world.unit)
+        return cls(BoxIndex(boxes), width)
+
+    def updated(self, areas: LandUse, change: LayerChange, world: WorldSettings) -> AreaIndex:
+        """Return the index of changed areas."""
+        boxes, added = _measured(areas, change.added, world.unit)
+        width = np.empty(len(areas))
+        stays = np.ones(len(areas), np.bool_)
+        stays[change.added] = False
+        width[stays], width[change.added] = np.delete(self.width, change.removed), added
+        return AreaIndex(self.boxes.updated(change.removed, change.added, boxes), width)
+
+
+class _Near(NamedTuple):
+    """Areas near blocks by block, from the top down, and their edges."""
+
+    block: Int64Array  # (k,)
+    area: Int64Array  # (k,)
+    inside: BoolArray  # (k,) whether the block's south-east corner is
+    pair: Int64Array  # (m,) area near a block that an edge belongs to, ascending
+    ends: LatticeArray  # (m, 4) from the block's south-west corner, the lower or western end first
+
+
+@dataclass(frozen=True, eq=False)
+class LandUseLayer(TerrainLayer):
+    """Areas of land use: the mask of forests, and materials; it changes no height."""
+
+    name: ClassVar[str] = "landuse"
+    has_heights: ClassVar[bool] = False
+
+    materials: tuple[str, ...]  # names, in the order of their weights
+    areas: LandUse = field(metadata=ITEMS)
+
+    def index(self, world: WorldSettings) -> AreaIndex:
+        """Return the index of its areas; the one of a changed layer follows from that before."""
+        if world.extent not in self._indices:
+            self._indices[world.extent] = AreaIndex.of(self.areas, world)
+        return self._indices[world.extent]
+
+    @cached_property
+    def _indices(self) -> dict[float, AreaIndex]:
+        return {}
+
+    def change(self, old: TerrainLayer, world: WorldSettings) -> LayerChange | None:
+        """Return what differs from another one."""
+        if not isinstance(old, LandUseLayer):
+            raise TypeError(f"expected a {type(self).__name__}, got a {type(old).__name__}")
+        removed, added = self.areas.difference(old.areas)
+        pairs = (old.areas, removed), (self.areas, added)
+        boxes = np.concatenate([_measured(areas, rows, world.unit)[0] for areas, rows in pairs])
+        if len(boxes) > _MANY:
+            boxes = np.concatenate([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])[None]
+        change = LayerChange(removed, added, boxes)
+        if change and world.extent in old._indices:
+            self._indices[world.extent] = old.index(world).updated(self.areas, change, world)
+        return change
+
+    def culler(self, context: ComputeContext, world: WorldSettings) -> Culler:
+        """Return its lists."""
+        return _LandUseCuller(self, context, world)
+
+    def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
+        """Return the bit of forests for blocks with one."""
+        starts, rows = culled.lists["landuse_starts"], culled.lists["landuse_row"]
+        trees = np.append(0, np.cumsum(rows[:, 0] > 0.0))
+        trees = trees[starts[:: (len(starts) - 1) // max(blocks, 1)]]
+        present = trees[1:] > trees[:-1]
+        return np.asarray(present.astype(np.int32) << MASKS.index("forest"), np.int32)
+
+    def listed(
+        self, blocks: LatticeArray, cell: float, world: WorldSettings
+    ) -> tuple[Int64Array, Int64Array]:
+        """Return pairs of a block and an area of which its cells may show something, from the top down."""
+        index, unit = self.index(world), world.unit
+        reach = _reach(cell, unit)
+        if cell > _MOST_CELL * world.extent:
+            blocks = blocks[:0]
+        widened = blocks + np.array([-reach, -reach, reach, reach])
+        block, area = index.boxes.touching(widened, least=int(_CELLS * cell / unit))
+        shown = index.width[area] > _CELLS * cell
+        block, area = block[shown], area[shown]
+        order = np.lexsort((-area, block))
+        return block[order], area[order]
+
+    def near(
+        self, blocks: LatticeArray, pairs: tuple[Int64Array, Int64Array], cell: float, unit: float
+    ) -> _Near:
+        """Return listed areas with their edges near blocks (n, 4)."""
+        (block, area), reach = pairs, _reach(cell, unit)
+        inside = np.zeros(len(area), np.bool_)
+        of, found = [np.zeros(0, np.int64)], [np.zeros((0, 4), np.int64)]
+        batch = np.cumsum(np.diff(self.areas.first)[area]) // _AT_ONCE
+        for number in range(int(batch[-1]) + 1 if len(batch) else 0):
+            first, last = np.searchsorted(batch, (number, number + 1))
+            corner = blocks[block[first:last]]
+            pair, edge = self.areas.edges_of(area[first:last])
+            ends = _outlined(self.areas.edges[edge], corner[:, :2][pair], unit)
+            side, top = (corner[:, 2:] - corner[:, :2])[pair].T
+            crossed = _crosses(ends, side)
+            inside[first:last] = np.bincount(pair[crossed], minlength=last - first) % 2 > 0
+            x, y, to_x, to_y = ends.T
+            own = (np.maximum(x, to_x) >= -reach) & (np.minimum(x, to_x) <= side + reach)
+            own &= (to_y >= -reach) & (y <= top + reach)
+            of.append(first + pair[own])
+            found.append(ends[own])
+        return _Near(block, area, inside, np.concatenate(of), np.concatenate(found))
+
+    def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:
+        """Return the ground with the mask of its forests."""
+        if not site.masks or not len(self.areas):
+            return ground
+        world, cell = site.sampling.world, site.sampling.cell
+        left, trees = np.ones(len(site.x)), np.zeros(len(site.x))
+        at = np.stack([site.x, site.y, site.x, site.y], axis=1)
+        near = self.near(at, self.listed(at, cell, world), cell, world.unit)
+        shares = self._shares(near, cell, world)
+        shares *= smooth_rise(self.index(world).width[near.area] / cell, _CELLS, _CELLS)
+        density = self.densities(near.area)
+        # The first areas of all points, then the second ones, and so on.
+        rank = np.arange(len(near.block)) - np.searchsorted(near.block, near.block)
+        for number in range(int(rank.max(initial=-1)) + 1):
+            own = np.flatnonzero(rank == number)
+            point = near.block[own]
+            share = np.minimum(shares[own], left[point])
+            left[point] -= share
+            trees[point] += share * density[own]
+        return replace(ground, forest=ground.forest * left + trees)
+
+    def _shares(self, near: _Near, cell: float, world: WorldSettings) -> Float64Array:
+        """Return the share of the cell about each point, a block, that areas near it cover."""
+        x, y, to_x, to_y = (near.ends * world.unit).T
+        east, north = to_x - x, to_y - y
+        square = east * east + north * north
+        t = np.clip(-(x * east + y * north) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+        nearest = np.full(len(near.area), np.inf)
+        np.minimum.at(nearest, near.pair, (x + t * east) ** 2 + (y + t * north) ** 2)
+        cells = np.sqrt(nearest) / cell
+        return np.asarray(np.clip(0.5 + np.where(near.inside, cells, -cells), 0.0, 1.0))
+
+    def densities(self, areas: Int64Array) -> Float64Array:
+        """Return the shares of a full stand of trees in areas (n,)."""
+        return np.where(self.areas.use[areas] == FOREST, self.areas.density[areas], 0.0)
+
+    def covers(self, areas: Int64Array) -> tuple[npt.NDArray[np.int32], Float64Array]:
+        """Return the material of areas (n,), -1 without one, and the share of the ground that it covers."""
+        names = [*self.materials, "forest"]
+        use = self.areas.use[areas]
+        material, cover = np.full(len(areas), -1, np.int32), np.zeros(len(areas))
+        for each, (name, share) in _COVERS.items():
+            material[use == each], cover[use == each] = names.index(name), share
+        fields = use == FIELD
+        grassy = np.isin(self.areas.crops(areas), [CROPS.index(name) for name in _GRASSY_CROPS])
+        material[fields] = np.where(grassy, names.index("grass"), names.index("soil"))[fields]
+        cover[fields] = 1.0
+        return material, cover
+
+
+class _LandUseCuller:
+    """Areas on a device: each launch gets those near its blocks, with their edges."""
+
+    def __init__(self, layer: LandUseLayer, context: ComputeContext, world: WorldSettings) -> None:
+        self._layer = layer
+        self._context = context
+        self._world = world
+
+    def updated(self, layer: TerrainLayer, change: LayerChange) -> Culler:
+        """Return the culler of a changed layer."""
+        return layer.culler(self._context, self._world)
+
+    def cull(self, blocks: LatticeArray, sampling: Sampling, around: LatticeArray | None = None) -> Culled:
+        """Return the areas near blocks and their edges (``LandUse`` of ``kernels/layers/landuse.clh``)."""
+        del around
+        layer, world, cell = self._layer, sampling.world, sampling.cell
+        pairs, grid = layer.listed(blocks, cell, world), np.ones((len(blocks), 4), np.int32)
+        if len(pairs[0]) > _CROWDED * len(blocks):
+            grid[:, 0], grid[:, 1:3] = _PARTS, (blocks[:, 2:] - blocks[:, :2]) // _PARTS + 1
+            blocks = _parts(blocks[:, :2], grid[:, 1:3])
+            pairs = layer.listed(blocks, cell, world)
+        else:
+            grid[:, 1:3] = blocks[:, 2:] - blocks[:, :2] + 1
+        near = layer.near(blocks, pairs, cell, world.unit)
+        edges = np.bincount(near.pair, minlength=len(near.area))
+        used = near.inside | (edges > 0)
+        number = np.cumsum(used) - 1
+        block, area, pair = near.block[used], near.area[used], number[near.pair]
+        last = np.cumsum(edges[used])
+        material, cover = layer.covers(area)
+        form = np.stack([last - edges[used], last, material, near.inside[used]], axis=1)
+        reach = _reach(cell, world.unit)
+        box = layer.index(world).boxes.boxes_of(area) - np.tile(blocks[block, :2], 2)
+        box += (-reach, -reach, reach, reach)
+        seen = smooth_rise(layer.index(world).width[area] / cell, _CELLS, _CELLS)
+        row = np.stack([layer.densities(area), seen, cover, np.zeros(len(area))], axis=1)
+        side = (blocks[:, 2] - blocks[:, 0])[block[pair]]
+        rows, square = _crossing_rows(near.ends, side)
+        inverse = np.where(square > 0.0, 1.0, 0.0) / np.where(square > 0.0, square * world.unit**2, 1.0)
+        lists: dict[str, npt.NDArray[Any]] = {
+            "landuse_grid": grid,
+            "landuse_at": blocks[:, :2],
+            "landuse_starts": np.searchsorted(block, np.arange(len(blocks) + 1)).astype(np.int32),
+            "landuse_form": form.astype(np.int32),
+            "landuse_box": _clipped(box),
+            "landuse_row": row.astype(sampling.real),
+            "landuse_ends": _clipped(near.ends),
+            "landuse_rows": rows,
+            "landuse_inverse": inverse.astype(sampling.real),
+        }
+        return Culled({}, lists, None)
+
+
+def _parts(corner: LatticeArray, size: npt.NDArray[np.int32]) -> LatticeArray:
+    """Return the parts of blocks at corners (n, 2), by rows from the south-west; without common points."""
+    place = np.stack([np.tile(np.arange(_PARTS), _PARTS), np.repeat(np.arange(_PARTS), _PARTS)], axis=1)
+    low = (corner[:, None] + size[:, None] * place.astype(np.int64)).reshape(-1, 2)
+    return np.concatenate([low, low + np.repeat(size, _PARTS**2, axis=0) - 1], axis=1)
+
+
+def _reach(cell: float, unit: float) -> int:
+    """Return how far (lattice units) an area has an effect beyond its border."""
+    return int(np.ceil(0.5 * cell / unit)) + _MARGIN
+
+
+def _measured(areas: LandUse, numbers: Int64Array, unit: float) -> tuple[LatticeArray, Float64Array]:
+    """Return the boxes (n, 4), lattice units, and the widths (m) of some areas."""
+    if not len(numbers):
+        return np.zeros((0, 4), np.int64), np.zeros(0)
+    area, edge = areas.edges_of(numbers)
+    start, end = areas.edges[edge, :2], areas.edges[edge, 2:]
+    first = np.searchsorted(area, np.arange(len(numbers)))
+    low = np.minimum.reduceat(np.minimum(start, end), first)
+    high = np.maximum.reduceat(np.maximum(start, end), first)
+    boxes = np.concatenate([np.floor(low / unit) - _MARGIN, np.ceil(high / unit) + _MARGIN], axis=1)
+    way = end - start
+    from_corner = start - start[first][area]
+    double = np.add.reduceat(from_corner[:, 0] * way[:, 1] - from_corner[:, 1] * way[:, 0], first)
+    around = np.add.reduceat(np.sqrt((way * way).sum(axis=1)), first)
+    # Of a square its side, of a long strip twice its width.
+    width = np.minimum(2.0 * np.abs(double) / around, (high - low).min(axis=1))
+    return boxes.astype(np.int64), width
+
+
+def _outlined(edges: Float64Array, corner: LatticeArray, unit: float) -> LatticeArray:
+    """Return both ends of edges (m) from corners, lattice units, the lower or western end first."""
+    ends = np.rint(edges / unit).astype(np.int64) - np.tile(corner, 2)
+    x, y, to_x, to_y = ends.T
+    turned = (y > to_y) | ((y == to_y) & (x > to_x))
+    ends[turned] = np.roll(ends[turned], 2, axis=1)
+    return ends
+
+
+def _crosses(ends: LatticeArray, x: LatticeArray) -> BoolArray:
+    """Return whether rays eastward from (x, 0) cross edges, as `area_share` counts."""
+    low_x, low_y, high_x, high_y = ends.T
+    east, north = high_x - low_x, high_y - low_y
+    west = (x - low_x) * north < -east * low_y + (east > 0)
+    return np.asarray((low_y <= 0) & (high_y > 0) & west)
+
+
+def _crossing_rows(ends: LatticeArray, side: LatticeArray) -> tuple[npt.NDArray[np.int32], Float64Array]:
+    """Return the rows of edges that the kernel reads, (m, 4), and their squared lengths.
+
+    A ray eastward that ends at the block's eastern side, `side` from its corner, crosses the part of an edge
+    before it; how often one beyond it would have crossed others, up to a row, follows from the way along the
+    side.
+    """
+    x, y, to_x, to_y = ends.T
+    east, north = to_x - x, to_y - y
+    beyond, to_beyond = x > side, to_x > side
+    meets = beyond != to_beyond
+    row = y - (-north * (side - x)) // np.where(meets, east, 1)  # rounded up
+    rows = np.zeros((len(ends), 4), np.int64)
+    rows[:, 0] = np.where(meets & beyond, np.maximum(y, row), y)
+    rows[:, 1] = np.where(meets & to_beyond, np.minimum(to_y, row), to_y)
+    rows[beyond & to_beyond, 1] = rows[beyond & to_beyond, 0]
+    rows[:, 2] = np.where(meets & (row > 0), row, _NEVER)
+    return _clipped(rows), (east * 1.0) ** 2 + (north * 1.0) ** 2
+
+
+def _clipped(units: LatticeArray) -> npt.NDArray[np.int32]:
+    """Return lattice units as kernels read them; what is farther has no effect."""
+    return np.where(units == _NEVER, _NEVER, np.clip(units, -_FARTHEST, _FARTHEST)).astype(np.int32)

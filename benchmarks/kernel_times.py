@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from sketchterrain.benchmarks.appearance_error import AT, GROUND, open_appearance
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import BARE, RELIEF, NoiseGrid, central_keys, open_ground
 from sketchterrain.benchmarks.poisson_disk import PoissonDisk
@@ -141,6 +142,8 @@ WRITTEN: Mapping[str, float] = {
     "clear": 4,
     "count_points": 4,
     "write_graded": 24 * 80,
+    "appearance": 4,  # a texel
+    "area_means": 4 * _REAL,
     "material_paint": 4 * _REAL,
     "material_relief": 4 * _REAL,
     "bench_fbm": _REAL,
@@ -175,7 +178,9 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     the rounds of Poisson-disk points, `clear` and `list_for_finer` those of graded ones (an item is a cell),
     `count_points` and `write_…` their lists (an item is 256 cells of a row). `bench_fbm` is 8 octaves of
     noise on a grid, `bench_fbm_slope` with slopes, `bench_base_detail` as many of detail below a DEM,
-    `material_paint` and `material_relief` the materials' textures (an item is a texel), `spline_…_distances`
+    `appearance` paints a tile of roads among fields, of texels of 0.5 m and of 65 m, for which `area_means`
+    sums up fields (an item is a texel, an area), `material_paint` and `material_relief` the materials'
+    textures (an item is a texel), `spline_…_distances`
     the distance to a spline of six control points, flattened for cells of 1 m. Medians and 95th percentiles
     are over all launches of all rounds; rates are work items, and the bytes that they write, over the median.
     `patches` is padded to groups of 256 items.
@@ -217,6 +222,15 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
                 _drawn(context, terrain, level, effort.kernel_tiles),
             )
             yield _Case(("points",), name, level), _points(context, terrain, level, effort)
+    paint = open_appearance(context)
+    for level, kernels in ((6, ("appearance",)), (-1, ("appearance", "area_means"))):
+        yield (
+            _Case(kernels, GROUND, level),
+            partial(
+                context.lap,
+                partial(paint.tiles, [(level, *(int(at // (paint.extent / 2.0**level)) for at in AT))]),
+            ),
+        )
     yield from _point_works(context, round(_POINT_SIDE * _POINT_RADIUS))
     grid = NoiseGrid(context, effort.noise_side)
     yield _Case(("bench_fbm",)), partial(context.lap, grid.launch)

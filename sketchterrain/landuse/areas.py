@@ -65,6 +65,8 @@ class LandUse:
 
     def difference(self, old: LandUse) -> tuple[Int64Array, Int64Array]:
         """Return the areas that only the old and only this one has, bit for bit, ascending."""
+        if self is old:
+            return np.zeros(0, np.int64), np.zeros(0, np.int64)
         if shared := set(self.pieces) & set(old.pieces):
             (mine_left, rows), (old_left, old_rows) = self._without(shared), old._without(shared)
             removed, added = mine_left.difference(old_left)

@@ -27,6 +27,7 @@ from sketchterrain.elevation.base import load_base
 from sketchterrain.errors import DeviceFailedError, SketchterrainError
 from sketchterrain.export.files import move_files, prepare_folder, staging, stale_files, write_json
 from sketchterrain.export.foliage_files import FoliageOptions, FoliageResult, check_disk_space, write_foliage
+from sketchterrain.export.landuse import land_facts
 from sketchterrain.export.map.sheet import map_sheet, write_sheet
 from sketchterrain.export.rasters import (
     write_appearance,
@@ -110,6 +111,7 @@ def report_header(terrain: Terrain) -> dict[str, Any]:
         **({} if base is None else {"base": base.facts}),
         "resolutions": [resolution.line for resolution in recipe.resolutions],
         **({"roads": road_facts(network, sketch)} if network.roads or network.pads or network.walls else {}),
+        **({"landuse": land_facts(sketch)} if len(sketch.vectors["landuse"]) else {}),
         "edits": {"count": len(sketch.edits), "orphans": list(recipe.orphans)},
     }
 

@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 from sketchterrain.document.own_materials import relative_folders, resolved_folders
 from sketchterrain.document.rasters import (
     embedded_files,
@@ -25,7 +25,6 @@ from sketchterrain.document.rasters import (
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text, starter_sketch
 from sketchterrain.document.vector_file import SUFFIX, decode_vectors, encode_vectors, vector_files
-from sketchterrain.document.vectors import VECTOR_LAYERS
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
 from sketchterrain.io.files import open_zip, too_large, wrap_os_errors, wrap_read_errors, write_atomic
 from sketchterrain.io.resources import preset, preset_names

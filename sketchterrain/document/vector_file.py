@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from sketchterrain.document.vectors import AREA, KINDS, LINE, VECTOR_LAYERS, Column, VectorLayer
+from sketchterrain.document.layers import VECTOR_LAYERS
+from sketchterrain.document.vectors import AREA, KINDS, LINE, Column, VectorLayer
 from sketchterrain.errors import InputError, one_line
 
 SUFFIX = ".fgb"

@@ -37,11 +37,13 @@ _OUTLINE_DECIMALS = 2  # centimetres
 _RIM = -1e9  # m of depth around a raster, so that the sea ends at its outermost samples
 
 
-def write_features(folder: Path, features: TerrainFeatures) -> tuple[Path, ...]:
+def write_features(
+    folder: Path, features: TerrainFeatures, areas: Iterable[dict[str, Any]] = ()
+) -> tuple[Path, ...]:
     """Write ``features.json``: point features by id, rivers as splines, lakes, roads, pads, walls, the sea.
 
-    Ids are 64-bit unsigned integers, lengths metres, angles degrees. Roads, pads and walls are left out if
-    there are none.
+    Ids are 64-bit unsigned integers, lengths metres, angles degrees. Roads, pads, walls and `areas`, the
+    entries of land use, are left out if there are none.
     """
     lists: dict[str, Iterable[dict[str, Any]]] = {
         "features": map(_point_entry, features.points),
@@ -51,6 +53,8 @@ def write_features(folder: Path, features: TerrainFeatures) -> tuple[Path, ...]:
     for name in ("roads", "pads", "walls"):
         if built := getattr(features.network, name):
             lists[name] = map(_built_entry, built)
+    if entries := list(areas):
+        lists["landuse"] = entries
     text = '{"format": 1' + "".join(f',\n"{name}": [\n{_lines(entries)}]' for name, entries in lists.items())
     text += "}\n" if features.sea_level is None else f',\n"sea": {{"level": {features.sea_level}}}}}\n'
     return (write_atomic(folder / "features.json", text.encode()),)

@@ -15,11 +15,11 @@ import msgspec
 import numpy as np
 
 from sketchterrain.document.label_layers import to_oklab
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.parameters import Value
 from sketchterrain.document.toml_format import load_toml
-from sketchterrain.document.vectors import VECTOR_LAYERS, vector_parameters
+from sketchterrain.document.vectors import vector_parameters
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
 from sketchterrain.io.files import wrap_read_errors
 

@@ -17,7 +17,7 @@ from rasterio.features import rasterize
 
 from sketchterrain.array_types import BoolArray, Int64Array
 from sketchterrain.document.label_layers import MAX_LABELS, MAX_SIDE, LabelImage
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, WAY_LAYERS
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS, WAY_LAYERS
 from sketchterrain.document.parameters import Properties, Value
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import (
@@ -27,7 +27,6 @@ from sketchterrain.document.vectors import (
     MAX_FEATURE_VERTICES,
     POINT,
     STEP,
-    VECTOR_LAYERS,
     VectorLayer,
     property_columns,
 )

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, VECTOR_LAYERS
 from sketchterrain.document.rasters import RASTER, RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import (
@@ -13,7 +13,6 @@ from sketchterrain.document.vectors import (
     KINDS,
     LINE,
     POINT,
-    VECTOR_LAYERS,
     VectorFeature,
     VectorLayer,
     vector_parameters,

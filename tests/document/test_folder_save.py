@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.label_layers import encode_layer
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import JOURNAL, load_sketch, new_sketch, save_sketch
-from sketchterrain.document.vectors import KINDS, VECTOR_LAYERS, VectorFeature, VectorLayer
+from sketchterrain.document.vectors import KINDS, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.io.resources import preset, preset_names
 

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from PyQt6.QtCore import QByteArray, QObject, QSettings, pyqtSignal
 
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, VECTOR_LAYERS
 from sketchterrain.document.sketch import DEFAULT_SIDE
-from sketchterrain.document.vectors import VECTOR_LAYERS
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.io.files import write_atomic
 from sketchterrain.ui.engine.protocol import MODES, Pose

@@ -10,7 +10,9 @@ import numpy.typing as npt
 from contourpy import LineType, contour_generator
 from scipy.ndimage import gaussian_filter, map_coordinates
 
+from sketchterrain.document.layers import LAND_USES
 from sketchterrain.document.materials import Material, MaterialTable
+from sketchterrain.export.landuse import land_shares
 from sketchterrain.export.map.drawing import Box, Points
 from sketchterrain.terrain.terrain import Terrain
 
@@ -20,6 +22,14 @@ MAX_SIDE: Final = 275.0  # mm of the map's longer side, for A3
 MARGIN, TOP = 12.5, 28.0  # mm from the sheet's edges to the map
 MIN_WIDTH: Final = 160.0  # mm of the sheet, for the legend
 SCALES: Final = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5, 8.0)
+
+LAND_TINTS: Final = {
+    "field": ("Field", (250, 240, 196)),
+    "meadow": ("Meadow", (214, 232, 170)),
+    "built_up": ("Built-up area", (226, 198, 190)),
+}
+"""Titles and colours of uses of land; forests are drawn where the ground's material says so."""
+LAND_OPACITY: Final = np.float32(0.8)
 
 STEP, SMOOTH = 0.2, 0.5  # mm between samples; mm, cell size of the heights for contours
 COVER_SIGMA: Final = 0.45  # mm, blur of materials against speckles
@@ -79,6 +89,7 @@ class MapSamples:
     sea_depth: Grid  # m of water in the sea, negative elsewhere
     cover: Grid  # weights of the materials (rows, columns, materials), blurred
     materials: MaterialTable
+    land: Grid | None = None  # shares of `LAND_USES` (rows, columns, uses)
 
     @cached_property
     def water(self) -> Grid:
@@ -141,13 +152,22 @@ def sample_map(terrain: Terrain, frame: MapFrame) -> MapSamples:
         gaussian_filter(raster.materials[..., material], COVER_SIGMA / STEP, output=cover[..., material])
     sea = np.full_like(smooth, _DRY) if terrain.sea_level is None else terrain.sea_level - smooth
     depths = (_lake_depth(terrain, smooth, x, y), sea)
-    return MapSamples(frame, raster.spacing, raster.height, smooth, cell, *depths, cover, terrain.materials)
+    land = None
+    if len(terrain.sketch.vectors["landuse"]):
+        land = land_shares(terrain.sketch, raster.spacing, raster.height.shape)
+    return MapSamples(
+        *(frame, raster.spacing, raster.height, smooth, cell, *depths, cover, terrain.materials, land)
+    )
 
 
 def shaded_relief(samples: MapSamples) -> npt.NDArray[np.uint8]:
     """Return the terrain's colours with multidirectional hillshading: (rows, columns, 3), row 0 north."""
     tints = np.array([each.tint for each in samples.materials], np.float32)
     colour = samples.cover @ tints / np.maximum(samples.cover.sum(axis=-1, keepdims=True), 1e-6)
+    if samples.land is not None:
+        land = np.array([colour for _, colour in LAND_TINTS.values()], np.float32)
+        shares = LAND_OPACITY * samples.land[..., [LAND_USES.index(name) for name in LAND_TINTS]]
+        colour += shares @ land - shares.sum(axis=-1, keepdims=True) * colour
     rise = _rise(samples.height)[..., None]
     colour *= LOW + rise * (HIGH - LOW)
     lit = _light(samples)[..., None]

@@ -7,6 +7,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+from sketchterrain.document.layers import LAND_USES
 from sketchterrain.errors import InputError
 from sketchterrain.export.map import features
 from sketchterrain.export.map.drawing import (
@@ -35,6 +36,7 @@ from sketchterrain.export.map.features import (
     trace_contours,
 )
 from sketchterrain.export.map.relief import (
+    LAND_TINTS,
     MARGIN,
     MapFrame,
     MapSamples,
@@ -161,10 +163,16 @@ def legend_entries(
     }
     entries += [entry for name, entry in known.items() if name in present]
     entries += road_legend(network, WIDTH, HEIGHT)
-    for index, material in enumerate(samples.materials):
-        if material.is_mapped and samples.cover[..., index].mean() > 0.01:
-            symbol = [Polygons([patch], material.tint), Polylines([patch], GREY, 0.1)]
-            entries.append((material.title, symbol))
+    tints = [
+        (material.title, material.tint)
+        for index, material in enumerate(samples.materials)
+        if material.is_mapped and samples.cover[..., index].mean() > 0.01
+    ]
+    if samples.land is not None:
+        used = samples.land.reshape(-1, len(LAND_USES)).max(axis=0) > 0.0
+        tints = [tint for name, tint in LAND_TINTS.items() if used[LAND_USES.index(name)]] + tints
+    for meaning, tint in tints:
+        entries.append((meaning, [Polygons([patch], tint), Polylines([patch], GREY, 0.1)]))
     return entries
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.export.engines import requested_storeys
+from sketchterrain.export.landuse import FIELDS, land_layer
 from sketchterrain.export.rasters import APPEARANCE, NO_DATA, Georeference, local_metres, write_cloud_tiff
 from sketchterrain.export.roads import MASKS, built_ground, coverage, road_layers
 from sketchterrain.export.sampled import SampleGrid, appearance_picture
@@ -38,6 +39,7 @@ _FIELDS = {
     "roads, railways, paths": "length, width, shoulder: m; steepest, cut, fill: rise over run; "
     "leg, part: parts with one leg follow each other; z is the surface",
     "pads, walls": "level, building, height, width: m",
+    "landuse": FIELDS,
     "sketch_river, sketch_lake": "as drawn; width, depth: m, if not the label's; directed: 1 or 0, downhill",
     "plants and grass": "scale: 1 is grown; rotation: degrees, counter-clockwise; tint: 0 to 1; "
     "level: a filter level >= n thins them evenly",
@@ -131,6 +133,8 @@ def _write_vectors(
     file.add(station_layer(placed.rivers, origin))
     for layer in road_layers(placed.network, origin):
         file.add(layer)
+    if len(terrain.sketch.vectors["landuse"]):
+        file.add(land_layer(terrain.sketch, origin))
     height = terrain.heights(placed.points["x"], placed.points["y"], cell_size=max(export.grid.spacing))
     file.add(feature_layer(placed.points, height, origin))
     for vectors in terrain.sketch.vectors.values():

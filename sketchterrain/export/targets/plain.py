@@ -9,6 +9,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.export.engines import requested_storeys, write_tiles
 from sketchterrain.export.files import write_values_png
 from sketchterrain.export.foliage_files import FoliageOptions, write_foliage
+from sketchterrain.export.landuse import land_entries
 from sketchterrain.export.planning import HeightQuantisation
 from sketchterrain.export.rasters import (
     npy_rows,
@@ -161,8 +162,10 @@ def _write_npy(export: Export) -> ExportOutput:
 
 
 def _write_features(export: Export) -> dict[Path, str]:
-    paths = write_features(export.folder, export.terrain.features)
-    return dict.fromkeys(paths, "mountains, hills, forests; rivers, lakes, roads; the level of the sea")
+    terrain = export.terrain
+    paths = write_features(export.folder, terrain.features, land_entries(terrain.sketch))
+    what = "mountains, hills, forests; rivers, lakes, roads, land use; the level of the sea"
+    return dict.fromkeys(paths, what)
 
 
 TARGETS = (

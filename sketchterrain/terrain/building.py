@@ -137,7 +137,7 @@ def recipe_of_plan(
     if last is None or last.plan is not plan or not _differ_in_roads(last.sketch, sketch):
         last = _Natural(sketch, plan, _natural_recipe(sketch, plan, memory, checkpoint))
         memory.store(_NATURAL, last)
-    return with_roads(sketch, with_land_use(sketch, last.recipe, memory), memory)
+    return with_land_use(sketch, with_roads(sketch, last.recipe, memory), memory)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,8 +189,10 @@ def with_roads(sketch: Sketch, recipe: TerrainRecipe, memory: LRUCache) -> Terra
     waters = partial(flood_levels, recipe.rivers, recipe.lakes, recipe.sea_level, ground)
     network = road_network(sketch, ground, waters, memory, recipe)
     names = recipe.materials.names
-    layers = [PadsLayer(names, network.pads), RoadsLayer(names, network.roads)]
-    return replace(recipe.with_layers(layers), network=network)
+    roads = memory.get_or_compute(
+        ("layer of roads", names, IdentityKey(network.roads)), lambda: RoadsLayer(names, network.roads)
+    )
+    return replace(recipe.with_layers([PadsLayer(names, network.pads), roads]), network=network)
 
 
 def _natural_recipe(

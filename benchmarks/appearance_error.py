@@ -17,6 +17,7 @@ from sketchterrain.benchmarks.synthetic_land import EXTENT, synthetic_land
 from sketchterrain.benchmarks.timing import TimedContext, alternate, spread
 from sketchterrain.landuse.areas import FOREST, MEADOW, land_use
 from sketchterrain.terrain.appearance import Appearance
+from sketchterrain.terrain.layers.landuse import LandUseLayer
 
 GROUND = "mountain_pass"
 _TEXELS = (0.06, 0.25, 1.0, 4.0, 16.0)  # m
@@ -41,7 +42,8 @@ def open_appearance(context: TimedContext) -> Appearance:
     fields = land_use(synthetic_land(20))
     edges = fields.edges + np.tile(np.array(AT) - 0.5 * EXTENT, 2)
     use = np.where(fields.use == FOREST, MEADOW, fields.use).astype(np.uint8)  # crowns depend on the texel
-    recipe = replace(terrain.recipe, landuse=replace(fields, use=use, edges=edges))
+    areas = replace(fields, use=use, edges=edges)
+    recipe = terrain.recipe.with_layers([LandUseLayer(terrain.recipe.materials.names, areas)])
     return Appearance(recipe, context, terrain.heights)
 
 

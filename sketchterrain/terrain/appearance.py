@@ -21,6 +21,7 @@ from sketchterrain.roads.road_types import GROUND, TUNNEL, RoadNetwork
 from sketchterrain.terrain.centrelines import arc_boxes
 from sketchterrain.terrain.index import BoxIndex, item_lists
 from sketchterrain.terrain.lattice import LATTICE_BITS, metres_per_unit, to_lattice
+from sketchterrain.terrain.layers.landuse import LandUseLayer
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
@@ -74,6 +75,37 @@ class Appearance:
     def is_empty(self) -> bool:
         """Whether nothing is painted anywhere."""
         return not len(self.recipe.landuse) and not len(self._roads.at)
+
+    def updated(self, recipe: TerrainRecipe, heights: Callable[..., Float32Array]) -> Appearance:
+        """Return the appearance of a changed recipe; what depends on unchanged roads and areas is shared."""
+        new, old = Appearance(recipe, self.context, heights), self.recipe
+        known = self.__dict__
+        if recipe.network is old.network and "_roads" in known:
+            new.__dict__["_roads"] = self._roads
+        if "_known_bearings" in known and _same_ground(recipe, old):
+            removed, added = recipe.landuse.difference(old.landuse)
+            bearings = np.full(len(recipe.landuse), np.nan)
+            bearings[np.delete(np.arange(len(bearings)), added)] = np.delete(self._known_bearings, removed)
+            new.__dict__["_known_bearings"] = bearings
+        return new
+
+    def changed_areas(self, old: Appearance) -> Float64Array:
+        """Return boxes (n, 4), m, outside of which tiles of an earlier appearance are equal.
+
+        Directions of rows of crops that follow changed ground are left out: they turn with the next tiles.
+        """
+        unit = metres_per_unit(self.extent)
+        boxes = [np.zeros((0, 4))]
+        if self._roads is not old._roads:
+            rows = [
+                np.column_stack([each.at.view(np.float64), each.row]) for each in (old._roads, self._roads)
+            ]
+            for one, other, painted in ((*rows, old._roads), (*rows[::-1], self._roads)):
+                kept = np.isin(_as_bytes(one), _as_bytes(other))
+                boxes.append(painted.boxes.boxes[~kept] * unit)
+        removed, added = self.recipe.landuse.difference(old.recipe.landuse)
+        boxes += [old.recipe.landuse.boxes[removed], self.recipe.landuse.boxes[added]]
+        return np.concatenate(boxes)
 
     def texel(self, level: int) -> float:
         """Return the side of a level's texels, m."""
@@ -172,11 +204,9 @@ class Appearance:
     def _roads(self) -> _Painted:
         return _painted_roads(self.recipe.network, self.extent)
 
-    @cached_property
+    @property
     def _areas(self) -> BoxIndex:
-        boxes = self.recipe.landuse.boxes / metres_per_unit(self.extent)
-        low, high = np.floor(boxes[:, :2]), np.ceil(boxes[:, 2:])
-        return BoxIndex(np.concatenate([low, high], axis=1).astype(np.int64))
+        return self.recipe[LandUseLayer].index(self.recipe.world).boxes
 
     def _area_rows(
         self, areas: Int64Array, bearings: Float64Array
@@ -265,6 +295,17 @@ def _blocks(corners: LatticeArray, texel: npt.ArrayLike, parts: int) -> LatticeA
     low = np.stack(np.broadcast_arrays(west[:, None, :], south[:, :, None]), axis=-1).reshape(-1, 2)
     high = low + np.repeat(step, parts**2, axis=0)
     return np.concatenate([np.floor(low), np.ceil(high)], axis=1).astype(np.int64)
+
+
+def _same_ground(one: TerrainRecipe, other: TerrainRecipe) -> bool:
+    """Return whether two recipes have the same heights."""
+    layers = zip(one.layers, other.layers, strict=True)
+    return all(a is b for a, b in layers if not isinstance(a, LandUseLayer))
+
+
+def _as_bytes(rows: Float64Array) -> npt.NDArray[np.void]:
+    """Return each row as one value."""
+    return np.ascontiguousarray(rows).view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
 
 
 def _listed(

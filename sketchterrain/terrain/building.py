@@ -173,7 +173,7 @@ def with_land_use(sketch: Sketch, recipe: TerrainRecipe, memory: LRUCache) -> Te
     labels = (name for name in sketch.labels.items() if name[0][0] == "landuse")
     key = "land use", IdentityKey(layer), tuple((name, tuple(sorted(own.items()))) for name, own in labels)
     areas = memory.get_or_compute(key, partial(land_use, sketch))
-    return replace(recipe.with_layers([LandUseLayer(recipe.materials.names, areas)]), landuse=areas)
+    return recipe.with_layers([LandUseLayer(recipe.materials.names, areas)])
 
 
 def with_roads(sketch: Sketch, recipe: TerrainRecipe, memory: LRUCache) -> TerrainRecipe:
@@ -247,7 +247,7 @@ def draft_recipe(plan: TerrainPlan, before: TerrainPlan, recipe: TerrainRecipe) 
         [relief, *(recipe[kind] for kind in (PlateausLayer, LakesLayer, CorridorsLayer, SeaLayer))]
     )
     draft = draft.with_layers([recipe[kind] for kind in (LandUseLayer, PadsLayer, RoadsLayer)])
-    return replace(draft, network=recipe.network, landuse=recipe.landuse)
+    return replace(draft, network=recipe.network)
 
 
 def _streams(sketch: Sketch, plan: TerrainPlan, recipe: TerrainRecipe, memory: LRUCache) -> list[RiverCourse]:

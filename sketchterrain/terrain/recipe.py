@@ -14,12 +14,13 @@ import numpy.typing as npt
 from sketchterrain.array_types import StructuredArray
 from sketchterrain.document.material_rules import DEFAULT_RULES, MaterialRule
 from sketchterrain.document.materials import BUILT_IN, MaterialTable
-from sketchterrain.landuse.areas import NO_LAND_USE, LandUse
+from sketchterrain.landuse.areas import LandUse
 from sketchterrain.placement.feature_types import Lake, River
 from sketchterrain.roads.road_types import NO_ROADS, RoadNetwork
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.forests import COVER_NOISE
 from sketchterrain.terrain.layers.lakes import LakesLayer
+from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.layers.layer import Sampling, TerrainLayer, WorldSettings
 from sketchterrain.terrain.layers.plateaus import PlateausLayer
 from sketchterrain.terrain.layers.points import PointsLayer
@@ -57,8 +58,6 @@ class TerrainRecipe:
         Edits of features that no longer exist, one line each.
     network : RoadNetwork
         Roads, railways, paths, pads and walls.
-    landuse : LandUse
-        Fields, meadows, forests and built-up land.
     """
 
     world: WorldSettings
@@ -69,7 +68,6 @@ class TerrainRecipe:
     resolutions: tuple[Resolution, ...] = ()
     orphans: tuple[str, ...] = ()
     network: RoadNetwork = NO_ROADS
-    landuse: LandUse = NO_LAND_USE
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields, with plain dicts."""
@@ -124,6 +122,11 @@ class TerrainRecipe:
     def lakes(self) -> tuple[Lake, ...]:
         """The lakes."""
         return self[LakesLayer].lakes
+
+    @property
+    def landuse(self) -> LandUse:
+        """Fields, meadows, forests and built-up land."""
+        return self[LandUseLayer].areas
 
     @property
     def sea_level(self) -> float | None:

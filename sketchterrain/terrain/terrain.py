@@ -74,7 +74,10 @@ class Terrain:
         thread. Areas are those of :func:`~sketchterrain.terrain.changes.changed_areas`.
         """
         evaluator, areas = self._evaluator.updated(recipe)
-        return Terrain(sketch, evaluator.recipe, self.context, memory=self.memory, evaluator=evaluator), areas
+        new = Terrain(sketch, evaluator.recipe, self.context, memory=self.memory, evaluator=evaluator)
+        if "appearance" in self.__dict__:
+            new.__dict__["appearance"] = self.appearance.updated(new.recipe, new.heights)
+        return new, areas
 
     def release_buffers(self) -> None:
         """Free the device's buffers of surfaces and plants, which the next ones need again."""

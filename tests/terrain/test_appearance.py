@@ -1,7 +1,6 @@
 """Appearance tiles: shares of areas, edges and phases of marks, junctions, equal texels in all tiles."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,11 +8,15 @@ import shapely
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
+from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.landuse.areas import NO_LAND_USE, land_use
 from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.terrain.appearance import SIDE, Appearance
+from sketchterrain.terrain.layers.landuse import LandUseLayer
+from sketchterrain.terrain.layers.layer import WorldSettings
+from sketchterrain.terrain.recipe import TerrainRecipe
 
 from ..sample_roads import make_road
 
@@ -25,20 +28,24 @@ MEADOW = 153  # 0.6: share of a meadow's texel that is painted
 WHITE = np.sqrt(0.4)
 
 
-def appearance(areas=(), roads=(), *, use="meadow", extent=EXTENT, real="float", device=0, slope=(0.0, 0.0)):
+def recipe_of(landuse, roads=(), extent=EXTENT):
+    layers = (LandUseLayer(MATERIALS, landuse),)
+    return TerrainRecipe(WorldSettings(extent, 0, 0.8), {}, layers, network=RoadNetwork(tuple(roads)))
+
+
+def appearance(areas=(), roads=(), *, use="meadow", extent=EXTENT, real="float", slope=(0.0, 0.0), **columns):
     landuse = NO_LAND_USE
     if len(areas):
-        columns = {"use": (use,) * len(areas) if isinstance(use, str) else tuple(use)}
+        columns["use"] = (use,) * len(areas) if isinstance(use, str) else tuple(use)
         layer = VectorLayer.from_shapes("landuse", np.array(areas, object), columns=columns)
         landuse = land_use(Sketch(vectors={"landuse": layer}))
-    recipe = SimpleNamespace(extent=extent, landuse=landuse, network=RoadNetwork(tuple(roads)))
-    context = ComputeContext(list_devices()[device], real=real)
+    context = ComputeContext(list_devices()[0], real=real)
 
     def heights(x, y, *, cell_size):
         assert cell_size > 0
         return np.asarray(slope[0] * x + slope[1] * y, np.float32)
 
-    return Appearance(recipe, context, heights)
+    return Appearance(recipe_of(landuse, roads, extent), context, heights)
 
 
 def partition(count, seed, *, size=1000.0, at=(300.0, 400.0)):
@@ -254,9 +261,7 @@ def test_fields_are_ploughed_along_contours_and_else_along_their_longest_side() 
     """Rows are seen as variation across them, not along them."""
     field = shapely.box(500.0, 500.0, 900.0, 700.0)
     for slope, across in (((0.0, 0.0), 0), ((0.2, 0.0), 1), ((0.0, 0.2), 0), ((0.02, 0.02), 0)):
-        layer = VectorLayer.from_shapes("landuse", np.array([field]), columns={"crop": ("ploughed",)})
-        paint = appearance(slope=slope)
-        paint.recipe.landuse = land_use(Sketch(vectors={"landuse": layer}))
+        paint = appearance([field], use="field", crop=("ploughed",), slope=slope)
         window = paint.window(690.0, 610.0, cell=(0.1, 0.1), columns=100, rows=100)[..., :3].mean(axis=-1)
         varied = [np.abs(np.diff(window, axis=axis)).mean() for axis in (0, 1)]
         assert np.argmax(varied) == across, slope
@@ -297,6 +302,31 @@ def test_a_hundred_thousand_curves_in_a_tile(level) -> None:
     whole = shapely.contains(shapely.box(1100.0, 1100.0, 1340.0, 1340.0), boxes)
     assert whole.sum() > 50
     assert np.abs(share[whole].astype(int) - MEADOW).max() <= 1
+
+
+def test_an_edit_gives_the_texels_of_a_new_appearance() -> None:
+    """Outside of the areas that it reports no texel changes."""
+    areas = partition(80, 3)
+    roads = crossing((90, 270, 0))
+    before = appearance(areas, roads, use="field")
+    keys = [(5, c, r) for c in range(2, 20) for r in range(2, 20)]
+    old = before.tiles(keys)
+    moved = [areas[7], *areas[1:]]
+    turned = [roads[0], *crossing((90, 270, 30))[1:]]
+    for new_areas, new_roads in ((moved, roads), (areas, turned), (areas[:-3], crossing((0, 90, 180, 270)))):
+        fresh = appearance(new_areas, new_roads, use="field")
+        edited = before.updated(fresh.recipe, before.heights)
+        found = edited.tiles(keys)
+        np.testing.assert_array_equal(found, fresh.tiles(keys))
+        boxes = edited.changed_areas(before)
+        corner = np.array(keys)[:, 1:] * EXTENT / 2**5
+        texel = before.texel(5)
+        low, high = corner - texel, corner + EXTENT / 2**5 + texel
+        touched = ((low[:, None] <= boxes[:, 2:]) & (high[:, None] >= boxes[:, :2])).all(axis=-1).any(axis=-1)
+        changed = (found != old).any(axis=(1, 2, 3))
+        assert changed.any()
+        assert not (changed & ~touched).any()
+        assert touched.sum() < len(keys) // 2
 
 
 def test_nothing_is_painted_without_vectors() -> None:

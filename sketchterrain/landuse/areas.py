@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 FIELD, MEADOW, FOREST, BUILT_UP = range(len(LAND_USES))
 _COMMON: Final = ("wheat", "wheat", "wheat", "wheat", "maize", "maize", "rapeseed", "ploughed")
+_MANY_PIECES = 64  # from which on edges are joined: that takes longer than to search as many
 AUTOMATIC: Final = 0
 """Crop of fields whose crop follows from their ids."""
 
@@ -51,10 +52,24 @@ class LandUse:
 
     def edges_of(self, areas: Int64Array) -> tuple[Int64Array, Int64Array]:
         """Return for each edge of some areas, in their order, the area's place among them and its number."""
-        counts = self.first[areas + 1] - self.first[areas]
+        counts = self.counts[areas]
         area = np.repeat(np.arange(len(areas)), counts)
         start = self.first[areas] - (np.cumsum(counts) - counts)
         return area, np.arange(len(area)) + start[area]
+
+    def outlines(self, areas: Int64Array) -> tuple[Int64Array, Float64Array]:
+        """Return for each edge of some areas the area's place among them, and its ends, (m, 4)."""
+        area, edge = self.edges_of(areas)
+        bounds = starts([int(piece.first[-1]) for piece in self.pieces])
+        of = np.searchsorted(bounds, edge, side="right") - 1
+        used = np.flatnonzero(np.bincount(of))
+        if len(used) > _MANY_PIECES or len(self.pieces) == 1:
+            return area, self.edges[edge]
+        edges = np.empty((len(edge), 4))
+        for piece in used.tolist():
+            own = np.flatnonzero(of == piece)
+            edges[own] = self.pieces[piece].edges[edge[own] - bounds[piece]]
+        return area, edges
 
     def crops(self, areas: Int64Array) -> npt.NDArray[np.uint8]:
         """Return the crops of areas; those of automatic ones by their ids: much wheat, some of the others."""
@@ -74,7 +89,7 @@ class LandUse:
         place = np.minimum(np.searchsorted(old.ids, self.ids), max(len(old) - 1, 0))
         mine = np.flatnonzero(old.ids[place] == self.ids) if len(old) else np.zeros(0, np.int64)
         theirs = place[mine]
-        same = np.diff(self.first)[mine] == np.diff(old.first)[theirs]
+        same = self.counts[mine] == old.counts[theirs]
         for name in ("use", "crop", "direction", "density", "conifers"):
             same &= getattr(self, name)[mine] == getattr(old, name)[theirs]
         mine, theirs = mine[same], theirs[same]
@@ -122,6 +137,11 @@ class LandUse:
         return LandUse, tuple(getattr(self, each.name) for each in fields(self))
 
     @cached_property
+    def counts(self) -> Int64Array:
+        """Number of edges of each area, (n,)."""
+        return np.diff(self.first)
+
+    @cached_property
     def boxes(self) -> Float64Array:
         """West, south, east and north of each area, (n, 4), m."""
         if not len(self):
@@ -135,7 +155,7 @@ NO_LAND_USE: Final = LandUse()
 
 
 _known: WeakKeyDictionary[VectorLayer, tuple[object, LandUse]] = WeakKeyDictionary()
-"""Areas of pieces of layers, and the properties of labels that they were made with."""
+"""Areas of layers and of their pieces, and the properties of labels that they were made with."""
 
 
 def land_use(sketch: Sketch) -> LandUse:
@@ -144,16 +164,18 @@ def land_use(sketch: Sketch) -> LandUse:
     if not len(layer):
         return NO_LAND_USE
     labels = {label: dict(each) for (name, label), each in sketch.labels.items() if name == "landuse"}
-    pieces = []
-    for piece in layer.pieces:
-        known = _known.get(piece)
-        if known is None or known[0] != labels:
-            known = labels, _areas_of(sketch, piece)
-            _known[piece] = known
-        pieces.append(known[1])
-    if all(before.ids[-1] < after.ids[0] for before, after in pairwise(pieces)):
-        return pieces[0] if len(pieces) == 1 else _of_pieces(pieces)
-    return _by_id(_joined(pieces))
+    known = _known.get(layer)
+    if known is None or known[0] != labels:
+        pieces = []
+        for piece in layer.pieces:
+            own = _known.get(piece)
+            if own is None or own[0] != labels:
+                own = _known[piece] = labels, _areas_of(sketch, piece)
+            pieces.append(own[1])
+        if any(before.ids[-1] >= after.ids[0] for before, after in pairwise(pieces)):
+            pieces = [_by_id(_joined(pieces))]
+        known = _known[layer] = labels, pieces[0] if len(pieces) == 1 else _of_pieces(pieces)
+    return known[1]
 
 
 def _areas_of(sketch: Sketch, layer: VectorLayer) -> LandUse:
@@ -205,5 +227,5 @@ def _joined(pieces: Sequence[LandUse]) -> LandUse:
 
 def _join(pieces: Sequence[LandUse], name: str) -> npt.NDArray[Any]:
     if name == "first":
-        return starts(np.concatenate([np.diff(piece.first) for piece in pieces]))
+        return starts(np.concatenate([piece.counts for piece in pieces]))
     return np.concatenate([getattr(piece, name) for piece in pieces])

@@ -137,7 +137,7 @@ def recipe_of_plan(
     if last is None or last.plan is not plan or not _differ_in_roads(last.sketch, sketch):
         last = _Natural(sketch, plan, _natural_recipe(sketch, plan, memory, checkpoint))
         memory.store(_NATURAL, last)
-    return with_land_use(sketch, with_roads(sketch, last.recipe, memory), memory)
+    return with_land_use(sketch, with_roads(sketch, last.recipe, memory))
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,15 +165,9 @@ def _differ_in_roads(one: Sketch, other: Sketch) -> bool:
     )
 
 
-def with_land_use(sketch: Sketch, recipe: TerrainRecipe, memory: LRUCache) -> TerrainRecipe:
+def with_land_use(sketch: Sketch, recipe: TerrainRecipe) -> TerrainRecipe:
     """Return a terrain with the land use of its sketch."""
-    layer = sketch.vectors["landuse"]
-    if not len(layer):
-        return recipe
-    labels = (name for name in sketch.labels.items() if name[0][0] == "landuse")
-    key = "land use", IdentityKey(layer), tuple((name, tuple(sorted(own.items()))) for name, own in labels)
-    areas = memory.get_or_compute(key, partial(land_use, sketch))
-    return recipe.with_layers([LandUseLayer(recipe.materials.names, areas)])
+    return recipe.with_layers([LandUseLayer(recipe.materials.names, land_use(sketch))])
 
 
 def with_roads(sketch: Sketch, recipe: TerrainRecipe, memory: LRUCache) -> TerrainRecipe:

@@ -148,12 +148,12 @@ class LandUseLayer(TerrainLayer):
         (block, area), reach = pairs, _reach(cell, unit)
         inside = np.zeros(len(area), np.bool_)
         of, found = [np.zeros(0, np.int64)], [np.zeros((0, 4), np.int64)]
-        batch = np.cumsum(np.diff(self.areas.first)[area]) // _AT_ONCE
+        batch = np.cumsum(self.areas.counts[area]) // _AT_ONCE
         for number in range(int(batch[-1]) + 1 if len(batch) else 0):
             first, last = np.searchsorted(batch, (number, number + 1))
             corner = blocks[block[first:last]]
-            pair, edge = self.areas.edges_of(area[first:last])
-            ends = _outlined(self.areas.edges[edge], corner[:, :2][pair], unit)
+            pair, edges = self.areas.outlines(area[first:last])
+            ends = _outlined(edges, corner[:, :2][pair], unit)
             side, top = (corner[:, 2:] - corner[:, :2])[pair].T
             crossed = _crosses(ends, side)
             inside[first:last] = np.bincount(pair[crossed], minlength=last - first) % 2 > 0
@@ -283,8 +283,8 @@ def _measured(areas: LandUse, numbers: Int64Array, unit: float) -> tuple[Lattice
     """Return the boxes (n, 4), lattice units, and the widths (m) of some areas."""
     if not len(numbers):
         return np.zeros((0, 4), np.int64), np.zeros(0)
-    area, edge = areas.edges_of(numbers)
-    start, end = areas.edges[edge, :2], areas.edges[edge, 2:]
+    area, edges = areas.outlines(numbers)
+    start, end = edges[:, :2], edges[:, 2:]
     first = np.searchsorted(area, np.arange(len(numbers)))
     low = np.minimum.reduceat(np.minimum(start, end), first)
     high = np.maximum.reduceat(np.maximum(start, end), first)

@@ -104,4 +104,4 @@ def _linear(texels: npt.NDArray[np.uint8]) -> Float64Array:
 
 def _supersampled(paint: Appearance, texel: float, many: int) -> Float64Array:
     values = _linear(_window(paint, texel, many))
-    return values.reshape(_SIDE, many, _SIDE, many, 4).mean(axis=(1, 3))
+    return np.asarray(values.reshape(_SIDE, many, _SIDE, many, 4).mean(axis=(1, 3)))

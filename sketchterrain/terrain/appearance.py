@@ -53,6 +53,11 @@ class _Painted(NamedTuple):
     row: Float64Array
     boxes: BoxIndex
 
+    def as_bytes(self) -> npt.NDArray[np.void]:
+        """Return each item as one value."""
+        rows = np.column_stack([self.at.view(np.float64), self.row])
+        return np.ascontiguousarray(rows).view(np.dtype((np.void, rows.itemsize * rows.shape[1]))).ravel()
+
 
 @dataclass(frozen=True, eq=False)
 class Appearance:
@@ -97,12 +102,9 @@ class Appearance:
         unit = metres_per_unit(self.extent)
         boxes = [np.zeros((0, 4))]
         if self._roads is not old._roads:
-            rows = [
-                np.column_stack([each.at.view(np.float64), each.row]) for each in (old._roads, self._roads)
-            ]
-            for one, other, painted in ((*rows, old._roads), (*rows[::-1], self._roads)):
-                kept = np.isin(_as_bytes(one), _as_bytes(other))
-                boxes.append(painted.boxes.boxes[~kept] * unit)
+            for one, other in ((old._roads, self._roads), (self._roads, old._roads)):
+                kept = np.isin(one.as_bytes(), other.as_bytes())
+                boxes.append(one.boxes.boxes[~kept] * unit)
         removed, added = self.recipe.landuse.difference(old.recipe.landuse)
         boxes += [old.recipe.landuse.boxes[removed], self.recipe.landuse.boxes[added]]
         return np.concatenate(boxes)
@@ -301,11 +303,6 @@ def _same_ground(one: TerrainRecipe, other: TerrainRecipe) -> bool:
     """Return whether two recipes have the same heights."""
     layers = zip(one.layers, other.layers, strict=True)
     return all(a is b for a, b in layers if not isinstance(a, LandUseLayer))
-
-
-def _as_bytes(rows: Float64Array) -> npt.NDArray[np.void]:
-    """Return each row as one value."""
-    return np.ascontiguousarray(rows).view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
 
 
 def _listed(

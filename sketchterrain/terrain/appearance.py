@@ -15,7 +15,6 @@ import numpy.typing as npt
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array, LatticeArray
 from sketchterrain.document.layers import LANE_WIDTHS
 from sketchterrain.io.resources import kernel_columns
-from sketchterrain.landuse.areas import FOREST
 from sketchterrain.placement.hashing import hash_unit
 from sketchterrain.roads.road_types import GROUND, TUNNEL, RoadNetwork
 from sketchterrain.terrain.centrelines import arc_boxes
@@ -38,9 +37,6 @@ _NOISE: Final = (60.0, 7.0, 0.7)  # m
 _SURFACES: Final = {"asphalt": 0, "gravel": 1, "soil": 2, "rock": 3}
 _RAILS: Final = 4
 _MARKED: Final = 5.0  # m: carriageways of asphalt have marks from this width on
-_STEEP: Final = 0.06  # slope from which on rows of crops follow the contours
-_SLOPE_CELL: Final = 16.0  # m: of the ground whose slope they follow
-_CROSS: Final = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 _FRAY: Final = 0.5  # m by which noise widens roads
 _DEFINES: Final = (("SIDE", str(SIDE)),)
 _MAX_TILES: Final = 64  # in a launch
@@ -104,7 +100,7 @@ class Appearance:
         if self._roads is not old._roads:
             for one, other in ((old._roads, self._roads), (self._roads, old._roads)):
                 kept = np.isin(one.as_bytes(), other.as_bytes())
-                boxes.append(one.boxes.boxes[~kept] * unit)
+                boxes.append(np.asarray(one.boxes.boxes[~kept] * unit, np.float64))
         removed, added = self.recipe.landuse.difference(old.recipe.landuse)
         boxes += [old.recipe.landuse.boxes[removed], self.recipe.landuse.boxes[added]]
         return np.concatenate(boxes)
@@ -241,25 +237,8 @@ class Appearance:
         use, known = self.recipe.landuse, self._known_bearings
         missing = areas[np.isnan(known[areas])]
         if len(missing):
-            found = use.direction[missing].copy()
-            own = np.flatnonzero((found < 0.0) & (use.use[missing] != FOREST))
-            found[own] = self._automatic_bearings(missing[own])
-            known[missing] = found
+            known[missing] = use.bearings(missing, self.heights)
         return known[areas]
-
-    def _automatic_bearings(self, areas: Int64Array) -> Float64Array:
-        use = self.recipe.landuse
-        if not len(areas):
-            return np.zeros(0)
-        boxes = use.boxes[areas]
-        middle, span = 0.5 * (boxes[:, :2] + boxes[:, 2:]), (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
-        step = np.maximum(0.25 * span, _SLOPE_CELL)
-        places = np.concatenate([middle + step[:, None] * np.array(way) for way in _CROSS])
-        heights = self.heights(*places.T, cell_size=_SLOPE_CELL).reshape(4, -1)
-        east, north = (heights[0] - heights[1]) / (2.0 * step), (heights[2] - heights[3]) / (2.0 * step)
-        contour = np.degrees(np.arctan2(-north, east)) % 180.0
-        longest = np.array([_longest_side(use.edges[use.first[k] : use.first[k + 1]]) for k in areas])
-        return np.where(np.hypot(east, north) > _STEEP, contour, longest)
 
     def _coarse(self, corner: LatticeArray, texel: float) -> npt.NDArray[np.uint8]:
         """Return what areas paint in a square of large texels: sums over their edges, exact in colour."""
@@ -312,13 +291,6 @@ def _listed(
     starts, items = item_lists(index, blocks)
     used, number = np.unique(items, return_inverse=True)
     return used.astype(np.int64), (starts, number.astype(np.int32))
-
-
-def _longest_side(edges: Float64Array) -> float:
-    """Return the bearing (°) of the longest edge."""
-    ways = edges[:, 2:] - edges[:, :2]
-    east, north = ways[np.argmax((ways**2).sum(axis=1))]
-    return float(np.degrees(np.arctan2(east, north)) % 180.0)
 
 
 @numba.njit(cache=True)

@@ -42,12 +42,16 @@ _TOOLS = {
     "select": ("V", "&Select", "Select and move generated features, lines and areas"),
     "brush": ("B", "&Brush", "Paint with the active label; [ and ] change the size"),
     "eraser": ("E", "&Eraser", "Erase paint of the active layer"),
-    "line": ("L", "&Line", "Draw a river, road or line, or outline a lake or pad: click its points, or drag"),
+    "line": (
+        "L",
+        "&Line",
+        "Draw a river, road or line, or outline a lake, pad or field: click points, or drag",
+    ),
     "fill": ("F", "&Fill", "Fill an area with the active label"),
     "pick": ("I", "P&ick", "Pick the label from the sketch"),
     "pan": ("H", "&Hand", "Move the sketch; Space does so with any tool"),
 }
-_LAYER_KEYS = "1234567890TPUW"
+_LAYER_KEYS = "1234567890TPUWA"
 _MODES = {
     "orbit": ("&Orbit", "Turn around the terrain with the mouse"),
     "fly": ("&Fly", "Fly freely with W A S D and the mouse"),

@@ -14,7 +14,7 @@ from sketchterrain.document.vector_edits import shared_nodes
 from sketchterrain.document.vectors import AREA, LINE
 from sketchterrain.ui.canvas.marks import SELECTED, OverlayImage, draw_haloed, screen_paths
 from sketchterrain.ui.canvas.tool_context import ToolContext
-from sketchterrain.ui.look.layer_colours import label_colour
+from sketchterrain.ui.look.layer_colours import USE_COLOURS, label_colour
 from sketchterrain.ui.models import vectors
 from sketchterrain.ui.models.selection import FeatureDrag
 from sketchterrain.ui.models.workspace import Selection
@@ -84,19 +84,21 @@ class VectorMarks:
             order = np.argsort(layer.kinds == LINE, kind="stable")
             shapes = vectors.curves_of(layer).shapes[order]
             paths = screen_paths(context, shapes, area, margin=0.5 * float(widths.max()))
+            uses = context.document.sketch.vector_texts("landuse", "use") if layer.layer == "landuse" else []
             visible = [
-                (path, _pens(layer.layer, int(layer.labels[index]), float(widths[index])), layer.kinds[index])
+                (path, _pens(layer.layer, int(layer.labels[index]), float(widths[index])), index)
                 for index, path in zip(order.tolist(), paths, strict=True)
                 if not path.isEmpty()
             ]
             # One pen of all lines after the other, so that casings do not cross junctions.
             for number in range(max((len(pens) for _, pens, _ in visible), default=0)):
-                for path, pens, kind in visible:
+                for path, pens, index in visible:
                     if number < len(pens):
-                        colour = pens[number].color()
+                        colour = QColor(USE_COLOURS[uses[index]] if uses else pens[number].color())
                         colour.setAlpha(128)
                         painter.setPen(pens[number])
-                        painter.setBrush(colour if kind == AREA else Qt.BrushStyle.NoBrush)
+                        is_area = layer.kinds[index] == AREA
+                        painter.setBrush(colour if is_area else Qt.BrushStyle.NoBrush)
                         painter.drawPath(path)
 
 

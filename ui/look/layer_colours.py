@@ -20,6 +20,15 @@ def label_colour(layer: str, label: int) -> QColor:
     return QColor(*label_rgb(layer, label))
 
 
+USE_COLOURS: Final = {
+    "field": QColor(214, 190, 96),
+    "meadow": QColor(160, 200, 96),
+    "forest": QColor(48, 118, 66),
+    "built_up": QColor(200, 124, 112),
+}
+"""Colours of areas of land use."""
+
+
 def hatch_colour(layer: str) -> QColor:
     """Return the line colour, with alpha, of a layer's hatch."""
     if LAYERS[layer].light_hatch:

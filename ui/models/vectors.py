@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Final, TypeAlias
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +16,7 @@ from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document import vector_edits as edits
 from sketchterrain.document.layers import LAYERS, VECTOR_ORDER, storey
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import LINE, VectorFeature, VectorLayer, on_grid
+from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer, on_grid
 from sketchterrain.errors import InputError
 from sketchterrain.hydrology.splines import cubics
 from sketchterrain.ui.commands import with_vectors
@@ -30,6 +32,7 @@ _ON_LINE = 0.01  # m
 _AT_VERTEX = 0.1  # m from a vertex, where two lines that share it cross
 _OFFSET = 0.02  # of what is pasted, over the sketch's extent
 _curves = LRUCache(12)
+_of_pieces: WeakKeyDictionary[VectorLayer, Curves] = WeakKeyDictionary()
 
 Shapes: TypeAlias = npt.NDArray[np.object_]
 """Shapely geometries."""
@@ -42,17 +45,31 @@ class Curves:
     Parameters
     ----------
     shapes, outlines : (n,) m; the outline of an area is its border and holes
-    tree : index of the shapes
     """
 
     shapes: Shapes
     outlines: Shapes
-    tree: shapely.STRtree
+
+    @cached_property
+    def tree(self) -> shapely.STRtree:
+        """Index of the shapes."""
+        import shapely
+
+        return shapely.STRtree(self.shapes)
 
     @classmethod
     def from_layer(cls, layer: VectorLayer) -> Curves:
+        """Return the curves of a layer; those of unchanged pieces are known."""
         import shapely
 
+        if len(layer.pieces) > 1:
+            for piece in layer.pieces:
+                if piece not in _of_pieces:
+                    _of_pieces[piece] = cls.from_layer(piece)
+            parts = [_of_pieces[piece] for piece in layer.pieces]
+            return cls(
+                *(np.concatenate([getattr(each, key) for each in parts]) for key in ("shapes", "outlines"))
+            )
         shapes = layer.shapes()
         smooth = (np.asarray(layer.columns.get("smooth", layer.kinds * 0.0)) == 1) & (layer.kinds == LINE)
         if smooth.any():
@@ -60,7 +77,7 @@ class Curves:
             lengths = np.diff(layer.rings)[own]
             points, line = _sampled(layer.vertices[own[layer.ring_of_vertex]], lengths)
             shapes[smooth] = shapely.linestrings(points, indices=line)
-        return cls(shapes, outlines(shapes), shapely.STRtree(shapes))
+        return cls(shapes, outlines(shapes))
 
     def nearest(self, x: float, y: float, reach: float | Float64Array) -> int | None:
         """Return the index of the feature with the nearest outline within a distance (m), or each its own."""
@@ -230,14 +247,28 @@ def with_nodes(
 def with_feature(sketch: Sketch, name: str, feature: VectorFeature) -> list[VectorLayer]:
     """Return the layers of a network, `name` first, with another feature, joined where it touches others.
 
-    Roads, railways and paths are also joined where they cross at one level.
+    Roads, railways and paths are also joined where they cross at one level, areas where they touch.
     """
     layers = network_of(sketch, name)
     own = VectorLayer(name).edited(add=[feature])
+    if feature.kind == AREA:
+        own = with_nodes(own, np.concatenate([_vertices_on(own, layer) for layer in layers]))
     if LAYERS[name].kind == "way":
         own = with_nodes(own, _crossings(sketch, own, layers))
     first, *others = (with_nodes(layer, own.vertices) for layer in layers)
     return [first.edited(add=[replace(own.feature(1), id=0)]), *others]
+
+
+def _vertices_on(own: VectorLayer, layer: VectorLayer) -> Float64Array:
+    """Return the vertices of a layer on the lines and borders of a small one, (n, 2), m."""
+    import shapely
+
+    low, high = own.vertices.min(axis=0) - _ON_LINE, own.vertices.max(axis=0) + _ON_LINE
+    pieces = [piece.vertices for _, piece in layer.pieces_near(*low.tolist(), *high.tolist())]
+    places = np.concatenate([np.zeros((0, 2)), *pieces])
+    places = places[((places >= low) & (places <= high)).all(axis=1)]
+    border = shapely.union_all(curves_of(own).outlines)
+    return np.asarray(places[shapely.dwithin(shapely.points(places), border, _ON_LINE)])
 
 
 def _crossings(sketch: Sketch, own: VectorLayer, layers: Sequence[VectorLayer]) -> Float64Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from itertools import pairwise
@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.array_types import Float32Array, Float64Array, Int64Array
 from sketchterrain.document.layers import CROPS, LAND_USES
 from sketchterrain.document.vectors import VectorLayer, starts
 from sketchterrain.placement.hashing import hash_unit
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 FIELD, MEADOW, FOREST, BUILT_UP = range(len(LAND_USES))
 _COMMON: Final = ("wheat", "wheat", "wheat", "wheat", "maize", "maize", "rapeseed", "ploughed")
+_STEEP: Final = 0.06  # slope from which on rows of crops follow the contours
+_SLOPE_CELL: Final = 16.0  # m: of the ground whose slope they follow
+_CROSS: Final = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 _MANY_PIECES = 64  # from which on edges are joined: that takes longer than to search as many
 AUTOMATIC: Final = 0
 """Crop of fields whose crop follows from their ids."""
@@ -77,6 +80,30 @@ class LandUse:
         draw = hash_unit(0, "crop of a field", self.ids[areas])
         own = common[np.minimum((draw * len(common)).astype(np.int64), len(common) - 1)]
         return np.where(self.crop[areas] == AUTOMATIC, own, self.crop[areas])
+
+    def bearings(self, areas: Int64Array, heights: Callable[..., Float32Array]) -> Float64Array:
+        """Return the directions (°) of rows of crops: as given, along contours, or along the longest side.
+
+        ``heights`` are those (m) of the ground at positions x and y (m), given a ``cell_size`` (m).
+        """
+        found = self.direction[areas].copy()
+        own = np.flatnonzero((found < 0.0) & (self.use[areas] != FOREST))
+        if not len(own):
+            return found
+        area, edges = self.outlines(areas[own])
+        first = starts(np.bincount(area))
+        low, high = (reduce.reduceat(edges[:, :2], first[:-1]) for reduce in (np.minimum, np.maximum))
+        step = np.maximum(0.25 * (high - low).max(axis=1), _SLOPE_CELL)
+        places = np.concatenate([0.5 * (low + high) + step[:, None] * np.array(way) for way in _CROSS])
+        z = heights(*places.T, cell_size=_SLOPE_CELL).reshape(4, -1)
+        east, north = (z[0] - z[1]) / (2.0 * step), (z[2] - z[3]) / (2.0 * step)
+        contour = np.degrees(np.arctan2(-north, east)) % 180.0
+        ways = edges[:, 2:] - edges[:, :2]
+        # The longest edge of each: the last one by length.
+        longest = ways[np.lexsort(((ways**2).sum(axis=1), area))[first[1:] - 1]]
+        side = np.degrees(np.arctan2(*longest.T)) % 180.0
+        found[own] = np.where(np.hypot(east, north) > _STEEP, contour, side)
+        return found
 
     def difference(self, old: LandUse) -> tuple[Int64Array, Int64Array]:
         """Return the areas that only the old and only this one has, bit for bit, ascending."""

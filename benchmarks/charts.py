@@ -8,11 +8,13 @@ from typing import Any
 
 from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.choices import draw_choices
+from sketchterrain.benchmarks.clipped_tree import draw_index
 from sketchterrain.benchmarks.culling import draw_culling
 from sketchterrain.benchmarks.erosion import draw_erosion, draw_normals
 from sketchterrain.benchmarks.flight_chart import draw_errors, draw_generation
 from sketchterrain.benchmarks.landforms import draw_stability, draw_terrains, draw_trade_offs
 from sketchterrain.benchmarks.live import draw_live, draw_views
+from sketchterrain.benchmarks.low_flight import draw_flight
 from sketchterrain.benchmarks.pictures import draw_motion, draw_parts, draw_previews, draw_qualities
 from sketchterrain.benchmarks.plotting import (
     BLUE,
@@ -30,6 +32,7 @@ from sketchterrain.benchmarks.report import Outcome, Row, value_of
 from sketchterrain.benchmarks.roads import draw_roads
 from sketchterrain.benchmarks.speed import draw_rates, draw_thesis
 from sketchterrain.benchmarks.splines import draw_splines
+from sketchterrain.benchmarks.vector_scale import draw_scale
 from sketchterrain.benchmarks.worlds import draw_worlds
 
 
@@ -220,6 +223,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "pictures": draw_qualities,
     "points": draw_table_6_1,
     "roads": draw_roads,
+    "scale": draw_scale,
     "speed": draw_rates,
     "splines": draw_splines,
     "world": draw_worlds,
@@ -234,6 +238,7 @@ MORE: dict[str, dict[str, Callable[[Sequence[Row]], Any]]] = {
     "live": {"view": draw_views},
     "pictures": {"parts": draw_parts, "motion": draw_motion, "previews": draw_previews},
     "points": {"room": draw_room, "spectra": draw_spectra},
+    "scale": {"index": draw_index, "flight": draw_flight},
     "speed": {"tiles": draw_thesis},
 }
 """Charts of its second table and so on, by how their files' names end."""

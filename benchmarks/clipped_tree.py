@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, Final, TypeAlias
@@ -40,7 +40,7 @@ class _Quad:
     def present(self, ids: Int64Array) -> Int64Array:
         """Return those of some ids that are pieces of it."""
         made = _is_in(ids, self.made) & ~_is_in(ids, self.removed)
-        return ids[made | _is_in(ids, self.added)]
+        return np.asarray(ids[made | _is_in(ids, self.added)])
 
     def updated(self, removed: Int64Array, added: Int64Array) -> _Quad:
         was_added = _is_in(removed, self.added)
@@ -260,28 +260,25 @@ def index_table(sides: Sequence[int], *, views: int, edits: int) -> Table:
 
 
 def _rows(boxes: LatticeArray, views: int, edits: int) -> Iterator[Row]:
-    rng, rivals, build = np.random.default_rng(SEED), [], []
-    for kind in (BoxRival, TreeRival):
-        start = perf_counter()
-        rivals.append(kind(boxes))
-        rivals[-1].view(_LEVELS[-1], *_MIDDLE)
-        build.append(perf_counter() - start)
+    rng, plain = np.random.default_rng(SEED), BoxRival(boxes)
+    rivals: tuple[BoxRival | TreeRival, ...] = (plain, TreeRival(boxes))
+    build = [_timed(rival.view, _LEVELS[-1], *_MIDDLE) for rival in rivals]
     looks: dict[tuple[int, str, int], list[float]] = {}
     for level in _LEVELS:
         for corner in _corners(boxes, level, rng, views):
             for which, rival in enumerate(rivals):
                 for when in ("new", "again"):
                     looks.setdefault((which, when, level), []).append(_timed(rival.view, level, *corner))
-    changing, viewing, visited, changed = ([[], []] for _ in range(4))
-    for _ in range(edits):
-        numbers, moved = random_edit(rivals[0].index, rng)
-        corner = (moved[0, :2] >> (LATTICE_BITS - _LEVELS[-1])) - SIDE // 2
+    changing, viewing, visited, changed = np.zeros((4, len(rivals), edits))
+    for number in range(edits):
+        pieces, moved = random_edit(plain.index, rng)
+        place = ((moved[0, :2] >> (LATTICE_BITS - _LEVELS[-1])) - SIDE // 2).tolist()
         for which, rival in enumerate(rivals):
-            rival.view(_LEVELS[-1], *corner.tolist())  # it is what one looks at
-            changing[which].append(_timed(rival.edit, numbers, moved))
-            viewing[which].append(_timed(rival.view, _LEVELS[-1], *corner.tolist()))
-            visited[which].append(rival.visited)
-            changed[which].append(2 * len(numbers))
+            rival.view(_LEVELS[-1], *place)  # it is what one looks at
+            changing[which, number] = _timed(rival.edit, pieces, moved)
+            viewing[which, number] = _timed(rival.view, _LEVELS[-1], *place)
+            visited[which, number] = rival.visited
+            changed[which, number] = 2 * len(pieces)
     for which, rival in enumerate(rivals):
         row: dict[str, Any] = {"pieces": len(boxes), "index": rival.name, "build_ms": 1e3 * build[which]}
         for (of, when, level), seconds in looks.items():
@@ -295,7 +292,7 @@ def _rows(boxes: LatticeArray, views: int, edits: int) -> Iterator[Row]:
         yield row | {"memory_mb": rival.nbytes * 1e-6}
 
 
-def _timed(work: Any, *arguments: Any) -> float:
+def _timed(work: Callable[..., object], *arguments: Any) -> float:
     start = perf_counter()
     work(*arguments)
     return perf_counter() - start

@@ -20,6 +20,8 @@ from sketchterrain.benchmarks import (
     roads,
     speed,
     splines,
+    synthetic_land,
+    vector_scale,
     worlds,
 )
 from sketchterrain.benchmarks import points as blue_noise
@@ -78,6 +80,12 @@ BENCHMARKS = {
         Benchmark("pictures", "valley_river, and flights over presets", _OWN, pictures.measure),
         Benchmark("elevation", "generated DEM grids", str(elevation.SEED), elevation.measure),
         Benchmark("roads", "Andorra, its SRTM and OpenStreetMap", _OWN, roads.measure),
+        Benchmark(
+            "scale",
+            "a synthetic country of fields and roads of 100 × 100 km",
+            str(synthetic_land.SEED),
+            vector_scale.measure,
+        ),
         Benchmark("erosion", "the middle of alpine_range, 8 km wide in a full run", _OWN, erosion.measure),
         Benchmark(
             "landforms",

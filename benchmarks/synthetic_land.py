@@ -90,17 +90,22 @@ class _Land:
             (np.concatenate([outer, hole[:, ::-1]], axis=1), number[holed], use[holed], (12, _HOLE_VERTICES)),
             (hole, number[holed] + 2, hole_use[holed], (_HOLE_VERTICES,)),
         ]
-        ids = np.concatenate([group[1] for group in groups])
-        uses = np.array(_USES)[np.concatenate([group[2] for group in groups])]
+        sizes = np.concatenate([np.tile(group[3], len(group[1])) for group in groups])
+        rings = np.concatenate([np.full(len(group[1]), len(group[3])) for group in groups])
+        ids, uses = (np.concatenate([group[k] for group in groups]) for k in (1, 2))
+        of_ring = np.repeat(ids, rings)
+        by_id, ring_by_id, vertex_by_id = (
+            np.argsort(each, kind="stable") for each in (ids, of_ring, np.repeat(of_ring, sizes))
+        )
         return VectorLayer(
             "landuse",
-            np.concatenate([group[0].reshape(-1, 2) for group in groups]),
-            starts(np.concatenate([np.tile(group[3], len(group[1])) for group in groups])),
-            starts(np.concatenate([np.full(len(group[1]), len(group[3])) for group in groups])),
+            np.concatenate([group[0].reshape(-1, 2) for group in groups])[vertex_by_id],
+            starts(sizes[ring_by_id]),
+            starts(rings[by_id]),
             np.full(len(ids), AREA, np.uint8),
-            ids,
+            ids[by_id],
             np.ones(len(ids), np.uint8),
-            {"use": tuple(uses.tolist())},
+            {"use": tuple(np.array(_USES)[uses[by_id]].tolist())},
         )
 
     def roads(self) -> VectorLayer:
@@ -149,7 +154,8 @@ class _Land:
         """Return hexagons (n, 6, 2) in the middle of cells."""
         middle = self._rings(row, first, 2).mean(axis=1)
         turn = 2.0 * np.pi * np.arange(_HOLE_VERTICES) / _HOLE_VERTICES
-        return middle[:, None] + _HOLE * _CELL * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        outline = _HOLE * _CELL * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        return np.asarray(middle[:, None] + outline)
 
 
 def _woven(corner: Float64Array, middle: Float64Array) -> Float64Array:

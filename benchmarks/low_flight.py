@@ -1,0 +1,240 @@
+"""Bruneton & Neyret's flight over the synthetic country: time to update tiles of ground and appearance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from time import perf_counter
+from typing import Any, Final, NamedTuple, cast
+
+import moderngl
+import numpy as np
+from scipy.optimize import brentq
+
+from sketchterrain.array_types import Bounds, Float64Array
+from sketchterrain.benchmarks.plotting import BLUE, INK, SMALL, VERMILION, new_figure
+from sketchterrain.benchmarks.report import Column, Row, Table, samples_of
+from sketchterrain.render.appearance import JUMP_BUDGET, AppearanceTextures
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.ground_stream import QUAD, QUAD_PER_TOLERANCE, view_of
+from sketchterrain.render.quality import Quality, TimeBudget
+from sketchterrain.terrain.surfaces import vertex_dtype
+from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.tiles.lod import CameraView, ScreenError
+from sketchterrain.tiles.stream import TileStream
+
+SIZE: Final = (1024, 768)
+"""px."""
+SECONDS: Final = 73.0
+RATE: Final = 60.0
+"""Frames a second."""
+LATE: Final = 0.025
+"""s of updates that 99.8 % of the frames shall stay within."""
+
+_LENGTH = 13_000.0  # m
+_SPEEDS, _HEIGHTS = (2000.0 / 3.6, 60.0 / 3.6, 90.0 / 3.6), (5000.0, 8.0, 5.0)  # m/s, m: first, slowest, last
+_SLOWEST = 60.0  # s
+_FOV = float(np.degrees(2.0 * np.arctan(np.tan(np.radians(40.0)) * SIZE[1] / SIZE[0])))  # 80° across
+_FAR = 71_000.0  # m: to the corners of the sketch, beyond which nothing is drawn
+_AHEAD = 3.0  # s: where the eye looks
+_BUDGETS = (0.006, 0.006)  # s a frame for ground and appearance
+
+_COLUMNS = (
+    Column("what", "flight"),
+    Column("frames", "frames"),
+    Column("first_s", "first view, s"),
+    Column("update_ms", "update, mean ms"),
+    Column("p95_ms", "95 %"),
+    Column("worst_ms", "worst"),
+    Column("within", "≤ 25 ms, % of frames"),
+    Column("within_frame", "≤ 16.7 ms, %"),
+    Column("choice_ms", "of it choosing tiles, mean ms"),
+    Column("ground_ms", "ground"),
+    Column("appearance_ms", "appearance"),
+    Column("ground_tiles", "tiles of ground a frame: mean"),
+    Column("ground_most", "most"),
+    Column("textures", "appearance tiles a frame: mean"),
+    Column("textures_most", "most"),
+    Column("missing", "frames with a coarser tile for a missing one, %"),
+    Column("ground_used", "tiles of ground in use, most"),
+    Column("textures_used", "appearance tiles in use, most"),
+)
+
+
+class _Texture:
+    """A texture without a GPU."""
+
+    def write(self, data: bytes, viewport: object = None) -> None:
+        """Discard the texels."""
+
+
+class _NoGL:
+    """What `AppearanceTextures` needs of a context of OpenGL."""
+
+    def texture_array(self, size: tuple[int, ...], components: int, dtype: str = "f1") -> _Texture:
+        """Return a texture."""
+        return _Texture()
+
+
+class Spent(NamedTuple):
+    """Seconds of an update, and its tiles."""
+
+    choice: float
+    ground: float
+    appearance: float
+    ground_tiles: int
+    textures: int
+    complete: bool
+
+
+class TileUpdates:
+    """Tiles of ground and appearance for a camera as the renderer has them, without drawing."""
+
+    def __init__(self, terrain: Terrain) -> None:
+        quality = Quality()
+        slots = quality.tile_memory // (65 * 65 * vertex_dtype(len(terrain.materials)).itemsize)
+        quad = QUAD + QUAD_PER_TOLERANCE * quality.tolerance
+        metric = ScreenError(quality.tolerance, quad=quad, neighbour_limit=quality.neighbour_limit)
+        self.terrain = terrain
+        bounds = (0.0, 0.0, *terrain.size)
+        self.stream = TileStream(terrain.extent, slots=slots, metric=metric, bounds=bounds)
+        self._store = terrain.vertex_store(slots)
+        self.textures = AppearanceTextures(cast(moderngl.Context, _NoGL()), terrain, quality)
+
+    @property
+    def textures_used(self) -> int:
+        """Appearance tiles that the last view shows, uniform ones included."""
+        cache = self.textures._cache
+        return 0 if cache is None else len(cache.tiles._needed.codes)
+
+    def converge(self, view: CameraView) -> None:
+        """Evaluate all tiles of a view."""
+        self.stream.generate_all(view, self._write)
+        self.textures.converge(view, self.stream.pool)
+
+    def frame(self, view: CameraView) -> Spent:
+        """Go on by a frame, within the budgets."""
+        start = perf_counter()
+        batch = self.stream.plan(view, budget=_BUDGETS[0])
+        planned, written = perf_counter(), 0.0
+        if batch:
+            properties = self._write(batch)
+            written = perf_counter() - planned
+            self.stream.mark_generated(batch, properties, seconds=written)
+        self.stream.advance(view, elapsed=1.0 / RATE)
+        advanced, before = perf_counter(), self.textures.drawn
+        self.textures.update(view, self.stream.pool, TimeBudget(_BUDGETS[1]))
+        painted = perf_counter() - advanced
+        complete = self.stream.complete and self.textures.converged
+        choice = advanced - start - written
+        return Spent(choice, written, painted, len(batch.keys), self.textures.drawn - before, complete)
+
+    def edited(self, terrain: Terrain, areas: Sequence[Bounds], view: CameraView) -> int:
+        """Take a changed terrain and evaluate again what a view shows of it; return how many tiles."""
+        self.terrain = terrain
+        self.stream.invalidate(areas)
+        count, before = 0, self.textures.drawn
+        while batch := self.stream.stale_batch(self.stream.draw_list(view)):
+            self.stream.mark_generated(batch, self._write(batch), seconds=None)
+            count += len(batch.keys)
+        self.textures.set_terrain(terrain, areas)
+        self.textures.update(view, self.stream.pool, TimeBudget(JUMP_BUDGET))
+        return count + self.textures.drawn - before
+
+    def _write(self, batch: Any) -> Any:
+        return self.terrain.write_tiles(batch.keys, batch.slots, batch.parents, self._store)
+
+
+def flight_views(terrain: Terrain, times: Float64Array) -> list[CameraView]:
+    """Return the views of the flight at times (s), over the middle of the sketch, eastward."""
+    step = 1.0 / RATE
+    grid = np.arange(0.0, SECONDS + _AHEAD + 2.0 * step, step)
+
+    def speeds(power: float) -> Float64Array:
+        return _eased(_SPEEDS, grid, power)
+
+    power = brentq(lambda each: float(speeds(each)[grid < SECONDS].sum()) * step - _LENGTH, 0.5, 8.0)
+    speed = speeds(power)
+    along = np.append(0.0, np.cumsum(speed)[:-1]) * step
+    x, y = 0.5 * terrain.extent - 0.5 * _LENGTH + along, np.full(len(along), 0.5 * terrain.extent)
+    floor = terrain.heights(x, y, cell_size=2.0).astype(np.float64)
+    smooth = np.convolve(np.pad(floor, 60, mode="edge"), np.full(121, 1.0 / 121.0), mode="valid")
+    above = _eased(_HEIGHTS, grid, power)
+    z = np.maximum(smooth + above, floor + 0.5 * above)
+    views = []
+    for time in times.tolist():
+        at = round(time / step)
+        ahead = at + round(_AHEAD / step)
+        target = float(x[ahead]), float(y[ahead]), float(floor[ahead])
+        camera = Camera((float(x[at]), float(y[at]), float(z[at])), target, fov=_FOV)
+        velocity = float(speed[at]), 0.0, float(z[at + 1] - z[at]) / step
+        views.append(view_of(camera, SIZE, draw_distance=_FAR, velocity=velocity))
+    return views
+
+
+def _eased(values: tuple[float, float, float], time: Float64Array, power: float) -> Float64Array:
+    """Return values at times: of the start, the slowest place, and the end, even in their logarithms."""
+    first, middle, last = np.log(values)
+    share = np.minimum(time / _SLOWEST, 1.0) ** power
+    after = np.clip((time - _SLOWEST) / (SECONDS - _SLOWEST), 0.0, 1.0)
+    return np.asarray(np.exp(first + (middle - first) * share + (last - middle) * after))
+
+
+def flight_table(terrain: Terrain, frames: int) -> Table:
+    """Fly, and return what the updates of its frames took; fewer frames than all are the last ones."""
+    updates = TileUpdates(terrain)
+    first = SECONDS - frames / RATE
+    views = flight_views(terrain, first + np.arange(frames) / RATE)
+    start = perf_counter()
+    updates.converge(views[0])
+    begun = perf_counter() - start
+    spent: list[Spent] = []
+    used = []
+    for view in views:
+        spent.append(updates.frame(view))
+        used.append((updates.stream.pool.count, updates.textures_used))
+    parts = np.array(spent, np.float64)
+    seconds, counts = parts[:, :3].sum(axis=1), parts[:, 3:5]
+    row: Row = {
+        "what": "13 km in 73 s" if frames >= SECONDS * RATE else f"its last {frames / RATE:.0f} s",
+        "frames": frames,
+        "first_s": begun,
+        "update_ms": 1e3 * float(seconds.mean()),
+        "p95_ms": 1e3 * float(np.percentile(seconds, 95)),
+        "worst_ms": 1e3 * float(seconds.max()),
+        "within": 100.0 * float(np.mean(seconds <= LATE)),
+        "within_frame": 100.0 * float(np.mean(seconds <= 1.0 / RATE)),
+        **dict(
+            zip(
+                ("choice_ms", "ground_ms", "appearance_ms"),
+                (1e3 * parts[:, :3].mean(axis=0)).tolist(),
+                strict=True,
+            )
+        ),
+        "ground_tiles": float(counts[:, 0].mean()),
+        "ground_most": int(counts[:, 0].max()),
+        "textures": float(counts[:, 1].mean()),
+        "textures_most": int(counts[:, 1].max()),
+        "missing": 100.0 * float(np.mean(parts[:, 5] == 0.0)),
+        "ground_used": max(count for count, _ in used),
+        "textures_used": max(count for _, count in used),
+        "seconds": seconds.tolist(),
+        "textures_each": counts[:, 1].tolist(),
+    }
+    return Table("Updates a frame, 1024 × 768 at 60 Hz", _COLUMNS, (row,))
+
+
+def draw_flight(rows: Sequence[Row]) -> Any:
+    """Draw the time of updates and the appearance tiles of each frame."""
+    figure = new_figure(9.0, 4.2, "A flight over 600,000 curves")
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    for row in rows:
+        seconds, textures = (np.array(samples_of(row, key)) for key in ("seconds", "textures_each"))
+        time = SECONDS - (len(seconds) - np.arange(len(seconds))) / RATE
+        upper.plot(time, seconds * 1e3, ".", markersize=1.5, color=BLUE, rasterized=True)
+        lower.plot(time, textures, ".", markersize=1.5, color=VERMILION, rasterized=True)
+    upper.axhline(1e3 * LATE, color=INK, linewidth=0.9, linestyle=":")
+    upper.set(ylabel="ms", title="Update; dotted: 25 ms", yscale="log")
+    lower.set(ylabel="tiles", xlabel="s", title="Appearance tiles")
+    for axes in (upper, lower):
+        axes.tick_params(labelsize=SMALL)
+    return figure

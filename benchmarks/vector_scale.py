@@ -1,0 +1,249 @@
+"""Scale of vectors: 10³ to 6·10⁵ curves at one density: loading, memory, tiles, edits, a flight."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any, Final
+
+import numpy as np
+
+from sketchterrain.array_types import Float64Array
+from sketchterrain.benchmarks.clipped_tree import index_table
+from sketchterrain.benchmarks.effort import Effort
+from sketchterrain.benchmarks.low_flight import SIZE, TileUpdates, flight_table
+from sketchterrain.benchmarks.plotting import HUES, SMALL, new_figure
+from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
+from sketchterrain.benchmarks.synthetic_land import EXTENT, SEED, SIDE, curve_count, synthetic_land
+from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate
+from sketchterrain.caching import LRUCache
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch, save_sketch
+from sketchterrain.document.vector_edits import move_node
+from sketchterrain.io.system import peak_memory
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.ground_stream import view_of
+from sketchterrain.terrain.building import build, make_recipe
+from sketchterrain.terrain.terrain import Terrain
+
+_LEVELS: Final = {7: 4, 9: 8, 12: 8, 15: 8}
+"""Levels of tiles, and tiles along the side of a square of them in the middle of every country."""
+_PAINTED = 4  # appearance tiles along its side
+_STAGES: Final = ("vectors", "recipe", "terrain", "tiles")
+_MOVED = 15.0  # m
+_FOV = 64.0
+_HIGH, _VIEW = 300.0, 2000.0  # m above the ground; of the ground ahead that is edited
+
+_SCALE = (
+    Column("curves", "curves"),
+    Column("areas", "areas"),
+    Column("load_s", "load, s"),
+    Column("roads_s", "of it roads, s"),
+    Column("memory_mb", "peak memory, MB"),
+    *(Column(f"tile{level}_ms", f"tile of level {level}, ms") for level in _LEVELS),
+    *(Column(f"paint{level}_ms", f"appearance, level {level}, ms") for level in _LEVELS),
+)
+_EDITS = (
+    Column("curves", "curves"),
+    Column("edits", "edits"),
+    *(
+        Column(f"{stage}_{key}", f"{stage}, {heading}")
+        for stage in (*_STAGES, "whole")
+        for key, heading in (("ms", "median ms"), ("p95", "95 %"))
+    ),
+    Column("most", "most ms"),
+    Column("changed", "tiles an edit"),
+    Column("equal", "tiles like a new terrain's, bit for bit"),
+)
+
+
+def measure(context: TimedContext, effort: Effort) -> Outcome:
+    """Load, show and edit a country of fields, woods, villages and roads, from 10³ to 6·10⁵ curves.
+
+    The largest has the numbers of curves and areas of Bruneton & Neyret (2008). Each smaller one is the middle
+    of a larger one, on the same ground of 100 × 100 km, so that tiles in the middle see the same vectors
+    whatever their number is elsewhere. A curve leads from corner to corner.
+
+    Loading: a process of its own reads the sketch from files, builds the terrain, and evaluates 64 tiles of
+    ground and 16 of appearance; the memory is its most. Tiles: milliseconds each, of squares of tiles in the
+    middle; countries alternate. Edits: a random corner of 2 × 2 km ahead of the camera, 300 m up, is moved by
+    up to 15 m. `vectors`: the new layer of the sketch; `recipe`: areas and networks; `terrain`: differences
+    and indices; `tiles`: those in view, of ground and appearance.
+
+    Index: boxes of all pieces of borders, two a curve and area; `edits` move the pieces at a corner, and look
+    at 256 tiles around it. The flight: 13 km in 73 s, from 2000 km/h at 5000 m to 60 km/h at 8 m and 90 km/h
+    at 5 m; tiles are selected and evaluated as the renderer does, within 6 ms a frame for ground and
+    appearance each, but not drawn.
+    """
+    pieces = index_table(effort.scale_pieces, views=effort.scale_views, edits=effort.scale_edits)
+    countries = {side: synthetic_land(side) for side in effort.scale_sides}
+    loads = {side: _loaded(sketch) for side, sketch in countries.items()}
+    terrains = {side: build(sketch, device=context) for side, sketch in countries.items()}
+    scale = tuple(_scale_rows(countries, terrains, loads, effort.rounds))
+    flight = flight_table(terrains[max(terrains)], effort.scale_frames)
+    edits = [
+        _edit_row(side, countries[side], context, effort.scale_edits)
+        for side in (min(countries), max(countries))
+    ]
+    return Outcome(
+        (
+            Table("Countries of one density", _SCALE, scale),
+            pieces,
+            flight,
+            Table("Edits in view", _EDITS, tuple(edits)),
+        )
+    )
+
+
+def _without_roads(sketch: Sketch) -> Sketch:
+    return sketch.replace(vectors={"landuse": sketch.vectors["landuse"]})
+
+
+def _loaded(sketch: Sketch) -> tuple[float, float, float]:
+    """Return the seconds to load a sketch in a process of its own, those of its roads, and MB."""
+    with TemporaryDirectory(prefix="sketchterrain-scale-") as folder:
+        save_sketch(sketch, Path(folder, "sketch"))
+        with multiprocessing.get_context("spawn").Pool(1) as pool:
+            return pool.apply(_load, (str(Path(folder, "sketch")),))
+
+
+def _load(folder: str) -> tuple[float, float, float]:
+    context = ComputeContext()
+    start = perf_counter()
+    sketch = load_sketch(folder)
+    memory = LRUCache()
+    make_recipe(_without_roads(sketch), memory=memory)
+    before = perf_counter()
+    terrain = Terrain(sketch, make_recipe(sketch, memory=memory), context, memory=memory)
+    roads = perf_counter() - before
+    terrain.evaluator.tiles(_middle(9, 8), 9)
+    terrain.appearance.tiles([(9, *place) for place in _middle(9, _PAINTED)])
+    return perf_counter() - start, roads, peak_memory() * 1e-6
+
+
+def _middle(level: int, count: int) -> list[tuple[int, int]]:
+    """Return a square of tiles in the middle of the sketch."""
+    first = (1 << level) // 2 - count // 2
+    return [(first + i, first + j) for j in range(count) for i in range(count)]
+
+
+def _scale_rows(
+    countries: dict[int, Sketch],
+    terrains: dict[int, Terrain],
+    loads: dict[int, tuple[float, float, float]],
+    rounds: int,
+) -> Iterator[Row]:
+    work = {}
+    for level, count in _LEVELS.items():
+        painted = [(level, *place) for place in _middle(level, _PAINTED)]
+        for side, terrain in terrains.items():
+            ground = partial(terrain.evaluator.tiles, _middle(level, count), level)
+            work["tile", level, side] = partial(_lap, ground, count * count)
+            work["paint", level, side] = partial(
+                _lap, partial(terrain.appearance.tiles, painted), len(painted)
+            )
+    laps = alternate(work, rounds=rounds)
+    for side, sketch in countries.items():
+        load, roads, memory = loads[side]
+        times = {
+            f"{kind}{level}_ms": 1e3 * median(lap.wall for lap in of)
+            for (kind, level, of_side), of in laps.items()
+            if of_side == side
+        }
+        yield {
+            "curves": curve_count(side),
+            "areas": len(sketch.vectors["landuse"]),
+            "load_s": load,
+            "roads_s": roads,
+            "memory_mb": memory,
+            **times,
+        }
+
+
+def _edit_row(side: int, sketch: Sketch, context: TimedContext, count: int) -> Row:
+    """Edit corners in view, and compare the result with a terrain built from its sketch."""
+    memory, rng = LRUCache(), np.random.default_rng(SEED)
+    terrain = build(sketch, device=context, memory=memory)
+    middle = 0.5 * EXTENT
+    ground = float(terrain.heights(middle, middle))
+    camera = Camera((middle - _VIEW / 2, middle, ground + _HIGH), (middle, middle, ground), fov=_FOV)
+    view = view_of(camera, SIZE, draw_distance=EXTENT)
+    updates = TileUpdates(terrain)
+    updates.converge(view)
+    seconds, changed = [], []
+    for _ in range(count):
+        at = _corner(sketch, rng)
+        start = perf_counter()
+        layer = move_node(sketch.vectors["landuse"], tuple(at), tuple(at + rng.uniform(-_MOVED, _MOVED, 2)))
+        sketch = sketch.replace(vectors={**sketch.vectors, "landuse": layer})
+        times = [start, perf_counter()]
+        recipe = make_recipe(sketch, memory=memory)
+        times.append(perf_counter())
+        terrain, areas = terrain.updated(sketch, recipe)
+        times.append(perf_counter())
+        changed.append(updates.edited(terrain, areas, view))
+        seconds.append(np.diff([*times, perf_counter()]))
+    laps = 1e3 * np.array(seconds)
+    columns = [*laps.T, laps.sum(axis=1)]
+    row: dict[str, Any] = {"curves": curve_count(side), "edits": count}
+    for stage, own in zip((*_STAGES, "whole"), columns, strict=True):
+        row[f"{stage}_ms"], row[f"{stage}_p95"] = np.percentile(own, (50, 95)).tolist()
+    fresh = build(sketch, device=context)
+    return row | {
+        "most": float(columns[-1].max()),
+        "changed": float(np.mean(changed)),
+        "equal": _equal_tiles(terrain, fresh),
+        "seconds": (1e-3 * columns[-1]).tolist(),
+    }
+
+
+def _corner(sketch: Sketch, rng: np.random.Generator) -> Float64Array:
+    """Return a random vertex in the middle of a sketch."""
+    low = 0.5 * EXTENT - 0.5 * _VIEW
+    near = sketch.vectors["landuse"].pieces_near(low, low, low + _VIEW, low + _VIEW)
+    vertices = np.concatenate([piece.vertices for _, piece in near])
+    inside = vertices[((vertices > low) & (vertices < low + _VIEW)).all(axis=1)]
+    return np.asarray(inside[rng.integers(len(inside))])
+
+
+def _equal_tiles(one: Terrain, other: Terrain) -> str:
+    """Return how many tiles around the middle are equal, of how many."""
+    keys = [(level, *place) for level in _LEVELS for place in _middle(level, _PAINTED)]
+    painted = zip(*(each.appearance.tiles(keys) for each in (one, other)), strict=True)
+    ground = zip(*(each.tiles(keys) for each in (one, other)), strict=True)
+    equal = [bool((a == b).all()) for a, b in painted]
+    equal += [
+        a.height.tobytes() == b.height.tobytes() and a.materials.tobytes() == b.materials.tobytes()
+        for a, b in ground
+    ]
+    return f"{sum(equal)} of {len(equal)}"
+
+
+def draw_scale(rows: Sequence[Row]) -> Any:
+    """Draw the time of tiles, loads and memory over the number of curves."""
+    figure = new_figure(11.0, 3.6, f"{curve_count(SIDE) // 1000},000 curves at one density")
+    panels = (
+        ("Tile of the ground", "ms", {f"level {level}": f"tile{level}_ms" for level in _LEVELS}),
+        ("Appearance tile", "ms", {f"level {level}": f"paint{level}_ms" for level in _LEVELS}),
+        ("Load", "s", {"all": "load_s", "roads": "roads_s"}),
+    )
+    for axes, (title, unit, lines) in zip(figure.subplots(1, len(panels)), panels, strict=True):
+        x = [value_of(row, "curves") for row in rows]
+        for (name, key), hue in zip(lines.items(), HUES, strict=False):
+            axes.plot(x, [value_of(row, key) for row in rows], "o-", color=hue, markersize=3, label=name)
+        axes.set(xscale="log", xlabel="curves", ylabel=unit, title=title, ylim=(0, None))
+        axes.legend(fontsize=SMALL, frameon=False)
+    return figure
+
+
+def _lap(work: Callable[[], object], tiles: int) -> Lap:
+    """Do the work of some tiles once; return the time of one."""
+    start = perf_counter()
+    work()
+    return Lap((perf_counter() - start) / tiles)

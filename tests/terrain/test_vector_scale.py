@@ -1,0 +1,224 @@
+"""Many vectors and few: the index, a quadtree of clipped pieces, edits, tiles that others do not reach."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+from sketchterrain.benchmarks.clipped_tree import BoxRival, ClippedTree, TreeRival, piece_boxes, random_edit
+from sketchterrain.benchmarks.synthetic_land import synthetic_land
+from sketchterrain.caching import LRUCache
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.vector_edits import move_node
+from sketchterrain.document.vectors import VectorLayer
+from sketchterrain.errors import InputError
+from sketchterrain.landuse.areas import land_use
+from sketchterrain.terrain.building import build, rebuild
+from sketchterrain.terrain.index import BoxIndex
+from sketchterrain.terrain.lattice import LATTICE_BITS
+from sketchterrain.terrain.layers.landuse import LandUseLayer
+
+EXTENT, LEVEL = 4096.0, 4
+WIDTH = EXTENT / 2**LEVEL
+
+
+@pytest.fixture
+def boxes() -> np.ndarray:
+    return piece_boxes(20)
+
+
+def assert_same_views(one, other, level: int, place: tuple[int, int]) -> None:
+    for number, (a, b) in enumerate(zip(one.view(level, *place), other.view(level, *place), strict=True)):
+        np.testing.assert_array_equal(a, np.sort(b), err_msg=f"tile {number} of level {level}")
+
+
+@pytest.mark.parametrize("capacity", [1 << 13, 300])
+def test_a_clipped_tree_finds_what_the_index_of_boxes_finds(boxes, capacity, monkeypatch) -> None:
+    """Before and after edits, also where quads are dropped and made again."""
+    monkeypatch.setattr("sketchterrain.terrain.index._FEW_ITEMS", 64)
+    plain, tree = BoxRival(boxes), TreeRival(boxes)
+    tree.tree = ClippedTree(boxes, capacity=capacity)
+    rng = np.random.default_rng(2)
+    for _ in range(60):
+        numbers, moved = random_edit(plain.index, rng)
+        before, was = tree.tree, tree.tree.pieces(6, 32, 32)
+        for rival in (plain, tree):
+            rival.edit(numbers, moved)
+        np.testing.assert_array_equal(before.pieces(6, 32, 32), was)
+        for level in (7, 9, 11):
+            place = (moved[0, :2] >> (LATTICE_BITS - level)) - rng.integers(0, 16, 2)
+            assert_same_views(plain, tree, level, tuple(place.tolist()))
+    np.testing.assert_array_equal(plain.index.boxes_of(np.arange(len(boxes))), plain.index.boxes)
+    np.testing.assert_array_equal(plain.index.boxes, tree.tree.boxes[tree.ids])
+
+
+def test_an_edit_of_a_tree_visits_what_it_changes_however_many_others_there_are() -> None:
+    visited = []
+    for side in (20, 60):
+        rivals = BoxRival(piece_boxes(side)), TreeRival(piece_boxes(side))
+        middle = 1 << (LATTICE_BITS - 1)
+        _, near = rivals[0].index.touching(np.array([[middle, middle, middle + 40_000, middle + 40_000]]))
+        corner = min(rivals[0].index.boxes_of(near).tolist())[:2]
+        _, numbers = rivals[0].index.touching(np.array([corner * 2]))
+        assert 1 < len(numbers) < 10
+        rivals[1].view(9, 248, 248)
+        rivals[1].edit(numbers, rivals[0].index.boxes_of(numbers) + 5)
+        assert rivals[1].visited <= 2 * len(numbers) * 4 * 10  # old and new, up to 4 quads of 10 levels
+        visited.append(rivals[1].visited)
+    assert visited[0] == visited[1] > 0
+
+
+def test_points_are_found_in_boxes_of_an_edited_index(boxes, monkeypatch) -> None:
+    monkeypatch.setattr("sketchterrain.terrain.index._FEW_ITEMS", 64)
+    rng, index = np.random.default_rng(3), BoxIndex(boxes)
+    for _ in range(30):
+        numbers, moved = random_edit(index, rng)
+        index = index.updated(numbers, numbers, moved)
+    assert index.boxes is not index._boxes
+    low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
+    at = rng.integers(low, high, (400, 2))
+    now = index.boxes
+    inside = (at[:, None] >= now[:, :2]) & (at[:, None] <= now[:, 2:])
+    for found, expected in zip(index.at_points(*at.T), np.nonzero(inside.all(axis=2)), strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_an_index_is_the_same_a_million_kilometres_away(boxes) -> None:
+    blocks = np.concatenate([boxes[:50, :2], boxes[:50, :2] + 40_000], axis=1)
+    far = round(1e9 / EXTENT) << LATTICE_BITS
+    for one, other in zip(
+        BoxIndex(boxes).touching(blocks), BoxIndex(boxes + far).touching(blocks + far), strict=True
+    ):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_fields_of_the_synthetic_country_share_their_borders() -> None:
+    """Every edge inside runs once each way, and the areas cover their union."""
+    sketch = synthetic_land(12)
+    edges = land_use(sketch).edges
+    both = np.concatenate([edges, edges[:, [2, 3, 0, 1]]])
+    _, number, counts = np.unique(both, axis=0, return_inverse=True, return_counts=True)
+    number = number.reshape(2, -1)
+    assert counts.max() == 2
+    outer = counts[number[0]] == 1
+    shapes = sketch.vectors["landuse"].shapes()
+    union = shapely.union_all(shapes)
+    assert shapely.area(union) == pytest.approx(shapely.area(shapes).sum(), rel=1e-12)
+    assert shapely.get_num_interior_rings(union) == 0
+    around = np.hypot(*(edges[outer, 2:] - edges[outer, :2]).T).sum()
+    assert around == pytest.approx(shapely.length(union), rel=1e-9)
+
+
+def test_a_smaller_country_is_the_middle_of_a_larger_one(context) -> None:
+    small, large = (synthetic_land(side) for side in (10, 20))
+    one, other = (land_use(sketch) for sketch in (small, large))
+    place = np.searchsorted(other.ids, one.ids)
+    np.testing.assert_array_equal(other.ids[place], one.ids)
+    np.testing.assert_array_equal(other.edges[other.edges_of(place)[1]], one.edges)
+    keys = [(10, 511, 511), (10, 512, 511), (13, 4096, 4096)]
+    terrains = [
+        build(sketch.replace(vectors={"landuse": sketch.vectors["landuse"]}), device=context)
+        for sketch in (small, large)
+    ]
+    assert_same_tiles(*terrains, keys)
+
+
+def assert_same_tiles(one, other, keys) -> None:
+    for a, b in zip(one.tiles(keys), other.tiles(keys), strict=True):
+        np.testing.assert_array_equal(a.height, b.height)
+        np.testing.assert_array_equal(a.materials, b.materials)
+    np.testing.assert_array_equal(one.appearance.tiles(keys), other.appearance.tiles(keys))
+
+
+def sketch_of(shapes, ids=None, **columns) -> Sketch:
+    layer = VectorLayer.from_shapes("landuse", np.array(shapes, object), ids=ids, columns=columns)
+    return Sketch(extent=EXTENT, seed=3, vectors={"landuse": layer})
+
+
+def test_a_tile_of_a_hundred_thousand_curves_is_that_of_the_fields_near_it(context) -> None:
+    """224 × 224 fields of 1.1 m in one quad have 100,800 curves."""
+    count, corner = 224, np.array([8.0, 8.0]) * WIDTH
+    x, y = (each.ravel() for each in np.meshgrid(np.arange(count), np.arange(count)))
+    step = WIDTH / count
+    fields = shapely.box(
+        *(corner[k] + step * (each + more) for more in (0, 1) for k, each in ((0, x), (1, y)))
+    )
+    uses = tuple(np.array(["field", "meadow", "forest"])[(x + 2 * y) % 3].tolist())
+    whole = build(sketch_of(fields, use=uses), device=context)
+    near = np.flatnonzero((x < 60) & (y < 60))
+    part = build(sketch_of(fields[near], near + 1, use=tuple(np.array(uses)[near].tolist())), device=context)
+    assert_same_tiles(whole, part, [(LEVEL + 3, 64, 64), (LEVEL + 6, 512, 514), (LEVEL + 9, 4096, 4097)])
+    (tile,) = whole.appearance.tiles([(LEVEL, 8, 8)])
+    assert tile[4:-4, 4:-4, 3].min() > 0  # covered everywhere
+
+
+def test_an_area_cut_into_many_parts_by_a_quad_is_that_of_its_parts(context) -> None:
+    """A comb whose 100 teeth cross a quad, and whose back lies beyond it."""
+    west, south = np.array([8.0, 8.0]) * WIDTH
+    tooth, count = WIDTH / 256.0, 100
+    lefts = west + tooth * (2 + 2 * np.arange(count))
+    teeth = shapely.box(lefts, south - 20.0, lefts + tooth, south + WIDTH + 20.0)
+    back = shapely.box(lefts[0], south + WIDTH + 20.0, lefts[-1] + tooth, south + WIDTH + 24.0)
+    comb = shapely.union_all([*teeth, back])
+    assert comb.geom_type == "Polygon"
+    one, many = (
+        build(sketch_of(shapes, use=("meadow",) * len(shapes)), device=context) for shapes in ([comb], teeth)
+    )
+    keys = [(LEVEL, 8, 8), (LEVEL + 2, 33, 33), (LEVEL + 5, 257, 300)]
+    shares = [each.appearance.tiles(keys)[..., 3].astype(int) for each in (one, many)]
+    assert np.abs(shares[0] - shares[1]).max() <= 1
+    assert shares[0][0].max() > 0
+    assert (np.diff((shares[0][1, 90] > 20).astype(int)) == 1).sum() > 10  # teeth are seen one by one
+
+
+def test_undoing_a_thousand_times_leaves_the_terrain_as_it_was(context) -> None:
+    memory = LRUCache()
+    sketch = synthetic_land(18)
+    layer = sketch.vectors["landuse"]
+    node = tuple(layer.vertices[len(layer.vertices) // 2].tolist())
+    moved = sketch.replace(
+        vectors={**sketch.vectors, "landuse": move_node(layer, node, (node[0] + 9.0, node[1] - 7.0))}
+    )
+    first = terrain = build(sketch, device=context, memory=memory)
+    key = [(9, *(int(each // (sketch.extent / 2**9)) for each in node))]
+    first.tiles(key)
+    for turn in range(2000):
+        terrain, areas = rebuild(terrain, moved if turn % 2 == 0 else sketch)
+        assert 0 < len(areas) <= 3
+    index = terrain.recipe[LandUseLayer].index(terrain.recipe.world).boxes
+    assert index._edits is None or len(index._edits.added) < len(index) // 8
+    assert_same_tiles(terrain, build(sketch, device=context), key)
+    changed = build(moved, device=context)
+    assert (changed.appearance.tiles(key) != terrain.appearance.tiles(key)).any()
+
+
+def test_land_use_at_the_edge_of_the_world_is_as_near_the_origin(context) -> None:
+    """As far as vectors may be; they are refused a million kilometres away."""
+    steps = int(9.9e6 // WIDTH)
+    rng = np.random.default_rng(8)
+    outline = shapely.convex_hull(shapely.MultiPoint(WIDTH * (8.2 + 0.6 * rng.random((12, 2)))))
+    outline = shapely.set_precision(outline, 1.0 / 1024.0)
+    far = shapely.transform(outline, lambda at: at + np.array([steps * WIDTH, 0.0]))
+    keys = np.array([(LEVEL, 8, 8), (LEVEL + 2, 33, 33)])
+    shares = []
+    for shape, shift in ((outline, 0), (far, steps)):
+        terrain = build(sketch_of([shape], use=("meadow",)), device=context)
+        moved = keys + np.stack([0 * keys[:, 0], shift << (keys[:, 0] - LEVEL), 0 * keys[:, 0]], axis=1)
+        shares.append(terrain.appearance.tiles(moved)[..., 3])
+    np.testing.assert_array_equal(*shares)
+    assert shares[0].any()
+    with pytest.raises(InputError, match="at most 1e\\+07 m away"):
+        sketch_of([shapely.transform(outline, lambda at: at + 1e9)])
+
+
+def test_land_use_leaves_tiles_a_million_kilometres_away_as_they_are(context) -> None:
+    sketch = synthetic_land(8)
+    with_land, without = (
+        build(each, device=context)
+        for each in (sketch, replace(sketch, vectors={"road": sketch.vectors["road"]}))
+    )
+    column = int(1e9 / (sketch.extent / 2**9))
+    assert_same_tiles(with_land, without, [(9, column, 256), (12, 8 * column, 2048)])

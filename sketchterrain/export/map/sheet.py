@@ -163,10 +163,11 @@ def legend_entries(
     }
     entries += [entry for name, entry in known.items() if name in present]
     entries += road_legend(network, WIDTH, HEIGHT)
+    bare = 1.0 if samples.land is None else 1.0 - samples.land.sum(axis=-1)
     tints = [
         (material.title, material.tint)
         for index, material in enumerate(samples.materials)
-        if material.is_mapped and samples.cover[..., index].mean() > 0.01
+        if material.is_mapped and (bare * samples.cover[..., index]).mean() > 0.01
     ]
     if samples.land is not None:
         used = samples.land.reshape(-1, len(LAND_USES)).max(axis=0) > 0.0

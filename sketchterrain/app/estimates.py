@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 # Bytes on disk, compressed: the most that the presets took as Zarr and as GeoTIFF.
-_LAYER_BYTES = {"height": 2.9, "normal": 2.0, "materials": 1.1}
+_LAYER_BYTES = {"height": 2.9, "normal": 2.0, "materials": 1.1, "appearance": 1.5}
 _PLANT_BYTES = {"none": 0, "csv": 84, "ply": 36, "both": 120, "parquet": 40, "flatgeobuf": 190}
 _WOODY, _GRASS = 0.004, 2.0  # plants per square metre
 

@@ -132,6 +132,7 @@ class LayerSpec:
         return (len(self.bands), rows, columns) if self.dimension else (rows, columns)
 
 
+_CHANNELS: Final = ("red", "green", "blue", "covered")
 _HEIGHT: Final = {"long_name": "height of the ground", "units": "m"}
 _NORMAL: Final = {
     "long_name": "unit vector up from the ground: east, north, up",
@@ -147,6 +148,13 @@ _MATERIALS: Final = {
 }
 
 
+_APPEARANCE: Final = {
+    "long_name": "square root of the albedo of roads and land use, and the share that they cover",
+    "units": "1",
+    "scale_factor": 1 / 255,
+}
+
+
 def layer_specs(materials: tuple[str, ...]) -> dict[str, LayerSpec]:
     """Return layers by name, for a world with some materials; see `ShardData` for their values."""
     named = _MATERIALS | {"materials": list(materials)}
@@ -155,12 +163,14 @@ def layer_specs(materials: tuple[str, ...]) -> dict[str, LayerSpec]:
         "normal": LayerSpec(("east", "north", "up"), "uint8", "axis", "bitshuffle", 1, "STANDARD", _NORMAL),
         # Weights are mostly 0 or 255: a predictor does not help.
         "materials": LayerSpec(materials, "uint8", "material", "noshuffle", 1, "NO", named),
+        "appearance": LayerSpec(_CHANNELS, "uint8", "channel", "noshuffle", 1, "NO", _APPEARANCE),
     }
 
 
 LAYER_SPECS: Final = layer_specs(MATERIALS)
 """Layers of a world with the program's materials."""
 LAYERS: Final = tuple(LAYER_SPECS)
+DEFAULT_LAYERS: Final = ("height", "normal", "materials")
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,10 +178,12 @@ class ShardData:
     """Layers of a shard; row 0 is the northernmost, column 0 the westernmost.
 
     Heights (rows, columns) in m; normals (3, rows, columns) as east, north, up, with −1 … 1 as 0 … 255;
-    material weights (materials, rows, columns), which sum to 255 at each vertex.
+    material weights (materials, rows, columns), which sum to 255 at each vertex; appearance (4, rows,
+    columns), as `Appearance.tiles`.
     """
 
     shard: Shard
     height: npt.NDArray[np.float32]
     normal: npt.NDArray[np.uint8]
     materials: npt.NDArray[np.uint8]
+    appearance: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 0, 0), np.uint8))

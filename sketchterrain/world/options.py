@@ -13,7 +13,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.world.grid import LAYERS, Shard, World
+from sketchterrain.world.grid import DEFAULT_LAYERS, LAYERS, Shard, World
 from sketchterrain.world.job import Form, Job, PlantsForm, require, shard_store, task_count
 from sketchterrain.world.journal import load_ledger
 
@@ -35,7 +35,7 @@ class WorldOptions:
 
     bounds: tuple[float, float, float, float] | None = None
     cell: float = 1.0
-    layers: tuple[str, ...] = LAYERS
+    layers: tuple[str, ...] = DEFAULT_LAYERS
     plants: PlantsForm = "none"
     grass: bool = False
     crs: str | None = None  # None: the sketch's, as the origin

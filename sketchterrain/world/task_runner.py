@@ -18,7 +18,7 @@ from sketchterrain.terrain.rasters import QuantizedBand
 from sketchterrain.terrain.self_test import self_test
 from sketchterrain.terrain.surfaces import Band
 from sketchterrain.terrain.terrain import Terrain
-from sketchterrain.world.grid import SHARD, Shard, ShardData
+from sketchterrain.world.grid import SHARD, Level, Shard, ShardData
 from sketchterrain.world.job import Job, Task, TaskResult, WrittenFile, plant_store, shard_store
 from sketchterrain.world.journal import PLANTS, OutputLayout
 
@@ -77,6 +77,7 @@ class TaskRunner:
             np.empty(
                 (len(self.job.recipe.materials) if "materials" in layers else 0, rows, columns), np.uint8
             ),
+            self._appearance(level, shard) if "appearance" in layers else np.zeros((0, 0, 0), np.uint8),
         )
         for band in self._window(
             world.west,
@@ -94,6 +95,15 @@ class TaskRunner:
             if len(data.materials):
                 data.materials[:, band_rows] = band.materials
         return data
+
+    def _appearance(self, level: Level, shard: Shard) -> npt.NDArray[np.uint8]:
+        """Return the appearance of a shard, (4, rows, columns)."""
+        west = self.job.world.west + shard.column * SHARD * level.cell
+        north = self.job.world.north - shard.row * SHARD * level.cell
+        rows, columns = level.size_of(shard)
+        cell = level.cell, level.cell
+        found = self.terrain.appearance.window(west, north, cell=cell, columns=columns, rows=rows)
+        return np.ascontiguousarray(found.transpose(2, 0, 1))
 
     def _window_on_host(self, west: float, north: float, **window: Any) -> Iterator[QuantizedBand]:
         return quantised_bands(self.terrain.window(west, north, **window))

@@ -117,7 +117,9 @@ class StoredPyramid:
         return middle.astype(LAYER_SPECS[layer].dtype)
 
     def _empty(self, layer: str, rows: int, columns: int) -> _Array:
-        bands = {"height": (), "normal": (3,), "materials": (len(self.world.material_names),)}[layer]
+        bands = {"height": (), "normal": (3,), "materials": (len(self.world.material_names),)}.get(
+            layer, (4,)
+        )
         return np.zeros((*bands, rows, columns), LAYER_SPECS[layer].dtype)
 
     def heights(self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0) -> _Floats:

@@ -166,7 +166,7 @@ def sample_digest(runner: Any) -> str:
     coarsest, finest = world.levels[-1], world.levels[0]
     data = runner.compute_shard(Shard(coarsest.number, 0, 0))
     digest = sha256()
-    for array in (data.height, data.normal, data.materials):
+    for array in (data.height, data.normal, data.materials, data.appearance):
         digest.update(array.tobytes())
     columns, rows = min(_CHUNK, finest.columns), min(_CHUNK, finest.rows)
     for band in runner.terrain.window(

@@ -5,13 +5,13 @@ import numpy as np
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.errors import InputError
 from sketchterrain.export.sampled import quantise_normals, quantise_weights
-from sketchterrain.world.grid import CHUNK, LAYERS, World
+from sketchterrain.world.grid import CHUNK, DEFAULT_LAYERS, World
 
 
 class InMemoryWorld:
     """Layers of a terrain over bounds; chunks named in `broken` (layer, level, row, column) can't be read."""
 
-    def __init__(self, terrain, bounds, cell, *, layers=LAYERS):
+    def __init__(self, terrain, bounds, cell, *, layers=DEFAULT_LAYERS):
         world = World(*bounds, cell)
         self.west, self.north, self.levels = world.west, world.north, world.levels
         self.layers, self.material_names = layers, MATERIALS

@@ -43,7 +43,11 @@ def _fields(east: float, north: float) -> tuple[Field | Line, ...]:
     across = (_metres("west", "Western edge"), "to", _metres("east", "Eastern edge", east), "east")
     up = (_metres("south", "Southern edge"), "to", _metres("north", "Northern edge", north), "north")
     cell_tip = "Metres between vertices of the finest level"
-    normals, materials = (Field(name, "", True, text=name.capitalize()) for name in ("normals", "materials"))
+    optional = [
+        Field("normals", "", True, text="Normals"),
+        Field("materials", "", True, text="Materials"),
+        Field("appearance", "", False, "Colour of roads and land use", text="Appearance"),
+    ]
     plants = Field("plants", "Format of plants", "none", choices=_PLANTS)
     grass = Field("grass", "", False, text="With grass, flowers and ferns")
     crs_tip = "Projected coordinate reference system of the world, in metres"
@@ -58,7 +62,7 @@ def _fields(east: float, north: float) -> tuple[Field | Line, ...]:
         Line("up", "", _FROM_CORNER, up),
         Field("cell", "&Cell", 1.0, cell_tip, range=(0.001, 1e6), unit="m"),
         Field("form", "F&orm", "zarr", "Output format; all have overviews", choices=_FORMS),
-        Line("layers", "&Layers", "Heights are always written", ("Heights,", normals, materials)),
+        Line("layers", "&Layers", "Heights are always written", ("Heights,", *optional)),
         Field("steps", "&Heights to", 0.0, "Rounded heights compress better", choices=_STEPS),
         Line("plant_files", "Pla&nts", "Positions of plants, which can be the largest part", (plants, grass)),
         Field("crs", "C&RS", "", crs_tip, text="The sketch's, or EPSG:25832"),
@@ -81,7 +85,7 @@ class WorldForm(Form):
         """Return the options, unchecked."""
         values = self.values
         bounds = (values["west"], values["south"], values["east"], values["north"])
-        optional = {"normal": values["normals"], "materials": values["materials"]}
+        optional = {"normal": values["normals"]} | {key: values[key] for key in ("materials", "appearance")}
         return WorldOptions(
             bounds=bounds if values["place"] == "other" else None,
             cell=values["cell"],

@@ -37,7 +37,8 @@ Output = Annotated[
     ),
 ]
 Cell = Annotated[float, typer.Option("--cell", metavar="M", help="Metres between vertices.")]
-Layers = Annotated[str, typer.Option("--layers", metavar="NAMES", help="Some of height,normal,materials.")]
+_LAYERS = "Some of height,normal,materials,appearance."
+Layers = Annotated[str, typer.Option("--layers", metavar="NAMES", help=_LAYERS)]
 PlantFormat = Annotated[
     str, typer.Option("--plants", metavar="none|parquet|flatgeobuf", help="File format of plants.")
 ]

@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numba
@@ -40,6 +41,7 @@ _MARKED: Final = 5.0  # m: carriageways of asphalt have marks from this width on
 _FRAY: Final = 0.5  # m by which noise widens roads
 _DEFINES: Final = (("SIDE", str(SIDE)),)
 _MAX_TILES: Final = 64  # in a launch
+_MOST_KNOWN: Final = 1 << 16  # tiles of which it is known whether anything is painted there
 
 
 class _Painted(NamedTuple):
@@ -112,12 +114,23 @@ class Appearance:
     def occupied(self, keys: npt.ArrayLike) -> BoolArray:
         """Return whether anything may be painted in tiles (n, 3) of level, column and row, (n,)."""
         tiles = np.asarray(keys, np.int64).reshape(-1, 3)
-        boxes = _blocks(_corners(tiles), np.exp2(LATTICE_BITS - tiles[:, 0]) / (SIDE - 2), 1)
-        found = np.zeros(len(tiles), np.bool_)
-        for index in (self._roads.boxes, self._areas):
-            if len(index):
-                found[np.unique(index.touching(boxes)[0])] = True
-        return found
+        names, known = list(map(tuple, tiles.tolist())), self._known_occupied
+        if len(known) > _MOST_KNOWN:
+            known.clear()
+        new = np.array([name not in known for name in names], np.bool_)
+        if new.any():
+            boxes = _blocks(_corners(tiles[new]), np.exp2(LATTICE_BITS - tiles[new, 0]) / (SIDE - 2), 1)
+            found = np.zeros(len(boxes), np.bool_)
+            for index in (self._roads.boxes, self._areas):
+                if len(index):
+                    found[np.unique(index.touching(boxes)[0])] = True
+            known.update(zip(compress(names, new), found.tolist(), strict=True))
+        return np.array([known[name] for name in names], np.bool_)
+
+    @cached_property
+    def _known_occupied(self) -> dict[tuple[int, ...], bool]:
+        """Tiles that were asked for: a view asks for the same ones in each frame."""
+        return {}
 
     def tiles(self, keys: npt.ArrayLike) -> npt.NDArray[np.uint8]:
         """Return tiles.

@@ -7,6 +7,7 @@
 //   WEIGHT_WORDS, DISTANT_LAYER(layer)  of the sketch's materials, render/material_macros.py
 //   SHADE_MAPS 0, 1 or 2: shadow maps of the plants
 //   SAMPLES    along each axis of a pixel
+//   APPEARANCE samples of what vectors paint (appearance.glsl); 0: nothing is painted
 #include "render/frame.glsl"
 #include "render/surface.glsl"
 #include "render/triplanar.glsl"
@@ -16,6 +17,9 @@
 #include "render/clouds.glsl"
 #include "render/variety.glsl"
 #include "render/lit_material.glsl"
+#if APPEARANCE
+#include "render/appearance.glsl"
+#endif
 
 uniform sampler2D gbuffer_depth; // SAMPLES² samples a pixel, ground.frag.glsl
 uniform sampler2D gbuffer_normal;
@@ -24,9 +28,14 @@ uniform sampler2D gbuffer_weights[WEIGHT_WORDS];
 layout(location = 0) out vec4 radiance; // w: depth of the sample that was shaded
 
 vec3 position; // of the shaded point, m from the eye
+#if APPEARANCE
+float grain; // brightness of the textures over their mean, which what is painted keeps
+#endif
 
-#if MATERIALS == 1
+#if MATERIALS == 1 || APPEARANCE
 uniform vec3 means[LAYERS];    // mean albedo of the layers
+#endif
+#if MATERIALS == 1
 const float SOFT_BORDER = 0.6; // difference of weights over which two materials exchange their mean colours
 #endif
 const float BED_SPAN = 700.0;  // m of height after which beds repeat
@@ -135,17 +144,26 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
         int layer = k == 0 ? selected.layer.x : k == 1 ? selected.layer.y : selected.layer.z;
         layer = is_canopy ? DISTANT_LAYER(layer) : layer;
         MaterialSample material = sample_material(layer, position, n, a, b, share, level, footprint);
+#if APPEARANCE
+        float own = dot(material.albedo, vec3(1.0)) / dot(means[layer], vec3(1.0));
+#endif
         material.albedo *= variety(layer, noise.wide, noise.middle, noise.small);
         if (IS_BEDDED(layer)) add_beds(material, noise, planes, footprint);
         float height = weight + material.height;
         if (k == 0) {
             all = material;
             all.height = height;
+#if APPEARANCE
+            grain = own;
+#endif
         } else {
             float opacity = layer_share(all.height, material.height, weight);
             float below = all.height;
             all = mix_materials(all, material, opacity);
             all.height = mix(below, height, opacity);
+#if APPEARANCE
+            grain = mix(grain, own, opacity);
+#endif
         }
     }
 #if MATERIALS == 1
@@ -169,5 +187,9 @@ void main()
     float footprint = distance * trees.z * pow(max(dot(n, to_eye), 0.05), -0.35);
     Noise noise = noise_at(position, footprint);
     MaterialSample material = compose(select_materials(at, noise), noise, n, distance, footprint);
+#if APPEARANCE
+    vec4 over = painted(position, n, trees.z);
+    material.albedo = mix(material.albedo, over.rgb * grain, over.a);
+#endif
     radiance = vec4(through_air(lit_material(material, position, n, to_eye, ground_light(position.xy).rg), position), depth);
 }

@@ -1,12 +1,9 @@
-"""Drawing of roads and what is built: painted ground, and meshes of bridges, tunnels, houses and walls.
-
-A road on the ground is a chain of boxes about its pieces: the ground that is drawn in them, at whatever level
-of detail, is painted with its material. Nothing fights for depth or pokes through; hills in front hide it.
-"""
+"""Drawing of what is built: meshes of bridges, tunnels, houses and walls."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import moderngl
@@ -14,25 +11,25 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from sketchterrain.array_types import Bounds, Float64Array
+from sketchterrain.array_types import Bounds, Float64Array, Int64Array
 from sketchterrain.look.built_meshes import BUILT, MOUTH, BuiltPart
-from sketchterrain.look.road_meshes import built_objects, road_content
+from sketchterrain.look.road_meshes import built_objects
 from sketchterrain.render.programs import build_program, set_uniforms
-from sketchterrain.render.road_strips import DEVIATION, Chunks, Strips, road_strips
 from sketchterrain.render.targets import bands
 from sketchterrain.render.vertex_memory import COMMAND
 from sketchterrain.roads.road_shapes import axis_points
-from sketchterrain.roads.road_types import BRIDGE, GROUND, RoadNetwork
+from sketchterrain.roads.road_types import BRIDGE, RoadNetwork
+from sketchterrain.tiles.lod import inside_frustum
 
 if TYPE_CHECKING:
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.targets import RenderTargets
 
-ALPHA_BLEND: Final = (moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA)
 CELL: Final = 256.0  # m, side of the squares whose objects are drawn together
 FAR: Final = 10.0  # px, size of things that are lit at their vertices
 UNIT: Final = 12.0  # m, size of meshes that counts for that
+LEAST: Final = 0.25  # px; smaller objects are left out
 
 _VERTEX: Final = np.dtype(
     [("position", "<f4", 3), ("normal", "u1", 4), ("colour", "u1", 4), ("uv", "<f4", 2), ("look", "<f4", 2)]
@@ -41,12 +38,6 @@ _VERTEX_FORMAT: Final = (
     *("3f4 4f1 4f1 2f4 2f4", "local_position", "local_normal"),
     *("vertex_colour", "vertex_uv", "vertex_look"),
 )
-_PIECE_FORMAT: Final = (
-    *("4f4 4f4 4f4 4f4 4f4/i", "piece_start", "piece_end"),
-    *("piece_left", "piece_width", "piece_look"),
-)
-# Corners of a box, counted by its end (1), left side (2) and top (4), counter-clockwise from outside.
-_BOX: Final = np.array([int(corner) for corner in "046062137175015054267273023031457476"], np.uint32)
 _TILES: Final = -1.0  # in place of the distance of railway tracks: rows of tiles
 
 
@@ -62,11 +53,9 @@ class BuiltScenery:
         self._context = context
         self.origin = np.array([0.5 * terrain.size[0], 0.5 * terrain.size[1], 0.0])
         self._shadow = build_program(context, "built_shadow.vert.glsl", "nothing.frag.glsl")
-        self._box = context.buffer(_BOX.tobytes())
         self.changes = self.triangles = 0
         self._network = RoadNetwork()
         self._layers: dict[str, int] = {}
-        self._strips: dict[object, list[Strips]] = {}
         self._objects: dict[object, list[_Block]] = {}
         self._drawn: dict[str, _Drawn] = {}
         self._decks = cKDTree(np.zeros((0, 3)))
@@ -90,43 +79,19 @@ class BuiltScenery:
             return
         layers = {name: number for number, name in enumerate(terrain.sketch.material_table.layers)}
         if layers != self._layers:
-            self._layers, self._strips, self._objects = layers, {}, {}
+            self._layers, self._objects = layers, {}
         self._network = network
         decks = [axis_points(road, 0.5) for road in network.roads if road.structure == BRIDGE]
         stations = [
             each.at_distances(np.arange(each.along[0], each.along[-1], 3.0)).position for each in decks
         ]
         self._decks = cKDTree(np.concatenate([np.zeros((0, 3)), *stations]))
-        strips = self._update_strips(network)
-        objects = self._update_objects(terrain, areas)
-        if strips or objects:
+        if self._update_objects(terrain, areas):
             self.changes += 1
 
     def clearance(self, eye: Sequence[float]) -> float:
         """Return the distance (m) from an eye to the axis of the nearest bridge, inf without any."""
         return float(self._decks.query(eye)[0])
-
-    def _update_strips(self, network: RoadNetwork) -> bool:
-        """Replace the strips of roads on the ground; return whether any has changed."""
-        structure = {(road.leg, road.part): road.structure for road in network.roads}
-        before, self._strips = self._strips, {}
-        for road in network.roads:
-            if road.structure != GROUND:
-                continue
-            first, last = (structure.get((road.leg, road.part + step), GROUND) for step in (-1, 1))
-            around = first, last
-            key = (road_content(road), around)
-            self._strips[key] = before.get(key) or road_strips(road, around, self._layers, self.origin)
-        if before.keys() == self._strips.keys():
-            return False
-        strips = [each for road in self._strips.values() for each in road]
-        self._drawn.pop("strips", None)
-        if strips:
-            starts = np.cumsum([0, *(len(each.rows) for each in strips)])[:-1]
-            chunks = Chunks.joined([each.chunks for each in strips], starts.tolist())
-            rows = self._context.buffer(np.concatenate([each.rows for each in strips]).tobytes())
-            self._drawn["strips"] = _Drawn(self._context, rows, self._box, chunks, strips=True)
-        return True
 
     def _update_objects(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> bool:
         """Replace the meshes; return whether any has changed."""
@@ -163,15 +128,12 @@ class BuiltScenery:
             base = np.cumsum([0, *(len(block.vertices) for block in blocks)])
             indices = [block.indices + first for block, first in zip(blocks, base[:-1], strict=True)]
             count = np.array([sum(len(block.indices) for block in group) for group in own.values()])
-            chunks = Chunks(
+            chunks = _Chunks(
                 np.array([np.min([block.low for block in group], axis=0) for group in own.values()]),
                 np.array([np.max([block.high for block in group], axis=0) for group in own.values()]),
                 np.array([size or max(block.extent for block in group) for (*_, size), group in own.items()]),
-                np.full(len(own), UNIT),
-                np.zeros(len(own), np.int64),
-                np.zeros((len(own), 1)),
-                (np.cumsum(count) - count)[:, None],
-                count[:, None],
+                np.cumsum(count) - count,
+                count,
             )
             self._drawn[name] = _Drawn(
                 self._context,
@@ -180,20 +142,6 @@ class BuiltScenery:
                 chunks,
             )
 
-    def paint_roads(
-        self, camera: Camera, targets: RenderTargets, uniforms: Mapping[str, object], *, parts: int
-    ) -> Iterator[None]:
-        """Paint roads on the shaded ground, before anything else is drawn on it; yield between parts."""
-        self.triangles = 0
-        try:  # the far sides of boxes, so that the eye may be inside of one; a picture may be abandoned
-            self._context.cull_face = "front"
-            self._context.enable_only(moderngl.CULL_FACE | moderngl.BLEND)
-            self._context.blend_func = ALPHA_BLEND
-            for name in ("strips far", "strips"):
-                yield from self._draw(name, camera, targets.size, targets.upsampled, uniforms, parts)
-        finally:
-            self._context.cull_face = "back"
-
     def draw(
         self, camera: Camera, targets: RenderTargets, uniforms: Mapping[str, object], *, parts: int
     ) -> Iterator[None]:
@@ -201,6 +149,7 @@ class BuiltScenery:
 
         What is behind the openings of tunnels is removed first.
         """
+        self.triangles = 0
         context = self._context
         context.enable_only(moderngl.CULL_FACE | moderngl.DEPTH_TEST)
         if "mouths" in self._drawn and self._drawn["mouths"].select(camera, targets.size, far=False):
@@ -252,8 +201,6 @@ class BuiltScenery:
     def _program(self, name: str) -> moderngl.Program:
         if name not in self._programs:
             files = {
-                "strips": ("road_strip.vert.glsl", "road_strip.frag.glsl"),
-                "strips far": ("road_strip.vert.glsl", "road_strip.frag.glsl"),
                 "mouths": ("built.vert.glsl", "built_mouth.frag.glsl"),
                 "meshes": ("built.vert.glsl", "built.frag.glsl"),
                 "meshes far": ("built.vert.glsl", "lit.frag.glsl"),
@@ -263,20 +210,28 @@ class BuiltScenery:
         return self._programs[name]
 
 
+@dataclass(frozen=True)
+class _Chunks:
+    """Boxes of meshes that are drawn together, and their ranges of the indices."""
+
+    low: Float64Array  # (n, 3) corners, m
+    high: Float64Array
+    width: Float64Array  # (n,) m, of the widest thing; narrow ones are left out
+    first: Int64Array  # (n,)
+    count: Int64Array
+
+
 class _Drawn:
-    """Vertices or instances of boxes, indices, chunks, and the `count` commands that draw those in view."""
+    """Vertices, indices, chunks, and the `count` commands that draw those in view."""
 
     def __init__(
         self,
         context: moderngl.Context,
-        rows: moderngl.Buffer,
+        vertices: moderngl.Buffer,
         indices: moderngl.Buffer,
-        chunks: Chunks,
-        *,
-        strips: bool = False,
+        chunks: _Chunks,
     ) -> None:
-        self._context, self._rows, self._indices, self._chunks = context, rows, indices, chunks
-        self._strips = strips
+        self._context, self._vertices, self._indices, self._chunks = context, vertices, indices, chunks
         self.commands = context.buffer(reserve=len(chunks.low) * COMMAND.itemsize, dynamic=True)
         self.arrays: dict[str, moderngl.VertexArray] = {}
         self.count = self.triangles = 0
@@ -284,36 +239,32 @@ class _Drawn:
     def array(self, name: str, program: moderngl.Program) -> moderngl.VertexArray:
         """Return the vertex array of a program."""
         if name not in self.arrays:
-            layout = _PIECE_FORMAT if self._strips else _VERTEX_FORMAT
             self.arrays[name] = self._context.vertex_array(
-                program, [(self._rows, *layout)], index_buffer=self._indices, skip_errors=True
+                program, [(self._vertices, *_VERTEX_FORMAT)], index_buffer=self._indices, skip_errors=True
             )
         return self.arrays[name]
 
     def select(self, camera: Camera, size: tuple[int, int], *, far: bool) -> bool:
-        """Select the near or far chunks in view and their levels of detail; return whether there are any."""
+        """Select the near or far chunks in view; return whether there are any."""
         pixel = 2.0 * float(np.tan(np.radians(camera.fov) / 2.0)) / size[1]
-        index, away = self._chunks.visible(camera, size[0] / size[1], pixel)
-        own = (away * pixel * FAR > self._chunks.unit[index]) == far
-        index, away = index[own], away[own]
-        fits = self._chunks.error[index, 1:] <= DEVIATION * pixel * away[:, None]
-        self._write(index, np.logical_and.accumulate(fits, axis=1).sum(axis=1))
+        chunks = self._chunks
+        outside = np.maximum(np.maximum(chunks.low - camera.eye, camera.eye - chunks.high), 0.0)
+        away = np.linalg.norm(outside, axis=1)
+        seen = inside_frustum(camera.frustum(size[0] / size[1]), chunks.low, chunks.high)
+        seen &= (chunks.width > LEAST * pixel * away) & ((away * pixel * FAR > UNIT) == far)
+        self._write(np.flatnonzero(seen))
         return self.count > 0
 
     def select_near(self, place: npt.ArrayLike, radius: float) -> None:
         """Select the chunks within a radius (m) of a place."""
         x = np.asarray(place)
         outside = np.maximum(np.maximum(self._chunks.low[:, :2] - x, x - self._chunks.high[:, :2]), 0.0)
-        index = np.flatnonzero(np.hypot(*outside.T) < radius)
-        self._write(index, np.zeros(len(index), np.int64))
+        self._write(np.flatnonzero(np.hypot(*outside.T) < radius))
 
-    def _write(self, index: npt.NDArray[np.int64], level: npt.NDArray[np.int64]) -> None:
-        first, count = self._chunks.first[index, level], self._chunks.count[index, level]
+    def _write(self, index: npt.NDArray[np.int64]) -> None:
         commands = np.zeros(len(index), COMMAND)
-        if self._strips:
-            commands["count"], commands["instances"], commands["base_instance"] = _BOX.size, count, first
-        else:
-            commands["count"], commands["instances"], commands["first"] = count, 1, first
+        commands["first"], commands["count"] = self._chunks.first[index], self._chunks.count[index]
+        commands["instances"] = 1
         self.count = len(commands)
         self.triangles = int((commands["count"].astype(np.int64) * commands["instances"]).sum()) // 3
         self.commands.orphan()

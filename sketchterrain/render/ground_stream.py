@@ -103,6 +103,11 @@ class TerrainStream:
         self._placed_eye: tuple[float, float, float] | None = None
         self._since_jump = np.inf
 
+    @property
+    def view(self) -> CameraView | None:
+        """The last view, with its velocity."""
+        return self._view
+
     def update(
         self,
         camera: Camera,

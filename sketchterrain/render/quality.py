@@ -86,6 +86,7 @@ class FrameStats:
     light_seconds: float  # for parts of the light maps
     plant_seconds: float  # for plants and their shadow maps
     draw_seconds: float
+    appearance_tiles: int  # drawn
     tiles_generated: int
     tiles_drawn: int
     resident_tiles: int
@@ -126,6 +127,7 @@ SHARED_MEMORY: Final = ("intel", "mali", "adreno", "videocore", "apple")
 """Substrings of the names of GPUs that share the CPU's memory."""
 STILL_TILES: Final = (128 << 20, 512 << 20)
 """Bytes for the tiles of a still of 1280 × 720 pixels, and at most."""
+STILL_APPEARANCE, MOST_APPEARANCE = 482, 2048  # appearance tiles of such a still, and at most
 STILL_QUADS: Final = 32
 """Quads along their sides: a third fewer triangles than with 64, which take less planning in motion."""
 ON_CPU: Final = 0.1
@@ -156,6 +158,8 @@ class Quality:
     tolerance: float = 1.0  # τ: deviation of the drawn terrain, px of the whole picture; 24 at level 0
     neighbour_limit: float = 2.0  # error of a parent along a coarser neighbour, in tolerances; 64 at level 0
     finest_quad: float = 1.0  # width of quads that are not split, px of the whole picture; 8 at level 0
+    appearance_tiles: int = 482  # tiles of what vectors paint, in memory, of 147 KB ...
+    appearance_taps: int = 8  # ... and most samples of them along a pixel's footprint
     draw_distance: float = 7.0  # at the terrain, extents; grows with the eye's height
     samples: int = 2  # visibility samples a pixel along each axis (shading takes one a pixel)
     materials: int = 3  # blended materials a pixel, kernels/render/shade_ground.frag.glsl; with ...
@@ -204,6 +208,8 @@ class Quality:
             tolerance=_interpolate(level, _TOLERANCES),
             neighbour_limit=_interpolate(level, _STEEPS),
             finest_quad=_interpolate(level, _FINEST_QUADS),
+            appearance_tiles=482 if rich else 241,
+            appearance_taps=8 if level >= 0.75 else 4 if rich else 2,
             draw_distance=3.0 + 4.0 * level,
             samples=2 if level >= 0.75 else 1,
             materials=3 if level >= 0.75 else 2 if level >= 0.4 else 1,
@@ -237,8 +243,10 @@ class Quality:
     def for_still(cls, size: tuple[int, int]) -> Quality:
         """Return the best quality, with memory for the tiles that a still of a size (px) shows."""
         least, most = STILL_TILES
-        memory = min(max(least * size[0] * size[1] // (1280 * 720), least), most)
-        return cls(quads=STILL_QUADS, tile_memory=memory)
+        pixels = size[0] * size[1]
+        memory = min(max(least * pixels // (1280 * 720), least), most)
+        painted = min(max(STILL_APPEARANCE * pixels // (1280 * 720), STILL_APPEARANCE), MOST_APPEARANCE)
+        return cls(quads=STILL_QUADS, tile_memory=memory, appearance_tiles=painted)
 
     @classmethod
     def for_renderer(cls, name: str) -> Quality:

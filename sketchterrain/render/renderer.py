@@ -11,7 +11,9 @@ from typing import Final
 import moderngl
 import numpy as np
 
+from sketchterrain.render.appearance import JUMP_BUDGET
 from sketchterrain.render.camera import Camera, clip_planes, draw_distance
+from sketchterrain.render.ground_stream import view_of
 from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.quality import FrameStats, Quality, StreamStats, TerrainUpdateStats, TimeBudget
 from sketchterrain.render.scene import TerrainSource, surface_heights
@@ -86,6 +88,9 @@ class Renderer:
         view, distance, _ = self._clipped(camera)
         with self._timed("tiles"):
             self.stream.converge(view, size, draw_distance=distance, still=True)
+        with self._timed("appearance"):
+            seen = view_of(view, size, draw_distance=distance)
+            self.scenery.appearance.converge(seen, self.stream.tiles.pool)
         with self._timed("foliage"):
             self.scenery.forest.converge(view, size, self.scenery.lit)
 
@@ -112,6 +117,12 @@ class Renderer:
         while not self.stream.refine(view, size, draw_distance=distance, budget=PART):
             yield
         self.stream.converge(view, size, draw_distance=distance, still=True)
+        appearance, pool = self.scenery.appearance, self.stream.tiles.pool
+        seen = view_of(view, size, draw_distance=distance)
+        appearance.update(seen, pool, budget())
+        while not appearance.converged:
+            yield
+            appearance.update(seen, pool, budget())
         while not forest.refine(view, size, lit, budget()):
             yield
         for _ in self._drawn(clipped, framebuffer, size, clock=clock, parts=STILL_PARTS):
@@ -199,8 +210,11 @@ class Renderer:
             budget = max(budget, CATCH_UP_SHARE * self._full_draw_seconds)
         view, distance, _ = clipped = self._clipped(camera)
         lit, forest = self.scenery.lit, self.scenery.forest
+        painted = self.scenery.appearance.drawn
         tiles, light, plants = self._load(view, size, elapsed=elapsed, budget=budget, draw_distance=distance)
-        complete = tiles.converged and lit.converged and forest.converged
+        complete = (
+            tiles.converged and self.scenery.appearance.converged and lit.converged and forest.converged
+        )
         self._was_complete = self._was_complete or (complete and self._rest_seconds >= REST)
         catches_up = self._full_draw_seconds <= FAST_DRAW or (
             tiles.converged and self._since_update >= CATCH_UP_DELAY
@@ -222,6 +236,7 @@ class Renderer:
             light_seconds=light,
             plant_seconds=plants,
             draw_seconds=draw_seconds,
+            appearance_tiles=self.scenery.appearance.drawn - painted,
             tiles_generated=tiles.tiles_generated,
             tiles_drawn=tiles.tiles_drawn,
             resident_tiles=tiles.resident_tiles,
@@ -245,15 +260,16 @@ class Renderer:
         self._rest_seconds += elapsed
         self._since_update += elapsed
         tiles, *_ = self._load(view, size, elapsed=elapsed, budget=budget, draw_distance=distance)
-        return tiles.converged and self.scenery.lit.converged and self.scenery.forest.loaded
+        loaded = self.scenery.appearance.converged and self.scenery.lit.converged
+        return tiles.converged and loaded and self.scenery.forest.loaded
 
     def _load(
         self, view: Camera, size: tuple[int, int], *, elapsed: float, budget: float, draw_distance: float
     ) -> tuple[StreamStats, float, float]:
-        """Advance tiles, light and plants within a budget (s); return the seconds of the last two, too."""
-        lit, forest = self.scenery.lit, self.scenery.forest
+        """Advance all that is loaded within a budget (s); return the seconds of light and plants, too."""
+        lit, forest, appearance = self.scenery.lit, self.scenery.forest, self.scenery.appearance
         self._turn = (self._turn + 1) % len(TILES_SHARE)
-        others_pending = not (lit.converged and forest.converged)
+        others_pending = not (appearance.converged and lit.converged and forest.converged)
         tiles = self.stream.update(
             view,
             size,
@@ -262,6 +278,11 @@ class Renderer:
             draw_distance=draw_distance,
         )
         left = max(budget - tiles.generation_seconds, budget * OTHERS_SHARE[self._turn])
+        if appearance and self.stream.view is not None:
+            most = JUMP_BUDGET if tiles.jumped else 0.5 * left
+            spent = TimeBudget(most, timer=self._timer)
+            appearance.update(self.stream.view, self.stream.tiles.pool, spent)
+            left = max(left - spent.spent, 0.0)
         remaining = TimeBudget(left, timer=self._timer)
         lit.update(view, elapsed, remaining.fraction(0.5))
         light_end = remaining.spent

@@ -9,6 +9,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.array_types import Bounds
+from sketchterrain.render.appearance import AppearanceTextures
 from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_HEIGHT
 from sketchterrain.render.built import BuiltScenery
 from sketchterrain.render.camera import Camera
@@ -36,9 +37,9 @@ class Scenery:
     """Terrain tiles, light, plants, ground cover, water, sky and clouds, and the passes that draw them.
 
     `timed` measures the stages ``textures`` and ``sky`` of the construction. `stream` has the tiles, `lit`
-    the light on them, `surface` a map of the drawn terrain, `built` roads
-    and buildings, `forest` plants and their shadow maps, `cover`
-    grass and stones near the eye, `shading` the full-screen passes.
+    the light on them, `appearance` what vectors paint on them, `surface` a map of the drawn terrain, `built`
+    bridges and buildings, `forest` plants and their shadow maps, `cover` grass and stones near the eye,
+    `shading` the full-screen passes.
     """
 
     def __init__(
@@ -64,6 +65,7 @@ class Scenery:
         self._targets: dict[tuple[int, int], RenderTargets] = {}
         self._frame_block = FrameBlock(context)
         self._aridity = _aridity(terrain)
+        self.appearance = AppearanceTextures(context, terrain, quality)
         self._textures = textures
         with timed("textures"):
             self._materials, self._noise = load_textures(
@@ -104,6 +106,7 @@ class Scenery:
             aridity=self._aridity,
             look=self._look,
             clouds=self._cloudiness,
+            appearance=self.appearance.defines,
         )
         clouds = Clouds(
             self._context, self._weather, self._sky, quality=self._quality, defines=shading.defines
@@ -123,6 +126,10 @@ class Scenery:
         self.built.set_terrain(terrain, areas)
         self.forest.set_terrain(terrain, areas)
         self.surface.invalidate()
+        macros = self.appearance.defines
+        self.appearance.set_terrain(terrain, areas)
+        if self.appearance.defines != macros:
+            self.shading.set_appearance(self.appearance.defines)
         self._features = terrain.features
         self._water.set_features(self._features)
         self._update_materials(terrain)
@@ -197,13 +204,13 @@ class Scenery:
             camera, size[0] / size[1], base=self.lit.haze_base, clock=clock, moving=moving
         )
         lift = LIFT * self._quality.tolerance * _pixel(camera, framebuffer.size[1])
+        painted = self.appearance.uniforms(camera.eye)
         units = (
             self._bind(targets) | {"clock": clock, "lift": lift} | self.surface.uniforms(camera.eye) | clouds
         )
         yield from self._clouds.draw(units, parts=parts)
-        yield from self.shading.shade_scene(targets, camera.eye, units, parts=parts)
+        yield from self.shading.shade_scene(targets, camera.eye, units | painted, parts=parts)
         built = units | (self.shading.material_uniforms(camera.eye) if self.built else {})
-        yield from self.built.paint_roads(camera, targets, built, parts=parts)
         self._context.enable_only(moderngl.DEPTH_TEST)
         targets.scene.use()
         if self.cover:
@@ -254,6 +261,7 @@ class Scenery:
             **self._water.textures,
             **targets.textures,
             **self._clouds.textures(targets),
+            **self.appearance.textures,
         }
         return bind_textures(textures) | {"wind": self._weather.drift, "means": self._materials.means}
 

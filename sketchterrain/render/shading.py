@@ -1,6 +1,7 @@
 """Full-screen passes: shading of the terrain, sky, upsampling to samples, tone mapping."""
 
 from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import moderngl
@@ -18,7 +19,8 @@ class Shading:
     """Programs of all full-screen passes, built for one quality.
 
     `look` has the sketch's looks of the materials of a table: a layer with a colour of its own is not tinted.
-    `defines` are the macros of all programs that shade something, `tints` the climate tints as uniforms.
+    `appearance` are macros of the ground's program alone. `defines` are the macros of all programs that shade
+    something, `tints` the climate tints as uniforms.
     """
 
     def __init__(
@@ -30,6 +32,7 @@ class Shading:
         aridity: float,
         look: Mapping[str, Mapping[str, Any]],
         clouds: Mapping[str, int],
+        appearance: Mapping[str, int | str] = MappingProxyType({"APPEARANCE": 0}),
     ) -> None:
         self._context = context
         self._samples = quality.samples
@@ -47,7 +50,7 @@ class Shading:
             "SHADE_MAPS": quality.shade_maps,
             "SAMPLES": quality.samples,
         }
-        self._ground = fullscreen_pass(context, "shade_ground.frag.glsl", defines=self.defines)
+        self.set_appearance(appearance)
         self.set_materials(aridity, look)
         self._sky = fullscreen_pass(context, "sky.frag.glsl", defines=self.defines)
         self._upsample = (
@@ -57,6 +60,11 @@ class Shading:
         )
         self._tonemap = fullscreen_pass(context, "picture.frag.glsl", defines=self.defines)
         self._enlarge = fullscreen_pass(context, "enlarge.frag.glsl")
+
+    def set_appearance(self, macros: Mapping[str, int | str]) -> None:
+        """Replace the program of the ground by one with other macros of `AppearanceTextures`."""
+        defines = {**self.defines, **macros}
+        self._ground = fullscreen_pass(self._context, "shade_ground.frag.glsl", defines=defines)
 
     def set_materials(self, aridity: float, look: Mapping[str, Mapping[str, Any]]) -> None:
         """Set tints and texture sizes from the climate and the sketch's looks."""

@@ -13,9 +13,8 @@ from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import canvas, read_picture, render_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
-from sketchterrain.render.road_strips import PIECES, STEPS, road_strips
 from sketchterrain.render.sky import Sun
-from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Pad, RoadNetwork
+from sketchterrain.roads.road_types import BRIDGE, TUNNEL, Pad, RoadNetwork
 from tests.sample_roads import WORKS, curved_road, make_network, make_road
 
 from .conftest import Waves
@@ -98,65 +97,6 @@ def test_triangulation_covers_a_concave_outline_once():
     assert area.sum() == pytest.approx(24.0 - 6.0)
 
 
-def test_coarse_strips_deviate_by_their_error_and_cover_every_chunk():
-    _, bend, _ = curved_road()
-    road = replace(bend, structure=GROUND)
-    shoulder, surface = road_strips(road, (GROUND, BRIDGE), {"asphalt": 3, "gravel": 5}, np.zeros(3))
-    assert set(surface.rows[:, 16]) == {3.0}
-    assert set(shoulder.rows[:, 16]) == {5.0}
-    chunks = surface.chunks
-    for level, step in enumerate(STEPS):
-        for first, count in zip(chunks.first[:, level], chunks.count[:, level], strict=True):
-            rows = surface.rows[first : first + count]
-            np.testing.assert_array_equal(rows[1:, :4], rows[:-1, 4:8])
-            assert count <= PIECES / step
-        ends = (
-            surface.rows[chunks.first[0, level]],
-            surface.rows[chunks.first[-1, level] + chunks.count[-1, level] - 1],
-        )
-        assert ends[0][18] == 0.0
-        assert ends[1][19] == 2.0  # it goes on under the bridge
-        sagitta = 100.0 * (1.0 - np.cos(0.5 * step * (0.5 * np.pi) / chunks.count[:, 0].sum()))
-        assert chunks.error[:, level].max() <= sagitta * 1.1 + 1e-3
-
-
-@pytest.mark.gl
-@pytest.mark.parametrize("level", [0.0, 1.0])
-def test_a_road_changes_the_pixels_of_its_carriageway_and_no_others(level):
-    """Beyond a ridge it changes nothing: the ground that is drawn is painted, wherever the road may be."""
-    quality = (
-        QUALITY
-        if level == 0.0
-        else replace(Quality.from_level(1.0, without=("clouds", "haze", "grass")), quads=64)
-    )
-    camera = Camera((500.0, 100.0, 60.0), (500.0, 300.0, 0.0), near=1.0, far=30_000.0)
-    hidden = make_road([(100, 620, 0), (900, 620, 0)], vector=2, leg=2, crossfall=np.zeros((2, 2)))
-    bare, with_road, behind = (
-        picture(RoadNetwork(roads), camera, quality) for roads in ((), (ROAD,), (hidden,))
-    )
-    assert np.array_equal(bare, behind)
-    changed = np.abs(with_road - bare).max(axis=2) > 8
-    top, bottom = (seen(camera, 500.0, y)[1] for y in (253.0, 247.0))
-    rows = np.flatnonzero(changed[:, SIZE[0] // 2])
-    assert rows.size >= 4
-    assert abs(rows.min() - top) <= 1.5
-    assert abs(rows.max() + 1 - bottom) <= 1.5
-    assert not changed[: int(top) - 2].any()
-    assert not changed[int(bottom) + 3 :].any()
-
-
-@pytest.mark.gl
-def test_narrow_roads_fade_by_the_share_of_a_pixel():
-    camera = Camera((500.0, 100.0, 300.0), (500.0, 400.0, 0.0), near=1.0, far=30_000.0)
-    bare, *shown = (
-        picture(RoadNetwork((replace(ROAD, half_width=np.full(2, 0.5 * width)),) if width else ()), camera)
-        for width in (0.0, 0.6, 1.2, 2.4)
-    )
-    change = np.array([np.abs(each - bare).sum() for each in shown])
-    assert change[0] > 0
-    np.testing.assert_allclose(change / change[0], [1.0, 2.0, 4.0], rtol=0.35)
-
-
 @pytest.mark.gl
 def test_a_tunnel_is_dark_inside_and_a_house_throws_a_shadow():
     tunnel = make_road([(500, 430, 0), (500, 570, 0)], layer="railway", structure=TUNNEL, vector=3, part=1)
@@ -201,16 +141,15 @@ def test_a_picture_in_parts_is_bit_equal():
 def test_an_edit_rebuilds_what_it_changes(gl, monkeypatch):
     network = make_network()
     built = BuiltScenery(gl, Flat(network), defines={})
-    objects, strips = dict(built._objects), dict(built._strips)
+    objects = dict(built._objects)
     assert built.changes == 1
     assert built.clearance(tuple(network.roads[2].axis[0] + np.array([0.0, 0.0, 2.0]))) == pytest.approx(2.0)
     built.set_terrain(Flat(network), ())
     assert built.changes == 1
-    moved = replace(network.roads[0], axis=np.add(network.roads[0].axis, [0.0, 5.0, 0.0]))
+    moved = replace(network.roads[2], axis=np.add(network.roads[2].axis, [0.0, 0.0, 5.0]))
     built.set_terrain(Flat(replace(network, roads=(moved, *network.roads[1:]))), [(0.0, 0.0, 10.0, 10.0)])
     assert built.changes == 2
     assert all(built._objects[key] is objects[key] for key in objects)
-    assert sum(key in strips for key in built._strips) == len(strips) - 1
     bridge = next(key for key in objects if key[0] == network.roads[2].id and key[1] == BRIDGE)
     built.set_terrain(Flat(network), [(150.0, 350.0, 350.0, 550.0)])  # the ground under the bridge
     assert [key for key in objects if built._objects[key] is not objects[key]] == [bridge]

@@ -29,6 +29,7 @@ from sketchterrain.render.textures import (
     texture_uniforms,
     texture_widths,
 )
+from sketchterrain.tiles import appearance
 from sketchterrain.tiles.quadtree import tile_indices
 
 from .ground_model import QUADS, SIDE, neighbours, pack_tiles, shaded
@@ -96,11 +97,12 @@ def test_no_stage_exceeds_the_guaranteed_texture_units(gl):
     quality = Quality()
     clouds = cloud_defines(quality, Weather(clouds=0.8))
     defines = Shading(gl, quality, BUILT_IN, aridity=0.2, look={}, clouds=clouds).defines
+    painted = {"APPEARANCE": 8, "APPEARANCE_LEVELS": 16}
     programs = [
-        build_program(gl, "screen.vert.glsl", "shade_ground.frag.glsl", defines=defines),
+        build_program(gl, "screen.vert.glsl", "shade_ground.frag.glsl", defines={**defines, **painted}),
         build_program(gl, "rock.vert.glsl", "rock.frag.glsl", defines=defines),
         build_program(gl, "water.vert.glsl", "water.frag.glsl", defines=defines),
-        build_program(gl, "road_strip.vert.glsl", "road_strip.frag.glsl", defines={**defines, "FAR": 0}),
+        build_program(gl, "built.vert.glsl", "built.frag.glsl", defines={**defines, "FAR": 0}),
         build_transform(gl, "grass_plant.vert.glsl", ["foot_height"], defines={**defines, "KIND": 1}),
         build_transform(gl, "rock_place.vert.glsl", ["centre_radius"], defines=defines),
     ]
@@ -111,6 +113,9 @@ def test_no_stage_exceeds_the_guaranteed_texture_units(gl):
 
 def test_constants_of_shaders_equal_those_of_python():
     for file, name, value in (
+        ("appearance.glsl", "PAGES", appearance.PAGES),
+        ("appearance.glsl", "TEXELS", appearance.TEXELS),
+        ("appearance.glsl", "TEXEL_PIXELS", appearance.PIXELS),
         ("clouds.glsl", "CLOUD_PERIOD", clouds.PERIOD),
         ("clouds.glsl", "EARTH", GROUND),
         ("hex_tiling.glsl", "HEX_PERIOD", texture_places.PERIOD),

@@ -1,0 +1,56 @@
+// What vectors paint on the terrain, from tiles of texels: render/appearance.py.
+//   APPEARANCE         most samples along a pixel's footprint
+//   APPEARANCE_LEVELS  number of levels
+uniform usampler2DArray appearance_pages; // by level: x: slot + 1 and 2^16 times its level, or 0; y: one colour
+uniform sampler2DArray appearance_texels; // rgb: √albedo times the share; a: share that is painted; row 0 north
+uniform ivec2 appearance_tile[APPEARANCE_LEVELS]; // tile of the eye: column, row
+uniform vec2 appearance_place[APPEARANCE_LEVELS]; // place of the eye in it, 0 … 1
+uniform float appearance_width;                   // of a tile of level 0, m
+
+const int PAGES = 64;              // tiles along the side of a page table
+const float TEXELS = 192.0;        // along the side of a tile, of which INNER are its own
+const float INNER = TEXELS - 2.0;
+const float TEXEL_PIXELS = 1.1;    // px, greatest width of a texel
+const float LEAST_SINE = 0.02;     // of the angle at which ground is seen
+
+// What is painted at a place (m from the eye), at a level or at the finest one that is there.
+vec4 painted_at(vec2 place, int level)
+{
+    ivec2 tile = appearance_tile[level]
+        + ivec2(floor(appearance_place[level] + place * exp2(float(level)) / appearance_width));
+    uvec2 page = texelFetch(appearance_pages, ivec3(tile & (PAGES - 1), level), 0).xy;
+    int own = int(page.x >> 16u);
+    // The same tile for all that rounds to its borders: texels of the neighbours lie around it.
+    ivec2 apart = (tile >> (level - own)) - appearance_tile[own];
+    vec2 at = appearance_place[own] + place * exp2(float(own)) / appearance_width - vec2(apart);
+    vec2 uv = (vec2(at.x, 1.0 - at.y) * INNER + 1.0) / TEXELS;
+    vec4 texel = textureLod(appearance_texels, vec3(uv, float(max(int(page.x & 0xFFFFu) - 1, 0))), 0.0);
+    return page.x == 0u ? unpackUnorm4x8(page.y) : texel;
+}
+
+// What is painted on the footprint of a pixel: rgb: albedo; a: share.
+//   n      normal of the ground
+//   pixel  rad
+vec4 painted(vec3 position, vec3 n, float pixel)
+{
+    float distance = length(position);
+    vec3 seen = position / distance;
+    float sine = max(abs(dot(seen, n)), LEAST_SINE);
+    // The axes of the footprint on the ground: up the picture, and beside that.
+    vec3 upward = n + seen * sine;
+    upward *= inversesqrt(max(dot(upward, upward), 1e-6));
+    vec2 longest = distance * pixel * (upward + seen * dot(upward, n) / sine).xy;
+    float least = distance * pixel;
+    float ratio = length(longest) / least;
+    int taps = clamp(int(ceil(ratio - 0.01)), 1, APPEARANCE);
+    float texel = TEXEL_PIXELS * least * max(ratio / float(APPEARANCE), 1.0);
+    float level = ceil(log2(appearance_width / (INNER * texel)));
+    float farthest = max(max(abs(position.x), abs(position.y)), 1e-3);
+    level = min(level, floor(log2(float(PAGES / 2 - 1) * appearance_width / farthest)));
+    int from = clamp(int(level), 0, APPEARANCE_LEVELS - 1);
+    vec4 sum = vec4(0.0);
+    for (int k = 0; k < taps; ++k)
+        sum += painted_at(position.xy + longest * ((float(k) + 0.5) / float(taps) - 0.5), from);
+    vec3 root = sum.rgb / max(sum.a, 1e-4);
+    return vec4(root * root, sum.a / float(taps));
+}

@@ -1,0 +1,137 @@
+"""Textures of what vectors paint on the terrain, drawn by tiles for a moving camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import moderngl
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import Bounds, Int64Array
+from sketchterrain.render.programs import Textures
+from sketchterrain.render.quality import Quality, TimeBudget, WorkRate
+from sketchterrain.render.scene import AppearanceSource, PaintedTerrain, TileSource
+from sketchterrain.tiles.appearance import PAGES, TEXELS, AppearanceTiles
+from sketchterrain.tiles.lod import CameraView
+from sketchterrain.tiles.quadtree import decode
+from sketchterrain.tiles.tile_pool import TilePool
+
+TILE_SECONDS: Final = 0.003  # s of drawing a tile, before any measurement
+BATCH: Final = 32  # tiles at once
+AHEAD: Final = 0.8  # s ahead of the camera whose tiles are drawn when none is missing now
+JUMP_BUDGET: Final = 0.25  # s for the first frame and the frame of a jump
+
+
+class _Cache(NamedTuple):
+    source: AppearanceSource
+    tiles: AppearanceTiles
+    pages: moderngl.TextureArray
+    texels: moderngl.TextureArray
+
+
+class AppearanceTextures:
+    """Colour of roads and land use: tiles in a texture array, and a table of their places.
+
+    True if anything is painted. `drawn` counts tiles.
+    """
+
+    def __init__(self, context: moderngl.Context, terrain: TileSource, quality: Quality) -> None:
+        self._context, self._quality = context, quality
+        self._rate = WorkRate(TILE_SECONDS)
+        self._cache: _Cache | None = None
+        self._written: tuple[object, ...] = ()  # state of the page table
+        self._eye_tiles: dict[str, object] = {}
+        self.drawn = 0
+        self.set_terrain(terrain, ())
+
+    def __bool__(self) -> bool:
+        return self._cache is not None
+
+    @property
+    def defines(self) -> dict[str, int | str]:
+        """Macros of shaders: levels, and most samples along a footprint, 0 if nothing is painted."""
+        if self._cache is None:
+            return {"APPEARANCE": 0}
+        levels = self._cache.tiles.finest + 1
+        return {"APPEARANCE": self._quality.appearance_taps, "APPEARANCE_LEVELS": levels}
+
+    @property
+    def textures(self) -> dict[str, Textures]:
+        """Textures by sampler name."""
+        cache = self._cache
+        return {"appearance_pages": cache.pages, "appearance_texels": cache.texels} if cache else {}
+
+    @property
+    def converged(self) -> bool:
+        """Whether all tiles of the last view are drawn."""
+        return self._cache is None or self._cache.tiles.converged
+
+    def set_terrain(self, terrain: TileSource, areas: Sequence[Bounds]) -> None:
+        """Replace the terrain, which differs inside areas (m) only; tiles stay until new ones are drawn."""
+        source = terrain.appearance if isinstance(terrain, PaintedTerrain) else None
+        if source is None or source.is_empty:
+            self._cache = None
+        elif self._cache is not None:
+            self._cache.tiles.invalidate(areas)
+            self._cache = self._cache._replace(source=source)
+        else:
+            slots = self._quality.appearance_tiles
+            tiles = AppearanceTiles(source.extent, slots=slots)
+            pages = self._context.texture_array((PAGES, PAGES, tiles.finest + 1), 2, dtype="u4")
+            pages.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            texels = self._context.texture_array((TEXELS, TEXELS, slots), 4)
+            texels.filter = (moderngl.LINEAR, moderngl.LINEAR)
+            texels.repeat_x = texels.repeat_y = False
+            self._cache = _Cache(source, tiles, pages, texels)
+
+    def update(self, view: CameraView, pool: TilePool, budget: TimeBudget) -> None:
+        """Draw tiles of a view, or of where it moves, within a budget; `pool` has the ground's tiles."""
+        if (cache := self._cache) is None:
+            return
+        cache.tiles.select(view, pool, cache.source.occupied)
+        codes = cache.tiles.pending()
+        if not codes.size and any(view.velocity):
+            ahead = cache.tiles.needed(view.extrapolated(AHEAD), pool, cache.source.occupied)
+            codes = cache.tiles.pending(ahead)
+        self._rate.run(budget, lambda count: self._draw(cache, codes[:count]), count=min(len(codes), BATCH))
+
+    def converge(self, view: CameraView, pool: TilePool) -> None:
+        """Draw all tiles of a view."""
+        if (cache := self._cache) is None:
+            return
+        cache.tiles.select(view, pool, cache.source.occupied)
+        while (codes := cache.tiles.pending()).size:
+            self._draw(cache, codes[:BATCH])
+            cache.tiles.select(view, pool, cache.source.occupied)
+
+    def uniforms(self, eye: tuple[float, float, float]) -> dict[str, object]:
+        """Return the uniforms of appearance.glsl for an eye (m), and write its page table."""
+        if (cache := self._cache) is None:
+            return {}
+        state = (cache.tiles, cache.tiles.changes, eye)
+        if state != self._written:
+            table, tiles, place = cache.tiles.page_table(eye)
+            cache.pages.write(table.tobytes())
+            self._written = state
+            rows = {"appearance_tile": tiles, "appearance_place": place}
+            self._eye_tiles = {name: [tuple(row) for row in each.tolist()] for name, each in rows.items()}
+        return {**self._eye_tiles, "appearance_width": cache.tiles.extent}
+
+    def _draw(self, cache: _Cache, codes: Int64Array) -> None:
+        drawn = premultiplied(cache.source.tiles(np.stack(decode(codes), axis=-1)))
+        words = drawn.view(np.uint32).reshape(len(codes), -1)
+        is_uniform = np.asarray((words == words[:, :1]).all(axis=1))
+        slots = cache.tiles.store(codes, is_uniform, words[:, 0])
+        for tile, slot in zip(drawn, slots.tolist(), strict=True):
+            if slot >= 0:
+                cache.texels.write(tile.tobytes(), viewport=(0, 0, slot, TEXELS, TEXELS, 1))
+        self.drawn += len(codes)
+
+
+def premultiplied(tiles: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """Return tiles (…, 4) with √albedo times the share, so that filters mix what is painted only."""
+    share = tiles[..., 3:].astype(np.uint16)
+    colour = (tiles[..., :3] * (share + (share > 0)) + (share < 255) * np.uint16(127)) >> 8
+    return np.concatenate([colour.astype(np.uint8), tiles[..., 3:]], axis=-1)

@@ -1,0 +1,210 @@
+"""Appearance tiles: which a view needs, which are in memory, and a table of their pages.
+
+Bruneton & Neyret 2008, sections 4.2 and 7: a tile is needed where its texels, seen head on, may be the
+coarsest of at most `PIXELS` pixels. Its parent is then needed too: something coarser shows meanwhile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
+from sketchterrain.tiles.lod import CameraView, eye_distances, horizontal_distances
+from sketchterrain.tiles.quadtree import boxes_of, children_of, code_of, contains, decode, index_in
+from sketchterrain.tiles.refinement import ROOT_LEVEL
+from sketchterrain.tiles.tile_pool import TilePool
+
+TEXELS: Final = 192  # along the side of a tile; the outermost are those of its neighbours
+PAGES: Final = 64  # tiles along the side of a level's page table, around the eye
+PIXELS: Final = 1.1  # px, greatest width of a texel seen head on
+FINEST_TEXEL: Final = 0.008  # m, about
+_REACH: Final = 1.05  # of the computed distance: the drawn ground is off by some pixels
+_MARGIN: Final = 0.05  # of the distance, about the frustum
+_FARTHEST: Final = 16.0  # extents
+_ANY_HEIGHT: Final = 1e5  # m
+_RECORDS: Final = 8  # per slot: tiles of one colour need no slot
+
+_RECORD: Final = np.dtype(  # of a drawn tile, sorted by codes; slot -1: it has one colour
+    [("code", "i8"), ("slot", "i8"), ("colour", "u4"), ("used", "i8"), ("is_stale", "?")]
+)
+
+Occupied = Callable[[Int64Array], BoolArray]
+"""Whether anything may show in tiles (n, 3) of level, column and row, (n,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class NeededTiles:
+    """Tiles that a view needs, the most urgent first: parents come before children."""
+
+    codes: Int64Array
+    empty: Int64Array  # further ones, in which nothing shows
+
+
+class AppearanceTiles:
+    """Tiles of `TEXELS`² texels for a moving camera, cached in `slots`; does neither drawing nor I/O.
+
+    `extent` is the width (m) of a tile of level 0, `finest` the last level. Each frame: `select`, then
+    `store` what `pending` returns; `page_table` is where shaders find tiles.
+    """
+
+    def __init__(self, extent: float, *, slots: int) -> None:
+        self.extent, self.slots = extent, slots
+        self.finest = max(round(np.log2(extent / (TEXELS - 2) / FINEST_TEXEL)), 0)
+        self.changes = 0  # of anything that page tables depend on, except for the eye
+        self._records = np.zeros(0, _RECORD)
+        self._needed = NeededTiles(self._records["code"], self._records["code"])
+        self._time = 0
+
+    @property
+    def converged(self) -> bool:
+        """Whether all tiles of the last selection are in memory and up to date."""
+        return not self.pending().size
+
+    def reach(self, view: CameraView, level: int) -> float:
+        """Return the distance (m) beyond which no pixel needs a level, as its parent's texels suffice."""
+        texel = self.extent * 2.0**-level / (TEXELS - 2)
+        return np.inf if level == 0 else _REACH * 2.0 * texel * view.pixels_per_radian / PIXELS
+
+    def needed(self, view: CameraView, pool: TilePool, occupied: Occupied) -> NeededTiles:
+        """Return the tiles that a view needs, on the ground of a pool of terrain tiles, at most `slots`."""
+        far = min(view.draw_distance, _FARTHEST * self.extent)
+        edges = np.floor((np.array(view.eye[:2])[:, None] + [-far, far]) / self.extent).astype(np.int64)
+        columns, rows = np.meshgrid(*(np.arange(first, last + 1) for first, last in edges))
+        codes = code_of(0, columns.ravel(), rows.ravel())
+        low, high = np.full(len(codes), -_ANY_HEIGHT), np.full(len(codes), _ANY_HEIGHT)
+        found, urgency, empty = [codes[:0]], [np.zeros(0)], [codes[:0]]
+        bottom, top = pool.bottom - pool.error, pool.top + pool.error
+        for level in range(ROOT_LEVEL, self.finest + 1):
+            above = min(level, 0)
+            _, column, row = decode(codes)
+            at = pool.find(code_of(level, column >> -above, row >> -above))
+            known = at >= 0  # others lie between the heights of their parents
+            low[known], high[known] = bottom[at[known]], top[at[known]]
+            if level < 0:
+                continue
+            boxes = boxes_of(codes, self.extent, low, high)
+            distance, _ = eye_distances(view, boxes)
+            seen = (distance < self.reach(view, level)) & view.sees(boxes, margin=_MARGIN * distance)
+            seen &= horizontal_distances(view, boxes)[0] <= view.draw_distance
+            here = np.flatnonzero(seen)
+            is_full = occupied(np.stack(decode(codes[here]), axis=-1)) if here.size else seen[here]
+            empty.append(codes[here[~is_full]])
+            here = here[is_full]
+            found.append(codes[here])
+            urgency.append(distance[here] / min(self.reach(view, level), 1e12))
+            here = here[distance[here] < self.reach(view, level + 1)]
+            codes = children_of(codes[here]).ravel()
+            low, high = np.repeat(low[here], 4), np.repeat(high[here], 4)
+            if not codes.size:
+                break
+        codes = np.concatenate(found)[np.argsort(np.concatenate(urgency), kind="stable")]
+        at = index_in(self._records["code"], codes)
+        takes_slot = np.ones(len(codes), np.bool_)
+        takes_slot[at >= 0] = self._records["slot"][at[at >= 0]] >= 0
+        return NeededTiles(codes[np.cumsum(takes_slot) <= self.slots], np.sort(np.concatenate(empty)))
+
+    def select(self, view: CameraView, pool: TilePool, occupied: Occupied) -> None:
+        """Select the tiles of a view; the others may be replaced."""
+        before, self._needed = self._needed, self.needed(view, pool, occupied)
+        self._touch()
+        if not all(
+            np.array_equal(*each)
+            for each in ((before.codes, self._needed.codes), (before.empty, self._needed.empty))
+        ):
+            self.changes += 1
+
+    def pending(self, needed: NeededTiles | None = None) -> Int64Array:
+        """Return the tiles to draw, of the selection or of others, the most urgent first."""
+        codes = (needed or self._needed).codes
+        at = index_in(self._records["code"], codes)
+        is_missing = at < 0
+        is_missing[~is_missing] = self._records["is_stale"][at[~is_missing]]
+        room = None if needed is None else len(self._free) + int(np.count_nonzero(self._replaceable))
+        return np.asarray(codes[is_missing][:room], np.int64)
+
+    def store(self, codes: Int64Array, is_uniform: BoolArray, colours: npt.NDArray[np.uint32]) -> Int64Array:
+        """Record drawn tiles in place of the least recently used; return their slots, -1 for uniform ones."""
+        self._keep(~contains(np.sort(codes), self._records["code"]))
+        by_age = np.argsort(self._records["used"], kind="stable")
+        oldest = by_age[self._replaceable[by_age]]
+        keep = np.ones(len(by_age), np.bool_)
+        keep[oldest[: max(int(np.count_nonzero(~is_uniform)) - len(self._free), 0)]] = False
+        spare = by_age[keep[by_age] & (self._records["used"] < self._time)[by_age]]
+        keep[spare[: max(len(by_age) + len(codes) - _RECORDS * self.slots, 0)]] = False
+        self._keep(keep)
+        fits = np.cumsum(~is_uniform) <= len(self._free)  # more were uniform when they were selected
+        slots = np.full(len(codes), -1, np.int64)
+        slots[~is_uniform & fits] = self._free[: np.count_nonzero(~is_uniform & fits)]
+        new = np.zeros(len(codes), _RECORD)
+        new["code"], new["slot"], new["colour"], new["used"] = codes, slots, colours, self._time
+        records = np.concatenate([self._records, new[fits]])
+        self._records = records[np.argsort(records["code"])]
+        self.changes += 1
+        return slots
+
+    def invalidate(self, areas: Sequence[Bounds]) -> None:
+        """Mark tiles in areas (west, south, east, north; m) stale; those needed stay until redrawn."""
+        flat = np.zeros(len(self._records))
+        boxes = boxes_of(self._records["code"], self.extent, flat, flat)
+        low, high = boxes.low[:, None, :2], boxes.high[:, None, :2]
+        texel = (high - low) / (TEXELS - 2)
+        box = np.asarray(areas, np.float64).reshape(1, -1, 4)
+        meets = (box[..., :2] <= high + texel) & (box[..., 2:] >= low - texel)
+        self._records["is_stale"] |= meets.all(axis=-1).any(axis=-1)
+        self._keep(~self._records["is_stale"] | (self._records["used"] == self._time))
+
+    def page_table(self, eye: Sequence[float]) -> tuple[npt.NDArray[np.uint32], Int64Array, Float64Array]:
+        """Return pages, and by level the eye's tile (column, row) and place in it (0 … 1).
+
+        Pages are (levels, `PAGES`, `PAGES`, 2), a tile's at its row and column modulo `PAGES`: the slot + 1
+        of the finest tile that covers it, + 2¹⁶ times its level, or 0 and its one colour (red, green, blue,
+        share).
+        """
+        levels = np.arange(self.finest + 1)
+        place = np.array(eye[:2]) / (self.extent * np.exp2(-levels.astype(np.float64)))[:, None]
+        tiles = np.floor(place).astype(np.int64)
+        at = index_in(self._records["code"], self._needed.codes)
+        codes, records = self._needed.codes[at >= 0], self._records[at[at >= 0]]
+        level, column, row = decode(np.concatenate([codes, self._needed.empty]))
+        value = np.zeros((len(level), 2), np.uint32)
+        own = level[: len(codes)] << 16
+        value[: len(codes), 0] = np.where(records["slot"] < 0, 0, records["slot"] + 1 + own)
+        value[: len(codes), 1] = records["colour"]
+        table = np.zeros((len(levels), PAGES, PAGES, 2), np.uint32)
+        index = np.arange(PAGES)
+        for each in levels.tolist():
+            if each:
+                first = tiles[each] - PAGES // 2
+                above = (first[:, None] + (index - first[:, None]) % PAGES) >> 1
+                table[each] = table[each - 1][np.ix_(above[1] % PAGES, above[0] % PAGES)]
+            inside = level == each
+            inside &= (np.abs(column - tiles[each, 0]) < PAGES // 2) & (
+                np.abs(row - tiles[each, 1]) < PAGES // 2
+            )
+            table[each, row[inside] % PAGES, column[inside] % PAGES] = value[inside]
+        return table, tiles, place - tiles
+
+    @property
+    def _free(self) -> Int64Array:
+        """Slots that no tile is in."""
+        return np.setdiff1d(np.arange(self.slots), self._records["slot"])
+
+    @property
+    def _replaceable(self) -> BoolArray:
+        """Which tiles have a slot and are not needed."""
+        return np.asarray((self._records["slot"] >= 0) & (self._records["used"] < self._time))
+
+    def _keep(self, which: BoolArray) -> None:
+        if not which.all():
+            self._records = self._records[which]
+            self.changes += 1
+
+    def _touch(self) -> None:
+        self._time += 1
+        at = index_in(self._records["code"], self._needed.codes)
+        self._records["used"][at[at >= 0]] = self._time

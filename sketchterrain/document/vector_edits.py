@@ -49,9 +49,11 @@ def nearest_vertex(
 
 def vertices_at(layer: VectorLayer, x: float, y: float) -> Int64Array:
     """Return the numbers of the vertices at a position: those of one node."""
-    place = on_grid([x, y])
-    near = layer.pieces_near(*place.tolist(), *place.tolist())
-    found = [first + np.flatnonzero((piece.vertices == place).all(axis=1)) for first, piece in near]
+    x, y = on_grid([x, y]).tolist()
+    near = layer.pieces_near(x, y, x, y)
+    # Pieces of areas that are sorted by their size are all everywhere: few have a vertex there.
+    some = ((first, piece) for first, piece in near if piece.has_easting(x))
+    found = [first + np.flatnonzero((piece.vertices == (x, y)).all(axis=1)) for first, piece in some]
     return np.concatenate([np.zeros(0, np.int64), *found])
 
 

@@ -279,6 +279,15 @@ class VectorLayer:
         for number in np.flatnonzero(((low <= (east, north)) & (high >= (west, south))).all(axis=1)).tolist():
             yield int(self._firsts[number, 2]), self.pieces[number]
 
+    def has_easting(self, x: float) -> bool:
+        """Return whether a vertex has an easting (m)."""
+        index = self._eastings.searchsorted(x)
+        return bool(index < len(self._eastings) and self._eastings[index] == x)
+
+    @cached_property
+    def _eastings(self) -> Float64Array:
+        return np.sort(self.vertices[:, 0])
+
     def with_vertices(self, numbers: Int64Array) -> VectorLayer:
         """Return the features that some vertices, by their numbers, belong to, as a layer."""
         found: dict[int, set[int]] = {}

@@ -157,16 +157,18 @@ class RoadsLayer(TerrainLayer):
         block, piece = packed.index.touching(state.blocks)
         if not len(block):
             return
-        low = np.minimum(*packed.ends("height"))[piece]
-        high = np.maximum(*packed.ends("height"))[piece]
+        own = PackedRoads(
+            packed.unit, packed.at[piece], packed.chain[piece], packed.row[piece], packed.depth[piece]
+        )
+        low, high = np.minimum(*own.ends("height")), np.maximum(*own.ends("height"))
         deep = np.maximum(np.maximum(high - state.low[block], state.high[block] - low), 0.0)
-        deep = np.minimum(deep, _DEPTH_FACTOR * packed.depth[piece] + _DEPTH_MARGIN)
-        seen = smooth_rise(2.0 * np.minimum(*packed.ends("half"))[piece] / sampling.cell, _CELLS, _CELLS)
-        steep = np.maximum(packed["road_cut"], packed["road_fill"])[piece]
+        deep = np.minimum(deep, _DEPTH_FACTOR * own.depth + _DEPTH_MARGIN)
+        seen = smooth_rise(2.0 * np.minimum(*own.ends("half")) / sampling.cell, _CELLS, _CELLS)
+        steep = np.maximum(own["road_cut"], own["road_fill"])
         # For each metre that a strip is wider, its embankment of slope s moves by s h(p) at a share p of
         # the width w within which it fades: h(p) = (1 + 7 p^8 - 8 p^9) / (1 - p^8)^2. Above the ground this
         # is at most max(1.6 s, 2.5 deep / w). A mean of two embankments moves by at most deep / w more.
-        width = np.maximum(np.minimum(*packed.ends("reach")) - np.maximum(*packed.ends("whole")), 1.0)[piece]
+        width = np.maximum(np.minimum(*own.ends("reach")) - np.maximum(*own.ends("whole")), 1.0)
         wider = np.minimum(_WIDER * sampling.cell, 0.5 * width)
         moved = wider * (1.6 * steep + 3.5 * deep / width)
         moved = (1.0 - seen) * deep + np.minimum(moved, deep + high - low)

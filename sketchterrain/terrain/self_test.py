@@ -17,6 +17,7 @@ from sketchterrain.array_types import Float32Array, Float64Array, FloatArray
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device, list_devices
 from sketchterrain.compute.device_check import DeviceCheck, cached_on_disk, check_device
+from sketchterrain.document.parameters import Properties
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.errors import SketchterrainError
@@ -45,11 +46,15 @@ _PAINTED = {
     "material": (slice(13, 15), slice(4, 9)),
 }
 
-# Vertices of vectors (m): a road with bends and a bridge across the river, a pad.
-_DRAWN = {
-    "road": (LINE, [[300.0, 410.0], [520.0, 430.0], [560.0, 640.0], [430.0, 700.0]]),
-    "pad": (AREA, [[600.0, 420.0], [640.0, 410.0], [645.0, 440.0]]),
-}
+# Vectors: layer, vertices (m), properties: a road with a bridge across the river, a pad, land of each use.
+_DRAWN: tuple[tuple[str, int, list[list[float]], Properties], ...] = (
+    ("road", LINE, [[300.0, 410.0], [520.0, 430.0], [560.0, 640.0], [430.0, 700.0]], {}),
+    ("pad", AREA, [[600.0, 420.0], [640.0, 410.0], [645.0, 440.0]], {}),
+    ("landuse", AREA, [[310.0, 200.0], [420.0, 190.0], [430.0, 300.0]], {"use": "field"}),
+    ("landuse", AREA, [[420.0, 190.0], [560.0, 210.0], [430.0, 300.0]], {"use": "meadow"}),
+    ("landuse", AREA, [[310.0, 200.0], [430.0, 300.0], [330.0, 390.0]], {"use": "forest"}),
+    ("landuse", AREA, [[430.0, 300.0], [560.0, 210.0], [600.0, 380.0]], {"use": "built_up"}),
+)
 
 
 @dataclass(frozen=True)
@@ -111,10 +116,10 @@ def probe_terrain() -> Sketch:
     for name, painted in _PAINTED.items():
         layers[name] = np.zeros((_PIXELS, _PIXELS), np.uint8)
         layers[name][painted] = 1
-    vectors = {
-        name: VectorLayer(name).edited(add=[VectorFeature(kind, (np.array(places),))])
-        for name, (kind, places) in _DRAWN.items()
-    }
+    vectors: dict[str, VectorLayer] = {}
+    for name, kind, places, own in _DRAWN:
+        layer = vectors.get(name, VectorLayer(name))
+        vectors[name] = layer.edited(add=[VectorFeature(kind, (np.array(places),), 1, own)])
     return Sketch(name="self-test", extent=_EXTENT, seed=1, layers=layers, vectors=vectors)
 
 

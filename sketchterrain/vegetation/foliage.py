@@ -13,6 +13,7 @@ from sketchterrain.array_types import (
     BoolArray,
     Bounds,
     Float32Array,
+    Float64Array,
     FloatArray,
     LatticeArray,
     StructuredArray,
@@ -21,6 +22,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.placement.hashing import hash_keys
 from sketchterrain.roads.built_ground import BuiltGround, trees_along
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.vegetation.farmland import Farmland
 from sketchterrain.vegetation.graded_poisson import GradedPoisson, run_to_completion
 from sketchterrain.vegetation.plants import (
     BLOCK,
@@ -72,7 +74,7 @@ _SQUARES: Final = {"woody": 2048.0, "grass": 256.0}
 """Approximate side (m) of the squares by which plants are sorted."""
 _VERGES: Final = {"woody": 3.0, "grass": 0.1}
 """Distance (m) that plants keep from carriageways."""
-_AVENUE_SCALE = 0.8  # of trees along roads
+_AVENUE_SCALE, _ORCHARD_SCALE = 0.8, 0.4  # of planted trees
 _AT_ONCE = 1 << 12  # plants evaluated in a step
 _PACE = 8  # times as much is done in a step of pieces, between which nobody waits
 _SAMPLES = 16  # blocks along a side that an estimate reads
@@ -160,11 +162,12 @@ class Storey:
         self._verge = _VERGES[name]
         trees = trees_along(recipe.network) if name == "woody" else np.zeros((0, 2))
         self._planted = to_lattice(trees, recipe.extent)
+        self._farmland = Farmland(evaluator, name)
 
     def bound(self, area: Area) -> int:
         """Return the greatest possible number of plants in an area (lattice units)."""
         thickest = GREATEST_DENSITY / self._rule.least**2
-        planted = len(self._planted_in(area))
+        planted = len(self._planted_in(area)[0])
         return math.ceil(_lattice_units(area) * thickest + _border_surplus(area, thickest)) + planted
 
     def estimate(self, area: Area) -> int:
@@ -179,7 +182,7 @@ class Storey:
             each = np.array([self._density(block) for block in blocks])
             density = float(each.mean() + _ERRORS * each.std() / math.sqrt(each.size))
         most = _MARGIN * _lattice_units(area) * density + _border_surplus(area, density)
-        return min(math.ceil(most) + len(self._planted_in(area)), self.bound(area))
+        return min(math.ceil(most) + len(self._planted_in(area)[0]), self.bound(area))
 
     def _density(self, spacing: Float32Array) -> float:
         """Return the mean density of plants over a raster, per lattice unit squared."""
@@ -223,22 +226,29 @@ class Storey:
             yield
             plants.append(self._grown(points[start : start + pace * _AT_ONCE]))
         found = np.concatenate(plants) if plants else np.zeros(0, PLANT)
-        planted = self._planted_in(area)
-        return self._with_planted(found, planted) if len(planted) else found
+        places, sizes = self._planted_in(area)
+        return self._with_planted(found, places, sizes) if len(places) else found
 
-    def _planted_in(self, area: Area) -> LatticeArray:
-        """Return the places of trees along roads in an area (lattice units)."""
+    def _planted_in(self, area: Area) -> tuple[LatticeArray, Float64Array]:
+        """Return the places (lattice units) and sizes of trees along roads and in orchards in an area."""
         west, south, east, north = area
         x, y = self._planted.T
-        return np.asarray(self._planted[(x >= west) & (x < east) & (y >= south) & (y < north)])
+        along = self._planted[(x >= west) & (x < east) & (y >= south) & (y < north)]
+        rows = self._farmland.rows_in(area)
+        at = np.asarray(rows * self._unit, np.float64)
+        rows = rows[~self._built.is_near(at, self._verge)]
+        sizes = np.repeat([_AVENUE_SCALE, _ORCHARD_SCALE], [len(along), len(rows)])
+        return np.concatenate([along, rows]), sizes
 
-    def _with_planted(self, plants: StructuredArray, places: LatticeArray) -> StructuredArray:
-        """Return plants with trees along roads, after the others of their square."""
+    def _with_planted(
+        self, plants: StructuredArray, places: LatticeArray, sizes: Float64Array
+    ) -> StructuredArray:
+        """Return plants with planted trees, after the others of their square."""
         sites = PlantSites.evaluate(self._evaluator, places[:, 0].copy(), places[:, 1].copy())
         trees = self._records(sites)
         above = sites.z > self._evaluator.recipe.climate["tree_line"]
         trees["species"], trees["level"] = SPECIES.index("oak"), LEVELS
-        trees["scale"] = _AVENUE_SCALE * (0.9 + 0.2 * self._noise.draw("avenue", sites.x, sites.y))
+        trees["scale"] = sizes * (0.9 + 0.2 * self._noise.draw("avenue", sites.x, sites.y))
         every = np.concatenate([plants, trees[~above]])
         column, row = (np.floor(every[axis] / (self._square * self._unit)) for axis in ("x", "y"))
         return np.asarray(every[np.lexsort((column, row))])
@@ -261,6 +271,7 @@ class Storey:
         surviving = self._rule.survives(sites)
         at = np.asarray(np.stack([sites.x, sites.y], axis=1) * self._unit, np.float64)
         surviving &= ~self._built.is_near(at, self._verge)
+        surviving[surviving] = ~self._farmland.is_bare(sites.x[surviving], sites.y[surviving])
         points, sites = points[surviving], sites.subset(surviving)
         plants = self._records(sites)
         plants["level"] = points["level"]

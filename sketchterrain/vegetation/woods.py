@@ -12,8 +12,10 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, FloatArray, LatticeArray, UInt8Array
+from sketchterrain.landuse.areas import FOREST
 from sketchterrain.placement.feature_types import conifer_share, has_parameter
 from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.layers.points import support_radii
 from sketchterrain.vegetation.plants import (
     STOREYS,
@@ -145,6 +147,21 @@ def _stands(site: SpeciesInputs, name: str, lean: FloatArray) -> FloatArray:
 
 
 def _conifers(evaluator: Evaluator, x: LatticeArray, y: LatticeArray, by_elevation: FloatArray) -> FloatArray:
+    """Return the share of conifers: as forests of land use ask for, else as painted ones do."""
+    share = _painted_conifers(evaluator, x, y, by_elevation)
+    layer = evaluator.recipe[LandUseLayer]
+    asked = np.where(layer.areas.use == FOREST, layer.areas.conifers, -1.0)
+    if not (asked >= 0.0).any():
+        return share
+    x, y = np.broadcast_arrays(x, y)
+    area = layer.areas_at(x.ravel(), y.ravel(), evaluator.recipe.world)
+    own = np.where(area >= 0, asked[area], -1.0).reshape(share.shape)
+    return np.where(own >= 0.0, own, share)
+
+
+def _painted_conifers(
+    evaluator: Evaluator, x: LatticeArray, y: LatticeArray, by_elevation: FloatArray
+) -> FloatArray:
     """Return the share of conifers: the mean of the forests at a position, weighted by their cover."""
     recipe = evaluator.recipe
     if not (by_elevation.size and recipe.points.has_conifer_shares):

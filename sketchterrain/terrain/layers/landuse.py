@@ -164,6 +164,15 @@ class LandUseLayer(TerrainLayer):
             found.append(ends[own])
         return _Near(block, area, inside, np.concatenate(of), np.concatenate(found))
 
+    def areas_at(self, x: LatticeArray, y: LatticeArray, world: WorldSettings) -> Int64Array:
+        """Return the area at each position (n,), the one on top; -1 where none is."""
+        at = np.stack([x, y, x, y], axis=1)
+        near = self.near(at, self.listed(at, 0.0, world), 0.0, world.unit)
+        found = np.full(len(x), -1)
+        inside = np.flatnonzero(near.inside)[::-1]  # the topmost is assigned last
+        found[near.block[inside]] = near.area[inside]
+        return found
+
     def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:
         """Return the ground with the mask of its forests."""
         if not site.masks or not len(self.areas):

@@ -141,3 +141,24 @@ def test_the_panel_lists_uses_and_the_page_has_all_properties(workspace, blank, 
     workspace.selection = Selection("landuse", 1)
     assert list(page.forms["landuse"].rows) == ["name", "use", "crop", "direction", "density", "conifers"]
     assert page.forms["landuse"].rows["direction"].check.isChecked()  # along the contours
+
+
+def test_many_small_areas_are_drawn_as_squares_and_large_ones_as_they_are(canvas, workspace, blank):
+    corner = np.stack(np.meshgrid(np.arange(40.0), np.arange(40.0)), axis=-1).reshape(-1, 1, 2) * 10.0
+    squares = corner + (200.0, 200.0) + 10.0 * np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+    large = np.array([(700, 700), (1000, 700), (700, 1000)], float)
+    areas = [VectorFeature(AREA, (each,), 1, {"use": "forest"}) for each in squares]
+    areas.append(VectorFeature(AREA, (large,), 1, {"use": "built_up"}))
+    blank.do("Draw", blank.sketch.replace(vectors={"landuse": VectorLayer("landuse").edited(add=areas)}))
+    workspace.tool = "brush"
+    picture = canvas.grab().toImage()
+
+    def red(x, y):
+        return picture.pixelColor(at(canvas, x, y)).red()
+
+    paper = red(100, 100)
+    inside = np.array([[red(x, y) for x in range(210, 590, 7)] for y in range(210, 590, 7)])
+    expected = 0.5 * (USE_COLOURS["forest"].red() + paper)
+    assert np.mean(np.abs(inside - expected) < 3) > 0.75  # squares of whole pixels leave gaps
+    assert [red(x, y) for x, y in ((190, 400), (610, 400), (400, 190), (400, 610), (950, 950))] == 5 * [paper]
+    assert red(780, 780) == pytest.approx(0.5 * (USE_COLOURS["built_up"].red() + paper), abs=3)

@@ -6,10 +6,12 @@ import math
 from functools import lru_cache
 
 import numpy as np
+import numpy.typing as npt
 from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF, QTransform
 
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.array_types import Int64Array
+from sketchterrain.document.layers import LAND_USES, LAYERS
 from sketchterrain.document.vector_edits import shared_nodes
 from sketchterrain.document.vectors import AREA, LINE
 from sketchterrain.ui.canvas.marks import SELECTED, OverlayImage, draw_haloed, screen_paths
@@ -23,6 +25,7 @@ _LEAST_WIDTH = 1.5  # logical px of a line
 _CASING = 1.0  # logical px of the light rim of a road, on each side
 _DASH = 6.0  # logical px
 _MAX_HANDLES = 1500
+_MANY, _SMALL = 1000, 8.0  # areas, if there are more, with sides of fewer logical px are drawn as squares
 
 
 class VectorMarks:
@@ -81,10 +84,13 @@ class VectorMarks:
         context = self._context
         for layer in vectors.visible_vectors(context.document.sketch, context.workspace):
             widths = vectors.widths_of(context.document.sketch, layer) * context.px_per_metre
+            uses = context.document.sketch.vector_texts("landuse", "use") if layer.layer == "landuse" else []
             order = np.argsort(layer.kinds == LINE, kind="stable")
+            if uses and len(uses) > _MANY:
+                numbers = np.array([1 + LAND_USES.index(use) for use in uses], np.uint8)
+                order = _draw_small(context, painter, area, vectors.curves_of(layer).shapes, numbers)
             shapes = vectors.curves_of(layer).shapes[order]
             paths = screen_paths(context, shapes, area, margin=0.5 * float(widths.max()))
-            uses = context.document.sketch.vector_texts("landuse", "use") if layer.layer == "landuse" else []
             visible = [
                 (path, _pens(layer.layer, int(layer.labels[index]), float(widths[index])), index)
                 for index, path in zip(order.tolist(), paths, strict=True)
@@ -100,6 +106,34 @@ class VectorMarks:
                         is_area = layer.kinds[index] == AREA
                         painter.setBrush(colour if is_area else Qt.BrushStyle.NoBrush)
                         painter.drawPath(path)
+
+
+def _draw_small(
+    context: ToolContext, painter: QPainter, area: QRectF, shapes: vectors.Shapes, uses: npt.NDArray[np.uint8]
+) -> Int64Array:
+    """Draw small areas of uses (1 + their number) as squares; return the indices of the others."""
+    import shapely
+
+    side = np.sqrt(shapely.area(shapes)) * context.px_per_metre
+    west, south, east, north = shapely.bounds(shapes).T
+    x, y = context.screens_from_world(0.5 * (west + east), 0.5 * (south + north))
+    small, margin = side < _SMALL, int(_SMALL)
+    width, height = int(area.width()) + 2 * margin, int(area.height()) + 2 * margin
+    column, row = (np.rint(each - 0.5 * side).astype(int) for each in (x - area.x(), y - area.y()))
+    small_here = (
+        (column > -margin) & (column < width - 2 * margin) & (row > -margin) & (row < height - 2 * margin)
+    )
+    numbers = np.zeros((height, width), np.uint8)
+    for size in range(margin + 1):
+        own = np.flatnonzero(small & small_here & (np.rint(side) == size))
+        for each in np.ndindex(max(size, 1), max(size, 1)):
+            numbers[row[own] + margin + each[0], column[own] + margin + each[1]] = uses[own]
+    colours = np.array(
+        [[0, 0, 0, 0], *((*USE_COLOURS[name].getRgb()[:3], 128) for name in LAND_USES)], np.uint8
+    )
+    image = QImage(colours[numbers].tobytes(), width, height, 4 * width, QImage.Format.Format_RGBA8888)
+    painter.drawImage(QPointF(area.x() - margin, area.y() - margin), image)
+    return np.flatnonzero(~small)
 
 
 @lru_cache(maxsize=256)

@@ -62,7 +62,7 @@ class VectorPage(QWidget):
         self._shown = selection
         name, own = selection.kind, feature.properties
         self._head.show_text(
-            str(own.get("name", name.capitalize())),
+            str(own.get("name", LAYERS[name].title if LAYERS[name].kind == "land" else name.capitalize())),
             _facts(sketch.vectors[name], selection.id),
             (name, feature.label),
         )

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 import shapely
 
+from sketchterrain.caching import LRUCache
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
 from sketchterrain.document.layers import CROPS
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.landuse.areas import BUILT_UP, FIELD, FOREST, MEADOW, LandUse
 from sketchterrain.placement.feature_types import Lake
+from sketchterrain.terrain.building import with_roads
 from sketchterrain.terrain.changes import changed_areas
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_samples
@@ -23,6 +25,7 @@ from sketchterrain.terrain.layers.layer import MASKS, WorldSettings
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.vegetation.foliage import FoliageSampler
 from sketchterrain.vegetation.plants import SPECIES
+from tests.sample_roads import sketch_with
 
 EXTENT, UNIT = 4096.0, 4096.0 / 2**24
 WORLD = WorldSettings(EXTENT, 0, 0.0)
@@ -296,6 +299,20 @@ def test_materials_by_use_and_crop(bare, context) -> None:
     assert 0.49 < weights((1550, 1050), "gravel") < 0.51
     assert weights((1115, 1065), "grass") > 0.99
     assert weights((1100, 1150), "forest_floor") > 0.5
+
+
+def test_a_road_lies_on_a_field(make_recipe, context) -> None:
+    land = areas(square(1000, 1000, 400, use=FIELD, crop=CROPS.index("wheat")))
+    road = sketch_with(("road", [(1050, 1200), (1350, 1200)], {"id": 1, "surface": "asphalt"}), extent=EXTENT)
+    recipe = with_roads(road, with_land(make_recipe(ground={"relief": 10.0}), land), LRUCache())
+    for cell in (1.0, 5.0):
+        axis = np.rint((np.arange(-9, 10) * cell)[None] / UNIT).astype(np.int64) + round(1200.0 / UNIT)
+        surface = Evaluator(recipe, context).surface(axis, axis[:, ::-1], cell_size=cell)
+        asphalt, soil = (surface.materials[0, :, 8, MATERIALS.index(name)] for name in ("asphalt", "soil"))
+        assert asphalt[8] > 0.99
+        assert 0.0 < np.diff(asphalt).max() < 1.0
+        assert np.abs(asphalt + soil - 1.0).max() < 0.005
+        assert soil[[0, -1]].min() > 0.99
 
 
 def test_no_field_is_in_water(make_recipe, context) -> None:

@@ -6,11 +6,13 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, LatticeArray
 from sketchterrain.document.layers import CROPS
+from sketchterrain.document.vectors import starts
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.landuse.areas import BUILT_UP, FIELD, FOREST, MEADOW, LandUse
 from sketchterrain.terrain.changes import LayerChange
@@ -71,13 +73,14 @@ class AreaIndex(NamedTuple):
 
 
 class _Near(NamedTuple):
-    """Areas near blocks by block, from the top down, and their edges."""
+    """Pairs of a block and an area near it, by block, and the area's edges near the block."""
 
     block: Int64Array  # (k,)
     area: Int64Array  # (k,)
     inside: BoolArray  # (k,) whether the block's south-east corner is
-    pair: Int64Array  # (m,) area near a block that an edge belongs to, ascending
-    ends: LatticeArray  # (m, 4) from the block's south-west corner, the lower or western end first
+    counts: Int64Array  # (k,) of its edges near the block
+    ends: npt.NDArray[np.int32]  # (m, 4) of edges, as kernels read them
+    rows: npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +123,9 @@ class LandUseLayer(TerrainLayer):
 
     def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
         """Return the bit of forests for blocks with one."""
-        starts, rows = culled.lists["landuse_starts"], culled.lists["landuse_row"]
+        first, rows = culled.lists["landuse_starts"], culled.lists["landuse_row"]
         trees = np.append(0, np.cumsum(rows[:, 0] > 0.0))
-        trees = trees[starts[:: (len(starts) - 1) // max(blocks, 1)]]
+        trees = trees[first[:: (len(first) - 1) // max(blocks, 1)]]
         present = trees[1:] > trees[:-1]
         return np.asarray(present.astype(np.int32) << MASKS.index("forest"), np.int32)
 
@@ -144,33 +147,29 @@ class LandUseLayer(TerrainLayer):
     def near(
         self, blocks: LatticeArray, pairs: tuple[Int64Array, Int64Array], cell: float, unit: float
     ) -> _Near:
-        """Return listed areas with their edges near blocks (n, 4)."""
+        """Return pairs of a block (n, 4) and an area with the area's edges near the block."""
         (block, area), reach = pairs, _reach(cell, unit)
-        inside = np.zeros(len(area), np.bool_)
-        of, found = [np.zeros(0, np.int64)], [np.zeros((0, 4), np.int64)]
+        inside, counts = np.zeros(len(area), np.bool_), np.zeros(len(area), np.int64)
+        every = [np.zeros((2, 0, 4), np.int32)]
         batch = np.cumsum(self.areas.counts[area]) // _AT_ONCE
         for number in range(int(batch[-1]) + 1 if len(batch) else 0):
-            first, last = np.searchsorted(batch, (number, number + 1))
-            corner = blocks[block[first:last]]
-            pair, edges = self.areas.outlines(area[first:last])
-            ends = _outlined(edges, corner[:, :2][pair], unit)
-            side, top = (corner[:, 2:] - corner[:, :2])[pair].T
-            crossed = _crosses(ends, side)
-            inside[first:last] = np.bincount(pair[crossed], minlength=last - first) % 2 > 0
-            x, y, to_x, to_y = ends.T
-            own = (np.maximum(x, to_x) >= -reach) & (np.minimum(x, to_x) <= side + reach)
-            own &= (to_y >= -reach) & (y <= top + reach)
-            of.append(first + pair[own])
-            found.append(ends[own])
-        return _Near(block, area, inside, np.concatenate(of), np.concatenate(found))
+            own = slice(*np.searchsorted(batch, (number, number + 1)))
+            _, edges = self.areas.outlines(area[own])
+            found = np.empty((2, len(edges), 4), np.int32)
+            first = starts(self.areas.counts[area[own]])
+            last = _edges_near(
+                first, edges, blocks[block[own]], reach, unit, inside[own], counts[own], *found
+            )
+            every.append(found[:, :last])
+        ends, rows = np.concatenate(every, axis=1)
+        return _Near(block, area, inside, counts, ends, rows)
 
     def areas_at(self, x: LatticeArray, y: LatticeArray, world: WorldSettings) -> Int64Array:
         """Return the area at each position (n,), the one on top; -1 where none is."""
         at = np.stack([x, y, x, y], axis=1)
-        near = self.near(at, self.listed(at, 0.0, world), 0.0, world.unit)
+        near = self.near(at, self.index(world).boxes.at_points(x, y), 0.0, world.unit)
         found = np.full(len(x), -1)
-        inside = np.flatnonzero(near.inside)[::-1]  # the topmost is assigned last
-        found[near.block[inside]] = near.area[inside]
+        found[near.block[near.inside]] = near.area[near.inside]  # the topmost is assigned last
         return found
 
     def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:
@@ -201,7 +200,11 @@ class LandUseLayer(TerrainLayer):
         square = east * east + north * north
         t = np.clip(-(x * east + y * north) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
         nearest = np.full(len(near.area), np.inf)
-        np.minimum.at(nearest, near.pair, (x + t * east) ** 2 + (y + t * north) ** 2)
+        np.minimum.at(
+            nearest,
+            np.repeat(np.arange(len(near.area)), near.counts),
+            (x + t * east) ** 2 + (y + t * north) ** 2,
+        )
         cells = np.sqrt(nearest) / cell
         return np.asarray(np.clip(0.5 + np.where(near.inside, cells, -cells), 0.0, 1.0))
 
@@ -247,30 +250,27 @@ class _LandUseCuller:
         else:
             grid[:, 1:3] = blocks[:, 2:] - blocks[:, :2] + 1
         near = layer.near(blocks, pairs, cell, world.unit)
-        edges = np.bincount(near.pair, minlength=len(near.area))
-        used = near.inside | (edges > 0)
-        number = np.cumsum(used) - 1
-        block, area, pair = near.block[used], near.area[used], number[near.pair]
-        last = np.cumsum(edges[used])
+        used = near.inside | (near.counts > 0)
+        block, area = near.block[used], near.area[used]
+        last = np.cumsum(near.counts[used])
         material, cover = layer.covers(area)
-        form = np.stack([last - edges[used], last, material, near.inside[used]], axis=1)
+        form = np.stack([last - near.counts[used], last, material, near.inside[used]], axis=1)
         reach = _reach(cell, world.unit)
         box = layer.index(world).boxes.boxes_of(area) - np.tile(blocks[block, :2], 2)
         box += (-reach, -reach, reach, reach)
         seen = smooth_rise(layer.index(world).width[area] / cell, _CELLS, _CELLS)
         row = np.stack([layer.densities(area), seen, cover, np.zeros(len(area))], axis=1)
-        side = (blocks[:, 2] - blocks[:, 0])[block[pair]]
-        rows, square = _crossing_rows(near.ends, side)
+        square = ((near.ends[:, 2:] * 1.0 - near.ends[:, :2]) ** 2).sum(axis=1)
         inverse = np.where(square > 0.0, 1.0, 0.0) / np.where(square > 0.0, square * world.unit**2, 1.0)
         lists: dict[str, npt.NDArray[Any]] = {
             "landuse_grid": grid,
             "landuse_at": blocks[:, :2],
             "landuse_starts": np.searchsorted(block, np.arange(len(blocks) + 1)).astype(np.int32),
             "landuse_form": form.astype(np.int32),
-            "landuse_box": _clipped(box),
+            "landuse_box": np.clip(box, -_FARTHEST, _FARTHEST).astype(np.int32),
             "landuse_row": row.astype(sampling.real),
-            "landuse_ends": _clipped(near.ends),
-            "landuse_rows": rows,
+            "landuse_ends": near.ends,
+            "landuse_rows": near.rows,
             "landuse_inverse": inverse.astype(sampling.real),
         }
         return Culled({}, lists, None)
@@ -307,43 +307,48 @@ def _measured(areas: LandUse, numbers: Int64Array, unit: float) -> tuple[Lattice
     return boxes.astype(np.int64), width
 
 
-def _outlined(edges: Float64Array, corner: LatticeArray, unit: float) -> LatticeArray:
-    """Return both ends of edges (m) from corners, lattice units, the lower or western end first."""
-    ends = np.rint(edges / unit).astype(np.int64) - np.tile(corner, 2)
-    x, y, to_x, to_y = ends.T
-    turned = (y > to_y) | ((y == to_y) & (x > to_x))
-    ends[turned] = np.roll(ends[turned], 2, axis=1)
-    return ends
+@numba.njit(cache=True)
+def _edges_near(first, edges, blocks, reach, unit, inside, counts, ends, rows):  # type: ignore[no-untyped-def]
+    """Find whether the south-east corners of blocks are inside of an area each, and edges near the blocks.
 
-
-def _crosses(ends: LatticeArray, x: LatticeArray) -> BoolArray:
-    """Return whether rays eastward from (x, 0) cross edges, as `area_share` counts."""
-    low_x, low_y, high_x, high_y = ends.T
-    east, north = high_x - low_x, high_y - low_y
-    west = (x - low_x) * north < -east * low_y + (east > 0)
-    return np.asarray((low_y <= 0) & (high_y > 0) & west)
-
-
-def _crossing_rows(ends: LatticeArray, side: LatticeArray) -> tuple[npt.NDArray[np.int32], Float64Array]:
-    """Return the rows of edges that the kernel reads, (m, 4), and their squared lengths.
-
-    A ray eastward that ends at the block's eastern side, `side` from its corner, crosses the part of an edge
-    before it; how often one beyond it would have crossed others, up to a row, follows from the way along the
-    side.
+    Area k has the edges first[k] … first[k + 1], (m, 4) in m. `inside` is turned at each edge that a ray
+    eastward from the corner crosses, `counts` is the number of edges near the block; `ends` and `rows` are
+    those of ``kernels/layers/landuse.clh``, of all edges that are near. Returns their number.
     """
-    x, y, to_x, to_y = ends.T
-    east, north = to_x - x, to_y - y
-    beyond, to_beyond = x > side, to_x > side
-    meets = beyond != to_beyond
-    row = y - (-north * (side - x)) // np.where(meets, east, 1)  # rounded up
-    rows = np.zeros((len(ends), 4), np.int64)
-    rows[:, 0] = np.where(meets & beyond, np.maximum(y, row), y)
-    rows[:, 1] = np.where(meets & to_beyond, np.minimum(to_y, row), to_y)
-    rows[beyond & to_beyond, 1] = rows[beyond & to_beyond, 0]
-    rows[:, 2] = np.where(meets & (row > 0), row, _NEVER)
-    return _clipped(rows), (east * 1.0) ** 2 + (north * 1.0) ** 2
-
-
-def _clipped(units: LatticeArray) -> npt.NDArray[np.int32]:
-    """Return lattice units as kernels read them; what is farther has no effect."""
-    return np.where(units == _NEVER, _NEVER, np.clip(units, -_FARTHEST, _FARTHEST)).astype(np.int32)
+    total = 0
+    for k in range(len(blocks)):
+        west, south = blocks[k, 0], blocks[k, 1]
+        side, top = blocks[k, 2] - west, blocks[k, 3] - south
+        before = total
+        for e in range(first[k], first[k + 1]):
+            x, y = np.int64(np.rint(edges[e, 0] / unit)) - west, np.int64(np.rint(edges[e, 1] / unit)) - south
+            to_x, to_y = (
+                np.int64(np.rint(edges[e, 2] / unit)) - west,
+                np.int64(np.rint(edges[e, 3] / unit)) - south,
+            )
+            if y > to_y or (y == to_y and x > to_x):
+                x, y, to_x, to_y = to_x, to_y, x, y
+            east, north = to_x - x, to_y - y
+            # As in `area_share`.
+            if y <= 0 and to_y > 0 and (side - x) * north < -east * y + (1 if east > 0 else 0):
+                inside[k] = not inside[k]
+            if max(x, to_x) < -reach or min(x, to_x) > side + reach or to_y < -reach or y > top + reach:
+                continue
+            low, high, cut = y, to_y, _NEVER
+            if x > side and to_x > side:
+                high = low
+            elif x > side or to_x > side:
+                row = y - (-north * (side - x)) // east  # rounded up
+                if x > side:
+                    low = max(low, row)
+                else:
+                    high = min(high, row)
+                if row > 0:
+                    cut = row
+            for place, value in enumerate((x, y, to_x, to_y)):
+                ends[total, place] = min(max(value, -_FARTHEST), _FARTHEST)
+            rows[total, 0], rows[total, 1] = max(low, -_FARTHEST), min(high, _FARTHEST)
+            rows[total, 2], rows[total, 3] = cut, 0
+            total += 1
+        counts[k] = total - before
+    return total

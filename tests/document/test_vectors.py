@@ -13,6 +13,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vector_file import decode_vectors, encode_vectors
 from sketchterrain.document.vectors import AREA, LINE, POINT, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError
+from sketchterrain.landuse.areas import land_use
 
 FRAME = Sketch(frame={"crs": "EPSG:25832"}).frame
 PATH = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [20.0, 20.0], [30.0, 30.0]])
@@ -238,3 +239,39 @@ def test_files_of_other_programs_are_refused_in_one_line():
             decode_vectors(data, "river", FRAME)
         assert problem in str(caught.value)
         assert str(caught.value).isprintable()
+
+
+def test_areas_of_land_use_that_nobody_should_draw():
+    square = [(0, 0), (10, 0), (10, 10), (0, 10)]
+    refused = {
+        "does not touch itself": (
+            [[(0, 0), (10, 10), (10, 0), (0, 10)]],  # a bow-tie
+            [square, [(0, 2), (4, 2), (0, 6)]],  # a hole along its border
+            [square, [(20, 20), (22, 20), (20, 22)]],  # a hole outside
+            [[(0, 0), (10, 0), (10, 10), (10, 15), (10, 10), (0, 10)]],  # a spike
+            [[(0, 0), (10, 0), (5, 0)]],  # without a size
+        ),
+        "three vertices or more, none twice in a row": (
+            [[(0, 0), (10, 0)]],
+            [[(0, 0), (10, 0), (10, 0), (10, 10)]],
+            [[(0, 0), (10, 0), (10, 10), (0, 0)]],  # its first vertex again
+            [[(0, 0), (0.0001, 0), (10, 10)]],  # equal when rounded
+        ),
+    }
+    for reason, cases in refused.items():
+        for rings in cases:
+            feature = VectorFeature(AREA, tuple(np.array(ring, float) for ring in rings))
+            with pytest.raises(InputError, match=f"landuse feature 1: expected an area .*{reason}"):
+                VectorLayer("landuse").edited(add=[feature])
+    allowed = (
+        [[(0, 0), (1000, 0), (500, 1 / 1024)]],  # a sliver
+        [square, [(0, 0), (4, 2), (2, 4)]],  # a hole that touches its border at a vertex
+        [square],
+        [square],  # once more
+    )
+    features = [VectorFeature(AREA, tuple(np.array(ring, float) for ring in rings)) for rings in allowed]
+    layer = VectorLayer("landuse").edited(add=features)
+    areas = land_use(Sketch(vectors={"landuse": layer}))
+    x, y, to_x, to_y = areas.edges.T
+    signed = np.add.reduceat(0.5 * (x * to_y - y * to_x), areas.first[:-1])
+    assert signed.tolist() == [1000 / 2048, 94.0, 100.0, 100.0]

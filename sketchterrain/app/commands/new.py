@@ -24,7 +24,7 @@ def new(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Roads, buildings, waters, forests inside of --dem: OpenStreetMap, other vectors.",
+            help="Roads, buildings, waters, land use inside of --dem: OpenStreetMap, other vectors.",
         ),
     ] = None,
     extent: Annotated[

@@ -46,7 +46,7 @@ _FARTHEST = 1 << 30  # lattice units from a block to the ends of its edges
 _MOST_CELL = 0.25  # of the extent: no land use at wider cells
 _AT_ONCE = 1 << 20  # edges
 _MANY = 256  # areas whose boxes are one, if so many differ
-_CROWDED, _PARTS = 32, 4  # areas of a block from which on it is cut into so many parts along a side
+_CROWDED, _PARTS = 16, 4  # areas of a block from which on it is cut into so many parts along a side
 _NEVER = np.iinfo(np.int32).max
 
 

@@ -8,6 +8,7 @@ uniform vec2 appearance_place[APPEARANCE_LEVELS]; // place of the eye in it, 0 â
 uniform float appearance_width;                   // of a tile of level 0, m
 
 const int PAGES = 64;              // tiles along the side of a page table
+const int READ = 3 * PAGES / 8 - 1; // tiles from the eye's that are read: tables are made when it has moved on
 const float TEXELS = 192.0;        // along the side of a tile, of which INNER are its own
 const float INNER = TEXELS - 2.0;
 const float TEXEL_PIXELS = 1.1;    // px, greatest width of a texel
@@ -46,7 +47,7 @@ vec4 painted(vec3 position, vec3 n, float pixel)
     float texel = TEXEL_PIXELS * least * max(ratio / float(APPEARANCE), 1.0);
     float level = ceil(log2(appearance_width / (INNER * texel)));
     float farthest = max(max(abs(position.x), abs(position.y)), 1e-3);
-    level = min(level, floor(log2(float(PAGES / 2 - 1) * appearance_width / farthest)));
+    level = min(level, floor(log2(float(READ) * appearance_width / farthest)));
     int from = clamp(int(level), 0, APPEARANCE_LEVELS - 1);
     vec4 sum = vec4(0.0);
     for (int k = 0; k < taps; ++k)

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import moderngl
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from sketchterrain.array_types import Bounds, Int64Array
 from sketchterrain.render.programs import Textures
@@ -41,8 +42,9 @@ class AppearanceTextures:
         self._context, self._quality = context, quality
         self._rate = WorkRate(TILE_SECONDS)
         self._cache: _Cache | None = None
-        self._written: tuple[object, ...] = ()  # state of the page table
-        self._eye_tiles: dict[str, object] = {}
+        self._state: tuple[object, ...] = ()  # of the page table
+        self._centre = np.zeros((1, 2), np.int64)
+        self._looks_ahead = False
         self.drawn = 0
         self.set_terrain(terrain, ())
 
@@ -87,15 +89,23 @@ class AppearanceTextures:
             self._cache = _Cache(source, tiles, pages, texels)
 
     def update(self, view: CameraView, pool: TilePool, budget: TimeBudget) -> None:
-        """Draw tiles of a view, or of where it moves, within a budget; `pool` has the ground's tiles."""
+        """Draw tiles of a view within a budget, but at least one; `pool` has the ground's tiles.
+
+        In motion frames take turns: every second one draws tiles ahead of the camera if none is missing.
+        """
         if (cache := self._cache) is None:
             return
-        cache.tiles.select(view, pool, cache.source.occupied)
+        self._looks_ahead = any(view.velocity) and not self._looks_ahead
+        if not self._looks_ahead:
+            cache.tiles.select(view, pool, cache.source.occupied)
         codes = cache.tiles.pending()
-        if not codes.size and any(view.velocity):
+        if self._looks_ahead and not codes.size:
             ahead = cache.tiles.needed(view.extrapolated(AHEAD), pool, cache.source.occupied)
             codes = cache.tiles.pending(ahead)
-        self._rate.run(budget, lambda count: self._draw(cache, codes[:count]), count=min(len(codes), BATCH))
+        if codes.size:
+            codes, before = codes[: min(max(self._rate.steps_within(budget), 1), BATCH)], budget.spent
+            self._draw(cache, codes)
+            self._rate.record(len(codes), budget.spent - before)
 
     def converge(self, view: CameraView, pool: TilePool) -> None:
         """Draw all tiles of a view."""
@@ -110,14 +120,14 @@ class AppearanceTextures:
         """Return the uniforms of appearance.glsl for an eye (m), and write its page table."""
         if (cache := self._cache) is None:
             return {}
-        state = (cache.tiles, cache.tiles.changes, eye)
-        if state != self._written:
-            table, tiles, place = cache.tiles.page_table(eye)
+        state = (cache.tiles, cache.tiles.changes)
+        if state != self._state or not cache.tiles.shows(self._centre, eye):
+            table, self._centre = cache.tiles.page_table(eye)
             cache.pages.write(table.tobytes())
-            self._written = state
-            rows = {"appearance_tile": tiles, "appearance_place": place}
-            self._eye_tiles = {name: [tuple(row) for row in each.tolist()] for name, each in rows.items()}
-        return {**self._eye_tiles, "appearance_width": cache.tiles.extent}
+            self._state = state
+        tile, place = ([tuple(row) for row in each.tolist()] for each in cache.tiles.tiles_at(eye))
+        uniforms: dict[str, object] = {"appearance_tile": tile, "appearance_place": place}
+        return {**uniforms, "appearance_width": cache.tiles.extent}
 
     def _draw(self, cache: _Cache, codes: Int64Array) -> None:
         drawn = premultiplied(cache.source.tiles(np.stack(decode(codes), axis=-1)))
@@ -132,6 +142,17 @@ class AppearanceTextures:
 
 def premultiplied(tiles: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
     """Return tiles (…, 4) with √albedo times the share, so that filters mix what is painted only."""
-    share = tiles[..., 3:].astype(np.uint16)
-    colour = (tiles[..., :3] * (share + (share > 0)) + (share < 255) * np.uint16(127)) >> 8
-    return np.concatenate([colour.astype(np.uint8), tiles[..., 3:]], axis=-1)
+    result = np.empty(tiles.shape, np.uint8)
+    _premultiply(np.ascontiguousarray(tiles).reshape(-1, 4), result.reshape(-1, 4))
+    return result
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator] # numba has no types
+def _premultiply(texels: npt.NDArray[np.uint8], result: npt.NDArray[np.uint8]) -> None:
+    for number in range(len(texels)):
+        share = np.uint32(texels[number, 3])
+        for channel in range(3):
+            result[number, channel] = (
+                np.uint32(texels[number, channel]) * share + np.uint32(127)
+            ) // np.uint32(255)
+        result[number, 3] = share

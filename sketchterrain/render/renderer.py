@@ -278,10 +278,11 @@ class Renderer:
             draw_distance=draw_distance,
         )
         left = max(budget - tiles.generation_seconds, budget * OTHERS_SHARE[self._turn])
-        if appearance and self.stream.view is not None:
-            most = JUMP_BUDGET if tiles.jumped else 0.5 * left
-            spent = TimeBudget(most, timer=self._timer)
-            appearance.update(self.stream.view, self.stream.tiles.pool, spent)
+        if appearance and (seen := self.stream.view) is not None:
+            if any(seen.velocity):  # as small as it is drawn
+                seen = replace(seen, pixels_per_radian=seen.pixels_per_radian * self._scale)
+            spent = TimeBudget(JUMP_BUDGET if tiles.jumped else 0.5 * left, timer=self._timer)
+            appearance.update(seen, self.stream.tiles.pool, spent)
             left = max(left - spent.spent, 0.0)
         remaining = TimeBudget(left, timer=self._timer)
         lit.update(view, elapsed, remaining.fraction(0.5))

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
-from sketchterrain.tiles.lod import CameraView, eye_distances, horizontal_distances
-from sketchterrain.tiles.quadtree import boxes_of, children_of, code_of, contains, decode, index_in
+from sketchterrain.tiles.lod import CameraView, eye_distances
+from sketchterrain.tiles.quadtree import Boxes, boxes_of, code_of, contains, decode, index_in
 from sketchterrain.tiles.refinement import ROOT_LEVEL
 from sketchterrain.tiles.tile_pool import TilePool
 
@@ -75,33 +76,35 @@ class AppearanceTiles:
         far = min(view.draw_distance, _FARTHEST * self.extent)
         edges = np.floor((np.array(view.eye[:2])[:, None] + [-far, far]) / self.extent).astype(np.int64)
         columns, rows = np.meshgrid(*(np.arange(first, last + 1) for first, last in edges))
-        codes = code_of(0, columns.ravel(), rows.ravel())
-        low, high = np.full(len(codes), -_ANY_HEIGHT), np.full(len(codes), _ANY_HEIGHT)
-        found, urgency, empty = [codes[:0]], [np.zeros(0)], [codes[:0]]
+        column, row = columns.ravel(), rows.ravel()
+        low, high = np.full(column.size, -_ANY_HEIGHT), np.full(column.size, _ANY_HEIGHT)
         bottom, top = pool.bottom - pool.error, pool.top + pool.error
+        found, urgency, empty = [column[:0]], [low[:0]], [column[:0]]
         for level in range(ROOT_LEVEL, self.finest + 1):
-            above = min(level, 0)
-            _, column, row = decode(codes)
-            at = pool.find(code_of(level, column >> -above, row >> -above))
+            above, width = max(-level, 0), self.extent * 2.0**-level
+            codes = code_of(level, column >> above, row >> above)
+            at = pool.find(codes)
             known = at >= 0  # others lie between the heights of their parents
             low[known], high[known] = bottom[at[known]], top[at[known]]
             if level < 0:
                 continue
-            boxes = boxes_of(codes, self.extent, low, high)
+            corner = np.stack([column * width, row * width, low], axis=-1)
+            boxes = Boxes(corner, np.stack([corner[:, 0] + width, corner[:, 1] + width, high], axis=-1))
             distance, _ = eye_distances(view, boxes)
-            seen = (distance < self.reach(view, level)) & view.sees(boxes, margin=_MARGIN * distance)
-            seen &= horizontal_distances(view, boxes)[0] <= view.draw_distance
-            here = np.flatnonzero(seen)
-            is_full = occupied(np.stack(decode(codes[here]), axis=-1)) if here.size else seen[here]
+            reach = self.reach(view, level)
+            here = np.flatnonzero((distance < reach) & view.sees(boxes, margin=_MARGIN * distance))
+            if not here.size:
+                break
+            keys = np.stack([np.full(here.size, level), column[here], row[here]], axis=-1)
+            is_full = occupied(keys)
             empty.append(codes[here[~is_full]])
             here = here[is_full]
             found.append(codes[here])
-            urgency.append(distance[here] / min(self.reach(view, level), 1e12))
+            urgency.append(distance[here] / min(reach, 1e12))
             here = here[distance[here] < self.reach(view, level + 1)]
-            codes = children_of(codes[here]).ravel()
+            column = (2 * column[here, None] + [0, 1, 0, 1]).ravel()
+            row = (2 * row[here, None] + [0, 0, 1, 1]).ravel()
             low, high = np.repeat(low[here], 4), np.repeat(high[here], 4)
-            if not codes.size:
-                break
         codes = np.concatenate(found)[np.argsort(np.concatenate(urgency), kind="stable")]
         at = index_in(self._records["code"], codes)
         takes_slot = np.ones(len(codes), np.bool_)
@@ -158,16 +161,14 @@ class AppearanceTiles:
         self._records["is_stale"] |= meets.all(axis=-1).any(axis=-1)
         self._keep(~self._records["is_stale"] | (self._records["used"] == self._time))
 
-    def page_table(self, eye: Sequence[float]) -> tuple[npt.NDArray[np.uint32], Int64Array, Float64Array]:
-        """Return pages, and by level the eye's tile (column, row) and place in it (0 … 1).
+    def page_table(self, eye: Sequence[float]) -> tuple[npt.NDArray[np.uint32], Int64Array]:
+        """Return pages, and by level the tile (column, row) that they are around.
 
         Pages are (levels, `PAGES`, `PAGES`, 2), a tile's at its row and column modulo `PAGES`: the slot + 1
         of the finest tile that covers it, + 2¹⁶ times its level, or 0 and its one colour (red, green, blue,
         share).
         """
-        levels = np.arange(self.finest + 1)
-        place = np.array(eye[:2]) / (self.extent * np.exp2(-levels.astype(np.float64)))[:, None]
-        tiles = np.floor(place).astype(np.int64)
+        centre = self.tiles_at(eye)[0]
         at = index_in(self._records["code"], self._needed.codes)
         codes, records = self._needed.codes[at >= 0], self._records[at[at >= 0]]
         level, column, row = decode(np.concatenate([codes, self._needed.empty]))
@@ -175,19 +176,31 @@ class AppearanceTiles:
         own = level[: len(codes)] << 16
         value[: len(codes), 0] = np.where(records["slot"] < 0, 0, records["slot"] + 1 + own)
         value[: len(codes), 1] = records["colour"]
-        table = np.zeros((len(levels), PAGES, PAGES, 2), np.uint32)
-        index = np.arange(PAGES)
-        for each in levels.tolist():
+        table = np.zeros((len(centre), PAGES, PAGES), np.uint64)
+        away = np.abs(np.stack([column, row], axis=-1) - centre[level]).max(axis=1, initial=0)
+        inside = np.flatnonzero(away < PAGES // 2)
+        inside = inside[np.argsort(level[inside], kind="stable")]
+        first = np.searchsorted(level[inside], np.arange(len(centre) + 1))
+        column, row, words = column[inside] % PAGES, row[inside] % PAGES, value[inside].view(np.uint64)[:, 0]
+        west_south = centre[:, :, None] - PAGES // 2
+        above = ((west_south + (np.arange(PAGES) - west_south) % PAGES) >> 1) % PAGES
+        for each, (start, end) in enumerate(pairwise(first.tolist())):
             if each:
-                first = tiles[each] - PAGES // 2
-                above = (first[:, None] + (index - first[:, None]) % PAGES) >> 1
-                table[each] = table[each - 1][np.ix_(above[1] % PAGES, above[0] % PAGES)]
-            inside = level == each
-            inside &= (np.abs(column - tiles[each, 0]) < PAGES // 2) & (
-                np.abs(row - tiles[each, 1]) < PAGES // 2
-            )
-            table[each, row[inside] % PAGES, column[inside] % PAGES] = value[inside]
-        return table, tiles, place - tiles
+                table[each] = table[each - 1].take(above[each, 1], axis=0).take(above[each, 0], axis=1)
+            table[each, row[start:end], column[start:end]] = words[start:end]
+        return table.view(np.uint32).reshape(*table.shape, 2), centre
+
+    def tiles_at(self, eye: Sequence[float]) -> tuple[Int64Array, Float64Array]:
+        """Return by level the tile (column, row) that an eye is over, and where in it (0 … 1)."""
+        levels = np.arange(self.finest + 1, dtype=np.float64)
+        place = np.array(eye[:2]) / (self.extent * np.exp2(-levels))[:, None]
+        tiles = np.floor(place)
+        return tiles.astype(np.int64), place - tiles
+
+    def shows(self, centre: Int64Array, eye: Sequence[float]) -> bool:
+        """Return whether the pages around tiles serve an eye: it is near, at levels that are needed."""
+        used = int(decode(self._needed.codes)[0].max(initial=0)) + 1
+        return bool(np.abs(self.tiles_at(eye)[0] - centre)[:used].max() <= PAGES // 8)
 
     @property
     def _free(self) -> Int64Array:

@@ -64,7 +64,7 @@ def read_tiles(view, position, sine, taps, finest):
     texel = PIXELS * least * np.maximum(1.0 / sine / taps, 1.0)
     level = np.ceil(np.log2(EXTENT / ((TEXELS - 2) * texel)))
     farthest = np.abs(position[:, :2]).max(axis=1)
-    level = np.minimum(level, np.floor(np.log2((PAGES // 2 - 1) * EXTENT / farthest)))
+    level = np.minimum(level, np.floor(np.log2((3 * PAGES // 8 - 1) * EXTENT / farthest)))
     level = np.clip(level, 0, finest).astype(np.int64)
     place = (np.array(view.eye[:2]) + position[:, :2]) / (EXTENT * 2.0**-level)[:, None]
     return code_of(level, *np.floor(place).astype(np.int64).T)
@@ -148,8 +148,13 @@ def test_the_budget_holds_and_pages_show_the_finest_tile_that_is_there():
         np.testing.assert_array_equal(painter.content[slots], records["code"][records["slot"] >= 0])
         assert len(records) <= 8 * 40
         needed = tiles._needed
-        table, centre, place = tiles.page_table(eye)
-        assert ((place >= 0.0) & (place < 1.0)).all()
+        table, centre = tiles.page_table(eye)
+        at, place = tiles.tiles_at(eye)
+        np.testing.assert_array_equal(at, centre)
+        width = EXTENT * 0.5 ** np.arange(tiles.finest + 1)[:, None]
+        np.testing.assert_allclose((at + place) * width, np.tile(eye[:2], (len(at), 1)))
+        assert tiles.shows(centre, eye)
+        assert not tiles.shows(centre, (eye[0] + 9.0 * EXTENT, eye[1]))
         known = set(needed.codes.tolist()) & set(records["code"].tolist())
         empty = set(needed.empty.tolist())
         for level in rng.integers(0, tiles.finest + 1, 12).tolist():

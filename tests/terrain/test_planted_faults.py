@@ -17,6 +17,7 @@ import pytest
 
 from sketchterrain.document.layers import DENSITY
 from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
+from sketchterrain.landuse.areas import LandUse
 from sketchterrain.placement import differences as row_differences
 from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES
 from sketchterrain.placement.fill import Fill
@@ -26,6 +27,7 @@ from sketchterrain.terrain.changes import EVERYWHERE
 from sketchterrain.terrain.layers import corridors, relief
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.dunes import DunesLayer
+from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.layers.layer import TerrainLayer, WorldSettings
 from sketchterrain.terrain.layers.points import PointsLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer, UnpaintedNodes
@@ -287,6 +289,29 @@ def fill_part(name: str) -> Part:
     )
 
 
+def land_part(name: str) -> Part:
+    """Return a column of areas of land use."""
+    difference = LandUse.difference
+
+    def changed(recipe: TerrainRecipe) -> TerrainRecipe:
+        layer = recipe[LandUseLayer]
+        value = getattr(layer.areas, name)
+        other = (value + 1) % 4 if name in ("use", "crop") else 0.8 * value
+        moved = value + 3.0 if name == "edges" else other
+        areas = replace(layer.areas, **{name: moved.astype(value.dtype)})
+        return recipe.with_layers([replace(layer, areas=areas)])
+
+    def without(new: LandUse, old: LandUse) -> Any:
+        return difference(replace(new, **{name: getattr(old, name)}), old)
+
+    def plant(patch: pytest.MonkeyPatch) -> None:
+        patch.setattr(LandUse, "difference", without)
+
+    has_effect = name not in ("direction", "conifers")  # only on plants
+    value = lambda recipe: getattr(recipe[LandUseLayer].areas, name)  # noqa: E731
+    return Part(f"land use.{name}", changed, plant, has_effect, value)
+
+
 def style_part() -> Part:
     """Return the styles of dunes, changed with those of the features that have them."""
 
@@ -371,9 +396,10 @@ def parts_of(recipe: TerrainRecipe) -> list[Part]:
                 continue
             parts = paths(getattr(layer, name)) if isinstance(layer, ReliefLayer) else [()]
             found += [key_part(type(layer), (name, *part)) for part in parts]
-        if not isinstance(layer, PointsLayer | CorridorsLayer | DunesLayer):
+        if not isinstance(layer, PointsLayer | CorridorsLayer | DunesLayer | LandUseLayer):
             found += item_parts(layer)
     found += [style_part()]
+    found += [land_part(name) for name in ("use", "crop", "direction", "density", "conifers", "edges")]
     found += [feature_part(column) for column in FEATURE.names]
     found += [fill_part(each.name) for each in fields(Fill)]
     found += [
@@ -396,7 +422,7 @@ def parts_of(recipe: TerrainRecipe) -> list[Part]:
 
 @pytest.fixture(scope="module")
 def terrain(context) -> Terrain:
-    """Return a terrain with shapes in every layer, features elsewhere, dunes of two styles, a road, a pad."""
+    """Return a terrain with shapes in every layer, features elsewhere, dunes of two styles, and vectors."""
     sketch = random_sketch(np.random.default_rng(12), share=1.0)
     labels, dunes = {}, np.array(sketch.layers["dune"])
     for number, label in enumerate((1, 2, 3, 4)):
@@ -407,16 +433,22 @@ def terrain(context) -> Terrain:
     tile = 0.5 * sketch.extent
     way = tile + np.array([[-90.0, -70.0], [15.0, 10.0], [30.0, 120.0]])
     outline = tile + np.array([[38.0, 40.0], [52.0, 40.0], [52.0, 52.0], [38.0, 52.0]])
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    field, woods = tile + 2.0 + 34.0 * square, 0.1 * tile + 0.8 * tile * square
     features = {
-        "road": VectorFeature(LINE, (way,), 1, {"structure": "ground", "grade": 1.0}),
-        "pad": VectorFeature(AREA, (outline,), 1, {}),
+        "road": [VectorFeature(LINE, (way,), 1, {"structure": "ground", "grade": 1.0})],
+        "pad": [VectorFeature(AREA, (outline,), 1, {})],
+        "landuse": [
+            VectorFeature(AREA, (woods,), 1, {"use": "forest", "direction": 30.0, "conifers": 0.5}),
+            VectorFeature(AREA, (field,), 1, {"crop": "maize", "direction": 30.0, "conifers": 0.5}),
+        ],
     }
     sketch = sketch.replace(
         labels=labels,
         density=density,
         climate=climate,
         layers={**sketch.layers, "dune": dunes},
-        vectors={name: VectorLayer(name).edited(add=[each]) for name, each in features.items()},
+        vectors={name: VectorLayer(name).edited(add=each) for name, each in features.items()},
     )
     built = build(sketch, device=context)
     # Rivers are so steep that arcs depend on it.

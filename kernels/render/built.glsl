@@ -11,6 +11,7 @@
 
 uniform vec3 means[LAYERS]; // mean albedo of the layers
 
+const vec3 LINE_ALBEDO = vec3(0.55, 0.55, 0.53);
 const float SUNLIT_ABOVE = 40.0; // m over shaded ground at which its shadow is 1/e
 
 // Share of an interval of half width `half_width` about 0 in one of width `seen` about x.
@@ -42,6 +43,25 @@ void lay_tracks(inout MaterialSample m, vec2 at, float spacing, vec2 seen)
     m.roughness = mix(m.roughness, 0.45, rail);
 }
 
+// Marks of a carriageway, as kernels/appearance.clh paints them on the ground, of its constants.
+//   at     m along the road, and across from the edge of the carriageway
+//   width  of the carriageway, m
+void lay_marks(inout MaterialSample m, vec2 at, float width, vec2 seen)
+{
+    seen = max(seen, vec2(0.02, 0.01));
+    float lanes = max(floor(width / LANE + 0.5), 1.0), lane = width / lanes;
+    float line = covered(abs(at.y - 0.5 * width) - (0.5 * width - LINE_INSET), LINE_HALF, seen.y);
+    float nearest = clamp(floor(at.y / lane + 0.5), 1.0, max(lanes - 1.0, 1.0));
+    float aside = at.y - nearest * lane;
+    float dash = covered(mod(at.x, DASH) - 0.5 * DASH_DUTY * DASH, 0.5 * DASH_DUTY * DASH, seen.x);
+    dash = mix(dash, DASH_DUTY, smoothstep(0.5, 1.0, seen.x / DASH));
+    bool is_centre = lanes > 3.5 && 2.0 * nearest == lanes;
+    float between = is_centre ? covered(abs(aside) - 2.0 * LINE_HALF, LINE_HALF, seen.y)
+                              : covered(aside, LINE_HALF, seen.y) * dash;
+    if (lanes > 1.5) line = max(line, between);
+    m.albedo = mix(m.albedo, LINE_ALBEDO, 0.9 * line);
+}
+
 // Rows of tiles on a roof.
 //   at  m along the eaves, and up
 void lay_tiles(inout MaterialSample m, vec2 at, float seen)
@@ -58,7 +78,7 @@ void lay_tiles(inout MaterialSample m, vec2 at, float seen)
 // Radiance of a built surface at a position (m from the eye).
 //   colour  rgb: √ of its mean albedo; w: 1 if the surface has one, 0 for the ground's own
 //   tone    factor of its light
-//   look    x: layer; y: m between railway tracks, −1: tiles
+//   look    x: layer; y: m between railway tracks, −1: tiles, less: −1 − width of a carriageway with marks
 //   uv      m along and across; seen: width of a pixel in them
 vec3 built_radiance(vec3 position, vec3 n, vec4 colour, float tone, vec2 look, vec2 uv, vec2 seen)
 {
@@ -83,7 +103,8 @@ vec3 built_radiance(vec3 position, vec3 n, vec4 colour, float tone, vec2 look, v
     vec3 own = colour.rgb * colour.rgb / means[layer] * (1.0 + 0.10 * noise.small.w + 0.06 * noise.middle.w);
     m.albedo *= mix(variety(layer, noise.wide, noise.middle, noise.small), own, colour.w);
     if (look.y > 0.0) lay_tracks(m, uv, look.y, seen);
-    if (look.y < 0.0) lay_tiles(m, uv, max(seen.x, seen.y));
+    if (look.y < -1.5) lay_marks(m, uv, -1.0 - look.y, seen);
+    else if (look.y < 0.0) lay_tiles(m, uv, max(seen.x, seen.y));
     vec4 light = ground_light(position.xy);
     float shaded = exp(-max(eye.z + position.z - light.b, 0.0) / SUNLIT_ABOVE);
     return through_air(tone * lit_material(m, position, n, to_eye, 1.0 - (1.0 - light.rg) * shaded), position);

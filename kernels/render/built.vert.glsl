@@ -9,7 +9,7 @@ in vec3 local_position; // m from the anchor
 in vec4 local_normal;   // xyz: normal, 0..1 for -1..1; w: half the tone
 in vec4 vertex_colour;  // rgb: √albedo; w: whether it has one
 in vec2 vertex_uv;      // m
-in vec2 vertex_look;    // layer, and m between railway tracks
+in vec2 vertex_look;    // layer, and what lies on it, as in built_radiance
 
 #if FAR
 out vec3 seen; // radiance

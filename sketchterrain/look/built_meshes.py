@@ -54,7 +54,8 @@ class BuiltPart(NamedTuple):
     uv: Float64Array  # (n, 2) m along and across
     tone: Float64Array  # (n,) factor of its light
     triangles: npt.NDArray[np.uint32]  # (k, 3), counter-clockwise from outside
-    track: float = 0.0  # m between the middles of railway tracks on it; 0: none
+    # m between the middles of railway tracks on it; 0: none; below -1: -1 - width of a marked carriageway
+    track: float = 0.0
     size: float = 0.0  # m, of its details, which nobody sees from afar; 0: its own
 
 

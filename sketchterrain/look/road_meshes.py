@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 CHORD: Final = 0.02  # m, deviation of meshes from arcs and vertical curves
 SHOULDER: Final = "gravel"
+MARKED: Final = 5.0  # m, least width of carriageways of asphalt with marks
 TRACK: Final = 4.4  # m between the middles of railway tracks
 _JUNCTION: Final = 40.0  # m along a leg from a junction where the ground may differ from the road's section
 _MARGIN: Final = 40.0  # m about bridges where others may be below
@@ -107,7 +108,10 @@ def _carriageway(
     tone: Float64Array | float = 1.0,
 ) -> list[BuiltPart]:
     """Return the surface between the edges of the shoulders and carriageway, from left to right."""
-    middle = swept(road.works.surface, lines[1:3], along, tone=tone, track=track_spacing(road))
+    width = 2.0 * float(road.half_width.min())
+    is_marked = road.layer == "road" and road.works.surface == "asphalt" and width >= MARKED
+    track = -1.0 - width if is_marked else track_spacing(road)
+    middle = swept(road.works.surface, lines[1:3], along, tone=tone, track=track)
     if not road.shoulder.any():
         return [middle]
     return [middle, *(swept(beside, pair, along, tone=tone) for pair in (lines[:2], lines[2:]))]

@@ -12,7 +12,9 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Bounds, Float64Array, Int64Array
-from sketchterrain.look.built_meshes import BUILT, MOUTH, BuiltPart
+from sketchterrain.document.layers import LANE_WIDTHS
+from sketchterrain.io.resources import kernel_constants
+from sketchterrain.look.built_meshes import BUILT, MOUTH, BuiltMaterial, BuiltPart
 from sketchterrain.look.road_meshes import built_objects
 from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.render.targets import bands
@@ -38,6 +40,14 @@ _VERTEX_FORMAT: Final = (
     *("3f4 4f1 4f1 2f4 2f4", "local_position", "local_normal"),
     *("vertex_colour", "vertex_uv", "vertex_look"),
 )
+MARKS: Final = {  # macros: constants of the marks of carriageways
+    **{
+        name: f"{kernel_constants('appearance.clh', name)[0]:f}"
+        for name in ("DASH", "DASH_DUTY", "LINE_HALF", "LINE_INSET")
+    },
+    "LANE": f"{LANE_WIDTHS['road']:f}",
+}
+_PAINTED: Final = {"asphalt": BuiltMaterial("asphalt", (0.085, 0.085, 0.088))}  # as appearance.clh paints it
 _TILES: Final = -1.0  # in place of the distance of railway tracks: rows of tiles
 
 
@@ -205,7 +215,7 @@ class BuiltScenery:
                 "meshes": ("built.vert.glsl", "built.frag.glsl"),
                 "meshes far": ("built.vert.glsl", "lit.frag.glsl"),
             }[name]
-            defines = {**self._defines, "FAR": int(name.endswith("far"))}
+            defines = {**MARKS, **self._defines, "FAR": int(name.endswith("far"))}
             self._programs[name] = build_program(self._context, *files, defines=defines)
         return self._programs[name]
 
@@ -307,7 +317,7 @@ def _blocks(parts: Sequence[BuiltPart], layers: Mapping[str, int], origin: Float
         counts = [len(part.position) for part in group]
         looks = []
         for part in group:
-            built = BUILT.get(part.material)
+            built = BUILT.get(part.material) or _PAINTED.get(part.material)
             colour = [0.0] * 4 if built is None else [*np.sqrt(built.colour), 1.0]
             layer = layers.get(built.texture if built else part.material, 0)
             looks.append([*colour, layer, _TILES if part.material == "roof" else part.track])

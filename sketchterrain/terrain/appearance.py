@@ -17,7 +17,7 @@ from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int
 from sketchterrain.document.layers import LANE_WIDTHS
 from sketchterrain.io.resources import kernel_columns
 from sketchterrain.placement.hashing import hash_unit
-from sketchterrain.roads.road_types import GROUND, TUNNEL, RoadNetwork
+from sketchterrain.roads.road_types import BRIDGE, GROUND, Road, RoadNetwork
 from sketchterrain.terrain.centrelines import arc_boxes
 from sketchterrain.terrain.index import BoxIndex, item_lists
 from sketchterrain.terrain.lattice import LATTICE_BITS, metres_per_unit, to_lattice
@@ -39,6 +39,7 @@ _SURFACES: Final = {"asphalt": 0, "gravel": 1, "soil": 2, "rock": 3}
 _RAILS: Final = 4
 _MARKED: Final = 5.0  # m: carriageways of asphalt have marks from this width on
 _FRAY: Final = 0.5  # m by which noise widens roads
+_UNDER: Final = 3.0  # m that roads continue under bridges
 _DEFINES: Final = (("SIDE", str(SIDE)),)
 _MAX_TILES: Final = 64  # in a launch
 _MOST_KNOWN: Final = 1 << 16  # tiles of which it is known whether anything is painted there
@@ -352,7 +353,7 @@ def _clamped_integral(x):  # type: ignore[no-untyped-def]
 def _painted_roads(network: RoadNetwork, extent: float) -> _Painted:
     """Return the pieces of all roads on the ground."""
     roads = [road for road in network.roads if road.structure == GROUND]
-    tunnels = {(road.leg, road.part) for road in network.roads if road.structure == TUNNEL}
+    others = {(road.leg, road.part): road.structure for road in network.roads if road.structure != GROUND}
     lengths: dict[int, float] = defaultdict(float)
     for road in network.roads:
         lengths[road.leg] = max(lengths[road.leg], float(road.along[-1]))
@@ -378,15 +379,36 @@ def _painted_roads(network: RoadNetwork, extent: float) -> _Painted:
         surface = _RAILS if road.layer == "railway" else _SURFACES.get(road.works.surface, 1)
         row[:, _PIECE["piece_surface"]] = surface
         row[:, _PIECE["piece_ends"]] = 4 * gives_way + 8 * gives_way_end
-        row[0, _PIECE["piece_ends"]] += (road.leg, road.part - 1) in tunnels
-        row[-1, _PIECE["piece_ends"]] += 2 * ((road.leg, road.part + 1) in tunnels)
+        row[0, _PIECE["piece_ends"]] += (road.leg, road.part - 1) in others
+        row[-1, _PIECE["piece_ends"]] += 2 * ((road.leg, road.part + 1) in others)
         marked = surface == 0 and 2.0 * float(road.half_width.min()) >= _MARKED
         row[:, _PIECE["piece_marks"]] = marked
         starts.append(road.axis[:-1, :2])
         rows.append(row)
+        for end, step in ((0, -1), (-1, 1)):
+            if others.get((road.leg, road.part + step)) == BRIDGE:
+                place, beyond = _under_bridge(road, row[end], end, step)
+                starts.append(place)
+                rows.append(beyond)
     at, row = to_lattice(np.concatenate(starts), extent), np.concatenate(rows)
     reach = row[:, [_PIECE["piece_from_whole"], _PIECE["piece_to_whole"]]].max(axis=1, initial=0.0) + _FRAY
     return _Painted(at, row, BoxIndex(arc_boxes(at, row[:, :2], row[:, _PIECE["piece_bend"]], reach, unit)))
+
+
+def _under_bridge(road: Road, row: Float64Array, end: int, step: int) -> tuple[Float64Array, Float64Array]:
+    """Return the start (1, 2) and row (1, 16) of a straight piece from an end of a road under a bridge."""
+    turn = -2.0 * step * np.arctan(road.bend[end])
+    cos, sin = _UNDER * np.cos(turn), _UNDER * np.sin(turn)
+    chord = np.array([[cos, -sin], [sin, cos]]) @ row[:2] * np.sqrt(row[2])
+    beyond = row[None].copy()
+    beyond[0, :2], beyond[0, 2] = chord, 1.0 / _UNDER**2
+    for name, values in (("half", road.half_width), ("whole", road.whole_half)):
+        beyond[0, [_PIECE[f"piece_from_{name}"], _PIECE[f"piece_to_{name}"]]] = values[end]
+    beyond[0, _PIECE["piece_bend"]] = 0.0
+    beyond[0, _PIECE["piece_start"]] = road.along[end] - _UNDER * (step < 0)
+    beyond[0, _PIECE["piece_length"]] = _UNDER
+    beyond[0, _PIECE["piece_ends"]] = row[_PIECE["piece_ends"]] // 4 * 4 + (1 if step < 0 else 2)
+    return (road.axis[end, :2] - chord * (step < 0))[None], beyond
 
 
 def _junctions(network: RoadNetwork) -> dict[int, list[tuple[float, bool]]]:

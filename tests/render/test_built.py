@@ -119,6 +119,27 @@ def test_a_tunnel_is_dark_inside_and_a_house_throws_a_shadow():
 
 
 @pytest.mark.gl
+def test_marks_of_a_deck_continue_those_of_the_ground():
+    """Dashes of 3 m begin at multiples of 9 m from the leg's start; edge lines do not end."""
+    deck = make_road(
+        [(440, 250, 12), (560, 250, 12)], structure=BRIDGE, crossfall=np.zeros((2, 2)), start=4.0
+    )
+    camera = Camera((500.0, 249.0, 42.0), (500.0, 250.0, 12.0), near=1.0, far=30_000.0)
+    quality = replace(Quality.from_level(0.0, without=("clouds", "haze", "shadows")), quads=64)
+    shown = picture(RoadNetwork((deck,)), camera, quality)[..., 1]
+    across = {y: round(seen(camera, 500.0, y, z=12.0)[1] - 0.5) for y in (250.0, 251.4, 252.75)}
+    columns = np.arange(20, 220)
+    along = 500.0 + (columns + 0.5 - seen(camera, 500.0, 250.0, z=12.0)[0]) * (
+        10.0 / (seen(camera, 510.0, 250.0, z=12.0)[0] - seen(camera, 500.0, 250.0, z=12.0)[0])
+    )
+    phase = (along - 440.0 + 4.0) % 9.0
+    middle, plain, edge = (shown[row, columns] for row in across.values())
+    assert middle[(phase > 0.5) & (phase < 2.5)].min() > plain.max() + 8
+    assert middle[(phase > 3.5) & (phase < 8.5)].max() <= plain.max() + 4
+    assert edge.min() > plain.max() + 8
+
+
+@pytest.mark.gl
 def test_a_picture_in_parts_is_bit_equal():
     camera = Camera((300.0, 60.0, 90.0), (450.0, 250.0, 30.0), near=1.0, far=30_000.0)
     quality = replace(Quality.from_level(0.5), quads=64)

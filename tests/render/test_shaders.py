@@ -13,6 +13,7 @@ from sketchterrain.look.texture_maker import filtered_roughness
 from sketchterrain.render import clouds, plant_cells, scatter
 from sketchterrain.render import textures as texture_places
 from sketchterrain.render.atmosphere import GROUND
+from sketchterrain.render.built import MARKS
 from sketchterrain.render.clouds import cloud_defines
 from sketchterrain.render.ground import SurfaceMap, TileRenderer
 from sketchterrain.render.material_macros import material_macros
@@ -102,7 +103,7 @@ def test_no_stage_exceeds_the_guaranteed_texture_units(gl):
         build_program(gl, "screen.vert.glsl", "shade_ground.frag.glsl", defines={**defines, **painted}),
         build_program(gl, "rock.vert.glsl", "rock.frag.glsl", defines=defines),
         build_program(gl, "water.vert.glsl", "water.frag.glsl", defines=defines),
-        build_program(gl, "built.vert.glsl", "built.frag.glsl", defines={**defines, "FAR": 0}),
+        build_program(gl, "built.vert.glsl", "built.frag.glsl", defines={**MARKS, **defines, "FAR": 0}),
         build_transform(gl, "grass_plant.vert.glsl", ["foot_height"], defines={**defines, "KIND": 1}),
         build_transform(gl, "rock_place.vert.glsl", ["centre_radius"], defines=defines),
     ]

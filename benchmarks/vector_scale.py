@@ -13,7 +13,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from sketchterrain.array_types import Float64Array
 from sketchterrain.benchmarks.clipped_tree import index_table
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.low_flight import SIZE, TileUpdates, flight_table
@@ -26,6 +25,8 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.document.vector_edits import move_node
+from sketchterrain.document.vectors import VectorLayer
+from sketchterrain.errors import InputError
 from sketchterrain.io.system import peak_memory
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground_stream import view_of
@@ -168,9 +169,7 @@ def _edit_row(side: int, sketch: Sketch, context: TimedContext, count: int) -> R
     updates.converge(view)
     seconds, changed = [], []
     for _ in range(count):
-        at = _corner(sketch, rng)
-        start = perf_counter()
-        layer = move_node(sketch.vectors["landuse"], tuple(at), tuple(at + rng.uniform(-_MOVED, _MOVED, 2)))
+        layer, start = _moved(sketch.vectors["landuse"], rng)
         sketch = sketch.replace(vectors={**sketch.vectors, "landuse": layer})
         times = [start, perf_counter()]
         recipe = make_recipe(sketch, memory=memory)
@@ -192,13 +191,20 @@ def _edit_row(side: int, sketch: Sketch, context: TimedContext, count: int) -> R
     }
 
 
-def _corner(sketch: Sketch, rng: np.random.Generator) -> Float64Array:
-    """Return a random vertex in the middle of a sketch."""
+def _moved(layer: VectorLayer, rng: np.random.Generator) -> tuple[VectorLayer, float]:
+    """Return a layer after a random corner of the middle was moved, and when that began."""
     low = 0.5 * EXTENT - 0.5 * _VIEW
-    near = sketch.vectors["landuse"].pieces_near(low, low, low + _VIEW, low + _VIEW)
+    near = layer.pieces_near(low, low, low + _VIEW, low + _VIEW)
     vertices = np.concatenate([piece.vertices for _, piece in near])
     inside = vertices[((vertices > low) & (vertices < low + _VIEW)).all(axis=1)]
-    return np.asarray(inside[rng.integers(len(inside))])
+    while True:
+        x, y = inside[rng.integers(len(inside))].tolist()
+        east, north = rng.uniform(-_MOVED, _MOVED, 2).tolist()
+        start = perf_counter()
+        try:
+            return move_node(layer, (x, y), (x + east, y + north)), start
+        except InputError:  # an area would touch itself
+            continue
 
 
 def _equal_tiles(one: Terrain, other: Terrain) -> str:

@@ -68,7 +68,7 @@ __kernel void appearance(__global const long2 *corner, REAL texel, REAL metres_p
         const uchar4 below = base[place];
         const REAL4 root = (REAL4)(below.s0, below.s1, below.s2, R(0)) * (R(1) / R(255));
         const Paint ground = {root * root, (REAL)below.s3 * (R(1) / R(255))};
-        paint = over(ground, paint.albedo, paint.share);
+        paint = over(ground, paint.albedo, paint.share * (R(1) - PHOTO_KEPT * ground.share));
     }
 
     RoadPlace best = {R(1e30), R(0), R(0), -1, false};

@@ -36,7 +36,11 @@ _MESSAGE_DELAY = 400  # ms of reading until a message is shown
 _SUFFIX, _SETTINGS = ".sketch", "sketch.toml"
 _OPEN_FILTER = f"Sketches (*{_SUFFIX} {_SETTINGS});;All files (*)"
 _ONE_FILE, _FOLDER = f"Sketch in one file (*{_SUFFIX})", "Sketch as a folder of images (*)"
-_RASTERS = {"Picture beneath the paint (*)": "picture", "Elevation (*)": "elevation"}  # roles
+_RASTERS = {  # roles
+    "Picture beneath the paint (*)": "picture",
+    "Orthophoto on the ground (*)": "orthophoto",
+    "Elevation (*)": "elevation",
+}
 
 
 class Files(QObject):
@@ -179,7 +183,7 @@ class Files(QObject):
         if name and _RASTERS[kind] == "elevation":
             self.elevation_chosen.emit([Path(name)])
         elif name:
-            self.read(Path(name), partial(_read_picture, Path(name)), self._add_raster)
+            self.read(Path(name), partial(_read_picture, Path(name), _RASTERS[kind]), self._add_raster)
 
     def _add_raster(self, found: object) -> None:
         """Add a raster source in one undo step; a sketch without a CRS gets the raster's place."""
@@ -254,10 +258,10 @@ def _load(path: Path) -> Sketch:
     return load_sketch(path)
 
 
-def _read_picture(path: Path) -> tuple[RasterSource, RasterArea | None]:
+def _read_picture(path: Path, role: str) -> tuple[RasterSource, RasterArea | None]:
     from sketchterrain.importing.rasters import raster_area  # GDAL
 
-    source = raster_source(path, "picture")
+    source = raster_source(path, role)
     return source, raster_area(source)
 
 

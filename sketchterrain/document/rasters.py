@@ -38,8 +38,9 @@ RASTER: Final = parameter_table(
         form=(r"(?:[^\0.]*\.){0,200}[^\0.]*", "a path of 1 to 4096 characters"),
     ),
     Parameter(
-        *("role", str, "picture", 0, 10, "", "what it is for: a picture lies beneath the paint"),
-        choices=("elevation", "picture"),
+        *("role", str, "picture", 0, 10, ""),
+        help="what it is for: a picture lies beneath the paint, an orthophoto on the ground",
+        choices=("elevation", "orthophoto", "picture"),
     ),
     Parameter("band", int, 1, 1, 65535, "", "its band; of a picture in colour the first one"),
     Parameter(

@@ -1,33 +1,16 @@
-"""Raster sources: their place in a metric coordinate system, and pictures resampled to a sketch."""
+"""Raster sources: their place in a metric coordinate system."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
-from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-import rasterio
-from rasterio import CRS, DatasetReader, Env, MemoryFile
-from rasterio._err import CPLE_BaseError
-from rasterio.enums import ColorInterp, Resampling
-from rasterio.errors import RasterioError
 from rasterio.vrt import WarpedVRT
 from rasterio.warp import transform_bounds
-from rasterio.windows import Window
 
-from sketchterrain.document.rasters import RasterSource, raster_problem
-from sketchterrain.document.sketch import Sketch
-from sketchterrain.errors import InputError, one_line
+from sketchterrain.document.rasters import RasterSource
+from sketchterrain.elevation.pictures import open_raster
 from sketchterrain.importing.vector_files import metric_crs_at
-from sketchterrain.io.crs import crs_text, parse_crs
-
-_SIDE = 2048  # px of a picture along the sketch's longer side
-_LOCAL = CRS.from_wkt('LOCAL_CS["local",UNIT["metre",1]]')
-_RGB = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
+from sketchterrain.io.crs import crs_text
 
 
 class RasterArea(NamedTuple):
@@ -37,19 +20,12 @@ class RasterArea(NamedTuple):
     size: tuple[float, float]  # m eastward and northward
 
 
-class RasterPicture(NamedTuple):
-    """A picture in a sketch."""
-
-    pixels: npt.NDArray[np.uint8]  # (rows, columns, 4): sRGB and opacity, not premultiplied
-    box: tuple[float, float, float, float]  # west, south, east, north, m from the sketch's south-west corner
-
-
 def raster_area(source: RasterSource) -> RasterArea | None:
     """Return the area of a raster, in a UTM zone unless its own CRS is metric; None without a CRS.
 
     Raise InputError if it cannot be read.
     """
-    with _open(source) as file:
+    with open_raster(source) as file:
         if file.crs is None:
             return None
         with WarpedVRT(file) as upright:
@@ -58,90 +34,3 @@ def raster_area(source: RasterSource) -> RasterArea | None:
         west, south, east, north = transform_bounds(file.crs, target, west, south, east, north)
         frame = {"crs": crs_text(target), "east": west, "north": south}
         return RasterArea(frame, (east - west, north - south))
-
-
-def read_picture(source: RasterSource, sketch: Sketch) -> RasterPicture:
-    """Return the part of a picture inside a sketch, at the resolution of a canvas.
-
-    Without a georeference it covers the sketch; without a CRS its coordinates are those of the sketch's
-    frame. Raise InputError if it cannot be read or has no place in the sketch.
-    """
-    frame, (width, height) = sketch.frame, sketch.size
-    with _open(source) as file:
-        if file.crs is None and file.transform.is_identity:
-            box = 0.0, 0.0, width, height
-            return RasterPicture(_pixels(file, source.band, _shape(box, sketch)), box)
-        if file.crs is not None and not frame["crs"]:
-            raise InputError(f"{_place(source)}: expected a sketch with a CRS, [frame] has none")
-        target = parse_crs(frame["crs"]) if frame["crs"] else _LOCAL
-        has_mask = file.nodata is not None or ColorInterp.alpha in file.colorinterp
-        options = {"resampling": _resampling(file, source.band), "add_alpha": not has_mask}
-        with WarpedVRT(file, src_crs=file.crs or target, crs=target, **options) as warped:
-            east, north, bounds = frame["east"], frame["north"], warped.bounds
-            left, right = max(bounds.left - east, 0.0), min(bounds.right - east, width)
-            bottom, top = max(bounds.bottom - north, 0.0), min(bounds.top - north, height)
-            if left >= right or bottom >= top:
-                raise InputError(
-                    f"{_place(source)}: expected a picture inside the sketch, it lies outside of it"
-                )
-            box = left, bottom, right, top
-            window = warped.window(east + left, north + bottom, east + right, north + top)
-            return RasterPicture(_pixels(warped, source.band, _shape(box, sketch), window), box)
-
-
-def _place(source: RasterSource) -> str:
-    return f"raster {one_line(source.path)}"
-
-
-@contextmanager
-def _open(source: RasterSource) -> Iterator[DatasetReader]:
-    """Open a source's file; raise InputError if it, or what is read from it, is unreadable."""
-    # GDAL would take names of files that do not exist for addresses.
-    if source.content is None and not Path(source.path).is_file():
-        raise InputError(raster_problem(source))
-    try:
-        with ExitStack() as stack, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a picture without a georeference
-            stack.enter_context(Env())
-            if source.content is None:
-                file = stack.enter_context(rasterio.open(Path(source.path)))
-            else:
-                file = stack.enter_context(stack.enter_context(MemoryFile(source.content)).open())
-            if source.band > file.count:
-                raise InputError(f"{_place(source)}: band = {source.band}: expected 1 to {file.count}")
-            yield file
-    except (RasterioError, CPLE_BaseError, OSError, ValueError, MemoryError) as error:
-        raise InputError(f"{_place(source)}: cannot be read as a raster ({one_line(error)[:160]})") from None
-
-
-def _shape(box: tuple[float, float, float, float], sketch: Sketch) -> tuple[int, int]:
-    """Return the rows and columns of a picture in a box (m) of a sketch."""
-    west, south, east, north = box
-    rows, columns = (max(round(_SIDE * side / sketch.extent), 1) for side in (north - south, east - west))
-    return rows, columns
-
-
-def _resampling(file: DatasetReader, band: int) -> Resampling:
-    is_indexed = file.colorinterp[band - 1] == ColorInterp.palette
-    return Resampling.nearest if is_indexed else Resampling.average
-
-
-def _pixels(
-    file: DatasetReader, band: int, shape: tuple[int, int], window: Window | None = None
-) -> npt.NDArray[np.uint8]:
-    """Return sRGB and opacity, (rows, columns, 4), of bands in colour, of indices, or in grey."""
-    is_rgb = file.dtypes[band - 1] == "uint8" and file.colorinterp[band - 1 : band + 2] == _RGB
-    indexes = [band, band + 1, band + 2] if is_rgb else [band]
-    bands = file.read(indexes, window=window, out_shape=shape, resampling=_resampling(file, band))
-    mask = file.read_masks(indexes, window=window, out_shape=shape).max(axis=0)
-    if file.colorinterp[band - 1] == ColorInterp.palette:
-        table = np.zeros((256, 3), np.uint8)
-        for index, colour in file.colormap(band).items():
-            table[index] = colour[:3]
-        bands = table[bands[0].astype(np.uint8)].transpose(2, 0, 1)
-    elif bands.dtype != np.uint8:  # stretched over its range
-        values = np.ma.masked_where(mask == 0, np.ma.masked_invalid(bands[0].astype(np.float64)))
-        low, high = (values.min(), values.max()) if values.count() else (0.0, 1.0)
-        bands = (255.0 * (values - low) / max(high - low, 1e-30)).filled(0.0).astype(np.uint8)[None]
-        mask = np.where(np.ma.getmaskarray(values), np.uint8(0), mask)
-    return np.stack([*np.broadcast_to(bands, (3, *mask.shape)), mask], axis=-1)

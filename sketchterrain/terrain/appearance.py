@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import compress
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array, LatticeArray
-from sketchterrain.document.layers import LANE_WIDTHS
-from sketchterrain.io.resources import kernel_columns
+from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.placement.hashing import hash_unit
-from sketchterrain.roads.road_types import BRIDGE, GROUND, Road, RoadNetwork
-from sketchterrain.terrain.centrelines import arc_boxes
 from sketchterrain.terrain.index import BoxIndex, item_lists
 from sketchterrain.terrain.lattice import LATTICE_BITS, metres_per_unit, to_lattice
 from sketchterrain.terrain.layers.landuse import LandUseLayer
+from sketchterrain.terrain.painted_roads import PaintedRoads, painted_roads
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
@@ -32,30 +29,12 @@ SIDE: Final = 192
 _BLOCK: Final = 32  # texels along the side of a group with lists of its own
 _COARSE: Final = 24.0  # m: texels from which on areas are summed up on the host
 _FILE: Final = "appearance.cl"
-_PIECE: Final = kernel_columns("appearance.clh", "PaintedRoad")
 _AREA: Final = kernel_columns("appearance.clh", "PaintedArea")
+(_PHOTO_KEPT,) = kernel_constants("appearance.clh", "PHOTO_KEPT")
 _NOISE: Final = (60.0, 7.0, 0.7)  # m
-_SURFACES: Final = {"asphalt": 0, "gravel": 1, "soil": 2, "rock": 3}
-_RAILS: Final = 4
-_MARKED: Final = 5.0  # m: carriageways of asphalt have marks from this width on
-_FRAY: Final = 0.5  # m by which noise widens roads
-_UNDER: Final = 3.0  # m that roads continue under bridges
 _DEFINES: Final = (("SIDE", str(SIDE)),)
 _MAX_TILES: Final = 64  # in a launch
 _MOST_KNOWN: Final = 1 << 16  # tiles of which it is known whether anything is painted there
-
-
-class _Painted(NamedTuple):
-    """Items as the kernel reads them, and the index of their boxes."""
-
-    at: LatticeArray
-    row: Float64Array
-    boxes: BoxIndex
-
-    def as_bytes(self) -> npt.NDArray[np.void]:
-        """Return each item as one value."""
-        rows = np.column_stack([self.at.view(np.float64), self.row])
-        return np.ascontiguousarray(rows).view(np.dtype((np.void, rows.itemsize * rows.shape[1]))).ravel()
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +57,7 @@ class Appearance:
     @cached_property
     def is_empty(self) -> bool:
         """Whether nothing is painted anywhere."""
-        return not len(self.recipe.landuse) and not len(self._roads.at)
+        return not (len(self.recipe.landuse) or len(self._roads.at) or self.recipe.orthophotos)
 
     def updated(self, recipe: TerrainRecipe, heights: Callable[..., Float32Array]) -> Appearance:
         """Return the appearance of a changed recipe; what depends on unchanged roads and areas is shared."""
@@ -106,6 +85,8 @@ class Appearance:
                 boxes.append(np.asarray(one.boxes.boxes[~kept] * unit, np.float64))
         removed, added = self.recipe.landuse.difference(old.recipe.landuse)
         boxes += [old.recipe.landuse.boxes[removed], self.recipe.landuse.boxes[added]]
+        photos, before = self.recipe.orthophotos, old.recipe.orthophotos
+        boxes += [np.array([each.box]) for each in (*photos, *before) if photos != before]
         return np.concatenate(boxes)
 
     def texel(self, level: int) -> float:
@@ -122,7 +103,12 @@ class Appearance:
         if new.any():
             boxes = _blocks(_corners(tiles[new]), np.exp2(LATTICE_BITS - tiles[new, 0]) / (SIDE - 2), 1)
             found = np.zeros(len(boxes), np.bool_)
-            for index in (self._roads.boxes, self._areas):
+            photos = BoxIndex(
+                to_lattice(
+                    np.array([each.box for each in self.recipe.orthophotos]).reshape(-1, 4), self.extent
+                )
+            )
+            for index in (self._roads.boxes, self._areas, photos):
                 if len(index):
                     found[np.unique(index.touching(boxes)[0])] = True
             known.update(zip(compress(names, new), found.tolist(), strict=True))
@@ -193,7 +179,7 @@ class Appearance:
         )
         place, *buffers = (context.upload(array) for array in arrays)
         result = context.empty(shape, np.uint8)
-        base = np.stack([self._coarse(corner, texel) for corner in corners]) if is_coarse else None
+        base = self._base(corners, texel)
         bits = np.array([max(round(np.log2(scale / unit)), 0) for scale in _NOISE] + [0], np.int32)
         context.launch(
             *(
@@ -206,15 +192,15 @@ class Appearance:
                 bits,
                 *buffers,
             ),
-            *(np.int32(is_coarse), result if base is None else context.upload(base), result),
+            *(np.int32(base is not None), result if base is None else context.upload(base), result),
             group=(_BLOCK, 1, 1),
             defines=_DEFINES,
         )
         return context.download(result, shape, np.uint8)
 
     @cached_property
-    def _roads(self) -> _Painted:
-        return _painted_roads(self.recipe.network, self.extent)
+    def _roads(self) -> PaintedRoads:
+        return painted_roads(self.recipe.network, self.extent)
 
     @property
     def _areas(self) -> BoxIndex:
@@ -254,8 +240,30 @@ class Appearance:
             known[missing] = use.bearings(missing, self.heights)
         return known[areas]
 
-    def _coarse(self, corner: LatticeArray, texel: float) -> npt.NDArray[np.uint8]:
-        """Return what areas paint in a square of large texels: sums over their edges, exact in colour."""
+    def _base(self, corners: LatticeArray, texel: float) -> npt.NDArray[np.uint8] | None:
+        """Return what lies below roads, and below areas of small texels: photographs, areas of large ones."""
+        photos, is_coarse = self.recipe.orthophotos, texel > _COARSE
+        if not photos and not is_coarse:
+            return None
+        result = np.zeros((len(corners), SIDE, SIDE, 4), np.float32)
+        for square, corner in zip(result, corners, strict=True):
+            west, south = corner * metres_per_unit(self.extent) - 0.5 * texel
+            x, y = west + texel * np.arange(SIDE), south + texel * np.arange(SIDE)[::-1]
+            for photo in photos:
+                found = photo.sample(x, y, texel)
+                square += found - square * (found[..., 3:] / 255.0)
+            if is_coarse:
+                land = self._coarse(corner, texel)
+                share = land[..., 3:] * (1.0 - _PHOTO_KEPT * square[..., 3:] / 255.0)
+                square += share * (np.append(255.0 * land[..., :3], np.full_like(share, 255.0), 2) - square)
+        result[..., :3] *= 255.0 / np.maximum(result[..., 3:], 1.0)
+        return np.rint(np.clip(result, 0.0, 255.0)).astype(np.uint8)
+
+    def _coarse(self, corner: LatticeArray, texel: float) -> Float64Array:
+        """Return what areas paint in a square of large texels: sums over their edges, exact in colour.
+
+        √ of the albedo, and the share, (SIDE, SIDE, 4), 0 … 1.
+        """
         context, unit = self.context, metres_per_unit(self.extent)
         real = context.real_dtype
         _, areas = self._areas.touching(_blocks(corner[None], texel / unit, 1))
@@ -273,7 +281,7 @@ class Appearance:
             _sum_edges(edges / texel, np.repeat(colour, form[:, 1], axis=0), total)
         share = np.clip(total[:, :SIDE, 3:], 0.0, 1.0)
         albedo = np.clip(total[:, :SIDE, :3] / np.maximum(total[:, :SIDE, 3:], 1e-6), 0.0, 1.0)
-        return np.rint(255.0 * np.concatenate([np.sqrt(albedo), share], axis=-1)[::-1]).astype(np.uint8)
+        return np.concatenate([np.sqrt(albedo), share], axis=-1)[::-1]
 
 
 def _corners(tiles: Int64Array) -> LatticeArray:
@@ -348,96 +356,3 @@ def _sum_edges(edges, values, total):  # type: ignore[no-untyped-def]
 def _clamped_integral(x):  # type: ignore[no-untyped-def]
     """Return the integral of min(x, 1) from 0, 0 below."""
     return 0.0 if x < 0.0 else 0.5 * x * x if x < 1.0 else x - 0.5
-
-
-def _painted_roads(network: RoadNetwork, extent: float) -> _Painted:
-    """Return the pieces of all roads on the ground."""
-    roads = [road for road in network.roads if road.structure == GROUND]
-    others = {(road.leg, road.part): road.structure for road in network.roads if road.structure != GROUND}
-    lengths: dict[int, float] = defaultdict(float)
-    for road in network.roads:
-        lengths[road.leg] = max(lengths[road.leg], float(road.along[-1]))
-    ends = _junctions(network)
-    unit = metres_per_unit(extent)
-    starts, rows = [np.zeros((0, 2))], [np.zeros((0, 16))]
-    for road in roads:
-        count = len(road.bend)
-        row = np.zeros((count, 16))
-        chord = np.diff(road.axis[:, :2], axis=0)
-        row[:, :2], row[:, 2] = chord, 1.0 / np.maximum((chord**2).sum(axis=1), 1e-12)
-        row[:, _PIECE["piece_bend"]] = road.bend
-        for name, values in (("half", road.half_width), ("whole", road.whole_half)):
-            row[:, _PIECE[f"piece_from_{name}"]] = values[:-1]
-            row[:, _PIECE[f"piece_to_{name}"]] = values[1:]
-        row[:, _PIECE["piece_start"]] = road.along[:-1]
-        row[:, _PIECE["piece_length"]] = np.diff(road.along)
-        (clear, gives_way), (clear_end, gives_way_end) = ends[road.leg]
-        row[:, _PIECE["piece_clear"]] = clear
-        row[:, _PIECE["piece_marked"]] = lengths[road.leg] - clear_end
-        lane = LANE_WIDTHS[road.layer]
-        row[:, _PIECE["piece_lanes"]] = max(round(2.0 * float(road.half_width.mean()) / lane), 1)
-        surface = _RAILS if road.layer == "railway" else _SURFACES.get(road.works.surface, 1)
-        row[:, _PIECE["piece_surface"]] = surface
-        row[:, _PIECE["piece_ends"]] = 4 * gives_way + 8 * gives_way_end
-        row[0, _PIECE["piece_ends"]] += (road.leg, road.part - 1) in others
-        row[-1, _PIECE["piece_ends"]] += 2 * ((road.leg, road.part + 1) in others)
-        marked = surface == 0 and 2.0 * float(road.half_width.min()) >= _MARKED
-        row[:, _PIECE["piece_marks"]] = marked
-        starts.append(road.axis[:-1, :2])
-        rows.append(row)
-        for end, step in ((0, -1), (-1, 1)):
-            if others.get((road.leg, road.part + step)) == BRIDGE:
-                place, beyond = _under_bridge(road, row[end], end, step)
-                starts.append(place)
-                rows.append(beyond)
-    at, row = to_lattice(np.concatenate(starts), extent), np.concatenate(rows)
-    reach = row[:, [_PIECE["piece_from_whole"], _PIECE["piece_to_whole"]]].max(axis=1, initial=0.0) + _FRAY
-    return _Painted(at, row, BoxIndex(arc_boxes(at, row[:, :2], row[:, _PIECE["piece_bend"]], reach, unit)))
-
-
-def _under_bridge(road: Road, row: Float64Array, end: int, step: int) -> tuple[Float64Array, Float64Array]:
-    """Return the start (1, 2) and row (1, 16) of a straight piece from an end of a road under a bridge."""
-    turn = -2.0 * step * np.arctan(road.bend[end])
-    cos, sin = _UNDER * np.cos(turn), _UNDER * np.sin(turn)
-    chord = np.array([[cos, -sin], [sin, cos]]) @ row[:2] * np.sqrt(row[2])
-    beyond = row[None].copy()
-    beyond[0, :2], beyond[0, 2] = chord, 1.0 / _UNDER**2
-    for name, values in (("half", road.half_width), ("whole", road.whole_half)):
-        beyond[0, [_PIECE[f"piece_from_{name}"], _PIECE[f"piece_to_{name}"]]] = values[end]
-    beyond[0, _PIECE["piece_bend"]] = 0.0
-    beyond[0, _PIECE["piece_start"]] = road.along[end] - _UNDER * (step < 0)
-    beyond[0, _PIECE["piece_length"]] = _UNDER
-    beyond[0, _PIECE["piece_ends"]] = row[_PIECE["piece_ends"]] // 4 * 4 + (1 if step < 0 else 2)
-    return (road.axis[end, :2] - chord * (step < 0))[None], beyond
-
-
-def _junctions(network: RoadNetwork) -> dict[int, list[tuple[float, bool]]]:
-    """Return how far (m) marks stay away from each leg's start and end, and whether traffic stops there.
-
-    At a junction of three the two legs that are most nearly straight have the right of way; at larger ones
-    none has.
-    """
-    at_node: dict[tuple[float, float], list[tuple[int, int, float, Float64Array, bool]]] = defaultdict(list)
-    found: dict[int, list[tuple[float, bool]]] = {}
-    for road in network.roads:
-        found.setdefault(road.leg, [(0.0, False), (0.0, False)])
-        for end, (place, inward, ways) in enumerate(((0, 1, road.ends[0]), (-1, -2, road.ends[1]))):
-            if ways < 3:
-                continue
-            ahead = road.axis[inward, :2] - road.axis[place, :2]
-            node = road.axis[place, 0].item(), road.axis[place, 1].item()
-            width = float(road.whole_half[place]) if road.layer == "road" else 0.0
-            at_node[node].append((road.leg, end, width, ahead / np.hypot(*ahead), road.layer == "road"))
-    for arms in at_node.values():
-        through = _through([arm[3] for arm in arms]) if len(arms) == 3 else ()
-        for number, (leg, end, width, _, is_road) in enumerate(arms):
-            others = [arm[2] for k, arm in enumerate(arms) if k != number]
-            gives_way = is_road and number not in through and max(others) > 0.0
-            found[leg][end] = max(*others, width) + 1.0 if max(others) > 0.0 else 0.0, gives_way
-    return found
-
-
-def _through(ways: Sequence[Float64Array]) -> tuple[int, int]:
-    """Return the two of three unit vectors that are most nearly opposite."""
-    pairs = ((0, 1), (0, 2), (1, 2))
-    return min(pairs, key=lambda pair: float(ways[pair[0]] @ ways[pair[1]]))

@@ -47,6 +47,7 @@ from sketchterrain.terrain.layers.roads import RoadsLayer
 from sketchterrain.terrain.layers.sea import SeaLayer
 from sketchterrain.terrain.node_raster import DrainedRaster
 from sketchterrain.terrain.noise import FINEST_CELL
+from sketchterrain.terrain.orthophotos import orthophotos
 from sketchterrain.terrain.painted_ground import (
     COARSE_LEVEL,
     PaintedLand,
@@ -137,7 +138,7 @@ def recipe_of_plan(
     if last is None or last.plan is not plan or not _differ_in_roads(last.sketch, sketch):
         last = _Natural(sketch, plan, _natural_recipe(sketch, plan, memory, checkpoint))
         memory.store(_NATURAL, last)
-    return with_land_use(sketch, with_roads(sketch, last.recipe, memory))
+    return with_land_use(sketch, with_roads(sketch, last.recipe, memory), memory)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,9 +166,10 @@ def _differ_in_roads(one: Sketch, other: Sketch) -> bool:
     )
 
 
-def with_land_use(sketch: Sketch, recipe: TerrainRecipe) -> TerrainRecipe:
-    """Return a terrain with the land use of its sketch."""
-    return recipe.with_layers([LandUseLayer(recipe.materials.names, land_use(sketch))])
+def with_land_use(sketch: Sketch, recipe: TerrainRecipe, memory: LRUCache) -> TerrainRecipe:
+    """Return a terrain with the land use of its sketch, and the photographs beneath it."""
+    layer = LandUseLayer(recipe.materials.names, land_use(sketch))
+    return replace(recipe.with_layers([layer]), orthophotos=orthophotos(sketch, memory))
 
 
 def with_roads(sketch: Sketch, recipe: TerrainRecipe, memory: LRUCache) -> TerrainRecipe:
@@ -241,7 +243,7 @@ def draft_recipe(plan: TerrainPlan, before: TerrainPlan, recipe: TerrainRecipe) 
         [relief, *(recipe[kind] for kind in (PlateausLayer, LakesLayer, CorridorsLayer, SeaLayer))]
     )
     draft = draft.with_layers([recipe[kind] for kind in (LandUseLayer, PadsLayer, RoadsLayer)])
-    return replace(draft, network=recipe.network)
+    return replace(draft, network=recipe.network, orthophotos=recipe.orthophotos)
 
 
 def _streams(sketch: Sketch, plan: TerrainPlan, recipe: TerrainRecipe, memory: LRUCache) -> list[RiverCourse]:

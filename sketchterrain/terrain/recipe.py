@@ -26,6 +26,7 @@ from sketchterrain.terrain.layers.plateaus import PlateausLayer
 from sketchterrain.terrain.layers.points import PointsLayer
 from sketchterrain.terrain.layers.sea import SeaLayer
 from sketchterrain.terrain.noise import FINEST_CELL, NoiseStack, OctaveTable, octave_table
+from sketchterrain.terrain.orthophotos import Orthophoto
 
 if TYPE_CHECKING:
     from sketchterrain.hydrology.conflicts import Resolution
@@ -56,6 +57,8 @@ class TerrainRecipe:
         Decisions where layers contradict each other, one line and a position each.
     orphans : tuple of str
         Edits of features that no longer exist, one line each.
+    orthophotos : tuple of Orthophoto
+        Photographs of the ground, which change its colour only.
     network : RoadNetwork
         Roads, railways, paths, pads and walls.
     """
@@ -67,6 +70,7 @@ class TerrainRecipe:
     material_rules: tuple[MaterialRule, ...] = DEFAULT_RULES
     resolutions: tuple[Resolution, ...] = ()
     orphans: tuple[str, ...] = ()
+    orthophotos: tuple[Orthophoto, ...] = ()
     network: RoadNetwork = NO_ROADS
 
     def __getstate__(self) -> dict[str, Any]:

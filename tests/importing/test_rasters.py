@@ -1,5 +1,6 @@
 """Raster sources: their area, and pictures resampled to a sketch."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,10 @@ from PIL import Image
 
 from sketchterrain.document.rasters import RasterSource, embedded
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.elevation.pictures import read_picture
 from sketchterrain.errors import InputError
-from sketchterrain.importing.rasters import raster_area, read_picture
+from sketchterrain.importing.rasters import raster_area
+from sketchterrain.terrain.building import build
 
 RED, GREEN = (200, 30, 40, 255), (20, 180, 60, 255)
 UTM = {"crs": "EPSG:25832", "east": 600000.0, "north": 5269000.0}
@@ -61,6 +64,23 @@ def test_areas_are_metric(halves, written):
     assert raster_area(halves("EPSG:3857")).frame["crs"] == "EPSG:32631"  # its metres are no metres
     for each in (area, degrees):
         Sketch(frame=each.frame, extent=max(each.size))
+
+
+def test_orthophotos_colour_the_ground(halves, tmp_path) -> None:
+    """Where they lie, and without a change of a height; one that is missing is left out."""
+    frame = UTM | {"east": 600500.0, "north": 5268500.0}
+    source = replace(halves(), role="orthophoto")
+    bare = Sketch(frame=frame, extent=4000.0)
+    sketch = bare.replace(rasters=(source, RasterSource(str(tmp_path / "none.tif"), "orthophoto")))
+    terrain, plain = build(sketch), build(bare)
+    assert plain.appearance.is_empty
+    window = terrain.appearance.window(100.0, 600.0, cell=(100.0, 100.0), columns=18, rows=1)[0]
+    assert (window[:3, 0] > 2 * window[:3, 1]).all()  # red
+    assert (window[6:13, 1] > 2 * window[6:13, 0]).all()
+    assert (window[[0, 3, 6, 12], 3] > 250).all()
+    assert (window[16:, 3] == 0).all()
+    x, y = np.random.default_rng(1).uniform(0, 4000, (2, 50))
+    np.testing.assert_array_equal(terrain.heights(x, y), plain.heights(x, y))
 
 
 def test_pictures_lie_where_their_georeference_says(halves):

@@ -16,6 +16,7 @@ from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.terrain.appearance import SIDE, Appearance
 from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.layers.layer import WorldSettings
+from sketchterrain.terrain.orthophotos import Orthophoto
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 from ..sample_roads import make_road
@@ -314,6 +315,36 @@ def test_an_edit_gives_the_texels_of_a_new_appearance() -> None:
         assert changed.any()
         assert not (changed & ~touched).any()
         assert touched.sum() < len(keys) // 2
+
+
+def test_photographs_lie_beneath_what_is_painted() -> None:
+    """Their pixels are those of the texels, at the finest and at coarser levels, and roads lie on them."""
+    pixels = np.zeros((64, 128, 4), np.uint8)
+    pixels[:, :64] = (255, 0, 0, 255)
+    pixels[:32, 64:] = (0, 0, 255, 255)  # the south-east is transparent
+    photo = Orthophoto(pixels, (1000.0, 1000.0, 2280.0, 1640.0))
+    paint = appearance(roads=[make_road([(900, 1320, 0), (2400, 1320, 0)], shoulder=0.0)])
+    paint = Appearance(replace(paint.recipe, orthophotos=(photo,)), paint.context, paint.heights)
+    for texel in (5.0, 40.0):
+        window = paint.window(
+            900.0, 1700.0, cell=(texel, texel), columns=int(1500 / texel), rows=int(800 / texel)
+        )
+        x = 900.0 + texel * np.arange(window.shape[1])
+        y = (1700.0 - texel * np.arange(window.shape[0]))[:, None]
+        road = np.abs(y - 1320.0) < 4.0 + texel
+        inner = (x > 1000 + texel) & (y > 1000 + texel) & (y < 1640 - texel) & ~road
+        red = inner & (x < 1640 - 2 * texel)
+        blue = inner & (x > 1640 + 2 * texel) & (x < 2280 - texel) & (y > 1320 + texel)
+        assert red.any()
+        assert blue.any()
+        assert (window[red][:, [0, 3]] > [180, 250]).all()
+        assert (window[red][:, 1:3] < 5).all()
+        assert (window[blue][:, 2:] > [180, 250]).all()
+        clear = (x > 1640 + 2 * texel) & (y < 1320 - 2 * texel)
+        assert (window[clear][:, 3] < 5).all()
+    on_road = paint.window(1500.0, 1320.3, cell=(0.5, 0.5), columns=10, rows=2)
+    assert (on_road[..., 0] < 110).all()
+    assert paint.occupied([(4, 4, 4), (4, 15, 15)]).tolist() == [True, False]
 
 
 def test_nothing_is_painted_without_vectors() -> None:

@@ -18,7 +18,7 @@ from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.elevation import Hillshade, SketchElevation
 
 if TYPE_CHECKING:
-    from sketchterrain.importing.rasters import RasterPicture
+    from sketchterrain.elevation.pictures import RasterPicture
 
 _DELAY = 150  # ms of rest until pictures are read again, as while the extent is dragged
 
@@ -100,12 +100,12 @@ class RasterUnderlay(QObject):
 
 def _read_pictures(sketch: Sketch) -> tuple[Pictures, tuple[str, ...]]:
     """Return the pictures of a sketch, and a line for each source that is missing, changed or unreadable."""
-    from sketchterrain.importing.rasters import read_picture  # GDAL
+    from sketchterrain.elevation.pictures import read_picture  # GDAL
 
     pictures, problems = list[tuple[QImage, QRectF]](), list[str]()
     for source in sketch.rasters:
         problem = raster_problem(source)
-        if source.role == "picture":
+        if source.role != "elevation":
             try:
                 pictures.append(_picture(read_picture(source, sketch), sketch))
             except InputError as error:

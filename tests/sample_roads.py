@@ -49,7 +49,7 @@ def make_road(points, *, vector=1, layer="road", bend=0.0, slope=None, width=6.0
         half_width=np.full(count, 0.5 * width),
         shoulder=np.full(count, shoulder, np.float64),
         reach=np.full(count, 0.5 * width + shoulder + 10.0),
-        depth=np.full(count, 20.0),
+        deepest=np.full(count, 20.0),
         **parts,
     )
 

@@ -291,7 +291,7 @@ def _canonical(roads: list[Road], cache: LRUCache) -> tuple[Road, ...]:
             road.shoulder,
             road.crossfall,
             road.reach,
-            road.depth,
+            road.deepest,
         )
         rest = (road.id, road.leg, road.part, road.structure, road.works, road.trees, road.ends)
         key = blake2b(b"".join(map(bytes, arrays)), digest_size=16).digest(), rest

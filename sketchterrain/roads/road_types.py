@@ -44,7 +44,7 @@ class Road:
     shoulder: Float64Array  # (m,) m, beyond it
     crossfall: Float64Array  # (m, 2) rise over run from the axis to the left and to the right
     reach: Float64Array  # (m,) m from the axis beyond which the ground is unchanged
-    depth: Float64Array  # (m,) m by which the ground changes at most, as far as samples of it show
+    deepest: Float64Array  # (m,) m by which the ground changes at most, as far as samples of it show
     works: Works
     trees: float = 0.0  # m between trees along it; 0: none
     ends: tuple[int, int] = (2, 2)  # ways that meet at its first and last station; 1: a dead end

@@ -55,8 +55,8 @@ class Part:
     value: Callable[[TerrainRecipe], Any] | None = None  # unless it is found from other parts
 
 
-_WITHOUT_EFFECT = ("id", "label", "area", "layer", "leg", "part", "trees", "ends", "building")
-"""Fields of items that name them, or that are only drawn or exported."""
+_WITHOUT_EFFECT = ("id", "label", "area", "layer", "leg", "part", "trees", "ends", "building", "deepest")
+"""Fields of items that name them, that are only drawn or exported, or only bound what is omitted."""
 
 _SHARES = 20  # of the parts, one of them in the default tier
 _DERIVED = ("extent", "size", "near", "conifers")

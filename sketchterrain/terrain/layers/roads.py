@@ -300,7 +300,7 @@ def _run_rows(run: Sequence[Road], materials: tuple[str, ...]) -> tuple[Float64A
     both("right", [road.crossfall[:, 1] for road in run])
     both("reach", [road.reach for road in run])
     both("rise", [road.slope for road in run])
-    rows[:, _DEPTH] = np.concatenate([np.maximum(road.depth[:-1], road.depth[1:]) for road in run])
+    rows[:, _DEPTH] = np.concatenate([np.maximum(road.deepest[:-1], road.deepest[1:]) for road in run])
     length = np.concatenate([np.diff(road.along) for road in run])
     for name in ("road_from_rise", "road_to_rise"):
         rows[:, ROAD[name]] *= length

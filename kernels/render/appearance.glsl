@@ -12,6 +12,7 @@ const int READ = 3 * PAGES / 8 - 1; // tiles from the eye's that are read: table
 const float TEXELS = 192.0;        // along the side of a tile, of which INNER are its own
 const float INNER = TEXELS - 2.0;
 const float TEXEL_PIXELS = 1.1;    // px, greatest width of a texel
+const float BLENDED = 0.35;        // of a level, over which it is blended with the one above
 const float LEAST_SINE = 0.02;     // of the angle at which ground is seen
 
 // What is painted at a place (m from the eye), at a level or at the finest one that is there.
@@ -45,13 +46,17 @@ vec4 painted(vec3 position, vec3 n, float pixel)
     float ratio = length(longest) / least;
     int taps = clamp(int(ceil(ratio - 0.01)), 1, APPEARANCE);
     float texel = TEXEL_PIXELS * least * max(ratio / float(APPEARANCE), 1.0);
-    float level = ceil(log2(appearance_width / (INNER * texel)));
     float farthest = max(max(abs(position.x), abs(position.y)), 1e-3);
-    level = min(level, floor(log2(float(READ) * appearance_width / farthest)));
-    int from = clamp(int(level), 0, APPEARANCE_LEVELS - 1);
+    float nearest = floor(log2(float(READ) * appearance_width / farthest));
+    float level = clamp(min(log2(appearance_width / (INNER * texel)), nearest), 0.0, float(APPEARANCE_LEVELS - 1));
+    int finer = int(ceil(level));
+    float coarser = max(1.0 - (level - float(finer) + 1.0) / BLENDED, 0.0); // share of the level above
     vec4 sum = vec4(0.0);
-    for (int k = 0; k < taps; ++k)
-        sum += painted_at(position.xy + longest * ((float(k) + 0.5) / float(taps) - 0.5), from);
+    for (int at = finer; at >= finer - int(coarser > 0.0); --at) {
+        float weight = at == finer ? 1.0 - coarser : coarser;
+        for (int k = 0; k < taps; ++k)
+            sum += weight * painted_at(position.xy + longest * ((float(k) + 0.5) / float(taps) - 0.5), at);
+    }
     vec3 root = sum.rgb / max(sum.a, 1e-4);
     return vec4(root * root, sum.a / float(taps));
 }

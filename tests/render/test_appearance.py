@@ -162,6 +162,21 @@ def test_edges_are_where_they_belong_within_half_a_pixel():
 
 
 @pytest.mark.gl
+def test_levels_change_without_a_step():
+    """Stripes of about four pixels lose contrast little by little while the eye rises through two levels."""
+
+    def integral(y, period=0.9):
+        return period * (np.floor(y / period) * 0.5 + np.minimum(y / period % 1.0, 0.5))
+
+    stripes = Pattern(lambda x, y, texel: (integral(y + 0.5 * texel) - integral(y - 0.5 * texel)) / texel)
+    with studio() as draw:
+        pictures = [draw(stripes, above(height, fov=10.0)) for height in 150.0 * 1.035 ** np.arange(22)]
+    contrast = np.array([each[..., 1].std() for each in pictures])
+    assert contrast.max() > 1.4 * contrast.min()
+    assert np.abs(np.diff(np.log(contrast))).max() < 0.12
+
+
+@pytest.mark.gl
 def test_nothing_changes_without_paint_or_behind_a_hill():
     class Hidden(Plain):
         def heights(self, x, y, *, cell_size=0.0):

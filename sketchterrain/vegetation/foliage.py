@@ -13,8 +13,8 @@ from sketchterrain.array_types import (
     BoolArray,
     Bounds,
     Float32Array,
-    Float64Array,
     FloatArray,
+    Int64Array,
     LatticeArray,
     StructuredArray,
 )
@@ -22,7 +22,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.placement.hashing import hash_keys
 from sketchterrain.roads.built_ground import BuiltGround, trees_along
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
-from sketchterrain.vegetation.farmland import Farmland
+from sketchterrain.vegetation.farmland import ROWS, Farmland, PlantedRows
 from sketchterrain.vegetation.graded_poisson import GradedPoisson, run_to_completion
 from sketchterrain.vegetation.plants import (
     BLOCK,
@@ -74,7 +74,8 @@ _SQUARES: Final = {"woody": 2048.0, "grass": 256.0}
 """Approximate side (m) of the squares by which plants are sorted."""
 _VERGES: Final = {"woody": 3.0, "grass": 0.1}
 """Distance (m) that plants keep from carriageways."""
-_AVENUE_SCALE, _ORCHARD_SCALE = 0.8, 0.4  # of planted trees
+_AVENUE: Final = -1
+_PLANTED: Final = {_AVENUE: PlantedRows("oak", 0.8, 0.0, 0.0, 0.0), **ROWS}  # by crop; trees of avenues
 _AT_ONCE = 1 << 12  # plants evaluated in a step
 _PACE = 8  # times as much is done in a step of pieces, between which nobody waits
 _SAMPLES = 16  # blocks along a side that an estimate reads
@@ -226,29 +227,31 @@ class Storey:
             yield
             plants.append(self._grown(points[start : start + pace * _AT_ONCE]))
         found = np.concatenate(plants) if plants else np.zeros(0, PLANT)
-        places, sizes = self._planted_in(area)
-        return self._with_planted(found, places, sizes) if len(places) else found
+        places, crops = self._planted_in(area)
+        return self._with_planted(found, places, crops) if len(places) else found
 
-    def _planted_in(self, area: Area) -> tuple[LatticeArray, Float64Array]:
-        """Return the places (lattice units) and sizes of trees along roads and in orchards in an area."""
+    def _planted_in(self, area: Area) -> tuple[LatticeArray, Int64Array]:
+        """Return places (lattice units) of plants along roads and in rows in an area, and their crops."""
         west, south, east, north = area
         x, y = self._planted.T
         along = self._planted[(x >= west) & (x < east) & (y >= south) & (y < north)]
-        rows = self._farmland.rows_in(area)
+        rows, crops = self._farmland.rows_in(area)
         at = np.asarray(rows * self._unit, np.float64)
-        rows = rows[~self._built.is_near(at, self._verge)]
-        sizes = np.repeat([_AVENUE_SCALE, _ORCHARD_SCALE], [len(along), len(rows)])
-        return np.concatenate([along, rows]), sizes
+        free = ~self._built.is_near(at, self._verge)
+        return np.concatenate([along, rows[free]]), np.append(np.full(len(along), _AVENUE), crops[free])
 
     def _with_planted(
-        self, plants: StructuredArray, places: LatticeArray, sizes: Float64Array
+        self, plants: StructuredArray, places: LatticeArray, crops: Int64Array
     ) -> StructuredArray:
-        """Return plants with planted trees, after the others of their square."""
+        """Return plants with planted ones, after the others of their square."""
         sites = PlantSites.evaluate(self._evaluator, places[:, 0].copy(), places[:, 1].copy())
         trees = self._records(sites)
         above = sites.z > self._evaluator.recipe.climate["tree_line"]
-        trees["species"], trees["level"] = SPECIES.index("oak"), LEVELS
-        trees["scale"] = sizes * (0.9 + 0.2 * self._noise.draw("avenue", sites.x, sites.y))
+        for crop, rows in _PLANTED.items():
+            own = crops == crop
+            trees["species"][own], trees["scale"][own] = SPECIES.index(rows.species), rows.scale
+        trees["level"] = LEVELS
+        trees["scale"] *= 0.9 + 0.2 * self._noise.draw("avenue", sites.x, sites.y)
         every = np.concatenate([plants, trees[~above]])
         column, row = (np.floor(every[axis] / (self._square * self._unit)) for axis in ("x", "y"))
         return np.asarray(every[np.lexsort((column, row))])

@@ -390,6 +390,7 @@ def test_plants_follow_land_use(bare, context) -> None:
         square(1200, 1200, 200, density=0.9, conifers=1.0),
         square(1400, 1200, 200, density=0.45, conifers=0.0),
         square(1400, 1000, 200, use=FIELD, crop=CROPS.index("orchard"), direction=30.0),
+        square(1600, 1000, 200, use=FIELD, crop=CROPS.index("vineyard"), direction=90.0),
     )
     recipe = with_land(replace(bare, climate=dict(bare.climate) | {"tree_line": 5000.0}), land)
     sampler = FoliageSampler(Evaluator(recipe, context))
@@ -413,6 +414,10 @@ def test_plants_follow_land_use(bare, context) -> None:
     assert abs(len(rows) - 200 * 200 / 25) < 60
     across = (rows["x"] - 1400) * np.cos(np.radians(30)) - (rows["y"] - 1000) * np.sin(np.radians(30))
     assert np.abs((across / 5.0 - 0.225 + 0.5) % 1.0 - 0.5).max() < 1e-3
+    vines = sampler.within((1600, 1000, 1800, 1200))
+    assert abs(len(vines) - 200 * 200 / (2.2 * 1.8)) < 250
+    assert (vines["species"] == SPECIES.index("shrub")).all()
+    assert np.abs((-(vines["y"] - 1000) / 2.2 - 0.19 + 0.5) % 1.0 - 0.5).max() < 1e-3
     parts = [sampler.within((1400, 1000, 1500, 1200)), sampler.within((1500, 1000, 1600, 1200))]
     whole = sampler.within((1400, 1000, 1600, 1200))
     assert np.array_equal(np.sort(np.concatenate(parts), order=("x", "y")), np.sort(whole, order=("x", "y")))

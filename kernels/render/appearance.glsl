@@ -12,6 +12,7 @@ const int READ = 3 * PAGES / 8 - 1; // tiles from the eye's that are read: table
 const float TEXELS = 192.0;        // along the side of a tile, of which INNER are its own
 const float INNER = TEXELS - 2.0;
 const float TEXEL_PIXELS = 1.1;    // px, greatest width of a texel
+const int LEVELS_READ = APPEARANCE > 2 ? 2 : 1;
 const float BLENDED = 0.35;        // of a level, over which it is blended with the one above
 const float LEAST_SINE = 0.02;     // of the angle at which ground is seen
 
@@ -30,6 +31,22 @@ vec4 painted_at(vec2 place, int level)
     return page.x == 0u ? unpackUnorm4x8(page.y) : texel;
 }
 
+// The level of texels of a width (m) at a place (m from the eye), or one that is read there.
+float painted_level(vec2 place, float texel)
+{
+    float farthest = max(max(abs(place.x), abs(place.y)), 1e-3);
+    float nearest = floor(log2(float(READ) * appearance_width / farthest));
+    return clamp(min(log2(appearance_width / (INNER * texel)), nearest), 0.0, float(APPEARANCE_LEVELS - 1));
+}
+
+// What is painted about a place (m from the eye), on texels of a width (m): rgb: albedo; a: share.
+vec4 painted_about(vec2 place, float texel)
+{
+    vec4 found = painted_at(place, int(painted_level(place, texel)));
+    vec3 root = found.rgb / max(found.a, 1e-4);
+    return vec4(root * root, found.a);
+}
+
 // What is painted on the footprint of a pixel: rgb: albedo; a: share.
 //   n      normal of the ground
 //   pixel  rad
@@ -46,16 +63,16 @@ vec4 painted(vec3 position, vec3 n, float pixel)
     float ratio = length(longest) / least;
     int taps = clamp(int(ceil(ratio - 0.01)), 1, APPEARANCE);
     float texel = TEXEL_PIXELS * least * max(ratio / float(APPEARANCE), 1.0);
-    float farthest = max(max(abs(position.x), abs(position.y)), 1e-3);
-    float nearest = floor(log2(float(READ) * appearance_width / farthest));
-    float level = clamp(min(log2(appearance_width / (INNER * texel)), nearest), 0.0, float(APPEARANCE_LEVELS - 1));
+    float level = painted_level(position.xy, texel);
     int finer = int(ceil(level));
-    float coarser = max(1.0 - (level - float(finer) + 1.0) / BLENDED, 0.0); // share of the level above
+    // Share of the level above; as with mipmaps, low qualities do not blend.
+    float coarser = LEVELS_READ > 1 ? max(1.0 - (level - float(finer) + 1.0) / BLENDED, 0.0) : 0.0;
     vec4 sum = vec4(0.0);
-    for (int at = finer; at >= finer - int(coarser > 0.0); --at) {
-        float weight = at == finer ? 1.0 - coarser : coarser;
-        for (int k = 0; k < taps; ++k)
-            sum += weight * painted_at(position.xy + longest * ((float(k) + 0.5) / float(taps) - 0.5), at);
+    for (int k = 0; k < LEVELS_READ; ++k) {
+        float weight = k == 0 ? 1.0 - coarser : coarser;
+        if (weight == 0.0) break;
+        for (int tap = 0; tap < taps; ++tap)
+            sum += weight * painted_at(position.xy + longest * ((float(tap) + 0.5) / float(taps) - 0.5), finer - k);
     }
     vec3 root = sum.rgb / max(sum.a, 1e-4);
     return vec4(root * root, sum.a / float(taps));

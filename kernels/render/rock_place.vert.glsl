@@ -8,6 +8,9 @@
 #include "render/surface_map.glsl"
 #include "render/scatter.glsl"
 #include "render/variety.glsl"
+#if APPEARANCE
+#include "render/appearance.glsl"
+#endif
 
 in vec2 corner; // of the cell, relative to the eye, m
 in uvec2 seed;  // the cell's hash, the point's rank
@@ -23,6 +26,7 @@ out vec4 ground; // xyz: normal; w: height of the centre over the ground, m
 out vec4 kind;   // x: wear of its edges, 0..1; y: sun visibility, z: sky visibility
 out vec4 hue;    // rgb: mean albedo
 
+const vec2 CLEARED = vec2(0.2, 0.5); // share of land use over which stones are cleared from it
 const float POWER = -0.5;    // of the radius by rank: one stone in four has twice the size
 const float STEEP = 0.62;    // normal's z below which stones roll away
 const float LYING_LOW = -0.25, LYING_HIGH = 0.30; // height of a stone's centre over the ground, radii
@@ -58,6 +62,9 @@ void main()
         + 0.6 * textureLod(noise_field, world / 311.0 + 0.57, 0.0).y);
     float chance = STONES_ANYWHERE(weights) + (STONES_IN_HEAPS(weights) + STONES_IN_MIDDLES(weights) * heap) * heap;
     chance *= clamp(1.0 - 8.0 * PAVED(weights), 0.0, 1.0); // a stone is wider than its place
+#if APPEARANCE
+    chance *= 1.0 - smoothstep(CLEARED.x, CLEARED.y, painted_about(place, sizes.y).a);
+#endif
     chance *= sizes.z * smoothstep(STEEP - 0.12, STEEP + 0.12, normal.z);
     up *= step(d, chance * 0.999);
 

@@ -218,13 +218,24 @@ def sorted_by_mesh(points: ScatterPoints) -> ScatterPoints:
 
 
 class GroundCover:
-    """Stones and grass on the displayed ground around an eye; false if the quality asks for none."""
+    """Stones and grass on the displayed ground around an eye; false if the quality asks for none.
 
-    def __init__(self, context: moderngl.Context, *, quality: Quality, shading: Shading) -> None:
+    `appearance` are macros of `AppearanceTextures`: crops have its colours, fields no stones.
+    """
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        *,
+        quality: Quality,
+        shading: Shading,
+        appearance: Mapping[str, int | str],
+    ) -> None:
         self._shading = shading
+        defines = {**shading.defines, **appearance}
         self._parts = (
-            Rocks(context, quality=quality, defines=shading.defines),
-            Grass(context, quality=quality, defines=shading.defines),
+            Rocks(context, quality=quality, defines=defines),
+            Grass(context, quality=quality, defines=defines),
         )
         self._any = quality.grass_distance > 0.0 and (quality.includes("rocks") or quality.includes("grass"))
 

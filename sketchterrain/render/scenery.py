@@ -92,9 +92,14 @@ class Scenery:
         )
         tiles, radius = self.stream.tile_renderer, self.forest.draw_distance
         self.surface = SurfaceMap(context, tiles, texels=quality.surface_texels, radius=radius)
-        self.cover = GroundCover(context, quality=quality, shading=self.shading)
+        self.cover = self._ground_cover()
         self._water = Water(
             context, self._features, enabled=quality.includes("water"), defines=self.shading.defines
+        )
+
+    def _ground_cover(self) -> GroundCover:
+        return GroundCover(
+            self._context, quality=self._quality, shading=self.shading, appearance=self.appearance.defines
         )
 
     def _lighting(self) -> tuple[Shading, Clouds]:
@@ -130,6 +135,7 @@ class Scenery:
         self.appearance.set_terrain(terrain, areas)
         if self.appearance.defines != macros:
             self.shading.set_appearance(self.appearance.defines)
+            self.cover = self._ground_cover()
         self._features = terrain.features
         self._water.set_features(self._features)
         self._update_materials(terrain)
@@ -165,7 +171,7 @@ class Scenery:
         self.shading, self._clouds = self._lighting()
         self.forest.rebuild(self.shading.defines)
         self.built.rebuild(self.shading.defines)
-        self.cover = GroundCover(self._context, quality=self._quality, shading=self.shading)
+        self.cover = self._ground_cover()
         self._water.rebuild(self._features, self.shading.defines)
 
     def draw(
@@ -216,7 +222,7 @@ class Scenery:
         if self.cover:
             targets.copy_scene()
             targets.scene.use()
-            yield from self.cover.draw(camera, size, units, above=above)
+            yield from self.cover.draw(camera, size, units | painted, above=above)
         yield from self.built.draw(camera, targets, built, parts=parts)
         self._context.enable_only(moderngl.DEPTH_TEST)
         yield from self.forest.draw(camera, size, units, parts=parts)

@@ -89,7 +89,7 @@ def bare(make_recipe) -> TerrainRecipe:
 
 SCENE = areas(
     square(1000, 1000, 300, density=0.7),
-    square(1250, 1100, 200, use=FIELD, crop=CROPS.index("wheat")),
+    square(1250, 1100, 200, use=FIELD, crop=CROPS.index("ploughed")),
     ([np.array(SQUARE) * 200 + (1000, 1300), np.array(SQUARE) * 60 + (1050, 1350)], {"density": 0.9}),
     ([[(1300, 1300), (1500, 1460), (1500, 1300), (1300, 1380)]], {"density": 0.5}),
     square(1400, 1000, 100, use=MEADOW),
@@ -286,7 +286,7 @@ def test_many_small_areas_of_a_block_cost_nothing_where_they_cannot_be_seen(bare
 
 
 def test_materials_by_use_and_crop(bare, context) -> None:
-    """Whole cells of a field are soil; roads and pads come later; none in a lake."""
+    """Whole cells of a ploughed field are soil; roads and pads come later; none in a lake."""
     evaluator = Evaluator(with_land(bare, SCENE), context)
 
     def weights(at, material):
@@ -302,7 +302,7 @@ def test_materials_by_use_and_crop(bare, context) -> None:
 
 
 def test_a_road_lies_on_a_field(make_recipe, context) -> None:
-    land = areas(square(1000, 1000, 400, use=FIELD, crop=CROPS.index("wheat")))
+    land = areas(square(1000, 1000, 400, use=FIELD, crop=CROPS.index("ploughed")))
     road = sketch_with(("road", [(1050, 1200), (1350, 1200)], {"id": 1, "surface": "asphalt"}), extent=EXTENT)
     recipe = with_roads(road, with_land(make_recipe(ground={"relief": 10.0}), land), LRUCache())
     for cell in (1.0, 5.0):
@@ -319,7 +319,7 @@ def test_no_field_is_in_water(make_recipe, context) -> None:
     from .test_foliage import lake
 
     water: Lake = lake(2000, 2000, 80, 10.0, spacing=5.0)
-    recipe = with_land(make_recipe(lakes=(water,)), areas(square(1800, 1800, 400, use=FIELD, crop=1)))
+    recipe = with_land(make_recipe(lakes=(water,)), areas(square(1800, 1800, 400, use=FIELD, crop=CROPS.index("ploughed"))))
     line = np.rint((np.arange(-60, 61) * 2.0)[None] / UNIT).astype(np.int64) + round(2000 / UNIT)
     surface = Evaluator(recipe, context).surface(line, line[:, ::-1], cell_size=2.0)
     soil = surface.materials[0, ..., MATERIALS.index("soil")]

@@ -40,7 +40,7 @@ _COVERS: Final = {
     BUILT_UP: ("gravel", 0.5),
 }
 """Material of a use, and the share of the ground that it covers; forests leave it to the rules."""
-_GRASSY_CROPS: Final = ("rapeseed", "orchard")
+_BARE_CROPS: Final = ("ploughed", "vineyard")  # on soil; others grow as grass does
 _MARGIN = 2  # lattice units: rounding of positions
 _FARTHEST = 1 << 30  # lattice units from a block to the ends of its edges
 _MOST_CELL = 0.25  # of the extent: no land use at wider cells
@@ -220,8 +220,8 @@ class LandUseLayer(TerrainLayer):
         for each, (name, share) in _COVERS.items():
             material[use == each], cover[use == each] = names.index(name), share
         fields = use == FIELD
-        grassy = np.isin(self.areas.crops(areas), [CROPS.index(name) for name in _GRASSY_CROPS])
-        material[fields] = np.where(grassy, names.index("grass"), names.index("soil"))[fields]
+        bare = np.isin(self.areas.crops(areas), [CROPS.index(name) for name in _BARE_CROPS])
+        material[fields] = np.where(bare, names.index("soil"), names.index("grass"))[fields]
         cover[fields] = 1.0
         return material, cover
 

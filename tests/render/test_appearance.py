@@ -169,7 +169,7 @@ def test_levels_change_without_a_step():
         return period * (np.floor(y / period) * 0.5 + np.minimum(y / period % 1.0, 0.5))
 
     stripes = Pattern(lambda x, y, texel: (integral(y + 0.5 * texel) - integral(y - 0.5 * texel)) / texel)
-    with studio() as draw:
+    with studio(replace(QUALITY, appearance_taps=4)) as draw:
         pictures = [draw(stripes, above(height, fov=10.0)) for height in 150.0 * 1.035 ** np.arange(22)]
     contrast = np.array([each[..., 1].std() for each in pictures])
     assert contrast.max() > 1.4 * contrast.min()

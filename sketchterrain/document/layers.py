@@ -482,6 +482,12 @@ _ALL: Final = (
                 sentinel=Sentinel(-1.0, "Along the contours", 90.0),
                 soft_range=(0.0, 180.0),
             ),
+            Parameter(
+                *("parcels", float, 0.0, 0.0, 1000.0, "m"),
+                "width of the strips that a field is divided into across its rows; 0: undivided",
+                sentinel=Sentinel(0.0, "Undivided", 40.0),
+                soft_range=(5.0, 1000.0),
+            ),
             Parameter("density", float, 0.8, 0.0, 1.0, "", "share of the trees that forests can carry"),
             Parameter(
                 *("conifers", float, -1.0, -1.0, 1.0, "", "share of conifers; -1 is by elevation"),

@@ -16,8 +16,10 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.export.vectors import Origin, VectorLayer
 
 _PARTS = 4  # of a sample, along each side, whose middles are inside an area or not
-_TEXTS, _NUMBERS = ("use", "crop"), ("direction", "density", "conifers")
-FIELDS: Final = "direction: degrees of rows, -1 along contours; density, conifers: shares; -1 by elevation"
+_TEXTS, _NUMBERS = ("use", "crop"), ("direction", "parcels", "density", "conifers")
+FIELDS: Final = (
+    "direction: degrees of rows, -1 along contours; parcels: m; density, conifers: shares; -1 by elevation"
+)
 
 
 def land_layer(sketch: Sketch, origin: Origin) -> VectorLayer:

@@ -46,6 +46,7 @@ class LandUse:
     direction: Float64Array = field(default_factory=lambda: np.zeros(0))
     density: Float64Array = field(default_factory=lambda: np.zeros(0))  # (n,) share of a full stand of trees
     conifers: Float64Array = field(default_factory=lambda: np.zeros(0))  # (n,) share; -1: by elevation
+    parcels: Float64Array = field(default_factory=lambda: np.zeros(0))  # (n,) m, width of strips; 0: one
     # (n + 1,) area i has the edges first[i] … first[i + 1]: it lies to their left
     first: Int64Array = field(default_factory=lambda: np.zeros(1, np.int64))
     edges: Float64Array = field(default_factory=lambda: np.zeros((0, 4)))  # (m, 4) x and y of both ends, m
@@ -117,7 +118,7 @@ class LandUse:
         mine = np.flatnonzero(old.ids[place] == self.ids) if len(old) else np.zeros(0, np.int64)
         theirs = place[mine]
         same = self.counts[mine] == old.counts[theirs]
-        for name in ("use", "crop", "direction", "density", "conifers"):
+        for name in _COLUMNS[1:]:
             same &= getattr(self, name)[mine] == getattr(old, name)[theirs]
         mine, theirs = mine[same], theirs[same]
         # Runs of areas that follow each other in both are compared as memory.
@@ -214,8 +215,8 @@ def _areas_of(sketch: Sketch, layer: VectorLayer) -> LandUse:
             [choices.index(text) for text in sketch.vector_texts("landuse", name, layer)], np.uint8
         )
 
-    direction, density, conifers = (
-        sketch.vector_values("landuse", name, layer) for name in ("direction", "density", "conifers")
+    direction, density, conifers, parcels = (
+        sketch.vector_values("landuse", name, layer) for name in _COLUMNS[3:]
     )
     use, crop = indices("use", LAND_USES), indices("crop", CROPS)
     edges = np.concatenate([layer.vertices, layer.vertices[after]], axis=1)
@@ -226,7 +227,7 @@ def _areas_of(sketch: Sketch, layer: VectorLayer) -> LandUse:
     turned = ((np.add.reduceat(cross, layer.rings[:-1]) > 0.0) != is_border)[layer.ring_of_vertex]
     edges[turned] = np.roll(edges[turned], 2, axis=1)
     return _by_id(
-        LandUse(layer.ids, use, crop, direction, density, conifers, layer.rings[layer.parts], edges)
+        LandUse(layer.ids, use, crop, direction, density, conifers, parcels, layer.rings[layer.parts], edges)
     )
 
 

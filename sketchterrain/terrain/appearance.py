@@ -218,11 +218,12 @@ class Appearance:
         start = ends[:, :2] - (at * metres_per_unit(self.extent))[area]
         edges = np.concatenate([start, ends[:, 2:] - ends[:, :2]], axis=1)
         tone = hash_unit(0, "tone of an area", use.ids[areas])
-        row = np.zeros((len(areas), 8))
+        row = np.zeros((len(areas), 12))
         row[:, :4] = use.boxes[areas] - np.tile(at * metres_per_unit(self.extent), 2)
         bearing = np.radians(bearings)
         row[:, _AREA["area_across_x"]], row[:, _AREA["area_across_y"]] = np.cos(bearing), -np.sin(bearing)
         row[:, _AREA["area_tone"]], row[:, _AREA["area_density"]] = tone, use.density[areas]
+        row[:, _AREA["area_parcel"]], row[:, _AREA["area_mixed"]] = use.parcels[areas], use.crop[areas] == 0
         form = np.zeros((len(areas), 4), np.int32)
         form[:, 0], form[:, 1] = np.cumsum(counts) - counts, counts
         form[:, 2], form[:, 3] = use.use[areas], use.crops(areas)

@@ -34,7 +34,10 @@ def dem(tmp_path) -> Path:
         (f'path = "{"x" * 5000}"', "expected a path of 1 to 4096"),
         (f'path = "{"../" * 101}x"', "expected a path of 1 to 4096"),
         ("path = 3", "raster.path = 3: expected a path"),
-        ('path = "a"\nrole = "heights"', "raster.role = 'heights': expected 'elevation' or 'orthophoto' or 'picture'"),
+        (
+            'path = "a"\nrole = "heights"',
+            "raster.role = 'heights': expected 'elevation' or 'orthophoto' or 'picture'",
+        ),
         ('path = "a"\nrole = ["picture"]', "raster.role"),
         ('path = "a"\nband = 0', "raster.band = 0: expected a whole number from 1 to 65535"),
         ('path = "a"\nband = 1.0', "raster.band = 1.0"),

@@ -24,7 +24,7 @@ def row_of_fields(count: int, **own) -> VectorLayer:
 
 
 def contents(areas: LandUse, row: int) -> tuple[bytes, ...]:
-    values = (areas.ids, areas.use, areas.crop, areas.direction, areas.density, areas.conifers)
+    values = (areas.ids, areas.use, areas.crop, areas.direction, areas.density, areas.conifers, areas.parcels)
     edges = areas.edges[areas.first[row] : areas.first[row + 1]]
     return (*(each[row].tobytes() for each in values), edges.tobytes())
 

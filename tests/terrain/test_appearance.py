@@ -256,6 +256,24 @@ def test_fields_are_ploughed_along_contours_and_else_along_their_longest_side() 
         assert max(varied) > 4 * min(varied)
 
 
+def test_parcels_divide_a_field_into_strips() -> None:
+    """Across its rows, so many metres wide; those of an automatic field have crops of their own."""
+    field = shapely.box(500.0, 500.0, 1100.0, 700.0)
+    seen = {}
+    for crop in ("automatic", "maize"):
+        paint = appearance(
+            [field], use="field", crop=(crop,), direction=np.array([0.0]), parcels=np.array([50.0])
+        )
+        window = paint.window(502.5, 600.0, cell=(5.0, 5.0), columns=119, rows=1)[0, :, :3].astype(float)
+        strips = window[:-9].reshape(11, 10, 3)
+        assert np.ptp(strips[:, 2:8], axis=1).max() < 40  # even within
+        seen[crop] = len(np.unique(np.rint(strips[:, 2:8].mean(axis=1) / 12.0), axis=0))
+        alone = appearance([field], use="field", crop=(crop,), direction=np.array([0.0]))
+        plain = alone.window(502.5, 600.0, cell=(5.0, 5.0), columns=119, rows=1)[0, :, :3].astype(float)
+        assert np.abs(plain - window).max() > 4
+    assert seen["automatic"] > max(seen["maize"], 2)
+
+
 def test_double_precision_agrees() -> None:
     areas, use = partition(60, 2), ["field", "meadow", "built_up", "forest"] * 15
     roads = [make_road([(300, 420, 0), (700, 640, 0), (1100, 1300, 0)], width=7.0)]

@@ -37,14 +37,15 @@ SQUARE = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
 def areas(*given) -> LandUse:
     """Return areas: their rings (m), and columns that are not those of a full forest."""
     rows, counts, edges = [], [], []
+    usual = {"use": FOREST, "crop": 0, "direction": -1.0, "density": 1.0, "conifers": -1.0, "parcels": 0.0}
     for rings, own in given:
-        rows.append({"use": FOREST, "crop": 0, "direction": -1.0, "density": 1.0, "conifers": -1.0} | own)
+        rows.append(usual | own)
         loops = [np.rint(np.asarray(ring, np.float64) * 1024.0) / 1024.0 for ring in rings]
         edges += [np.concatenate([loop, np.roll(loop, -1, axis=0)], axis=1) for loop in loops]
         counts.append(sum(len(loop) for loop in loops))
     columns = {
         name: np.array([row[name] for row in rows], np.uint8 if name in ("use", "crop") else np.float64)
-        for name in ("use", "crop", "direction", "density", "conifers")
+        for name in usual
     }
     ids = np.array([row.get("id", 1 + number) for number, row in enumerate(rows)])
     return LandUse(
@@ -275,7 +276,9 @@ def test_many_small_areas_of_a_block_cost_nothing_where_they_cannot_be_seen(bare
     number = count * count
     columns = [np.full(number, value) for value in (-1.0, 1.0, -1.0)]
     use = np.full(number, FOREST, np.uint8)
-    land = LandUse(np.arange(number), use, use * 0, *columns, np.arange(number + 1) * 4, edges)
+    land = LandUse(
+        np.arange(number), use, use * 0, *columns, np.zeros(number), np.arange(number + 1) * 4, edges
+    )
     layer = LandUseLayer(MATERIALS, land)
     block = np.array([[0, 0, 1 << 24, 1 << 24]])
     assert [len(layer.listed(block, cell, WORLD)[0]) for cell in (0.5, 1.6)] == [number, 0]
@@ -319,7 +322,9 @@ def test_no_field_is_in_water(make_recipe, context) -> None:
     from .test_foliage import lake
 
     water: Lake = lake(2000, 2000, 80, 10.0, spacing=5.0)
-    recipe = with_land(make_recipe(lakes=(water,)), areas(square(1800, 1800, 400, use=FIELD, crop=CROPS.index("ploughed"))))
+    recipe = with_land(
+        make_recipe(lakes=(water,)), areas(square(1800, 1800, 400, use=FIELD, crop=CROPS.index("ploughed")))
+    )
     line = np.rint((np.arange(-60, 61) * 2.0)[None] / UNIT).astype(np.int64) + round(2000 / UNIT)
     surface = Evaluator(recipe, context).surface(line, line[:, ::-1], cell_size=2.0)
     soil = surface.materials[0, ..., MATERIALS.index("soil")]

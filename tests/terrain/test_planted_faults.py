@@ -307,7 +307,7 @@ def land_part(name: str) -> Part:
     def plant(patch: pytest.MonkeyPatch) -> None:
         patch.setattr(LandUse, "difference", without)
 
-    has_effect = name not in ("direction", "conifers")  # only on plants
+    has_effect = name not in ("direction", "conifers", "parcels")  # only on plants and colours
     value = lambda recipe: getattr(recipe[LandUseLayer].areas, name)  # noqa: E731
     return Part(f"land use.{name}", changed, plant, has_effect, value)
 
@@ -399,7 +399,9 @@ def parts_of(recipe: TerrainRecipe) -> list[Part]:
         if not isinstance(layer, PointsLayer | CorridorsLayer | DunesLayer | LandUseLayer):
             found += item_parts(layer)
     found += [style_part()]
-    found += [land_part(name) for name in ("use", "crop", "direction", "density", "conifers", "edges")]
+    found += [
+        land_part(name) for name in ("use", "crop", "direction", "density", "conifers", "parcels", "edges")
+    ]
     found += [feature_part(column) for column in FEATURE.names]
     found += [fill_part(each.name) for each in fields(Fill)]
     found += [

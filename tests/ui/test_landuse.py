@@ -139,7 +139,9 @@ def test_the_panel_lists_uses_and_the_page_has_all_properties(workspace, blank, 
     assert {row.layer: row.detail for row in panel.list.rows}["landuse"] == "use field · 1 drawn"
     page = show_widget(VectorPage(blank, workspace))
     workspace.selection = Selection("landuse", 1)
-    assert list(page.forms["landuse"].rows) == ["name", "use", "crop", "direction", "density", "conifers"]
+    assert list(page.forms["landuse"].rows) == [
+        *("name", "use", "crop", "direction", "parcels", "density", "conifers")
+    ]
     assert page.forms["landuse"].rows["direction"].check.isChecked()  # along the contours
 
 

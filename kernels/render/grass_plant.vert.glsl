@@ -48,6 +48,7 @@ const float DRY = 0.45, VERY_DRY = 0.75; // aridity, see the sketch's [climate]
 const vec3 HAY = vec3(0.380, 0.268, 0.125); // albedo of dry bunches
 const float CROP_TEXEL = 0.12;  // m, of what is painted about a plant
 const vec2 CROP = vec2(0.88, 0.94); // share that is painted, from which on it is a field (kernels/appearance.clh)
+const vec2 ROAD = vec2(0.965, 0.99); // … and a road
 const float CROP_HEIGHT = 0.75; // m
 const float SUN_WARMTH = 0.5;   // of the height, where shadow maps are sampled
 
@@ -116,17 +117,18 @@ void main()
     tall = mix(0.30, 0.62, lush) * (0.7 + 0.6 * a);
     colour = vec3(0.050, 0.096, 0.024) * mix(vec3(0.8, 0.95, 1.0), vec3(1.35, 1.12, 0.8), b);
 #endif
-#if APPEARANCE && KIND != FERN
-    // Crops stand close, and have their own colour.
+#if APPEARANCE
+    // Crops stand close, and have their own colour; nothing grows on roads.
     vec4 painted = painted_about(place, CROP_TEXEL);
     float crop = smoothstep(CROP.x, CROP.y, painted.a);
-#if KIND == FLOWER
+#if KIND == FLOWER || KIND == FERN
     chance *= 1.0 - crop;
 #else
     chance = mix(chance, smoothstep(0.3, 0.6, turf), crop);
     tall = mix(tall, CROP_HEIGHT * (0.85 + 0.3 * a) * (KIND == MEADOW ? 0.7 : 1.0), crop);
     colour = mix(colour, painted.rgb, painted.a);
 #endif
+    chance *= 1.0 - smoothstep(ROAD.x, ROAD.y, painted.a);
 #endif
     up *= step(unit_float(hash32(h + 6u)), chance * 0.999);
     tall *= sqrt(up);

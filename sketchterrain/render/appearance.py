@@ -76,7 +76,8 @@ class AppearanceTextures:
         if source is None or source.is_empty:
             self._cache = None
         elif self._cache is not None:
-            self._cache.tiles.invalidate(areas)
+            own = source.changed_areas(self._cache.source)
+            self._cache.tiles.invalidate([*areas, *map(tuple, own.tolist())])
             self._cache = self._cache._replace(source=source)
         else:
             slots = self._quality.appearance_tiles

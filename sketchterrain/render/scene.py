@@ -102,6 +102,9 @@ class AppearanceSource(Protocol):
     def tiles(self, keys: Int64Array) -> npt.NDArray[np.uint8]:
         """Return tiles (n, side, side, 4), row 0 north: √albedo of what is painted, and its share."""
 
+    def changed_areas(self, old: Any) -> Float64Array:
+        """Return boxes (n, 4), m, in which tiles may differ from those of an earlier source."""
+
 
 @runtime_checkable
 class PaintedTerrain(Protocol):

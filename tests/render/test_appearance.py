@@ -41,6 +41,9 @@ class Pattern:
         west, south, east, north = self.box
         return (low <= [east, north]).all(axis=1) & (high >= [west, south]).all(axis=1)
 
+    def changed_areas(self, old):
+        return np.zeros((0, 4))
+
     def tiles(self, keys):
         self.asked += [tuple(key) for key in keys.tolist()]
         result = np.zeros((len(keys), TEXELS, TEXELS, 4))

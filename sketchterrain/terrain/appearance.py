@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import compress
+from itertools import compress, product
 from typing import TYPE_CHECKING, Final
 
 import numba
@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array, LatticeArray
+from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.placement.hashing import hash_unit
 from sketchterrain.terrain.index import BoxIndex, item_lists
@@ -34,6 +35,8 @@ _AREA: Final = kernel_columns("appearance.clh", "PaintedArea")
 _NOISE: Final = (60.0, 7.0, 0.7)  # m
 _DEFINES: Final = (("SIDE", str(SIDE)),)
 _MAX_TILES: Final = 64  # in a launch
+_WHOLE: Final = 2.0**40  # 1 in sums of areas
+_MOST_SUMS: Final = 32  # squares of large texels whose sums are kept, of 1.2 MB
 _MOST_KNOWN: Final = 1 << 16  # tiles of which it is known whether anything is painted there
 
 
@@ -65,11 +68,18 @@ class Appearance:
         known = self.__dict__
         if recipe.network is old.network and "_roads" in known:
             new.__dict__["_roads"] = self._roads
+        removed, added = recipe.landuse.difference(old.landuse)
         if "_known_bearings" in known and _same_ground(recipe, old):
-            removed, added = recipe.landuse.difference(old.landuse)
             bearings = np.full(len(recipe.landuse), np.nan)
             bearings[np.delete(np.arange(len(bearings)), added)] = np.delete(self._known_bearings, removed)
             new.__dict__["_known_bearings"] = bearings
+        for (place, texel), (corner, total) in self._sums.items():
+            box = _blocks(corner[None], texel / metres_per_unit(self.extent), 1)
+            for each, areas, sign in ((self, removed, -1), (new, added, 1)):
+                near = areas[_meets(each._areas.boxes_of(areas), box)]
+                if len(near):
+                    total = total + sign * each._sum_of(near, corner, texel)
+            new._sums.store((place, texel), (corner, total))
         return new
 
     def changed_areas(self, old: Appearance) -> Float64Array:
@@ -84,7 +94,8 @@ class Appearance:
                 kept = np.isin(one.as_bytes(), other.as_bytes())
                 boxes.append(np.asarray(one.boxes.boxes[~kept] * unit, np.float64))
         removed, added = self.recipe.landuse.difference(old.recipe.landuse)
-        boxes += [old.recipe.landuse.boxes[removed], self.recipe.landuse.boxes[added]]
+        for each, areas in ((old, removed), (self, added)):
+            boxes.append(np.asarray(each._areas.boxes_of(areas) * unit, np.float64))
         photos, before = self.recipe.orthophotos, old.recipe.orthophotos
         boxes += [np.array([each.box]) for each in (*photos, *before) if photos != before]
         return np.concatenate(boxes)
@@ -211,21 +222,23 @@ class Appearance:
     ) -> tuple[LatticeArray, Float64Array, npt.NDArray[np.int32], Float64Array]:
         """Return places, rows, forms and edges of some areas whose rows of crops have bearings (°)."""
         use = self.recipe.landuse
-        area, number = use.edges_of(areas)
+        area, ends = use.outlines(areas)
         counts = np.bincount(area, minlength=len(areas))
-        at = to_lattice(use.edges[use.first[areas], :2], self.extent)
-        ends = use.edges[number]
+        first = np.cumsum(counts) - counts
+        at = to_lattice(ends[first, :2], self.extent)
         start = ends[:, :2] - (at * metres_per_unit(self.extent))[area]
         edges = np.concatenate([start, ends[:, 2:] - ends[:, :2]], axis=1)
         tone = hash_unit(0, "tone of an area", use.ids[areas])
         row = np.zeros((len(areas), 12))
-        row[:, :4] = use.boxes[areas] - np.tile(at * metres_per_unit(self.extent), 2)
+        corners = np.concatenate([start, start + edges[:, 2:]], axis=1)
+        for column, (reduce, x) in enumerate(product((np.minimum, np.maximum), (0, 1))):
+            row[:, column] = reduce.reduceat(reduce(corners[:, x], corners[:, 2 + x]), first)
         bearing = np.radians(bearings)
         row[:, _AREA["area_across_x"]], row[:, _AREA["area_across_y"]] = np.cos(bearing), -np.sin(bearing)
         row[:, _AREA["area_tone"]], row[:, _AREA["area_density"]] = tone, use.density[areas]
         row[:, _AREA["area_parcel"]], row[:, _AREA["area_mixed"]] = use.parcels[areas], use.crop[areas] == 0
         form = np.zeros((len(areas), 4), np.int32)
-        form[:, 0], form[:, 1] = np.cumsum(counts) - counts, counts
+        form[:, 0], form[:, 1] = first, counts
         form[:, 2], form[:, 3] = use.use[areas], use.crops(areas)
         return at, row, form, edges
 
@@ -261,28 +274,49 @@ class Appearance:
         return np.rint(np.clip(result, 0.0, 255.0)).astype(np.uint8)
 
     def _coarse(self, corner: LatticeArray, texel: float) -> Float64Array:
-        """Return what areas paint in a square of large texels: sums over their edges, exact in colour.
+        """Return what areas paint in a square of large texels, exact in colour.
 
         √ of the albedo, and the share, (SIDE, SIDE, 4), 0 … 1.
         """
-        context, unit = self.context, metres_per_unit(self.extent)
+        place = tuple(corner.tolist()), texel
+        _, total = self._sums.get(place) or (corner, None)
+        if total is None:
+            _, areas = self._areas.touching(_blocks(corner[None], texel / metres_per_unit(self.extent), 1))
+            total = self._sum_of(areas, corner, texel)
+            self._sums.store(place, (corner, total))
+        found = np.maximum(total * _WHOLE**-1, 0.0)[::-1]
+        share = found[..., 3:]
+        albedo = np.minimum(found[..., :3] / np.maximum(share, 1e-6), 1.0)
+        return np.concatenate([np.sqrt(albedo), np.minimum(share, 1.0)], axis=-1)
+
+    @cached_property
+    def _sums(self) -> LRUCache:
+        """Sums of `_sum_of` over all areas in squares, by place: an edit adds to them what it changes."""
+        return LRUCache(_MOST_SUMS)
+
+    def _sum_of(self, areas: Int64Array, corner: LatticeArray, texel: float) -> Int64Array:
+        """Return the sum of what areas add to the texels of a square, rows from the south, in 1 / `_WHOLE`.
+
+        Sums of whole numbers are the same in any order.
+        """
+        context, total = self.context, np.zeros((SIDE, SIDE, 4), np.int64)
+        if not len(areas):
+            return total
         real = context.real_dtype
-        _, areas = self._areas.touching(_blocks(corner[None], texel / unit, 1))
-        total = np.zeros((SIDE, SIDE + 1, 4))
-        if len(areas):
-            at, row, form, edges = self._area_rows(areas, np.zeros(len(areas)))  # no row is seen
-            means = context.empty((len(areas), 4), real)
-            rows = [context.upload(each) for each in (row.astype(real), form)]
-            context.launch(
-                _FILE, "area_means", (len(areas),), real.type(texel), *rows, means, defines=_DEFINES
-            )
-            colour = context.download(means, (len(areas), 4), real).astype(np.float64)
-            colour[:, :3] *= colour[:, 3:]
-            edges[:, :2] += np.repeat((at - corner) * unit + texel, form[:, 1], axis=0)
-            _sum_edges(edges / texel, np.repeat(colour, form[:, 1], axis=0), total)
-        share = np.clip(total[:, :SIDE, 3:], 0.0, 1.0)
-        albedo = np.clip(total[:, :SIDE, :3] / np.maximum(total[:, :SIDE, 3:], 1e-6), 0.0, 1.0)
-        return np.concatenate([np.sqrt(albedo), share], axis=-1)[::-1]
+        at, row, form, edges = self._area_rows(areas, np.zeros(len(areas)))  # no row is seen
+        means = context.empty((len(areas), 4), real)
+        rows = [context.upload(each) for each in (row.astype(real), form)]
+        context.launch(_FILE, "area_means", (len(areas),), real.type(texel), *rows, means, defines=_DEFINES)
+        colour = context.download(means, (len(areas), 4), real).astype(np.float64)
+        colour[:, :3] *= colour[:, 3:]
+        edges[:, :2] += np.repeat((at - corner) * metres_per_unit(self.extent) + texel, form[:, 1], axis=0)
+        _sum_edges(edges / texel, _WHOLE * np.repeat(colour, form[:, 1], axis=0), total)
+        return total
+
+
+def _meets(boxes: LatticeArray, box: LatticeArray) -> BoolArray:
+    """Return which of boxes (n, 4) touch another one, (1, 4)."""
+    return np.asarray(((boxes[:, :2] <= box[:, 2:]) & (boxes[:, 2:] >= box[:, :2])).all(axis=1))
 
 
 def _corners(tiles: Int64Array) -> LatticeArray:
@@ -321,10 +355,10 @@ def _sum_edges(edges, values, total):  # type: ignore[no-untyped-def]
     """Add to texels, rows from the south, what is east of edges that run south, less what is east of others.
 
     `edges` (m, 4) are starts and vectors in texels, `values` (m, 4) what the area of each adds to a texel
-    inside it; `total` is (rows, columns + 1, 4).
+    inside it, `total` (rows, columns, 4) whole numbers.
     """
-    rows, columns = total.shape[0], total.shape[1] - 1
-    ahead = np.zeros_like(total)  # added to a column and all those east of it
+    rows, columns = total.shape[0], total.shape[1]
+    ahead = np.zeros((rows, columns + 1, 4), np.int64)  # added to a column and all those east of it
     for k in range(len(edges)):
         x, y, east, north = edges[k]
         if north == 0.0:
@@ -339,18 +373,21 @@ def _sum_edges(edges, values, total):  # type: ignore[no-untyped-def]
             first = min(max(int(np.floor(a)), 0), columns)
             last = min(max(int(np.floor(b)), -1), columns - 1)
             for column in range(first, last + 1):
+                until = column + 1.0
                 if b - a > 1e-9:
-                    share = (_clamped_integral(column + 1.0 - a) - _clamped_integral(column + 1.0 - b)) / (
-                        b - a
-                    )
+                    share = (_clamped_integral(until - a) - _clamped_integral(until - b)) / (b - a)
                 else:
-                    share = min(max(column + 1.0 - a, 0.0), 1.0)
-                total[row, column] += values[k] * (part * share)
-            ahead[row, max(last + 1, first)] += values[k] * part
+                    share = min(max(until - a, 0.0), 1.0)
+                for channel in range(4):
+                    total[row, column, channel] += int(np.rint(values[k, channel] * part * share))
+            for channel in range(4):
+                ahead[row, max(last + 1, first), channel] += int(np.rint(values[k, channel] * part))
     for row in range(rows):
-        for column in range(1, columns):
-            ahead[row, column] += ahead[row, column - 1]
-    total += ahead
+        for column in range(columns):
+            for channel in range(4):
+                if column > 0:
+                    ahead[row, column, channel] += ahead[row, column - 1, channel]
+                total[row, column, channel] += ahead[row, column, channel]
 
 
 @numba.njit(cache=True)

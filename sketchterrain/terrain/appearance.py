@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 SIDE: Final = 192
 """Texels along a side of a tile; the outermost are those of its neighbours."""
 _BLOCK: Final = 32  # texels along the side of a group with lists of its own
-_COARSE: Final = 24.0  # m: texels from which on areas are summed up on the host
+_COARSE: Final = 7.0  # m: texels from which on areas are summed up on the host
 _FILE: Final = "appearance.cl"
 _AREA: Final = kernel_columns("appearance.clh", "PaintedArea")
 (_PHOTO_KEPT,) = kernel_constants("appearance.clh", "PHOTO_KEPT")
@@ -36,7 +36,7 @@ _NOISE: Final = (60.0, 7.0, 0.7)  # m
 _DEFINES: Final = (("SIDE", str(SIDE)),)
 _MAX_TILES: Final = 64  # in a launch
 _WHOLE: Final = 2.0**40  # 1 in sums of areas
-_MOST_SUMS: Final = 32  # squares of large texels whose sums are kept, of 1.2 MB
+_MOST_SUMS: Final = 64  # squares of large texels whose sums are kept, of 1.2 MB
 _MOST_KNOWN: Final = 1 << 16  # tiles of which it is known whether anything is painted there
 
 
@@ -73,6 +73,16 @@ class Appearance:
             bearings = np.full(len(recipe.landuse), np.nan)
             bearings[np.delete(np.arange(len(bearings)), added)] = np.delete(self._known_bearings, removed)
             new.__dict__["_known_bearings"] = bearings
+        if "_known_occupied" in known:
+            tiles = np.array(list(self._known_occupied), np.int64).reshape(-1, 3)
+            width = self.extent / np.exp2(tiles[:, :1])
+            margin = width / (SIDE - 2)
+            low, high = tiles[:, 1:] * width - margin, (tiles[:, 1:] + 1) * width + margin
+            stays = np.ones(len(tiles), np.bool_)
+            for west, south, east, north in new.changed_areas(self):
+                stays &= ((low > (east, north)) | (high < (west, south))).any(axis=1)
+            kept = compress(self._known_occupied.items(), stays.tolist())
+            new.__dict__["_known_occupied"] = dict(kept)
         for (place, texel), (corner, total) in self._sums.items():
             box = _blocks(corner[None], texel / metres_per_unit(self.extent), 1)
             for each, areas, sign in ((self, removed, -1), (new, added, 1)):

@@ -7,7 +7,6 @@ from time import perf_counter
 from types import SimpleNamespace
 from typing import Any, Final, cast
 
-import moderngl
 import numpy as np
 from scipy.optimize import brentq
 
@@ -74,7 +73,7 @@ class TileUpdates:
         self.terrain = terrain
         self.stream = TileStream(terrain.extent, slots=slots, metric=metric, bounds=(0.0, 0.0, *terrain.size))
         self._store = terrain.vertex_store(slots)
-        self.textures = AppearanceTextures(cast(moderngl.Context, context), terrain, quality)
+        self.textures = AppearanceTextures(cast(Any, context), terrain, quality)
 
     @property
     def used(self) -> tuple[int, int]:

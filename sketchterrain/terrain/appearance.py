@@ -37,6 +37,7 @@ _DEFINES: Final = (("SIDE", str(SIDE)),)
 _MAX_TILES: Final = 64  # in a launch
 _WHOLE: Final = 2.0**40  # 1 in sums of areas
 _MOST_SUMS: Final = 64  # squares of large texels whose sums are kept, of 1.2 MB
+_MOST_EDITED: Final = 1000  # areas of an edit that sums are changed by
 _MOST_KNOWN: Final = 1 << 16  # tiles of which it is known whether anything is painted there
 
 
@@ -65,32 +66,38 @@ class Appearance:
     def updated(self, recipe: TerrainRecipe, heights: Callable[..., Float32Array]) -> Appearance:
         """Return the appearance of a changed recipe; what depends on unchanged roads and areas is shared."""
         new, old = Appearance(recipe, self.context, heights), self.recipe
-        known = self.__dict__
+        known, kept = self.__dict__, new.__dict__
         if recipe.network is old.network and "_roads" in known:
-            new.__dict__["_roads"] = self._roads
+            kept["_roads"] = self._roads
         removed, added = recipe.landuse.difference(old.landuse)
         if "_known_bearings" in known and _same_ground(recipe, old):
-            bearings = np.full(len(recipe.landuse), np.nan)
-            bearings[np.delete(np.arange(len(bearings)), added)] = np.delete(self._known_bearings, removed)
-            new.__dict__["_known_bearings"] = bearings
+            kept["_known_bearings"] = np.full(len(recipe.landuse), np.nan)
+            stays = np.delete(np.arange(len(recipe.landuse)), added)
+            new._known_bearings[stays] = np.delete(self._known_bearings, removed)
         if "_known_occupied" in known:
-            tiles = np.array(list(self._known_occupied), np.int64).reshape(-1, 3)
-            width = self.extent / np.exp2(tiles[:, :1])
-            margin = width / (SIDE - 2)
-            low, high = tiles[:, 1:] * width - margin, (tiles[:, 1:] + 1) * width + margin
-            stays = np.ones(len(tiles), np.bool_)
-            for west, south, east, north in new.changed_areas(self):
-                stays &= ((low > (east, north)) | (high < (west, south))).any(axis=1)
-            kept = compress(self._known_occupied.items(), stays.tolist())
-            new.__dict__["_known_occupied"] = dict(kept)
-        for (place, texel), (corner, total) in self._sums.items():
-            box = _blocks(corner[None], texel / metres_per_unit(self.extent), 1)
-            for each, areas, sign in ((self, removed, -1), (new, added, 1)):
-                near = areas[_meets(each._areas.boxes_of(areas), box)]
-                if len(near):
-                    total = total + sign * each._sum_of(near, corner, texel)
-            new._sums.store((place, texel), (corner, total))
+            kept["_known_occupied"] = self._occupied_outside(new.changed_areas(self))
+        if "_sums" in known and len(removed) + len(added) <= _MOST_EDITED:
+            for place, (corner, texel, total) in self._sums.items():
+                lost, gained = self._sum_near(removed, corner, texel), new._sum_near(added, corner, texel)
+                new._sums.store(place, (corner, texel, total - lost + gained))
         return new
+
+    def _occupied_outside(self, boxes: Float64Array) -> dict[tuple[int, ...], bool]:
+        """Return what is known of tiles outside of boxes (n, 4), m."""
+        tiles = np.array(list(self._known_occupied), np.int64).reshape(-1, 3)
+        width = self.extent / np.exp2(tiles[:, :1])
+        margin = width / (SIDE - 2)
+        low, high = tiles[:, 1:] * width - margin, (tiles[:, 1:] + 1) * width + margin
+        stays = np.ones(len(tiles), np.bool_)
+        for west, south, east, north in boxes:
+            stays &= ((low > (east, north)) | (high < (west, south))).any(axis=1)
+        return dict(compress(self._known_occupied.items(), stays.tolist()))
+
+    def _sum_near(self, areas: Int64Array, corner: LatticeArray, texel: float) -> Int64Array | int:
+        """Return `_sum_of` those of some areas that may be in a square, 0 without any."""
+        box = _blocks(corner[None], texel / metres_per_unit(self.extent), 1)
+        near = areas[_meets(self._areas.boxes_of(areas), box)]
+        return self._sum_of(near, corner, texel) if len(near) else 0
 
     def changed_areas(self, old: Appearance) -> Float64Array:
         """Return boxes (n, 4), m, outside of which tiles of an earlier appearance are equal.
@@ -124,12 +131,9 @@ class Appearance:
         if new.any():
             boxes = _blocks(_corners(tiles[new]), np.exp2(LATTICE_BITS - tiles[new, 0]) / (SIDE - 2), 1)
             found = np.zeros(len(boxes), np.bool_)
-            photos = BoxIndex(
-                to_lattice(
-                    np.array([each.box for each in self.recipe.orthophotos]).reshape(-1, 4), self.extent
-                )
-            )
-            for index in (self._roads.boxes, self._areas, photos):
+            photos = np.array([each.box for each in self.recipe.orthophotos]).reshape(-1, 4)
+            photo_boxes = BoxIndex(to_lattice(photos, self.extent))
+            for index in (self._roads.boxes, self._areas, photo_boxes):
                 if len(index):
                     found[np.unique(index.touching(boxes)[0])] = True
             known.update(zip(compress(names, new), found.tolist(), strict=True))
@@ -289,11 +293,11 @@ class Appearance:
         √ of the albedo, and the share, (SIDE, SIDE, 4), 0 … 1.
         """
         place = tuple(corner.tolist()), texel
-        _, total = self._sums.get(place) or (corner, None)
+        *_, total = self._sums.get(place) or (None,)
         if total is None:
             _, areas = self._areas.touching(_blocks(corner[None], texel / metres_per_unit(self.extent), 1))
             total = self._sum_of(areas, corner, texel)
-            self._sums.store(place, (corner, total))
+            self._sums.store(place, (corner, texel, total))
         found = np.maximum(total * _WHOLE**-1, 0.0)[::-1]
         share = found[..., 3:]
         albedo = np.minimum(found[..., :3] / np.maximum(share, 1e-6), 1.0)

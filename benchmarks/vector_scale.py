@@ -52,6 +52,7 @@ _SCALE = (
 )
 _EDITS = (
     Column("curves", "curves"),
+    Column("roads", "roads"),
     Column("edits", "edits"),
     *(
         Column(f"{stage}_{key}", f"{stage}, {heading}")
@@ -74,7 +75,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     Loading: a process of its own reads the sketch from files, builds the terrain, and evaluates 64 tiles of
     ground and 16 of appearance; the memory is its most. Tiles: milliseconds each, of squares of tiles in the
     middle; countries alternate. Edits: a random corner of 2 × 2 km ahead of the camera, 300 m up, is moved by
-    up to 15 m. `vectors`: the new layer of the sketch; `recipe`: areas and networks; `terrain`: differences
+    up to 15 m; with roads a twentieth as often. `vectors`: the new layer of the sketch; `recipe`: areas and networks; `terrain`: differences
     and indices; `tiles`: those in view, of ground and appearance.
 
     Index: boxes of all pieces of borders, two a curve and area; `edits` move the pieces at a corner, and look
@@ -88,10 +89,12 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     terrains = {side: build(sketch, device=context) for side, sketch in countries.items()}
     scale = tuple(_scale_rows(terrains, loads, effort.rounds))
     flight = flight_table(terrains[max(terrains)], effort.scale_frames)
+    few, many = min(countries), max(countries)
     edits = [
-        _edit_row(side, countries[side], context, effort.scale_edits)
-        for side in (min(countries), max(countries))
+        _edit_row(side, _without_roads(countries[side]), "without", context, effort.scale_edits)
+        for side in (few, many)
     ]
+    edits.append(_edit_row(many, countries[many], "with", context, -(-effort.scale_edits // 20)))
     return Outcome(
         (
             Table("Countries of one density", _SCALE, scale),
@@ -157,7 +160,7 @@ def _scale_rows(
         yield row
 
 
-def _edit_row(side: int, sketch: Sketch, context: TimedContext, count: int) -> Row:
+def _edit_row(side: int, sketch: Sketch, roads: str, context: TimedContext, count: int) -> Row:
     """Edit corners in view, and compare the result with a terrain built from its sketch."""
     memory, rng = LRUCache(), np.random.default_rng(SEED)
     terrain = build(sketch, device=context, memory=memory)
@@ -180,7 +183,8 @@ def _edit_row(side: int, sketch: Sketch, context: TimedContext, count: int) -> R
         seconds.append(np.diff([*times, perf_counter()]))
     laps = 1e3 * np.array(seconds)
     columns = [*laps.T, laps.sum(axis=1)]
-    row: dict[str, Any] = {"curves": curve_count(side), "edits": count, "most": float(columns[-1].max())}
+    row: dict[str, Any] = {"curves": curve_count(side), "roads": roads, "edits": count}
+    row["most"] = float(columns[-1].max())
     for stage, own in zip((*_STAGES, "whole"), columns, strict=True):
         row[f"{stage}_ms"], row[f"{stage}_p95"] = np.percentile(own, (50, 95)).tolist()
     equal = _equal_tiles(terrain, build(sketch, device=context))

@@ -67,7 +67,7 @@ class Appearance:
         """Return the appearance of a changed recipe; what depends on unchanged roads and areas is shared."""
         new, old = Appearance(recipe, self.context, heights), self.recipe
         known, kept = self.__dict__, new.__dict__
-        if recipe.network is old.network and "_roads" in known:
+        if recipe.network.roads is old.network.roads and "_roads" in known:
             kept["_roads"] = self._roads
         removed, added = recipe.landuse.difference(old.landuse)
         if "_known_bearings" in known and _same_ground(recipe, old):

@@ -75,8 +75,8 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     Loading: a process of its own reads the sketch from files, builds the terrain, and evaluates 64 tiles of
     ground and 16 of appearance; the memory is its most. Tiles: milliseconds each, of squares of tiles in the
     middle; countries alternate. Edits: a random corner of 2 × 2 km ahead of the camera, 300 m up, is moved by
-    up to 15 m; with roads a twentieth as often. `vectors`: the new layer of the sketch; `recipe`: areas and networks; `terrain`: differences
-    and indices; `tiles`: those in view, of ground and appearance.
+    up to 15 m; with roads a twentieth as often. `vectors`: the new layer of the sketch; `recipe`: areas and
+    networks; `terrain`: differences and indices; `tiles`: those in view, of ground and appearance.
 
     Index: boxes of all pieces of borders, two a curve and area; `edits` move the pieces at a corner, and look
     at 256 tiles around it. The flight: 13 km in 73 s, from 2000 km/h at 5000 m to 60 km/h at 8 m and 90 km/h

@@ -1,8 +1,8 @@
 // Appearance tiles: √ of the albedo of roads and of land use, and the share of each texel that they cover.
 #include "appearance.clh"
 
-// Group of texels of a tile, for which roads and areas are listed.
-#define BLOCK 32
+#define SIDE 192  // texels along a tile
+#define BLOCK 32  // … along a group for which roads and areas are listed
 #define BLOCKS (SIDE / BLOCK)
 
 INLINE uchar as_byte(REAL x) { return (uchar)(real_clamp(x, R(0), R(1)) * R(255) + R(0.5)); }

@@ -25,15 +25,13 @@ if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-SIDE: Final = 192
-"""Texels along a side of a tile; the outermost are those of its neighbours."""
-_BLOCK: Final = 32  # texels along the side of a group with lists of its own
+SIDE, _BLOCK = (int(each) for each in kernel_constants("appearance.cl", "SIDE", "BLOCK"))
+"""Texels along a side of a tile, the outermost those of its neighbours; of a group with lists of its own."""
 _COARSE: Final = 7.0  # m: texels from which on areas are summed up on the host
 _FILE: Final = "appearance.cl"
 _AREA: Final = kernel_columns("appearance.clh", "PaintedArea")
 (_PHOTO_KEPT,) = kernel_constants("appearance.clh", "PHOTO_KEPT")
 _NOISE: Final = (60.0, 7.0, 0.7)  # m
-_DEFINES: Final = (("SIDE", str(SIDE)),)
 _MAX_TILES: Final = 64  # in a launch
 _WHOLE: Final = 2.0**40  # 1 in sums of areas
 _MOST_SUMS: Final = 64  # squares of large texels whose sums are kept, of 1.2 MB
@@ -219,7 +217,6 @@ class Appearance:
             ),
             *(np.int32(base is not None), result if base is None else context.upload(base), result),
             group=(_BLOCK, 1, 1),
-            defines=_DEFINES,
         )
         return context.download(result, shape, np.uint8)
 
@@ -320,7 +317,7 @@ class Appearance:
         at, row, form, edges = self._area_rows(areas, np.zeros(len(areas)))  # no row is seen
         means = context.empty((len(areas), 4), real)
         rows = [context.upload(each) for each in (row.astype(real), form)]
-        context.launch(_FILE, "area_means", (len(areas),), real.type(texel), *rows, means, defines=_DEFINES)
+        context.launch(_FILE, "area_means", (len(areas),), real.type(texel), *rows, means)
         colour = context.download(means, (len(areas), 4), real).astype(np.float64)
         colour[:, :3] *= colour[:, 3:]
         edges[:, :2] += np.repeat((at - corner) * metres_per_unit(self.extent) + texel, form[:, 1], axis=0)

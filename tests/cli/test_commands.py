@@ -76,7 +76,11 @@ def test_new_takes_place_and_size_from_a_georeferenced_raster(call, tmp_path):
     assert own.rasters[1].content == path.read_bytes()
 
     for options, code, problem in (
-        (("--raster", f"map={path}"), 3, "raster.role = 'map': expected 'elevation' or 'picture'"),
+        (
+            ("--raster", f"map={path}"),
+            3,
+            "raster.role = 'map': expected 'elevation' or 'orthophoto' or 'picture'",
+        ),
         (("--raster", f"picture={tmp_path / 'none.tif'}"), 3, "none.tif: the file is missing"),
         (("--raster", f"picture={tmp_path / 'own/sketch.toml'}"), 3, "cannot be read as a raster"),
         (("--raster", "picture="), 3, "expected a file"),

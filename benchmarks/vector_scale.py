@@ -94,7 +94,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         _edit_row(side, _without_roads(countries[side]), "without", context, effort.scale_edits)
         for side in (few, many)
     ]
-    edits.append(_edit_row(many, countries[many], "with", context, -(-effort.scale_edits // 20)))
+    edits.append(_edit_row(many, countries[many], "with", context, max(effort.scale_edits // 20, 2)))
     return Outcome(
         (
             Table("Countries of one density", _SCALE, scale),

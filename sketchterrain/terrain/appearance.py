@@ -32,6 +32,7 @@ _FILE: Final = "appearance.cl"
 _AREA: Final = kernel_columns("appearance.clh", "PaintedArea")
 (_PHOTO_KEPT,) = kernel_constants("appearance.clh", "PHOTO_KEPT")
 _NOISE: Final = (60.0, 7.0, 0.7)  # m
+_LEAST: Final = 0.1  # texels: half widths up to which roads have faded out (paint_road)
 _MAX_TILES: Final = 64  # in a launch
 _WHOLE: Final = 2.0**40  # 1 in sums of areas
 _MOST_SUMS: Final = 64  # squares of large texels whose sums are kept, of 1.2 MB
@@ -76,8 +77,10 @@ class Appearance:
             kept["_known_occupied"] = self._occupied_outside(new.changed_areas(self))
         if "_sums" in known and len(removed) + len(added) <= _MOST_EDITED:
             for place, (corner, texel, total) in self._sums.items():
-                lost, gained = self._sum_near(removed, corner, texel), new._sum_near(added, corner, texel)
-                new._sums.store(place, (corner, texel, total - lost + gained))
+                for each, areas, sign in ((self, removed, -1), (new, added, 1)):
+                    if (change := each._sum_near(areas, corner, texel)) is not None:
+                        total = total + sign * change
+                new._sums.store(place, (corner, texel, total))
         return new
 
     def _occupied_outside(self, boxes: Float64Array) -> dict[tuple[int, ...], bool]:
@@ -91,11 +94,11 @@ class Appearance:
             stays &= ((low > (east, north)) | (high < (west, south))).any(axis=1)
         return dict(compress(self._known_occupied.items(), stays.tolist()))
 
-    def _sum_near(self, areas: Int64Array, corner: LatticeArray, texel: float) -> Int64Array | int:
-        """Return `_sum_of` those of some areas that may be in a square, 0 without any."""
+    def _sum_near(self, areas: Int64Array, corner: LatticeArray, texel: float) -> Int64Array | None:
+        """Return `_sum_of` those of some areas that may be in a square, None without any."""
         box = _blocks(corner[None], texel / metres_per_unit(self.extent), 1)
         near = areas[_meets(self._areas.boxes_of(areas), box)]
-        return self._sum_of(near, corner, texel) if len(near) else 0
+        return self._sum_of(near, corner, texel) if len(near) else None
 
     def changed_areas(self, old: Appearance) -> Float64Array:
         """Return boxes (n, 4), m, outside of which tiles of an earlier appearance are equal.
@@ -190,11 +193,9 @@ class Appearance:
         context, unit = self.context, metres_per_unit(self.extent)
         real, shape = context.real_dtype.type, (len(corners), SIDE, SIDE, 4)
         blocks = _blocks(corners, texel / unit, SIDE // _BLOCK)
-        roads, road_lists = _listed(self._roads.boxes, blocks)
-        is_coarse = texel > _COARSE
-        areas, area_lists = _listed(self._areas, blocks[:0] if is_coarse else blocks)
-        if is_coarse:
-            area_lists = (np.zeros(len(blocks) + 1, np.int32), area_lists[1])
+        roads, road_lists = _listed(self._roads.boxes, blocks, self._roads.half_width > _LEAST * texel)
+        # Areas of large texels are in the base.
+        areas, area_lists = _listed(self._areas, blocks, np.array([texel <= _COARSE]))
         at, row, form, edges = self._area_rows(areas, self._bearings(areas))
         arrays = (
             *(corners, self._roads.at[roads], self._roads.row[roads].astype(real), *road_lists),
@@ -353,10 +354,16 @@ def _same_ground(one: TerrainRecipe, other: TerrainRecipe) -> bool:
 
 
 def _listed(
-    index: BoxIndex, blocks: LatticeArray
+    index: BoxIndex, blocks: LatticeArray, visible: BoolArray
 ) -> tuple[Int64Array, tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]]:
-    """Return the items that blocks list, and the lists by their numbers among these."""
-    starts, items = item_lists(index, blocks)
+    """Return the items that blocks list, and the lists by their numbers among these.
+
+    `visible` are those that are listed, (n,), or whether all are, (1,).
+    """
+    some = len(index) > 0 and bool(visible.any())
+    starts, items = np.zeros(len(blocks) + 1, np.int32), np.zeros(0, np.int32)
+    if some:
+        starts, items = item_lists(index, blocks, None if visible.all() else visible)
     used, number = np.unique(items, return_inverse=True)
     return used.astype(np.int64), (starts, number.astype(np.int32))
 

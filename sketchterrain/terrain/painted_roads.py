@@ -32,6 +32,12 @@ class PaintedRoads(NamedTuple):
     row: Float64Array  # (n, 16) columns of `_PIECE`
     boxes: BoxIndex
 
+    @property
+    def half_width(self) -> Float64Array:
+        """Half the greatest width with shoulders, (n,), m."""
+        both = self.row[:, [_PIECE["piece_from_whole"], _PIECE["piece_to_whole"]]]
+        return np.asarray(both.max(axis=1, initial=0.0))
+
     def as_bytes(self) -> npt.NDArray[np.void]:
         """Return each piece as one value."""
         rows = np.column_stack([self.at.view(np.float64), self.row])
@@ -79,10 +85,9 @@ def painted_roads(network: RoadNetwork, extent: float) -> PaintedRoads:
                 starts.append(place)
                 rows.append(beyond)
     at, row = to_lattice(np.concatenate(starts), extent), np.concatenate(rows)
-    reach = row[:, [_PIECE["piece_from_whole"], _PIECE["piece_to_whole"]]].max(axis=1, initial=0.0) + _FRAY
-    return PaintedRoads(
-        at, row, BoxIndex(arc_boxes(at, row[:, :2], row[:, _PIECE["piece_bend"]], reach, unit))
-    )
+    found = PaintedRoads(at, row, BoxIndex(np.zeros((0, 4), np.int64)))
+    boxes = arc_boxes(at, row[:, :2], row[:, _PIECE["piece_bend"]], found.half_width + _FRAY, unit)
+    return found._replace(boxes=BoxIndex(boxes))
 
 
 def _under_bridge(road: Road, row: Float64Array, end: int, step: int) -> tuple[Float64Array, Float64Array]:

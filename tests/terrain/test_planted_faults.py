@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sketchterrain.document.layers import DENSITY
+from sketchterrain.document.layers import CROPS, DENSITY
 from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.landuse.areas import LandUse
 from sketchterrain.placement import differences as row_differences
@@ -296,7 +296,10 @@ def land_part(name: str) -> Part:
     def changed(recipe: TerrainRecipe) -> TerrainRecipe:
         layer = recipe[LandUseLayer]
         value = getattr(layer.areas, name)
-        other = (value + 1) % 4 if name in ("use", "crop") else 0.8 * value
+        ploughed = CROPS.index("ploughed")
+        other = {"use": (value + 1) % 4, "crop": np.where(value == ploughed, 1, ploughed)}.get(
+            name, 0.8 * value
+        )
         moved = value + 3.0 if name == "edges" else other
         areas = replace(layer.areas, **{name: moved.astype(value.dtype)})
         return recipe.with_layers([replace(layer, areas=areas)])

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -18,6 +18,7 @@ from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
 from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.look.texture_maker import emboss, paint_layer
+from sketchterrain.terrain.appearance import Appearance
 from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.patches import Patches, PatchLauncher, sample_stride
@@ -224,13 +225,8 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
             yield _Case(("points",), name, level), _points(context, terrain, level, effort)
     paint = open_appearance(context)
     for level, kernels in ((6, ("appearance",)), (-1, ("appearance", "area_means"))):
-        yield (
-            _Case(kernels, GROUND, level),
-            partial(
-                context.lap,
-                partial(paint.tiles, [(level, *(int(at // (paint.extent / 2.0**level)) for at in AT))]),
-            ),
-        )
+        tile = level, *(int(at // (paint.extent / 2.0**level)) for at in AT)
+        yield _Case(kernels, GROUND, level), partial(context.lap, partial(_painted, paint, tile))
     yield from _point_works(context, round(_POINT_SIDE * _POINT_RADIUS))
     grid = NoiseGrid(context, effort.noise_side)
     yield _Case(("bench_fbm",)), partial(context.lap, grid.launch)
@@ -263,6 +259,11 @@ def _point_works(context: TimedContext, side: int) -> Iterator[tuple[_Case, Call
     thrown = ("throw_one_graded", "throw_two_graded", "throw_four_graded")
     others = ("clear", "accept_graded", "list_for_finer", "count_points", "write_graded")
     yield _Case((*thrown, *others)), partial(context.lap, partial(graded.within, area))
+
+
+def _painted(paint: Appearance, tile: tuple[int, ...]) -> None:
+    """Paint a tile without what is known of others."""
+    replace(paint).tiles([tile])
 
 
 def _even(west: int, south: int, east: int, north: int) -> SpacingRaster:

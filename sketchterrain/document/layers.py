@@ -141,6 +141,17 @@ def _strata(default: float) -> Parameter:
     return Parameter("strata", float, default, 0.0, 1.0, "", "how far layers of rock stand out as ledges")
 
 
+def _trees(density: str) -> tuple[Parameter, Parameter]:
+    return (
+        Parameter("density", float, 0.8, 0.0, 1.0, "", density),
+        Parameter(
+            *("conifers", float, -1.0, -1.0, 1.0, "", "share of conifers; -1 is by elevation"),
+            sentinel=Sentinel(-1.0, "By elevation", 0.5),
+            soft_range=(0.0, 1.0),
+        ),
+    )
+
+
 def _earthworks() -> tuple[Parameter, Parameter]:
     return (
         Parameter("cut", float, 1.0, 0.1, 10.0, "", "rise over run of slopes cut into the ground"),
@@ -291,12 +302,7 @@ _ALL: Final = (
     Layer(
         *("forest", "Forests", 3, "patches", "where trees grow"),
         parameter_table(
-            Parameter("density", float, 0.8, 0.0, 1.0, "", "share of the trees that the ground can carry"),
-            Parameter(
-                *("conifers", float, -1.0, -1.0, 1.0, "", "share of conifers; -1 is by elevation"),
-                sentinel=Sentinel(-1.0, "By elevation", 0.5),
-                soft_range=(0.0, 1.0),
-            ),
+            *_trees("share of the trees that the ground can carry"),
             _multitude(20, "groves"),
         ),
         colour=(38, 104, 58),
@@ -488,12 +494,7 @@ _ALL: Final = (
                 sentinel=Sentinel(0.0, "Undivided", 40.0),
                 soft_range=(5.0, 1000.0),
             ),
-            Parameter("density", float, 0.8, 0.0, 1.0, "", "share of the trees that forests can carry"),
-            Parameter(
-                *("conifers", float, -1.0, -1.0, 1.0, "", "share of conifers; -1 is by elevation"),
-                sentinel=Sentinel(-1.0, "By elevation", 0.5),
-                soft_range=(0.0, 1.0),
-            ),
+            *_trees("share of the trees that forests can carry"),
         ),
         colour=(206, 190, 110),
         hatch="falling",

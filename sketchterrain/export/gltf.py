@@ -28,7 +28,7 @@ from sketchterrain.export.mesh import (
     scene_objects,
     texture_stride,
 )
-from sketchterrain.export.sampled import SampleGrid, srgb_of
+from sketchterrain.export.sampled import SampleGrid, TerrainSamples, srgb_of
 from sketchterrain.export.target import Export
 from sketchterrain.io.files import atomic_file
 from sketchterrain.look.texture_levels import customized_levels, own_material_images, procedural_levels
@@ -168,9 +168,8 @@ def add_ground(glb: GlbWriter, mesh: GridMesh, export: Export) -> None:
     grid, samples = export.grid, export.samples
     stride = texture_stride(grid)
     appearance = material_appearance(export.terrain)
+    colour = glb.texture(bake_colour(samples, stride, appearance), "ground colour")
     weights = samples.weights[::stride, ::stride]
-    painted = None if samples.appearance is None else samples.appearance[::stride, ::stride]
-    colour = glb.texture(bake_colour(weights, appearance, painted), "ground colour")
     roughness = glb.texture(bake_roughness(weights, appearance), "ground roughness")
     material = glb.material(
         "ground",
@@ -248,13 +247,12 @@ def material_appearance(terrain: Terrain) -> MaterialAppearance:
     return MaterialAppearance(colour[:, :3] ** 2, relief[:, 2])
 
 
-def bake_colour(
-    weights: UInt8Array, appearance: MaterialAppearance, painted: UInt8Array | None = None
-) -> UInt8Array:
-    """Return the terrain's colours in sRGB: materials mixed linearly, under what is painted on them."""
+def bake_colour(samples: TerrainSamples, stride: int, appearance: MaterialAppearance) -> UInt8Array:
+    """Return colours of every so many samples in sRGB: materials mixed linearly, under what is painted."""
     steps = np.rint(_STEPS * appearance.albedo).astype(np.int64)
-    linear = _weighted_mean(weights, steps)
-    if painted is not None:
+    linear = _weighted_mean(samples.weights[::stride, ::stride], steps)
+    if samples.appearance is not None:
+        painted = samples.appearance[::stride, ::stride]
         share = painted[..., 3:].astype(np.int64)
         root = painted[..., :3].astype(np.int64)
         colour = root * root * _STEPS // (255 * 255)

@@ -169,15 +169,6 @@ class LandUse:
         """Number of edges of each area, (n,)."""
         return np.diff(self.first)
 
-    @cached_property
-    def boxes(self) -> Float64Array:
-        """West, south, east and north of each area, (n, 4), m."""
-        if not len(self):
-            return np.zeros((0, 4))
-        low = np.minimum.reduceat(np.minimum(self.edges[:, :2], self.edges[:, 2:]), self.first[:-1])
-        high = np.maximum.reduceat(np.maximum(self.edges[:, :2], self.edges[:, 2:]), self.first[:-1])
-        return np.concatenate([low, high], axis=1)
-
 
 NO_LAND_USE: Final = LandUse()
 

@@ -18,6 +18,7 @@ from sketchterrain.array_types import (
     LatticeArray,
     StructuredArray,
 )
+from sketchterrain.caching import LRUCache
 from sketchterrain.errors import InputError
 from sketchterrain.placement.hashing import hash_keys
 from sketchterrain.roads.built_ground import BuiltGround, trees_along
@@ -164,6 +165,7 @@ class Storey:
         trees = trees_along(recipe.network) if name == "woody" else np.zeros((0, 2))
         self._planted = to_lattice(trees, recipe.extent)
         self._farmland = Farmland(evaluator, name)
+        self._rows = LRUCache(4)  # planted places of areas, asked for by bounds, estimates and steps
 
     def bound(self, area: Area) -> int:
         """Return the greatest possible number of plants in an area (lattice units)."""
@@ -232,6 +234,10 @@ class Storey:
 
     def _planted_in(self, area: Area) -> tuple[LatticeArray, Int64Array]:
         """Return places (lattice units) of plants along roads and in rows in an area, and their crops."""
+        found: tuple[LatticeArray, Int64Array] = self._rows.get_or_compute(area, lambda: self._plant(area))
+        return found
+
+    def _plant(self, area: Area) -> tuple[LatticeArray, Int64Array]:
         west, south, east, north = area
         x, y = self._planted.T
         along = self._planted[(x >= west) & (x < east) & (y >= south) & (y < north)]

@@ -32,7 +32,7 @@ from sketchterrain.terrain.vertex_writer import geometric_error
 from sketchterrain.tiles.quadtree import code_of, intersects_bounds
 from sketchterrain.vegetation.graded_poisson import run_to_completion
 from sketchterrain.vegetation.plants import PLANT
-from sketchterrain.world.grid import CHUNK, LAYER_SPECS, Level
+from sketchterrain.world.grid import CHUNK, LAYER_SPECS, Level, layer_specs
 from sketchterrain.world.stored_world import StoredWorld, open_world
 
 _LEAST_BITS: Final = 8
@@ -117,10 +117,8 @@ class StoredPyramid:
         return middle.astype(LAYER_SPECS[layer].dtype)
 
     def _empty(self, layer: str, rows: int, columns: int) -> _Array:
-        bands = {"height": (), "normal": (3,), "materials": (len(self.world.material_names),)}.get(
-            layer, (4,)
-        )
-        return np.zeros((*bands, rows, columns), LAYER_SPECS[layer].dtype)
+        spec = layer_specs(self.world.material_names)[layer]
+        return np.zeros(spec.shape(rows, columns), spec.dtype)
 
     def heights(self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0) -> _Floats:
         """Return heights (m) at positions (m east and north) from the north-west corner.

@@ -83,6 +83,21 @@ def show_widget(qtbot):
 
 
 @pytest.fixture
+def open_canvas(workspace, link, show_widget):
+    """Return a function that shows the canvas of a document, which records its messages as `lines`."""
+    from sketchterrain.ui.canvas.canvas import Canvas
+
+    def open_(document):
+        widget = show_widget(Canvas(document, workspace, link), 500, 500)
+        widget.setFocus()
+        widget.lines = []
+        widget.message.connect(widget.lines.append)
+        return widget
+
+    return open_
+
+
+@pytest.fixture
 def small():
     """A sketch that exports quickly."""
     mountain = np.zeros((48, 64), np.uint8)

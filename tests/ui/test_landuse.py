@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-from PyQt6.QtCore import Qt
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.document.vectors import AREA, VectorFeature, VectorLayer
 from sketchterrain.landuse.areas import land_use
-from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.look.layer_colours import USE_COLOURS
 from sketchterrain.ui.models import vectors
 from sketchterrain.ui.models.document import Document
@@ -16,7 +14,7 @@ from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.panels.layers import LayersPanel
 from sketchterrain.ui.panels.vector_page import VectorPage
 
-from .test_vectors import SIDE, at, click, drag, steps
+from .test_vectors import SIDE, at, click, drag, draw, steps
 
 
 @pytest.fixture
@@ -25,18 +23,8 @@ def blank(qapp):
 
 
 @pytest.fixture
-def canvas(blank, workspace, link, show_widget):
-    widget = show_widget(Canvas(blank, workspace, link), 500, 500)
-    widget.setFocus()
-    widget.lines = []
-    widget.message.connect(widget.lines.append)
-    return widget
-
-
-def outline(canvas, qtbot, *points):
-    for place in points:
-        click(canvas, *place)
-    qtbot.keyClick(canvas, Qt.Key.Key_Return)
+def canvas(blank, open_canvas):
+    return open_canvas(blank)
 
 
 def ring(document, name):
@@ -58,10 +46,10 @@ def test_two_fields_share_a_border_get_crops_and_are_saved(
     near = 6.0 / canvas._context.px_per_metre
     workspace.use_label("landuse", 1)
     assert workspace.tool == "line"
-    outline(canvas, qtbot, (200, 200), (600, 200), (650, 600), (600, 1000), (200, 1000))
+    draw(canvas, qtbot, (200, 200), (600, 200), (650, 600), (600, 1000), (200, 1000))
     # The second one snaps to the first, at vertices and within its northern border.
     east = [(600 + near, 200), (1000, 200), (1000, 1100), (400, 1000 + near), (600, 1000), (650, 600)]
-    outline(canvas, qtbot, *east)
+    draw(canvas, qtbot, *east)
     assert steps(blank) == 2 * ("Draw an area of land use",)
     one, other = ring(blank, 1), ring(blank, 2)
     shared = [place for place in one if place in other]

@@ -10,7 +10,6 @@ from sketchterrain.document.vector_edits import vertices_at
 from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError
 from sketchterrain.ui import commands
-from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.models import vectors
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Selection
@@ -42,14 +41,10 @@ def rivers(blank):
 
 
 @pytest.fixture
-def canvas(blank, workspace, link, show_widget):
-    widget = show_widget(Canvas(blank, workspace, link), 500, 500)
-    widget.setFocus()
+def canvas(blank, workspace, open_canvas):
     workspace.tool = "line"
     workspace.use_label("river", 1)
-    widget.lines = []
-    widget.message.connect(widget.lines.append)
-    return widget
+    return open_canvas(blank)
 
 
 def at(canvas, x, y):
@@ -62,6 +57,12 @@ def click(canvas, x, y, **keys):
     place = at(canvas, x, y)
     events.mouse(canvas, events.MOVE, place.x(), place.y(), events.NO_BUTTON)
     events.click(canvas, place.x(), place.y(), **keys)
+
+
+def draw(canvas, qtbot, *points):
+    for place in points:
+        click(canvas, *place)
+    qtbot.keyClick(canvas, Qt.Key.Key_Return)
 
 
 def drag(canvas, *places):

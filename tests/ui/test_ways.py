@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-from PyQt6.QtCore import Qt
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vector_edits import set_value, shared_nodes
 from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError
 from sketchterrain.ui import commands
-from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.engine.placer import place_of_finding
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models import vectors
@@ -20,7 +18,7 @@ from sketchterrain.ui.panels.layers import LayersPanel
 from sketchterrain.ui.panels.lists import ContradictionsPanel
 from sketchterrain.ui.panels.vector_page import VectorPage
 
-from .test_vectors import SIDE, at, click, drag, line, places, steps
+from .test_vectors import SIDE, at, click, drag, draw, line, places, steps
 
 
 @pytest.fixture
@@ -42,18 +40,8 @@ def ways(blank):
 
 
 @pytest.fixture
-def canvas(blank, workspace, link, show_widget):
-    widget = show_widget(Canvas(blank, workspace, link), 500, 500)
-    widget.setFocus()
-    widget.lines = []
-    widget.message.connect(widget.lines.append)
-    return widget
-
-
-def draw(canvas, qtbot, *points):
-    for place in points:
-        click(canvas, *place)
-    qtbot.keyClick(canvas, Qt.Key.Key_Return)
+def canvas(blank, open_canvas):
+    return open_canvas(blank)
 
 
 def test_a_layer_without_an_image_takes_the_line_tool_and_says_why_it_is_not_painted(

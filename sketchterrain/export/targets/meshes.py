@@ -177,9 +177,7 @@ def _write_obj(export: Export) -> ExportOutput:
     result = export_mesh(export, decimals=HEIGHT_DECIMALS)
     mesh, samples = result.mesh, export.samples
     stride = texture_stride(export.grid)
-    painted = None if samples.appearance is None else samples.appearance[::stride, ::stride]
-    weights = samples.weights[::stride, ::stride]
-    colours = bake_colour(weights, material_appearance(export.terrain), painted)
+    colours = bake_colour(samples, stride, material_appearance(export.terrain))
     files: dict[Path, str] = {}
     path = folder / f"{name}.obj"
     with export.stages.stage("obj", "OBJ"), write_obj(path, f"{name}.mtl") as add:

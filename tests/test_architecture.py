@@ -25,10 +25,11 @@ MAY_IMPORT = {
     # The class `Terrain` offers foliage: vegetation is the one room below that terrain imports.
     "terrain": CORE | {"elevation"},
     "vegetation": CORE,
+    "drape": CORE | {"elevation"},
     "tiles": {"errors", "array_types"},
     "look": CORE,
-    "render": CORE | {"tiles", "look"},
-    "export": CORE | {"tiles", "look"},
+    "render": CORE | {"drape", "tiles", "look"},
+    "export": CORE | {"drape", "tiles", "look"},
     "importing": BASE | {"elevation"},
 }
 ANYTHING = {"__init__", "__main__", "app", "batch", "benchmarks", "ui", "world"}

@@ -1,0 +1,1 @@
+"""Draped layers: vectors and rasters shown on the terrain, in bounded memory."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
 from sketchterrain.document.parameters import (
+    FRAME,
     LOOK,
     Parameter,
     Properties,
@@ -18,13 +21,16 @@ from sketchterrain.document.parameters import (
     defaults,
     parameter_table,
 )
-from sketchterrain.document.rasters import RASTER
-from sketchterrain.errors import InputError, one_line, unknown_key
+from sketchterrain.document.rasters import RASTER, RasterSource, content_hash, raster_problem
+from sketchterrain.errors import InputError, format_value, one_line, unknown_key
+from sketchterrain.io.files import relative_path, too_large, wrap_read_errors
 
 MAX_DRAPES: Final = 64
 """The most draped layers of a sketch."""
 MAX_CLASSES: Final = 256
 """The most classes of a layer."""
+MAX_EDIT_BYTES: Final = 5 << 20
+"""The most bytes of all edits of features in a sketch, which are stored as text."""
 BLENDS: Final = ("normal", "multiply", "screen", "add")
 
 _COLOUR: Final = LOOK["colour"]
@@ -80,8 +86,25 @@ DRAPE: Final = parameter_table(
         soft_range=(0.0, 1000.0),
     ),
     Parameter("by", str, "", 0, 80, "", "property whose values are the layer's classes"),
+    replace(FRAME["crs"], help="of a file without one, as EPSG:4326; empty is the sketch's"),
 )
 """Keys of ``[[drape]]`` besides those of `STYLE`."""
+
+CLASS: Final = parameter_table(
+    Parameter("value", str, "", 0, 200, "characters", "of the property that `by` names"), *STYLE.values()
+)
+"""Keys of ``[[drape.class]]``."""
+
+EDIT: Final = parameter_table(
+    Parameter("id", int, 0, 0, 2**63 - 1, "", "of the feature in the file; others are new features"),
+    Parameter("geometry", str, "", 0, 1 << 24, "characters", "as WKT, in metres of the sketch"),
+)
+"""Keys of ``[[drape.edit]]`` besides ``deleted = true``, in place of a geometry, and ``properties``."""
+
+_LITTLE_ENDIAN: Final = 1
+_SHAPES: Final = (0, 1, 3, 4, 5, 6)  # shapely's type ids of points, lines and areas, single or several
+_ROOM: Final = 64  # bytes of an edit's objects
+_ENTRY: Final = 72  # bytes of an edit in a layer
 
 
 @dataclass(frozen=True)
@@ -95,8 +118,10 @@ class DrapeClass:
     style: Properties = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        checked = check_values(self.style, STYLE, "[[drape.class]]", "drape.class.")
-        object.__setattr__(self, "style", MappingProxyType(checked))
+        given = {"value": self.value, **self.style}
+        checked = check_values(given, CLASS, "[[drape.class]]", "drape.class.")
+        ordered = {name: checked[name] for name in STYLE if name in checked}
+        object.__setattr__(self, "style", MappingProxyType(ordered))
 
     def __hash__(self) -> int:
         return hash((self.value, tuple(self.style.items())))
@@ -110,12 +135,44 @@ class FeatureEdit:
     """What replaces a feature of the file, or what is added to it, until the file is saved.
 
     `geometry` is WKB in metres of the sketch; empty deletes the feature. `properties` are all of its
-    properties. An id beyond those of the file is that of a new feature.
+    properties; those without a value are left out. Raise InputError if a value is not as declared.
     """
 
     id: int
     geometry: bytes = b""
     properties: tuple[tuple[str, int | float | str | None], ...] = ()
+
+    def __post_init__(self) -> None:
+        EDIT["id"].check(self.id, "drape.edit.id")
+        if self.geometry:
+            object.__setattr__(self, "geometry", _checked_geometry(self.geometry))
+        given = {name: _checked_property(name, value) for name, value in self.properties}
+        kept = tuple((name, value) for name, value in given.items() if value is not None)
+        object.__setattr__(self, "properties", kept)
+
+    @property
+    def nbytes(self) -> int:
+        """Approximate memory."""
+        return (
+            _ROOM + len(self.geometry) + sum(len(name) + len(str(value)) for name, value in self.properties)
+        )
+
+    @property
+    def text(self) -> str:
+        """Its geometry as WKT, with some vertices a line."""
+        import shapely
+
+        parts = shapely.to_wkt(shapely.from_wkb(self.geometry), rounding_precision=-1).split(", ")
+        return ",\n".join(", ".join(parts[at : at + 3]) for at in range(0, len(parts), 3))
+
+    def scaled(self, ratio: float) -> FeatureEdit:
+        """Return it with other coordinates, of a sketch of another extent."""
+        import shapely
+
+        if not self.geometry:
+            return self
+        shape = shapely.transform(shapely.from_wkb(self.geometry), lambda points: points * ratio)
+        return replace(self, geometry=shapely.to_wkb(shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +187,6 @@ class DrapedLayer:
     style: Properties = field(default_factory=dict)  # by the names in `STYLE`
     classes: tuple[DrapeClass, ...] = ()
     edits: Mapping[int, FeatureEdit] = field(default_factory=dict)  # by feature
-    crs: str = ""  # of what has none itself; empty is the sketch's
 
     def __post_init__(self) -> None:
         given = {"path": self.path, **self.values}
@@ -139,9 +195,17 @@ class DrapedLayer:
         object.__setattr__(self, "path", checked.pop("path"))
         object.__setattr__(self, "values", MappingProxyType(checked))
         object.__setattr__(self, "style", MappingProxyType(style))
+        if checked["crs"]:
+            from sketchterrain.io.crs import parse_crs
+
+            parse_crs(str(checked["crs"]))
         classes = check_items(DrapeClass, self.classes, "classes of a draped layer", most=MAX_CLASSES)
         object.__setattr__(self, "classes", classes)
-        object.__setattr__(self, "edits", MappingProxyType(dict(self.edits)))
+        object.__setattr__(self, "edits", MappingProxyType({edit.id: edit for edit in self.edits.values()}))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = dict(self.values), dict(self.style), self.classes, dict(self.edits)
+        return DrapedLayer, (self.path, *values)
 
     # By hand: messages to other processes contain values of eq=False only once.
     def __eq__(self, other: object) -> bool:
@@ -160,6 +224,23 @@ class DrapedLayer:
         return self["title"] or one_line(Path(self.path).stem)
 
     @property
+    def crs(self) -> str:
+        """That of a file without one; empty is the sketch's."""
+        return str(self["crs"])
+
+    @property
+    def file(self) -> RasterSource:
+        """Its file by path and hash."""
+        return RasterSource(self.path, sha256=self["sha256"])
+
+    @property
+    def stored_values(self) -> dict[str, Any]:
+        """Values of `DRAPE` and `STYLE` to store: the path, and those that are not defaults."""
+        values = {**self.values, **self.style}
+        changed = {name: value for name, value in values.items() if value != _KEYS[name].default}
+        return {"path": self.path, **changed}
+
+    @property
     def source_key(self) -> tuple[object, ...]:
         """What its features and pixels depend on: the file and what is read of it, without edits."""
         return self.path, self["sha256"], self["table"], self["band"], self.crs
@@ -172,19 +253,152 @@ class DrapedLayer:
         """Return a layer with other values by the names of fields, of `DRAPE` and of `STYLE`."""
         values, style, fields = dict(self.values), dict(self.style), dict[str, Any]()
         for name, value in changes.items():
-            table = values if name in DRAPE and name != "path" else style if name in STYLE else fields
+            table = style if name in STYLE else values if name in DRAPE and name != "path" else fields
             table[name] = value
         return replace(self, **{"values": values, "style": style, **fields})
 
 
-def parse_drape(table: Mapping[str, object]) -> DrapedLayer:
-    """Return the layer in one ``[[drape]]`` table; raise InputError if it is invalid."""
-    raise NotImplementedError(table)
+_KEYS: Final = {**DRAPE, **STYLE}
+
+
+def draped_layer(path: Path, **values: Any) -> DrapedLayer:
+    """Return a layer of a file, with its hash and other values by the names in `DRAPE` and `STYLE`.
+
+    A folder, as of a world, has no hash. Raise InputError if it is missing, or for a bad name or value.
+    """
+    for name in values.keys() - _KEYS:
+        raise unknown_key(name, values[name], list(_KEYS)[1:])
+    layer = DrapedLayer(str(path.absolute())).replace(**values)
+    if problem := drape_problem(layer.replace(sha256="")):
+        raise InputError(problem)
+    with wrap_read_errors(path):
+        return layer.replace(sha256="" if path.is_dir() else content_hash(layer.file))
+
+
+def drape_problem(layer: DrapedLayer) -> str:
+    """Return in one line that a layer's file is missing or has changed since it was added, else empty."""
+    return "" if os.path.isdir(layer.path) else raster_problem(layer.file, "draped layer")  # noqa: PTH112 # no error
+
+
+def resolved_drapes(drapes: Iterable[DrapedLayer], base: Path) -> tuple[DrapedLayer, ...]:
+    """Return layers with absolute paths, from paths that are relative to a sketch's folder."""
+    return tuple(each.replace(path=str(base.absolute() / each.path)) for each in drapes)
+
+
+def relative_drapes(drapes: Iterable[DrapedLayer], base: Path) -> tuple[DrapedLayer, ...]:
+    """Return layers with paths inside a sketch's folder relative to it."""
+    return tuple(each.replace(path=relative_path(each.path, base)) for each in drapes)
+
+
+def scaled_drapes(drapes: Iterable[DrapedLayer], ratio: float) -> tuple[DrapedLayer, ...]:
+    """Return layers whose edits are scaled as a sketch of another extent."""
+    return tuple(
+        each.replace(edits={number: edit.scaled(ratio) for number, edit in each.edits.items()})
+        if each.edits and ratio != 1.0
+        else each
+        for each in drapes
+    )
+
+
+def new_drape_bytes(former: Sequence[DrapedLayer], drapes: Sequence[DrapedLayer]) -> int:
+    """Return the approximate memory of edits that former layers do not have: they share the others."""
+    known = {id(edit) for layer in former for edit in layer.edits.values()}
+    changed = [layer for layer in drapes if all(layer is not each for each in former)]
+    edits = [edit for layer in changed for edit in layer.edits.values()]
+    return _ENTRY * len(edits) + sum(edit.nbytes for edit in edits if id(edit) not in known)
 
 
 def check_drapes(drapes: Iterable[object]) -> tuple[DrapedLayer, ...]:
-    """Return a sketch's draped layers, from the lowest to the highest; raise InputError for too many."""
-    return check_items(DrapedLayer, drapes, "draped layers", most=MAX_DRAPES)
+    """Return a sketch's draped layers, from the lowest to the highest; raise InputError if they are too many.
+
+    Edits are limited too: they are stored as text.
+    """
+    checked = check_items(DrapedLayer, drapes, "draped layers", most=MAX_DRAPES)
+    if sum(edit.nbytes for layer in checked for edit in layer.edits.values()) > MAX_EDIT_BYTES:
+        raise too_large("edits of draped layers that are not yet saved to their files", MAX_EDIT_BYTES)
+    return checked
 
 
-__all__ = ["DRAPE", "STYLE", "DrapeClass", "DrapedLayer", "FeatureEdit", "InputError", "unknown_key"]
+def parse_drape(table: Mapping[str, object]) -> DrapedLayer:
+    """Return the layer in one ``[[drape]]`` table; raise InputError if it is invalid."""
+    rest = dict(table)
+    classes, edits = (_tables(name, rest.pop(name, [])) for name in ("class", "edit"))
+    for key, value in rest.items():
+        if key not in _KEYS:
+            raise unknown_key(key, value, [*_KEYS, "class", "edit"])
+    if "path" not in rest:
+        raise InputError(f"no path: expected {', '.join(_KEYS)}")
+    found = [_parse_edit(each) for each in edits]
+    layer = DrapedLayer(
+        rest.pop("path"),  # type: ignore[arg-type] # it checks every value
+        classes=tuple(_parse_class(each) for each in classes),
+        edits={edit.id: edit for edit in found},
+    )
+    if len(layer.edits) < len(found):
+        raise InputError("two [[drape.edit]] have the same id: expected one of a feature")
+    return layer.replace(**rest)
+
+
+def _tables(name: str, value: object) -> list[dict[str, Any]]:
+    if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
+        raise InputError(
+            f"{name} = {format_value(value)}: expected tables, each with [[drape.{name}]] above it"
+        )
+    return value
+
+
+def _parse_class(table: dict[str, Any]) -> DrapeClass:
+    for key, value in table.items():
+        if key not in CLASS:
+            raise unknown_key(key, value, CLASS, "[[drape.class]]")
+    return DrapeClass(table.pop("value", ""), table)
+
+
+def _parse_edit(table: Mapping[str, Any]) -> FeatureEdit:
+    known = [*EDIT, "deleted", "properties"]
+    for key, value in table.items():
+        if key not in known:
+            raise unknown_key(key, value, known, "[[drape.edit]]")
+    if ("geometry" in table) == ("deleted" in table) or table.get("deleted", True) is not True:
+        raise InputError("[[drape.edit]]: expected either a geometry or deleted = true")
+    properties = table.get("properties", {})
+    if not isinstance(properties, dict):
+        raise InputError(f"drape.edit.properties = {format_value(properties)}: expected a table")
+    number, geometry = table.get("id"), b""
+    if "geometry" in table:
+        import shapely
+
+        try:
+            geometry = shapely.to_wkb(shapely.from_wkt(str(EDIT["geometry"].check(table["geometry"]))))
+        except shapely.errors.GEOSException as error:
+            raise InputError(f"drape.edit.geometry: expected WKT ({one_line(error)[:80]})") from None
+    return FeatureEdit(number, geometry, tuple(properties.items()))  # type: ignore[arg-type] # it checks it
+
+
+def _checked_geometry(wkb: bytes) -> bytes:
+    """Return little-endian WKB of points, lines or areas without heights; raise InputError for others."""
+    import shapely
+
+    try:
+        shape = shapely.force_2d(shapely.from_wkb(wkb))
+    except shapely.errors.GEOSException as error:
+        raise InputError(f"drape.edit.geometry: expected WKB ({one_line(error)[:80]})") from None
+    is_finite = bool((abs(shapely.get_coordinates(shape)) < math.inf).all())
+    if shapely.get_type_id(shape) not in _SHAPES or shape.is_empty or not is_finite:
+        raise InputError(f"drape.edit.geometry = {one_line(shape)[:60]}: expected points, lines or areas")
+    return bytes(shapely.to_wkb(shape, byte_order=_LITTLE_ENDIAN))
+
+
+def _checked_property(name: object, value: object) -> int | float | str | None:
+    """Return a property's value, None for none; raise InputError if a GeoPackage could not have it."""
+    if not isinstance(name, str) or not name or len(name) > 200:
+        raise InputError(
+            f"drape.edit.properties: expected names of 1 to 200 characters, got {format_value(name)}"
+        )
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return None
+    if isinstance(value, float | str) or (isinstance(value, int) and abs(value) < 1 << 63):
+        return int(value) if isinstance(value, bool) else value
+    raise InputError(
+        f"drape.edit.properties.{one_line(name)} = {format_value(value)}: expected a number or text"
+    )

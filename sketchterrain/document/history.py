@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.document.drapes import new_drape_bytes
 from sketchterrain.document.label_layers import Box, LabelImage, freeze_image, union_box
 from sketchterrain.document.sketch import Sketch
 
@@ -173,7 +174,7 @@ class _Step:
     title: str
     settings: Mapping[str, Any]
     changes: Mapping[str, LayerChange] = field(default_factory=dict)
-    new_bytes: int = 0  # of vectors and rasters that the step before does not have
+    new_bytes: int = 0  # of vectors, rasters and draped layers that the step before does not have
     key: object = field(default_factory=object)
 
     @property
@@ -257,6 +258,7 @@ class History:
                 new_bytes += sum(piece.nbytes for piece in vectors.pieces if piece not in known_pieces)
                 former.release()
         new_bytes += sum(each.nbytes for each in sketch.rasters if each not in last["rasters"])
+        new_bytes += new_drape_bytes(last["drapes"], sketch.drapes)
         self._steps.append(_Step(title, settings, changes, new_bytes))
         self._bytes += self._steps[-1].bytes
         self._at += 1

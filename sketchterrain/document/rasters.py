@@ -171,9 +171,9 @@ def embedded_files(rasters: Iterable[RasterSource]) -> dict[str, bytes]:
     return {each.path: each.content for each in rasters if each.content is not None}
 
 
-def raster_problem(source: RasterSource) -> str:
+def raster_problem(source: RasterSource, what: str = "raster") -> str:
     """Return in one line that a source is missing or has changed since it was added; empty if neither."""
-    place, path = f"raster {one_line(source.path)}", Path(source.path)
+    place, path = f"{what} {one_line(source.path)}", Path(source.path)
     try:
         if source.content is None and not path.is_file():
             return f"{place}: {'expected a file' if path.exists() else 'the file is missing'}"

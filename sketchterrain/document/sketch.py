@@ -13,6 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.document.drapes import DrapedLayer, check_drapes, scaled_drapes
 from sketchterrain.document.edits import MAX_EDITS, Edit
 from sketchterrain.document.frame import check_frame
 from sketchterrain.document.label_layers import (
@@ -98,6 +99,8 @@ class Sketch:
         Points, lines and areas by layer name; missing layers are empty.
     rasters
         Georeferenced grids and pictures by path; none is copied unless it is embedded.
+    drapes
+        Vectors and rasters that are shown on the terrain, from the lowest to the highest.
     labels
         Properties by (layer name, label); missing ones have defaults.
     materials
@@ -129,6 +132,7 @@ class Sketch:
     layers: Mapping[str, LabelImage] = field(default_factory=dict)
     vectors: Mapping[str, VectorLayer] = field(default_factory=dict)
     rasters: tuple[RasterSource, ...] = ()
+    drapes: tuple[DrapedLayer, ...] = ()
     labels: Mapping[tuple[str, int], Properties] = field(default_factory=dict)
     materials: Mapping[str, Properties] = field(default_factory=dict)
     look: Mapping[str, Properties] = field(default_factory=dict)
@@ -149,6 +153,7 @@ class Sketch:
         checked["vectors"] = vectors = check_vectors(self.vectors)
         check_materials_of_vectors(vectors, materials)
         checked["rasters"] = check_rasters(self.rasters)
+        checked["drapes"] = check_drapes(self.drapes)
         checked["labels"] = _check_labels(self.labels, materials)
         checked["look"] = _check_look(self.look, materials)
         checked["edits"] = check_items(Edit, self.edits, "edits", most=MAX_EDITS)
@@ -274,14 +279,21 @@ class Sketch:
     def replace(self, **changes: Any) -> Sketch:
         """Return a sketch with other values in the named fields, each replaced as a whole.
 
-        With another extent vectors are scaled as paint is, unless they are among the changes.
+        With another extent vectors and edits of draped layers are scaled as paint is, unless they are among
+        the changes.
         """
-        if "extent" in changes and "vectors" not in changes:
+        if "extent" in changes:
             ratio = float(SKETCH["extent"].check(changes["extent"])) / self.extent
-            changes["vectors"] = {
-                name: dataclasses.replace(layer, vertices=layer.vertices * ratio) if ratio != 1.0 else layer
-                for name, layer in self.vectors.items()
+            scaled = {
+                "drapes": scaled_drapes(self.drapes, ratio),
+                "vectors": {
+                    name: dataclasses.replace(layer, vertices=layer.vertices * ratio)
+                    if ratio != 1.0
+                    else layer
+                    for name, layer in self.vectors.items()
+                },
             }
+            changes = scaled | changes
         return dataclasses.replace(self, **changes)
 
     def with_edit(self, edit: Edit) -> Sketch:

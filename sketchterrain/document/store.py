@@ -13,6 +13,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
 
 from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.document.drapes import relative_drapes, resolved_drapes
 from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 from sketchterrain.document.own_materials import relative_folders, resolved_folders
@@ -38,7 +39,7 @@ MAX_FILE_BYTES = 64 << 20
 MAX_TOTAL_BYTES = 256 << 20
 """The most bytes of all files of a sketch together."""
 
-_MAX_SETTINGS_BYTES = 2 << 20
+_MAX_SETTINGS_BYTES = 16 << 20  # edits of draped layers are the most of it
 _OTHER_IMAGES = frozenset({".jpg", ".jpeg", ".gif", ".bmp", ".tif", ".tiff", ".webp"})
 
 
@@ -331,7 +332,7 @@ def pack_sketch(
 
 
 def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None) -> Sketch:
-    """Return a sketch whose folders of pictures and rasters are relative to `base`."""
+    """Return a sketch whose folders of pictures, rasters and draped layers are relative to `base`."""
     images: dict[str, LabelImage] = {}
     for name in PAINTED_LAYERS:
         if f"{name}.png" in contents:
@@ -344,6 +345,8 @@ def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None)
             sketch = sketch.replace(materials=resolved_folders(sketch.materials, base))
         if sketch.rasters:
             sketch = sketch.replace(rasters=resolved_rasters(sketch.rasters, contents, base))
+        if base is not None and sketch.drapes:
+            sketch = sketch.replace(drapes=resolved_drapes(sketch.drapes, base))
     vectors = {}
     for name in VECTOR_LAYERS:
         if f"{name}{SUFFIX}" in contents:
@@ -363,9 +366,11 @@ def _check_same_size(images: Mapping[str, LabelImage], name: str) -> None:
 
 
 def _encode(sketch: Sketch, base: Path | None) -> dict[str, bytes]:
-    if base is not None and (sketch.materials or sketch.rasters):
+    if base is not None and (sketch.materials or sketch.rasters or sketch.drapes):
         sketch = sketch.replace(
-            materials=relative_folders(sketch.materials, base), rasters=relative_rasters(sketch.rasters, base)
+            materials=relative_folders(sketch.materials, base),
+            rasters=relative_rasters(sketch.rasters, base),
+            drapes=relative_drapes(sketch.drapes, base),
         )
     files = {}
     for name, image in sketch.layers.items():

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from sketchterrain.document.drapes import CLASS, DRAPE, STYLE, DrapedLayer, parse_drape
 from sketchterrain.document.edits import ACTIONS, Edit, added_id, parse_edit
 from sketchterrain.document.label_layers import LabelImage, labels_in
 from sketchterrain.document.layers import LAYERS
@@ -86,8 +87,10 @@ def parse_settings(data: bytes, layers: Mapping[str, LabelImage] = _UNPAINTED) -
             fields["material_rules"] = _parse_tables(key, value, parse_rule_change)
         elif key == "raster":
             fields["rasters"] = _parse_tables(key, value, parse_raster)
+        elif key == "drape":
+            fields["drapes"] = _parse_tables(key, value, parse_drape)
         else:
-            others = ("materials", "look", "raster", "material_rule", "edit")
+            others = ("materials", "look", "raster", "drape", "material_rule", "edit")
             known = ["format", *SKETCH, *TABLES, *LAYERS, *others]
             raise unknown_key(key, value, known)
     if version == 1:
@@ -116,6 +119,8 @@ def settings_text(sketch: Sketch) -> str:
         lines += [f"[{name}.{label}]", *_lines(properties, LAYERS[name].parameters)]
     for source in sketch.rasters:
         lines += ["", "[[raster]]", *_lines(source.stored_values, RASTER)]
+    for layer in sketch.drapes:
+        lines += _drape_lines(layer)
     if sketch.material_rules:
         lines += ["", "# Changes of the default material rules."]
     for change in sketch.material_rules:
@@ -185,6 +190,18 @@ def _rule_lines(change: RuleChange) -> list[str]:
     return lines
 
 
+def _drape_lines(layer: DrapedLayer) -> list[str]:
+    lines = ["", "[[drape]]", *_lines(layer.stored_values, {**DRAPE, **STYLE})]
+    for each in layer.classes:
+        lines += ["[[drape.class]]", *_lines({"value": each.value, **each.style}, CLASS)]
+    for _, edit in sorted(layer.edits.items()):
+        lines += ["[[drape.edit]]", f"id = {edit.id}"]
+        # Not parsed character by character, as other texts.
+        lines.append(f"geometry = '''\n{edit.text}'''" if edit.geometry else "deleted = true")
+        lines += [f"properties.{_toml_value(name)} = {_toml_value(value)}" for name, value in edit.properties]
+    return lines
+
+
 def _checked_format(given: object) -> int:
     if isinstance(given, bool) or not isinstance(given, int) or not 1 <= given <= FORMAT:
         got = "no such key" if given is None else format_value(given)
@@ -247,7 +264,8 @@ def _lines(values: Properties, table: Mapping[str, Parameter]) -> list[str]:
 def _toml_value(value: Value) -> str:
     if isinstance(value, str):
         # JSON's escapes are valid TOML; DEL is the one control character that JSON does not escape.
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        return text if value.count(".") < _MAX_DOTS - 50 else text.replace(".", "\\u002e")
     return repr(value)
 
 

@@ -236,8 +236,8 @@ def test_refused_entries(packed, tmp_path):
     for method in (zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA):
         message = refusal(packed(("sketch.toml", _SETTINGS), method=method))
         assert "expected stored or deflated data" in message
-    path = packed(("sketch.toml", _SETTINGS + bytes(2 << 20)))
-    assert "sketch.toml: too large: expected at most 2 MiB" in refusal(path)
+    path = packed(("sketch.toml", _SETTINGS + bytes(16 << 20)))
+    assert "sketch.toml: too large: expected at most 16 MiB" in refusal(path)
 
 
 def test_refused_bytes(packed, tmp_path):

@@ -1,0 +1,82 @@
+"""Vector files: their formats by the first bytes, coordinate systems, and shapes in them."""
+
+import math
+import re
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from rasterio import Env
+from rasterio._err import CPLE_BaseError
+from rasterio.crs import CRS
+from rasterio.warp import transform
+
+from sketchterrain.array_types import Float64Array
+from sketchterrain.errors import InputError
+from sketchterrain.io.crs import parse_crs
+
+Shapes = npt.NDArray[np.object_]
+
+_NESTED = (-1, 4, 5, 6, 7)  # none, multi geometries and collections
+# Local coordinate systems, as in this program's own exports.
+_LOCAL = re.compile(r"(LOCAL_CS|ENGCRS|ENGINEERINGCRS)\[.*UNIT\[\"met(re|er)\"", re.I | re.S)
+# First bytes of vector formats and GDAL's driver that reads them.
+_VECTORS = {b"SQLite format 3\0": "GPKG", b"fgb\x03": "FlatGeobuf", b"\0\0\x27\x0a": "ESRI Shapefile"}
+_BLANK = b"\xef\xbb\xbf \t\r\n"  # may precede JSON or XML
+# Other elements than OSM's could make GDAL choose a driver that opens other files.
+_ELEMENT = re.compile(rb"<[/?]?(\w+)\b")
+_OSM_ELEMENTS = set(b"xml osm bounds bound note meta remark node way relation tag nd member center".split())
+
+
+def vector_driver(start: bytes) -> str | None:
+    """Return GDAL's driver for the first bytes of a vector file, or None."""
+    text = start.lstrip(_BLANK)
+    if text.startswith(b"{"):
+        return "GeoJSON"
+    elements = set(_ELEMENT.findall(start[: start.rfind(b">") + 1])) if text.startswith(b"<") else set()
+    if start[4:15] == b"\n\tOSMHeader" or b"osm" in elements <= _OSM_ELEMENTS:
+        return "OSM"
+    return next((driver for magic, driver in _VECTORS.items() if start.startswith(magic)), None)
+
+
+def reproject(points: Float64Array, source: CRS, target: CRS) -> Float64Array:
+    """Transform (n, 2) x and y to another CRS; raise `InputError` for points outside of it."""
+    if source == target:
+        return points
+    try:
+        with Env():
+            x, y = transform(source, target, points[:, 0], points[:, 1])
+    except CPLE_BaseError:
+        x = y = [math.nan]
+    found = np.stack([np.asarray(x, np.float64), np.asarray(y, np.float64)], axis=-1)
+    if not np.isfinite(found).all():
+        raise InputError(
+            f"coordinates are outside of {target.to_string()[:60]}: set smaller bounds, or another crs"
+        )
+    return found
+
+
+def layer_crs(text: str | None, where: str) -> CRS | None:
+    """Return the CRS of a layer of a vector file, None if it has local metres; raise InputError."""
+    if text is None or _LOCAL.match(text):
+        return None
+    try:
+        return parse_crs(text)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def valid_areas(shapes: Shapes) -> Shapes:
+    """Return shapes with valid areas: self-crossing ones are filled, collapsed ones are empty."""
+    broken = ~shapely.is_valid(shapes) & (shapely.get_dimensions(shapes) == 2)
+    shapes = shapes.copy()
+    shapes[broken] = shapely.make_valid(shapes[broken], method="structure", keep_collapsed=False)
+    return shapes
+
+
+def single_parts(shapes: Shapes, of: npt.NDArray[np.intp]) -> tuple[Shapes, npt.NDArray[np.intp]]:
+    """Return the parts of multi geometries and collections, with the index of each one's feature."""
+    while np.isin(shapely.get_type_id(shapes), _NESTED).any():
+        shapes, part = shapely.get_parts(shapes, return_index=True)
+        of = of[part]
+    return shapes, of

@@ -43,6 +43,11 @@ class LRUCache:
     def __contains__(self, key: Hashable) -> bool:
         return key in self._values
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the arrays of all values."""
+        return self._bytes
+
     def get_or_compute(self, key: Hashable, compute: Callable[[], Value]) -> Value:
         """Return the value cached for a key of everything it depends on; compute it if missing."""
         with self._lock:

@@ -7,20 +7,23 @@
 
 const int SIDE = TILE_QUADS + 1;
 
+#ifdef FETCHED
+uvec4 ground; // of the vertex whose position is asked for, by render/draped_geometry.vert.glsl
+#else
 // Few wide attributes: on a CPU driver the cost is per attribute, not per component.
 in uvec4 ground;       // height of the tile and of its parent's triangles, m; x and y of the two normals
 in uvec4 weight_words; // of the materials, WEIGHT_WORDS of the tile, then as many of its parent, four weights a word
 #if WEIGHT_WORDS > 2
 in uvec4 more_words;
 #endif
+out vec3 ground_normal;
+out vec4 material_weights[WEIGHT_WORDS];
+#endif
 
 // Per tile.
 in ivec4 tile_corner; // north-west corner, lattice units east and north of the eye's cell; units per quad; w: see below
 in vec4 morph_west;   // parent share at the north-west, west, south-west and north
 in vec4 morph_east;   // parent share at the north-east, east, south-east and south; at the centre: tile_corner.w
-
-out vec3 ground_normal;
-out vec4 material_weights[WEIGHT_WORDS];
 
 invariant gl_Position;
 
@@ -61,6 +64,18 @@ vec3 ground_position(ivec2 place, float share)
     return vec3(flat_place, up);
 }
 
+// Clip to the bounds of a finite world.
+void clip_to_bounds(vec3 position)
+{
+#ifdef BOUNDED
+    gl_ClipDistance[0] = position.x - bounds.x;
+    gl_ClipDistance[1] = position.y - bounds.y;
+    gl_ClipDistance[2] = bounds.z - position.x;
+    gl_ClipDistance[3] = bounds.w - position.y;
+#endif
+}
+
+#ifndef FETCHED
 vec3 ground_normal_at(float share)
 {
     precise vec2 flat_part = (1.0 - share) * unpackSnorm2x16(ground.z) + share * unpackSnorm2x16(ground.w);
@@ -83,17 +98,6 @@ void emit_weights(float share)
         material_weights[k] = mix(unpackUnorm4x8(weight_word(k)), unpackUnorm4x8(weight_word(WEIGHT_WORDS + k)), share);
 }
 
-// Clip to the bounds of a finite world.
-void clip_to_bounds(vec3 position)
-{
-#ifdef BOUNDED
-    gl_ClipDistance[0] = position.x - bounds.x;
-    gl_ClipDistance[1] = position.y - bounds.y;
-    gl_ClipDistance[2] = bounds.z - position.x;
-    gl_ClipDistance[3] = bounds.w - position.y;
-#endif
-}
-
 // Output the vertex with all attributes; return its position in the tile.
 ivec2 emit_vertex()
 {
@@ -106,3 +110,4 @@ ivec2 emit_vertex()
     gl_Position = to_clip * vec4(position, 1.0);
     return place;
 }
+#endif

@@ -8,6 +8,7 @@
 //   SHADE_MAPS 0, 1 or 2: shadow maps of the plants
 //   SAMPLES    along each axis of a pixel
 //   APPEARANCE samples of what vectors paint (appearance.glsl); 0: nothing is painted
+//   DRAPED     whether more is drawn over it (render/draped.py)
 #include "render/frame.glsl"
 #include "render/surface.glsl"
 #include "render/triplanar.glsl"
@@ -17,6 +18,10 @@
 #include "render/clouds.glsl"
 #include "render/variety.glsl"
 #include "render/lit_material.glsl"
+#ifndef DRAPED
+#define DRAPED 0
+#endif
+#define COVERED (APPEARANCE || DRAPED)
 #if APPEARANCE
 #include "render/appearance.glsl"
 #endif
@@ -28,11 +33,14 @@ uniform sampler2D gbuffer_weights[WEIGHT_WORDS];
 layout(location = 0) out vec4 radiance; // w: depth of the sample that was shaded
 
 vec3 position; // of the shaded point, m from the eye
-#if APPEARANCE
+#if DRAPED
+uniform sampler2D draped; // rgb: √albedo times the share; a: share
+#endif
+#if COVERED
 float grain; // brightness of the textures over their mean, which what is painted keeps
 #endif
 
-#if MATERIALS == 1 || APPEARANCE
+#if MATERIALS == 1 || COVERED
 uniform vec3 means[LAYERS];    // mean albedo of the layers
 #endif
 #if MATERIALS == 1
@@ -144,7 +152,7 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
         int layer = k == 0 ? selected.layer.x : k == 1 ? selected.layer.y : selected.layer.z;
         layer = is_canopy ? DISTANT_LAYER(layer) : layer;
         MaterialSample material = sample_material(layer, position, n, a, b, share, level, footprint);
-#if APPEARANCE
+#if COVERED
         float own = dot(material.albedo, vec3(1.0)) / dot(means[layer], vec3(1.0));
 #endif
         material.albedo *= variety(layer, noise.wide, noise.middle, noise.small);
@@ -153,7 +161,7 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
         if (k == 0) {
             all = material;
             all.height = height;
-#if APPEARANCE
+#if COVERED
             grain = own;
 #endif
         } else {
@@ -161,7 +169,7 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
             float below = all.height;
             all = mix_materials(all, material, opacity);
             all.height = mix(below, height, opacity);
-#if APPEARANCE
+#if COVERED
             grain = mix(grain, own, opacity);
 #endif
         }
@@ -190,6 +198,11 @@ void main()
 #if APPEARANCE
     vec4 over = painted(position, n, trees.z);
     material.albedo = mix(material.albedo, over.rgb * grain, over.a);
+#endif
+#if DRAPED
+    vec4 above = texelFetch(draped, ivec2(gl_FragCoord.xy), 0);
+    vec3 root = above.rgb / max(above.a, 1e-4);
+    material.albedo = mix(material.albedo, root * root * grain, above.a);
 #endif
     radiance = vec4(through_air(lit_material(material, position, n, to_eye, ground_light(position.xy).rg), position), depth);
 }

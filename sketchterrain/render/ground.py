@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 import moderngl
@@ -31,7 +33,7 @@ class TileRenderer:
 
     Vertices have `words` of material weights (`surfaces.vertex_dtype`). `extent` is the width of a level-0
     tile (m); nothing is drawn beyond `bounds` (W, S, E, N; m). `tiles` and `triangles` count those of the
-    last `set_tiles`.
+    last `set_tiles`, `capacity` is that of slots.
     """
 
     def __init__(
@@ -54,7 +56,7 @@ class TileRenderer:
         self._vertices = vertices
         indices, self._first_index, self._index_count = borders.tile_indices(quads)
         self._indices = context.buffer(indices.tobytes())
-        capacity = max(vertices.size // ((16 + 8 * words) * (quads + 1) ** 2), 1)
+        self.capacity = capacity = max(vertices.size // ((16 + 8 * words) * (quads + 1) ** 2), 1)
         self._tiles = context.buffer(reserve=_TILE.itemsize * capacity, dynamic=True)
         self._commands = context.buffer(reserve=COMMAND.itemsize * capacity, dynamic=True)
         self._eye_fraction = (0.0, 0.0)
@@ -70,14 +72,18 @@ class TileRenderer:
         """Buffers and attributes of vertices and tiles, in the format of ``Context.vertex_array``."""
         first, more = min(2 * self.words, 4), 2 * self.words - 4
         vertex = (f"4u4 {first}u4" + (f" {more}u4" if more > 0 else ""), "ground", "weight_words")
-        return (
-            (self._vertices, *vertex, *(("more_words",) if more > 0 else ())),
-            (self._tiles, *_TILE_ATTRIBUTES),
-        )
+        return ((self._vertices, *vertex, *(("more_words",) if more > 0 else ())), self.tile_bindings)
 
-    def create_program(self, vertex: str, fragment: str) -> moderngl.Program:
+    @property
+    def tile_bindings(self) -> tuple[object, ...]:
+        """Buffer and attributes of the tiles, instances in the order of the draw list."""
+        return self._tiles, *_TILE_ATTRIBUTES
+
+    def create_program(
+        self, vertex: str, fragment: str, *, macros: Mapping[str, int | str] = MappingProxyType({})
+    ) -> moderngl.Program:
         """Build a program whose vertex shader includes ``render/ground.glsl``."""
-        defines = {"TILE_QUADS": self._quads, "WEIGHT_WORDS": self.words}
+        defines = {"TILE_QUADS": self._quads, "WEIGHT_WORDS": self.words, **macros}
         if self._bounds is not None:
             defines["BOUNDED"] = 1
         return build_program(self._context, vertex, fragment, defines=defines)
@@ -164,9 +170,15 @@ class TileRenderer:
             commands, count = self._selected_commands, len(tiles)
             commands.orphan()
             commands.write(self._command_list[tiles].tobytes())
-        if not count:
-            return
-        array = array or self._array
+        if count:
+            self.draw_commands(array or self._array, commands, count)
+
+    def bind_vertices(self, binding: int) -> None:
+        """Bind the vertices of all slots as a storage buffer."""
+        self._vertices.bind_to_storage_buffer(binding)
+
+    def draw_commands(self, array: moderngl.VertexArray, commands: moderngl.Buffer, count: int) -> None:
+        """Draw by `count` commands of a buffer, whose instances are tiles of the draw list."""
         set_uniforms(array.program, {"metres_per_unit": self._unit, "eye_fraction": self._eye_fraction})
         if self._bounds is None:
             array.render_indirect(commands, moderngl.TRIANGLES, count=count)

@@ -11,10 +11,12 @@ import numpy as np
 
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import Camera
+from sketchterrain.render.draped import check_method
 from sketchterrain.render.overlays import Overlay, check_overlays
 from sketchterrain.render.programs import ResourceCache, close_context, open_context, release_orphans
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
+from sketchterrain.render.scene import DrapedSketch
 from sketchterrain.render.scenery import load_textures
 from sketchterrain.render.sharing_probe import moved_to_context, open_device
 from sketchterrain.render.sky import Weather, sun_for_view
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.drape.drapes import Drapes
     from sketchterrain.render.flight import CameraStates
     from sketchterrain.render.overlays import LegendEntry
     from sketchterrain.render.scene import Sketch, TerrainSource
@@ -51,16 +54,19 @@ def render_picture(
     overlays: Sequence[str] = (),
     legend: list[LegendEntry] | None = None,
     timings: dict[str, float] | None = None,
+    drapes: Drapes | None = None,
+    drape_method: str = "tiles",
 ) -> npt.NDArray[np.uint8]:
     """Return a picture of a terrain, (height, width, 3) sRGB, row 0 on top; deterministic for a driver.
 
     By default `find_view` chooses the camera for the view kind and the weather's hour sets the sun; `clock`
-    (s) animates water, plants and clouds. Overlays are drawn in the given order; `legend` and `timings` (s)
+    (s) animates water, plants and clouds. Without `drapes` the sketch's are drawn. Overlays are drawn in the given order; `legend` and `timings` (s)
     are filled if given.
     """
     check_size(size)
     check_overlays(overlays)
     check_view(view)
+    check_method(drape_method)
     start = time.perf_counter()
     weather = weather or Weather.from_sketch(terrain.sketch)
     camera = camera or find_view(terrain, view, weather=weather)
@@ -68,7 +74,16 @@ def render_picture(
     view_seconds = time.perf_counter() - start
     with canvas(size) as (context, texture, framebuffer):
         quality = quality or Quality.for_still(size)
-        renderer = Renderer(context, terrain, sun=sun, weather=weather, textures=textures, quality=quality)
+        renderer = Renderer(
+            context,
+            terrain,
+            sun=sun,
+            weather=weather,
+            textures=textures,
+            quality=quality,
+            drapes=drapes or open_drapes(terrain),
+            drape_method=drape_method,
+        )
         renderer.prepare(camera, size)
         renderer.draw(camera, framebuffer, clock=clock)
         if overlays:
@@ -81,6 +96,16 @@ def render_picture(
         if timings is not None:
             timings.update({"view": view_seconds} | renderer.timings)
         return picture
+
+
+def open_drapes(terrain: TerrainSource) -> Drapes | None:
+    """Return the draped layers of a terrain's sketch, None without any."""
+    sketch = terrain.sketch
+    if not isinstance(sketch, DrapedSketch) or not sketch.drapes:
+        return None
+    from sketchterrain.drape.drapes import Drapes  # with readers of files
+
+    return Drapes.open(sketch.drapes, sketch.frame, terrain.size, terrain.extent)
 
 
 @contextmanager
@@ -139,6 +164,8 @@ class SnapshotRenderer:
         view: str = "auto",
         weather: Weather | None = None,
         timings: dict[str, float] | None = None,
+        drapes: Drapes | None = None,
+        drape_method: str = "tiles",
     ) -> npt.NDArray[np.uint8]:
         """Return a picture; see `render_picture`."""
         check_view(view)
@@ -156,6 +183,8 @@ class SnapshotRenderer:
                 weather=weather,
                 quality=Quality.for_still(self._size),
                 resources=self._resources.borrow(),
+                drapes=drapes or open_drapes(terrain),
+                drape_method=drape_method,
             )
             renderer.prepare(camera, self._size)
             terrain.release_buffers()  # before drawing, which needs most
@@ -209,15 +238,18 @@ def capture_frames(
     complete: bool = True,
     overlays: Sequence[str] = (),
     pixels: bool = True,
+    drapes: Drapes | None = None,
+    drape_method: str = "tiles",
 ) -> Generator[tuple[CapturedFrame, npt.NDArray[np.uint8] | None]]:
     """Draw a frame for each camera state of a flight, 1/fps s apart; yield statistics and pixels.
 
     Complete frames equal `render_picture`; otherwise each frame shows what is ready within the budget, as in
-    a viewer. `without` leaves out more parts than the quality does; pixels are (height, width, 3) sRGB or, if
+    a viewer. Without `drapes` the sketch's are drawn. `without` leaves out more parts than the quality does; pixels are (height, width, 3) sRGB or, if
     not requested, None.
     """
     check_size(size)
     check_overlays(overlays)
+    check_method(drape_method)
     with canvas(size) as (context, texture, framebuffer):
         if quality is None:
             quality = (
@@ -227,7 +259,16 @@ def capture_frames(
         cameras = _cameras(views)
         weather = weather or Weather.from_sketch(terrain.sketch)
         sun = sun or sun_for_view(terrain, cameras[0], weather)
-        renderer = Renderer(context, terrain, sun=sun, weather=weather, textures=textures, quality=quality)
+        renderer = Renderer(
+            context,
+            terrain,
+            sun=sun,
+            weather=weather,
+            textures=textures,
+            quality=quality,
+            drapes=drapes or open_drapes(terrain),
+            drape_method=drape_method,
+        )
         overlay = Overlay(context, terrain, renderer.stream) if overlays else None
         for number, camera in enumerate(cameras):
             elapsed, clock = 1.0 / fps, number / fps

@@ -86,6 +86,7 @@ class FrameStats:
     light_seconds: float  # for parts of the light maps
     plant_seconds: float  # for plants and their shadow maps
     draw_seconds: float
+    drape_seconds: float  # of those, for draped layers that tiles don't show
     appearance_tiles: int  # drawn
     tiles_generated: int
     tiles_drawn: int

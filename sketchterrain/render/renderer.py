@@ -1,12 +1,14 @@
 """Renderer of one terrain: complete still pictures, or frames of a moving picture within a time budget."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import moderngl
 import numpy as np
@@ -20,6 +22,9 @@ from sketchterrain.render.scene import TerrainSource, surface_heights
 from sketchterrain.render.scenery import Scenery
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
 from sketchterrain.render.sky import Sun, Weather
+
+if TYPE_CHECKING:
+    from sketchterrain.drape.drapes import Drapes
 
 REST: Final = 0.25  # s without camera motion and with nothing missing, before a full-size picture is drawn
 FAST_DRAW: Final = 0.1
@@ -43,7 +48,7 @@ class Renderer:
 
     Still picture: `prepare`, then `draw`. Moving picture: `frame`, once per frame. `timings` sums up the
     seconds of each stage. Without `weather` the sketch's is used; a given `resources` is closed by `release`
-    unless borrowed. `timer` measures the budget.
+    unless borrowed. `timer` measures the budget. `drapes` are drawn by a method of `draped.METHODS`.
     """
 
     def __init__(
@@ -57,6 +62,8 @@ class Renderer:
         quality: Quality | None = None,
         timer: Callable[[], float] = time.perf_counter,
         resources: ResourceCache | None = None,
+        drapes: Drapes | None = None,
+        drape_method: str = "tiles",
     ) -> None:
         self.timings: dict[str, float] = {}
         self._context = context
@@ -78,11 +85,15 @@ class Renderer:
             quality=quality,
             timed=self._timed,
             resources=resources,
+            drape_method=drape_method,
         )
         self.stream = self.scenery.stream
+        if drapes is not None:
+            self.set_drapes(drapes)
 
     def prepare(self, camera: Camera, size: tuple[int, int]) -> None:
         """Generate all tiles, light and plants of a picture of `size` (width, height; px)."""
+        self.scenery.settle_drapes()
         with self._timed("light"):
             self.scenery.lit.converge(camera)
         view, distance, _ = self._clipped(camera)
@@ -109,6 +120,7 @@ class Renderer:
         """
         view, distance, _ = clipped = self._clipped(camera)
         size, lit, forest = framebuffer.size, self.scenery.lit, self.scenery.forest
+        self.scenery.settle_drapes()
         budget = partial(TimeBudget, PART, timer=self._timer)
         lit.update(view, np.inf, budget())
         while not lit.converged:
@@ -172,6 +184,14 @@ class Renderer:
         self._terrain = terrain
         return replace(stats, seconds=self._timer() - start)
 
+    def set_drapes(self, drapes: Drapes | None, held: tuple[int, int] | None = None) -> None:
+        """Replace the draped layers from the next frame on.
+
+        `held` (number of a layer, feature) is drawn by geometry on the drawn triangles: an edit of it paints
+        no tile.
+        """
+        self.scenery.set_drapes(drapes, held)
+
     @property
     def terrain(self) -> TerrainSource:
         """The terrain on the device that writes its tiles: update from this one."""
@@ -210,10 +230,15 @@ class Renderer:
             budget = max(budget, CATCH_UP_SHARE * self._full_draw_seconds)
         view, distance, _ = clipped = self._clipped(camera)
         lit, forest = self.scenery.lit, self.scenery.forest
-        painted = self.scenery.appearance.drawn
+        painted, draped = self.scenery.appearance.drawn, self.scenery.draped.seconds
+        self.scenery.advance_drapes(elapsed)
         tiles, light, plants = self._load(view, size, elapsed=elapsed, budget=budget, draw_distance=distance)
         complete = (
-            tiles.converged and self.scenery.appearance.converged and lit.converged and forest.converged
+            tiles.converged
+            and self.scenery.appearance.converged
+            and not self.scenery.draped.is_fading
+            and lit.converged
+            and forest.converged
         )
         self._was_complete = self._was_complete or (complete and self._rest_seconds >= REST)
         catches_up = self._full_draw_seconds <= FAST_DRAW or (
@@ -236,6 +261,7 @@ class Renderer:
             light_seconds=light,
             plant_seconds=plants,
             draw_seconds=draw_seconds,
+            drape_seconds=self.scenery.draped.seconds - draped,
             appearance_tiles=self.scenery.appearance.drawn - painted,
             tiles_generated=tiles.tiles_generated,
             tiles_drawn=tiles.tiles_drawn,
@@ -261,6 +287,7 @@ class Renderer:
         self._since_update += elapsed
         tiles, *_ = self._load(view, size, elapsed=elapsed, budget=budget, draw_distance=distance)
         loaded = self.scenery.appearance.converged and self.scenery.lit.converged
+        loaded = loaded and not self.scenery.draped.is_fading
         return tiles.converged and loaded and self.scenery.forest.loaded
 
     def _load(

@@ -16,6 +16,7 @@ from sketchterrain.tiles.stream import QUADS
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.document.drapes import DrapedLayer
 
 
 class Sketch(Protocol):
@@ -40,6 +41,19 @@ class Sketch(Protocol):
     @property
     def weather(self) -> Mapping[str, float]:
         """Weather parameters by name."""
+
+
+@runtime_checkable
+class DrapedSketch(Protocol):
+    """Document with draped layers."""
+
+    @property
+    def drapes(self) -> tuple[DrapedLayer, ...]:
+        """Layers, the lowest first."""
+
+    @property
+    def frame(self) -> Mapping[str, Any]:
+        """Coordinate reference system and origin."""
 
 
 class TileSource(Protocol):

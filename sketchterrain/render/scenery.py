@@ -1,9 +1,12 @@
 """Scene of a terrain and its render passes: tiles, light, plants, water, sky, clouds."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import moderngl
 import numpy as np
@@ -14,6 +17,8 @@ from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_H
 from sketchterrain.render.built import BuiltScenery
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.clouds import Clouds, cloud_defines
+from sketchterrain.render.draped import DrapedScreen
+from sketchterrain.render.draped_geometry import Held
 from sketchterrain.render.forest import Forest
 from sketchterrain.render.ground import SurfaceMap
 from sketchterrain.render.ground_cover import GroundCover
@@ -29,6 +34,9 @@ from sketchterrain.render.textures import MaterialTextures, noise_texture
 from sketchterrain.render.water import Water
 from sketchterrain.tiles.lod import ScreenError
 
+if TYPE_CHECKING:
+    from sketchterrain.drape.drapes import Drapes
+
 QUAD: Final = 32.0  # px; largest width of a quad up to a tolerance of 2 px, in proportion to it above
 LIFT: Final = 1.5  # tolerances by which water is lifted above terrain that may be drawn too high
 
@@ -38,7 +46,7 @@ class Scenery:
 
     `timed` measures the stages ``textures`` and ``sky`` of the construction. `stream` has the tiles, `lit`
     the light on them, `appearance` what vectors paint on them, `surface` a map of the drawn terrain, `built`
-    bridges and buildings, `forest` plants and their shadow maps, `cover` grass and stones near the eye,
+    bridges and buildings, `draped` what is draped and not painted, `forest` plants and their shadow maps, `cover` grass and stones near the eye,
     `shading` the full-screen passes.
     """
 
@@ -53,6 +61,7 @@ class Scenery:
         quality: Quality,
         timed: Callable[[str], AbstractContextManager[None]],
         resources: ResourceCache | None = None,
+        drape_method: str = "tiles",
     ) -> None:
         resources = resources or ResourceCache()
         self._context = context
@@ -78,6 +87,8 @@ class Scenery:
         widest = QUAD * max(quality.tolerance / 2.0, 1.0)
         metric = ScreenError(quality.tolerance, widest, finest=quality.finest_quad)
         self.stream = TerrainStream(context, terrain, quality, metric=metric, resources=resources)
+        self.draped = DrapedScreen(context, self.stream, quality, drape_method)
+        self._painted: Drapes | None = None
         self.lit = GroundLighting(
             context,
             terrain,
@@ -131,15 +142,39 @@ class Scenery:
         self.built.set_terrain(terrain, areas)
         self.forest.set_terrain(terrain, areas)
         self.surface.invalidate()
-        macros = self.appearance.defines
-        self.appearance.set_terrain(terrain, areas)
-        if self.appearance.defines != macros:
-            self.shading.set_appearance(self.appearance.defines)
-            self.cover = self._ground_cover()
+        self._paint(partial(self.appearance.set_terrain, terrain, areas))
         self._features = terrain.features
         self._water.set_features(self._features)
         self._update_materials(terrain)
         return tile_stats
+
+    def set_drapes(self, drapes: Drapes | None, held: Held | None = None) -> None:
+        """Replace the draped layers; one feature may be held for editing."""
+        self.draped.set_drapes(drapes, held)
+        self._paint_drapes()
+
+    def settle_drapes(self) -> None:
+        """End all fades of draped features, for a still."""
+        self.draped.settle()
+        self._paint_drapes()
+
+    def advance_drapes(self, elapsed: float) -> None:
+        """Advance fades of draped features by a frame time (s)."""
+        self.draped.advance(elapsed, tiles_converged=self.appearance.converged)
+        self._paint_drapes()
+
+    def _paint_drapes(self) -> None:
+        if self.draped.painted is not self._painted:
+            self._painted = self.draped.painted
+            self._paint(partial(self.appearance.set_drapes, self._painted))
+
+    def _paint(self, change: Callable[[], None]) -> None:
+        """Change what tiles show, and rebuild programs if their macros change."""
+        macros = self.appearance.defines
+        change()
+        if self.appearance.defines != macros:
+            self.shading.set_appearance(self.appearance.defines)
+            self.cover = self._ground_cover()
 
     def _update_materials(self, terrain: TerrainSource) -> None:
         aridity, look = _aridity(terrain), terrain.sketch.looks
@@ -205,6 +240,7 @@ class Scenery:
         targets.gbuffer.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         yield from self.stream.draw(camera.eye, parts=parts)
+        draped = self.draped.draw(camera, targets, _pixel(camera, size[1]))
         self.surface.update(camera.eye, moving=moving)
         clouds = self._clouds.follow(
             camera, size[0] / size[1], base=self.lit.haze_base, clock=clock, moving=moving
@@ -215,7 +251,7 @@ class Scenery:
             self._bind(targets) | {"clock": clock, "lift": lift} | self.surface.uniforms(camera.eye) | clouds
         )
         yield from self._clouds.draw(units, parts=parts)
-        yield from self.shading.shade_scene(targets, camera.eye, units | painted, parts=parts)
+        yield from self.shading.shade_scene(targets, camera.eye, units | painted, parts=parts, draped=draped)
         built = units | (self.shading.material_uniforms(camera.eye) if self.built else {})
         self._context.enable_only(moderngl.DEPTH_TEST)
         targets.scene.use()
@@ -268,6 +304,7 @@ class Scenery:
             **targets.textures,
             **self._clouds.textures(targets),
             **self.appearance.textures,
+            **self.draped.textures,
         }
         return bind_textures(textures) | {"wind": self._weather.drift, "means": self._materials.means}
 

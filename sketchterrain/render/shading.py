@@ -63,8 +63,12 @@ class Shading:
 
     def set_appearance(self, macros: Mapping[str, int | str]) -> None:
         """Replace the program of the ground by one with other macros of `AppearanceTextures`."""
-        defines = {**self.defines, **macros}
-        self._ground = fullscreen_pass(self._context, "shade_ground.frag.glsl", defines=defines)
+        self._appearance = dict(macros)
+        self._grounds = {False: self._ground_pass(draped=False)}
+
+    def _ground_pass(self, *, draped: bool) -> moderngl.VertexArray:
+        defines = {**self.defines, **self._appearance, "DRAPED": int(draped)}
+        return fullscreen_pass(self._context, "shade_ground.frag.glsl", defines=defines)
 
     def set_materials(self, aridity: float, look: Mapping[str, Mapping[str, Any]]) -> None:
         """Set tints and texture sizes from the climate and the sketch's looks."""
@@ -78,16 +82,27 @@ class Shading:
         return self._materials | {"phases": phases}
 
     def shade_scene(
-        self, targets: RenderTargets, eye: tuple[float, float, float], units: dict[str, object], *, parts: int
+        self,
+        targets: RenderTargets,
+        eye: tuple[float, float, float],
+        units: dict[str, object],
+        *,
+        parts: int,
+        draped: bool = False,
     ) -> Iterator[None]:
-        """Shade the G-buffer, with the sky behind it, into ``targets.scene``; yield between parts."""
-        ground = units | self.material_uniforms(eye)
+        """Shade the G-buffer, with the sky behind it, into ``targets.scene``; yield between parts.
+
+        The texture `draped` of `units` is drawn over the ground if there is one.
+        """
+        if draped not in self._grounds:
+            self._grounds[draped] = self._ground_pass(draped=draped)
+        shade, ground = self._grounds[draped], units | self.material_uniforms(eye)
         if self._upsample is None:
-            self._shade_single_sample(targets, ground, units)
+            self._shade_single_sample(targets, shade, ground, units)
             return
         self._context.enable_only(moderngl.NOTHING)
         for target, array, uniforms in (
-            (targets.shaded, self._ground, ground),
+            (targets.shaded, shade, ground),
             (targets.sky, self._sky, units),
             (targets.upsampled, self._upsample, units),
         ):
@@ -96,7 +111,11 @@ class Shading:
                 yield
 
     def _shade_single_sample(
-        self, targets: RenderTargets, ground: dict[str, object], units: dict[str, object]
+        self,
+        targets: RenderTargets,
+        shade: moderngl.VertexArray,
+        ground: dict[str, object],
+        units: dict[str, object],
     ) -> None:
         """Shade with one sample a pixel: the depth test separates terrain from sky."""
         context = self._context
@@ -105,7 +124,7 @@ class Shading:
         targets.scene.use()
         context.enable_only(moderngl.DEPTH_TEST)
         context.depth_func = ">"
-        _run(self._ground, ground)
+        _run(shade, ground)
         context.depth_func = "<="
         _run(self._sky, units)
         context.depth_func = "<"

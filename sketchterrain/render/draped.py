@@ -1,0 +1,162 @@
+"""Draped layers drawn into a buffer of the picture's size, and how they share the work with painted tiles."""
+
+from __future__ import annotations
+
+import time
+from functools import cached_property
+from typing import TYPE_CHECKING, Final
+
+import moderngl
+
+from sketchterrain.errors import InputError
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.draped_geometry import DrapedGeometry, Held
+from sketchterrain.render.ground_stream import TerrainStream
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.targets import RenderTargets
+
+if TYPE_CHECKING:
+    from sketchterrain.drape.drapes import Drapes
+
+METHODS: Final = ("auto", "tiles", "geometry")
+FADE: Final = (
+    0.2  # s in which a feature that is taken hold of, or released, changes from one method to another
+)
+_SAMPLES: Final = 4  # of the buffer, a pixel
+
+
+def check_method(method: str) -> None:
+    """Raise InputError for a name that is not in `METHODS`."""
+    if method not in METHODS:
+        raise InputError(f"expected a method of draping, one of {', '.join(METHODS)}, got {method!r}")
+
+
+def choose(method: str) -> str:
+    """Return the method that draws layers for a name in `METHODS`; raise InputError for another."""
+    check_method(method)
+    return "tiles" if method == "auto" else method
+
+
+class DrapedScreen:
+    """Draws what tiles don't show: all layers in other methods, and the feature that is held for editing.
+
+    Layers of blend modes other than normal are drawn as normal. `painted` is what tiles are to show, or None;
+    `seconds` counts the time of drawing.
+    """
+
+    def __init__(
+        self, context: moderngl.Context, stream: TerrainStream, quality: Quality, method: str
+    ) -> None:
+        self.method = choose(method)
+        self.painted: Drapes | None = None
+        self.seconds = 0.0
+        self._context, self._stream, self._quality = context, stream, quality
+        self._drapes: Drapes | None = None
+        self._held: Held | None = None
+        self._share = 1.0  # of the held feature
+        self._released: tuple[Drapes, Held, float] | None = None  # and its share
+        self._buffer: _Buffer | None = None
+
+    @cached_property
+    def geometry(self) -> DrapedGeometry:
+        """Geometry on the drawn triangles."""
+        return DrapedGeometry(self._context, self._stream, samples=self._quality.samples)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of buffers and caches."""
+        geometry = self.geometry.nbytes if "geometry" in vars(self) else 0
+        return geometry + (self._buffer.nbytes if self._buffer else 0)
+
+    @property
+    def is_fading(self) -> bool:
+        """Whether a feature is on its way from one method to another."""
+        return self._share < 1.0 or self._released is not None
+
+    @property
+    def textures(self) -> dict[str, moderngl.Texture]:
+        """The buffer by the name of its sampler, if anything was drawn into it."""
+        return {"draped": self._buffer.colour} if self._buffer else {}
+
+    def set_drapes(self, drapes: Drapes | None, held: Held | None) -> None:
+        """Replace the layers; `held` is left out of the tiles as soon as it is drawn by geometry."""
+        if held != self._held:
+            if self._held is not None and drapes is not None:
+                self._released = (drapes, self._held, 1.0)
+            self._share = 0.0
+        self._drapes, self._held = drapes, held
+        if held is None:
+            self._share = 1.0
+        self._set_painted()
+
+    def settle(self) -> None:
+        """End all fades: the next picture is a still."""
+        self._share, self._released = 1.0, None
+        self._set_painted()
+
+    def advance(self, elapsed: float, *, tiles_converged: bool) -> None:
+        """Advance fades by a frame time (s); a released feature stays until tiles show it."""
+        if self._share < 1.0:
+            self._share = min(self._share + elapsed / FADE, 1.0)
+            self._set_painted()
+        if self._released is not None and tiles_converged:
+            drapes, held, share = self._released
+            share -= elapsed / FADE
+            self._released = (drapes, held, share) if share > 0.0 else None
+
+    def draw(self, camera: Camera, targets: RenderTargets, pixel: float) -> bool:
+        """Draw over the G-buffer with the frame's camera; return whether there is anything.
+
+        `pixel` is the angle (rad) of a pixel.
+        """
+        drapes = self._drapes
+        rest = None if drapes is None or self.method == "tiles" else drapes.without(self._held)
+        parts = [] if drapes is None or self._held is None else [(drapes, self._held, self._share)]
+        parts += [self._released] if self._released else []
+        if (rest is None or rest.is_empty) and not parts:
+            return False
+        start = time.perf_counter()
+        if self._buffer is None or self._buffer.size != targets.size:
+            self._buffer = _Buffer(self._context, targets.size)
+        self._buffer.clear()
+        self._context.enable_only(moderngl.BLEND)
+        self._context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
+        if rest is not None and not rest.is_empty:
+            self.geometry.draw(rest, None, camera, pixel, targets.depth)
+        for version, held, share in parts:
+            self.geometry.draw(version, held, camera, pixel, targets.depth, share=share)
+        self._context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
+        self._buffer.resolve()
+        self.seconds += time.perf_counter() - start
+        return True
+
+    def _set_painted(self) -> None:
+        if self.method != "tiles" or self._drapes is None:
+            self.painted = None
+        elif self._held is None:
+            self.painted = self._drapes
+        elif self._share == 1.0:
+            self.painted = self._drapes.without(self._held)
+
+
+class _Buffer:
+    """√albedo times share, and share, at several samples a pixel, and their mean."""
+
+    def __init__(self, context: moderngl.Context, size: tuple[int, int]) -> None:
+        samples = min(_SAMPLES, context.max_samples)
+        self.size = size
+        self._context = context
+        self._drawn = context.framebuffer([context.renderbuffer(size, 4, samples=samples)])
+        self.colour = context.texture(size, 4)
+        self.colour.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._mean = context.framebuffer([self.colour])
+        self.nbytes = 4 * size[0] * size[1] * (1 + samples)
+
+    def clear(self) -> None:
+        """Bind and clear it."""
+        self._drawn.use()
+        self._drawn.clear(0.0, 0.0, 0.0, 0.0)
+
+    def resolve(self) -> None:
+        """Average the samples."""
+        self._context.copy_framebuffer(self._mean, self._drawn)

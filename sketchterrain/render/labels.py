@@ -1,0 +1,225 @@
+"""Labels of draped features in pictures: visible anchors, letters in an atlas, quads."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final, cast
+from unicodedata import combining, normalize
+
+import moderngl
+import numpy as np
+from PIL import Image, ImageColor, ImageDraw, ImageFont
+
+from sketchterrain.array_types import BoolArray, Float64Array, StructuredArray, UInt8Array
+from sketchterrain.drape.label_layout import GAP, LabelCandidates, layer_numbers, place_labels
+from sketchterrain.render.camera import Camera, Vector
+from sketchterrain.render.programs import build_program, build_transform, set_uniforms
+from sketchterrain.render.scene import TerrainSource, surface_heights
+from sketchterrain.render.targets import RenderTargets
+
+if TYPE_CHECKING:
+    from sketchterrain.drape.drapes import Drapes
+
+FONTS: Final = (
+    *("DejaVuSans.ttf", "NotoSans-Regular.ttf", "LiberationSans-Regular.ttf", "arial.ttf"),
+    *("NotoSansCJK-Regular.ttc", "msyh.ttc", "Arial Unicode.ttf"),
+)
+"""The first font installed that has all letters of a text draws it; the last one is Pillow's own."""
+ATLAS: Final = (2048, 1024)  # texels of two bytes
+_SECONDS: Final = (0.001, 0.008)  # for reading features, of a frame in motion and at rest
+_OUTLINE: Final = 0.15  # of the height of letters
+_QUAD: Final = np.dtype([("low", "f4", 2), ("extent", "f4", 2), ("cell", "f4", 2), ("colour", "f4", 4)])
+
+
+class Labels:
+    """Labels of draped layers, for stills and frames; true if any feature near the eye has one."""
+
+    def __init__(self, context: moderngl.Context, terrain: TerrainSource) -> None:
+        self._context, self._terrain = context, terrain
+        self._candidates = LabelCandidates(text_size, lambda x, y: surface_heights(self._terrain, x, y))
+        self._elapsed: float | None = None
+        self._tested: tuple[StructuredArray, moderngl.Buffer] | None = None
+        self._fades = False
+        self._test = build_transform(context, "label_seen.vert.glsl", ("seen",))
+        self._program = build_program(context, "label.vert.glsl", "label.frag.glsl")
+        self._atlas = context.texture(ATLAS, 2)
+        self._cells: dict[tuple[str, float], tuple[int, int]] = {}
+        self._shelf = (0, 0, 0)  # x, y and height of the atlas's last row
+
+    def __bool__(self) -> bool:
+        return len(self._candidates.anchors) > 0
+
+    @property
+    def loaded(self) -> bool:
+        """Whether the features of the last view are read."""
+        return self._candidates.complete
+
+    @property
+    def converged(self) -> bool:
+        """Whether the labels of the last view are complete, and none fades in or out."""
+        return self.loaded and not self._fades
+
+    def set_drapes(self, drapes: Drapes | None) -> None:
+        """Replace the draped layers."""
+        self._candidates.set_drapes(drapes)
+
+    def set_terrain(self, terrain: TerrainSource) -> None:
+        """Replace the terrain."""
+        self._terrain = terrain
+        self._candidates.set_heights()
+
+    def update(self, eye: Vector, above: float, elapsed: float | None, *, moving: bool = False) -> None:
+        """Read features for an eye `above` m above the ground: all of a still's if `elapsed` (s) is None."""
+        self._elapsed = elapsed
+        self._read_visibility()
+        self._candidates.update(eye, above, np.inf if elapsed is None else _SECONDS[not moving])
+
+    def test(self, targets: RenderTargets, eye: Vector) -> None:
+        """Test which anchors the ground drawn into the targets hides."""
+        if not self:
+            return
+        rows = self._candidates.anchors
+        places = self._context.buffer((rows["place"] - rows["place"][0]).astype(np.float32).tobytes())
+        array = self._context.vertex_array(self._test, [(places, "3f4", "place")])
+        seen = self._context.buffer(reserve=4 * len(rows))
+        origin = tuple((rows["place"][0] - eye).tolist())
+        targets.depth.use(0)
+        targets.tonemapped.use()  # depth is not attached to it
+        set_uniforms(self._test, {"drawn_depth": 0, "origin": origin, "lift": GAP / targets.size[1]})
+        array.transform(seen, moderngl.POINTS, vertices=len(rows))
+        self._tested = rows, seen
+
+    def draw(self, camera: Camera, framebuffer: moderngl.Framebuffer, *, moving: bool) -> None:
+        """Draw labels over a picture, those of a still without regard to earlier frames."""
+        if not self:
+            return
+        rows, is_still = self._candidates.anchors, self._elapsed is None
+        if is_still:
+            self._read_visibility()
+        width, height = framebuffer.size
+        matrix = camera.to_clip(width / height)
+        clip = (rows["place"] - camera.eye) @ matrix[:, :3].T + matrix[:, 3]
+        texel = 2.0 / (height * float(np.linalg.norm(matrix[1, :3]))) * clip[:, 3]
+        clip[~self._in_range(rows, texel), 3] = 0.0
+        settled, elapsed = is_still or not moving, np.inf if self._elapsed is None else self._elapsed
+        boxes = place_labels(rows, clip, framebuffer.size, elapsed=elapsed, settled=settled)
+        drawn = np.flatnonzero(rows["opacity"] > 0.0)
+        self._fades = not np.array_equal(rows["shown"], rows["opacity"] == 1.0)
+        if len(drawn):
+            low = boxes[drawn, :2]
+            self._draw_quads(rows[drawn], np.round(low) if settled else low, framebuffer)
+
+    def _in_range(self, rows: StructuredArray, texel: Float64Array) -> BoolArray:
+        """Return whether the layers of anchors are shown where a pixel is `texel` m wide."""
+        layers = self._candidates.layers
+        limits = np.array([(layer["finest"], layer["coarsest"] or np.inf) for layer in layers])
+        finest, coarsest = limits[layer_numbers(rows)].T
+        return np.asarray((texel >= finest) & (texel < coarsest))
+
+    def _draw_quads(
+        self, rows: StructuredArray, low: Float64Array, framebuffer: moderngl.Framebuffer
+    ) -> None:
+        quads, texts = np.zeros(len(rows), _QUAD), []
+        quads["low"], quads["extent"], quads["cell"] = low, rows["size"], -1.0
+        for quad, row, number in zip(quads, rows, layer_numbers(rows), strict=True):
+            layer, label = self._candidates.layers[number], self._candidates.labels[row["label"]]
+            style = layer.style_of(label.style)
+            texts.append((label.text, float(style["label_size"])))
+            colour = np.divide(ImageColor.getrgb(style["label_colour"]), 255.0)
+            quad["colour"] = (*colour, row["opacity"] * layer["opacity"])
+        if not all(map(self._store, texts)):
+            self._cells, self._shelf = {}, (0, 0, 0)  # full: without earlier pictures' texts
+        for quad, text in zip(quads, texts, strict=True):
+            if self._store(text):
+                quad["cell"] = self._cells[text]
+        quads = quads[quads["cell"][:, 0] >= 0]
+        buffer = self._context.buffer(quads.tobytes())
+        columns = ("low", "extent", "cell", "colour")
+        array = self._context.vertex_array(self._program, [(buffer, "2f4 2f4 2f4 4f4/i", *columns)])
+        self._context.enable_only(moderngl.BLEND)
+        self._context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
+        framebuffer.use()
+        self._atlas.use(0)
+        set_uniforms(self._program, {"atlas": 0, "size": framebuffer.size})
+        array.render(moderngl.TRIANGLES, vertices=6, instances=len(quads))
+        self._context.enable_only(moderngl.NOTHING)
+        self._context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
+
+    def _store(self, text: tuple[str, float]) -> bool:
+        """Draw a text of some size into the atlas unless it is there; return whether there is room."""
+        if text in self._cells:
+            return True
+        texels = draw_text(*text)
+        height, width, _ = texels.shape
+        x, y, deep = self._shelf
+        if x + width > ATLAS[0]:
+            x, y, deep = 0, y + deep, 0
+        if y + height > ATLAS[1] or width > ATLAS[0]:
+            return False
+        self._atlas.write(texels.tobytes(), viewport=(x, y, width, height), alignment=1)
+        self._cells[text] = x, y
+        self._shelf = x + width, y, max(deep, height)
+        return True
+
+    def _read_visibility(self) -> None:
+        """Write the results of the last test into its anchors, unless others have replaced them."""
+        if self._tested is not None and self._tested[0] is self._candidates.anchors:
+            self._tested[0]["seen"] = np.frombuffer(self._tested[1].read(), np.float32) > 0.5
+        self._tested = None
+
+
+def text_size(text: str, size: float) -> tuple[int, int]:
+    """Return width and height (px) of a text with its outline, for letters `size` px high."""
+    text, font = _drawable(text, size)
+    ascent, descent = font.getmetrics()
+    border = 2 * _outline(size)
+    return int(np.ceil(font.getlength(text))) + border, ascent + descent + border
+
+
+def draw_text(text: str, size: float) -> UInt8Array:
+    """Return coverage by letters, and by letters with their outline, (height, width, 2)."""
+    (width, height), border = text_size(text, size), _outline(size)
+    text, font = _drawable(text, size)
+    images = []
+    for stroke in (0, border):
+        image = Image.new("L", (width, height))
+        at = (border, border)
+        ImageDraw.Draw(image).text(at, text, 255, font, anchor="la", stroke_width=stroke)
+        images.append(np.asarray(image))
+    return np.stack(images, axis=-1)
+
+
+def _outline(size: float) -> int:
+    return max(round(_OUTLINE * size), 1)
+
+
+@lru_cache(maxsize=1 << 14)
+def _drawable(text: str, size: float) -> tuple[str, ImageFont.FreeTypeFont]:
+    """Return the first font that has all letters of a text; else the last one, without what it lacks.
+
+    Letters with accents lose them, others become question marks.
+    """
+    fonts = _fonts()
+    for font in fonts:
+        if all(_has_letter(font, letter) for letter in set(text)):
+            return text, font.font_variant(size=size)
+    letters = [c for c in normalize("NFKD", text) if not combining(c)]
+    return "".join(c if _has_letter(fonts[-1], c) else "?" for c in letters), fonts[-1].font_variant(
+        size=size
+    )
+
+
+@lru_cache(maxsize=1)
+def _fonts() -> tuple[ImageFont.FreeTypeFont, ...]:
+    found = [cast("ImageFont.FreeTypeFont", ImageFont.load_default(16.0))]
+    for name in reversed(FONTS):
+        with suppress(OSError):  # it isn't installed
+            found.insert(0, ImageFont.truetype(name, 16.0))
+    return tuple(found)
+
+
+@lru_cache(maxsize=1 << 12)
+def _has_letter(font: ImageFont.FreeTypeFont, letter: str) -> bool:
+    """Return whether a font has a letter: its shape is not that of a character that no font has."""
+    return letter == " " or bytes(font.getmask(letter)) != bytes(font.getmask("\uffff"))

@@ -6,8 +6,10 @@ Invalid text raises ``typer.BadParameter``, a usage error. Nothing heavy is impo
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,6 +21,7 @@ from sketchterrain.app.option_groups import reject_combination
 
 if TYPE_CHECKING:
     from sketchterrain.app.pictures import PictureOptions
+    from sketchterrain.document.drapes import DrapedLayer
     from sketchterrain.document.rasters import RasterSource
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.export.target import ExportOptions
@@ -32,6 +35,8 @@ _MAX_SECONDS = 3600.0  # of a flight
 _FILMS = (".mp4", ".webp", ".gif")
 _FOLIAGE = ("csv", "ply", "both", "none")
 _MAPS = ("png", "svg")
+_DRAPE_METHODS = ("tiles", "two-step", "geometry", "lookup")
+_LAYER_OPTION = re.compile(r"(.+),([a-z_]+)=([^,]*)", re.S)
 # Those of sketchterrain.export.targets, which is not loaded for --help; a test compares them.
 TARGETS = (
     *("unity", "unreal", "godot", "blender", "gltf", "geotiff"),
@@ -229,6 +234,23 @@ OverlayNames = Annotated[
         help="Draw wireframe, levels, error, screen-error, materials, features, triplanar on it.",
     ),
 ]
+LayerFiles = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--layer",
+        metavar="FILE[,KEY=VALUE…]",
+        help="Drape a vector or raster file on it, as trails.gpkg,colour=#d03030,width=3; repeatable.",
+    ),
+]
+DrapeMethod = Annotated[
+    str | None,
+    typer.Option(
+        "--drape-method",
+        metavar="|".join(_DRAPE_METHODS),
+        callback=_one_of(*_DRAPE_METHODS),
+        help="How draped layers are drawn; by default as tiles.",
+    ),
+]
 MapFlag = Annotated[bool, typer.Option("--map", help="A topographic map instead, .png or .svg.")]
 MapKind = Annotated[
     str | None,
@@ -346,13 +368,36 @@ SourceBounds = Annotated[
 ]
 
 
-def read_sketch(name: str, seed: int | None, stages: Stages) -> Sketch:
-    """Load a folder, a .sketch file or a preset, with another seed if one is given."""
+def read_sketch(name: str, seed: int | None, stages: Stages, layers: Sequence[str] | None = None) -> Sketch:
+    """Load a folder, a .sketch file or a preset, with another seed and more draped layers if given."""
     with stages.stage("sketch", "Reading the sketch"):
         from sketchterrain.document.store import load_sketch
 
         sketch = load_sketch(name)
+        if layers:
+            sketch = sketch.replace(drapes=(*sketch.drapes, *read_layers(layers)))
         return sketch if seed is None else sketch.replace(seed=seed)
+
+
+def read_layers(texts: Sequence[str]) -> tuple[DrapedLayer, ...]:
+    """Return the draped layers ``FILE,key=value…``; the file's name may have commas."""
+    from sketchterrain.document.drapes import DRAPE, STYLE, draped_layer
+    from sketchterrain.errors import InputError, one_line
+
+    kinds = {name: parameter.kind for name, parameter in {**DRAPE, **STYLE}.items()}
+    layers = []
+    for text in texts:
+        path, values = text, dict[str, Any]()
+        while not os.path.exists(path) and (option := _LAYER_OPTION.fullmatch(path)):  # noqa: PTH110 # no error
+            path, name, value = option.groups()
+            values.setdefault(name, value)
+            with suppress(ValueError):  # refused by the layer
+                values[name] = kinds.get(name, str)(values[name])
+        try:
+            layers.append(draped_layer(Path(path), **values))
+        except InputError as error:
+            raise InputError(f"--layer {one_line(text)}: {error}") from None
+    return tuple(layers)
 
 
 def read_rasters(texts: Sequence[str], *, embed: bool) -> tuple[tuple[RasterSource, ...], RasterArea | None]:
@@ -418,6 +463,8 @@ class PictureArguments:
     without: Without = None
     textures: Textures = None
     overlay: OverlayNames = None
+    layer: LayerFiles = None
+    drape_method: DrapeMethod = None
 
     def check_camera(self) -> None:
         """Raise a usage error if camera options contradict each other."""
@@ -441,5 +488,6 @@ class PictureArguments:
             without=tuple(self.without or ()),
             overlays=tuple(self.overlay or ()),
             textures=self.textures,
+            drape_method=self.drape_method or "tiles",
             top_down=top_down,
         )

@@ -110,6 +110,7 @@ def generate(
     time: args.Hour = None,
     clouds: args.Clouds = None,
     map_kind: args.MapKind = None,
+    layer: args.LayerFiles = None,
     as_json: args.AsJson = False,
 ) -> None:
     """Write a terrain: heights, normals, materials, plants, features, a preview and a report."""
@@ -119,7 +120,7 @@ def generate(
         light = {"--view": view, "--time": time, "--clouds": clouds}
         reject_combination("--no-preview", light, "it is the preview's")
     with Stages() as stages:
-        document = args.read_sketch(sketch, seed, stages)
+        document = args.read_sketch(sketch, seed, stages, layer)
         with stages.stage("program", "Loading the program"):
             from sketchterrain.app import generate as app
             from sketchterrain.app.estimates import check_size
@@ -153,7 +154,7 @@ def render(
     picture.check_camera()
     is_svg = output.suffix.lower() == ".svg"
     if top_down:
-        others = {f"--{name}": value for name, value in vars(picture).items()}
+        others = {f"--{name.replace('_', '-')}": value for name, value in vars(picture).items()}
         size = others.pop("--size")
         reject_combination("--map", others, "it is for pictures")
         if is_svg:
@@ -161,7 +162,7 @@ def render(
     elif is_svg:
         raise USAGE_ERROR(f"expected the name of a .png file, or --map, got {str(output)!r}")
     with Stages() as stages:
-        document = args.read_sketch(sketch, seed, stages)
+        document = args.read_sketch(sketch, seed, stages, picture.layer)
         with stages.stage("program", "Loading the program"):
             from sketchterrain.app import pictures as app
         options = picture.options(top_down=top_down)
@@ -184,6 +185,8 @@ def fly(
     textures: args.Textures = None,
     real_time: args.RealTime = False,
     overlay: args.OverlayNames = None,
+    layer: args.LayerFiles = None,
+    drape_method: args.DrapeMethod = None,
     seed: args.Seed = None,
     device: args.DeviceName = None,
     fast: args.Fast = False,
@@ -191,7 +194,7 @@ def fly(
 ) -> None:
     """Fly over a sketch's terrain along a path: write a film, and report frame statistics."""
     with Stages() as stages:
-        document = args.read_sketch(sketch, seed, stages)
+        document = args.read_sketch(sketch, seed, stages, layer)
         with stages.stage("program", "Loading the program"):
             from sketchterrain.app import pictures as app
             from sketchterrain.render.flight import load_flight
@@ -203,6 +206,7 @@ def fly(
             *(size, fps, seconds, quality, real_time, tuple(overlay or ()), time, clouds),
             without=tuple(without or ()),
             textures=textures,
+            drape_method=drape_method or "tiles",
         )
         report = app.fly(document, flight, options, output=output, device=device, fast=fast, stages=stages)
     report["path"] = None if path is None else str(path)

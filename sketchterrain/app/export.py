@@ -11,13 +11,14 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from sketchterrain.app.console import Stages
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device, choose_device, fallback_device
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceFailedError, one_line
+from sketchterrain.export.drapes import draped_shapes, write_drapes
 from sketchterrain.export.engines import requested_storeys
 from sketchterrain.export.files import move_files, prepare_folder, staging, stale_files
 from sketchterrain.export.planning import ExportPlan, checked_plan
@@ -28,6 +29,10 @@ from sketchterrain.io.files import check_disk, wrap_os_errors
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.self_test import self_test
 from sketchterrain.terrain.terrain import Terrain
+
+if TYPE_CHECKING:
+    from sketchterrain.drape.drapes import Drapes
+    from sketchterrain.render.scene import TerrainSource
 
 T = TypeVar("T")
 
@@ -138,13 +143,28 @@ def write_export(plan: ExportPlan, terrain: Terrain, folder: Path, *, stages: Pr
     with stages.stage("ground", "Heights and materials") as progress:
         sampled = sample_terrain(terrain, plan.grid, progress=progress)
     name = file_name(terrain.sketch.name)
-    job = Export(terrain, name, plan.options, plan.grid, plan.tiling, sampled, folder, stages)
+    found = noted_drapes(terrain) if terrain.sketch.drapes else None
+    drapes = draped_shapes(found, terrain, plan.grid.bounds, max(plan.grid.spacing))
+    job = Export(terrain, name, plan.options, plan.grid, plan.tiling, sampled, folder, stages, drapes)
     written = plan.target.write(job)
+    options = plan.options
+    for path in write_drapes(folder / f"{name}_drapes.gpkg", drapes, terrain, options.crs, options.origin):
+        written.files[path] = "draped vector layers on the ground, with their properties"
     for file in written.files:  # not all libraries flush to disk
         with wrap_os_errors(file), file.open("rb") as stream:
             os.fsync(stream.fileno())
     path, report = write_sidecar(job, written, plan.target.name)
     return ExportResult(report, (*written.files, path))
+
+
+def noted_drapes(terrain: TerrainSource) -> Drapes | None:
+    """Return the draped layers of a terrain's sketch, None without any; print a note of unreadable ones."""
+    from sketchterrain.render.offscreen import open_drapes  # loads OpenGL
+
+    drapes = open_drapes(terrain)
+    for line in () if drapes is None else drapes.problems:
+        _print_note(line)
+    return drapes
 
 
 def file_name(title: str) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.app.console import Stages
-from sketchterrain.app.export import DeviceFallback
+from sketchterrain.app.export import DeviceFallback, noted_drapes
 from sketchterrain.app.listings import device_entry, undescribed_labels
 from sketchterrain.app.pictures import sketch_weather
 from sketchterrain.caching import LRUCache
@@ -25,6 +25,7 @@ from sketchterrain.document.rasters import raster_problem
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.elevation.base import load_base
 from sketchterrain.errors import DeviceFailedError, SketchterrainError
+from sketchterrain.export.drapes import draped_shapes, write_drapes
 from sketchterrain.export.files import move_files, prepare_folder, staging, stale_files, write_json
 from sketchterrain.export.foliage_files import FoliageOptions, FoliageResult, check_disk_space, write_foliage
 from sketchterrain.export.landuse import land_facts
@@ -227,6 +228,9 @@ def _write_files(
         painted = sample_appearance(terrain, SampleGrid(0.0, 0.0, *terrain.size, columns, rows))
         if painted is not None:
             writer.add("appearance.png", write_appearance, folder, painted)
+        drapes = noted_drapes(terrain)
+        shapes = draped_shapes(drapes, terrain, area, max(raster.spacing))
+        writer.add("drapes.gpkg", write_drapes, folder / "drapes.gpkg", shapes, terrain)
         facts = raster_facts(raster)
         del raster  # freed once written
         writer.add("drainage", write_drainage, folder, terrain.drainage())
@@ -248,6 +252,7 @@ def _write_files(
         with stages.stage("files", "Writing files"):
             files = writer.finish() + plants.files
     report = terrain_report(terrain, facts, plants) | measured
+    report["notes"] += () if drapes is None else drapes.problems
     report |= run_statistics(stages, rendering, files) | {"writing": rounded(writer.seconds)}
     return GenerateResult(report, files, problem)
 

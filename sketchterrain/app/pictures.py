@@ -11,7 +11,7 @@ from typing import Any
 
 from sketchterrain.app.arguments import Point
 from sketchterrain.app.console import Stages
-from sketchterrain.app.export import DeviceFallback
+from sketchterrain.app.export import DeviceFallback, noted_drapes
 from sketchterrain.app.listings import device_entry
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
@@ -45,6 +45,7 @@ class PictureOptions:
     without: tuple[str, ...] = ()
     overlays: tuple[str, ...] = ()
     textures: Path | None = None
+    drape_method: str = "tiles"
     top_down: bool = False  # a map
 
 
@@ -98,6 +99,8 @@ def draw_picture(
         quality=check_picture(options),
         overlays=options.overlays,
         legend=legend,
+        drapes=noted_drapes(terrain),
+        drape_method=options.drape_method,
     )
     write_picture(path, picture)
     return legend
@@ -138,6 +141,7 @@ class FlightOptions:
     clouds: float | None = None
     without: tuple[str, ...] = ()
     textures: Path | None = None
+    drape_method: str = "tiles"
 
 
 def fly(
@@ -209,6 +213,8 @@ def _capture(
         without=options.without,
         complete=not options.real_time,
         overlays=options.overlays,
+        drapes=noted_drapes(terrain),
+        drape_method=options.drape_method,
         pixels=output is not None,
     )
     frames: list[CapturedFrame] = []

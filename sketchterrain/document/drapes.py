@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.document.parameters import (
     FRAME,
     LOOK,
@@ -165,14 +166,15 @@ class FeatureEdit:
         parts = shapely.to_wkt(shapely.from_wkb(self.geometry), rounding_precision=-1).split(", ")
         return ",\n".join(", ".join(parts[at : at + 3]) for at in range(0, len(parts), 3))
 
-    def scaled(self, ratio: float) -> FeatureEdit:
-        """Return it with other coordinates, of a sketch of another extent."""
+    def moved(self, change: Callable[[Float64Array], Float64Array]) -> FeatureEdit:
+        """Return it with changed coordinates (n, 2)."""
         import shapely
 
         if not self.geometry:
             return self
-        shape = shapely.transform(shapely.from_wkb(self.geometry), lambda points: points * ratio)
-        return replace(self, geometry=shapely.to_wkb(shape))
+        return replace(
+            self, geometry=shapely.to_wkb(shapely.transform(shapely.from_wkb(self.geometry), change))
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,13 +263,15 @@ class DrapedLayer:
 _KEYS: Final = {**DRAPE, **STYLE}
 
 
-def draped_layer(path: Path, **values: Any) -> DrapedLayer:
+def draped_layer(path: Path, /, **values: Any) -> DrapedLayer:
     """Return a layer of a file, with its hash and other values by the names in `DRAPE` and `STYLE`.
 
     A folder, as of a world, has no hash. Raise InputError if it is missing, or for a bad name or value.
     """
-    for name in values.keys() - _KEYS:
-        raise unknown_key(name, values[name], list(_KEYS)[1:])
+    known = list(_KEYS)[1:]
+    for name in values:
+        if name not in known:
+            raise unknown_key(name, values[name], known)
     layer = DrapedLayer(str(path.absolute())).replace(**values)
     if problem := drape_problem(layer.replace(sha256="")):
         raise InputError(problem)
@@ -290,11 +294,13 @@ def relative_drapes(drapes: Iterable[DrapedLayer], base: Path) -> tuple[DrapedLa
     return tuple(each.replace(path=relative_path(each.path, base)) for each in drapes)
 
 
-def scaled_drapes(drapes: Iterable[DrapedLayer], ratio: float) -> tuple[DrapedLayer, ...]:
-    """Return layers whose edits are scaled as a sketch of another extent."""
+def moved_drapes(
+    drapes: Iterable[DrapedLayer], change: Callable[[Float64Array], Float64Array]
+) -> tuple[DrapedLayer, ...]:
+    """Return layers whose edits have changed coordinates (n, 2), as in a sketch of another extent."""
     return tuple(
-        each.replace(edits={number: edit.scaled(ratio) for number, edit in each.edits.items()})
-        if each.edits and ratio != 1.0
+        each.replace(edits={number: edit.moved(change) for number, edit in each.edits.items()})
+        if each.edits
         else each
         for each in drapes
     )

@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.document.drapes import DrapedLayer, check_drapes, scaled_drapes
+from sketchterrain.document.drapes import DrapedLayer, check_drapes, moved_drapes
 from sketchterrain.document.edits import MAX_EDITS, Edit
 from sketchterrain.document.frame import check_frame
 from sketchterrain.document.label_layers import (
@@ -285,7 +285,9 @@ class Sketch:
         if "extent" in changes:
             ratio = float(SKETCH["extent"].check(changes["extent"])) / self.extent
             scaled = {
-                "drapes": scaled_drapes(self.drapes, ratio),
+                "drapes": self.drapes
+                if ratio == 1.0
+                else moved_drapes(self.drapes, lambda points: points * ratio),
                 "vectors": {
                     name: dataclasses.replace(layer, vertices=layer.vertices * ratio)
                     if ratio != 1.0

@@ -198,7 +198,11 @@ def _drape_lines(layer: DrapedLayer) -> list[str]:
         lines += ["[[drape.edit]]", f"id = {edit.id}"]
         # Not parsed character by character, as other texts.
         lines.append(f"geometry = '''\n{edit.text}'''" if edit.geometry else "deleted = true")
-        lines += [f"properties.{_toml_value(name)} = {_toml_value(value)}" for name, value in edit.properties]
+        lines += [
+            f"properties.{_toml_value(name)} = {_toml_value(value)}"
+            for name, value in edit.properties
+            if value is not None
+        ]
     return lines
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import pygltflib
+import shapely
 from PIL import Image
 
 from sketchterrain.array_types import UInt8Array
@@ -32,6 +33,7 @@ from sketchterrain.export.sampled import SampleGrid, TerrainSamples, srgb_of
 from sketchterrain.export.target import Export
 from sketchterrain.io.files import atomic_file
 from sketchterrain.look.texture_levels import customized_levels, own_material_images, procedural_levels
+from sketchterrain.look.texture_maker import linear_from_hex
 
 if TYPE_CHECKING:  # load OpenCL
     from sketchterrain.compute.context import ComputeContext
@@ -57,6 +59,8 @@ _TEXELS = 256  # along a side of the textures that are averaged
 _ROWS_AT_ONCE = 256
 _WHOLE = 255  # sum of weights
 _STEPS = 65535
+_RISE: Final = 0.1  # of a cell: draped lines above the ground, whose triangles are as large
+_POINT, _LINE, _AREA = 0, 1, 3  # shapely's type ids
 
 
 class GlbWriter:
@@ -82,7 +86,7 @@ class GlbWriter:
         return self._accessor(rows, target, normalized=normalized or None, **ends)
 
     def indices(self, triangles: npt.NDArray[np.uint32]) -> int:
-        """Add triangles, (n, 3), and return their accessor."""
+        """Add triangles, (n, 3), or lines, (n, 2), and return their accessor."""
         return self._accessor(triangles.reshape(-1, 1), pygltflib.ELEMENT_ARRAY_BUFFER, normalized=None)
 
     def texture(self, pixels: UInt8Array, name: str) -> int:
@@ -206,6 +210,29 @@ def add_objects(glb: GlbWriter, export: Export) -> None:
         indices, material = glb.indices(each.triangles), numbers[each.material]
         number = glb.mesh(each.name, attributes, indices=indices, material=material)
         glb.node(each.name, mesh=number, translation=grid_centre(grid).tolist())
+
+
+def add_drapes(glb: GlbWriter, export: Export) -> None:
+    """Add draped lines, outlines of areas and points, a node or two for each style of each layer."""
+    rise = (0.0, 0.0, _RISE * min(export.grid.spacing))
+    for name, style, shapes in (each for layer in export.drapes for each in layer.by_style()):
+        colour = linear_from_hex(style["colour"] or style["fill"] or "#808080").tolist()
+        look = {"baseColorFactor": [*colour, 1.0], "metallicFactor": 0.0}
+        material = glb.material(name, pbrMetallicRoughness=look)
+        parts = shapely.get_parts(shapes)
+        kinds = shapely.get_type_id(parts)
+        lines = np.concatenate([parts[kinds == _LINE], shapely.get_rings(parts[kinds == _AREA])])
+        at, line = shapely.get_coordinates(lines, include_z=True, return_index=True)
+        first = np.flatnonzero(line[1:] == line[:-1])
+        pairs = np.stack([first, first + 1], axis=-1).astype(np.uint32)
+        points = shapely.get_coordinates(parts[kinds == _POINT], include_z=True)
+        for places, mode in ((at, pygltflib.LINES), (points, pygltflib.POINTS)):
+            if len(places):
+                positions = _centred_axes(export.grid).points(*np.add(places, rise).T).astype(np.float32)
+                indices = glb.indices(pairs) if mode == pygltflib.LINES else None
+                attributes = {"POSITION": glb.attribute(positions, bounds=True)}
+                mesh = glb.mesh(name, attributes, indices=indices, material=material, mode=mode)
+                glb.node(name, mesh=mesh, translation=grid_centre(export.grid).tolist())
 
 
 def object_colour(material: str, terrain: Terrain) -> list[float]:

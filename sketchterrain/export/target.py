@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import string
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +14,7 @@ from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.sampled import SampleGrid, TerrainSamples
 
 if TYPE_CHECKING:
+    from sketchterrain.export.drapes import DrapedShapes
     from sketchterrain.terrain.terrain import Terrain
 
 
@@ -171,6 +172,7 @@ class Export:
     samples: TerrainSamples  # at the grid's vertices
     folder: Path  # a staging folder: all files are moved to their destination together
     stages: ProgressStages
+    drapes: Sequence[DrapedShapes] = ()  # vectors on the ground
 
 
 class ExportOutput(NamedTuple):

@@ -231,12 +231,18 @@ def sketch_layer(layer: vectors.VectorLayer, origin: Origin) -> VectorLayer:
     fields: dict[str, npt.NDArray[Any]] = {"id": layer.ids, "label": layer.labels.astype(np.int32)}
     taken = {"fid", "geom", *fields}  # a GeoPackage ignores case
     for name, column in layer.columns.items():
-        while name.lower() in taken:
-            name += "_"
-        taken.add(name.lower())
-        fields[name] = np.array(column, object) if isinstance(column, tuple) else column
+        values = np.array(column, object) if isinstance(column, tuple) else column
+        fields[distinct_name(name, taken)] = values
     shapes = shapely.transform(layer.shapes(), lambda at: at + origin)
     return VectorLayer(f"sketch_{layer.layer}", geometry_type(layer), shapes, fields)
+
+
+def distinct_name(name: str, taken: set[str]) -> str:
+    """Return a name, with underscores if it is taken in lower case, and take it."""
+    while name.lower() in taken:
+        name += "_"
+    taken.add(name.lower())
+    return name
 
 
 def sea_layer(level: float, samples: TerrainSamples, origin: Origin) -> VectorLayer:

@@ -17,6 +17,7 @@ from sketchterrain.app.export import DeviceFallback
 from sketchterrain.app.pictures import PictureOptions, check_picture, draw_picture, sketch_weather
 from sketchterrain.array_types import Bounds
 from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.drapes import DrapedLayer, moved_drapes
 from sketchterrain.document.materials import BEDROCK, BUILT_IN, MaterialTable, weight_words
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
@@ -276,7 +277,8 @@ class StoredTerrain:
         *,
         on_error: Callable[[str], None] | None = None,
     ) -> None:
-        self.sketch = Sketch() if terrain is None else terrain.sketch
+        self.corner = world.west, world.north
+        self.sketch = Sketch() if terrain is None else at_corner(terrain.sketch, self.corner)
         self._pyramid = StoredPyramid(world, self.sketch.material_table, on_error=on_error)
         self._terrain, self.context = terrain, context
         finest = world.levels[0]
@@ -285,7 +287,6 @@ class StoredTerrain:
         if self._bits > _MOST_BITS:
             most = 1 << _MOST_BITS
             raise InputError(f"expected a world of at most {most} cells a side, got {across}×{down}")
-        self.corner = world.west, world.north
         self.finest_cell = finest.cell
         self.extent = finest.cell * 2.0**self._bits
         self.size = across * finest.cell, down * finest.cell
@@ -357,6 +358,17 @@ class StoredTerrain:
         return plants
 
 
+def at_corner(sketch: Sketch, corner: tuple[float, float]) -> Sketch:
+    """Return a sketch whose frame and draped layers have another corner (m) as their origin."""
+    if not sketch.drapes:
+        return sketch
+    frame = {
+        name: sketch.frame[name] + offset for name, offset in zip(("east", "north"), corner, strict=True)
+    }
+    drapes = moved_drapes(sketch.drapes, lambda points: points - corner)
+    return sketch.replace(frame={**sketch.frame, **frame}, drapes=drapes)
+
+
 def _moved_features(features: TerrainFeatures, west: float, north: float, bounds: Bounds) -> TerrainFeatures:
     """Return features relative to an origin, clipped to bounds relative to it (m)."""
     points = features.points.copy()
@@ -400,17 +412,31 @@ def _within(x: _Array, y: _Array, bounds: Bounds) -> npt.NDArray[np.bool_]:
     return np.asarray((x >= bounds[0]) & (y >= bounds[1]) & (x <= bounds[2]) & (y <= bounds[3]))
 
 
+def draped_sketch(world: StoredWorld, drapes: Sequence[DrapedLayer]) -> Sketch | None:
+    """Return the sketch of a world with more draped layers; raise InputError if they have no place."""
+    sketch = world.sketch()
+    if drapes and sketch is None:
+        raise InputError("the world holds no sketch: expected no --layer, which would have no place")
+    return sketch and sketch.replace(drapes=(*sketch.drapes, *drapes)) if drapes else sketch
+
+
 def draw_world(
-    store: Path, path: Path, still: PictureOptions, *, device: str | None, stages: Stages
+    store: Path,
+    path: Path,
+    still: PictureOptions,
+    drapes: Sequence[DrapedLayer] = (),
+    *,
+    device: str | None,
+    stages: Stages,
 ) -> tuple[list[LegendEntry], list[str]]:
     """Render a picture of a stored world; return the legend and the parts that are not stored.
 
-    Positions of `still` are m from the sketch's south-west corner.
+    Positions of `still` are m from the sketch's south-west corner; `drapes` come after the sketch's own.
     """
     check_picture(still)
     with stages.stage("world", "Opening the world"):
         stored = open_world(store)
-        sketch = stored.sketch()
+        sketch = draped_sketch(stored, drapes)
 
     def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[list[LegendEntry], list[str]]:
         with stages.stage("features", "Placing features"):

@@ -37,6 +37,7 @@ def export(
     size: args.WholeSize = None,
     exported: args.ExportArguments,
     grass: args.Grass = False,
+    layer: args.LayerFiles = None,
     seed: args.Seed = None,
     device: args.DeviceName = None,
     fast: args.Fast = False,
@@ -45,7 +46,7 @@ def export(
     """Export a terrain to an engine, a GIS or a plain format, in the size and orientation it expects."""
     options = exported.options(size, grass=grass)
     with Stages() as stages:
-        document = args.read_sketch(sketch, seed, stages)
+        document = args.read_sketch(sketch, seed, stages, layer)
         with stages.stage("program", "Loading the program"):
             from sketchterrain.app import export as app
         done = app.export(document, output, target, options, device=device, fast=fast, stages=stages)

@@ -73,6 +73,7 @@ def world(
     crs: args.Crs = None,
     origin: args.Origin = None,
     step: Step = 0.0,
+    layer: args.LayerFiles = None,
     seed: args.Seed = None,
     resume: args.Resume = False,
     dry_run: args.DryRun = False,
@@ -88,7 +89,7 @@ def world(
     if fast and (workers is not None or scheduler is not None):
         raise USAGE_ERROR("--fast with workers: each would compute other bits")
     with Stages() as stages:
-        document = args.read_sketch(sketch, seed, stages)
+        document = args.read_sketch(sketch, seed, stages, layer)
         with stages.stage("program", "Loading the program"):
             from sketchterrain.compute.device import choose_device
             from sketchterrain.terrain.building import make_recipe
@@ -288,7 +289,8 @@ def view(
             from sketchterrain.world.viewed import draw_world
 
         options = picture.options()
-        legend, missing = draw_world(store, output, options, device=device, stages=stages)
+        drapes = args.read_layers(picture.layer or ())
+        legend, missing = draw_world(store, output, options, drapes, device=device, stages=stages)
     for line in missing:
         sys.stderr.write(f"sketchterrain: note: {line}\n")
     print_lines(str(output), *legend_lines(legend))

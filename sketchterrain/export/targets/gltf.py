@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.gltf import AXES, GlbWriter, add_ground, add_objects, grid_centre
+from sketchterrain.export.gltf import AXES, GlbWriter, add_drapes, add_ground, add_objects, grid_centre
 from sketchterrain.export.gltf_plants import (
     BYTES_PER_PLANT,
     PlantInstances,
@@ -62,6 +62,7 @@ def terrain_scene(export: Export) -> tuple[GlbWriter, dict[str, Any]]:
     scene = GlbWriter()
     add_ground(scene, result.mesh, export)
     add_objects(scene, export)
+    add_drapes(scene, export)
     facts = {"heights": {"numbers": "float32"}, "axes": AXES.metadata, "byte_order": "little-endian"}
     return scene, facts | {"mesh": mesh_metadata(export, result)}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Final, cast
 from unicodedata import combining, normalize
 
@@ -27,7 +27,6 @@ FONTS: Final = (
 )
 """The first font installed that has all letters of a text draws it; the last one is Pillow's own."""
 ATLAS: Final = (2048, 1024)  # texels of two bytes
-_SECONDS: Final = (0.001, 0.008)  # for reading features, of a frame in motion and at rest
 _OUTLINE: Final = 0.15  # of the height of letters
 _QUAD: Final = np.dtype([("low", "f4", 2), ("extent", "f4", 2), ("cell", "f4", 2), ("colour", "f4", 4)])
 
@@ -41,24 +40,23 @@ class Labels:
         self._elapsed: float | None = None
         self._tested: tuple[StructuredArray, moderngl.Buffer] | None = None
         self._fades = False
-        self._test = build_transform(context, "label_seen.vert.glsl", ("seen",))
-        self._program = build_program(context, "label.vert.glsl", "label.frag.glsl")
-        self._atlas = context.texture(ATLAS, 2)
         self._cells: dict[tuple[str, float], tuple[int, int]] = {}
         self._shelf = (0, 0, 0)  # x, y and height of the atlas's last row
+
+    @cached_property
+    def _gl(self) -> tuple[moderngl.Program, moderngl.Program, moderngl.Texture]:
+        """Programs that test and draw labels, and the atlas."""
+        test = build_transform(self._context, "label_seen.vert.glsl", ("seen",))
+        program = build_program(self._context, "label.vert.glsl", "label.frag.glsl")
+        return test, program, self._context.texture(ATLAS, 2)
 
     def __bool__(self) -> bool:
         return len(self._candidates.anchors) > 0
 
     @property
-    def loaded(self) -> bool:
-        """Whether the features of the last view are read."""
-        return self._candidates.complete
-
-    @property
     def converged(self) -> bool:
         """Whether the labels of the last view are complete, and none fades in or out."""
-        return self.loaded and not self._fades
+        return self._candidates.complete and not self._fades
 
     def set_drapes(self, drapes: Drapes | None) -> None:
         """Replace the draped layers."""
@@ -69,24 +67,28 @@ class Labels:
         self._terrain = terrain
         self._candidates.set_heights()
 
-    def update(self, eye: Vector, above: float, elapsed: float | None, *, moving: bool = False) -> None:
-        """Read features for an eye `above` m above the ground: all of a still's if `elapsed` (s) is None."""
+    def update(self, eye: Vector, above: float, elapsed: float | None, seconds: float) -> bool:
+        """Read features near an eye `above` m above the ground for some seconds; return whether all are read.
+
+        `elapsed` are the seconds since the last frame, None for a still.
+        """
         self._elapsed = elapsed
         self._read_visibility()
-        self._candidates.update(eye, above, np.inf if elapsed is None else _SECONDS[not moving])
+        self._candidates.update(eye, above, seconds)
+        return self._candidates.complete
 
     def test(self, targets: RenderTargets, eye: Vector) -> None:
         """Test which anchors the ground drawn into the targets hides."""
         if not self:
             return
-        rows = self._candidates.anchors
+        rows, program = self._candidates.anchors, self._gl[0]
         places = self._context.buffer((rows["place"] - rows["place"][0]).astype(np.float32).tobytes())
-        array = self._context.vertex_array(self._test, [(places, "3f4", "place")])
+        array = self._context.vertex_array(program, [(places, "3f4", "place")])
         seen = self._context.buffer(reserve=4 * len(rows))
         origin = tuple((rows["place"][0] - eye).tolist())
         targets.depth.use(0)
         targets.tonemapped.use()  # depth is not attached to it
-        set_uniforms(self._test, {"drawn_depth": 0, "origin": origin, "lift": GAP / targets.size[1]})
+        set_uniforms(program, {"drawn_depth": 0, "origin": origin, "lift": GAP / targets.size[1]})
         array.transform(seen, moderngl.POINTS, vertices=len(rows))
         self._tested = rows, seen
 
@@ -94,15 +96,16 @@ class Labels:
         """Draw labels over a picture, those of a still without regard to earlier frames."""
         if not self:
             return
-        rows, is_still = self._candidates.anchors, self._elapsed is None
-        if is_still:
+        rows = self._candidates.anchors
+        if self._elapsed is None:
             self._read_visibility()
         width, height = framebuffer.size
         matrix = camera.to_clip(width / height)
         clip = (rows["place"] - camera.eye) @ matrix[:, :3].T + matrix[:, 3]
         texel = 2.0 / (height * float(np.linalg.norm(matrix[1, :3]))) * clip[:, 3]
         clip[~self._in_range(rows, texel), 3] = 0.0
-        settled, elapsed = is_still or not moving, np.inf if self._elapsed is None else self._elapsed
+        elapsed = np.inf if self._elapsed is None else self._elapsed
+        settled = self._elapsed is None or not moving
         boxes = place_labels(rows, clip, framebuffer.size, elapsed=elapsed, settled=settled)
         drawn = np.flatnonzero(rows["opacity"] > 0.0)
         self._fades = not np.array_equal(rows["shown"], rows["opacity"] == 1.0)
@@ -136,12 +139,13 @@ class Labels:
         quads = quads[quads["cell"][:, 0] >= 0]
         buffer = self._context.buffer(quads.tobytes())
         columns = ("low", "extent", "cell", "colour")
-        array = self._context.vertex_array(self._program, [(buffer, "2f4 2f4 2f4 4f4/i", *columns)])
+        _, program, atlas = self._gl
+        array = self._context.vertex_array(program, [(buffer, "2f4 2f4 2f4 4f4/i", *columns)])
         self._context.enable_only(moderngl.BLEND)
         self._context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
         framebuffer.use()
-        self._atlas.use(0)
-        set_uniforms(self._program, {"atlas": 0, "size": framebuffer.size})
+        atlas.use(0)
+        set_uniforms(program, {"atlas": 0, "size": framebuffer.size})
         array.render(moderngl.TRIANGLES, vertices=6, instances=len(quads))
         self._context.enable_only(moderngl.NOTHING)
         self._context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
@@ -157,7 +161,7 @@ class Labels:
             x, y, deep = 0, y + deep, 0
         if y + height > ATLAS[1] or width > ATLAS[0]:
             return False
-        self._atlas.write(texels.tobytes(), viewport=(x, y, width, height), alignment=1)
+        self._gl[2].write(texels.tobytes(), viewport=(x, y, width, height), alignment=1)
         self._cells[text] = x, y
         self._shelf = x + width, y, max(deep, height)
         return True

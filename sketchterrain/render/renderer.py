@@ -41,6 +41,7 @@ TILES_SHARE: Final = (0.8, 0.8, 0.8, 0.0)
 """Share of the budget for tiles, by frame, while light or plants are missing."""
 OTHERS_SHARE: Final = (0.1, 0.1, 0.1, 1.0)
 """Share of the budget that light and plants get even if tiles exceeded theirs."""
+LABELS_SHARE: Final = 0.1  # of the budget, for reading features besides that
 
 
 class Renderer:
@@ -96,12 +97,13 @@ class Renderer:
         self.scenery.settle_drapes()
         with self._timed("light"):
             self.scenery.lit.converge(camera)
-        view, distance, _ = self._clipped(camera)
+        view, distance, above = self._clipped(camera)
         with self._timed("tiles"):
             self.stream.converge(view, size, draw_distance=distance, still=True)
         with self._timed("appearance"):
             seen = view_of(view, size, draw_distance=distance)
             self.scenery.appearance.converge(seen, self.stream.tiles.pool)
+            self.scenery.labels.update(view.eye, above, None, np.inf)
         with self._timed("foliage"):
             self.scenery.forest.converge(view, size, self.scenery.lit)
 
@@ -118,7 +120,7 @@ class Renderer:
 
         A terrain, sun or weather that changes meanwhile, or another use of the context, spoils it.
         """
-        view, distance, _ = clipped = self._clipped(camera)
+        view, distance, above = clipped = self._clipped(camera)
         size, lit, forest = framebuffer.size, self.scenery.lit, self.scenery.forest
         self.scenery.settle_drapes()
         budget = partial(TimeBudget, PART, timer=self._timer)
@@ -136,6 +138,8 @@ class Renderer:
             yield
             appearance.update(seen, pool, budget())
         while not forest.refine(view, size, lit, budget()):
+            yield
+        while not self.scenery.labels.update(view.eye, above, None, PART):
             yield
         for _ in self._drawn(clipped, framebuffer, size, clock=clock, parts=STILL_PARTS):
             self._context.finish()
@@ -228,11 +232,12 @@ class Renderer:
         self._was_complete = self._was_complete and not moves
         if self._was_complete:
             budget = max(budget, CATCH_UP_SHARE * self._full_draw_seconds)
-        view, distance, _ = clipped = self._clipped(camera)
+        view, distance, above = clipped = self._clipped(camera)
         lit, forest = self.scenery.lit, self.scenery.forest
         painted, draped = self.scenery.appearance.drawn, self.scenery.draped.seconds
         self.scenery.advance_drapes(elapsed)
         tiles, light, plants = self._load(view, size, elapsed=elapsed, budget=budget, draw_distance=distance)
+        self.scenery.labels.update(view.eye, above, elapsed, LABELS_SHARE * budget)
         complete = (
             tiles.converged
             and self.scenery.appearance.converged
@@ -268,7 +273,7 @@ class Renderer:
             resident_tiles=tiles.resident_tiles,
             triangles=self.triangles,
             size=inner,
-            converged=complete and inner == size,
+            converged=complete and inner == size and self.scenery.labels.converged,
         )
 
     def _adapt_scale(self, seconds: float) -> None:
@@ -282,12 +287,13 @@ class Renderer:
 
         `elapsed` is the time (s) since the last frame or load.
         """
-        view, distance, _ = self._clipped(camera)
+        view, distance, above = self._clipped(camera)
         self._rest_seconds += elapsed
         self._since_update += elapsed
         tiles, *_ = self._load(view, size, elapsed=elapsed, budget=budget, draw_distance=distance)
         loaded = self.scenery.appearance.converged and self.scenery.lit.converged
         loaded = loaded and not self.scenery.draped.is_fading
+        loaded = self.scenery.labels.update(view.eye, above, elapsed, LABELS_SHARE * budget) and loaded
         return tiles.converged and loaded and self.scenery.forest.loaded
 
     def _load(

@@ -23,6 +23,7 @@ from sketchterrain.render.forest import Forest
 from sketchterrain.render.ground import SurfaceMap
 from sketchterrain.render.ground_cover import GroundCover
 from sketchterrain.render.ground_stream import TerrainStream
+from sketchterrain.render.labels import Labels
 from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.programs import ResourceCache, Textures, bind_textures
 from sketchterrain.render.quality import Quality, TerrainUpdateStats
@@ -75,6 +76,7 @@ class Scenery:
         self._frame_block = FrameBlock(context)
         self._aridity = _aridity(terrain)
         self.appearance = AppearanceTextures(context, terrain, quality)
+        self.labels = Labels(context, terrain)
         self._textures = textures
         with timed("textures"):
             self._materials, self._noise = load_textures(
@@ -143,6 +145,7 @@ class Scenery:
         self.forest.set_terrain(terrain, areas)
         self.surface.invalidate()
         self._paint(partial(self.appearance.set_terrain, terrain, areas))
+        self.labels.set_terrain(terrain)
         self._features = terrain.features
         self._water.set_features(self._features)
         self._update_materials(terrain)
@@ -151,6 +154,7 @@ class Scenery:
     def set_drapes(self, drapes: Drapes | None, held: Held | None = None) -> None:
         """Replace the draped layers; one feature may be held for editing."""
         self.draped.set_drapes(drapes, held)
+        self.labels.set_drapes(drapes)
         self._paint_drapes()
 
     def settle_drapes(self) -> None:
@@ -252,6 +256,7 @@ class Scenery:
         )
         yield from self._clouds.draw(units, parts=parts)
         yield from self.shading.shade_scene(targets, camera.eye, units | painted, parts=parts, draped=draped)
+        self.labels.test(targets, camera.eye)
         built = units | (self.shading.material_uniforms(camera.eye) if self.built else {})
         self._context.enable_only(moderngl.DEPTH_TEST)
         targets.scene.use()
@@ -265,6 +270,7 @@ class Scenery:
         if self._water:
             yield from self._water.draw(camera, targets, units, parts=parts)
         self.shading.tonemap(targets, framebuffer, units, exposure=self._sky.exposure(camera.heading))
+        self.labels.draw(camera, framebuffer, moving=moving)
 
     def _set_frame(self, camera: Camera, targets: RenderTargets, distance: float) -> None:
         width, height = targets.size

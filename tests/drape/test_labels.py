@@ -329,7 +329,7 @@ def drawn(gl):
         scene.clear(depth=(1.0 - camera.near / wall) / (1.0 - camera.near / camera.far))
         labels = Labels(gl, terrain)
         labels.set_drapes(drapes)
-        labels.update(camera.eye, 300.0, None)
+        assert labels.update(camera.eye, 300.0, None, np.inf)
         target.clear(*ground, 1.0)
         labels.test(targets, camera.eye)
         labels.draw(camera, target, moving=False)

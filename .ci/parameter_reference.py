@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from sketchterrain.document.drapes import CLASS, DRAPE, EDIT, MAX_CLASSES, MAX_DRAPES, STYLE
 from sketchterrain.document.edits import ACTIONS
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.material_rules import (
@@ -47,7 +48,7 @@ def reference_table() -> str:
     for layer in LAYERS.values():
         text = f"{layer.title} (`{layer.file}`): {layer.help}. One table a label, 1 to 255."
         sections.append(_section(f"`[{layer.name}.1]`", text, layer.parameters))
-    return "\n".join([*sections, _rasters(), _own(), _look(), _rules(), _edits()])
+    return "\n".join([*sections, _rasters(), _drapes(), _own(), _look(), _rules(), _edits()])
 
 
 def rule_table(rules: Iterable[MaterialRule] = DEFAULT_RULES) -> str:
@@ -87,6 +88,28 @@ def _rasters() -> str:
         "([elevation.md](elevation.md)); `accuracy`, `vertical` and `offset` are theirs."
     )
     return _section("`[[raster]]`", text, RASTER)
+
+
+def _drapes() -> str:
+    text = (
+        f"A vector or raster file that is shown on the terrain, at most {MAX_DRAPES}, from the lowest to the "
+        "highest. It does not change the terrain ([drapes.md](drapes.md)). Paths and hashes are as of "
+        "`[[raster]]`."
+    )
+    about_classes = (
+        f"A style for features with a value of the property `by`, at most {MAX_CLASSES}: `value` and any keys "
+        "of the style; the others are the layer's."
+    )
+    about_edits = (
+        "A feature that has changed and is not yet saved to its file: `geometry` or `deleted = true`, and "
+        "`properties`, a table with all of its properties."
+    )
+    sections = (
+        _section("`[[drape]]`", text, {**DRAPE, **STYLE}),
+        _section("`[[drape.class]]`", about_classes, {"value": CLASS["value"]}),
+        _section("`[[drape.edit]]`", about_edits, EDIT),
+    )
+    return "\n".join(sections)
 
 
 def _own() -> str:

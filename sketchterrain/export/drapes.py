@@ -13,8 +13,8 @@ import shapely
 
 from sketchterrain.array_types import Bounds
 from sketchterrain.document.drapes import DrapedLayer
+from sketchterrain.document.frame import georeference
 from sketchterrain.document.parameters import Properties
-from sketchterrain.export.planning import georeference
 from sketchterrain.export.rasters import local_metres
 from sketchterrain.export.vectors import Origin, VectorLayer, distinct_name, geopackage
 from sketchterrain.io.crs import parse_crs

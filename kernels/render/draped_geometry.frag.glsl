@@ -1,7 +1,6 @@
 #version 430 core
 // A draped feature where the ground that it lies on is what the picture shows.
 //   SAMPLES  of the G-buffer along each axis of a pixel
-//   HIDDEN   whether the depth of the ground decides
 #include "render/frame.glsl"
 #include "render/draped.glsl"
 
@@ -28,12 +27,10 @@ void main()
     float away = 1.0 / gl_FragCoord.w;
     float steep = fwidth(away);
     colour = share * draped_colour(part_place, change, draped_parts[part_number], length(from_eye) * trees.z);
-#if HIDDEN
     ivec2 pixel = ivec2(gl_FragCoord.xy) * SAMPLES;
     float depth = 1.0;
     for (int k = 0; k < SAMPLES * SAMPLES; ++k)
         depth = min(depth, texelFetch(ground_depth, pixel + ivec2(k % SAMPLES, k / SAMPLES), 0).r);
     if (away > distance_of(depth) * (1.0 + NEARER) + steep) discard;
-#endif
     if (colour.a <= 0.0) discard;
 }

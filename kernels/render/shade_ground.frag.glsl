@@ -34,7 +34,7 @@ layout(location = 0) out vec4 radiance; // w: depth of the sample that was shade
 
 vec3 position; // of the shaded point, m from the eye
 #if DRAPED
-uniform sampler2D draped; // rgb: √albedo times the share; a: share
+uniform sampler2D draped; // rgb: albedo times the share; a: share
 #endif
 #if COVERED
 float grain; // brightness of the textures over their mean, which what is painted keeps
@@ -201,8 +201,7 @@ void main()
 #endif
 #if DRAPED
     vec4 above = texelFetch(draped, ivec2(gl_FragCoord.xy), 0);
-    vec3 root = above.rgb / max(above.a, 1e-4);
-    material.albedo = mix(material.albedo, root * root * grain, above.a);
+    material.albedo = mix(material.albedo, above.rgb / max(above.a, 1e-4) * grain, above.a);
 #endif
     radiance = vec4(through_air(lit_material(material, position, n, to_eye, ground_light(position.xy).rg), position), depth);
 }

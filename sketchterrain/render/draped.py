@@ -140,17 +140,17 @@ class DrapedScreen:
 
 
 class _Buffer:
-    """√albedo times share, and share, at several samples a pixel, and their mean."""
+    """Albedo times share, and share, at several samples a pixel, and their mean."""
 
     def __init__(self, context: moderngl.Context, size: tuple[int, int]) -> None:
         samples = min(_SAMPLES, context.max_samples)
         self.size = size
         self._context = context
-        self._drawn = context.framebuffer([context.renderbuffer(size, 4, samples=samples)])
-        self.colour = context.texture(size, 4)
+        self._drawn = context.framebuffer([context.renderbuffer(size, 4, samples=samples, dtype="f2")])
+        self.colour = context.texture(size, 4, dtype="f2")
         self.colour.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self._mean = context.framebuffer([self.colour])
-        self.nbytes = 4 * size[0] * size[1] * (1 + samples)
+        self.nbytes = 8 * size[0] * size[1] * (1 + samples)
 
     def clear(self) -> None:
         """Bind and clear it."""

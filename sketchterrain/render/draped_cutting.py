@@ -23,7 +23,7 @@ VERTEX: Final = np.dtype([("corners", "<u2", 4), ("weights", "<f4", 2), ("place"
 """A vertex on a triangle: numbers of its corners, weights of the second and third, place in its part."""
 PART: Final = np.dtype([("length", "<f4"), ("along", "<f4"), ("style", "<f4"), ("flags", "<f4")])
 """What a piece is part of: a segment (m), how far along its line it starts (m), its style, and flags."""
-IS_FILL: Final = 16  # flag beside those of `Items.ends`
+IS_FILL, IS_POINT = 16, 32  # flags beside those of `Items.ends`
 _MOST: Final = 16  # corners of a clipped piece
 _ANGLE: Final = 1e-9  # least squared length of the sum of two directions that have a bisector
 
@@ -58,11 +58,12 @@ class Pieces(NamedTuple):
                 found.append(_area(items, start, end, float(angles[style])))
                 continue
             line = items.points[items.first[start] : items.first[start + 1]]
-            ends = int(items.ends[start]) if items.kind[start] != POINT else STARTS | ENDS
+            is_point = items.kind[start] == POINT
+            ends = IS_POINT if is_point else int(items.ends[start])
             corners, count, frame, lengths, along, flags = _strips(line, ends, float(reach[style]))
             parts = np.zeros(len(count), PART)
             parts["length"], parts["along"], parts["style"] = lengths, along + items.along[start], style
-            parts["flags"] = flags
+            parts["flags"] = IS_POINT if is_point else flags
             found.append(cls(corners, count, frame, parts))
         return cls.joined(found)
 

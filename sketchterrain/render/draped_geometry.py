@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -10,9 +10,10 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Float64Array
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.drape.items import Items
+from sketchterrain.drape.painting import WHITE, linear_colour
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.draped_cutting import Pieces, cut, mesh_of
 from sketchterrain.render.ground_stream import TerrainStream
@@ -32,200 +33,142 @@ CACHE_BYTES: Final = 32 << 20  # of cut features
 LEAST_SINE: Final = 0.1  # of the angle at which ground is seen, for which the borders of strokes have room
 BORDER: Final = 1.5  # px beyond a stroke, seen at that angle
 _STYLE_ROWS: Final = 6  # vec4s a style, kernels/render/draped.glsl
-_CAPS: Final = ("butt", "round", "square")
-_JOINS: Final = ("bevel", "round", "mitre")
-_HATCHES: Final = ("none", "lines", "cross")
+_CODES: Final = {"butt": 0, "bevel": 1, "round": 1, "square": 2, "mitre": 2}  # of caps and joins
 _FORMAT: Final = ("4u2 2f4 2f4 1u4", "corners", "weights", "place", "part")
-
-
-def root_albedo(colour: str) -> list[float]:
-    """Return √albedo of a colour as ``#rrggbb``, (3,)."""
-    srgb = np.frombuffer(bytes.fromhex(colour[1:]), np.uint8) / 255.0
-    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-    return list(np.sqrt(linear).tolist())
 
 
 def style_table(styles: Sequence[LayerStyle]) -> npt.NDArray[np.float32]:
     """Return the rows of styles that kernels/render/draped.glsl reads, (styles · _STYLE_ROWS, 4)."""
-    table = np.zeros((max(len(styles), 1), _STYLE_ROWS, 4), np.float32)
-    for row, style in zip(table, styles, strict=False):
-        own, opacity = style.values, style.opacity
-        if own["colour"]:
-            row[0] = *root_albedo(own["colour"]), opacity
-        if own["fill"]:
-            row[1] = *root_albedo(own["fill"]), opacity * own["fill_opacity"]
-        row[2] = own["width"], own["unit"] == "px", _CAPS.index(own["cap"]), _JOINS.index(own["join"])
-        dashes = [float(length) for length in own["dash"].split()]
-        row[3:5].reshape(-1)[: 2 * len(dashes) if len(dashes) % 2 else len(dashes)] = (
-            dashes * 2 if len(dashes) % 2 else dashes
-        )[:8]
-        row[5, :2] = _HATCHES.index(own["hatch"]), own["hatch_spacing"]
+    table = np.zeros((len(styles), _STYLE_ROWS, 4), np.float32)
+    for row, each in zip(table, styles, strict=True):
+        style, opacity = each.style, each.opacity
+        if style["colour"]:
+            row[0] = *(WHITE * linear_colour(style["colour"])), opacity
+        if style["fill"]:
+            row[1] = *(WHITE * linear_colour(style["fill"])), opacity * style["fill_opacity"]
+        row[2] = style["width"], style["unit"] == "px", *(_CODES[style[name]] for name in ("cap", "join"))
+        lengths = np.array([float(length) for length in style["dash"].split()])
+        lengths = np.tile(lengths, 1 + len(lengths) % 2)
+        dashes = np.stack([np.cumsum(lengths) - lengths, lengths], axis=1)[::2].ravel()
+        row[3:5].reshape(-1)[: len(dashes)] = dashes
+        spacing, hatch = style["hatch_spacing"], style["hatch"]
+        row[5] = (
+            spacing * (hatch != "none"),
+            min(style["width"] / spacing, 1.0),
+            hatch == "cross",
+            lengths.sum(),
+        )
     return table.reshape(-1, 4)
 
 
 def reaches(styles: Sequence[LayerStyle], texel: float) -> Float64Array:
     """Return how far (m) from its line each style may draw where a pixel covers `texel` m, (styles,)."""
-    width = np.array([each.values["width"] for each in styles])
-    in_pixels = np.array([each.values["unit"] == "px" for each in styles])
+    width = np.array([each.style["width"] for each in styles])
+    in_pixels = np.array([each.style["unit"] == "px" for each in styles])
     return 0.5 * width * np.where(in_pixels, texel, 1.0) + BORDER * texel / LEAST_SINE
 
 
 def hatch_angles(styles: Sequence[LayerStyle]) -> Float64Array:
     """Return the direction (rad) of each style's hatch, (styles,)."""
-    return np.radians([each.values["hatch_angle"] for each in styles])
+    return np.radians([each.style["hatch_angle"] for each in styles])
+
+
+class Squares(NamedTuple):
+    """Squares of ground with triangles on them, to which features are cut."""
+
+    keys: Sequence[Hashable]  # (n,)
+    boxes: Float64Array  # (n, 4) W, S, E, N, m
+    quads: int  # along their sides
+    cases: Int64Array  # (n,) of `mesh_of`
+    near: Float64Array  # (n,) least and greatest width (m) of a pixel on each
+    far: Float64Array
+
+    @classmethod
+    def seen(
+        cls,
+        keys: Sequence[Hashable],
+        boxes: Boxes,
+        quads: int,
+        cases: Int64Array,
+        camera: Camera,
+        pixel: float,
+    ) -> Squares:
+        """Return the squares of boxes for pixels of an angle (rad); widths are powers of two."""
+        eye = np.array(camera.eye)
+        near = np.maximum(np.maximum(boxes.low - eye, eye - boxes.high), 0.0)
+        far = np.maximum(np.abs(boxes.low - eye), np.abs(boxes.high - eye))
+        least, most = (pixel * np.maximum(np.linalg.norm(each, axis=1), 1e-2) for each in (near, far))
+        flat = np.hstack([boxes.low[:, :2], boxes.high[:, :2]])
+        widths = np.exp2(np.floor(np.log2(least))), np.exp2(np.ceil(np.log2(most)))
+        return cls(keys, flat, quads, cases, *widths)
 
 
 class Cut(NamedTuple):
-    """Features cut for a tile."""
+    """Features cut for a square, and its number."""
 
     vertices: npt.NDArray[np.void]  # of VERTEX
     parts: npt.NDArray[np.void]  # of PART
 
 
-class DrapedGeometry:
-    """Draws features, cut at the triangles of the drawn tiles, into the bound framebuffer.
+class FeatureCutter:
+    """Features cut for squares, cached until they or the squares' triangles change.
 
-    `samples` are those of the G-buffer along each axis of a pixel. `nbytes` counts the memory of buffers,
-    `triangles` those of the last picture, `cuts` the tiles that were cut.
+    `cuts` counts the squares that were cut, `nbytes` the memory of the cache.
     """
 
-    def __init__(self, context: moderngl.Context, stream: TerrainStream, *, samples: int) -> None:
-        self._context, self._stream = context, stream
-        self._tiles = stream.tile_renderer
-        macros = {"SAMPLES": samples, "HIDDEN": 1, "VERTEX_WORDS": 4 + 2 * self._tiles.words}
-        self._program = self._tiles.create_program(
-            "draped_geometry.vert.glsl", "draped_geometry.frag.glsl", macros=macros
-        )
+    def __init__(self) -> None:
         self._cache = LRUCache(max_bytes=CACHE_BYTES)
-        self._buffers = PartBuffers(context)
-        self._slots = context.buffer(reserve=4 * self._tiles.capacity, dynamic=True)
-        self._commands = context.buffer(reserve=COMMAND.itemsize * self._tiles.capacity, dynamic=True)
-        self.triangles = self.cuts = 0
+        self.cuts = 0
 
     @property
     def nbytes(self) -> int:
-        """Bytes of buffers on the device and of cached arrays."""
-        return self._buffers.nbytes + self._cache.nbytes
+        """Bytes of cached arrays."""
+        return self._cache.nbytes
 
-    def draw(
-        self,
-        drapes: Drapes,
-        held: Held | None,
-        camera: Camera,
-        pixel: float,
-        depth: moderngl.Texture,
-        *,
-        share: float = 1.0,
-    ) -> None:
-        """Draw all features, or the held one, with the camera of the frame's uniform block.
-
-        `pixel` is the angle of a pixel (rad), `depth` that of the G-buffer, `share` a factor of opacities.
-        """
-        draws = self._stream.draws
-        self.triangles = 0
-        if draws is None or not len(draws.slots) or not drapes.styles:
-            return
-        near, far = self._texels(draws, camera, pixel)
-        cuts = self._cuts_of(drapes, held, draws, near, far)
-        which = np.array([number for number, each in cuts if len(each.vertices)], np.int64)
-        found = [each for _, each in cuts if len(each.vertices)]
-        if not found:
-            return
-        commands = np.zeros(len(found), COMMAND)  # of DrawArraysIndirect: the fourth field is the instance
-        commands["count"] = [len(each.vertices) for each in found]
-        commands["first"] = np.cumsum(commands["count"]) - commands["count"]
-        commands["instances"], commands["base_vertex"] = 1, which
-        self.triangles = int(commands["count"].sum()) // 3
-        self._buffers.write(found, drapes.styles)
-        for buffer, values in ((self._slots, draws.slots.astype(np.int32)), (self._commands, commands)):
-            buffer.orphan()
-            buffer.write(values.tobytes())
-        array = self._buffers.array(
-            self._program, _FORMAT, self._tiles.tile_bindings, (self._slots, "1i4/i", "slot")
-        )
-        self._tiles.bind_vertices(1)
-        depth.use(1)
-        set_uniforms(self._program, {"ground_depth": 1, "share": share})
-        self._tiles.draw_commands(array, self._commands, len(found))
-
-    def _texels(self, draws: DrawList, camera: Camera, pixel: float) -> tuple[Float64Array, Float64Array]:
-        """Return the least and greatest width (m) of pixels on each tile, powers of two."""
-        boxes, eye = self._boxes(draws), np.array(camera.eye)
-        near = np.maximum(np.maximum(boxes.low - eye, eye - boxes.high), 0.0)
-        far = np.maximum(np.abs(boxes.low - eye), np.abs(boxes.high - eye))
-        near_texel, far_texel = (
-            pixel * np.maximum(np.linalg.norm(each, axis=1), 1e-2) for each in (near, far)
-        )
-        return np.exp2(np.floor(np.log2(near_texel))), np.exp2(np.ceil(np.log2(far_texel)))
-
-    def _boxes(self, draws: DrawList) -> Boxes:
-        pool, unit = self._stream.tiles.pool, metres_per_unit(self._stream.tiles.extent)
-        width = unit * draws.steps * self._stream.tiles.quads
-        west, north = (unit * draws.corners).T
-        low = np.stack([west, north - width, pool.bottom[draws.slots]], axis=1)
-        return Boxes(low, np.stack([west + width, north, pool.top[draws.slots]], axis=1))
-
-    def _cuts_of(
-        self, drapes: Drapes, held: Held | None, draws: DrawList, near: Float64Array, far: Float64Array
-    ) -> list[tuple[int, Cut]]:
-        """Return the numbers of tiles with features in them, and these."""
-        boxes = self._boxes(draws)
-        flat = np.hstack([boxes.low[:, :2], boxes.high[:, :2]])
-        shown = drapes.occupied(flat) if held is None else np.ones(len(flat), np.bool_)
-        result = []
+    def cut(self, drapes: Drapes, held: Held | None, squares: Squares) -> dict[int, Cut]:
+        """Return what lies in squares, by their numbers: all features, or the held one."""
+        shown = np.ones(len(squares.keys), np.bool_) if held else drapes.occupied(squares.boxes)
+        found = {}
         for number in np.flatnonzero(shown).tolist():
-            texels = float(near[number]), float(far[number])
+            box, texels = squares.boxes[number], (float(squares.near[number]), float(squares.far[number]))
             if held is not None:
-                low, high = self._held(drapes, held, texels)[1]
-                if (flat[number, :2] > high).any() or (flat[number, 2:] < low).any():
+                low, high = self._held(drapes, held, texels[1])[1]
+                if (box[:2] > high).any() or (box[2:] < low).any():
                     continue
-            key = IdentityKey(drapes), held, draws.keys[number], int(draws.cases[number]), texels
-            result.append(
-                (
-                    number,
-                    self._cache.get_or_compute(
-                        key, partial(self._cut, drapes, held, draws, number, flat[number].tolist(), texels)
-                    ),
-                )
-            )
-        return result
+            key = (IdentityKey(drapes), held, squares.keys[number], int(squares.cases[number]), texels)
+            make = partial(self._cut, drapes, held, squares, number)
+            cut_ = self._cache.get_or_compute(key, make)
+            if len(cut_.vertices):
+                found[number] = cut_
+        return found
 
-    def _held(self, drapes: Drapes, held: Held, texels: tuple[float, float]) -> tuple[Pieces, Float64Array]:
+    def _cut(self, drapes: Drapes, held: Held | None, squares: Squares, number: int) -> Cut:
+        self.cuts += 1
+        west, south, east, north = squares.boxes[number].tolist()
+        far = float(squares.far[number])
+        if held is None:
+            pieces = _pieces(
+                drapes, drapes.items((west, south, east, north), float(squares.near[number])), far
+            )
+        else:
+            pieces = self._held(drapes, held, far)[0]
+        mesh = mesh_of(squares.quads, int(squares.cases[number]))
+        return Cut(cut(pieces, mesh, west, north, (east - west) / squares.quads), pieces.parts)
+
+    def _held(self, drapes: Drapes, held: Held, texel: float) -> tuple[Pieces, Float64Array]:
         """Return the pieces of one feature, and the corners of their box (m)."""
 
-        def made() -> tuple[Pieces, Float64Array]:
-            pieces = self._pieces(drapes, drapes.only(held, texels[1]), texels[1])
-            inside = np.arange(pieces.corners.shape[1]) < pieces.count[:, None]
-            corners = pieces.corners[inside]
-            low, high = (
-                (corners.min(axis=0), corners.max(axis=0))
-                if len(corners)
-                else (np.full(2, np.inf), np.full(2, -np.inf))
-            )
+        def make() -> tuple[Pieces, Float64Array]:
+            pieces = _pieces(drapes, drapes.only(held, texel), texel)
+            corners = pieces.corners[np.arange(pieces.corners.shape[1]) < pieces.count[:, None]]
+            low, high = corners.min(axis=0, initial=np.inf), corners.max(axis=0, initial=-np.inf)
             return pieces, np.stack([low, high])
 
-        return self._cache.get_or_compute((IdentityKey(drapes), held, texels[1]), made)
+        return self._cache.get_or_compute((IdentityKey(drapes), held, texel), make)
 
-    def _pieces(self, drapes: Drapes, items: Items, texel: float) -> Pieces:
-        return Pieces.of_items(items, reaches(drapes.styles, texel), hatch_angles(drapes.styles))
 
-    def _cut(
-        self,
-        drapes: Drapes,
-        held: Held | None,
-        draws: DrawList,
-        number: int,
-        box: tuple[float, float, float, float],
-        texels: tuple[float, float],
-    ) -> Cut:
-        self.cuts += 1
-        pieces = (
-            self._pieces(drapes, drapes.items(box, texels[0]), texels[1])
-            if held is None
-            else self._held(drapes, held, texels)[0]
-        )
-        mesh, quads = mesh_of(self._stream.tiles.quads, int(draws.cases[number])), self._stream.tiles.quads
-        return Cut(cut(pieces, mesh, box[0], box[3], (box[2] - box[0]) / quads), pieces.parts)
+def _pieces(drapes: Drapes, items: Items, texel: float) -> Pieces:
+    return Pieces.of_items(items, reaches(drapes.styles, texel), hatch_angles(drapes.styles))
 
 
 class PartBuffers:
@@ -242,29 +185,30 @@ class PartBuffers:
         """Bytes of all buffers."""
         return sum(buffer.size for buffer in self._buffers.values())
 
-    def write(self, cuts: Sequence[Cut], styles: Sequence[LayerStyle]) -> None:
-        """Upload all that is drawn, unless it is in the buffers, and bind parts and styles."""
-        state = ([IdentityKey(each.vertices) for each in cuts], IdentityKey(styles))
+    def write(self, cuts: dict[int, Cut], styles: Sequence[LayerStyle]) -> moderngl.Buffer:
+        """Upload features, unless they are there, and bind tables; return a draw command an instance."""
+        state = ([(number, IdentityKey(each.vertices)) for number, each in cuts.items()], IdentityKey(styles))
         if state != self._state:
-            offsets = np.cumsum([0, *(len(each.parts) for each in cuts)])
-            vertices = np.concatenate([each.vertices for each in cuts])
-            vertices["part"] += np.repeat(offsets[:-1], [len(each.vertices) for each in cuts]).astype(
-                np.uint32
-            )
+            parts, counts = ([len(each[k]) for each in cuts.values()] for k in (1, 0))
+            vertices = np.concatenate([each.vertices for each in cuts.values()])
+            vertices["part"] += np.repeat(np.cumsum([0, *parts[:-1]]), counts).astype(np.uint32)
+            commands = np.zeros(len(cuts), COMMAND)  # of glDrawArrays: the fourth field is the instance
+            commands["count"], commands["first"] = counts, np.cumsum([0, *counts[:-1]])
+            commands["instances"], commands["base_vertex"] = 1, list(cuts)
             self._put("vertices", vertices.tobytes())
-            self._put("parts", np.concatenate([each.parts for each in cuts]).tobytes())
+            self._put("parts", np.concatenate([each.parts for each in cuts.values()]).tobytes())
             self._put("styles", style_table(styles).tobytes())
+            self._put("commands", commands.tobytes())
             self._state = state
         self._buffers["parts"].bind_to_storage_buffer(2)
         self._buffers["styles"].bind_to_storage_buffer(3)
+        return self._buffers["commands"]
 
-    def array(
-        self, program: moderngl.Program, form: tuple[str, ...], *others: tuple[object, ...]
-    ) -> moderngl.VertexArray:
+    def array(self, program: moderngl.Program, *instances: tuple[object, ...]) -> moderngl.VertexArray:
         """Return the vertices as a program's, with buffers of instances."""
-        key = IdentityKey(program), IdentityKey(self._buffers["vertices"])
+        key = IdentityKey(self._buffers["vertices"])
         if key not in self._arrays:
-            bindings = [(self._buffers["vertices"], *form), *others]
+            bindings = [(self._buffers["vertices"], *_FORMAT), *instances]
             self._arrays = {key: self._context.vertex_array(program, bindings, skip_errors=True)}
         return self._arrays[key]
 
@@ -275,3 +219,65 @@ class PartBuffers:
         else:
             old.orphan()
         self._buffers[name].write(content)
+
+
+class DrapedGeometry:
+    """Draws features, cut at the triangles of the drawn tiles, into the bound framebuffer.
+
+    `samples` are those of the G-buffer along each axis of a pixel. `triangles` counts those of the last
+    picture, `cutter` has what is cut.
+    """
+
+    def __init__(self, context: moderngl.Context, stream: TerrainStream, *, samples: int) -> None:
+        self._stream, self._tiles = stream, stream.tile_renderer
+        macros = {"SAMPLES": samples, "VERTEX_WORDS": 4 + 2 * self._tiles.words}
+        self._program = self._tiles.create_program(
+            "draped_geometry.vert.glsl", "draped_geometry.frag.glsl", macros=macros
+        )
+        self.cutter = FeatureCutter()
+        self._buffers = PartBuffers(context)
+        self._slots = context.buffer(reserve=4 * self._tiles.capacity, dynamic=True)
+        self.triangles = 0
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of buffers on the device and of cached arrays."""
+        return self._buffers.nbytes + self.cutter.nbytes
+
+    def draw(
+        self,
+        drapes: Drapes,
+        held: Held | None,
+        camera: Camera,
+        pixel: float,
+        depth: moderngl.Texture,
+        *,
+        share: float = 1.0,
+    ) -> None:
+        """Draw all features, or the held one, with the camera of the frame's uniform block.
+
+        `pixel` is the angle of a pixel (rad), `depth` that of the G-buffer, `share` a factor of opacities.
+        """
+        self.triangles = 0
+        if (draws := self._stream.draws) is None or not drapes.styles:
+            return
+        found = self.cutter.cut(drapes, held, self._squares(draws, camera, pixel))
+        if not found:
+            return
+        commands = self._buffers.write(found, drapes.styles)
+        self.triangles = sum(len(each.vertices) for each in found.values()) // 3
+        self._slots.orphan()
+        self._slots.write(draws.slots.astype(np.int32).tobytes())
+        array = self._buffers.array(self._program, self._tiles.tile_bindings, (self._slots, "1i4/i", "slot"))
+        self._tiles.bind_vertices(1)
+        depth.use(1)
+        set_uniforms(self._program, {"ground_depth": 1, "share": share})
+        self._tiles.draw_commands(array, commands, len(found))
+
+    def _squares(self, draws: DrawList, camera: Camera, pixel: float) -> Squares:
+        tiles, unit = self._stream.tiles, metres_per_unit(self._stream.tiles.extent)
+        width = unit * draws.steps * tiles.quads
+        west, north = (unit * draws.corners).T
+        low = np.stack([west, north - width, tiles.pool.bottom[draws.slots]], axis=1)
+        boxes = Boxes(low, np.stack([west + width, north, tiles.pool.top[draws.slots]], axis=1))
+        return Squares.seen(draws.keys, boxes, tiles.quads, draws.cases, camera, pixel)

@@ -60,8 +60,8 @@ def render_picture(
     """Return a picture of a terrain, (height, width, 3) sRGB, row 0 on top; deterministic for a driver.
 
     By default `find_view` chooses the camera for the view kind and the weather's hour sets the sun; `clock`
-    (s) animates water, plants and clouds. Without `drapes` the sketch's are drawn. Overlays are drawn in the given order; `legend` and `timings` (s)
-    are filled if given.
+    (s) animates water, plants and clouds. Without `drapes` the sketch's are drawn. Overlays are drawn in the
+    given order; `legend` and `timings` (s) are filled if given.
     """
     check_size(size)
     check_overlays(overlays)
@@ -244,8 +244,8 @@ def capture_frames(
     """Draw a frame for each camera state of a flight, 1/fps s apart; yield statistics and pixels.
 
     Complete frames equal `render_picture`; otherwise each frame shows what is ready within the budget, as in
-    a viewer. Without `drapes` the sketch's are drawn. `without` leaves out more parts than the quality does; pixels are (height, width, 3) sRGB or, if
-    not requested, None.
+    a viewer. Without `drapes` the sketch's are drawn. `without` leaves out more parts than the quality does;
+    pixels are (height, width, 3) sRGB or, if not requested, None.
     """
     check_size(size)
     check_overlays(overlays)

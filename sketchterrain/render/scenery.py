@@ -46,9 +46,9 @@ class Scenery:
     """Terrain tiles, light, plants, ground cover, water, sky and clouds, and the passes that draw them.
 
     `timed` measures the stages ``textures`` and ``sky`` of the construction. `stream` has the tiles, `lit`
-    the light on them, `appearance` what vectors paint on them, `surface` a map of the drawn terrain, `built`
-    bridges and buildings, `draped` what is draped and not painted, `forest` plants and their shadow maps, `cover` grass and stones near the eye,
-    `shading` the full-screen passes.
+    the light on them, `appearance` what is painted on them, `draped` what else is draped over them,
+    `surface` a map of the drawn terrain, `built` bridges and buildings, `forest` plants and their shadow
+    maps, `cover` grass and stones near the eye, `shading` the full-screen passes.
     """
 
     def __init__(

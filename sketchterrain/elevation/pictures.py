@@ -24,7 +24,8 @@ from sketchterrain.errors import InputError, one_line
 from sketchterrain.io.crs import parse_crs
 
 CANVAS: Final = 2048  # px of a picture along the sketch's longer side
-_LOCAL = CRS.from_wkt('LOCAL_CS["local",UNIT["metre",1]]')
+LOCAL_CRS: Final = CRS.from_wkt('LOCAL_CS["local",UNIT["metre",1]]')
+"""That of rasters and sketches without one."""
 _RGB = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
 
 
@@ -45,10 +46,10 @@ def read_picture(source: RasterSource, sketch: Sketch, *, side: int = CANVAS) ->
     with open_raster(source) as file:
         if file.crs is None and file.transform.is_identity:
             box = 0.0, 0.0, width, height
-            return RasterPicture(_pixels(file, source.band, _shape(box, sketch, side)), box)
+            return RasterPicture(read_pixels(file, source.band, _shape(box, sketch, side)), box)
         if file.crs is not None and not frame["crs"]:
             raise InputError(f"{_place(source)}: expected a sketch with a CRS, [frame] has none")
-        target = parse_crs(frame["crs"]) if frame["crs"] else _LOCAL
+        target = parse_crs(frame["crs"]) if frame["crs"] else LOCAL_CRS
         has_mask = file.nodata is not None or ColorInterp.alpha in file.colorinterp
         options = {"resampling": _resampling(file, source.band), "add_alpha": not has_mask}
         with WarpedVRT(file, src_crs=file.crs or target, crs=target, **options) as warped:
@@ -61,7 +62,7 @@ def read_picture(source: RasterSource, sketch: Sketch, *, side: int = CANVAS) ->
                 )
             box = left, bottom, right, top
             window = warped.window(east + left, north + bottom, east + right, north + top)
-            return RasterPicture(_pixels(warped, source.band, _shape(box, sketch, side), window), box)
+            return RasterPicture(read_pixels(warped, source.band, _shape(box, sketch, side), window), box)
 
 
 def _place(source: RasterSource) -> str:
@@ -96,27 +97,45 @@ def _shape(box: tuple[float, float, float, float], sketch: Sketch, side: int) ->
     return rows, columns
 
 
+def is_indexed(file: DatasetReader, band: int) -> bool:
+    """Return whether a band's values are numbers of colours."""
+    return bool(file.colorinterp[band - 1] == ColorInterp.palette)
+
+
+def colour_bands(file: DatasetReader, band: int) -> list[int]:
+    """Return the bands of a picture from a band on: three in colour, one of indices or in grey."""
+    is_rgb = file.colorinterp[band - 1 : band + 2] == _RGB
+    return [band, band + 1, band + 2] if is_rgb else [band]
+
+
 def _resampling(file: DatasetReader, band: int) -> Resampling:
-    is_indexed = file.colorinterp[band - 1] == ColorInterp.palette
-    return Resampling.nearest if is_indexed else Resampling.average
+    return Resampling.nearest if is_indexed(file, band) else Resampling.average
 
 
-def _pixels(
-    file: DatasetReader, band: int, shape: tuple[int, int], window: Window | None = None
+def read_pixels(
+    file: DatasetReader,
+    band: int,
+    shape: tuple[int, int],
+    window: Window | None = None,
+    span: tuple[float, float] | None = None,
 ) -> npt.NDArray[np.uint8]:
-    """Return sRGB and opacity, (rows, columns, 4), of bands in colour, of indices, or in grey."""
-    is_rgb = file.dtypes[band - 1] == "uint8" and file.colorinterp[band - 1 : band + 2] == _RGB
-    indexes = [band, band + 1, band + 2] if is_rgb else [band]
+    """Return sRGB and opacity, (rows, columns, 4), of bands in colour, of indices, or in grey.
+
+    Other values than bytes are stretched over a range, by default that of what is read.
+    """
+    indexes = colour_bands(file, band)
     bands = file.read(indexes, window=window, out_shape=shape, resampling=_resampling(file, band))
     mask = file.read_masks(indexes, window=window, out_shape=shape).max(axis=0)
-    if file.colorinterp[band - 1] == ColorInterp.palette:
+    if is_indexed(file, band):
         table = np.zeros((256, 3), np.uint8)
         for index, colour in file.colormap(band).items():
             table[index] = colour[:3]
         bands = table[bands[0].astype(np.uint8)].transpose(2, 0, 1)
-    elif bands.dtype != np.uint8:  # stretched over its range
-        values = np.ma.masked_where(mask == 0, np.ma.masked_invalid(bands[0].astype(np.float64)))
-        low, high = (values.min(), values.max()) if values.count() else (0.0, 1.0)
-        bands = (255.0 * (values - low) / max(high - low, 1e-30)).filled(0.0).astype(np.uint8)[None]
-        mask = np.where(np.ma.getmaskarray(values), np.uint8(0), mask)
+    elif bands.dtype != np.uint8:
+        values = np.ma.masked_invalid(bands.astype(np.float64))
+        values = np.ma.masked_where(np.broadcast_to(mask == 0, values.shape), values)
+        low, high = span or ((values.min(), values.max()) if values.count() else (0.0, 1.0))
+        scaled = np.clip(255.0 * (values - low) / max(high - low, 1e-30), 0.0, 255.0)
+        bands = scaled.filled(0.0).astype(np.uint8)
+        mask = np.where(np.ma.getmaskarray(values).all(axis=0), np.uint8(0), mask)
     return np.stack([*np.broadcast_to(bands, (3, *mask.shape)), mask], axis=-1)

@@ -1,7 +1,6 @@
 """Images as the source of a sketch: reading, and coloured maps."""
 
 import io
-import re
 import struct
 import warnings
 import zlib
@@ -17,6 +16,7 @@ from PIL.ImageFile import ImageFile
 
 from sketchterrain.document.label_layers import LabelImage
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
+from sketchterrain.document.vector_formats import vector_driver
 from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.importing.image_colours import (
     CLEAR,
@@ -61,12 +61,6 @@ _UNSUPPORTED = (
     (b"gimp xcf", "a GIMP file", "in GIMP, File ▸ Export As, name.ora"),
     (b"8BPS", "a Photoshop file", "save its layers as OpenRaster (.ora), in Krita or GIMP"),
 )
-# First bytes of vector formats and GDAL's driver that reads them.
-_VECTORS = {b"SQLite format 3\0": "GPKG", b"fgb\x03": "FlatGeobuf", b"\0\0\x27\x0a": "ESRI Shapefile"}
-_BLANK = b"\xef\xbb\xbf \t\r\n"  # may precede JSON or XML
-# Other elements than OSM's could make GDAL choose a driver that opens other files.
-_ELEMENT = re.compile(rb"<[/?]?(\w+)\b")
-_OSM_ELEMENTS = set(b"xml osm bounds bound note meta remark node way relation tag nd member center".split())
 _HEAD_BYTES = 4096
 
 
@@ -102,17 +96,6 @@ def detect_kind(path: Path) -> Kind:
         return "vectors"
     begins = f"begins with {format_value(start[:12])}" if start else "is empty"
     raise InputError(f"{location} {begins}: {_EXPECTED}")
-
-
-def vector_driver(start: bytes) -> str | None:
-    """Return GDAL's driver for the first bytes of a vector file, or None."""
-    text = start.lstrip(_BLANK)
-    if text.startswith(b"{"):
-        return "GeoJSON"
-    elements = set(_ELEMENT.findall(start[: start.rfind(b">") + 1])) if text.startswith(b"<") else set()
-    if start[4:15] == b"\n\tOSMHeader" or b"osm" in elements <= _OSM_ELEMENTS:
-        return "OSM"
-    return next((driver for magic, driver in _VECTORS.items() if start.startswith(magic)), None)
 
 
 def detect_format(start: bytes) -> str | None:

@@ -17,15 +17,19 @@ import numpy.typing as npt
 import pyogrio
 import pyogrio.raw
 import shapely
-from rasterio import Env
-from rasterio._err import CPLE_BaseError
 from rasterio.crs import CRS
-from rasterio.warp import transform
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.parameters import SKETCH
+from sketchterrain.document.vector_formats import (
+    Shapes,
+    layer_crs,
+    reproject,
+    single_parts,
+    valid_areas,
+    vector_driver,
+)
 from sketchterrain.errors import InputError, format_value, one_line
-from sketchterrain.importing.images import vector_driver
 from sketchterrain.importing.legend import BUILT_KEYS, OSM_KEYS, RELEVANT_TAGS
 from sketchterrain.io.crs import is_westward, parse_crs, plain_path
 from sketchterrain.io.files import wrap_read_errors
@@ -121,31 +125,10 @@ def _is_undistorted(crs: CRS, middle: tuple[float, float]) -> bool:
     return all(abs(length / 100.0 - 1.0) < _MAX_DISTORTION for length in lengths)
 
 
-def reproject(points: Float64Array, source: CRS, target: CRS) -> Float64Array:
-    """Transform (n, 2) x and y to another CRS; raise `InputError` for points outside of it."""
-    if source == target:
-        return points
-    try:
-        with Env():
-            x, y = transform(source, target, points[:, 0], points[:, 1])
-    except CPLE_BaseError:
-        x = y = [math.nan]
-    found = np.stack([np.asarray(x, np.float64), np.asarray(y, np.float64)], axis=-1)
-    if not np.isfinite(found).all():
-        raise InputError(
-            f"coordinates are outside of {target.to_string()[:60]}: set smaller bounds, or another crs"
-        )
-    return found
-
-
-Shapes = npt.NDArray[np.object_]
-
 MAX_VERTICES: Final = 4_000_000
 _MAX_BYTES = 1 << 29  # of a file
 _MAX_MESSAGE = 160  # characters of GDAL's
 _BYTES_PER_VERTEX = 16  # of WKB
-# Local coordinate systems, as in this program's own exports.
-_LOCAL = re.compile(r"(LOCAL_CS|ENGCRS|ENGINEERINGCRS)\[.*UNIT\[\"met(re|er)\"", re.I | re.S)
 _NAMED_CRS = re.compile(
     rb'"crs"\s*:\s*{\s*"type"\s*:\s*"name"\s*,\s*"properties"\s*:\s*{\s*"name"\s*:\s*"([^"]*)"'
 )
@@ -153,7 +136,6 @@ _TABLES = {"gpkg_contents", "gpkg_geometry_columns", "gpkg_spatial_ref_sys"}
 # Of OpenStreetMap; relations of rivers in others consist of ways that are in `lines` too.
 _OSM_LAYERS = ("points", "lines", "multipolygons")
 _POINT, _LINE, _POLYGON = 0, 1, 3  # shapely's type ids
-_NESTED = (-1, 4, 5, 6, 7)  # none, multi geometries and collections
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +171,7 @@ def read_vector_layers(
         _check_count(0.5 * max(content.count(b"["), content.count(b",") / 4.0), MAX_VERTICES, location)
         named = _NAMED_CRS.search(content)
         if named and not named[1].startswith(b"http"):  # GDAL takes an unknown one for degrees
-            _crs(named[1].decode(errors="replace"), location)
+            layer_crs(named[1].decode(errors="replace"), location)
         del content
     tables = _tables(path, location) if driver == "GPKG" else None
     layers = []
@@ -302,7 +284,7 @@ def _read_layer(
     values = [field.tolist() for field in fields]
     keys = [str(field) for field in meta["fields"]]
     properties = [{key: column[index] for key, column in zip(keys, values, strict=True)} for index in of]
-    return SourceLayer(name, _crs(meta["crs"], where), shapes, properties, skipped, repaired)
+    return SourceLayer(name, layer_crs(meta["crs"], where), shapes, properties, skipped, repaired)
 
 
 def _with_tags(layer: str, columns: Sequence[str]) -> str:
@@ -320,15 +302,6 @@ def _check_count(vertices: float, limit: float, where: str) -> None:
             f"{where}: about {vertices:.2g} vertices: expected at most {MAX_VERTICES / 1e6:g} million "
             "in a file: simplify or clip it first"
         )
-
-
-def _crs(text: str | None, where: str) -> CRS | None:
-    if text is None or _LOCAL.match(text):
-        return None
-    try:
-        return parse_crs(text)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
 
 
 def _usable(wkb: Shapes, skipped: Counter[str]) -> tuple[Shapes, npt.NDArray[np.intp], int]:
@@ -349,19 +322,3 @@ def _usable(wkb: Shapes, skipped: Counter[str]) -> tuple[Shapes, npt.NDArray[np.
     hollow = shapely.is_empty(shapes)
     skipped["with areas of less than three corners"] = int(hollow.sum())
     return *single_parts(shapes[~hollow], of[~hollow]), int((crossing & ~hollow).sum())
-
-
-def valid_areas(shapes: Shapes) -> Shapes:
-    """Return shapes with valid areas: self-crossing ones are filled, collapsed ones are empty."""
-    broken = ~shapely.is_valid(shapes) & (shapely.get_dimensions(shapes) == 2)
-    shapes = shapes.copy()
-    shapes[broken] = shapely.make_valid(shapes[broken], method="structure", keep_collapsed=False)
-    return shapes
-
-
-def single_parts(shapes: Shapes, of: npt.NDArray[np.intp]) -> tuple[Shapes, npt.NDArray[np.intp]]:
-    """Return the parts of multi geometries and collections, with the index of each one's feature."""
-    while np.isin(shapely.get_type_id(shapes), _NESTED).any():
-        shapes, part = shapely.get_parts(shapes, return_index=True)
-        of = of[part]
-    return shapes, of

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import os
+import secrets
+import shutil
 import sqlite3
+import tempfile
+import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from threading import Lock
 from typing import Any, Final
@@ -13,6 +18,8 @@ from typing import Any, Final
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.io.files import cache_folder, write_atomic
 
+_DONE: Final = "complete"  # a file in a finished folder
+_STALE: Final = 86400.0  # s after which an unfinished folder is abandoned
 _SUFFIX: Final = ".cached"
 _DIGEST: Final = hashlib.sha256().digest_size
 _SCHEMA: Final = """
@@ -60,6 +67,46 @@ def _read(path: Path) -> memoryview | None:
         return None
     body = memoryview(content)[_DIGEST:]
     return body if hashlib.sha256(body).digest() == content[:_DIGEST] else None
+
+
+def stored_folder(
+    family: str, recipe: str, build: Callable[[Path], None], *, max_bytes: int = 8 << 30
+) -> Path:
+    """Return a folder of files that depend on `recipe` alone, which `build` writes if it is missing.
+
+    Before, those of the family that were not asked for for longest are deleted as far as they exceed
+    `max_bytes`. Without a cache folder it is among the temporary files.
+    """
+    parent = Path(tempfile.gettempdir())
+    with suppress(OSError, RuntimeError):  # RuntimeError: no home directory
+        cache_folder().mkdir(parents=True, exist_ok=True)
+        parent = cache_folder() if os.access(cache_folder(), os.W_OK) else parent
+    folder = parent / _name(family, recipe)
+    if not (folder / _DONE).is_file():
+        _discard(parent, family, max_bytes)
+        temporary = folder.with_name(f"{folder.name}.{secrets.token_hex(4)}.tmp")
+        temporary.mkdir()
+        try:
+            build(temporary)
+            (temporary / _DONE).touch()
+            if not (folder / _DONE).is_file():  # else another process has built it
+                shutil.rmtree(folder, ignore_errors=True)
+                temporary.replace(folder)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+    os.utime(folder / _DONE)
+    return folder
+
+
+def _discard(parent: Path, family: str, max_bytes: int) -> None:
+    total = 0
+    for done in sorted(parent.glob(f"{family}-*/{_DONE}"), key=_opened, reverse=True):
+        total += sum(each.stat().st_size for each in done.parent.iterdir())
+        if total > max_bytes:
+            shutil.rmtree(done.parent, ignore_errors=True)
+    for each in parent.glob(f"{family}-*.tmp"):
+        if time.time() - _opened(each) > _STALE:
+            shutil.rmtree(each, ignore_errors=True)
 
 
 class RecordCache:

@@ -1,0 +1,412 @@
+"""All draped layers of a sketch: what is drawn near a place, and what is under it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array, StructuredArray
+from sketchterrain.caching import LRUCache
+from sketchterrain.document.drapes import DrapedLayer
+from sketchterrain.document.parameters import Properties
+from sketchterrain.document.rasters import RasterSource as RasterFile
+from sketchterrain.document.rasters import raster_problem
+from sketchterrain.document.vector_formats import vector_driver
+from sketchterrain.drape.items import AFTER, BEFORE, FILL, POINT, STROKE, Items
+from sketchterrain.drape.levels import expanded
+from sketchterrain.drape.raster_source import RasterSource
+from sketchterrain.drape.vector_source import Feature, VectorSource
+from sketchterrain.errors import InputError
+
+BUDGET: Final = 24 << 20
+"""The most bytes of memory of all sources and their caches."""
+
+_PICK: Final = 3.0  # texels from which a line or point is found
+_MITRE: Final = 2.0  # widths from a line that its corners reach
+_ORDER: Final = np.array([1, 0, 2])  # of strokes, fills and points of one feature
+_TILE: Final = 128.0  # texels of the smallest tile, for widths in pixels
+_NO_PAINT: Final = {"title", "label", "label_size", "label_colour", "sha256"}
+
+Source = VectorSource | RasterSource
+
+
+class Pick(NamedTuple):
+    """What is at a place."""
+
+    layer: int  # number of the layer
+    feature: int  # its id; -1 of a raster
+
+
+@dataclass(frozen=True)
+class LayerStyle:
+    """How a class of features of a layer looks."""
+
+    layer: int  # number of the layer
+    style: Properties  # by the names in `STYLE`
+    opacity: float  # of the layer
+    blend: str  # of the layer
+
+    def width(self, texel: float) -> float:
+        """Return the width (m) of lines where a pixel is `texel` m."""
+        return float(self.style["width"]) * (1.0 if self.style["unit"] == "m" else texel)
+
+    def reach(self, texel: float) -> float:
+        """Return how far (m) it paints beyond lines and points."""
+        return self.width(texel) * (_MITRE if self.style["join"] == "mitre" else 1.0)
+
+    @property
+    def shown(self) -> tuple[bool, bool, bool]:
+        """Whether strokes, fills and points are drawn."""
+        lines = bool(self.style["colour"]) and self.style["width"] > 0.0
+        filled = bool(self.style["fill"]) and self.style["fill_opacity"] > 0.0
+        return lines, filled or (bool(self.style["colour"]) and self.style["hatch"] != "none"), lines
+
+
+@dataclass(frozen=True, eq=False)
+class Drapes:
+    """Draped layers, the lowest first, with their sources, which versions share."""
+
+    layers: tuple[DrapedLayer, ...]
+    sources: tuple[Source | None, ...]  # None: it cannot be read
+    problems: tuple[str, ...]  # a line for each layer that cannot be read or whose file has changed
+    frame: Mapping[str, Any]
+    size: tuple[float, float]  # m
+    extent: float  # m
+    held: tuple[int, int] | None = None  # layer and feature that are left out
+    memory: LRUCache = field(default_factory=lambda: LRUCache(max_bytes=BUDGET - (BUDGET >> 2)), repr=False)
+
+    @classmethod
+    def open(
+        cls,
+        layers: Sequence[DrapedLayer],
+        frame: Mapping[str, Any],
+        size: tuple[float, float],
+        extent: float,
+    ) -> Drapes:
+        """Open the sources of layers in a sketch's frame; `problems` names those that cannot be read."""
+        return cls((), (), (), frame, size, extent).updated(layers)
+
+    def updated(self, layers: Sequence[DrapedLayer]) -> Drapes:
+        """Return the drapes of other layers, with the open sources of those that have the same."""
+        known = {
+            layer.source_key: source
+            for layer, source in zip(self.layers, self.sources, strict=True)
+            if source
+        }
+        sources, problems = list[Source | None](), list[str]()
+        for layer in layers:
+            source = known.get(layer.source_key)
+            try:
+                source = self._source(layer) if source is None else source
+                source = source.updated(layer)
+                if problem := source.problem(layer):
+                    problems.append(problem)
+            except InputError as error:
+                problems.append(str(error))
+            sources.append(source)
+        return replace(
+            self, layers=tuple(layers), sources=tuple(sources), problems=tuple(problems), held=None
+        )
+
+    def _source(self, layer: DrapedLayer) -> Source:
+        if is_vector(layer):
+            return VectorSource.open(layer, self.frame, self.extent)
+        return RasterSource(layer, self.frame, self.size, self.memory)
+
+    def without(self, held: tuple[int, int] | None) -> Drapes:
+        """Return the drapes without one feature, by its layer and id."""
+        return self if held == self.held else replace(self, held=held)
+
+    @cached_property
+    def styles(self) -> tuple[LayerStyle, ...]:
+        """Looks of all classes: of each layer that of other features, then those of its classes."""
+        return tuple(
+            LayerStyle(number, layer.style_of(each), layer["opacity"], layer["blend"])
+            for number, layer in enumerate(self.layers)
+            for each in range(-1, len(layer.classes))
+        )
+
+    @cached_property
+    def _first_style(self) -> list[int]:
+        return np.cumsum([0, *(1 + len(layer.classes) for layer in self.layers)]).tolist()
+
+    def _styles_of(self, layer: int) -> tuple[LayerStyle, ...]:
+        return self.styles[self._first_style[layer] : self._first_style[layer + 1]]
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is visible at any scale."""
+        return not any(self._is_visible(number) for number in range(len(self.layers)))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes in memory of sources and their caches."""
+        edits = sum(source.nbytes for source in self.sources if isinstance(source, VectorSource))
+        return self.memory.nbytes + edits
+
+    def _is_visible(self, number: int, texel: float | None = None) -> bool:
+        layer = self.layers[number]
+        if self.sources[number] is None or not layer["visible"] or layer["opacity"] <= 0.0:
+            return False
+        if texel is None:
+            return True
+        return bool(layer["finest"] <= texel and not 0.0 < layer["coarsest"] <= texel)
+
+    def reach(self, texel: float) -> float:
+        """Return how far (m) any feature paints beyond itself."""
+        shown = (each.reach(texel) for each in self.styles if self._is_visible(each.layer))
+        return max(shown, default=0.0)
+
+    def items(self, box: Bounds, texel: float) -> Items:
+        """Return the visible parts of features near a box (m), each within its own reach of it.
+
+        They are within a quarter of `texel`, metres a pixel, of the features.
+        """
+        return Items.joined(
+            [
+                self._layer_items(number, source, box, texel)
+                for number, source in enumerate(self.sources)
+                if isinstance(source, VectorSource) and self._is_visible(number, texel)
+            ]
+        )
+
+    def _layer_items(self, number: int, source: VectorSource, box: Bounds, texel: float) -> Items:
+        styles = self._styles_of(number)
+        reach = np.array([each.reach(texel) for each in styles])
+        shown = np.array([each.shown for each in styles])
+        found = []
+        for level, which in source.query(_grown(box, float(reach.max())), texel):
+            items = np.asarray(level.items[which])
+            row = self._rows(number, source, items["feature"])
+            keep = shown[row, items["kind"]] & _near(items["box"], box, reach[row])
+            if self.held is not None and self.held[0] == number:
+                keep &= items["feature"] != self.held[1]
+            items, row = items[keep], row[keep]
+            order = np.lexsort((_ORDER[items["kind"]], items["feature"]))
+            items = items[order]
+            found.append(self._items(number, items, row[order], level.vertices(items)))
+        joined = Items.joined(found)
+        if len(found) > 1 and len(found[1].feature):
+            return joined.taken(np.lexsort((_ORDER[joined.kind], joined.feature)))
+        return joined
+
+    def _rows(self, number: int, source: VectorSource, features: npt.NDArray[Any]) -> Int64Array:
+        """Return the place of features' styles among those of the layer."""
+        layer = self.layers[number]
+        classes = {each.value: place for place, each in reversed(list(enumerate(layer.classes)))}
+        if not layer["by"] or not classes:
+            return np.zeros(len(features), np.int64)
+        key = source.store, layer["by"], tuple(classes.items())
+        stored = self.memory.get_or_compute(key, lambda: source.stored_classes(layer["by"], classes))
+        return 1 + source.classes(stored, features, layer["by"], classes).astype(np.int64)
+
+    def _items(self, number: int, items: StructuredArray, row: Int64Array, points: Float64Array) -> Items:
+        return Items(
+            items["feature"].astype(np.int64),
+            np.full(len(items), number, np.int32),
+            (self._first_style[number] + row).astype(np.int32),
+            items["kind"].copy(),
+            np.append(0, np.cumsum(items["count"], dtype=np.int64)),
+            points,
+            items["along"].copy(),
+            items["ends"].copy(),
+        )
+
+    def only(self, held: tuple[int, int], texel: float) -> Items:
+        """Return the visible parts of one feature, by its layer and id, with all of its vertices."""
+        number, feature = held
+        source = self.sources[number]
+        if not isinstance(source, VectorSource) or not self._is_visible(number, texel):
+            return Items.empty()
+        items, points = source.parts(feature)
+        row = self._rows(number, source, items["feature"])
+        found = self._items(number, items, row, points)
+        shown = np.array([each.shown for each in self._styles_of(number)])[row, items["kind"]]
+        order = np.lexsort((_ORDER[found.kind], found.feature))
+        return found.taken(order[shown[order]])
+
+    def rasters(self, texel: float) -> list[tuple[int, RasterSource]]:
+        """Return the visible rasters, the lowest first, with the numbers of their layers."""
+        return [
+            (number, source)
+            for number, source in enumerate(self.sources)
+            if isinstance(source, RasterSource) and self._is_visible(number, texel)
+        ]
+
+    def occupied(self, boxes: Float64Array) -> BoolArray:
+        """Return whether anything visible may lie in boxes (n, 4), m, of at least 128 pixels."""
+        found = np.zeros(len(boxes), bool)
+        texel = np.ptp(boxes.reshape(-1, 2, 2), axis=1).max(axis=1) / _TILE
+        for number, source in enumerate(self.sources):
+            if source is None or not self._is_visible(number):
+                continue
+            for each in np.flatnonzero(~found & _near(boxes, source.box, self._reach(number, texel))):
+                reach = self._reach(number, texel[each])
+                found[each] = source.occupies(_grown(boxes[each], float(reach)))
+        return found
+
+    def _reach(self, number: int, texel: Any) -> Any:
+        """Return how far (m) a layer paints beyond its features, for texels (m)."""
+        if isinstance(self.sources[number], RasterSource):
+            return texel
+        return np.max(
+            [
+                each.reach(1.0) * (texel if each.style["unit"] == "px" else 1.0 + 0.0 * texel)
+                for each in self._styles_of(number)
+            ],
+            axis=0,
+        )
+
+    def changed_boxes(self, old: Drapes) -> Float64Array:
+        """Return boxes (n, 4), m, whose features or pixels differ from another version's.
+
+        They have widths in metres, not those in pixels: `reach` has both.
+        """
+        boxes = []
+        for number in range(max(len(self.layers), len(old.layers))):
+            new_key, old_key = self._look(number), old._look(number)
+            source = self.sources[number] if new_key is not None else None
+            before = old.sources[number] if old_key is not None else None
+            if new_key != old_key or not _is_version(source, before):
+                boxes += [
+                    each._widened(number, each.sources[number].box[None])  # type: ignore[union-attr]
+                    for each, key in ((self, new_key), (old, old_key))
+                    if key is not None
+                ]
+            elif isinstance(source, VectorSource) and isinstance(before, VectorSource):
+                boxes.append(self._widened(number, source.changed_boxes(before)))
+        boxes += [
+            each._widened(each.held[0], each.sources[each.held[0]].box_of(each.held[1])[None])
+            for each in (self, old)
+            if each.held is not None and self.held != old.held
+        ]
+        found = np.concatenate([np.zeros((0, 4)), *boxes])
+        return found[np.isfinite(found).all(axis=1)]
+
+    def _look(self, number: int) -> tuple[object, ...] | None:
+        """Return what a layer's picture depends on besides its source; None if it is not visible."""
+        if number >= len(self.layers) or not self._is_visible(number):
+            return None
+        layer = self.layers[number]
+        values = [
+            (name, each) for name, each in {**layer.values, **layer.style}.items() if name not in _NO_PAINT
+        ]
+        return tuple(values), layer.classes
+
+    def _widened(self, number: int, boxes: Float64Array) -> Float64Array:
+        reach = float(self._reach(number, 0.0))
+        return boxes + np.array([-reach, -reach, reach, reach])
+
+    def pick(self, x: float, y: float, texel: float) -> Pick | None:
+        """Return the topmost feature or raster at a place (m).
+
+        Lines and points are found from half their width, and within 3 texels if nothing of their layer is
+        nearer; areas inside if they are filled.
+        """
+        for number in reversed(range(len(self.layers))):
+            source = self.sources[number]
+            if not self._is_visible(number, texel):
+                continue
+            if isinstance(source, RasterSource):
+                if source.pixels(x - 0.5 * texel, y + 0.5 * texel, texel, 1, 1)[0, 0, 3]:
+                    return Pick(number, -1)
+            elif source is not None:
+                reach = _PICK * texel
+                items = self._layer_items(number, source, (x - reach, y - reach, x + reach, y + reach), texel)
+                if (feature := self._picked(items, x, y, texel)) is not None:
+                    return Pick(number, feature)
+        return None
+
+    def _picked(self, items: Items, x: float, y: float, texel: float) -> int | None:
+        half = np.array([0.5 * each.width(texel) for each in self.styles])[items.style]
+        distance = distances(items, x, y)
+        inside = winding(items, x, y)
+        on = np.append(items.feature[distance <= half], inside)
+        if len(on):
+            top = int(on.max())
+            near = items.feature > top
+        else:
+            top, near = -1, np.ones(len(half), bool)
+        near &= distance <= np.maximum(half, _PICK * texel)
+        if near.any():
+            return int(items.feature[near][np.argmin(distance[near])])
+        return top if len(on) else None
+
+    def features(self, layer: int, box: Bounds) -> Int64Array:
+        """Return the ids of a layer's features near a box (m), ascending."""
+        source = self.sources[layer]
+        return source.features(box) if isinstance(source, VectorSource) else np.zeros(0, np.int64)
+
+    def feature(self, layer: int, number: int) -> Feature:
+        """Return a feature by its layer and id; raise InputError if there is no such feature."""
+        source = self.sources[layer]
+        if not isinstance(source, VectorSource):
+            raise InputError(f"layer {self.layers[layer].title}: expected features")
+        return source.feature(number)
+
+
+def is_vector(layer: DrapedLayer) -> bool:
+    """Return whether a layer's file is a vector file, by its first bytes; raise InputError if unreadable."""
+    if problem := raster_problem(RasterFile(layer.path), "layer"):
+        raise InputError(problem)
+    with Path(layer.path).open("rb") as stream:
+        return vector_driver(stream.read(4096)) is not None
+
+
+def _is_version(source: Source | None, before: Source | None) -> bool:
+    """Return whether sources are of one store of features, or the same."""
+    if isinstance(source, VectorSource) and isinstance(before, VectorSource):
+        return source.store is before.store
+    return source is before
+
+
+def _grown(box: Any, by: float) -> Bounds:
+    west, south, east, north = map(float, box)
+    return west - by, south - by, east + by, north + by
+
+
+def _near(boxes: npt.NDArray[Any], box: Any, reach: Any) -> BoolArray:
+    """Return which boxes (n, 4) are within a distance of another."""
+    west, south, east, north = box
+    across = np.maximum(boxes[:, 0] - east, west - boxes[:, 2])
+    along = np.maximum(boxes[:, 1] - north, south - boxes[:, 3])
+    return np.asarray(np.maximum(across, along) <= reach)
+
+
+def distances(items: Items, x: float, y: float) -> Float64Array:
+    """Return the distance (m) of each line or point from a place; inf of areas."""
+    count = np.diff(items.first)
+    found = np.full(len(count), np.inf)
+    point = np.flatnonzero(items.kind == POINT)
+    found[point] = np.hypot(*(items.points[items.first[point]] - (x, y)).T)
+    line = np.flatnonzero(items.kind == STROKE)
+    if len(line):
+        first = items.first[line] + ((items.ends[line] & BEFORE) > 0)
+        segments = items.first[line + 1] - ((items.ends[line] & AFTER) > 0) - first - 1
+        owner, place = expanded(segments)
+        start = items.points[first[owner] + place]
+        step, at = items.points[first[owner] + place + 1] - start, np.array([x, y]) - start
+        share = (at * step).sum(axis=1) / np.maximum((step * step).sum(axis=1), 1e-300)
+        off = np.hypot(*(at - np.clip(share, 0.0, 1.0)[:, None] * step).T)
+        found[line] = np.minimum.reduceat(off, np.cumsum(segments) - segments)
+    return found
+
+
+def winding(items: Items, x: float, y: float) -> Int64Array:
+    """Return the features whose areas have a place inside, ascending."""
+    fill = np.flatnonzero(items.kind == FILL)
+    owner, place = expanded(np.diff(items.first)[fill] - 1)
+    start = items.points[items.first[fill][owner] + place]
+    end = items.points[items.first[fill][owner] + place + 1]
+    side = (end[:, 0] - start[:, 0]) * (y - start[:, 1]) - (end[:, 1] - start[:, 1]) * (x - start[:, 0])
+    up = (start[:, 1] <= y) & (end[:, 1] > y) & (side > 0.0)
+    down = (start[:, 1] > y) & (end[:, 1] <= y) & (side < 0.0)
+    ids, of = np.unique(items.feature[fill], return_inverse=True)
+    turns = np.bincount(of[owner], up.astype(np.float64) - down, minlength=len(ids))
+    return np.asarray(ids[turns != 0.0])

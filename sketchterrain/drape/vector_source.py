@@ -1,0 +1,235 @@
+"""Vector sources: the store of a file, and the edits of its features."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from sketchterrain.array_types import Bounds, Float64Array, Int64Array
+from sketchterrain.document.drapes import DrapedLayer, FeatureEdit
+from sketchterrain.document.rasters import RasterSource as RasterFile
+from sketchterrain.document.rasters import raster_problem
+from sketchterrain.drape.levels import Level, Parts, Shapes2D, joined, level_of, parts_of, split_shapes, touch
+from sketchterrain.drape.vector_store import VectorStore, open_store
+from sketchterrain.errors import InputError, one_line
+
+_ROUNDED = math.sqrt(0.5)  # of a tolerance: the farthest that a vertex moves
+_BATCH = 1 << 16  # values that are read at once
+
+
+class Feature(NamedTuple):
+    """A feature of a layer."""
+
+    id: int
+    geometry: BaseGeometry  # in metres of the sketch
+    properties: dict[str, int | float | str | None]
+
+
+class _EditedFeature:
+    """What an edit draws, at each level that was asked for."""
+
+    def __init__(self, edit: FeatureEdit) -> None:
+        self.edit = edit
+        self.shape: BaseGeometry | None = shapely.from_wkb(edit.geometry) if edit.geometry else None
+        self.box = np.array(self.shape.bounds if self.shape is not None else [np.nan] * 4, np.float64)
+        self._split: Shapes2D | None = None
+        self._parts: dict[float, Parts] = {}
+
+    def parts(self, tolerance: float) -> Parts:
+        if tolerance not in self._parts:
+            if self._split is None:
+                self._split = split_shapes(np.array([self.shape], object), np.array([self.edit.id]))
+            self._parts[tolerance] = parts_of(self._split, tolerance)
+        return self._parts[tolerance]
+
+    @property
+    def nbytes(self) -> int:
+        return sum(array.nbytes for parts in self._parts.values() for array in parts)
+
+
+class VectorSource:
+    """Features of a layer with its edits; versions share what they do not change."""
+
+    def __init__(
+        self, store: VectorStore, stamp: tuple[int, int], edited: Mapping[int, _EditedFeature]
+    ) -> None:
+        self.store, self._stamp, self._edited = store, stamp, dict(edited)
+        self._changed = np.array(sorted(self._edited), np.int64)
+        self._levels: dict[int, Level] = {}
+
+    @classmethod
+    def open(cls, layer: DrapedLayer, frame: Mapping[str, Any], extent: float) -> VectorSource:
+        """Open a layer's file, whose store is built if need be; raise InputError if it cannot be read."""
+        store = open_store(layer, frame, extent)
+        return cls(store, file_stamp(layer.path), {}).updated(layer)
+
+    def updated(self, layer: DrapedLayer) -> VectorSource:
+        """Return the source with a layer's edits; features whose edit is the same are shared."""
+        old = self._edited
+        if {number: each.edit for number, each in old.items()} == layer.edits:
+            return self
+        edited = {
+            number: old[number] if number in old and old[number].edit == edit else _EditedFeature(edit)
+            for number, edit in layer.edits.items()
+        }
+        return VectorSource(self.store, self._stamp, edited)
+
+    def problem(self, layer: DrapedLayer) -> str:
+        """Return in one line that the file is missing or has changed; empty if neither."""
+        return source_problem(layer, self._stamp)
+
+    def occupies(self, box: Bounds) -> bool:
+        """Return whether a feature may have a part in a box (m)."""
+        levels = [self.store.levels[0], *([self._edited_level(0)] if self._edited else [])]
+        return any(touch(level.groups, box).any() for level in levels)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes in memory: those of edited features."""
+        return sum(each.nbytes for each in self._edited.values())
+
+    @property
+    def box(self) -> Float64Array:
+        """West, south, east and north (m) of all features."""
+        boxes = [each.box for each in self._edited.values() if each.shape is not None]
+        boxes += [np.array(self.store.box)] if self.store.count else []
+        found = np.array(boxes or [[0.0] * 4])
+        return np.concatenate([found[:, :2].min(axis=0), found[:, 2:].max(axis=0)])
+
+    @property
+    def next_id(self) -> int:
+        """The id of the next feature that is created."""
+        return max([self.store.count - 1, *self._edited]) + 1
+
+    @property
+    def fields(self) -> dict[str, str]:
+        """Names of properties, with the type of their values: int64, float64 or text."""
+        return self.store.fields
+
+    def query(self, box: Bounds, texel: float) -> list[tuple[Level, Int64Array]]:
+        """Return levels and the items of them near a box (m), within a quarter of `texel` of the features."""
+        limit = 0.25 * texel / _ROUNDED
+        number = max(k for k, level in enumerate(self.store.levels) if level.tolerance <= limit)
+        stored = self.store.levels[number]
+        found = stored.touching(box)
+        if not len(self._changed):
+            return [(stored, found)]
+        edited = self._edited_level(number)
+        found = found[~np.isin(stored.items["feature"][found], self._changed)]
+        return [(stored, found), (edited, edited.touching(box))]
+
+    def _edited_level(self, number: int) -> Level:
+        """Return the items of edited features."""
+        if number not in self._levels:
+            tolerance = self.store.levels[number].tolerance
+            shown = [each.parts(tolerance) for each in self._edited.values() if each.shape is not None]
+            self._levels[number] = level_of(joined([parts_of(_NO_SHAPES, tolerance), *shown]), tolerance)
+        return self._levels[number]
+
+    def features(self, box: Bounds) -> Int64Array:
+        """Return the ids of features with parts whose boxes touch a box, ascending."""
+        found = [level.items["feature"][number] for level, number in self.query(box, 0.0)]
+        return np.unique(np.concatenate(found)).astype(np.int64)
+
+    def feature(self, number: int) -> Feature:
+        """Return a feature; raise InputError if it was deleted, or has no geometry."""
+        shape: BaseGeometry | None
+        if number in self._edited:
+            edited = self._edited[number]
+            shape, properties = edited.shape, dict(edited.edit.properties)
+        elif 0 <= number < self.store.count:
+            shape, properties = self.store.geometries([number])[0], self.store.properties(number)
+        else:
+            shape, properties = None, {}
+        if shape is None:
+            raise InputError(f"feature {number}: expected one that the layer has, with a geometry")
+        return Feature(number, shape, properties)
+
+    def parts(self, number: int) -> Parts:
+        """Return the items of one feature with all of its vertices."""
+        edited = self._edited.get(number) or _EditedFeature(
+            FeatureEdit(number, shapely.to_wkb(self.feature(number).geometry))
+        )
+        return edited.parts(0.0) if edited.shape is not None else parts_of(_NO_SHAPES, 0.0)
+
+    def box_of(self, number: int) -> Float64Array:
+        """Return the box (m) of a feature; NaN without one."""
+        if number in self._edited:
+            return self._edited[number].box
+        shapes = self.store.geometries([number]) if 0 <= number < self.store.count else np.array([None])
+        return np.asarray(shapely.bounds(shapes)[0])
+
+    def values(self, name: str, ids: Sequence[int]) -> list[int | float | str | None]:
+        """Return a property of features."""
+        stored = [each for each in ids if each not in self._edited]
+        known = dict(zip(stored, self.store.values(name, stored), strict=True))
+        edits = {each: dict(self._edited[each].edit.properties) for each in ids if each in self._edited}
+        return [edits[each].get(name) if each in edits else known[each] for each in ids]
+
+    def stored_classes(self, name: str, numbers: Mapping[str, int]) -> npt.NDArray[np.int16]:
+        """Return the class of each feature of the file by its value of a property, -1 for no class."""
+        found = np.full(self.store.count, -1, np.int16)
+        for first in range(0, self.store.count if numbers and name in self.fields else 0, _BATCH):
+            batch = range(first, min(first + _BATCH, self.store.count))
+            found[first : batch.stop] = [
+                numbers.get(class_value(v), -1) for v in self.store.values(name, batch)
+            ]
+        return found
+
+    def classes(
+        self, stored: npt.NDArray[np.int16], features: npt.NDArray[Any], name: str, numbers: Mapping[str, int]
+    ) -> npt.NDArray[np.int16]:
+        """Return the classes of features, given those of all features of the file."""
+        found = np.append(stored, np.int16(-1))[np.minimum(features, len(stored))]
+        for number in np.intersect1d(features, self._changed).tolist():
+            value = dict(self._edited[number].edit.properties).get(name)
+            found[features == number] = numbers.get(class_value(value), -1)
+        return found
+
+    def changed_boxes(self, old: VectorSource) -> Float64Array:
+        """Return boxes (n, 4), m, of features that another version of the source has otherwise."""
+        ids = [
+            number
+            for number in self._edited.keys() | old._edited.keys()
+            if _edit(self, number) != _edit(old, number)
+        ]
+        boxes = np.array([source.box_of(number) for source in (self, old) for number in ids]).reshape(-1, 4)
+        return boxes[np.isfinite(boxes).all(axis=1)]
+
+
+_NO_SHAPES: Final = split_shapes(np.array([], object), np.array([], np.int64))
+
+
+def _edit(source: VectorSource, number: int) -> FeatureEdit | None:
+    return source._edited[number].edit if number in source._edited else None
+
+
+def class_value(value: int | float | str | None) -> str:
+    """Return a property's value as classes name it: 3, not 3.0."""
+    if isinstance(value, float) and value.is_integer():
+        return str(int(value))
+    return "" if value is None else str(value)
+
+
+def file_stamp(path: str) -> tuple[int, int]:
+    """Return what changes with a file: its size and its time of modification."""
+    try:
+        facts = Path(path).stat()
+    except OSError:
+        return -1, -1
+    return facts.st_size, facts.st_mtime_ns
+
+
+def source_problem(layer: DrapedLayer, stamp: tuple[int, int]) -> str:
+    """Return in one line that a layer's file is missing or has changed since it had a stamp, or a hash."""
+    problem = raster_problem(RasterFile(layer.path, sha256=layer["sha256"]), "layer")
+    if problem or file_stamp(layer.path) == stamp:
+        return problem
+    return f"layer {one_line(layer.path)}: its content has changed since it was added"

@@ -17,6 +17,7 @@ from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.ui.commands import is_edited, is_locked, name_of
 from sketchterrain.ui.look.theme import icon
+from sketchterrain.ui.models.drapes import delete_draped
 from sketchterrain.ui.models.selection import delete, lock, reset, unlock
 from sketchterrain.ui.models.vectors import VECTOR_COMMANDS, paste, selected_text
 from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, RecentFiles, Selection, Workspace
@@ -81,6 +82,7 @@ COMMANDS: Final[dict[str, Command]] = {
     "save-as": Command("Save &as…", "Save the sketch under another name", "", ("Ctrl+Shift+S",)),
     "import": Command("&Import layer image…", "Import a layer from a PNG of the sketch's size", "layers"),
     "add-raster": Command("A&dd raster…", "Show a georeferenced picture beneath the paint", "gallery"),
+    "add-drapes": Command("Add draped la&yers…", "Show vectors or rasters on the terrain", "layers"),
     "export": Command("&Export terrain…", "Write heights, materials and plants", "export", ("Ctrl+E",)),
     "write-world": Command("Write wor&ld…", "Write a world of any size, with overviews", "world"),
     "save-picture": Command("Save pic&ture…", "Save the 3-D view", "screenshot", ("Ctrl+Shift+P",)),
@@ -315,6 +317,22 @@ def add_vector_commands(
         menu.add_command(COMMANDS[name].icon, COMMANDS[name].text.replace("&", ""), partial(run, command))
 
 
+def add_drape_commands(
+    menu: ContextMenu, document: Document, workspace: Workspace, report: Callable[[str], object]
+) -> None:
+    """Add the commands for the selected draped feature to a menu; `report` gets why one is not possible."""
+
+    def run() -> None:
+        try:
+            delete_draped(document, workspace)
+        except InputError as error:
+            report(str(error))
+
+    selection = workspace.selection
+    is_vertex = selection is not None and selection.index is not None
+    menu.add_command("delete", "Delete the vertex" if is_vertex else "Delete the feature", run)
+
+
 class RecentMenu(QMenu):
     """Menu of recently opened files."""
 
@@ -356,8 +374,8 @@ _LOOKS = ("look-all", "look-best", "look-selection")
 MENUS: Final[dict[str, tuple[str, ...]]] = {
     "&File": (
         *("new", "trace", "elevation", _RULE, "open", "open-folder", "open-world", ">Open &recent"),
-        *("presets", _RULE, "save", "save-as", _RULE, "import", "add-raster", "export"),
-        *("write-world", "save-picture", _RULE, "quit"),
+        *("presets", _RULE, "save", "save-as", _RULE, "import", "add-raster", "add-drapes"),
+        *("export", "write-world", "save-picture", _RULE, "quit"),
     ),
     "&Edit": (
         *("undo", "redo", _RULE, ">&Tool", "brush-smaller", "brush-larger", _RULE, "copy", "paste"),

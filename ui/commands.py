@@ -104,6 +104,10 @@ def dragged(sketch: Sketch, placed: Placement | None, handle: Handle, x: float, 
 
 def drag_title(placed: Placement | None, handle: Handle) -> str:
     """Return the history title of a drag."""
+    if handle.selection.is_draped:
+        return {"point": "Move a vertex", "corner": "Resize a feature", "rotate": "Rotate a feature"}.get(
+            handle.role, "Move a feature"
+        )
     if handle.selection.is_vector or placed is None:
         verb = "Move a node" if handle.role == "point" else "Set the width"
         return f"{verb} of {LAYERS[handle.selection.kind].title.lower()}"

@@ -25,6 +25,7 @@ from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import RenderPicture
 from sketchterrain.ui.models.background import BackgroundQueue, BackgroundReader, SketchSaver
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.drapes import new_drape
 from sketchterrain.ui.models.workspace import Preferences, RecentFiles
 
 if TYPE_CHECKING:
@@ -36,6 +37,8 @@ _MESSAGE_DELAY = 400  # ms of reading until a message is shown
 _SUFFIX, _SETTINGS = ".sketch", "sketch.toml"
 _OPEN_FILTER = f"Sketches (*{_SUFFIX} {_SETTINGS});;All files (*)"
 _ONE_FILE, _FOLDER = f"Sketch in one file (*{_SUFFIX})", "Sketch as a folder of images (*)"
+DRAPED = "*.gpkg *.fgb *.geojson *.json *.shp *.tif *.tiff *.vrt *.jp2 *.jpg *.webp"
+_DRAPE_FILTER = f"Vectors and rasters ({DRAPED} *.png);;All files (*)"
 _RASTERS = {  # roles
     "Picture beneath the paint (*)": "picture",
     "Orthophoto on the ground (*)": "orthophoto",
@@ -47,6 +50,7 @@ class Files(QObject):
     """Reads sketches into a document and saves them; failures become messages."""
 
     elevation_chosen = pyqtSignal(object)  # list of paths, to be added to the sketch
+    drapes_read = pyqtSignal(object)  # list of draped layers, to be added too
 
     def __init__(
         self,
@@ -192,11 +196,30 @@ class Files(QObject):
         frame = sketch.frame if area is None or sketch.frame["crs"] else {**sketch.frame, **area.frame}
         self.change(f"Add {source.title}", rasters=(*sketch.rasters, source), frame=frame)
 
+    def ask_add_drapes(self) -> None:
+        """Ask for vector and raster files and drape them on the terrain."""
+        start = str(self._preferences.last_folder)
+        names, _ = QFileDialog.getOpenFileNames(self._window, "Add draped layers", start, _DRAPE_FILTER)
+        if names:
+            self._preferences.last_folder = Path(names[0]).absolute().parent
+            self.add_drapes([Path(name) for name in names])
+
+    def add_drapes(self, paths: list[Path]) -> None:
+        """Drape files on the terrain in one undo step."""
+        first = len(self._document.sketch.drapes)
+
+        def read() -> object:
+            return [new_drape(path, number) for number, path in enumerate(paths, start=first)]
+
+        self.read(paths[0], read, lambda found: self.drapes_read.emit(found))
+
     def open_dropped(self, paths: Iterable[Path], layer: str) -> None:
-        """Open a dropped sketch, or import dropped images of layers."""
+        """Open a dropped sketch, import dropped images of layers, or drape other files on the terrain."""
         files = list(paths)
         if files and all(path.suffix.lower() == ".png" and path.is_file() for path in files):
             self.import_layers(files, layer)
+        elif files and all(f"*{path.suffix.lower()}" in DRAPED.split() and path.is_file() for path in files):
+            self.add_drapes(files)
         elif files:
             self.open(files[0])
 

@@ -1,14 +1,18 @@
 """Main window of the editor."""
 
 import math
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 from PyQt6.QtCore import QEvent, QSignalBlocker, QSize, Qt, QTimer
 from PyQt6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QResizeEvent, QShowEvent
 from PyQt6.QtWidgets import QLabel, QMainWindow, QMenu, QSizePolicy, QSlider, QTabWidget, QWidget
 
+from sketchterrain.document.drapes import drape_problem
 from sketchterrain.document.layers import LAYERS
+from sketchterrain.errors import one_line
 from sketchterrain.ui.actions import Actions, RecentMenu, add_menus, add_tool_bars
 from sketchterrain.ui.banner import Banner, ErrorReporter, Message, UncaughtExceptions
 from sketchterrain.ui.canvas.canvas import Canvas
@@ -21,6 +25,7 @@ from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, active_theme, app_icon, described, row, tabular
 from sketchterrain.ui.models.background import SketchSaver
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.drapes import add_drapes, bounds_of, update_file
 from sketchterrain.ui.models.workspace import BRUSHES, Bookmarks, Preferences, RecentFiles, Workspace
 from sketchterrain.ui.panels.base import BasePanel
 from sketchterrain.ui.panels.layers import LayersPanel
@@ -28,6 +33,7 @@ from sketchterrain.ui.panels.lists import BookmarksPanel, ContradictionsPanel, H
 from sketchterrain.ui.panels.properties import PropertiesPanel
 from sketchterrain.ui.panels.settings import ViewPanel, WorldPanel
 from sketchterrain.ui.panels.status_line import AdherencePanel, StatusLine
+from sketchterrain.ui.view3d.camera import show_line
 from sketchterrain.ui.view3d.view import View3D
 from sketchterrain.ui.world_window import SketchActions, ViewActions
 
@@ -148,9 +154,14 @@ class MainWindow(QMainWindow):
         self.elevation_files = ElevationFiles(self, self.files, elevation, preferences, self.banner)
         self.files.elevation_chosen.connect(self.elevation_files.add)
         self.elevation_files.findings_requested.connect(partial(self.panel_layout.show_panel, "base"))
+        self.files.drapes_read.connect(partial(add_drapes, document, workspace))
+        drapes = self._layers.drapes
+        drapes.add_requested.connect(self.files.ask_add_drapes)
+        drapes.zoom_requested.connect(self._zoom_to_drape)
         self._base.add_requested.connect(self.elevation_files.ask_add)
         self._base.change_requested.connect(self.elevation_files.change)
         self.canvas.underlay.changed.connect(self._show_raster_problems)
+        document.drapes.changed.connect(self._show_raster_problems)
         self._show_raster_problems()
         self._add_menus(recent)
         ErrorReporter(self.banner, link)
@@ -170,10 +181,11 @@ class MainWindow(QMainWindow):
         self._layers, self._bookmarks = LayersPanel(document, workspace), BookmarksPanel(link, bookmarks)
         contradictions, status = ContradictionsPanel(workspace, link), StatusLine(document, workspace, link)
         self._base = BasePanel(document, self.canvas.underlay.elevation)
+        properties = PropertiesPanel(document, workspace, link)
         self.setCentralWidget(self.canvas)
         panels: dict[str, QWidget] = {
             "layers": self._layers,
-            "properties": PropertiesPanel(document, workspace, link),
+            "properties": properties,
             "world": WorldPanel(document),
             "base": self._base,
             "light": ViewPanel(document, link),
@@ -187,7 +199,9 @@ class MainWindow(QMainWindow):
         for part in (self.canvas, self.view):
             part.hovered.connect(status.show_position)
             part.message.connect(self._show_hint)
-        self._layers.message.connect(self._show_hint)
+        pages = properties.drape_page, properties.draped_feature_page
+        for page in (self._layers, self._layers.drapes, *pages):
+            page.message.connect(self._show_hint)
         self._base.message.connect(self._show_hint)
         contradictions.place_activated.connect(self._show_place)
         bar = self.statusBar()
@@ -232,6 +246,7 @@ class MainWindow(QMainWindow):
                 "save-as": files.save_as,
                 "import": self._import,
                 "add-raster": files.ask_add_raster,
+                "add-drapes": files.ask_add_drapes,
                 "quit": self.close,
                 "fit": self.canvas.fit,
                 "zoom-in": self.canvas.zoom_in,
@@ -303,11 +318,30 @@ class MainWindow(QMainWindow):
         self.banner.show_message(Message("info", line, "hint"))
 
     def _show_raster_problems(self) -> None:
+        lines = (*self.canvas.underlay.problems, *self._document.drapes.problems)
+        if lines == self._raster_problems:
+            return
         for line in self._raster_problems:
             self.banner.withdraw(line)
-        self._raster_problems = self.canvas.underlay.problems
-        for line in self._raster_problems:
-            self.banner.show_message(Message("warning", line, line))
+        self._raster_problems = lines
+        for line in lines:
+            self.banner.show_message(Message("warning", line, line, self._drape_buttons(line)))
+
+    def _drape_buttons(self, line: str) -> tuple[tuple[str, Callable[[], object]], ...]:
+        """Return a button that takes a draped layer's file as it is now, if that is a problem's cure."""
+        layers = self._document.sketch.drapes
+        named = [number for number, each in enumerate(layers) if one_line(each.path) in line]
+        changed = [number for number in named if drape_problem(layers[number])]
+        if not changed or not Path(layers[changed[0]].path).exists():
+            return ()
+        return (("Update", partial(update_file, self._document, changed[0])),)
+
+    def _zoom_to_drape(self, number: int) -> None:
+        """Show all of a draped layer on the canvas and in 3-D."""
+        box = bounds_of(self._document, number)
+        if box is not None:
+            self.canvas.show_box(*box)
+            self._link.send(show_line(np.array(box).reshape(2, 2), self._document.sketch.size))
 
     def _import(self) -> None:
         self.files.ask_import(self._workspace.layer)

@@ -153,11 +153,12 @@ class SketchActions(QObject):
             locked = can_lock and commands.is_locked(sketch, selection)
             edited = commands.is_edited(sketch, placed, selection)
         is_vector = find_vector(sketch, selection) is not None
+        is_draped = self._document.drapes.feature(selection) is not None
         for name, enabled in (
             *((name, is_vector) for name in ("copy", *VECTOR_COMMANDS)),
             ("select-none", selection is not None),
-            ("delete-selection", is_placed or is_vector),
-            ("look-selection", is_placed),
+            ("delete-selection", is_placed or is_vector or is_draped),
+            ("look-selection", is_placed or is_draped),
             ("lock-selection", can_lock),
             ("reset-selection", edited),
         ):

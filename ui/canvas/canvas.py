@@ -34,7 +34,8 @@ class Canvas(QWidget):
         self.underlay = self._sketch_view.underlay
         self._vectors = VectorMarks(self._context)
         self._input = CanvasInput(self._context, self._marks, self._vectors, self)
-        self._decorations = Decorations(self._context, self._marks, self._vectors)
+        self.drapes = self._sketch_view.drapes
+        self._decorations = Decorations(self._context, self._marks, self._vectors, self.drapes)
         self._fitted = True
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
@@ -50,6 +51,7 @@ class Canvas(QWidget):
         )
         document.sketch_changed.connect(self._on_sketch)
         document.opened.connect(self._on_opened)
+        document.drapes.changed.connect(self._redraw)
         workspace.selection_changed.connect(self._redraw)
         workspace.look_changed.connect(self._redraw)
         link.placed_changed.connect(self._redraw)
@@ -82,6 +84,14 @@ class Canvas(QWidget):
     def show_place(self, x: float, y: float) -> None:
         """Centre a position (m)."""
         self.set_viewport(self.viewport.with_middle(*self._context.sketch_from_world(x, y)))
+
+    def show_box(self, west: float, south: float, east: float, north: float) -> None:
+        """Centre a box (m) and show as much of it as fits."""
+        context = self._context
+        size = max((east - west) / self.width(), (north - south) / self.height()) * 1.1  # m a logical px
+        if size > 0.0:
+            self.zoom(1.0 / (size * context.px_per_metre), QPointF(self.rect().center()))
+        self.show_place(0.5 * (west + east), 0.5 * (south + north))
 
     def zoom(self, factor: float, about: QPointF) -> None:
         """Zoom about a position (logical px)."""

@@ -23,10 +23,12 @@ from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.actions import (
     ContextMenu,
     ShortcutOverride,
+    add_drape_commands,
     add_selection_commands,
     add_vector_commands,
 )
 from sketchterrain.ui.canvas.decorations import warning_at
+from sketchterrain.ui.canvas.drape_tool import DrapeLineTool
 from sketchterrain.ui.canvas.marks import FeatureMarks
 from sketchterrain.ui.canvas.paint_tools import BrushTool, FillTool, LineTool, PickTool, pick_label
 from sketchterrain.ui.canvas.select_tool import SelectTool
@@ -82,6 +84,7 @@ class CanvasInput(QObject):
             "brush": BrushTool(context),
             "eraser": BrushTool(context, erases=True),
             "line": LineTool(context),
+            "drape": DrapeLineTool(context),
             "fill": FillTool(context),
             "pick": PickTool(context),
             "pan": PanTool(context),
@@ -122,7 +125,9 @@ class CanvasInput(QObject):
 
     @property
     def tool(self) -> Tool:
-        return self._tools[self._name]
+        selection = self._context.workspace.selection
+        draws = self._name == "line" and selection is not None and selection.is_draped
+        return self._tools["drape" if draws else self._name]
 
     def cancel(self) -> None:
         """Cancel the tools' operations: another document was opened."""
@@ -218,6 +223,9 @@ class CanvasInput(QObject):
         menu = ContextMenu(self._canvas)
         if selection is not None and selection.is_vector:
             add_vector_commands(menu, document, workspace, context.signals.message.emit)
+            menu.addSeparator()
+        elif selection is not None and selection.is_draped:
+            add_drape_commands(menu, document, workspace, context.signals.message.emit)
             menu.addSeparator()
         elif selection is not None and placed is not None:
             add_selection_commands(menu, document, workspace, placed, selection)

@@ -236,6 +236,7 @@ class LineTool(Tool):
     """
 
     cursor = Qt.CursorShape.CrossCursor
+    is_painted = True  # in the sketch's own layers, with a width
 
     def __init__(self, context: ToolContext) -> None:
         super().__init__(context)
@@ -262,6 +263,19 @@ class LineTool(Tool):
         return self._kind is None or LAYERS[self.context.workspace.layer].kind != "barrier"
 
     @property
+    def _active(self) -> tuple[str, int]:
+        """Layer and label of the next line."""
+        return self.context.workspace.layer, self.context.workspace.label
+
+    @property
+    def _colour(self) -> QColor:
+        return label_colour(*self._active)
+
+    def _may_draw(self) -> bool:
+        """Return whether the active layer can be edited, else report why."""
+        return self.context.may_paint(pixels=False)
+
+    @property
     def width(self) -> float:
         """Width of the line, px of the sketch."""
         workspace = self.context.workspace
@@ -273,13 +287,12 @@ class LineTool(Tool):
             if self.is_busy:
                 self.press_key(Qt.Key.Key_Backspace)
             return
-        workspace = self.context.workspace
-        if not self.context.may_paint(pixels=False):
+        if not self._may_draw():
             self.cancel()
             return
-        if self._target != (workspace.layer, workspace.label):
+        if self._target != self._active:
             self._points.clear()
-        self._target = (workspace.layer, workspace.label)
+        self._target = self._active
         at = self._snapped(pointer)
         closes = self._kind == AREA and len(self._points) > 2
         if closes and math.dist(at, self._points[0]) * self.context.scale < REACH:
@@ -333,8 +346,7 @@ class LineTool(Tool):
         points = self._points
         self.cancel()
         layer, label = self._target
-        is_same = layer == self.context.workspace.layer
-        if not points or not is_same or not self.context.may_paint(pixels=False):
+        if not points or layer != self._active[0] or not self._may_draw():
             return
         if self._kind is not None:
             self._add_vector(self._kind, points)
@@ -407,7 +419,7 @@ class LineTool(Tool):
         if len(points) > 1:
             curve = line_path(points) if not is_area and self._is_smooth else points
             path = QPolygonF([context.screen_from_sketch(x, y) for x, y in curve])
-            colour = label_colour(context.workspace.layer, context.workspace.label)
+            colour = self._colour
             if is_area:
                 painter.setPen(Qt.PenStyle.NoPen)
                 painter.setBrush(QColor(colour.red(), colour.green(), colour.blue(), 128))
@@ -420,7 +432,7 @@ class LineTool(Tool):
         if self._place is not None:
             tip = context.screen_from_sketch(*self._place)
             _draw_ring(painter, tip, 4.0 if is_area else 0.5 * wide)
-        if self._place is not None and not is_area:
+        if self._place is not None and not is_area and self.is_painted:
             metres = self.width * context.document.sketch.pixel_size
             text = f"{metres:.0f} m wide" if metres >= 9.5 else f"{metres:.1f} m wide"
             height = self._height()

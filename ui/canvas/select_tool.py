@@ -1,27 +1,32 @@
 """The selection tool: selects placed features and vectors, drags them and their handles."""
 
 import math
+from dataclasses import replace
 
 from PyQt6.QtCore import QLineF, QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen
 
 from sketchterrain.errors import InputError
 from sketchterrain.ui.canvas.decorations import write_beside
+from sketchterrain.ui.canvas.drape_tool import draw_feature
 from sketchterrain.ui.canvas.marks import SELECTED, FeatureMarks
 from sketchterrain.ui.canvas.tool_context import REACH, Pointer, Tool, ToolContext
 from sketchterrain.ui.canvas.vectors import VectorMarks
 from sketchterrain.ui.commands import exists, name_of
 from sketchterrain.ui.engine.protocol import GoTo, Placement
+from sketchterrain.ui.models.drapes import draped_handles, insert_draped_vertex
 from sketchterrain.ui.models.selection import (
+    OFFSET_ROLES,
     FeatureDrag,
     Handle,
     delete,
+    handle_refusal,
     handles_of,
     select_at,
     vector_width_handle,
     vertex_at,
 )
-from sketchterrain.ui.models.vectors import drag_refusal, insert_vertex, vector_at
+from sketchterrain.ui.models.vectors import insert_vertex, vector_at
 from sketchterrain.ui.models.workspace import Selection
 
 _TOLERANCE = 9.0  # logical px around a handle or feature
@@ -40,6 +45,7 @@ class SelectTool(Tool):
         self._hovered: Selection | None = None
         self._drag: FeatureDrag | None = None
         self._pressed: tuple[tuple[float, float], Handle | None] | None = None  # place, m
+        self._next: Selection | None = None  # that a click on the selected draped feature selects
         self._double_clicked: tuple[float, float] | None = None
         self._last_drag: tuple[Placement | None, FeatureDrag] | None = None  # drawn until it is placed
 
@@ -53,12 +59,19 @@ class SelectTool(Tool):
             return
         at = self.context.world_from_sketch(pointer.x, pointer.y)
         handle = self._handle_at(at)
+        before, self._next = self.context.workspace.selection, None
         selection = self._selection_at(at) if handle is None else handle.selection
+        draped = self._draped_at(at) if handle is None else []
+        whole = None if before is None else replace(before, index=None)
+        if whole in draped:  # it may be dragged; a click goes on to the next one below
+            selection, self._next = whole, draped[(draped.index(whole) + 1) % len(draped)]
         self.context.workspace.selection = selection
-        if handle is not None and not handle.is_vertex:
+        if handle is not None and not (handle.is_vertex or handle.selection.is_draped):
             self._start_drag(handle, at)
             return
-        if handle is None and self.context.link.placed is not None:
+        if whole is not None and whole in draped:
+            handle = Handle("move", whole, *at, *at)
+        elif handle is None and self.context.link.placed is not None:
             handle = next(iter(handles_of(self.context.link.placed, selection)), None)
             handle = handle if handle is not None and handle.role == "move" else None
         self._pressed = at, handle
@@ -80,6 +93,8 @@ class SelectTool(Tool):
 
     def release(self, pointer: Pointer) -> None:
         """Finish the drag; after a double click without one, move the 3-D view there."""
+        if self._drag is None and self._pressed is not None and self._next is not None:
+            self.context.workspace.selection = self._next
         self.finish()
         at, self._double_clicked = self._double_clicked, None
         if at is not None and math.dist(at, (pointer.x, pointer.y)) * self.context.scale <= _DRAG:
@@ -89,8 +104,10 @@ class SelectTool(Tool):
         """Insert a vertex in the selected vector, else press: a drag may follow at once."""
         at, context = self.context.world_from_sketch(pointer.x, pointer.y), self.context
         try:
-            is_inserted = self._handle_at(at) is None and insert_vertex(
-                context.document, context.workspace, *at, reach=REACH / context.px_per_metre
+            where = {"reach": REACH / context.px_per_metre}
+            is_inserted = self._handle_at(at) is None and (
+                insert_vertex(context.document, context.workspace, *at, **where)
+                or insert_draped_vertex(context.document, context.workspace, *at, **where)
             )
         except InputError as error:
             self._report(str(error))
@@ -155,6 +172,12 @@ class SelectTool(Tool):
         faint.setAlpha(150)
         if hovered is not None and hovered.is_vector and self._drag is None:
             self._vectors.draw_outline(painter, hovered, faint)
+        for each, colour in ((hovered, faint), (selection, SELECTED)):
+            if each is not None and each.is_draped and each.id >= 0:
+                draw_feature(painter, self.context, (each.layer, each.id), colour)
+        if selection is not None and selection.is_draped:
+            for handle in draped_handles(self.context.document, selection):
+                self._draw_handle(painter, handle, selection)
         if selection is not None and selection.is_vector:
             drag = self._drag
             self._vectors.draw_selection(painter, selection, None if drag and drag.handle.is_live else drag)
@@ -213,14 +236,13 @@ class SelectTool(Tool):
     def _start_drag(self, handle: Handle, at: tuple[float, float]) -> None:
         context, placed = self.context, self.context.link.placed
         self._pressed = None
-        if handle.selection.is_vector:
-            node = (context.document.sketch, context.workspace, handle.selection.kind, handle.x, handle.y)
-            if refusal := drag_refusal(*node):
-                self._report(refusal)
-                return
+        if refusal := handle_refusal(context.document, context.workspace, handle):
+            self._report(refusal)
+            return
         reach = REACH / context.px_per_metre
         self._drag = FeatureDrag(context.document, placed, handle, grab=at, reach=reach)
-        self._last_drag = None if handle.is_vertex else (placed, self._drag)
+        is_live = handle.is_vertex or handle.selection.is_draped
+        self._last_drag = None if is_live else (placed, self._drag)
         self._hovered = None
         context.signals.redraw()
 
@@ -236,8 +258,14 @@ class SelectTool(Tool):
     def _selection_at(self, at: tuple[float, float]) -> Selection | None:
         """Return the vector or placed object at a position, m."""
         context, placed, px = self.context, self.context.link.placed, self.context.px_per_metre
+        if draped := self._draped_at(at):
+            return draped[0]
         vector = vector_at(context.document.sketch, context.workspace, *at, reach=REACH / px)
         return select_at(placed, *at, reach=_TOLERANCE / px) if vector is None and placed else vector
+
+    def _draped_at(self, at: tuple[float, float]) -> list[Selection]:
+        """Return the draped features at a position (m), the highest first."""
+        return self.context.document.drapes.stack(*at, 1.0 / self.context.px_per_metre)
 
     def _handle_at(self, at: tuple[float, float]) -> Handle | None:
         """Return the handle at a position, m."""
@@ -248,6 +276,8 @@ class SelectTool(Tool):
             return vertex
         width = vector_width_handle(sketch, selection)
         handles = [width] if width is not None else [] if placed is None else self._visible_handles(placed)
+        if selection is not None and selection.is_draped:
+            handles = list(draped_handles(self.context.document, selection))
         near = [(QLineF(place, self._handle_place(each)).length(), each) for each in handles]
         best = min(near, key=lambda pair: pair[0], default=None)
         return best[1] if best is not None and best[0] <= _TOLERANCE else None
@@ -270,9 +300,9 @@ class SelectTool(Tool):
         return handles
 
     def _handle_place(self, handle: Handle) -> QPointF:
-        """Return a handle's screen position: a width handle lies off its bank, clear of the river."""
+        """Return a handle's screen position: some lie off a bank or box, clear of it."""
         at = self.context.screen_from_world(handle.x, handle.y)
-        if handle.role != "width":
+        if handle.role not in OFFSET_ROLES:
             return at
         offset = at - self.context.screen_from_world(handle.base_x, handle.base_y)
         length = math.hypot(offset.x(), offset.y())

@@ -17,8 +17,9 @@ from sketchterrain.ui.canvas.compositing import (
     level_for,
     paints_of,
 )
+from sketchterrain.ui.canvas.drapes import DrapePictures
 from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
-from sketchterrain.ui.canvas.underlay import RasterUnderlay
+from sketchterrain.ui.canvas.underlay import Pictures, RasterUnderlay
 from sketchterrain.ui.engine.protocol import Adherence, Relief
 from sketchterrain.ui.look.theme import active_theme, theme
 
@@ -163,6 +164,8 @@ class SketchView(QObject):
         self._relief_image: QImage | None = None
         self._relief_step = 1
         self.underlay = RasterUnderlay(context.document, self)
+        self.drapes = DrapePictures(context, self)
+        self._drapes_beneath: Pictures = ()  # the composed ones
         self._tint: tuple[Adherence | None, str] = (None, "")
         self._tint_image: QImage | None = None
         self._viewport: Viewport | None = None
@@ -174,6 +177,7 @@ class SketchView(QObject):
         context.workspace.look_changed.connect(self.refresh)
         context.workspace.overlays_changed.connect(self.refresh_overlays)
         self.underlay.changed.connect(self.refresh)
+        self.drapes.changed.connect(self._on_drapes)
         context.workspace.label_changed.connect(self.refresh_overlays)
         context.link.adherence_changed.connect(self.refresh_overlays)
         context.link.relief_changed.connect(self._on_relief)
@@ -213,6 +217,12 @@ class SketchView(QObject):
                 )
             self._invalidate()
         self.stale.emit(QRect(0, 0, context.viewport.width, context.viewport.height))
+
+    def _on_drapes(self) -> None:
+        if self._drapes_beneath != self.drapes.beneath:
+            self._drapes_beneath = self.drapes.beneath
+            self._invalidate()
+        self.stale.emit(QRect(0, 0, self._context.viewport.width, self._context.viewport.height))
 
     def _on_relief(self) -> None:
         area = self._update_relief()
@@ -265,6 +275,7 @@ class SketchView(QObject):
         if self._ratio != ratio:
             self.refresh()
         self._set_viewport(self._context.viewport)
+        self.drapes.update()
         self._compose_stale()
         source = QRectF(area.x() * ratio, area.y() * ratio, area.width() * ratio, area.height() * ratio)
         painter.drawImage(QRectF(area), self._image, source)
@@ -338,7 +349,8 @@ class SketchView(QObject):
                 painter.drawImage(QRectF(corner, samples), self._relief_image)
             width, height = viewport.columns * scale, viewport.rows * scale
             to_screen = QTransform(width, 0, 0, height, corner.x(), corner.y())
-            for image, place in self.underlay.visible(self._context.workspace.overlays):
+            pictures = self.underlay.visible(self._context.workspace.overlays)
+            for image, place in (*pictures, *self._drapes_beneath):
                 painter.drawImage(to_screen.mapRect(place), image)
             if self._compositor.paints:
                 for top in range(inner.top(), inner.bottom() + 1, _BAND):

@@ -335,6 +335,10 @@ def settings_of(sketch: Sketch) -> dict[str, Any]:
     return {each.name: getattr(sketch, each.name) for each in fields(sketch) if each.name != "layers"}
 
 
+def _placed_settings(sketch: Sketch) -> dict[str, Any]:
+    return {**settings_of(sketch), "drapes": ()}
+
+
 class SketchMirror:
     """A copy of the sketch, assembled from updates.
 
@@ -384,6 +388,7 @@ class UpdateBuilder:
         self._document = document
         self._version = 0
         self._shape = (0, 0)
+        self._settings: dict[str, Any] = {}  # of the last update
         self._boxes: dict[str, Box] = {}
         self._all = self._fresh = True
         self._notify: Callable[[], None] | None = None
@@ -413,7 +418,14 @@ class UpdateBuilder:
         self._shape, self._boxes = shape, {}
         self._all = self._fresh = False
         self._version += 1
-        return SketchUpdate(self._version, shape, settings_of(sketch), layers), fresh
+        self._settings = _placed_settings(sketch)
+        return SketchUpdate(self._version, shape, self._settings, layers), fresh
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing but draped layers, which the placer does not receive, has changed."""
+        unsent = self._all or bool(self._boxes) or self._document.draft is not None
+        return not unsent and _placed_settings(self._document.sketch) == self._settings
 
     def _patch(self, name: str, box: Box) -> LayerPatch:
         top, left, bottom, right = max(box[0], 0), max(box[1], 0), box[2], box[3]

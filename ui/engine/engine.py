@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from sketchterrain.errors import DeviceError, DeviceFailedError, SketchterrainError, one_line
 from sketchterrain.io.system import lower_priority, resident_memory
@@ -24,6 +24,9 @@ from sketchterrain.ui.engine.camera_controller import CameraController
 from sketchterrain.ui.engine.channel import Channel, ready
 from sketchterrain.ui.engine.frames import FrameMemory, FramePacer
 from sketchterrain.ui.engine.terrain_session import ReliefBuilder, TerrainSession, WorldSession
+
+if TYPE_CHECKING:
+    from sketchterrain.document.drapes import DrapedLayer
 
 _SLICE: Final = 0.008  # s of relief computation between two frames
 _IDLE_SLICE: Final = 0.03  # s at a time while no frame is due
@@ -51,6 +54,7 @@ class Engine:
         self._view = msg.ViewState()
         self._pending_version, self._fresh_version = -1, -1
         self._requested_look: msg.Look | None = None
+        self._drapes: tuple[DrapedLayer, ...] = ()
         self._activity = ""
         self._running = True
         self._handlers: dict[type, Callable[[Any], None]] = {
@@ -62,6 +66,7 @@ class Engine:
             msg.MeasureAdherence: self._measure,
             msg.RenderPicture: self._render_picture,
             msg.UpdatePending: self._expect_update,
+            msg.SetDrapes: self._set_drapes,
             **dict.fromkeys((msg.Turn, msg.Pan, msg.Zoom, msg.Fly, msg.GoTo), self._move),
         }
 
@@ -208,6 +213,11 @@ class Engine:
         if self._pacer is not None:
             self._pacer.set_view(view)
 
+    def _set_drapes(self, drapes: msg.SetDrapes) -> None:
+        self._drapes = drapes.layers
+        if self._pacer is not None:
+            self._pacer.set_drapes(drapes)
+
     def _acknowledge_frame(self, _: msg.FrameAcknowledged) -> None:
         if self._pacer is not None:
             self._pacer.acknowledge_frame()
@@ -256,7 +266,7 @@ class Engine:
             return
         self._jobs.add(
             msg.PictureJob(
-                sketch=sketch,
+                sketch=sketch.replace(drapes=self._drapes),
                 recipe=recipe,
                 path=request.path,
                 size=(request.width, request.height),

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
-from sketchterrain.ui.engine.protocol import FrameFacts, FrameReady, ViewState
+from sketchterrain.ui.engine.protocol import FrameFacts, FrameReady, SetDrapes, ViewState
 
 if TYPE_CHECKING:
     from sketchterrain.array_types import Bounds
@@ -110,6 +110,11 @@ class FramePacer:
         self.failed = False
         self._stale, self._version = True, version
         return self.renderer.set_terrain(terrain, areas, camera.camera())
+
+    def set_drapes(self, drapes: SetDrapes) -> None:
+        """Display other draped layers from the next frame on."""
+        self._stale = True
+        self.renderer.set_drapes(drapes)
 
     def set_update_pending(self, pending: bool) -> None:
         """Note whether another terrain is being placed."""

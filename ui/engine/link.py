@@ -258,6 +258,7 @@ class EngineLink(ViewSource):
     def __init__(self, document: Document) -> None:
         super().__init__(msg.ViewState())
         self._document = document
+        document.drapes.changed.connect(self._send_drapes)
         self.adherence: msg.Adherence | None = None
         self._started_at = 0.0
         self._crashes = 0
@@ -294,10 +295,18 @@ class EngineLink(ViewSource):
         self._started_at = time.monotonic()
         self._run(EngineProcesses(device=self.device, draws=draws))
         self._updates.start(self._schedule)
+        self._send_drapes()
         self._send_sketch()
 
+    def _send_drapes(self) -> None:
+        """Send the draped layers as far as they are read."""
+        sketch, current = self._document.sketch, self._document.drapes.current
+        layers = () if current is None else current.layers
+        held = self._document.drapes.held
+        self.send(msg.SetDrapes(layers, sketch.frame, sketch.size, sketch.extent, held))
+
     def _schedule(self) -> None:
-        if not self._timer.isActive() and self._processes is not None:
+        if not self._timer.isActive() and self._processes is not None and not self._updates.is_empty:
             left = self._sent_at + _SEND_INTERVAL - time.monotonic()
             self._timer.start(max(round(left * 1e3), 0))
 

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.array_types import StructuredArray
+    from sketchterrain.document.drapes import DrapedLayer
+    from sketchterrain.document.parameters import Properties
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.export.target import ExportOptions
     from sketchterrain.placement.feature_types import Lake, River
@@ -38,7 +40,7 @@ class SketchUpdate:
 
     version: int  # increases; of several pending updates all patches are applied, the newest is placed
     shape: tuple[int, int]  # rows, columns; the layers are cleared where it differs from the previous one
-    settings: Mapping[str, Any]  # every field of the sketch except its layers
+    settings: Mapping[str, Any]  # every field of the sketch except its layers, without draped layers
     layers: Mapping[str, LayerPatch]
 
 
@@ -48,6 +50,20 @@ class UpdatePending:
 
     version: int
     fresh: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class SetDrapes:
+    """The sketch's draped layers, which the placer never receives, and its frame, size and extent (m).
+
+    `held`: layer and feature that are being edited.
+    """
+
+    layers: tuple[DrapedLayer, ...]
+    frame: Properties
+    size: tuple[float, float]
+    extent: float
+    held: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -61,6 +77,7 @@ class ViewState:
     overlays: tuple[str, ...] = ()  # names of `sketchterrain.render.overlays.OVERLAYS`
     plays: bool = True  # whether water, plants and clouds are animated
     refines: bool = True  # whether a view at rest is drawn again at the best quality, unless that is animated
+    drape_method: str = "tiles"  # of drawing draped layers
 
     @property
     def aspect(self) -> float:

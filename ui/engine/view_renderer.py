@@ -15,12 +15,13 @@ from sketchterrain.render.quality import CPU_DRIVERS, Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Weather, find_sun, sun_for_view
 from sketchterrain.render.targets import PictureTarget
-from sketchterrain.ui.engine.protocol import ViewState
+from sketchterrain.ui.engine.protocol import SetDrapes, ViewState
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from sketchterrain.array_types import Bounds
+    from sketchterrain.drape.drapes import Drapes
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.quality import FrameStats
     from sketchterrain.render.scene import TerrainSource
@@ -49,6 +50,9 @@ class ViewRenderer:
         self._refinement: Iterator[None] | None = None
         self._overlay: Overlay | None = None
         self._terrain: TerrainSource | None = None
+        self._drapes: Drapes | None = None  # None before the first draped layer
+        self._held: tuple[int, int] | None = None
+        self._drapes_at: tuple[object, ...] = ()
         self.sun: Sun | None = None  # None before the first terrain
         self._target = PictureTarget(self._context)
 
@@ -68,9 +72,25 @@ class ViewRenderer:
         return "none" if self._renderer is None else self._renderer.stream.memory.kind
 
     def set_view(self, view: ViewState) -> None:
-        if view.quality != self._view.quality:
+        if (view.quality, view.drape_method) != (self._view.quality, self._view.drape_method):
             self.clear()
         self._view = view
+
+    def set_drapes(self, message: SetDrapes) -> None:
+        """Show other draped layers; files that are known are not read again."""
+        at = message.frame, message.size, message.extent
+        if self._drapes is None and not message.layers:
+            return
+        if self._drapes is not None and self._drapes_at == at:
+            self._drapes = self._drapes.updated(message.layers)
+        else:
+            from sketchterrain.drape.drapes import Drapes
+
+            self._drapes, self._drapes_at = Drapes.open(message.layers, *at), at
+        self._held, self._refinement = message.held, None
+        for renderer in (self._renderer, self._still):
+            if renderer is not None:
+                renderer.set_drapes(self._drapes, held=self._held)
 
     def clear(self) -> None:
         """Release the renderer; the next `set_terrain` creates another one."""
@@ -94,7 +114,7 @@ class ViewRenderer:
             self.sun, line = _find_sun(terrain, camera, weather)
             number = self._view.quality
             quality = Quality.for_renderer(self.name) if number is None else Quality.from_level(number)
-            self._renderer = Renderer(self._context, terrain, sun=self.sun, weather=weather, quality=quality)
+            self._renderer = self._open_renderer(terrain, self.sun, weather, quality)
             return line
         line = ""
         self._refinement = None
@@ -110,6 +130,17 @@ class ViewRenderer:
             assert self.sun is not None  # noqa: S101 # set with the renderer
             self._renderer.relight(sun=self.sun, weather=weather)
         return line
+
+    def _open_renderer(
+        self, terrain: TerrainSource, sun: Sun, weather: Weather, quality: Quality
+    ) -> Renderer:
+        method = self._view.drape_method
+        renderer = Renderer(
+            self._context, terrain, sun=sun, weather=weather, quality=quality, drape_method=method
+        )
+        if self._drapes is not None:
+            renderer.set_drapes(self._drapes, held=self._held)
+        return renderer
 
     def draw(
         self, camera: Camera, *, elapsed: float, clock: float, budget: float | None = None
@@ -148,8 +179,7 @@ class ViewRenderer:
         weather = Weather.from_sketch(terrain.sketch)
         size = self._view.width, self._view.height
         if self._still is None:
-            quality = Quality.for_still(size)
-            self._still = Renderer(self._context, terrain, sun=sun, weather=weather, quality=quality)
+            self._still = self._open_renderer(terrain, sun, weather, Quality.for_still(size))
         elif terrain is not self._still_terrain:
             self._still.stream.draws = None  # or its tiles would be rewritten at once, not in parts
             self._still.set_terrain(terrain, self._still_areas)

@@ -40,17 +40,30 @@ def hatch_colour(layer: str) -> QColor:
 @lru_cache(maxsize=512)
 def swatch(layer: str, label: int, size: int, dpr: float = 1.0) -> QPixmap:
     """Return a label's swatch (logical px): its colour and its layer's hatch."""
+    colour = label_colour(layer, label)
+    brushes = QBrush(colour), QBrush(_hatch_image(layer, dpr))
+    return _filled_square(brushes, QPen(colour.darker(160), 1.0), size, dpr)
+
+
+@lru_cache(maxsize=512)
+def colour_swatch(line: str, fill: str, size: int, dpr: float = 1.0) -> QPixmap:
+    """Return the swatch (logical px) of colours of lines and areas, each ``#rrggbb`` or empty."""
+    brushes = (QBrush(QColor(fill)),) if fill else ()
+    return _filled_square(brushes, QPen(QColor(line or fill or "#808080"), 3.0), size, dpr)
+
+
+def _filled_square(brushes: tuple[QBrush, ...], pen: QPen, size: int, dpr: float) -> QPixmap:
     pixmap = QPixmap(round(size * dpr), round(size * dpr))
     pixmap.setDevicePixelRatio(dpr)
     pixmap.fill(Qt.GlobalColor.transparent)
     painter = QPainter(pixmap)
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-    outline = QPainterPath()
-    outline.addRoundedRect(QRectF(0.5, 0.5, size - 1.0, size - 1.0), 0.2 * size, 0.2 * size)
-    colour = label_colour(layer, label)
-    painter.fillPath(outline, colour)
-    painter.fillPath(outline, QBrush(_hatch_image(layer, dpr)))
-    painter.setPen(QPen(colour.darker(160), 1.0))
+    outline, inset = QPainterPath(), 0.5 * pen.widthF()
+    side = size - 2.0 * inset
+    outline.addRoundedRect(QRectF(inset, inset, side, side), 0.2 * size, 0.2 * size)
+    for brush in brushes:
+        painter.fillPath(outline, brush)
+    painter.setPen(pen)
     painter.drawPath(outline)
     painter.end()
     return pixmap

@@ -1,5 +1,7 @@
 """Background work of the window: reading, saving, a queue of replaceable work, autosave, recovery files."""
 
+from __future__ import annotations
+
 import json
 import os
 import secrets
@@ -12,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Condition, Thread
+from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QObject, QTimer, pyqtSignal
 
@@ -21,7 +24,9 @@ from sketchterrain.document.store import pack_sketch, save_sketch
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.io.files import write_atomic
 from sketchterrain.io.system import lock_file
-from sketchterrain.ui.models.document import Document
+
+if TYPE_CHECKING:  # it reads files in the background itself
+    from sketchterrain.ui.models.document import Document
 
 
 def _run(work: Callable[[], object]) -> tuple[object, str]:

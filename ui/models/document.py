@@ -21,6 +21,7 @@ from sketchterrain.document.label_layers import (
 from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
+from sketchterrain.ui.models.drapes import DrapeSources
 
 
 class Draft:
@@ -67,6 +68,7 @@ class Document(QObject):
         self.path: Path | None = None  # None if never saved
         self.draft: Draft | None = None  # the current stroke
         self._saved: object = self.state
+        self.drapes = DrapeSources(self)
         self._labels = LRUCache(len(PAINTED_LAYERS))  # that may occur in an image
 
     @property

@@ -25,9 +25,11 @@ from sketchterrain.ui.commands import (
 )
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.drapes import delete_draped, dragged_feature, refusal
 from sketchterrain.ui.models.vectors import (
     curves_of,
     delete_vector,
+    drag_refusal,
     find_vector,
     network_of,
     node_moved,
@@ -42,11 +44,15 @@ _DECIMALS = 2  # of a dragged width, m
 _TREE_HEIGHT = 20.0  # m that a dense forest counts when compared with mountains
 
 
+OFFSET_ROLES = ("width", "corner", "rotate")
+"""Roles of handles that are shown some px farther from their base."""
+
+
 @dataclass(frozen=True)
 class Handle:
     """A drag handle of a selection, which for a river's control point has its index."""
 
-    role: str  # move, radius, point (of a river or vector) or width
+    role: str  # move, radius, point (of a river or vector), width; corner, rotate (of a draped feature's box)
     selection: Selection
     x: float  # position, m
     y: float
@@ -62,6 +68,15 @@ class Handle:
     def is_live(self) -> bool:
         """Whether the document follows a drag at once: not for vertices of rivers and lakes."""
         return not (self.is_vertex and LAYERS[self.selection.kind].is_painted)
+
+
+def handle_refusal(document: Document, workspace: Workspace, handle: Handle) -> str:
+    """Return why a handle cannot be dragged; empty if it can."""
+    selection = handle.selection
+    if selection.is_draped:
+        return refusal(document, workspace, selection.layer)
+    node = document.sketch, workspace, selection.kind, handle.x, handle.y
+    return drag_refusal(*node) if selection.is_vector else ""
 
 
 def select_at(placed: Placement, x: float, y: float, *, reach: float) -> Selection | None:
@@ -215,6 +230,8 @@ class FeatureDrag:
         self._reach = reach
         self._offset = (0.0, 0.0) if grab is None else (handle.x - grab[0], handle.y - grab[1])
         self._merge = object()
+        self._feature = document.drapes.feature(handle.selection)
+        document.drapes.hold(handle.selection if handle.selection.is_draped else None)
         self.handle = handle
         self.x, self.y = handle.x, handle.y
         self.problem = ""
@@ -244,6 +261,7 @@ class FeatureDrag:
         if not self.handle.is_live and is_moved and self.is_alive:
             self._change(self.x, self.y)
         self._last = None
+        self._document.drapes.hold(None)
 
     def cancel(self) -> None:
         """Revert and end the drag."""
@@ -251,6 +269,7 @@ class FeatureDrag:
             self._do(self._before)
         self.x, self.y = self.handle.x, self.handle.y
         self._last = None
+        self._document.drapes.hold(None)
 
     def _change(self, x: float, y: float) -> None:
         self.problem = ""
@@ -263,6 +282,8 @@ class FeatureDrag:
     def _changed(self, x: float, y: float) -> Sketch:
         before, handle = self._before, self.handle
         kind, name = handle.selection.kind, handle.selection.id
+        if self._feature is not None:
+            return dragged_feature(before, self._feature, handle, x, y)
         if not handle.selection.is_vector:
             return dragged(before, self._placed, handle, x, y)
         if handle.is_vertex:
@@ -303,7 +324,9 @@ reset = _command("Reset", commands.reset)
 
 def delete(document: Document, workspace: Workspace, placed: Placement | None, selection: Selection) -> None:
     """Delete an object and deselect it; of a vector its active vertex if there is one."""
-    if selection.is_vector:
+    if selection.is_draped:
+        delete_draped(document, workspace)
+    elif selection.is_vector:
         delete_vector(document, workspace)
     elif placed is not None:
         document.do(f"Delete {name_of(placed, selection)}", commands.deleted(document.sketch, selection))
@@ -314,7 +337,7 @@ def delete_or_reset(
     document: Document, workspace: Workspace, placed: Placement | None, selection: Selection
 ) -> str:
     """Delete the selection, or reset a river's control point; return why not, or nothing."""
-    if placed is None or selection.index is None or selection.is_vector:
+    if placed is None or selection.index is None or selection.is_vector or selection.is_draped:
         delete(document, workspace, placed, selection)
     elif commands.is_edited(document.sketch, placed, selection):
         document.do("Reset a point of a river", commands.reset(document.sketch, placed, selection))

@@ -344,15 +344,23 @@ class LayerLook:
 
 @dataclass(frozen=True)
 class Selection:
-    """A selected feature, river or lake, by its id in `features.json`, or a vector, by its own."""
+    """A selected feature, river or lake, by its id in `features.json`, or a vector, by its own.
 
-    kind: str  # feature; the kind of the layer of a river (course) or lake (water); a vector's layer
+    Of draped layers it is a feature by its id, or the layer, -1.
+    """
+
+    kind: str  # feature; the kind of the layer of a river (course) or lake (water); a vector's layer; drape
     id: int
     index: int | None = None  # of a river's control point or of a vector's vertex
+    layer: int = -1  # number of a draped layer
 
     @property
     def is_vector(self) -> bool:
         return self.kind in VECTOR_LAYERS
+
+    @property
+    def is_draped(self) -> bool:
+        return self.kind == "drape"
 
 
 class Workspace(QObject):
@@ -374,6 +382,7 @@ class Workspace(QObject):
         self._longer_side = DEFAULT_SIDE
         self._looks = {name: LayerLook() for name in LAYERS}
         self._selection: Selection | None = None
+        self.drape_kind = "line"  # point, line or area, which the line tool draws in a chosen draped layer
         # Visible, changed by `show_overlay` only.
         self.overlays = frozenset({"relief", "pictures", "features", "eye"})
 
@@ -426,12 +435,12 @@ class Workspace(QObject):
         self.brush_changed.emit(self.brush)
 
     def look(self, layer: str) -> LayerLook:
-        return self._looks[layer]
+        return self._looks.get(layer, LayerLook())
 
     def set_look(self, layer: str, **changes: object) -> None:
         """Change fields of a layer's `LayerLook`."""
-        look = replace(self._looks[layer], **changes)  # type: ignore[arg-type] # names are LayerLook's
-        if look != self._looks[layer]:
+        look = replace(self.look(layer), **changes)  # type: ignore[arg-type] # names are LayerLook's
+        if look != self.look(layer):
             self._looks[layer] = look
             self.look_changed.emit(layer)
 

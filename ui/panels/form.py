@@ -5,9 +5,20 @@ from functools import partial
 from itertools import pairwise
 
 from PyQt6.QtCore import QSignalBlocker, pyqtSignal
-from PyQt6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QLineEdit, QToolButton, QWidget
+from PyQt6.QtGui import QColor, QIcon
+from PyQt6.QtWidgets import (
+    QCheckBox,
+    QColorDialog,
+    QComboBox,
+    QGridLayout,
+    QLabel,
+    QLineEdit,
+    QToolButton,
+    QWidget,
+)
 
-from sketchterrain.document.parameters import Parameter, Value
+from sketchterrain.document.parameters import LOOK, Parameter, Value
+from sketchterrain.ui.look.layer_colours import colour_swatch
 from sketchterrain.ui.look.theme import SPACING, column, row, tool_button
 from sketchterrain.ui.panels.controls import (
     SLIDER_STEPS,
@@ -48,7 +59,7 @@ class ParameterRow(QWidget):
         self.reset = self._reset_button() if has_reset else None
         if self.reset is not None:
             self._grid.addWidget(self.reset, 0, 2)
-        if parameter.name != "name":  # the title says it all
+        if parameter.name != "name" and parameter.help:  # else the title says it all
             self._grid.addWidget(faint_label(help_text(parameter)), 2, 0, 1, -1)
         self.setToolTip(tool_tip(parameter))
 
@@ -201,8 +212,8 @@ class ChoiceRow(ParameterRow):
 class TextRow(ParameterRow):
     """A text parameter."""
 
-    def __init__(self, parameter: Parameter, *, title: str = "") -> None:
-        super().__init__(parameter, title=title)
+    def __init__(self, parameter: Parameter, *, title: str = "", has_reset: bool = True) -> None:
+        super().__init__(parameter, title=title, has_reset=has_reset)
         self.field = QLineEdit()
         self.field.setMaxLength(int(parameter.high))
         self.field.editingFinished.connect(self._report)
@@ -221,7 +232,28 @@ class TextRow(ParameterRow):
             self.edited.emit(self.field.text(), object())
 
 
+class ColourRow(TextRow):
+    """A colour as text, or chosen from all of them."""
+
+    def __init__(self, parameter: Parameter, *, title: str = "") -> None:
+        super().__init__(parameter, title=title)
+        self.button = tool_button("pick", f"Choose {self.title.lower()}", tip="Choose a colour")
+        self.button.clicked.connect(self._choose)
+        self._grid.addWidget(self.button, 0, 1)
+
+    def show_value(self, value: Value) -> None:
+        super().show_value(value)
+        self.button.setIcon(QIcon(colour_swatch("", str(value), 16)))
+
+    def _choose(self) -> None:
+        colour = QColorDialog.getColor(QColor(self._text or "#808080"), self, self.title)
+        if colour.isValid():
+            self.edited.emit(colour.name(), object())
+
+
 def _row_class(parameter: Parameter) -> type[CheckRow | ChoiceRow | TextRow | NumberRow]:
+    if parameter.form == LOOK["colour"].form:
+        return ColourRow
     if parameter.kind is int and (parameter.low, parameter.high) == (0, 1):
         return CheckRow
     return ChoiceRow if parameter.choices else TextRow if parameter.kind is str else NumberRow

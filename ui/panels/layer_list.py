@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from PyQt6.QtCore import QModelIndex, QPoint, QPointF, QRect, QRectF, QSignalBlocker, QSize, Qt, pyqtSignal
-from PyQt6.QtGui import QColor, QKeyEvent, QMouseEvent, QPainter, QPalette
+from PyQt6.QtGui import QColor, QDropEvent, QKeyEvent, QMouseEvent, QPainter, QPalette
 from PyQt6.QtWidgets import (
     QAbstractItemView,
     QFrame,
@@ -18,7 +18,7 @@ from PyQt6.QtWidgets import (
 
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.ui.actions import ShortcutOverride
-from sketchterrain.ui.look.layer_colours import swatch
+from sketchterrain.ui.look.layer_colours import colour_swatch, swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, draw_icon, tabular
 from sketchterrain.ui.panels.controls import draw_band, small
 
@@ -29,6 +29,7 @@ _LABEL: Final = Qt.ItemDataRole.UserRole
 _DETAIL: Final = Qt.ItemDataRole.UserRole + 1  # of the name: the second line
 _STATE: Final = Qt.ItemDataRole.UserRole + 2
 """Of the eye and the lock: whether the layer is visible or locked; None for no symbol."""
+_COLOURS: Final = Qt.ItemDataRole.UserRole + 3  # of the name: those of a draped layer
 _SWATCH: Final = 24
 _HEIGHT: Final = 34
 _ICON: Final = 17
@@ -70,7 +71,9 @@ class _RowDelegate(QStyledItemDelegate):
         top = option.rect.center().y() - _SWATCH // 2 + 1
         device = painter.device()
         dpr = 1.0 if device is None else device.devicePixelRatioF()
-        painter.drawPixmap(QPointF(left, top), swatch(layer, label, _SWATCH, dpr))
+        colours = index.data(_COLOURS)
+        own = colour_swatch(*colours, _SWATCH, dpr) if colours else swatch(layer, label, _SWATCH, dpr)
+        painter.drawPixmap(QPointF(left, top), own)
         room = QRect(option.rect)
         room.setLeft(left + _SWATCH + SPACING + 2)
         half = room.height() // 2
@@ -97,7 +100,10 @@ def _draw_symbol(painter: QPainter, cell: QRect, index: QModelIndex, text: QColo
 
 
 class Row(NamedTuple):
-    """A label of a layer; the layer's state is shown in the row of its first label only."""
+    """A label of a layer; the layer's state is shown in the row of its first label only.
+
+    A draped layer is its number, and has colours of its own.
+    """
 
     layer: str
     label: int
@@ -105,6 +111,7 @@ class Row(NamedTuple):
     detail: str
     visible: bool | None
     locked: bool | None
+    colours: tuple[str, str] | None = None  # of lines and areas
 
 
 class LayerList(QTreeWidget):
@@ -116,9 +123,12 @@ class LayerList(QTreeWidget):
     lock_clicked = pyqtSignal(str)
     delete_requested = pyqtSignal()
     menu_requested = pyqtSignal(QPoint)  # a place on the screen
+    moved = pyqtSignal(int, int)  # a row, and that before which it was dropped
 
-    def __init__(self) -> None:
+    def __init__(self, *, can_move: bool = False) -> None:
         super().__init__()
+        if can_move:
+            self.setDragDropMode(QAbstractItemView.DragDropMode.InternalMove)
         self.rows: tuple[Row, ...] = ()
         self.setColumnCount(3)
         self.setHeaderHidden(True)
@@ -146,7 +156,7 @@ class LayerList(QTreeWidget):
         self.customContextMenuRequested.connect(self._request_menu)
 
     def show_rows(self, rows: Sequence[Row], current: int) -> None:
-        """Show rows without emitting a signal; `current` is the selected one."""
+        """Show rows without emitting a signal; `current` is the selected one, -1 none."""
         with QSignalBlocker(self):
             while self.topLevelItemCount() > len(rows):
                 self.takeTopLevelItem(self.topLevelItemCount() - 1)
@@ -158,7 +168,7 @@ class LayerList(QTreeWidget):
                     _fill(item, row)
             self.rows = tuple(rows)
             item = self.topLevelItem(current)
-            if item is not None and item is not self.currentItem():
+            if item is not self.currentItem():
                 self.setCurrentItem(item)
                 self.scrollToItem(item)
 
@@ -182,6 +192,17 @@ class LayerList(QTreeWidget):
             return
         row = self.rows[index.row()]
         (self.eye_clicked if index.column() == EYE else self.lock_clicked).emit(row.layer)
+
+    def dropEvent(self, event: QDropEvent | None) -> None:
+        """Report where a row was dropped; the rows follow from the sketch."""
+        if event is None or event.source() is not self:
+            return
+        index = self.indexAt(event.position().toPoint())
+        below = self.dropIndicatorPosition() == QAbstractItemView.DropIndicatorPosition.BelowItem
+        to = index.row() + below if index.isValid() else len(self.rows)
+        event.setDropAction(Qt.DropAction.IgnoreAction)
+        event.accept()
+        self.moved.emit(self.indexOfTopLevelItem(self.currentItem()), to)
 
     def sizeHint(self) -> QSize:
         return QSize(280, _HEIGHT * len(LAYERS) + 4)
@@ -210,10 +231,12 @@ def _fill(item: QTreeWidgetItem, row: Row) -> None:
     item.setText(NAME, row.title)
     item.setData(NAME, _LABEL, (row.layer, row.label, row.visible is not None))
     item.setData(NAME, _DETAIL, row.detail)
+    item.setData(NAME, _COLOURS, row.colours)
     item.setData(NAME, Qt.ItemDataRole.AccessibleTextRole, f"{row.title}, {row.detail}")
     item.setToolTip(NAME, f"{row.title}: {row.detail}")
     for column, on, verbs in ((EYE, row.visible, ("Show", "Hide")), (LOCK, row.locked, ("Lock", "Unlock"))):
-        text = "" if on is None else f"{verbs[on]} {LAYERS[row.layer].title.lower()}"
+        title = row.title if row.colours else LAYERS[row.layer].title.lower()
+        text = "" if on is None else f"{verbs[on]} {title}"
         item.setData(column, _STATE, on)
         item.setToolTip(column, text)
         item.setData(column, Qt.ItemDataRole.AccessibleTextRole, text)

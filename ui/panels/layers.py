@@ -16,6 +16,7 @@ from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, describe
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.controls import SLIDER_STEPS, label_title, number, slider, with_unit
+from sketchterrain.ui.panels.drapes import DrapeList
 from sketchterrain.ui.panels.layer_list import LayerList, Row
 
 _SLICE = 1 << 20  # px: a few ms
@@ -90,6 +91,7 @@ class LayersPanel(QWidget):
     def __init__(self, document: Document, workspace: Workspace) -> None:
         super().__init__()
         self._document, self._workspace = document, workspace
+        self.drapes = DrapeList(document, workspace)
         self._areas: dict[str, dict[int, int]] = {name: {} for name in LAYERS}
         self._last_label = dict.fromkeys(LAYERS, 1)
         self.list = LayerList()
@@ -107,7 +109,8 @@ class LayersPanel(QWidget):
         buttons = row(None, self.add, self.remove, self.clear, spacing=0)
         items = (title, (self.opacity, 1), self._percent, buttons)
         bottom = row(None, *items, margins=(MARGIN, SMALL, SPACING, SMALL))
-        column(self, (self.list, 1), bottom, margins=(SMALL, SMALL, SMALL, 0), spacing=0)
+        parts = (self.list, 3), bottom, (self.drapes, 2)
+        column(self, *parts, margins=(SMALL, SMALL, SMALL, 0), spacing=0)
         self._counter = LabelAreaCounter(self)
         self._connect()
         self._counter.count(document.sketch.layers)
@@ -139,6 +142,12 @@ class LayersPanel(QWidget):
             self.message.emit(f"No {LAYERS[layer].title.lower()} are painted or drawn")
         elif self._check_unlocked(layer):
             self._document.do(f"Clear {LAYERS[layer].title.lower()}", changed)
+
+    def _use_label(self, layer: str, label: int) -> None:
+        selection = self._workspace.selection
+        if selection is not None and selection.is_draped:
+            self._workspace.selection = None
+        self._workspace.use_label(layer, label)
 
     def use_layer(self, layer: str) -> None:
         """Activate a layer, with its last label."""
@@ -202,7 +211,7 @@ class LayersPanel(QWidget):
 
     def _connect(self) -> None:
         workspace = self._workspace
-        self.list.label_activated.connect(workspace.use_label)
+        self.list.label_activated.connect(self._use_label)
         self.list.layer_activated.connect(self.use_layer)
         self.list.eye_clicked.connect(self._toggle_visible)
         self.list.lock_clicked.connect(self._toggle_locked)

@@ -29,6 +29,7 @@ from sketchterrain.ui.panels.controls import (
     number,
     title_from_key,
 )
+from sketchterrain.ui.panels.drapes import DrapedFeaturePage, DrapePage
 from sketchterrain.ui.panels.form import NumberRow, ParameterForm
 from sketchterrain.ui.panels.vector_page import VectorPage
 
@@ -294,7 +295,8 @@ class SelectionPage(QWidget):
         self.refresh()
 
     def refresh(self, *_: object) -> None:
-        if self._workspace.selection is None or self._workspace.selection.is_vector:
+        selection = self._workspace.selection
+        if selection is None or selection.is_vector or selection.is_draped:
             return
         placed, selection = self._link.placed, self._existing_selection()
         for kind, form in self.forms.items():
@@ -347,11 +349,14 @@ class PropertiesPanel(ScrollingPanel):
         self._workspace = workspace
         self.selection_page = SelectionPage(document, workspace, link)
         self.vector_page = VectorPage(document, workspace)
+        self.drape_page = DrapePage(document, workspace)
+        self.draped_feature_page = DrapedFeaturePage(document, workspace)
         self.label_page = LabelPage(document, workspace)
         self.back = QPushButton()
         self.back.setToolTip("Clear the selection and show the active label")
         self.back.clicked.connect(self._clear_selection)
-        self.add(self.selection_page, self.vector_page, self.back, self.label_page)
+        drapes = self.drape_page, self.draped_feature_page
+        self.add(self.selection_page, self.vector_page, *drapes, self.back, self.label_page)
         workspace.selection_changed.connect(self._refresh)
         workspace.label_changed.connect(self._refresh)
         self._refresh()
@@ -359,8 +364,12 @@ class PropertiesPanel(ScrollingPanel):
     def _refresh(self) -> None:
         selection = self._workspace.selection
         is_selected, is_vector = selection is not None, selection is not None and selection.is_vector
-        self.selection_page.setVisible(is_selected and not is_vector)
+        is_draped = selection is not None and selection.is_draped
+        is_layer = selection is not None and selection.id < 0
+        self.selection_page.setVisible(is_selected and not (is_vector or is_draped))
         self.vector_page.setVisible(is_vector)
+        self.drape_page.setVisible(is_draped and is_layer)
+        self.draped_feature_page.setVisible(is_draped and not is_layer)
         self.back.setVisible(is_selected)
         self.label_page.setVisible(not is_selected)
         title = f"Back to {label_title(self._workspace.layer, self._workspace.label).lower()}"

@@ -273,7 +273,7 @@ def motion_to(
 ) -> GoTo | None:
     """Return the motion that shows the selection; None without one or if it no longer exists."""
     if vector is not None:
-        return _show_line(np.concatenate(vector.rings), size)
+        return show_line(np.concatenate(vector.rings), size)
     if placed is None or selection is None:
         return None
     find = (placed, selection)
@@ -285,14 +285,14 @@ def motion_to(
         if selection.index is not None and selection.index < len(line):
             x, y = line[selection.index].tolist()
             return _go_to(x, y, 8.0 * float(river.width[selection.index]))
-        return _show_line(line, size)
+        return show_line(line, size)
     if lake is not None:
         x, y = lake_centre(lake).tolist()
         return _go_to(x, y, lake.shape.spacing * max(lake.shape.inside.shape))
     return None
 
 
-def _show_line(line: Float64Array, size: tuple[float, float]) -> GoTo:
+def show_line(line: Float64Array, size: tuple[float, float]) -> GoTo:
     """Return the motion that shows a line (n, 2), or its part in the sketch if there is one."""
     inside = ((line >= 0.0) & (line <= np.array(size))).all(axis=1)
     line = line[inside] if inside.any() else line

@@ -13,7 +13,7 @@ from sketchterrain.placement.feature_types import FEATURE_TYPES, River
 from sketchterrain.ui.canvas.marks import shore_lines
 from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
-from sketchterrain.ui.models.selection import Handle, handles_of, vector_handles
+from sketchterrain.ui.models.selection import OFFSET_ROLES, Handle, handles_of, vector_handles
 from sketchterrain.ui.models.vectors import Curves, curves_of, find_vector, network_of, with_moved_node
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, circle
@@ -92,6 +92,8 @@ class MarkBuilder:
     selection: Selection | None
     drag: Drag | None = None
     sketch: Sketch | None = None  # of vectors
+    outlines: tuple[Float64Array, ...] = ()  # of the selected draped feature, (n, 2) m
+    draped: tuple[Handle, ...] = ()  # its handles
 
     def marks(self, *, all_features: bool) -> Marks:
         """Return the marks of all features, or of the selection only."""
@@ -136,6 +138,8 @@ class MarkBuilder:
     def _outline(self) -> tuple[Segments, ...]:
         if self.selection is None:
             return ()
+        if self.outlines:
+            return tuple(self._segments(self.terrain.drape(line)) for line in self.outlines)
         if self.sketch is not None and find_vector(self.sketch, self.selection) is not None:
             return self._vector(self.sketch, self.selection)
         find = (self.placed, self.selection)
@@ -194,7 +198,7 @@ class MarkBuilder:
         return Segments(pixels, (hidden[:-1] & hidden[1:])[visible])
 
     def _handles(self) -> tuple[HandleMark, ...]:
-        handles = handles_of(self.placed, self.selection)
+        handles = self.draped or handles_of(self.placed, self.selection)
         if self.sketch is not None and not handles:
             handles = vector_handles(self.sketch, self.selection)
         if not handles:
@@ -215,7 +219,7 @@ class MarkBuilder:
                     continue
                 last = pixel
             base_pixel = base.pixels[i] if base.in_front[i] else pixel
-            if handle.role == "width":
+            if handle.role in OFFSET_ROLES:
                 arm = pixel - base_pixel
                 pixel = pixel + arm * _WIDTH_ARM / max(float(np.hypot(*arm)), 1e-6)
             (x, y), (base_x, base_y), z = pixel.tolist(), base_pixel.tolist(), float(places[i, 2])

@@ -13,6 +13,7 @@ from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.look.layer_colours import layer_glyph
 from sketchterrain.ui.look.theme import DARK, theme
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.drapes import draped_handles, outlines_of
 from sketchterrain.ui.models.selection import Handle
 from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, eye_height_text, length_text, scale_bar
@@ -160,13 +161,19 @@ class Scene:
         inputs = (link.frame, link.placed, link.relief, workspace.selection, self.drag)
         sketch = None if self._document is None else self._document.sketch
         vectors = () if sketch is None else tuple(sketch.vectors.values())
-        key = (*inputs, *vectors, all_features, width, height)
+        drapes = None if self._document is None else self._document.drapes
+        key = (*inputs, *vectors, drapes and drapes.current, all_features, width, height)
         if key != self._marks_key:
             self._marks_key = key
             projection, terrain, placed = self.projection(width, height), self.terrain(), link.placed
             self._marks = Marks()
             if projection is not None and terrain is not None and placed is not None:
-                builder = MarkBuilder(projection, terrain, placed, workspace.selection, self.drag, sketch)
+                selection, drag = workspace.selection, self.drag
+                draped = (), ()
+                if self._document is not None and selection is not None and selection.is_draped:
+                    draped = outlines_of(self._document, selection), draped_handles(self._document, selection)
+                    drag = None  # the document follows at once
+                builder = MarkBuilder(projection, terrain, placed, selection, drag, sketch, *draped)
                 self._marks = builder.marks(all_features=all_features)
         return self._marks
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
 from PyQt6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt
 from PyQt6.QtGui import QFocusEvent, QHideEvent, QKeyEvent, QPainter, QPaintEvent, QResizeEvent, QShowEvent
 from PyQt6.QtWidgets import QSizePolicy, QWidget
@@ -14,10 +15,11 @@ from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import MODES, ErrorReport, Look
 from sketchterrain.ui.look.theme import active_theme, draw_focus
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.drapes import outlines_of
 from sketchterrain.ui.models.selection import delete_or_reset
 from sketchterrain.ui.models.vectors import find_vector
 from sketchterrain.ui.models.workspace import Workspace
-from sketchterrain.ui.view3d.camera import FLYING_KEYS, FlightKeys, motion_to, overview
+from sketchterrain.ui.view3d.camera import FLYING_KEYS, FlightKeys, motion_to, overview, show_line
 from sketchterrain.ui.view3d.hud import Hud
 from sketchterrain.ui.view3d.mouse import ViewMouse
 from sketchterrain.ui.view3d.scene import Scene
@@ -140,6 +142,7 @@ class View3D(QWidget):
             signal.connect(self._refresh)
         if document is not None:
             document.sketch_changed.connect(self._refresh)
+            document.drapes.changed.connect(self._refresh)
         self.hovered, self.message = self._mouse.terrain_hovered, self._mouse.message
         self.bar = self._hud.bar
         self.picture_requested = self.bar.picture_requested
@@ -167,6 +170,9 @@ class View3D(QWidget):
         area, selection = self._link.area(), self._workspace.selection
         vector = None if self._document is None else find_vector(self._document.sketch, selection)
         motion = None if area is None else motion_to(self._link.placed, selection, vector, size=area[0][2:])
+        if area is not None and self._document is not None and selection is not None and selection.is_draped:
+            lines = outlines_of(self._document, selection)
+            motion = show_line(np.concatenate(lines), area[0][2:]) if lines else None
         if motion is None:
             self.see_all()
         else:

@@ -1,0 +1,344 @@
+"""Draped layers: their list, and pages with the style of a layer and the properties of a feature."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Final
+
+from PyQt6.QtCore import QSignalBlocker, QSize, pyqtSignal
+from PyQt6.QtGui import QIcon
+from PyQt6.QtWidgets import QComboBox, QLabel, QPushButton, QVBoxLayout, QWidget
+
+from sketchterrain.document.drapes import DRAPE, STYLE, DrapeClass, DrapedLayer
+from sketchterrain.document.parameters import Parameter, Value
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.ui.actions import ContextMenu
+from sketchterrain.ui.look.layer_colours import colour_swatch
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, row, tool_button
+from sketchterrain.ui.models import drapes as model
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import Selection, Workspace
+from sketchterrain.ui.panels.controls import CollapsibleGroup, PageHead, faint_label, heading, scroll_past
+from sketchterrain.ui.panels.form import ParameterForm, TextRow
+from sketchterrain.ui.panels.layer_list import LayerList, Row
+
+_OF_LAYER: Final = ("opacity", "blend", "finest", "coarsest", "title", "table", "band", "crs")
+_NONE: Final = "Vectors and rasters shown on the terrain, which do not change it."
+_OTHERS: Final = "All other features"
+_LONGEST: Final = 10_000  # characters of a property
+
+
+class DrapeList(QWidget):
+    """The draped layers, the highest on top, with commands for the chosen one."""
+
+    message = pyqtSignal(str)
+    add_requested = pyqtSignal()
+    save_requested = pyqtSignal(int, bool)  # a layer, and whether under another name
+    zoom_requested = pyqtSignal(int)
+
+    def __init__(self, document: Document, workspace: Workspace) -> None:
+        super().__init__()
+        self._document, self._workspace = document, workspace
+        self.list = LayerList(can_move=True)
+        self.list.setAccessibleName("Draped layers")
+        self.list.setToolTip("Draped layers, the highest on top. Space shows or hides one, Del removes it")
+        self.list.setMinimumHeight(80)
+        self.buttons = {
+            "add": tool_button("add", "Add draped layers", tip="Show vectors or rasters on the terrain"),
+            "raise": tool_button("up", "Raise", tip="Draw it over the next layer"),
+            "lower": tool_button("down", "Lower", tip="Draw it beneath the next layer"),
+            "zoom": tool_button("fit", "Zoom to the layer", tip="Show all of it"),
+            "remove": tool_button("delete", "Remove", tip="Remove it from the sketch; its file stays"),
+        }
+        commands = (
+            lambda _: self.add_requested.emit(),
+            lambda _: self._move(1),
+            lambda _: self._move(-1),
+            lambda _: self.zoom_requested.emit(self._chosen),
+            lambda _: self._remove(),
+        )
+        for button, command in zip(self.buttons.values(), commands, strict=True):
+            button.clicked.connect(command)
+        self.text = faint_label(_NONE)
+        line = row(None, (heading("Draped layers"), 1), *self.buttons.values(), spacing=0)
+        line.setContentsMargins(SPACING, SMALL, SPACING, 0)
+        column(self, line, self.text, (self.list, 1), spacing=0)
+        self.list.label_activated.connect(lambda name, _: self._choose(int(name)))
+        self.list.eye_clicked.connect(lambda name: self._toggle_visible(int(name)))
+        self.list.lock_clicked.connect(lambda name: self._toggle_locked(int(name)))
+        self.list.delete_requested.connect(self._remove)
+        self.list.menu_requested.connect(lambda place: self.menu().popup(place))
+        self.list.moved.connect(self._drop)
+        for signal in (document.sketch_changed, document.drapes.changed, workspace.look_changed):
+            signal.connect(self.refresh)
+        workspace.selection_changed.connect(self.refresh)
+        self.refresh()
+
+    @property
+    def _chosen(self) -> int:
+        """The number of the chosen layer, or that of the selected feature; -1 without one."""
+        selection = self._workspace.selection
+        number = -1 if selection is None or not selection.is_draped else selection.layer
+        return number if number < len(self._document.sketch.drapes) else -1
+
+    def refresh(self, *_: object) -> None:
+        layers, chosen = self._document.sketch.drapes, self._chosen
+        rows = [self._row(number, layer) for number, layer in enumerate(layers)][::-1]
+        self.list.show_rows(rows, len(rows) - 1 - chosen if chosen >= 0 else -1)
+        self.list.setVisible(bool(rows))
+        self.text.setVisible(not rows)
+        for name, button in self.buttons.items():
+            button.setVisible(bool(rows) or name == "add")
+            button.setEnabled(chosen >= 0 or name == "add")
+
+    def menu(self) -> ContextMenu:
+        menu, number, document = ContextMenu(self), self._chosen, self._document
+        if number < 0:
+            menu.add_command("add", "&Add draped layers", self.add_requested.emit)
+            return menu
+        for kind in ("point", "line", "area"):
+            draw = menu.add_command("line", f"Draw {kind}s", partial(self._draw, kind))
+            draw.setEnabled(not model.refusal(document, self._workspace, number))
+        menu.addSeparator()
+        for text, other in (("&Save layer", False), ("Save layer &as…", True)):
+            save = menu.add_command("save", text, partial(self.save_requested.emit, number, other))
+            save.setEnabled(model.is_vector(document, number) and (other or bool(self._layer(number).edits)))
+        update = partial(model.update_file, document, number)
+        menu.add_command("restart", "&Update", partial(self._try, update))
+        menu.add_command("fit", "&Zoom to the layer", partial(self.zoom_requested.emit, number))
+        menu.add_command("delete", "&Remove", self._remove)
+        return menu
+
+    def sizeHint(self) -> QSize:
+        return QSize(300, 200)
+
+    def _layer(self, number: int) -> DrapedLayer:
+        return self._document.sketch.drapes[number]
+
+    def _row(self, number: int, layer: DrapedLayer) -> Row:
+        current = self._document.drapes.current
+        parts = [one_line(layer.path).replace("\\", "/").rpartition("/")[2]]
+        if current is None or number >= len(current.layers) or current.layers[number] != layer:
+            parts.append("reading …")
+        elif current.sources[number] is None:
+            parts.append("not readable")
+        parts += [f"{len(layer.edits)} edited"] if layer.edits else []
+        is_raster = len(parts) == 1 and not model.is_vector(self._document, number)
+        colours = ("#808080", "#b0b0b0") if is_raster else (layer.style["colour"], layer.style["fill"])
+        locked = self._workspace.look(model.look_key(layer)).locked
+        return Row(str(number), 0, layer.title, " · ".join(parts), layer["visible"] == 1, locked, colours)
+
+    def _choose(self, number: int) -> None:
+        self._workspace.selection = Selection("drape", -1, layer=number)
+
+    def _toggle_visible(self, number: int) -> None:
+        shown = self._layer(number)["visible"]
+        model.change_drape(self._document, number, "Hide" if shown else "Show", visible=1 - shown)
+
+    def _toggle_locked(self, number: int) -> None:
+        key = model.look_key(self._layer(number))
+        self._workspace.set_look(key, locked=not self._workspace.look(key).locked)
+
+    def _move(self, by: int) -> None:
+        model.move_drape(self._document, self._workspace, self._chosen, self._chosen + by)
+
+    def _drop(self, start: int, before: int) -> None:
+        """Move the layer of a row before another row; rows run from the highest layer to the lowest."""
+        last = len(self.list.rows) - 1
+        model.move_drape(self._document, self._workspace, last - start, last - (before - (before > start)))
+
+    def _remove(self) -> None:
+        if self._chosen >= 0:
+            model.remove_drape(self._document, self._workspace, self._chosen)
+
+    def _draw(self, kind: str) -> None:
+        self._workspace.drape_kind = kind
+        self._choose(self._chosen)
+        self._workspace.tool = "line"
+
+    def _try(self, change: Callable[[], None]) -> None:
+        try:
+            change()
+        except InputError as error:
+            self.message.emit(str(error))
+
+
+class DrapePage(QWidget):
+    """Settings of the chosen layer, and the style of its features or of a class of them."""
+
+    message = pyqtSignal(str)
+
+    def __init__(self, document: Document, workspace: Workspace) -> None:
+        super().__init__()
+        self._document, self._workspace = document, workspace
+        self._number, self._index = -1, -1  # of the layer, and of the class, -1 for all others
+        self._head = PageHead()
+        self.layer_form = ParameterForm(DRAPE[name] for name in _OF_LAYER)
+        self.style_form = ParameterForm(STYLE.values())
+        self.by = described(scroll_past(QComboBox()), "Property", "Its values make classes of features")
+        tip = "Make a class of each value of the property, in a colour of its own"
+        self.classify = described(QPushButton("Classif&y"), "Classify", tip)
+        self.classes = described(scroll_past(QComboBox()), "Class", "The features whose style is below")
+        self.add = tool_button("add", "New class", tip="Style features with another value differently")
+        self.remove = tool_button("delete", "Remove class", tip="Style its features as all others")
+        self.value = TextRow(Parameter("value", str, "", 0, 200, "", "of the property"), has_reset=False)
+        by = row(None, QLabel("Classes by"), (self.by, 1), self.classify, spacing=SMALL)
+        classes = row(None, (self.classes, 1), self.add, self.remove, spacing=SMALL)
+        styles = QWidget()
+        column(styles, by, classes, self.value, self.style_form, spacing=SPACING)
+        groups = CollapsibleGroup("Style", styles), CollapsibleGroup("Layer", self.layer_form, is_open=False)
+        column(self, self._head, *groups, spacing=MARGIN)
+        self.layer_form.edited.connect(self._set)
+        self.layer_form.reset_requested.connect(lambda name: self._set(name, DRAPE[name].default))
+        self.style_form.edited.connect(self._set_style)
+        self.style_form.reset_requested.connect(self._reset_style)
+        self.value.edited.connect(lambda value, _: self._set_classes(self._index, str(value)))
+        self.classify.clicked.connect(self._classify)
+        self.by.activated.connect(lambda _: self._set("by", self.by.currentText()))
+        self.classes.activated.connect(lambda at: self._show_class(at - 1))
+        self.add.clicked.connect(lambda: self._set_classes(len(self._layer.classes), "new"))
+        self.remove.clicked.connect(lambda: self._set_classes(self._index, None))
+        for signal in (document.sketch_changed, document.drapes.changed, workspace.selection_changed):
+            signal.connect(self.refresh)
+        self.refresh()
+
+    @property
+    def _layer(self) -> DrapedLayer:
+        return self._document.sketch.drapes[self._number]
+
+    def refresh(self, *_: object) -> None:
+        selection, layers = self._workspace.selection, self._document.sketch.drapes
+        number = -1 if selection is None or selection.id >= 0 or not selection.is_draped else selection.layer
+        if number != self._number:
+            self.layer_form.finish()
+            self.style_form.finish()
+            self._number, self._index = number, -1
+        if not 0 <= number < len(layers):
+            self._number = -1
+            return
+        layer = self._layer
+        self._head.show_text(layer.title, one_line(layer.path))
+        self.layer_form.show_values(layer.values)
+        names = model.property_names(self._document, number)
+        with QSignalBlocker(self.by):
+            self.by.clear()
+            self.by.addItems(dict.fromkeys(["", *names, *([layer["by"]] if layer["by"] else [])]))
+            self.by.setCurrentText(layer["by"])
+        self.classify.setEnabled(bool(layer["by"]))
+        self._show_class(min(self._index, len(layer.classes) - 1))
+
+    def _show_class(self, index: int) -> None:
+        self._index, layer = index, self._layer
+        self.classes.clear()
+        for at in range(-1, len(layer.classes)):
+            style = layer.style_of(at)
+            title = _OTHERS if at < 0 else layer.classes[at].value or "(empty)"
+            self.classes.addItem(QIcon(colour_swatch(style["colour"], style["fill"], 16)), title)
+        self.classes.setCurrentIndex(index + 1)
+        for widget in (self.remove, self.value):
+            widget.setVisible(index >= 0)
+        self.add.setEnabled(bool(layer["by"]))
+        own = layer.style if index < 0 else layer.classes[index].style
+        if index >= 0:
+            self.value.show_value(layer.classes[index].value)
+        self.style_form.show_values(layer.style_of(index))
+        for name, field in self.style_form.rows.items():
+            if field.reset is not None:
+                field.reset.setVisible(name in own if index >= 0 else own[name] != STYLE[name].default)
+
+    def _set(self, name: str, value: Value, key: object = None) -> None:
+        title = f"Set {name.replace('_', ' ')} of"
+        self._try(
+            partial(model.change_drape, self._document, self._number, title, merge=key, **{name: value})
+        )
+
+    def _set_style(self, name: str, value: Value | None, key: object = None) -> None:
+        where = (self._document, self._number, self._index, name, value)
+        self._try(partial(model.set_class_style, *where, merge=key))
+
+    def _reset_style(self, name: str) -> None:
+        self._set_style(name, STYLE[name].default if self._index < 0 else None)
+
+    def _classify(self) -> None:
+        self._try(partial(model.classify, self._document, self._number, self._layer["by"]))
+
+    def _set_classes(self, index: int, value: str | None) -> None:
+        """Set the value of a class, add one after the last, or remove one."""
+        classes = list(self._layer.classes)
+        known = [each.style for each in classes[index : index + 1]]
+        style = known[0] if known else {"colour": model.distinct_colour(index)}
+        classes[index : index + 1] = [] if value is None else [DrapeClass(value, style)]
+        self._index = min(index, len(classes) - 1)
+        change = partial(model.change_drape, self._document, self._number, "Set classes of")
+        self._try(partial(change, classes=tuple(classes)))
+
+    def _try(self, change: Callable[[], None]) -> None:
+        if self._number >= 0:
+            try:
+                change()
+            except InputError as error:
+                self.message.emit(str(error))
+                self.refresh()
+
+
+class DrapedFeaturePage(QWidget):
+    """Properties of the selected draped feature: a text a value, which keeps its type."""
+
+    message = pyqtSignal(str)
+
+    def __init__(self, document: Document, workspace: Workspace) -> None:
+        super().__init__()
+        self._document, self._workspace = document, workspace
+        self._shown: tuple[Selection | None, tuple[str, ...]] = (None, ())
+        self._head = PageHead()
+        self.rows: dict[str, TextRow] = {}
+        self._fields = QWidget()
+        self._column: QVBoxLayout = column(self._fields, spacing=SMALL)
+        column(self, self._head, self._fields, spacing=MARGIN)
+        for signal in (document.drapes.changed, workspace.selection_changed, workspace.look_changed):
+            signal.connect(self.refresh)
+        self.refresh()
+
+    def refresh(self, *_: object) -> None:
+        selection = self._workspace.selection
+        if selection is None or not selection.is_draped or selection.id < 0:
+            return
+        feature = self._document.drapes.feature(selection)
+        if feature is None:
+            self._head.show_text("Gone", "The selection no longer exists.")
+            self._fields.hide()
+            return
+        layer = self._document.sketch.drapes[selection.layer]
+        kind, size = model.kind_and_size(feature)
+        self._head.show_text(f"{kind} {feature.id} of {layer.title}", size)
+        whole = Selection("drape", selection.id, layer=selection.layer)
+        if self._shown != (whole, tuple(feature.properties)):
+            self._shown = whole, tuple(feature.properties)
+            self._fill(tuple(feature.properties))
+        for name, value in feature.properties.items():
+            self.rows[name].show_value("" if value is None else str(value))
+        refusal = model.refusal(self._document, self._workspace, selection.layer)
+        self._fields.setEnabled(not refusal)
+        self._fields.setToolTip(refusal)
+        self._fields.show()
+
+    def _fill(self, names: tuple[str, ...]) -> None:
+        while (item := self._column.takeAt(0)) is not None:
+            if (widget := item.widget()) is not None:
+                widget.deleteLater()
+        self.rows = {}
+        for name in names:
+            field = TextRow(Parameter(name, str, "", 0, _LONGEST, "", ""), title=name, has_reset=False)
+            field.edited.connect(partial(self._set, name))
+            self.rows[name] = field
+            self._column.addWidget(field)
+
+    def _set(self, name: str, text: object, _: object) -> None:
+        selection = self._workspace.selection
+        if selection is not None:
+            try:
+                model.set_property(self._document, self._workspace, selection, name, str(text))
+            except InputError as error:
+                self.message.emit(str(error))
+                self.refresh()

@@ -10,19 +10,21 @@ import moderngl
 
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import Camera
+from sketchterrain.render.draped_buffer import DrapedBuffer
 from sketchterrain.render.draped_geometry import DrapedGeometry, Held
+from sketchterrain.render.draped_two_step import TwoStepDraping
 from sketchterrain.render.ground_stream import TerrainStream
+from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.targets import RenderTargets
 
 if TYPE_CHECKING:
     from sketchterrain.drape.drapes import Drapes
 
-METHODS: Final = ("auto", "tiles", "geometry")
+METHODS: Final = ("auto", "tiles", "two-step", "geometry")
 FADE: Final = (
     0.2  # s in which a feature that is taken hold of, or released, changes from one method to another
 )
-_SAMPLES: Final = 4  # of the buffer, a pixel
 
 
 def check_method(method: str) -> None:
@@ -45,33 +47,45 @@ class DrapedScreen:
     """
 
     def __init__(
-        self, context: moderngl.Context, stream: TerrainStream, quality: Quality, method: str
+        self,
+        context: moderngl.Context,
+        stream: TerrainStream,
+        lit: GroundLighting,
+        quality: Quality,
+        method: str,
     ) -> None:
         self.method = choose(method)
         self.painted: Drapes | None = None
         self.seconds = 0.0
-        self._context, self._stream, self._quality = context, stream, quality
+        self._context, self._stream, self._lit, self._quality = context, stream, lit, quality
         self._drapes: Drapes | None = None
         self._held: Held | None = None
         self._share = 1.0  # of the held feature
         self._released: tuple[Drapes, Held, float] | None = None  # and its share
-        self._buffer: _Buffer | None = None
+        self._buffer: DrapedBuffer | None = None
 
     @cached_property
     def geometry(self) -> DrapedGeometry:
         """Geometry on the drawn triangles."""
         return DrapedGeometry(self._context, self._stream, samples=self._quality.samples)
 
+    @cached_property
+    def two_step(self) -> TwoStepDraping:
+        """Layers on an approximation of the ground."""
+        extent = self._stream.tiles.extent
+        return TwoStepDraping(self._context, self._lit, extent, samples=self._quality.samples)
+
     @property
     def nbytes(self) -> int:
         """Bytes of buffers and caches."""
-        geometry = self.geometry.nbytes if "geometry" in vars(self) else 0
-        return geometry + (self._buffer.nbytes if self._buffer else 0)
+        used = [vars(self).get(name) for name in ("geometry", "two_step", "_buffer")]
+        return sum(each.nbytes for each in used if each is not None)
 
     @property
-    def is_fading(self) -> bool:
-        """Whether a feature is on its way from one method to another."""
-        return self._share < 1.0 or self._released is not None
+    def converged(self) -> bool:
+        """Whether all is loaded, and no feature is on its way from one method to another."""
+        loaded = self.two_step.is_loaded if "two_step" in vars(self) else True
+        return loaded and self._share == 1.0 and self._released is None
 
     @property
     def textures(self) -> dict[str, moderngl.Texture]:
@@ -104,28 +118,30 @@ class DrapedScreen:
             share -= elapsed / FADE
             self._released = (drapes, held, share) if share > 0.0 else None
 
-    def draw(self, camera: Camera, targets: RenderTargets, pixel: float) -> bool:
+    def draw(self, camera: Camera, targets: RenderTargets, pixel: float, *, moving: bool) -> bool:
         """Draw over the G-buffer with the frame's camera; return whether there is anything.
 
-        `pixel` is the angle (rad) of a pixel.
+        `pixel` is the angle (rad) of a pixel; `moving` limits the time of loading.
         """
         drapes = self._drapes
         rest = None if drapes is None or self.method == "tiles" else drapes.without(self._held)
+        rest = None if rest is None or rest.is_empty else rest
         parts = [] if drapes is None or self._held is None else [(drapes, self._held, self._share)]
         parts += [self._released] if self._released else []
-        if (rest is None or rest.is_empty) and not parts:
+        if rest is None and not parts:
             return False
         start = time.perf_counter()
+        if rest is not None and self.method == "two-step":
+            self.two_step.draw(rest, camera, targets, pixel, moving=moving)
         if self._buffer is None or self._buffer.size != targets.size:
-            self._buffer = _Buffer(self._context, targets.size)
+            self._buffer = DrapedBuffer(self._context, targets.size)
         self._buffer.clear()
-        self._context.enable_only(moderngl.BLEND)
-        self._context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
-        if rest is not None and not rest.is_empty:
+        if rest is not None and self.method == "two-step":
+            self.two_step.show(targets)
+        elif rest is not None:
             self.geometry.draw(rest, None, camera, pixel, targets.depth)
         for version, held, share in parts:
             self.geometry.draw(version, held, camera, pixel, targets.depth, share=share)
-        self._context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
         self._buffer.resolve()
         self.seconds += time.perf_counter() - start
         return True
@@ -137,26 +153,3 @@ class DrapedScreen:
             self.painted = self._drapes
         elif self._share == 1.0:
             self.painted = self._drapes.without(self._held)
-
-
-class _Buffer:
-    """Albedo times share, and share, at several samples a pixel, and their mean."""
-
-    def __init__(self, context: moderngl.Context, size: tuple[int, int]) -> None:
-        samples = min(_SAMPLES, context.max_samples)
-        self.size = size
-        self._context = context
-        self._drawn = context.framebuffer([context.renderbuffer(size, 4, samples=samples, dtype="f2")])
-        self.colour = context.texture(size, 4, dtype="f2")
-        self.colour.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._mean = context.framebuffer([self.colour])
-        self.nbytes = 8 * size[0] * size[1] * (1 + samples)
-
-    def clear(self) -> None:
-        """Bind and clear it."""
-        self._drawn.use()
-        self._drawn.clear(0.0, 0.0, 0.0, 0.0)
-
-    def resolve(self) -> None:
-        """Average the samples."""
-        self._context.copy_framebuffer(self._mean, self._drawn)

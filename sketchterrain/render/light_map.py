@@ -184,6 +184,11 @@ class LightMap:
         """Greatest height (m)."""
         return float(self.relief.heights.max())
 
+    @cached_property
+    def lowest(self) -> float:
+        """Least height (m)."""
+        return float(self.relief.heights.min())
+
     def _complete(self) -> None:
         self.ready = True
         self._wider = ()

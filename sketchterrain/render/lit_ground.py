@@ -215,6 +215,21 @@ class GroundLighting:
         lights = {f"{name}_light": level.light for name, level in self._levels.items()}
         return lights | {"near_heights": self._near.heights}
 
+    @property
+    def height_maps(self) -> dict[str, tuple[moderngl.Texture, float]]:
+        """Heights (m), with mipmaps, and the width of their texels (m) of the near and the far map."""
+        pairs = {"near": self._near, "far": self._far}
+        return {
+            name: (level.heights, 1.0 if level.current is None else level.current.square.texel)
+            for name, level in pairs.items()
+        }
+
+    @property
+    def height_range(self) -> tuple[float, float]:
+        """Lowest and highest ground (m) of the far map."""
+        far = self._far.current
+        return (0.0, 0.0) if far is None else (far.lowest, far.highest)
+
     def height_at(self, x: float, y: float) -> float:
         """Return the ground's height (m) by the near map, outside it by the far one, else 0."""
         for level in (self._near, self._far):

@@ -241,7 +241,7 @@ class Renderer:
         complete = (
             tiles.converged
             and self.scenery.appearance.converged
-            and not self.scenery.draped.is_fading
+            and self.scenery.draped.converged
             and lit.converged
             and forest.converged
         )
@@ -292,7 +292,7 @@ class Renderer:
         self._since_update += elapsed
         tiles, *_ = self._load(view, size, elapsed=elapsed, budget=budget, draw_distance=distance)
         loaded = self.scenery.appearance.converged and self.scenery.lit.converged
-        loaded = loaded and not self.scenery.draped.is_fading
+        loaded = loaded and self.scenery.draped.converged
         loaded = self.scenery.labels.update(view.eye, above, elapsed, LABELS_SHARE * budget) and loaded
         return tiles.converged and loaded and self.scenery.forest.loaded
 

@@ -89,8 +89,6 @@ class Scenery:
         widest = QUAD * max(quality.tolerance / 2.0, 1.0)
         metric = ScreenError(quality.tolerance, widest, finest=quality.finest_quad)
         self.stream = TerrainStream(context, terrain, quality, metric=metric, resources=resources)
-        self.draped = DrapedScreen(context, self.stream, quality, drape_method)
-        self._painted: Drapes | None = None
         self.lit = GroundLighting(
             context,
             terrain,
@@ -99,6 +97,8 @@ class Scenery:
             close=quality.light_maps > 2,
             shadows=quality.includes("shadows"),
         )
+        self.draped = DrapedScreen(context, self.stream, self.lit, quality, drape_method)
+        self._painted: Drapes | None = None
         self.built = BuiltScenery(context, terrain, defines=self.shading.defines)
         self.forest = Forest(
             context, terrain, sun, quality=quality, defines=self.shading.defines, built=self.built
@@ -244,7 +244,7 @@ class Scenery:
         targets.gbuffer.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         yield from self.stream.draw(camera.eye, parts=parts)
-        draped = self.draped.draw(camera, targets, _pixel(camera, size[1]))
+        draped = self.draped.draw(camera, targets, _pixel(camera, size[1]), moving=moving)
         self.surface.update(camera.eye, moving=moving)
         clouds = self._clouds.follow(
             camera, size[0] / size[1], base=self.lit.haze_base, clock=clock, moving=moving

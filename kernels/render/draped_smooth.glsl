@@ -1,0 +1,18 @@
+// A smooth approximation of the ground (m from the eye), for two-step draping. Include after frame.glsl.
+//   PLANE  whether it is level, the greatest error there is, for comparison
+uniform sampler2D near_heights; // m, mipmaps, in the squares near_map and far_map
+uniform sampler2D far_heights;
+uniform vec2 smooth_levels;     // mipmap levels of both
+uniform float plane_height;     // m above sea level
+
+float smooth_height(vec2 place)
+{
+#if PLANE
+    return plane_height - eye.z;
+#else
+    vec2 close = (place - near_map.xy) * near_map.z, wide = (place - far_map.xy) * far_map.z;
+    vec2 room = min(close, 1.0 - close);
+    float share = clamp(8.0 * min(room.x, room.y), 0.0, 1.0);
+    return mix(textureLod(far_heights, wide, smooth_levels.y).r, textureLod(near_heights, close, smooth_levels.x).r, share) - eye.z;
+#endif
+}

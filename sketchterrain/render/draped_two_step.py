@@ -1,0 +1,256 @@
+"""Two-step draping: layers are drawn on a smooth approximation of the ground, then read at each pixel's foot.
+
+Step 1 draws them with the picture's own view, on squares of a quadtree around the eye, into a buffer of the
+picture's size. Step 2 projects, for each pixel, the point of the approximation below or above its ground the
+same way. Where that is outside of the buffer, or hidden by nearer parts of the approximation, nothing shows.
+Rasters lie below vectors, whatever their order.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Final
+
+import moderngl
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.caching import IdentityKey
+from sketchterrain.render.appearance import premultiplied
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.draped_buffer import DrapedBuffer
+from sketchterrain.render.draped_cutting import mesh_of
+from sketchterrain.render.draped_geometry import FeatureCutter, PartBuffers, Squares
+from sketchterrain.render.lit_ground import GroundLighting
+from sketchterrain.render.programs import build_program, fullscreen_pass, set_uniforms
+from sketchterrain.render.targets import RenderTargets
+from sketchterrain.terrain.orthophotos import ROOTS, WHITE
+from sketchterrain.tiles.lod import inside_frustum
+from sketchterrain.tiles.quadtree import Boxes
+
+if TYPE_CHECKING:
+    from sketchterrain.drape.drapes import Drapes
+    from sketchterrain.drape.raster_source import RasterSource
+
+QUADS: Final = 16  # along the side of a square
+TEXELS: Final = 256  # along the side of a window of a raster: at most a pixel wide
+WINDOWS: Final = 160  # in memory: 42 MB
+LEAST: Final = 4.0  # m, least width of squares
+SMOOTH: Final = 128.0  # cells of the approximation in an extent, about
+LOADING: Final = 0.02  # s a frame for windows, in motion
+_SQUARE: Final = np.dtype([("square", "<f4", 4), ("window", "<f4", 4)])
+
+
+class TwoStepDraping:
+    """Draws all layers of a version. `plane` (m) replaces the approximation by a level one, for comparison.
+
+    `is_loaded` is whether the last picture had all windows of its rasters, `windows` counts those read,
+    `triangles` those of features in the last picture.
+    """
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        lit: GroundLighting,
+        extent: float,
+        *,
+        samples: int,
+        plane: float | None = None,
+    ) -> None:
+        self._context, self._lit, self._extent, self._plane = context, lit, extent, plane
+        macros = {"TILE_QUADS": QUADS, "PLANE": int(plane is not None), "SAMPLES": 1}
+
+        def program(fragment: str, *, features: bool) -> moderngl.Program:
+            defines = {**macros, "FEATURES": int(features)}
+            return build_program(context, "draped_smooth.vert.glsl", fragment, defines=defines)
+
+        self._features = program("draped_geometry.frag.glsl", features=True)
+        self._programs = [
+            program(f"{name}.frag.glsl", features=False) for name in ("nothing", "draped_raster")
+        ]
+        self._foot = fullscreen_pass(context, "draped_foot.frag.glsl", defines={**macros, "SAMPLES": samples})
+        self._indices = context.buffer(mesh_of(QUADS, 0).numbers.astype(np.uint32).tobytes())
+        self._instances = context.buffer(reserve=_SQUARE.itemsize, dynamic=True)
+        self._windows: RasterWindows | None = None
+        self._buffer: DrapedBuffer | None = None
+        self.cutter, self._parts = FeatureCutter(), PartBuffers(context)
+        self.is_loaded, self.triangles = True, 0
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of buffers and caches."""
+        depth = 4 * self._depth.width * self._depth.height + self._buffer.nbytes if self._buffer else 0
+        windows = self._windows.nbytes if self._windows else 0
+        return self.cutter.nbytes + self._parts.nbytes + windows + depth
+
+    def draw(
+        self, drapes: Drapes, camera: Camera, targets: RenderTargets, pixel: float, *, moving: bool
+    ) -> Squares:
+        """Draw the first step, with the camera of the frame's uniform block; return its squares."""
+        if self._buffer is None or self._buffer.size != targets.size:
+            self._buffer = DrapedBuffer(self._context, targets.size, linear=True)
+            self._depth = self._context.depth_texture(targets.size)
+            self._depth.compare_func = ""
+            self._depth_only = self._context.framebuffer(depth_attachment=self._depth)
+        squares, codes = self._squares(camera, pixel, targets.size[0] / targets.size[1])
+        self._bind(self._features, *self._programs, self._foot.program)
+        rows = np.zeros(len(codes), _SQUARE)
+        west, north = squares.boxes[:, 0], squares.boxes[:, 3]
+        rows["square"][:, 0], rows["square"][:, 1] = west - camera.eye[0], north - camera.eye[1]
+        rows["square"][:, 2] = (squares.boxes[:, 2] - west) / QUADS
+        self._depth_only.use()
+        self._depth_only.clear(depth=1.0)
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        self._draw_squares(self._programs[0], rows)
+        self._buffer.clear()
+        self._depth.use(3)
+        self.is_loaded = True
+        for number, source in drapes.rasters(float(squares.near.min(initial=np.inf))):
+            self._draw_raster(source, drapes.layers[number]["opacity"], codes, rows, moving=moving)
+        found = self.cutter.cut(drapes, None, squares)
+        self.triangles = sum(len(each.vertices) for each in found.values()) // 3
+        if found:
+            commands = self._parts.write(found, drapes.styles)
+            self._write_instances(rows)
+            array = self._parts.array(self._features, (self._instances, "4f4 4f4/i", "square", "window"))
+            set_uniforms(self._features, {"share": 1.0})
+            array.render_indirect(commands, moderngl.TRIANGLES, count=len(found))
+        self._buffer.resolve()
+        return squares
+
+    def show(self, targets: RenderTargets, *, marks_outside: bool = False) -> None:
+        """Draw the second step into the bound framebuffer, or the pixels whose feet are not in the buffer."""
+        if self._buffer is not None:
+            targets.depth.use(4)
+            self._buffer.colour.use(5)
+            self._depth.use(3)
+            units = {"ground_depth": 4, "drawn": 5, "smooth_depth": 3, "marks_outside": float(marks_outside)}
+            set_uniforms(self._foot.program, units)
+            self._foot.render(vertices=3)
+
+    def _bind(self, *programs: moderngl.Program) -> None:
+        """Bind the approximation."""
+        levels = []
+        for unit, level in enumerate((self._lit.height_maps[name] for name in ("near", "far")), 1):
+            texture, texel = level
+            texture.use(unit)
+            levels.append(max(float(np.log2(self._extent / SMOOTH / texel)), 0.0))
+        uniforms = {"near_heights": 1, "far_heights": 2, "smooth_levels": tuple(levels), "ground_depth": 3}
+        for program in programs:
+            set_uniforms(program, {**uniforms, "plane_height": self._plane or 0.0})
+
+    def _squares(self, camera: Camera, pixel: float, aspect: float) -> tuple[Squares, Int64Array]:
+        """Return the squares that a camera sees, and their levels, columns and rows from north to south."""
+        low_z, high_z = self._lit.height_range if self._plane is None else (self._plane, self._plane)
+        eye, planes = np.array(camera.eye), camera.frustum(aspect)
+        above = max(camera.eye[2] - self._lit.height_at(*camera.eye[:2]), 0.0)
+        top = int(np.ceil(np.log2(2.0 * camera.far / self._extent)))
+        around = np.floor(eye[:2] / (self._extent * 2.0**top)).astype(np.int64)
+        columns, rows = np.meshgrid(around[0] + np.arange(-1, 2), around[1] + np.arange(-1, 2))
+        codes, found = np.stack([np.full(9, -top), columns.ravel(), rows.ravel()], axis=1), []
+        while len(codes):
+            width = self._extent * 2.0 ** -codes[0, 0]
+            low = np.column_stack([codes[:, 1:] * width, np.full(len(codes), low_z)])
+            high = np.column_stack([low[:, :2] + width, np.full(len(codes), high_z)])
+            apart = np.linalg.norm(np.maximum(np.maximum(low - eye, eye - high), 0.0)[:, :2], axis=1)
+            seen = inside_frustum(planes, low, high) & (apart < camera.far)
+            splits = seen & (width > np.maximum(TEXELS * pixel * np.hypot(apart, 0.5 * above), LEAST))
+            found.append(codes[seen & ~splits])
+            codes = (codes[splits] * [1, 2, 2] + [1, 0, 0])[:, None] + [
+                [0, 0, 0],
+                [0, 1, 0],
+                [0, 0, 1],
+                [0, 1, 1],
+            ]
+            codes = codes.reshape(-1, 3)
+        codes = np.concatenate(found)
+        width = self._extent * 2.0 ** -codes[:, :1].astype(np.float64)
+        flat = codes[:, 1:] * width
+        boxes = Boxes(np.insert(flat, 2, low_z, axis=1), np.insert(flat + width, 2, high_z, axis=1))
+        cases = np.zeros(len(codes), np.int64)
+        return Squares.seen([*map(tuple, codes.tolist())], boxes, QUADS, cases, camera, pixel), codes
+
+    def _draw_raster(
+        self,
+        source: RasterSource,
+        opacity: float,
+        codes: Int64Array,
+        rows: npt.NDArray[np.void],
+        *,
+        moving: bool,
+    ) -> None:
+        if self._windows is None:
+            self._windows = RasterWindows(self._context, self._extent)
+        rows["square"][:, 3], rows["window"][:, :3], loaded = self._windows.find(
+            source, codes, LOADING if moving else np.inf
+        )
+        self.is_loaded = self.is_loaded and loaded
+        self._windows.texture.use(6)
+        set_uniforms(self._programs[1], {"windows": 6, "share": opacity})
+        self._draw_squares(self._programs[1], rows)
+
+    def _draw_squares(self, program: moderngl.Program, rows: npt.NDArray[np.void]) -> None:
+        self._write_instances(rows)
+        content = [(self._instances, "4f4 4f4/i", "square", "window")]
+        array = self._context.vertex_array(program, content, index_buffer=self._indices, skip_errors=True)
+        array.render(moderngl.TRIANGLES, instances=len(rows))
+
+    def _write_instances(self, rows: npt.NDArray[np.void]) -> None:
+        if self._instances.size < rows.nbytes:
+            self._instances = self._context.buffer(reserve=2 * rows.nbytes, dynamic=True)
+        self._instances.orphan()
+        self._instances.write(rows.tobytes())
+
+
+class RasterWindows:
+    """Windows of rasters on squares of the quadtree, in a texture array, the least recently used evicted."""
+
+    def __init__(self, context: moderngl.Context, extent: float) -> None:
+        self.texture = context.texture_array((TEXELS, TEXELS, WINDOWS), 4)
+        self.texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        self.texture.repeat_x = self.texture.repeat_y = False
+        self.nbytes = 4 * TEXELS * TEXELS * WINDOWS
+        self._extent = extent
+        self._slots: dict[object, int] = {}  # by window, the least recently used first
+        self.read = 0
+
+    def find(
+        self, source: RasterSource, codes: Int64Array, seconds: float
+    ) -> tuple[Float64Array, Float64Array, bool]:
+        """Return the layer of each square's window, -1 for none, its place in it, and whether all are right.
+
+        Windows are read for so many seconds; meanwhile wider ones show.
+        """
+        end, complete = time.perf_counter() + seconds, True
+        # The finest level of which the source has as many pixels.
+        finest = int(np.ceil(np.log2(self._extent / (TEXELS * source.pixel))))
+        layers, places = np.full(len(codes), -1.0), np.zeros((len(codes), 3))
+        for number, (level, column, row) in enumerate(codes.tolist()):
+            up = max(level - finest, 0)
+            key = (IdentityKey(source), level - up, column >> up, row >> up)
+            if key not in self._slots and time.perf_counter() < end:
+                self._read(source, key)
+            while key not in self._slots and up < 24:
+                complete, up = False, up + 1
+                key = (IdentityKey(source), level - up, column >> up, row >> up)
+            if key in self._slots:
+                self._slots[key] = slot = self._slots.pop(key)
+                share = 2.0**-up
+                west, north = column * share - (column >> up), (row >> up) + 1 - (row + 1) * share
+                layers[number], places[number] = slot, (west, north, share)
+        return layers, places, complete
+
+    def _read(self, source: RasterSource, key: tuple[object, int, int, int]) -> None:
+        _, level, column, row = key
+        width = self._extent * 2.0**-level
+        pixels = source.pixels(column * width, (row + 1) * width, width / TEXELS, TEXELS, TEXELS)
+        free = len(self._slots) if len(self._slots) < WINDOWS else self._slots.pop(next(iter(self._slots)))
+        pixels = np.dstack([ROOT_BYTES[pixels[..., :3]], pixels[..., 3]])
+        self.texture.write(premultiplied(pixels).tobytes(), viewport=(0, 0, free, TEXELS, TEXELS, 1))
+        self._slots[key] = free
+        self.read += 1
+
+
+ROOT_BYTES: Final = np.rint(255.0 * np.sqrt(WHITE) * ROOTS).astype(np.uint8)
+"""√albedo of a byte of sRGB, as tiles have it."""

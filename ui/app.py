@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,6 +19,7 @@ from sketchterrain.io.resources import preset_names
 if TYPE_CHECKING:
     from PyQt6.QtWidgets import QApplication
 
+    from sketchterrain.document.drapes import DrapedLayer
     from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.models.background import Autosave
     from sketchterrain.ui.models.document import Document
@@ -38,12 +39,13 @@ def run(name: str | None = None) -> int:
     return _run_editor(app, sketch, path)
 
 
-def run_world(path: Path, *, device: str | None = None) -> int:
-    """Show a stored world until its window is closed; return the exit code."""
+def run_world(path: Path, drapes: Sequence[DrapedLayer] = (), *, device: str | None = None) -> int:
+    """Show a stored world, with draped layers, until its window is closed; return the exit code."""
     check_screen()
-    from sketchterrain.world.stored_world import open_world
+    from sketchterrain.world.stored_world import at_corner, draped_sketch, open_world
 
-    open_world(path)
+    world = open_world(path)
+    sketch = draped_sketch(world, drapes)
     from sketchterrain.ui.application import named_application, show_until_closed
     from sketchterrain.ui.look.theme import apply_theme
     from sketchterrain.ui.models.workspace import Preferences, config_folder
@@ -52,7 +54,8 @@ def run_world(path: Path, *, device: str | None = None) -> int:
     app = named_application()
     preferences = Preferences(config_folder() / "desktop.ini")
     apply_theme(app, preferences.theme)
-    window = WorldWindow(path.absolute(), device=device or preferences.device)
+    draped = None if sketch is None else at_corner(sketch, (world.west, world.north))
+    window = WorldWindow(path.absolute(), draped, device=device or preferences.device)
     return show_until_closed(app, window, window.link.stop)
 
 

@@ -13,6 +13,7 @@ from PyQt6.QtGui import QCloseEvent, QResizeEvent
 from PyQt6.QtWidgets import QFileDialog, QLabel, QMainWindow, QMenu
 
 from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.ui import commands
 from sketchterrain.ui.actions import CLIPBOARD_COMMANDS, Actions, add_menus
@@ -26,6 +27,7 @@ from sketchterrain.ui.engine.protocol import (
     Look,
     MeasureAdherence,
     Placement,
+    SetDrapes,
     ViewState,
     WorldFacts,
 )
@@ -220,9 +222,10 @@ class WorldLink(ViewSource):
 
     world_known = pyqtSignal(object)  # `WorldFacts`
 
-    def __init__(self, path: Path, *, device: str | None = None) -> None:
+    def __init__(self, path: Path, sketch: Sketch | None = None, *, device: str | None = None) -> None:
         super().__init__(ViewState(mode="fly"))
         self.path, self.device = path, device
+        self._sketch = sketch  # with draped layers, in viewing coordinates
         self.world: WorldFacts | None = None
         self._routes[WorldFacts] = ("world", self.world_known)
 
@@ -232,6 +235,8 @@ class WorldLink(ViewSource):
 
     def start(self) -> None:
         self._run(EngineProcesses(device=self.device, world=self.path))
+        if (sketch := self._sketch) is not None and sketch.drapes:
+            self.send(SetDrapes(sketch.drapes, sketch.frame, sketch.size, sketch.extent))
         if self.frame is None:
             self.send(Look())
 
@@ -241,12 +246,12 @@ class WorldWindow(QMainWindow):
 
     closed = pyqtSignal()
 
-    def __init__(self, path: Path, *, device: str | None = None) -> None:
+    def __init__(self, path: Path, sketch: Sketch | None = None, *, device: str | None = None) -> None:
         super().__init__()
         self.setWindowIcon(app_icon())
         self.setWindowTitle(path.name)
         self.setMinimumSize(480, 320)
-        self.link, self._workspace = WorldLink(path, device=device), Workspace()
+        self.link, self._workspace = WorldLink(path, sketch, device=device), Workspace()
         self.view = View3D(None, self._workspace, self.link)
         self.setCentralWidget(self.view)
         self._bookmarks = Bookmarks(None, state_folder() / "bookmarks", path)

@@ -36,8 +36,10 @@ class DrapedShapes(NamedTuple):
 
     def by_style(self) -> Iterator[tuple[str, Properties, npt.NDArray[np.object_]]]:
         """Yield the name of each style in use, its values and the geometries that have it."""
-        numbers = {each.value: number for number, each in enumerate(self.layer.classes)}
-        own = np.array([numbers.get(str(row.get(self.layer["by"])), -1) for row in self.properties], int)
+        from sketchterrain.drape.vector_source import class_value
+
+        by, numbers = self.layer["by"], {each.value: n for n, each in enumerate(self.layer.classes)}
+        own = np.array([numbers.get(class_value(row.get(by)), -1) for row in self.properties], int)
         for number in np.unique(own).tolist():
             value = f" {self.layer.classes[number].value}" if number >= 0 else ""
             name = f"{self.layer.title}{value}"

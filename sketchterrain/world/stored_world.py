@@ -7,7 +7,7 @@ import threading
 import zlib
 from abc import ABC, abstractmethod
 from base64 import b64decode
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from itertools import product
@@ -21,6 +21,7 @@ from rasterio.errors import RasterioError
 from rasterio.windows import Window
 
 from sketchterrain.caching import LRUCache
+from sketchterrain.document.drapes import DrapedLayer, moved_drapes
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError, one_line
@@ -230,3 +231,24 @@ def _broken(path: Path, reason: object = None) -> InputError:
     if not path.exists():
         found = "is missing: the world is not finished or damaged"
     return InputError(f"{one_line(path)}: {found}; {_REMEDY}")
+
+
+def draped_sketch(world: StoredWorld, drapes: Sequence[DrapedLayer]) -> Sketch | None:
+    """Return the sketch of a world with more draped layers; raise InputError if they have no place."""
+    sketch = world.sketch()
+    if not drapes:
+        return sketch
+    if sketch is None:
+        raise InputError("the world holds no sketch: expected no draped layers, which would have no place")
+    return sketch.replace(drapes=(*sketch.drapes, *drapes))
+
+
+def at_corner(sketch: Sketch, corner: tuple[float, float]) -> Sketch:
+    """Return a sketch whose frame and draped layers have another corner (m) as their origin."""
+    if not sketch.drapes:
+        return sketch
+    frame = {
+        name: sketch.frame[name] + offset for name, offset in zip(("east", "north"), corner, strict=True)
+    }
+    drapes = moved_drapes(sketch.drapes, lambda points: points - corner)
+    return sketch.replace(frame={**sketch.frame, **frame}, drapes=drapes)

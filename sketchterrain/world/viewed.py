@@ -17,7 +17,7 @@ from sketchterrain.app.export import DeviceFallback
 from sketchterrain.app.pictures import PictureOptions, check_picture, draw_picture, sketch_weather
 from sketchterrain.array_types import Bounds
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.drapes import DrapedLayer, moved_drapes
+from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.document.materials import BEDROCK, BUILT_IN, MaterialTable, weight_words
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
@@ -34,7 +34,7 @@ from sketchterrain.tiles.quadtree import code_of, intersects_bounds
 from sketchterrain.vegetation.graded_poisson import run_to_completion
 from sketchterrain.vegetation.plants import PLANT
 from sketchterrain.world.grid import CHUNK, LAYER_SPECS, Level, layer_specs
-from sketchterrain.world.stored_world import StoredWorld, open_world
+from sketchterrain.world.stored_world import StoredWorld, at_corner, draped_sketch, open_world
 
 _LEAST_BITS: Final = 8
 _MOST_BITS: Final = LATTICE_BITS - 1
@@ -358,17 +358,6 @@ class StoredTerrain:
         return plants
 
 
-def at_corner(sketch: Sketch, corner: tuple[float, float]) -> Sketch:
-    """Return a sketch whose frame and draped layers have another corner (m) as their origin."""
-    if not sketch.drapes:
-        return sketch
-    frame = {
-        name: sketch.frame[name] + offset for name, offset in zip(("east", "north"), corner, strict=True)
-    }
-    drapes = moved_drapes(sketch.drapes, lambda points: points - corner)
-    return sketch.replace(frame={**sketch.frame, **frame}, drapes=drapes)
-
-
 def _moved_features(features: TerrainFeatures, west: float, north: float, bounds: Bounds) -> TerrainFeatures:
     """Return features relative to an origin, clipped to bounds relative to it (m)."""
     points = features.points.copy()
@@ -410,14 +399,6 @@ def _cut_area(area: _Area, west: float, north: float, bounds: Bounds) -> _Area:
 
 def _within(x: _Array, y: _Array, bounds: Bounds) -> npt.NDArray[np.bool_]:
     return np.asarray((x >= bounds[0]) & (y >= bounds[1]) & (x <= bounds[2]) & (y <= bounds[3]))
-
-
-def draped_sketch(world: StoredWorld, drapes: Sequence[DrapedLayer]) -> Sketch | None:
-    """Return the sketch of a world with more draped layers; raise InputError if they have no place."""
-    sketch = world.sketch()
-    if drapes and sketch is None:
-        raise InputError("the world holds no sketch: expected no --layer, which would have no place")
-    return sketch and sketch.replace(drapes=(*sketch.drapes, *drapes)) if drapes else sketch
 
 
 def draw_world(

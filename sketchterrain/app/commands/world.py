@@ -277,12 +277,12 @@ def view(
     """View a written world in a window, or with -o render a picture of it."""
     if output is None:
         for name, value in vars(picture).items():
-            if value is not None and value != []:
+            if name != "layer" and value is not None and value != []:
                 raise USAGE_ERROR(f"--{name.replace('_', '-')} needs -o: it is for pictures")
         from sketchterrain.ui.app import run_world
 
         restore_default_sigterm()
-        raise typer.Exit(run_world(store, device=device))
+        raise typer.Exit(run_world(store, args.read_layers(picture.layer or ()), device=device))
     picture.check_camera()
     with Stages() as stages:
         with stages.stage("program", "Loading the program"):

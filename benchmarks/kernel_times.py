@@ -145,6 +145,7 @@ WRITTEN: Mapping[str, float] = {
     "write_graded": 24 * 80,
     "appearance": 4,  # a texel
     "area_means": 4 * _REAL,
+    "drape": 4,  # a texel
     "material_paint": 4 * _REAL,
     "material_relief": 4 * _REAL,
     "bench_fbm": _REAL,

@@ -1,8 +1,12 @@
 // What vectors paint on the terrain, from tiles of texels: render/appearance.py.
 //   APPEARANCE         most samples along a pixel's footprint
 //   APPEARANCE_LEVELS  number of levels
+//   APPEARANCE_FILTER  whether tiles filter the ground's colour
 uniform usampler2DArray appearance_pages; // by level: x: slot + 1 and 2^16 times its level, or 0; y: one colour
 uniform sampler2DArray appearance_texels; // rgb: √albedo times the share; a: share that is painted; row 0 north
+#if APPEARANCE_FILTER
+uniform sampler2DArray appearance_filters; // rgb: how much of the ground's red, green and blue is seen
+#endif
 uniform ivec2 appearance_tile[APPEARANCE_LEVELS]; // tile of the eye: column, row
 uniform vec2 appearance_place[APPEARANCE_LEVELS]; // place of the eye in it, 0 … 1
 uniform float appearance_width;                   // of a tile of level 0, m
@@ -17,7 +21,8 @@ const float BLENDED = 0.35;        // of a level, over which it is blended with 
 const float LEAST_SINE = 0.02;     // of the angle at which ground is seen
 
 // What is painted at a place (m from the eye), at a level or at the finest one that is there.
-vec4 painted_at(vec2 place, int level)
+//   through  how much of the ground's red, green and blue is seen
+vec4 painted_at(vec2 place, int level, out vec3 through)
 {
     ivec2 tile = appearance_tile[level]
         + ivec2(floor(appearance_place[level] + place * exp2(float(level)) / appearance_width));
@@ -27,8 +32,15 @@ vec4 painted_at(vec2 place, int level)
     ivec2 apart = (tile >> (level - own)) - appearance_tile[own];
     vec2 at = appearance_place[own] + place * exp2(float(own)) / appearance_width - vec2(apart);
     vec2 uv = (vec2(at.x, 1.0 - at.y) * INNER + 1.0) / TEXELS;
-    vec4 texel = textureLod(appearance_texels, vec3(uv, float(max(int(page.x & 0xFFFFu) - 1, 0))), 0.0);
-    return page.x == 0u ? unpackUnorm4x8(page.y) : texel;
+    vec3 slot = vec3(uv, float(max(int(page.x & 0xFFFFu) - 1, 0)));
+    vec4 texel = textureLod(appearance_texels, slot, 0.0);
+    vec4 found = page.x == 0u ? unpackUnorm4x8(page.y) : texel;
+    through = vec3(1.0 - found.a);
+#if APPEARANCE_FILTER
+    vec3 filtered = textureLod(appearance_filters, slot, 0.0).rgb;
+    through = page.x == 0u ? through : filtered;
+#endif
+    return found;
 }
 
 // The level of texels of a width (m) at a place (m from the eye), or one that is read there.
@@ -40,9 +52,9 @@ float painted_level(vec2 place, float texel)
 }
 
 // What is painted about a place (m from the eye), on texels of a width (m): rgb: albedo; a: share.
-vec4 painted_about(vec2 place, float texel)
+vec4 painted_about(vec2 place, float texel, out vec3 through)
 {
-    vec4 found = painted_at(place, int(painted_level(place, texel)));
+    vec4 found = painted_at(place, int(painted_level(place, texel)), through);
     vec3 root = found.rgb / max(found.a, 1e-4);
     return vec4(root * root, found.a);
 }
@@ -50,7 +62,7 @@ vec4 painted_about(vec2 place, float texel)
 // What is painted on the footprint of a pixel: rgb: albedo; a: share.
 //   n      normal of the ground
 //   pixel  rad
-vec4 painted(vec3 position, vec3 n, float pixel)
+vec4 painted(vec3 position, vec3 n, float pixel, out vec3 through)
 {
     float distance = length(position);
     vec3 seen = position / distance;
@@ -68,11 +80,16 @@ vec4 painted(vec3 position, vec3 n, float pixel)
     // Share of the level above; as with mipmaps, low qualities do not blend.
     float coarser = LEVELS_READ > 1 ? max(1.0 - (level - float(finer) + 1.0) / BLENDED, 0.0) : 0.0;
     vec4 sum = vec4(0.0);
+    through = vec3(0.0);
     for (int k = 0; k < LEVELS_READ; ++k) {
         float weight = k == 0 ? 1.0 - coarser : coarser;
         if (weight == 0.0) break;
-        for (int tap = 0; tap < taps; ++tap)
-            sum += weight * painted_at(position.xy + longest * ((float(tap) + 0.5) / float(taps) - 0.5), finer - k);
+        for (int tap = 0; tap < taps; ++tap) {
+            vec3 seen_through;
+            vec2 place = position.xy + longest * ((float(tap) + 0.5) / float(taps) - 0.5);
+            sum += weight * painted_at(place, finer - k, seen_through);
+            through += weight / float(taps) * seen_through;
+        }
     }
     vec3 root = sum.rgb / max(sum.a, 1e-4);
     return vec4(root * root, sum.a / float(taps));

@@ -119,16 +119,18 @@ void main()
 #endif
 #if APPEARANCE
     // Crops stand close, and have their own colour; nothing grows on roads.
-    vec4 painted = painted_about(place, CROP_TEXEL);
-    float crop = smoothstep(CROP.x, CROP.y, painted.a);
+    vec3 through;
+    vec4 painted = painted_about(place, CROP_TEXEL, through);
+    float opaque = 1.0 - max(max(through.r, through.g), through.b);
+    float crop = smoothstep(CROP.x, CROP.y, opaque);
 #if KIND == FLOWER || KIND == FERN
     chance *= 1.0 - crop;
 #else
     chance = mix(chance, smoothstep(0.3, 0.6, turf), crop);
     tall = mix(tall, CROP_HEIGHT * (0.85 + 0.3 * a) * (KIND == MEADOW ? 0.7 : 1.0), crop);
-    colour = mix(colour, painted.rgb, painted.a);
+    colour = colour * through + painted.rgb * painted.a;
 #endif
-    chance *= 1.0 - smoothstep(ROAD.x, ROAD.y, painted.a);
+    chance *= 1.0 - smoothstep(ROAD.x, ROAD.y, opaque);
 #endif
     up *= step(unit_float(hash32(h + 6u)), chance * 0.999);
     tall *= sqrt(up);

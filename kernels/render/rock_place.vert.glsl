@@ -63,7 +63,9 @@ void main()
     float chance = STONES_ANYWHERE(weights) + (STONES_IN_HEAPS(weights) + STONES_IN_MIDDLES(weights) * heap) * heap;
     chance *= clamp(1.0 - 8.0 * PAVED(weights), 0.0, 1.0); // a stone is wider than its place
 #if APPEARANCE
-    chance *= 1.0 - smoothstep(CLEARED.x, CLEARED.y, painted_about(place, sizes.y).a);
+    vec3 through;
+    painted_about(place, sizes.y, through);
+    chance *= 1.0 - smoothstep(CLEARED.x, CLEARED.y, 1.0 - max(max(through.r, through.g), through.b));
 #endif
     chance *= sizes.z * smoothstep(STEEP - 0.12, STEEP + 0.12, normal.z);
     up *= step(d, chance * 0.999);

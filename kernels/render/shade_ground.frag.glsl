@@ -196,8 +196,9 @@ void main()
     Noise noise = noise_at(position, footprint);
     MaterialSample material = compose(select_materials(at, noise), noise, n, distance, footprint);
 #if APPEARANCE
-    vec4 over = painted(position, n, trees.z);
-    material.albedo = mix(material.albedo, over.rgb * grain, over.a);
+    vec3 through;
+    vec4 over = painted(position, n, trees.z, through);
+    material.albedo = material.albedo * through + over.rgb * (over.a * grain);
 #endif
 #if DRAPED
     vec4 above = texelFetch(draped, ivec2(gl_FragCoord.xy), 0);

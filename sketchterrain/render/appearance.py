@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import moderngl
 import numpy as np
@@ -11,17 +11,24 @@ import numpy.typing as npt
 from numba import njit
 
 from sketchterrain.array_types import Bounds, Int64Array
+from sketchterrain.drape.painting import DrapedAppearance
 from sketchterrain.render.programs import Textures
 from sketchterrain.render.quality import Quality, TimeBudget, WorkRate
-from sketchterrain.render.scene import AppearanceSource, PaintedTerrain, TileSource
+from sketchterrain.render.scene import PaintedTerrain, TileSource
+from sketchterrain.terrain.appearance import AppearanceSource
 from sketchterrain.tiles.appearance import PAGES, TEXELS, AppearanceTiles
 from sketchterrain.tiles.lod import CameraView
 from sketchterrain.tiles.quadtree import decode
 from sketchterrain.tiles.tile_pool import TilePool
 
+if TYPE_CHECKING:
+    from sketchterrain.drape.drapes import Drapes
+
 TILE_SECONDS: Final = 0.003  # s of drawing a tile, before any measurement
 BATCH: Final = 32  # tiles at once
 AHEAD: Final = 0.8  # s ahead of the camera whose tiles are drawn when none is missing now
+DRAPED_TILES: Final = 384
+"""Slots of tiles with draped layers, half of them if they filter: 57 MB of 101 MB for layers altogether."""
 JUMP_BUDGET: Final = 0.25  # s for the first frame and the frame of a jump
 
 
@@ -30,16 +37,18 @@ class _Cache(NamedTuple):
     tiles: AppearanceTiles
     pages: moderngl.TextureArray
     texels: moderngl.TextureArray
+    filters: moderngl.TextureArray | None
 
 
 class AppearanceTextures:
-    """Colour of roads and land use: tiles in a texture array, and a table of their places.
+    """Colour of roads, land use and draped layers: tiles in a texture array, and a table of their places.
 
     True if anything is painted. `drawn` counts tiles.
     """
 
     def __init__(self, context: moderngl.Context, terrain: TileSource, quality: Quality) -> None:
-        self._context, self._quality = context, quality
+        self._context, self._quality, self._terrain = context, quality, terrain
+        self._drapes: Drapes | None = None
         self._rate = WorkRate(TILE_SECONDS)
         self._cache: _Cache | None = None
         self._state: tuple[object, ...] = ()  # of the page table
@@ -56,14 +65,19 @@ class AppearanceTextures:
         """Macros of shaders: levels, and most samples along a footprint, 0 if nothing is painted."""
         if self._cache is None:
             return {"APPEARANCE": 0}
-        levels = self._cache.tiles.finest + 1
-        return {"APPEARANCE": self._quality.appearance_taps, "APPEARANCE_LEVELS": levels}
+        return {
+            "APPEARANCE": self._quality.appearance_taps,
+            "APPEARANCE_LEVELS": self._cache.tiles.finest + 1,
+            "APPEARANCE_FILTER": int(self._cache.filters is not None),
+        }
 
     @property
     def textures(self) -> dict[str, Textures]:
         """Textures by sampler name."""
-        cache = self._cache
-        return {"appearance_pages": cache.pages, "appearance_texels": cache.texels} if cache else {}
+        if (cache := self._cache) is None:
+            return {}
+        filters = {} if cache.filters is None else {"appearance_filters": cache.filters}
+        return {"appearance_pages": cache.pages, "appearance_texels": cache.texels, **filters}
 
     @property
     def converged(self) -> bool:
@@ -72,22 +86,53 @@ class AppearanceTextures:
 
     def set_terrain(self, terrain: TileSource, areas: Sequence[Bounds]) -> None:
         """Replace the terrain, which differs inside areas (m) only; tiles stay until new ones are drawn."""
-        source = terrain.appearance if isinstance(terrain, PaintedTerrain) else None
+        self._terrain = terrain
+        self._set_source(areas)
+
+    def set_drapes(self, drapes: Drapes | None) -> None:
+        """Replace the draped layers; tiles that they change stay until new ones are drawn."""
+        self._drapes = drapes
+        self._set_source(())
+
+    def _set_source(self, areas: Sequence[Bounds]) -> None:
+        cache, source = self._cache, self._source()
         if source is None or source.is_empty:
             self._cache = None
-        elif self._cache is not None:
-            own = source.changed_areas(self._cache.source)
-            self._cache.tiles.invalidate([*areas, *map(tuple, own.tolist())])
-            self._cache = self._cache._replace(source=source)
-        else:
-            slots = self._quality.appearance_tiles
-            tiles = AppearanceTiles(source.extent, slots=slots)
-            pages = self._context.texture_array((PAGES, PAGES, tiles.finest + 1), 2, dtype="u4")
-            pages.filter = (moderngl.NEAREST, moderngl.NEAREST)
-            texels = self._context.texture_array((TEXELS, TEXELS, slots), 4)
-            texels.filter = (moderngl.LINEAR, moderngl.LINEAR)
-            texels.repeat_x = texels.repeat_y = False
-            self._cache = _Cache(source, tiles, pages, texels)
+            return
+        draped = isinstance(source, DrapedAppearance)
+        filters, reach = isinstance(source, DrapedAppearance) and source.filters, 1.0
+        slots = self._quality.appearance_tiles
+        slots = min(slots, DRAPED_TILES >> filters) if draped else slots
+        if cache is not None and cache.tiles.slots == slots and (cache.filters is not None) == filters:
+            own = source.changed_areas(cache.source)
+            for each in (source, cache.source):
+                reach = max(reach, each.reach if isinstance(each, DrapedAppearance) else 1.0)
+            cache.tiles.invalidate([*areas, *map(tuple, own.tolist())], texels=reach)
+            self._cache = cache._replace(source=source)
+            return
+        tiles = AppearanceTiles(source.extent, slots=slots)
+        pages = self._context.texture_array((PAGES, PAGES, tiles.finest + 1), 2, dtype="u4")
+        pages.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        arrays = [self._texels(slots) for _ in range(1 + filters)]
+        self._cache = _Cache(source, tiles, pages, arrays[0], arrays[1] if filters else None)
+
+    def _source(self) -> AppearanceSource | None:
+        """Return what is painted on the terrain: its own appearance under draped layers."""
+        terrain = self._terrain
+        below = terrain.appearance if isinstance(terrain, PaintedTerrain) else None
+        below = None if below is None or below.is_empty else below
+        if self._drapes is None or self._drapes.is_empty:
+            return below
+        old = None if self._cache is None else self._cache.source
+        if isinstance(old, DrapedAppearance) and old.context is terrain.context:
+            return old.updated(self._drapes, below)
+        return DrapedAppearance(self._drapes, terrain.context, terrain.extent, below)
+
+    def _texels(self, slots: int) -> moderngl.TextureArray:
+        texels = self._context.texture_array((TEXELS, TEXELS, slots), 4)
+        texels.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        texels.repeat_x = texels.repeat_y = False
+        return texels
 
     def update(self, view: CameraView, pool: TilePool, budget: TimeBudget) -> None:
         """Draw tiles of a view within a budget, but at least one; `pool` has the ground's tiles.
@@ -131,13 +176,20 @@ class AppearanceTextures:
         return {**uniforms, "appearance_width": cache.tiles.extent}
 
     def _draw(self, cache: _Cache, codes: Int64Array) -> None:
-        drawn = premultiplied(cache.source.tiles(np.stack(decode(codes), axis=-1)))
+        found = cache.source.tiles(np.stack(decode(codes), axis=-1))
+        drawn = premultiplied(found[..., :4])
         words = drawn.view(np.uint32).reshape(len(codes), -1)
         is_uniform = np.asarray((words == words[:, :1]).all(axis=1))
+        arrays = [(cache.texels, drawn)]
+        if cache.filters is not None:
+            arrays.append((cache.filters, np.ascontiguousarray(found[..., 4:])))
+            hidden = found[..., 3:4].astype(np.int16) + found[..., 4:7]
+            is_uniform &= (np.abs(hidden - 255) <= 1).all(axis=(1, 2, 3))
         slots = cache.tiles.store(codes, is_uniform, words[:, 0])
-        for tile, slot in zip(drawn, slots.tolist(), strict=True):
-            if slot >= 0:
-                cache.texels.write(tile.tobytes(), viewport=(0, 0, slot, TEXELS, TEXELS, 1))
+        for array, tiles in arrays:
+            for tile, slot in zip(tiles, slots.tolist(), strict=True):
+                if slot >= 0:
+                    array.write(tile.tobytes(), viewport=(0, 0, slot, TEXELS, TEXELS, 1))
         self.drawn += len(codes)
 
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.array_types import Float64Array
 from sketchterrain.document.materials import MaterialTable
+from sketchterrain.terrain.appearance import AppearanceSource
 from sketchterrain.terrain.surfaces import TerrainFeatures, VertexMemory, VertexStore
 from sketchterrain.tiles.stream import QUADS
 
@@ -97,27 +98,6 @@ class BoundedTerrain(Protocol):
     @property
     def finest_cell(self) -> float:
         """Least vertex spacing of tiles (m)."""
-
-
-class AppearanceSource(Protocol):
-    """Colour of what vectors paint on a terrain; see `sketchterrain.terrain.appearance.Appearance`."""
-
-    @property
-    def extent(self) -> float:
-        """Width of a level-0 tile (m)."""
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether nothing is painted anywhere."""
-
-    def occupied(self, keys: Int64Array) -> BoolArray:
-        """Return whether anything may show in tiles (n, 3) of level, column and row, (n,)."""
-
-    def tiles(self, keys: Int64Array) -> npt.NDArray[np.uint8]:
-        """Return tiles (n, side, side, 4), row 0 north: √albedo of what is painted, and its share."""
-
-    def changed_areas(self, old: Any) -> Float64Array:
-        """Return boxes (n, 4), m, in which tiles may differ from those of an earlier source."""
 
 
 @runtime_checkable

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import compress, product
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numba
 import numpy as np
@@ -38,6 +38,32 @@ _WHOLE: Final = 2.0**40  # 1 in sums of areas
 _MOST_SUMS: Final = 64  # squares of large texels whose sums are kept, of 1.2 MB
 _MOST_EDITED: Final = 1000  # areas of an edit that sums are changed by
 _MOST_KNOWN: Final = 1 << 16  # tiles of which it is known whether anything is painted there
+
+
+class AppearanceSource(Protocol):
+    """Colour of what is painted on a terrain; see `Appearance`."""
+
+    @property
+    def extent(self) -> float:
+        """Width of a level-0 tile (m)."""
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is painted anywhere."""
+
+    def occupied(self, keys: Int64Array) -> BoolArray:
+        """Return whether anything may show in tiles (n, 3) of level, column and row, (n,)."""
+
+    def tiles(self, keys: Int64Array) -> npt.NDArray[np.uint8]:
+        """Return tiles (n, side, side, 4), row 0 north: √albedo of what is painted, and its share."""
+
+    def window(
+        self, west: float, north: float, *, cell: tuple[float, float], columns: int, rows: int
+    ) -> npt.NDArray[np.uint8]:
+        """Return texels around the samples of a grid, (rows, columns, 4)."""
+
+    def changed_areas(self, old: Any) -> Float64Array:
+        """Return boxes (n, 4), m, in which tiles may differ from those of an earlier source."""
 
 
 @dataclass(frozen=True, eq=False)

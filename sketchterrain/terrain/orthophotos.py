@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
 
 _SIDE: Final = 4096  # px along the sketch's longer side
-_ALBEDO: Final = 0.55  # of a white pixel: photographs are brightened
-_GAMMA: Final = 2.2  # of their pixels
+WHITE: Final = 0.55
+"""Albedo of a white pixel: photographs are brightened."""
+ROOTS: Final = (np.arange(256) / 255.0) ** (0.5 * 2.2)
+"""√ of the albedo of pixels over that of white ones: their gamma is 2.2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +39,7 @@ class Orthophoto:
     @cached_property
     def _levels(self) -> tuple[npt.NDArray[np.float32], ...]:
         """√ of the albedo times the opacity, and the opacity, 0 … 255, each level half as fine."""
-        root = (255.0 * np.sqrt(_ALBEDO) * (np.arange(256) / 255.0) ** (0.5 * _GAMMA)).astype(np.float32)
+        root = (255.0 * np.sqrt(WHITE) * ROOTS).astype(np.float32)
         share = self.pixels[..., 3:].astype(np.float32)
         levels = [np.concatenate([root[self.pixels[..., :3]] * (share / 255.0), share], axis=-1)]
         while max(levels[-1].shape[:2]) > 1:

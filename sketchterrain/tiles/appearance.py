@@ -122,13 +122,22 @@ class AppearanceTiles:
             self.changes += 1
 
     def pending(self, needed: NeededTiles | None = None) -> Int64Array:
-        """Return the tiles to draw, of the selection or of others, the most urgent first."""
+        """Return the tiles to draw, of the selection or of others, the most urgent first.
+
+        Stale ones follow in the order in which they show: those of the finest levels first.
+        """
         codes = (needed or self._needed).codes
         at = index_in(self._records["code"], codes)
         is_missing = at < 0
-        is_missing[~is_missing] = self._records["is_stale"][at[~is_missing]]
+        is_stale = np.zeros(len(codes), np.bool_)
+        is_stale[~is_missing] = self._records["is_stale"][at[~is_missing]]
+        stale = codes[is_stale]
+        if len(stale):
+            level, column, row = decode(codes)
+            is_parent = contains(np.sort(code_of(level - 1, column >> 1, row >> 1)), stale)
+            stale = stale[np.argsort(is_parent, kind="stable")]
         room = None if needed is None else len(self._free) + int(np.count_nonzero(self._replaceable))
-        return np.asarray(codes[is_missing][:room], np.int64)
+        return np.asarray(np.concatenate([codes[is_missing], stale])[:room], np.int64)
 
     def store(self, codes: Int64Array, is_uniform: BoolArray, colours: npt.NDArray[np.uint32]) -> Int64Array:
         """Record drawn tiles in place of the least recently used; return their slots, -1 for uniform ones."""
@@ -150,12 +159,15 @@ class AppearanceTiles:
         self.changes += 1
         return slots
 
-    def invalidate(self, areas: Sequence[Bounds]) -> None:
-        """Mark tiles in areas (west, south, east, north; m) stale; those needed stay until redrawn."""
+    def invalidate(self, areas: Sequence[Bounds], *, texels: float = 1.0) -> None:
+        """Mark tiles in areas (west, south, east, north; m), and so many texels around, stale.
+
+        Those needed stay until redrawn.
+        """
         flat = np.zeros(len(self._records))
         boxes = boxes_of(self._records["code"], self.extent, flat, flat)
         low, high = boxes.low[:, None, :2], boxes.high[:, None, :2]
-        texel = (high - low) / (TEXELS - 2)
+        texel = texels * (high - low) / (TEXELS - 2)
         box = np.asarray(areas, np.float64).reshape(1, -1, 4)
         meets = (box[..., :2] <= high + texel) & (box[..., 2:] >= low - texel)
         self._records["is_stale"] |= meets.all(axis=-1).any(axis=-1)

@@ -1,0 +1,85 @@
+// Draped layers over appearance tiles: strokes, areas, points and pictures, in their order.
+#include "drape.clh"
+
+#define SIDE 192       // texels along a tile, as in appearance.cl
+#define DRAPE_BLOCK 16 // … along a group, for which entries are listed
+#define DRAPE_BLOCKS (SIDE / DRAPE_BLOCK)
+#define ENTRY_STROKE 0 // kinds of entries
+#define ENTRY_FILL 1
+#define ENTRY_POINT 2
+#define ENTRY_PICTURE 3
+#define DRAPE_RING R(0.7)  // of the radius of points, from where on they have the colour of outlines
+
+INLINE uchar as_byte(REAL x) { return (uchar)(real_clamp(x, R(0), R(1)) * R(255) + R(0.5)); }
+INLINE uchar4 as_roots(REAL4 x, REAL w) { return (uchar4)(as_byte(square_root(x.s0)), as_byte(square_root(x.s1)), as_byte(square_root(x.s2)), as_byte(w)); }
+INLINE REAL4 squared(uchar4 x)
+{
+    const REAL4 root = (REAL4)(x.s0, x.s1, x.s2, R(0)) * (R(1) / R(255));
+    return root * root;
+}
+
+//   starts    of each block, into entries, from the lowest to the highest
+//   entry     int4: style, ENTRY_…, first in `list`, or the picture, and number of pieces: of one feature
+//   anchor    REAL2 an entry: place of the tile's corner in its hatch
+//   list      numbers of pieces
+//   base      uchar4 a texel of the tiles that have one, by `base_of`, -1: what lies below, in the form of the result
+//   picture   uchar4 a texel: √ of red, green, blue, 1 for white, and opacity
+//   result    uchar4 a texel: √ of red, green, blue, and the share
+//   filtered  whether `filter`, uchar4 a texel, is what of the ground's red, green and blue is seen through it all
+__kernel void drape(__global const int *starts, __global const int4 *entry, __global const REAL2 *anchor,
+                    __global const int *list, __global const DrapePiece *piece, __global const DrapeStyle *styles,
+                    __global const int *base_of, __global const uchar4 *base, __global const uchar4 *picture,
+                    int filtered, __global uchar4 *result, __global uchar4 *filter)
+{
+    const int column = get_global_id(0), from_north = get_global_id(1), tile = get_global_id(2);
+    const int block = (tile * DRAPE_BLOCKS + (int)get_group_id(1)) * DRAPE_BLOCKS + (int)get_group_id(0);
+    const int texel = from_north * SIDE + column;
+    const REAL x = (REAL)column + R(0.5), y = (REAL)(SIDE - from_north) - R(0.5);
+    Veil veil = {(REAL4)(R(1), R(1), R(1), R(1)), (REAL4)(R(0), R(0), R(0), R(0))};
+    bool is_bare = true;
+    for (int k = starts[block]; k < starts[block + 1]; ++k) {
+        const int4 row = entry[k];
+        const DrapeStyle style = styles[row.s0];
+        const int kind = row.s1;
+        REAL share = R(0);
+        REAL4 colour = kind == ENTRY_FILL ? style.fill : style.stroke;
+        if (kind == ENTRY_PICTURE) {
+            const uchar4 pixel = picture[row.s2 * (SIDE * SIDE) + texel];
+            colour = squared(pixel);
+            share = (REAL)pixel.s3 * (R(1) / R(255)) * style_opacity(style);
+        } else if (kind == ENTRY_FILL) {
+            for (int i = row.s2; i < row.s2 + row.s3; ++i) {
+                const REAL4 edge = piece[list[i]].line;
+                share += area_east_of(edge.s0 - x + R(0.5), edge.s1 - y + R(0.5), edge.s2, edge.s3, R(1));
+            }
+            share = real_clamp(share, R(0), R(1));
+            share *= style_fill_opacity(style) * hatch_share(style, x, y, anchor[k]);
+        } else if (kind == ENTRY_STROKE) {
+            for (int i = row.s2; i < row.s2 + row.s3; ++i) share = real_max(share, stroke_share(piece[list[i]], style, x, y));
+            share *= style_opacity(style);
+        } else {
+            const REAL radius = style_half_width(style), hole = style_fill_opacity(style) > R(0) ? DRAPE_RING * radius : R(0);
+            REAL whole = R(0), inner = R(0);
+            for (int i = row.s2; i < row.s2 + row.s3; ++i) {
+                const REAL4 at = piece[list[i]].line;
+                whole = real_max(whole, disc_share(x - at.s0, y - at.s1, radius));
+                inner = real_max(inner, disc_share(x - at.s0, y - at.s1, hole));
+            }
+            const REAL ring = (whole - inner) * style_opacity(style);
+            inner *= style_fill_opacity(style);
+            share = ring + inner;
+            colour = blend(style.stroke, style.fill, inner / real_max(share, R(1e-6)));
+        }
+        is_bare = is_bare && share <= R(0);
+        veil = veiled(veil, colour, style_white(style), share, (int)style_blend(style));
+    }
+    const int own = base_of[tile];
+    const size_t place = (size_t)tile * (SIDE * SIDE) + texel;
+    const uchar4 below = own < 0 ? (uchar4)(0, 0, 0, 0) : base[(size_t)own * (SIDE * SIDE) + texel];
+    const REAL ground = (REAL)below.s3 * (R(1) / R(255));
+    const REAL4 through = veil.through * (R(1) - ground), albedo = veil.through * squared(below) * ground + veil.own;
+    const REAL hidden = R(1) - real_min(real_min(through.s0, through.s1), through.s2);
+    const REAL share = real_min(real_max(hidden, real_max(real_max(albedo.s0, albedo.s1), albedo.s2)), R(1));
+    result[place] = is_bare ? below : as_roots(albedo / real_max(share, R(1e-6)), share);
+    if (filtered) filter[place] = (uchar4)(as_byte(through.s0), as_byte(through.s1), as_byte(through.s2), 255);
+}

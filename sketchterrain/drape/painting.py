@@ -1,0 +1,621 @@
+"""Appearance tiles with draped layers: parts of features, listed by blocks of texels, for a kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Hashable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from itertools import compress, product
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import BoolArray, Float64Array, FloatArray, Int32Array, UInt8Array
+from sketchterrain.caching import LRUCache
+from sketchterrain.document.drapes import BLENDS, STYLE, DrapedLayer
+from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, STARTS, STROKE, Items
+from sketchterrain.io.resources import kernel_columns, kernel_constants
+from sketchterrain.terrain.appearance import SIDE, AppearanceSource
+from sketchterrain.terrain.orthophotos import ROOTS
+from sketchterrain.terrain.orthophotos import WHITE as PICTURE_WHITE
+
+if TYPE_CHECKING:
+    from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.drape.drapes import Drapes, LayerStyle
+
+WHITE: Final = 0.8
+"""Albedo of white in styles: that of paper, so that colours keep below what sunlit ground can reflect."""
+TEXEL_PIXELS: Final = 1.1 * 0.5**0.5
+"""Pixels of a texel, for widths in px: the geometric mean of the 0.55 … 1.1 px at which tiles are drawn."""
+_FILE: Final = "drape.cl"
+_STYLE: Final = kernel_columns("drape.clh", "DrapeStyle")
+_ROOTS: Final = np.rint(255.0 * ROOTS).astype(np.uint8)  # of the albedo of pixels, 255 for white
+_BLOCK, _PICTURE = (int(each) for each in kernel_constants(_FILE, "DRAPE_BLOCK", "ENTRY_PICTURE"))
+_BLOCKS: Final = SIDE // _BLOCK
+_JOINS, _CONTINUES = (int(each) for each in kernel_constants("drape.clh", "PIECE_JOINS", "PIECE_CONTINUES"))
+(_MITRE_LIMIT,) = kernel_constants("drape.clh", "MITRE_LIMIT")
+_CAPS, _JOIN_NAMES = (STYLE[name].choices for name in ("cap", "join"))
+_PIECE: Final = kernel_columns("drape.clh", "DrapePiece")
+_LENGTHS: Final = [_STYLE[name] for name in ("style_half_width", "style_hatch_spacing", "style_dash_period")]
+_FIRST_DASH: Final = 20
+_LENGTHS += range(_FIRST_DASH, _FIRST_DASH + 16)
+_AROUND: Final = 0.75  # texels from the middle of one to its corner, about
+_LONG: Final = 512.0  # texels: longer segments are cut, so that their ends are near
+_MAX_TILES: Final = 32  # in a launch
+_BASES, _LISTS = 6 << 20, 10 << 20  # bytes of tiles below, and of lists, in memory
+_MOST_KNOWN: Final = 1 << 16  # tiles of which it is known whether anything is draped there
+_EVERYWHERE: Final = np.array([[-np.inf, -np.inf, np.inf, np.inf]])
+_UNKNOWN_GROUND: Final = 0.2  # albedo below layers that filter it, where a picture has no ground
+
+
+class _Scale(NamedTuple):
+    """Metres of a texel and of a pixel."""
+
+    texel: float
+    pixel: float
+
+
+class _Lists(NamedTuple):
+    """Parts of a layer near a tile, with the number of their class in it."""
+
+    pieces: FloatArray  # (m, 8) rows of `DrapePiece` without places in dashes
+    along: Float64Array  # (m,) texels from the start of dashes
+    style: Int32Array  # (m,)
+    entries: Int32Array  # (e, 5) block, style, kind, first in `numbers`, count
+    numbers: Int32Array  # (k,) of pieces
+
+
+class _Styles:
+    """Rows of `DrapeStyle` of classes, then of each layer as a raster, with lengths in their units."""
+
+    def __init__(self, styles: Sequence[LayerStyle], layers: Sequence[DrapedLayer]) -> None:
+        rows = [_style_row(each) for each in styles]
+        for layer in layers:
+            blend = BLENDS.index(layer["blend"])
+            rows.append(_row(style_opacity=layer["opacity"], style_blend=blend, style_white=PICTURE_WHITE))
+        self._rows = np.array(rows, np.float64).reshape(len(styles) + len(layers), -1)
+        self.in_pixels = np.zeros(len(self._rows), np.bool_)
+        self.in_pixels[: len(styles)] = [each.style["unit"] == "px" for each in styles]
+        square = self._rows[:, _STYLE["style_cap"]] == _CAPS.index("square")
+        self.reach = self._rows[:, _STYLE["style_half_width"]] * np.where(square, np.sqrt(2.0), 1.0)
+        self.is_mitred = self._rows[:, _STYLE["style_join"]] == _JOIN_NAMES.index("mitre")
+        first = np.array([each.layer for each in styles], np.int64)
+        self.first = np.searchsorted(first, np.arange(len(layers)))  # row of each layer
+
+    def units(self, view: _Scale) -> Float64Array:
+        """Return the texels of the unit of each row."""
+        return np.where(self.in_pixels, view.pixel, 1.0) / view.texel
+
+    def rows(self, view: _Scale) -> Float64Array:
+        """Return the rows with lengths in texels."""
+        result = self._rows.copy()
+        result[:, _LENGTHS] *= self.units(view)[:, None]
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class DrapedAppearance:
+    """Colour of draped layers over what is painted below, if anything; see `terrain.appearance.Appearance`.
+
+    A tile depends on its key alone. Widths in px are right in the mean of the scales at which it is drawn.
+    """
+
+    drapes: Drapes
+    context: ComputeContext
+    extent: float
+    below: AppearanceSource | None = None
+    _bases: LRUCache = field(default_factory=partial(LRUCache, max_bytes=_BASES), repr=False)
+    _lists: LRUCache = field(default_factory=partial(LRUCache, max_bytes=_LISTS), repr=False)
+
+    def updated(self, drapes: Drapes, below: AppearanceSource | None) -> DrapedAppearance:
+        """Return the appearance of other layers or ground; what is listed for unchanged layers is shared."""
+        if below is not self.below:
+            return DrapedAppearance(drapes, self.context, self.extent, below, _lists=self._lists)
+        return replace(self, drapes=drapes)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is painted anywhere."""
+        return self.drapes.is_empty and (self.below is None or self.below.is_empty)
+
+    @cached_property
+    def filters(self) -> bool:
+        """Whether a layer blends otherwise than by opacity: tiles then have twice the channels."""
+        return any(layer["visible"] and layer["blend"] != "normal" for layer in self.drapes.layers)
+
+    @cached_property
+    def reach(self) -> float:
+        """Texels around features of a width in px that may be painted."""
+        widest = max(
+            (each.reach(1.0) for each in self.drapes.styles if each.style["unit"] == "px"), default=0.0
+        )
+        return 1.0 + widest / TEXEL_PIXELS
+
+    def texel(self, level: int) -> float:
+        """Return the side of a level's texels, m."""
+        return float(self.extent / 2.0**level / (SIDE - 2))
+
+    def occupied(self, keys: npt.ArrayLike) -> BoolArray:
+        """Return whether anything may be painted in tiles (n, 3) of level, column and row, (n,)."""
+        tiles = np.asarray(keys, np.int64).reshape(-1, 3)
+        names, known = list(map(tuple, tiles.tolist())), self._known_occupied
+        if len(known) > _MOST_KNOWN:
+            known.clear()
+        new = np.array([name not in known for name in names], np.bool_)
+        if new.any():
+            width = self.extent / np.exp2(tiles[new, :1])
+            margin = width / (SIDE - 2)
+            low, high = tiles[new, 1:] * width - margin, (tiles[new, 1:] + 1) * width + margin
+            found = self.drapes.occupied(np.concatenate([low, high], axis=1))
+            known.update(zip(compress(names, new), found.tolist(), strict=True))
+        result = np.array([known[name] for name in names], np.bool_)
+        return result if self.below is None else result | self.below.occupied(tiles)
+
+    @cached_property
+    def _known_occupied(self) -> dict[tuple[int, ...], bool]:
+        """Tiles that were asked for: a view asks for the same ones in each frame."""
+        return {}
+
+    def changed_areas(self, old: AppearanceSource) -> Float64Array:
+        """Return boxes (n, 4), m, outside of which tiles of an earlier appearance are equal.
+
+        Widths in px add `reach` texels.
+        """
+        if not isinstance(old, DrapedAppearance) or (old.below is None) != (self.below is None):
+            return _EVERYWHERE
+        boxes = self.drapes.changed_boxes(old.drapes)
+        if self.below is None or self.below is old.below:
+            return boxes
+        return np.concatenate([boxes, self.below.changed_areas(old.below)])
+
+    def tiles(self, keys: npt.ArrayLike) -> UInt8Array:
+        """Return tiles.
+
+        Parameters
+        ----------
+        keys : (n, 3) levels, columns and rows
+
+        Returns
+        -------
+        (n, SIDE, SIDE, 4) uint8
+            √ of the albedo of red, green and blue over what is painted, and the share of the texel that is.
+            If the appearance `filters`, 8: then how much of the ground's red, green and blue is seen.
+        """
+        tiles = np.asarray(keys, np.int64).reshape(-1, 3)
+        result = np.zeros((len(tiles), SIDE, SIDE, 8 if self.filters else 4), np.uint8)
+        for level in np.unique(tiles[:, 0]).tolist():
+            (own,) = np.nonzero(tiles[:, 0] == level)
+            texel, width = self.texel(level), self.extent / 2.0**level
+            for part in np.array_split(own, -(-len(own) // _MAX_TILES)):
+                names = list(map(tuple, tiles[part].tolist()))
+                corners = tiles[part, 1:] * width - texel
+                view = _Scale(texel, texel / TEXEL_PIXELS)
+                result[part] = self._painted(corners, view, self._below(names), names)
+        return result
+
+    def window(
+        self, west: float, north: float, *, cell: tuple[float, float], columns: int, rows: int
+    ) -> UInt8Array:
+        """Return texels around the samples of a grid, as `terrain.appearance.Appearance.window` does.
+
+        A texel is a pixel. Where layers filter what is below, it is taken for ground of a mean albedo.
+        """
+        view = _Scale(cell[0], cell[0])
+        result = np.zeros((rows, columns, 4), np.uint8)
+        if self.below is not None:
+            result[:] = self.below.window(west, north, cell=cell, columns=columns, rows=rows)
+        for top, left in product(range(0, rows, SIDE), range(0, columns, SIDE)):
+            part = result[top : top + SIDE, left : left + SIDE]
+            base = np.zeros((SIDE, SIDE, 4), np.uint8)
+            base[: part.shape[0], : part.shape[1]] = part
+            corner = west + (left - 0.5) * cell[0], north - (top + SIDE - 0.5) * cell[1]
+            found = _without_filter(self._painted(np.array([corner]), view, [base], None)[0])
+            part[:] = found[: part.shape[0], : part.shape[1]]
+        return result
+
+    def _below(self, names: Sequence[tuple[int, ...]]) -> list[UInt8Array | None]:
+        """Return what lies below draped layers in tiles, None where nothing does."""
+        if self.below is None:
+            return [None] * len(names)
+        missing = np.array([name for name in names if name not in self._bases], np.int64).reshape(-1, 3)
+        found: dict[tuple[int, ...], UInt8Array | None] = {}
+        if len(missing):
+            full = self.below.occupied(missing)
+            found |= dict.fromkeys(map(tuple, missing.tolist()))
+            drawn = self.below.tiles(missing[full]) if full.any() else ()
+            found |= dict(zip(map(tuple, missing[full].tolist()), drawn, strict=True))
+        bases = [found[name] if name in found else self._bases.get(name) for name in names]
+        for name, base in found.items():
+            self._bases.store(name, base)
+        return bases
+
+    def _painted(
+        self,
+        corners: Float64Array,
+        view: _Scale,
+        bases: Sequence[UInt8Array | None],
+        names: Sequence[tuple[int, ...]] | None,
+    ) -> UInt8Array:
+        """Return squares of texels over bases, by their outermost corners (n, 2), m; tiles have names."""
+        parts, pictures = self._parts(corners, view, names)
+        styles = self._styles.rows(view)
+        joined = _joined(parts, styles, corners / view.texel)
+        context, real, shape = self.context, self.context.real_dtype, (len(corners), SIDE, SIDE, 4)
+        base_of = np.full(len(corners), -1, np.int32)
+        some = [number for number, base in enumerate(bases) if base is not None]
+        base_of[some] = np.arange(len(some))
+        arrays = (
+            *(each.astype(real) if each.dtype.kind == "f" else each for each in (*joined, styles)),
+            *(base_of, np.array([bases[number] for number in some], np.uint8)),
+            np.array(pictures, np.uint8),
+        )
+        buffers = [context.upload(array) for array in arrays]
+        result, through = (context.empty(shape, np.uint8) for _ in range(2))
+        given = *buffers, np.int32(self.filters), result, through
+        context.launch(_FILE, "drape", (SIDE, SIDE, len(corners)), *given, group=(_BLOCK, _BLOCK, 1))
+        found = context.download(result, shape, np.uint8)
+        if not self.filters:
+            return found
+        return np.concatenate([found, context.download(through, shape, np.uint8)], axis=-1)
+
+    def _parts(
+        self, corners: Float64Array, view: _Scale, names: Sequence[tuple[int, ...]] | None
+    ) -> tuple[list[_Part], list[UInt8Array]]:
+        """Return the lists of layers in squares, from the lowest to the highest, and pictures."""
+        parts, pictures = list[_Part](), list[UInt8Array]()
+        rasters = dict(self.drapes.rasters(view.pixel))
+        for tile, corner in enumerate(corners):
+            lists = self._listed(corner, view, rasters, None if names is None else names[tile])
+            for layer in range(len(self.drapes.layers)):
+                if layer in lists:
+                    parts.append(_Part(tile, int(self._styles.first[layer]), lists[layer]))
+                elif layer in rasters:
+                    west, north = float(corner[0]), float(corner[1]) + SIDE * view.texel
+                    pixels = rasters[layer].pixels(west, north, view.texel, SIDE, SIDE)
+                    if pixels[..., 3].any():
+                        parts.append(_Part(tile, len(self.drapes.styles) + layer, len(pictures)))
+                        pictures.append(np.concatenate([_ROOTS[pixels[..., :3]], pixels[..., 3:]], axis=-1))
+        return parts, pictures
+
+    def _listed(
+        self, corner: Float64Array, view: _Scale, rasters: Container[int], name: tuple[int, ...] | None
+    ) -> dict[int, _Lists]:
+        """Return what is near a square, by the numbers of layers of vectors; that of tiles is kept."""
+        drapes = self.drapes
+        wanted = [
+            number
+            for number, layer in enumerate(drapes.layers)
+            if layer["visible"]
+            and layer["opacity"] > 0.0
+            and drapes.sources[number]
+            and number not in rasters
+        ]
+        found = {number: self._lists.get((name, self._layer_keys[number])) for number in wanted}
+        if name is not None and all(each is not None for each in found.values()):
+            return found
+        box = (*corner.tolist(), *(corner + SIDE * view.texel).tolist())
+        items = drapes.items(box, view.pixel)
+        reach = (self._styles.reach * self._styles.units(view))[items.style]
+        shape = (items.points - np.append(corner, 0.0)[:2]) / view.texel
+        for number in wanted:
+            (own,) = np.nonzero(items.layer == number)
+            found[number] = _lists_of(
+                items._replace(points=shape).taken(own),
+                reach[own],
+                self._styles.is_mitred[items.style[own]],
+                view.texel,
+                int(self._styles.first[number]),
+                self.context.real_dtype,
+            )
+            if name is not None:
+                self._lists.store((name, self._layer_keys[number]), found[number])
+        return found
+
+    @cached_property
+    def _styles(self) -> _Styles:
+        return _Styles(self.drapes.styles, self.drapes.layers)
+
+    @cached_property
+    def _layer_keys(self) -> tuple[Hashable, ...]:
+        """What the lists of each layer depend on, besides the tile: no colours, opacities or order."""
+        held = self.drapes.held or (-1, -1)
+        return tuple(
+            (_geometry_key(layer), held[1] if held[0] == number else None)
+            for number, layer in enumerate(self.drapes.layers)
+        )
+
+
+class _Part(NamedTuple):
+    """A layer in a square: lists of vectors, or the number of a picture."""
+
+    tile: int
+    style: int  # the first row of its styles
+    lists: _Lists | int
+
+
+def _joined(
+    parts: Sequence[_Part], styles: Float64Array, corners: Float64Array
+) -> tuple[Int32Array, Int32Array, Float64Array, Int32Array, FloatArray]:
+    """Return starts, entries, anchors, numbers and pieces of a launch, for corners in texels."""
+    every = np.arange(_BLOCKS**2, dtype=np.int32)
+    entries, numbers, pieces = [np.zeros((0, 5), np.int32)], [every[:0]], [np.zeros((0, 8), np.float32)]
+    periods, first_number, first_piece = styles[:, _STYLE["style_dash_period"]], 0, 0
+    for tile, row, lists in parts:
+        block = tile * _BLOCKS**2
+        if isinstance(lists, int):
+            own = np.stack(np.broadcast_arrays(every + block, row, _PICTURE, lists, 0), axis=1)
+        else:
+            own = lists.entries + np.array([block, row, 0, first_number, 0])
+            placed = lists.pieces
+            if periods[row:].any():
+                period = periods[row + lists.style]
+                placed = placed.copy()
+                placed[:, _PIECE["drape_along"]] = np.mod(lists.along, np.where(period > 0.0, period, np.inf))
+            numbers.append(lists.numbers + np.int32(first_piece))
+            pieces.append(placed)
+            first_number, first_piece = first_number + len(lists.numbers), first_piece + len(placed)
+        entries.append(own.astype(np.int32))
+    rows = np.concatenate(entries)
+    stroke, fill = (styles[rows[:, 1], _STYLE[name]] for name in ("style_opacity", "style_fill_opacity"))
+    rows = rows[np.choose(rows[:, 2], [stroke, fill, stroke + fill, stroke]) > 0.0]  # STROKE, FILL, POINT, …
+    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    starts = np.searchsorted(rows[:, 0], np.arange(len(corners) * _BLOCKS**2 + 1)).astype(np.int32)
+    spacing = styles[rows[:, 1], _STYLE["style_hatch_spacing"]][:, None]
+    cosine, sine = (styles[rows[:, 1], _STYLE[f"style_hatch_{axis}"]] for axis in "xy")
+    x, y = corners[rows[:, 0] // _BLOCKS**2].T
+    anchors = np.stack([x * cosine + y * sine, y * cosine - x * sine], axis=1)
+    anchors = np.where(spacing > 0.0, np.mod(anchors, np.where(spacing > 0.0, spacing, 1.0)), 0.0)
+    return starts, np.ascontiguousarray(rows[:, 1:]), anchors, np.concatenate(numbers), np.concatenate(pieces)
+
+
+def _lists_of(
+    items: Items, reach: Float64Array, is_mitred: BoolArray, texel: float, style: int, real: npt.DTypeLike
+) -> _Lists:
+    """Return the lists of a layer's items near a square, their points in texels from its corner."""
+    pieces, pairs = _pieces_of(
+        items.kind, items.first, items.points, items.along / texel, items.ends, reach, is_mitred
+    )
+    starts = np.ones(len(items.kind), np.bool_)  # of parts of a feature that are painted at once
+    columns = [getattr(items, name) for name in ("feature", "kind", "style")]
+    starts[1:] = np.any([each[1:] != each[:-1] for each in columns], axis=0)
+    pairs = pairs[np.argsort(pairs[:, 0], kind="stable")]
+    block, part = pairs[:, 0], np.cumsum(starts)[pairs[:, 1]]
+    (first,) = np.nonzero(np.diff(block, prepend=-1) | np.diff(part, prepend=-1))
+    own = pairs[first, 1]
+    count = np.diff(first, append=len(pairs))
+    entries = np.stack([block[first], items.style[own] - style, items.kind[own], first, count], axis=1)
+    along = pieces[:, _PIECE["drape_along"]].copy()
+    classes = (items.style[pieces[:, 8].astype(np.int64)] - style).astype(np.int32)
+    numbers = pairs[:, 2].astype(np.int32)
+    return _Lists(pieces[:, :8].astype(real), along, classes, entries.astype(np.int32), numbers)
+
+
+def _geometry_key(layer: DrapedLayer) -> Hashable:
+    """Return what the parts of a layer's features and their reach depend on."""
+    styles = [layer.style_of(number) for number in range(-1, len(layer.classes))]
+    names = ("width", "unit", "cap", "join")
+    shown = [
+        (bool(style["colour"]), style["fill"] and style["fill_opacity"] > 0.0, style["hatch"] != "none")
+        for style in styles
+    ]
+    shapes = [tuple(style[name] for name in names) for style in styles]
+    values = (layer["by"], layer["finest"], layer["coarsest"], *(each.value for each in layer.classes))
+    return layer.source_key, frozenset(layer.edits.items()), values, *shown, *shapes
+
+
+def _row(**values: float) -> Float64Array:
+    row = np.zeros(_FIRST_DASH + 16)
+    for name, value in values.items():
+        row[_STYLE[name]] = value
+    return row
+
+
+def _style_row(layer_style: LayerStyle) -> Float64Array:
+    """Return a row of `DrapeStyle`, with lengths in the unit of its width."""
+    style, opacity, width = layer_style.style, layer_style.opacity, layer_style.style["width"]
+    lengths = np.array([float(each) for each in style["dash"].split()])
+    lengths = np.tile(lengths, 1 + len(lengths) % 2)
+    lengths = lengths if lengths.any() else lengths[:0]
+    angle, spacing = np.radians(style["hatch_angle"]), style["hatch_spacing"]
+    row = _row(
+        style_opacity=opacity if style["colour"] else 0.0,
+        style_fill_opacity=opacity * style["fill_opacity"] if style["fill"] else 0.0,
+        style_half_width=0.5 * width,
+        style_cap=_CAPS.index(style["cap"]),
+        style_join=_JOIN_NAMES.index(style["join"]),
+        style_blend=BLENDS.index(layer_style.blend),
+        style_hatch_x=-np.sin(angle),
+        style_hatch_y=np.cos(angle),
+        style_hatch_spacing=0.0 if style["hatch"] == "none" else spacing,
+        style_hatch_duty=min(width / spacing, 1.0),
+        style_hatch_cross=style["hatch"] == "cross",
+        style_dash_period=lengths.sum(),
+        style_dash_pairs=len(lengths) // 2,
+        style_white=WHITE,
+    )
+    for first, colour in ((0, style["colour"]), (4, style["fill"])):
+        row[first : first + 3] = linear_colour(colour) if colour else 0.0
+    dashes = np.stack([np.cumsum(lengths) - lengths, lengths], axis=1)[::2].ravel()
+    row[_FIRST_DASH : _FIRST_DASH + len(dashes)] = dashes
+    return row
+
+
+def linear_colour(colour: str) -> Float64Array:
+    """Return an sRGB colour ``#rrggbb`` as linear values, 0 … 1; its albedo is `WHITE` times that."""
+    values = np.frombuffer(bytes.fromhex(colour[1:]), np.uint8) / 255.0
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+
+
+def _without_filter(texels: UInt8Array) -> UInt8Array:
+    """Return texels (…, 4) that look over ground of a mean albedo as those with a filter (…, 8) do."""
+    if texels.shape[-1] == 4:
+        return texels
+    values = texels / 255.0
+    share = values[..., 3:4]
+    own = values[..., :3] ** 2 * share + _UNKNOWN_GROUND * (values[..., 4:7] - (1.0 - share))
+    root = np.sqrt(np.clip(own / np.maximum(share, 1e-6), 0.0, 1.0))
+    return np.rint(255.0 * np.concatenate([root, share], axis=-1)).astype(np.uint8)
+
+
+@numba.njit(cache=True)
+def _with_room(rows, count):  # type: ignore[no-untyped-def]
+    if count < len(rows):
+        return rows
+    result = np.empty((2 * len(rows), rows.shape[1]), rows.dtype)
+    result[:count] = rows
+    return result
+
+
+@numba.njit(cache=True)
+def _pieces_of(kinds, first, points, along, ends, reach, is_mitred):  # type: ignore[no-untyped-def]
+    """Return pieces with the numbers of their items (m, 9), and (block, item, piece) by items, (p, 3)."""
+    pieces, pairs, made, listed = np.empty((256, 9)), np.empty((1024, 3), np.int64), 0, 0
+    for i in range(len(kinds)):
+        own = points[first[i] : first[i + 1]]
+        if kinds[i] == FILL:
+            pieces, pairs, made, listed = _ring(i, own, pieces, pairs, made, listed)
+        elif kinds[i] == STROKE:
+            pieces, pairs, made, listed = _stroke(
+                i, own, along[i], ends[i], reach[i], is_mitred[i], pieces, pairs, made, listed
+            )
+        else:
+            row = (own[0, 0], own[0, 1], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, float(i))
+            pieces, pairs, made, listed = _add(row, reach[i], pieces, pairs, made, listed)
+    return pieces[:made], pairs[:listed]
+
+
+@numba.njit(cache=True)
+def _add(row, reach, pieces, pairs, made, listed):  # type: ignore[no-untyped-def]
+    """List a segment or point in all blocks that it may cover a part of."""
+    x, y, east, north = row[0], row[1], row[2], row[3]
+    reach = reach + _AROUND
+    west, east_end = min(x, x + east) - reach, max(x, x + east) + reach
+    south, north_end = min(y, y + north) - reach, max(y, y + north) + reach
+    if east_end < 0.0 or north_end < 0.0 or west > SIDE or south > SIDE:
+        return pieces, pairs, made, listed
+    square, far, before = east * east + north * north, reach + _BLOCK * np.sqrt(0.5), listed
+    for j in range(max(int(south // _BLOCK), 0), min(int(north_end // _BLOCK), _BLOCKS - 1) + 1):
+        for k in range(max(int(west // _BLOCK), 0), min(int(east_end // _BLOCK), _BLOCKS - 1) + 1):
+            dx, dy = (k + 0.5) * _BLOCK - x, (j + 0.5) * _BLOCK - y
+            t = min(max((dx * east + dy * north) / square, 0.0), 1.0) if square > 0.0 else 0.0
+            if (dx - t * east) ** 2 + (dy - t * north) ** 2 <= far * far:
+                pairs = _with_room(pairs, listed)
+                pairs[listed] = ((_BLOCKS - 1 - j) * _BLOCKS + k, int(row[8]), made)
+                listed += 1
+    if listed > before:
+        pieces = _with_room(pieces, made)
+        pieces[made] = row
+        made += 1
+    return pieces, pairs, made, listed
+
+
+@numba.njit(cache=True)
+def _stroke(i, own, along, ends, reach, is_mitred, pieces, pairs, made, listed):  # type: ignore[no-untyped-def]
+    """List the segments of a run of a line."""
+    place, line, count = np.empty(len(own), np.int64), np.empty((len(own), 2)), 0
+    for k in range(len(own)):  # repeated points are left out
+        if count == 0 or np.hypot(own[k, 0] - line[count - 1, 0], own[k, 1] - line[count - 1, 1]) > 1e-9:
+            line[count] = own[k]
+            count += 1
+        place[k] = count - 1
+    begin = place[1] if ends & BEFORE else 0
+    stop = place[len(own) - 2] if ends & AFTER else count - 1
+    for k in range(begin, stop):
+        x, y = line[k]
+        east, north = line[k + 1, 0] - x, line[k + 1, 1] - y
+        length = np.hypot(east, north)
+        bits = (ends & STARTS if k == begin else 0) | (ends & ENDS if k == stop - 1 else 0)
+        bits |= _CONTINUES if k + 2 < count else 0
+        from_x = from_y = 0.0
+        most = reach
+        if k > 0:
+            bits |= _JOINS
+            from_x, from_y = x - line[k - 1, 0], y - line[k - 1, 1]
+            whole = np.hypot(from_x, from_y)
+            from_x, from_y = from_x / whole, from_y / whole
+            half = np.sqrt(max(0.5 + 0.5 * (from_x * east + from_y * north) / length, 0.0))
+            if is_mitred and half * _MITRE_LIMIT >= 1.0:
+                most = reach / half
+        start, end = 0.0, 1.0
+        if length > _LONG:
+            for at, step in ((x, east), (y, north)):
+                if step != 0.0:
+                    low, high = (-most - _LONG - at) / step, (SIDE + most + _LONG - at) / step
+                    start, end = max(start, min(low, high)), min(end, max(low, high))
+            bits &= ~((STARTS | _JOINS if start > 0.0 else 0) | (ENDS | _CONTINUES if end < 1.0 else 0))
+        if start < end:
+            part = end - start
+            x, y, east, north = x + start * east, y + start * north, part * east, part * north
+            row = (x, y, east, north, along + start * length, float(bits), from_x, from_y, float(i))
+            pieces, pairs, made, listed = _add(row, most, pieces, pairs, made, listed)
+        along += length
+    return pieces, pairs, made, listed
+
+
+@numba.njit(cache=True)
+def _ring(i, own, pieces, pairs, made, listed):  # type: ignore[no-untyped-def]
+    """List the edges of a ring in the blocks that they are in, and what is inside at the blocks' corners.
+
+    The part of an edge beyond a block's western side counts in all of its rows east of it. An upright edge
+    along that side, from there to the block's northern side, makes up for it: then nothing else west of the
+    block matters but the winding number of its south-western corner.
+    """
+    turns = np.zeros((_BLOCKS, _BLOCKS + 1), np.int64)  # what is added to a corner and those east of it
+    for k in range(len(own) - 1):
+        runs_north = own[k, 1] <= own[k + 1, 1]
+        (x, y), (to_x, top) = (own[k], own[k + 1]) if runs_north else (own[k + 1], own[k])
+        if top < 0.0 or y > SIDE:
+            continue
+        slope, edge = ((to_x - x) / (top - y) if top > y else 0.0), -1
+        for j in range(max(int(y // _BLOCK), 0), min(int(top // _BLOCK), _BLOCKS - 1) + 1):
+            south = float(j * _BLOCK)
+            low, high = max(y, south), min(top, south + _BLOCK)
+            at = x if low == y else x + (low - y) * slope
+            until = to_x if high == top else x + (high - y) * slope
+            if y <= south < top:
+                turns[j, min(max(int(at // _BLOCK) + 1, 0), _BLOCKS)] += -1 if runs_north else 1
+            if low >= high and not (y == top and south < y < south + _BLOCK):
+                continue
+            first, end = int(min(at, until) // _BLOCK), int(max(at, until) // _BLOCK)
+            for c in range(max(first, 0), min(end, _BLOCKS - 1) + 1):
+                if edge < 0:
+                    edge, made, pieces = made, made + 1, _with_room(pieces, made)
+                    bottom, above = max(y, -1.0), min(top, SIDE + 1.0)  # far ends would cost precision
+                    a, b = x + (bottom - y) * slope, (to_x if above == top else x + (above - y) * slope)
+                    pieces[edge] = 0.0
+                    if runs_north:
+                        pieces[edge, :4] = (a, bottom, b - a, above - bottom)
+                    else:
+                        pieces[edge, :4] = (b, above, a - b, bottom - above)
+                    pieces[edge, 8] = i
+                block = (_BLOCKS - 1 - j) * _BLOCKS + c
+                pairs = _with_room(pairs, listed)
+                pairs[listed] = (block, i, edge)
+                listed += 1
+                west = float(c * _BLOCK)
+                if (at < west) != (until < west):
+                    begins_west = (at < west) == runs_north
+                    height = low if at < west else high
+                    pieces, pairs = _with_room(pieces, made), _with_room(pairs, listed)
+                    pieces[made] = 0.0
+                    rise = south + _BLOCK - height
+                    pieces[made, :4] = (west, height + (rise if begins_west else 0.0), 0.0, 0.0)
+                    pieces[made, 3] = -rise if begins_west else rise
+                    pieces[made, 8] = i
+                    pairs[listed] = (block, i, made)
+                    made, listed = made + 1, listed + 1
+    for j in range(_BLOCKS):
+        winding = 0
+        for c in range(_BLOCKS):
+            winding += turns[j, c]
+            for _ in range(abs(winding)):
+                pieces, pairs = _with_room(pieces, made), _with_room(pairs, listed)
+                pieces[made] = 0.0
+                pieces[made, :2] = (c * _BLOCK, (j + (1 if winding > 0 else 0)) * _BLOCK)
+                pieces[made, 3] = -_BLOCK if winding > 0 else _BLOCK
+                pieces[made, 8] = i
+                pairs[listed] = ((_BLOCKS - 1 - j) * _BLOCKS + c, i, made)
+                made, listed = made + 1, listed + 1
+    return pieces, pairs, made, listed

@@ -35,13 +35,13 @@ _MAX_SECONDS = 3600.0  # of a flight
 _FILMS = (".mp4", ".webp", ".gif")
 _FOLIAGE = ("csv", "ply", "both", "none")
 _MAPS = ("png", "svg")
-_DRAPE_METHODS = ("tiles", "two-step", "geometry", "lookup")
 _LAYER_OPTION = re.compile(r"(.+),([a-z_]+)=([^,]*)", re.S)
 # Those of sketchterrain.export.targets, which is not loaded for --help; a test compares them.
 TARGETS = (
     *("unity", "unreal", "godot", "blender", "gltf", "geotiff"),
     *("raw", "png16", "exr", "npy", "obj", "stl"),
 )
+DRAPE_METHODS = ("auto", "tiles", "two-step", "geometry")  # of sketchterrain.render.draped, likewise
 
 
 def _parse_picture_size(text: str) -> tuple[int, int]:
@@ -246,9 +246,9 @@ DrapeMethod = Annotated[
     str | None,
     typer.Option(
         "--drape-method",
-        metavar="|".join(_DRAPE_METHODS),
-        callback=_one_of(*_DRAPE_METHODS),
-        help="How draped layers are drawn; by default as tiles.",
+        metavar="|".join(DRAPE_METHODS),
+        callback=_one_of(*DRAPE_METHODS),
+        help="How draped layers are drawn; by default as suits them.",
     ),
 ]
 MapFlag = Annotated[bool, typer.Option("--map", help="A topographic map instead, .png or .svg.")]
@@ -488,6 +488,6 @@ class PictureArguments:
             without=tuple(self.without or ()),
             overlays=tuple(self.overlay or ()),
             textures=self.textures,
-            drape_method=self.drape_method or "tiles",
+            drape_method=self.drape_method or "auto",
             top_down=top_down,
         )

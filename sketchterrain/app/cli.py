@@ -206,7 +206,7 @@ def fly(
             *(size, fps, seconds, quality, real_time, tuple(overlay or ()), time, clouds),
             without=tuple(without or ()),
             textures=textures,
-            drape_method=drape_method or "tiles",
+            drape_method=drape_method or "auto",
         )
         report = app.fly(document, flight, options, output=output, device=device, fast=fast, stages=stages)
     report["path"] = None if path is None else str(path)

@@ -45,7 +45,7 @@ class PictureOptions:
     without: tuple[str, ...] = ()
     overlays: tuple[str, ...] = ()
     textures: Path | None = None
-    drape_method: str = "tiles"
+    drape_method: str = "auto"
     top_down: bool = False  # a map
 
 
@@ -141,7 +141,7 @@ class FlightOptions:
     clouds: float | None = None
     without: tuple[str, ...] = ()
     textures: Path | None = None
-    drape_method: str = "tiles"
+    drape_method: str = "auto"
 
 
 def fly(

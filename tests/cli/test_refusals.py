@@ -59,7 +59,7 @@ RENDER = [
     ("--map --time 18", 2, ("--time with --map",)),
     ("--map --without trees", 2, ("--without with --map",)),
     ("--map --layer MAP", 2, ("--layer with --map",)),
-    ("--drape-method texture", 2, ("expected tiles, two-step, geometry or lookup, got 'texture'",)),
+    ("--drape-method texture", 2, ("expected auto, tiles, two-step or geometry, got 'texture'",)),
     ("--layer no/such.gpkg,width=3", 3, ("--layer no/such.gpkg,width=3", "the file is missing\n")),
     ("--layer MAP,widht=3", 3, ("unknown key 'widht' = '3': expected", "did you mean 'width'?\n")),
     ("--layer MAP,width=wide", 3, ("drape.width = 'wide': expected a number from 0 to 10000\n",)),

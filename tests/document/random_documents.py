@@ -4,7 +4,9 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
+import shapely
 
+from sketchterrain.document.drapes import DrapedLayer, FeatureEdit
 from sketchterrain.document.layers import LAYERS, VECTOR_LAYERS
 from sketchterrain.document.rasters import RASTER, RasterSource
 from sketchterrain.document.sketch import Sketch
@@ -37,6 +39,7 @@ def random_document(rng: Rng, *, own_folder: Path) -> Sketch:
         frame=_frame(rng),
         vectors={name: random_vectors(rng, name) for name in VECTOR_LAYERS if rng.random() < 0.7},
         rasters=tuple(_raster(rng, own_folder) for _ in range(int(rng.integers(4)))),
+        drapes=tuple(_drape(rng, own_folder) for _ in range(int(rng.integers(3)))),
     )
 
 
@@ -63,6 +66,20 @@ def _raster(rng: Rng, own_folder: Path) -> RasterSource:
     name = _text(rng, _LETTERS.replace("/", "") + _CONTROLS, least=1)
     digest = sha256(name.encode()).hexdigest() if rng.random() < 0.5 else ""
     return RasterSource(str(folder / f"{name}.tif"), role, band, digest, **_of_elevation(rng))
+
+
+def _drape(rng: Rng, own_folder: Path) -> DrapedLayer:
+    edits = [
+        FeatureEdit(
+            int(rng.integers(1 << 40)),
+            shapely.to_wkb(shapely.LineString(rng.normal(0, 1e4, (int(rng.integers(2, 9)), 2)))),
+            ((_text(rng, _LETTERS + _CONTROLS, least=1), float(rng.normal())), ("text", _text(rng))),
+        )
+        for _ in range(int(rng.integers(4)))
+    ]
+    name = _text(rng, _LETTERS.replace("/", ""), least=1)
+    layer = DrapedLayer(str(own_folder / f"{name}.gpkg"), edits={edit.id: edit for edit in edits})
+    return layer.replace(title=_text(rng), opacity=float(rng.random()), width=float(rng.uniform(0, 9)))
 
 
 def _of_elevation(rng: Rng) -> dict[str, object]:

@@ -24,7 +24,7 @@ from sketchterrain.document.parameters import (
 )
 from sketchterrain.document.rasters import RASTER, RasterSource, content_hash, raster_problem
 from sketchterrain.errors import InputError, format_value, one_line, unknown_key
-from sketchterrain.io.files import relative_path, too_large, wrap_read_errors
+from sketchterrain.io.files import too_large, wrap_read_errors
 
 MAX_DRAPES: Final = 64
 """The most draped layers of a sketch."""
@@ -284,14 +284,11 @@ def drape_problem(layer: DrapedLayer) -> str:
     return "" if os.path.isdir(layer.path) else raster_problem(layer.file, "draped layer")  # noqa: PTH112 # no error
 
 
-def resolved_drapes(drapes: Iterable[DrapedLayer], base: Path) -> tuple[DrapedLayer, ...]:
-    """Return layers with absolute paths, from paths that are relative to a sketch's folder."""
-    return tuple(each.replace(path=str(base.absolute() / each.path)) for each in drapes)
-
-
-def relative_drapes(drapes: Iterable[DrapedLayer], base: Path) -> tuple[DrapedLayer, ...]:
-    """Return layers with paths inside a sketch's folder relative to it."""
-    return tuple(each.replace(path=relative_path(each.path, base)) for each in drapes)
+def relocated_drapes(
+    drapes: Iterable[DrapedLayer], place: Callable[[str], str | Path]
+) -> tuple[DrapedLayer, ...]:
+    """Return layers with changed paths, as relative to a sketch's folder."""
+    return tuple(each.replace(path=str(place(each.path))) for each in drapes)
 
 
 def moved_drapes(

@@ -13,7 +13,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
 
 from sketchterrain.caching import IdentityKey, LRUCache
-from sketchterrain.document.drapes import relative_drapes, resolved_drapes
+from sketchterrain.document.drapes import relocated_drapes
 from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 from sketchterrain.document.own_materials import relative_folders, resolved_folders
@@ -27,7 +27,14 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text, starter_sketch
 from sketchterrain.document.vector_file import SUFFIX, decode_vectors, encode_vectors, vector_files
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
-from sketchterrain.io.files import open_zip, too_large, wrap_os_errors, wrap_read_errors, write_atomic
+from sketchterrain.io.files import (
+    open_zip,
+    relative_path,
+    too_large,
+    wrap_os_errors,
+    wrap_read_errors,
+    write_atomic,
+)
 from sketchterrain.io.resources import preset, preset_names
 
 SETTINGS = "sketch.toml"
@@ -346,7 +353,7 @@ def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None)
         if sketch.rasters:
             sketch = sketch.replace(rasters=resolved_rasters(sketch.rasters, contents, base))
         if base is not None and sketch.drapes:
-            sketch = sketch.replace(drapes=resolved_drapes(sketch.drapes, base))
+            sketch = sketch.replace(drapes=relocated_drapes(sketch.drapes, base.absolute().joinpath))
     vectors = {}
     for name in VECTOR_LAYERS:
         if f"{name}{SUFFIX}" in contents:
@@ -370,7 +377,7 @@ def _encode(sketch: Sketch, base: Path | None) -> dict[str, bytes]:
         sketch = sketch.replace(
             materials=relative_folders(sketch.materials, base),
             rasters=relative_rasters(sketch.rasters, base),
-            drapes=relative_drapes(sketch.drapes, base),
+            drapes=relocated_drapes(sketch.drapes, partial(relative_path, base=base)),
         )
     files = {}
     for name, image in sketch.layers.items():

@@ -59,6 +59,7 @@ class DrapedScreen:
         self.seconds = 0.0
         self._context, self._stream, self._lit, self._quality = context, stream, lit, quality
         self._drapes: Drapes | None = None
+        self._rest: Drapes | None = None  # without the held feature
         self._held: Held | None = None
         self._share = 1.0  # of the held feature
         self._released: tuple[Drapes, Held, float] | None = None  # and its share
@@ -94,13 +95,12 @@ class DrapedScreen:
 
     def set_drapes(self, drapes: Drapes | None, held: Held | None) -> None:
         """Replace the layers; `held` is left out of the tiles as soon as it is drawn by geometry."""
-        if held != self._held:
+        if held != self._held and self.method == "tiles":
             if self._held is not None and drapes is not None:
                 self._released = (drapes, self._held, 1.0)
-            self._share = 0.0
+            self._share = 1.0 if held is None else 0.0
         self._drapes, self._held = drapes, held
-        if held is None:
-            self._share = 1.0
+        self._rest = None if drapes is None else drapes.without(held)
         self._set_painted()
 
     def settle(self) -> None:
@@ -110,13 +110,13 @@ class DrapedScreen:
 
     def advance(self, elapsed: float, *, tiles_converged: bool) -> None:
         """Advance fades by a frame time (s); a released feature stays until tiles show it."""
-        if self._share < 1.0:
-            self._share = min(self._share + elapsed / FADE, 1.0)
-            self._set_painted()
-        if self._released is not None and tiles_converged:
+        if self._released is not None and tiles_converged and self._share == 1.0:
             drapes, held, share = self._released
             share -= elapsed / FADE
             self._released = (drapes, held, share) if share > 0.0 else None
+        if self._share < 1.0:
+            self._share = min(self._share + elapsed / FADE, 1.0)
+            self._set_painted()
 
     def draw(self, camera: Camera, targets: RenderTargets, pixel: float, *, moving: bool) -> bool:
         """Draw over the G-buffer with the frame's camera; return whether there is anything.
@@ -124,8 +124,7 @@ class DrapedScreen:
         `pixel` is the angle (rad) of a pixel; `moving` limits the time of loading.
         """
         drapes = self._drapes
-        rest = None if drapes is None or self.method == "tiles" else drapes.without(self._held)
-        rest = None if rest is None or rest.is_empty else rest
+        rest = None if self.method == "tiles" or self._rest is None or self._rest.is_empty else self._rest
         parts = [] if drapes is None or self._held is None else [(drapes, self._held, self._share)]
         parts += [self._released] if self._released else []
         if rest is None and not parts:
@@ -147,9 +146,5 @@ class DrapedScreen:
         return True
 
     def _set_painted(self) -> None:
-        if self.method != "tiles" or self._drapes is None:
-            self.painted = None
-        elif self._held is None:
-            self.painted = self._drapes
-        elif self._share == 1.0:
-            self.painted = self._drapes.without(self._held)
+        if self._share == 1.0 or self._rest is None:  # until then tiles show the held feature as it was
+            self.painted = self._rest if self.method == "tiles" else None

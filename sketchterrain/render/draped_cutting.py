@@ -15,7 +15,7 @@ import numpy.typing as npt
 import shapely
 from numba import njit
 
-from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.array_types import Bounds, Float64Array, Int64Array
 from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, Items
 from sketchterrain.tiles.quadtree import tile_indices
 
@@ -202,9 +202,10 @@ def mesh_of(quads: int, case: int) -> Mesh:
     )
 
 
-def cut(pieces: Pieces, mesh: Mesh, west: float, north: float, cell: float) -> npt.NDArray[np.void]:
-    """Return pieces cut at a mesh's sides, as triangles (n,) of VERTEX; lengths are m."""
+def cut(pieces: Pieces, mesh: Mesh, box: Bounds) -> npt.NDArray[np.void]:
+    """Return pieces cut at the sides of a mesh that fills a box (m), as triangles (n,) of VERTEX."""
     quads = round(np.sqrt(len(mesh.first) - 1))
+    west, north, cell = box[0], box[3], (box[2] - box[0]) / quads
     local = (pieces.corners - [west, north]) * [1.0 / cell, -1.0 / cell]
     numbers, values, part = _cut(local, pieces.count, *mesh, quads)
     vertices = np.empty(len(part), VERTEX)

@@ -15,7 +15,7 @@ from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.drape.items import Items
 from sketchterrain.drape.painting import WHITE, linear_colour
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.draped_cutting import Pieces, cut, mesh_of
+from sketchterrain.render.draped_cutting import Mesh, Pieces, cut, mesh_of
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.programs import set_uniforms
 from sketchterrain.render.vertex_memory import COMMAND
@@ -29,9 +29,12 @@ if TYPE_CHECKING:
 Held = tuple[int, int]
 """Number of a layer in `Drapes.layers`, id of a feature."""
 
-CACHE_BYTES: Final = 32 << 20  # of cut features
-LEAST_SINE: Final = 0.1  # of the angle at which ground is seen, for which the borders of strokes have room
-BORDER: Final = 1.5  # px beyond a stroke, seen at that angle
+CACHE_BYTES: Final = 64 << 20  # of cut features
+LEAST_SINE: Final = (
+    0.1  # of the angle at which ground is seen, for which strokes have room beyond their width
+)
+STEEPER: Final = 0.5  # of the sine at level ground: slopes may turn away
+BORDER: Final = 0.75  # px beyond a stroke
 _STYLE_ROWS: Final = 6  # vec4s a style, kernels/render/draped.glsl
 _CODES: Final = {"butt": 0, "bevel": 1, "round": 1, "square": 2, "mitre": 2}  # of caps and joins
 _FORMAT: Final = ("4u2 2f4 2f4 1u4", "corners", "weights", "place", "part")
@@ -61,11 +64,14 @@ def style_table(styles: Sequence[LayerStyle]) -> npt.NDArray[np.float32]:
     return table.reshape(-1, 4)
 
 
-def reaches(styles: Sequence[LayerStyle], texel: float) -> Float64Array:
-    """Return how far (m) from its line each style may draw where a pixel covers `texel` m, (styles,)."""
+def reaches(styles: Sequence[LayerStyle], texel: float, border: float) -> Float64Array:
+    """Return how far (m) from its line each style may draw, (styles,).
+
+    A pixel is at most `texel` m wide, and covers at most `border` m on the ground.
+    """
     width = np.array([each.style["width"] for each in styles])
     in_pixels = np.array([each.style["unit"] == "px" for each in styles])
-    return 0.5 * width * np.where(in_pixels, texel, 1.0) + BORDER * texel / LEAST_SINE
+    return 0.5 * width * np.where(in_pixels, texel, 1.0) + BORDER * border
 
 
 def hatch_angles(styles: Sequence[LayerStyle]) -> Float64Array:
@@ -80,8 +86,9 @@ class Squares(NamedTuple):
     boxes: Float64Array  # (n, 4) W, S, E, N, m
     quads: int  # along their sides
     cases: Int64Array  # (n,) of `mesh_of`
-    near: Float64Array  # (n,) least and greatest width (m) of a pixel on each
+    near: Float64Array  # (n,) least and greatest width (m) of a pixel on each, ...
     far: Float64Array
+    border: Float64Array  # ... and the longest part of the ground in it
 
     @classmethod
     def seen(
@@ -95,12 +102,17 @@ class Squares(NamedTuple):
     ) -> Squares:
         """Return the squares of boxes for pixels of an angle (rad); widths are powers of two."""
         eye = np.array(camera.eye)
-        near = np.maximum(np.maximum(boxes.low - eye, eye - boxes.high), 0.0)
-        far = np.maximum(np.abs(boxes.low - eye), np.abs(boxes.high - eye))
-        least, most = (pixel * np.maximum(np.linalg.norm(each, axis=1), 1e-2) for each in (near, far))
-        flat = np.hstack([boxes.low[:, :2], boxes.high[:, :2]])
-        widths = np.exp2(np.floor(np.log2(least))), np.exp2(np.ceil(np.log2(most)))
-        return cls(keys, flat, quads, cases, *widths)
+        apart = np.maximum(np.maximum(boxes.low - eye, eye - boxes.high), 0.0)
+        away = np.maximum(np.abs(boxes.low - eye), np.abs(boxes.high - eye))
+        near, far = (pixel * np.maximum(np.linalg.norm(each, axis=1), 1e-2) for each in (apart, away))
+        sine = np.clip(STEEPER * pixel * apart[:, 2] / far, LEAST_SINE, 1.0)
+        widths = (_stepped(near, np.floor), _stepped(far, np.ceil), _stepped(far / sine, np.ceil))
+        return cls(keys, np.hstack([boxes.low[:, :2], boxes.high[:, :2]]), quads, cases, *widths)
+
+
+def _stepped(widths: Float64Array, rounded: np.ufunc) -> Float64Array:
+    """Return widths as powers of √2, so that what is cut for them stays."""
+    return np.asarray(np.exp2(0.5 * rounded(2.0 * np.log2(widths))))
 
 
 class Cut(NamedTuple):
@@ -130,45 +142,56 @@ class FeatureCutter:
         shown = np.ones(len(squares.keys), np.bool_) if held else drapes.occupied(squares.boxes)
         found = {}
         for number in np.flatnonzero(shown).tolist():
-            box, texels = squares.boxes[number], (float(squares.near[number]), float(squares.far[number]))
+            near, far, border = (float(each[number]) for each in (squares.near, squares.far, squares.border))
+            box = squares.boxes[number]
             if held is not None:
-                low, high = self._held(drapes, held, texels[1])[1]
+                low, high = self._held(drapes, held, far, border)[1]
                 if (box[:2] > high).any() or (box[2:] < low).any():
                     continue
-            key = (IdentityKey(drapes), held, squares.keys[number], int(squares.cases[number]), texels)
-            make = partial(self._cut, drapes, held, squares, number)
-            cut_ = self._cache.get_or_compute(key, make)
-            if len(cut_.vertices):
-                found[number] = cut_
-        return found
-
-    def _cut(self, drapes: Drapes, held: Held | None, squares: Squares, number: int) -> Cut:
-        self.cuts += 1
-        west, south, east, north = squares.boxes[number].tolist()
-        far = float(squares.far[number])
-        if held is None:
-            pieces = _pieces(
-                drapes, drapes.items((west, south, east, north), float(squares.near[number])), far
+            mesh = mesh_of(squares.quads, int(squares.cases[number]))
+            key = (
+                IdentityKey(drapes),
+                held,
+                squares.keys[number],
+                int(squares.cases[number]),
+                near,
+                far,
+                border,
             )
-        else:
-            pieces = self._held(drapes, held, far)[0]
-        mesh = mesh_of(squares.quads, int(squares.cases[number]))
-        return Cut(cut(pieces, mesh, west, north, (east - west) / squares.quads), pieces.parts)
+            make = partial(self._cut, drapes, held, mesh, box.tolist(), (near, far, border))
+            found[number] = self._cache.get_or_compute(key, make)
+        return {number: each for number, each in found.items() if len(each.vertices)}
 
-    def _held(self, drapes: Drapes, held: Held, texel: float) -> tuple[Pieces, Float64Array]:
+    def _cut(
+        self,
+        drapes: Drapes,
+        held: Held | None,
+        mesh: Mesh,
+        box: tuple[float, float, float, float],
+        texels: tuple[float, float, float],
+    ) -> Cut:
+        self.cuts += 1
+        near, far, border = texels
+        if held is None:
+            pieces = _pieces(drapes, drapes.items(box, near), far, border)
+        else:
+            pieces = self._held(drapes, held, far, border)[0]
+        return Cut(cut(pieces, mesh, box), pieces.parts)
+
+    def _held(self, drapes: Drapes, held: Held, far: float, border: float) -> tuple[Pieces, Float64Array]:
         """Return the pieces of one feature, and the corners of their box (m)."""
 
         def make() -> tuple[Pieces, Float64Array]:
-            pieces = _pieces(drapes, drapes.only(held, texel), texel)
+            pieces = _pieces(drapes, drapes.only(held, far), far, border)
             corners = pieces.corners[np.arange(pieces.corners.shape[1]) < pieces.count[:, None]]
             low, high = corners.min(axis=0, initial=np.inf), corners.max(axis=0, initial=-np.inf)
             return pieces, np.stack([low, high])
 
-        return self._cache.get_or_compute((IdentityKey(drapes), held, texel), make)
+        return self._cache.get_or_compute((IdentityKey(drapes), held, far, border), make)
 
 
-def _pieces(drapes: Drapes, items: Items, texel: float) -> Pieces:
-    return Pieces.of_items(items, reaches(drapes.styles, texel), hatch_angles(drapes.styles))
+def _pieces(drapes: Drapes, items: Items, far: float, border: float) -> Pieces:
+    return Pieces.of_items(items, reaches(drapes.styles, far, border), hatch_angles(drapes.styles))
 
 
 class PartBuffers:

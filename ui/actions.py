@@ -36,7 +36,7 @@ class Command:
     tip: str  # One line of help
     icon: str = ""  # Name of an icon
     keys: tuple[str, ...] = ()  # Shortcuts, the displayed one first
-    kind: str = ""  # "check": on or off; "tool", "layer", "mode": one of an exclusive group
+    kind: str = ""  # "check": on or off; "tool", "layer", "mode", "drape": one of an exclusive group
 
 
 _TOOLS = {
@@ -57,6 +57,11 @@ _MODES = {
     "orbit": ("&Orbit", "Turn around the terrain with the mouse"),
     "fly": ("&Fly", "Fly freely with W A S D and the mouse"),
     "walk": ("&Walk", "Walk on the ground with W A S D and the mouse"),
+}
+DRAPE_METHODS = {
+    "tiles": ("Drape &by tiles", "Paint draped layers into tiles of the ground's appearance"),
+    "two-step": ("Drape in t&wo steps", "Draw draped layers on a smooth approximation of the ground"),
+    "geometry": ("Drape by &geometry", "Draw draped layers anew in each picture, exact to the pixel"),
 }
 _OVERLAYS = {
     "relief": ("&Relief beneath the paint", "eye"),
@@ -127,6 +132,7 @@ COMMANDS: Final[dict[str, Command]] = {
         f"overlay-{name}": Command(text, f"Show {OVERLAYS[name]}", icon, (), "check")
         for name, (text, icon) in _OVERLAYS.items()
     },
+    **{f"drape-{name}": Command(*texts, kind="drape") for name, texts in DRAPE_METHODS.items()},
     "canvas-only": Command("&Canvas only", "Maximise the sketch", "canvas", ("F9",), "check"),
     "view-only": Command("&3-D view only", "Maximise the 3-D view", "view", ("F10",), "check"),
     "full-screen": Command("Full &screen", "Use the whole screen", "full-screen", ("F11",), "check"),
@@ -154,7 +160,7 @@ COMMANDS: Final[dict[str, Command]] = {
 }
 """All commands by name."""
 
-_GROUPS = ("tool", "layer", "mode")
+_GROUPS = ("tool", "layer", "mode", "drape")
 
 
 class Actions(QObject):
@@ -388,6 +394,7 @@ MENUS: Final[dict[str, tuple[str, ...]]] = {
     ),
     "&View": (
         *("fit", "zoom-in", "zoom-out", "actual-size", _RULE, *(f"overlay-{name}" for name in OVERLAYS)),
+        *(_RULE, *(f"drape-{name}" for name in DRAPE_METHODS)),
         *(_RULE, "canvas-only", "view-only", "full-screen", _RULE, ">&Panels", "reset-layout"),
     ),
     "&Terrain": (

@@ -25,7 +25,7 @@ from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import RenderPicture
 from sketchterrain.ui.models.background import BackgroundQueue, BackgroundReader, SketchSaver
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.drapes import new_drape
+from sketchterrain.ui.models.drapes import new_drape, replace_drape
 from sketchterrain.ui.models.workspace import Preferences, RecentFiles
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ _SUFFIX, _SETTINGS = ".sketch", "sketch.toml"
 _OPEN_FILTER = f"Sketches (*{_SUFFIX} {_SETTINGS});;All files (*)"
 _ONE_FILE, _FOLDER = f"Sketch in one file (*{_SUFFIX})", "Sketch as a folder of images (*)"
 DRAPED = "*.gpkg *.fgb *.geojson *.json *.shp *.tif *.tiff *.vrt *.jp2 *.jpg *.webp"
+_SAVED_FILTER = "GeoPackage (*.gpkg);;FlatGeobuf (*.fgb);;GeoJSON (*.geojson)"
 _DRAPE_FILTER = f"Vectors and rasters ({DRAPED} *.png);;All files (*)"
 _RASTERS = {  # roles
     "Picture beneath the paint (*)": "picture",
@@ -212,6 +213,26 @@ class Files(QObject):
             return [new_drape(path, number) for number, path in enumerate(paths, start=first)]
 
         self.read(paths[0], read, lambda found: self.drapes_read.emit(found))
+
+    def save_drape(self, number: int, ask: bool) -> None:
+        """Save a draped layer with its edits in its file, or in another one."""
+        from sketchterrain.drape.feature_edits import DRIVERS, save_layer  # GDAL
+
+        document, drapes = self._document, self._document.drapes.current
+        path = Path(document.sketch.drapes[number].path)
+        if ask or path.suffix.lower() not in DRIVERS:
+            start = str(path.with_suffix(".gpkg"))
+            name, _ = QFileDialog.getSaveFileName(self._window, "Save the layer", start, _SAVED_FILTER)
+            path = Path(name)
+            if not name:
+                return
+        try:
+            saved = save_layer(drapes, number, path)
+        except (SketchterrainError, OSError) as error:
+            self._report_save_error(str(error))
+            return
+        self._banner.withdraw("file")
+        replace_drape(document, number, f"Save {saved.title}", saved)
 
     def open_dropped(self, paths: Iterable[Path], layer: str) -> None:
         """Open a dropped sketch, import dropped images of layers, or drape other files on the terrain."""

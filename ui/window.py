@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from PyQt6.QtWidgets import QLabel, QMainWindow, QMenu, QSizePolicy, QSlider, QT
 from sketchterrain.document.drapes import drape_problem
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import one_line
-from sketchterrain.ui.actions import Actions, RecentMenu, add_menus, add_tool_bars
+from sketchterrain.ui.actions import DRAPE_METHODS, Actions, RecentMenu, add_menus, add_tool_bars
 from sketchterrain.ui.banner import Banner, ErrorReporter, Message, UncaughtExceptions
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.elevation_files import ElevationFiles
@@ -158,6 +159,7 @@ class MainWindow(QMainWindow):
         drapes = self._layers.drapes
         drapes.add_requested.connect(self.files.ask_add_drapes)
         drapes.zoom_requested.connect(self._zoom_to_drape)
+        drapes.save_requested.connect(self.files.save_drape)
         self._base.add_requested.connect(self.elevation_files.ask_add)
         self._base.change_requested.connect(self.elevation_files.change)
         self.canvas.underlay.changed.connect(self._show_raster_problems)
@@ -261,8 +263,10 @@ class MainWindow(QMainWindow):
                 "bookmark": self._bookmarks.add,
                 **{f"bookmark-{n + 1}": partial(self._bookmarks.go_to, n) for n in range(9)},
                 "restart": self._link.start,
+                **{f"drape-{each}": partial(self._set_drape_method, each) for each in DRAPE_METHODS},
             }
         )
+        actions["drape-tiles"].setChecked(True)
 
     def showEvent(self, event: QShowEvent | None) -> None:
         super().showEvent(event)
@@ -335,6 +339,9 @@ class MainWindow(QMainWindow):
         if not changed or not Path(layers[changed[0]].path).exists():
             return ()
         return (("Update", partial(update_file, self._document, changed[0])),)
+
+    def _set_drape_method(self, method: str) -> None:
+        self._link.set_view(replace(self._link.view, drape_method=method))
 
     def _zoom_to_drape(self, number: int) -> None:
         """Show all of a draped layer on the canvas and in 3-D."""

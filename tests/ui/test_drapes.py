@@ -1,20 +1,26 @@
 """Draped layers in the window: list, style, classes, pictures, choice and edits of features, files."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import rasterio
+import shapely
 from affine import Affine
-from PyQt6.QtCore import QPointF, Qt
+from PyQt6.QtCore import Qt
 from PyQt6.QtGui import QColor
 from PyQt6.QtWidgets import QFileDialog
 
-from sketchterrain.document.drapes import draped_layer
+from sketchterrain.document.drapes import MAX_CLASSES, draped_layer
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.errors import InputError
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.models import drapes as model
 from sketchterrain.ui.models.workspace import Selection
+from sketchterrain.ui.panels.drapes import DrapedFeaturePage, DrapeList, DrapePage
+
+from . import events
 
 FRAME = {"crs": "EPSG:25832", "east": 600000.0, "north": 5269000.0}
 SIDE = 1000.0  # m
@@ -108,3 +114,260 @@ def test_layers_are_drawn_beneath_and_above_the_paint_by_their_order(draped, bla
     settle(qtbot, draped)
     assert colour_at(draped, 750.0, 600.0) == QColor("#ff0000")
     assert paper not in (green, QColor("#0000ff"))
+
+
+def place(canvas, x, y):
+    at = canvas._context.screen_from_world(x, y)
+    return at.x(), at.y()
+
+
+def click(canvas, x, y):
+    events.click(canvas, *place(canvas, x, y))
+
+
+def double(canvas, x, y):
+    at = place(canvas, x, y)
+    click(canvas, x, y)
+    events.mouse(canvas, events.DOUBLE, *at)
+    events.mouse(canvas, events.RELEASE, *at)
+
+
+def drag(canvas, start, end):
+    """Drag from a position (m) to another one in steps, as a mouse does."""
+    (x, y), (to_x, to_y) = place(canvas, *start), place(canvas, *end)
+    steps = [(x + (to_x - x) * t, y + (to_y - y) * t) for t in (0.25, 0.5, 0.75, 1.0)]
+    events.drag(canvas, (x, y), *steps)
+
+
+def shape(document, number):
+    return document.drapes.feature(Selection("drape", number, layer=0)).geometry
+
+
+def near(places, expected):
+    """Return whether positions are equal to about a pixel of the canvas."""
+    return np.abs(np.asarray(places) - expected).max() < 3.0
+
+
+def test_clicks_choose_the_highest_feature_then_those_below(draped, blank, workspace):
+    workspace.tool = "select"
+    click(draped, 350.0, 350.0)
+    assert workspace.selection == Selection("drape", 1, layer=0)
+    click(draped, 350.0, 350.0)
+    assert workspace.selection == Selection("drape", 0, layer=0)
+    click(draped, 350.0, 350.0)
+    assert workspace.selection == Selection("drape", 1, layer=0)
+    click(draped, 700.0, 601.0)
+    assert workspace.selection == Selection("drape", 2, layer=0)
+    events.key(draped, Qt.Key.Key_Escape)
+    assert workspace.selection is None
+    model.change_drape(blank, 0, "Hide", visible=0)
+    click(draped, 350.0, 350.0)
+    assert workspace.selection is None
+
+
+def test_edits_on_the_canvas_are_one_step_each_and_undone_to_the_bit(draped, blank, workspace):
+    workspace.tool, line = "select", Selection("drape", 2, layer=0)
+    workspace.selection, before = line, shape(blank, 2).wkb
+    vertex = replace(line, index=0)
+    changes = (
+        (
+            lambda: drag(draped, (600.0, 600.0), (600.0, 700.0)),
+            "Move a vertex",
+            [(600, 700), (900, 600)],
+            vertex,
+        ),
+        (
+            lambda: drag(draped, (700.0, 600.0), (700.0, 650.0)),
+            "Move a feature",
+            [(600, 650), (900, 650)],
+            line,
+        ),
+        (lambda: double(draped, 660.0, 600.0), "Insert a vertex", [(600, 600), (660, 600), (900, 600)], None),
+    )
+    for change, title, expected, selection in changes:
+        workspace.selection, position = line, blank.history.position
+        change()
+        assert blank.history.position == position + 1
+        assert blank.history.titles[-1].startswith(title)
+        assert near(shape(blank, 2).coords, expected)
+        assert workspace.selection == (selection or replace(line, index=1))
+        assert blank.drapes.held is None
+        blank.undo()
+        assert shape(blank, 2).wkb == before
+        assert not blank.sketch.drapes[0].edits
+    workspace.selection = Selection("drape", 1, layer=0)
+    offset = 12.0 * 0.5**0.5 / draped._context.px_per_metre  # of corners, off the box
+    drag(draped, (500.0 + offset, 500.0 + offset), (600.0 + offset, 700.0 + offset))
+    assert near(shape(blank, 1).bounds, (300.0, 300.0, 600.0, 700.0))
+    blank.undo()
+    offset = 12.0 / draped._context.px_per_metre
+    drag(draped, (400.0, 500.0 + offset), (500.0 + offset, 400.0))
+    assert shape(blank, 1).area == pytest.approx(200.0**2)
+    assert near(shape(blank, 1).exterior.coords[0], (300.0, 500.0))
+
+
+def test_vertices_and_features_are_deleted_and_drawn(draped, blank, workspace):
+    workspace.tool, workspace.selection = "select", Selection("drape", 1, 0, layer=0)
+    events.key(draped, Qt.Key.Key_Delete)
+    assert len(shape(blank, 1).exterior.coords) == 4
+    workspace.selection = Selection("drape", 1, layer=0)
+    events.key(draped, Qt.Key.Key_Delete)
+    assert workspace.selection is None
+    assert blank.drapes.feature(Selection("drape", 1, layer=0)) is None
+    assert blank.sketch.drapes[0].edits[1].geometry == b""
+    places = [(100.0, 800.0), (200.0, 800.0), (200.0, 900.0)]
+    for kind, count in (("point", 1), ("line", 3), ("area", 3)):
+        workspace.drape_kind, workspace.selection = kind, Selection("drape", -1, layer=0)
+        workspace.tool = "line"
+        for each in places[:count]:
+            click(draped, *each)
+        if kind != "point":
+            events.key(draped, Qt.Key.Key_Return)
+        feature = blank.drapes.feature(workspace.selection)
+        assert feature.geometry.geom_type == {"point": "Point", "line": "LineString", "area": "Polygon"}[kind]
+        assert near(shapely.get_coordinates(feature.geometry)[:count], places[:count])
+        assert set(feature.properties) <= {"use", "rank"}
+        assert blank.history.titles[-1] == f"Draw {kind} of fields"
+
+
+def test_locked_hidden_and_raster_layers_refuse_with_one_line(draped, blank, workspace):
+    workspace.tool, workspace.selection = "select", Selection("drape", 2, layer=0)
+    workspace.set_look(model.look_key(blank.sketch.drapes[0]), locked=True)
+    drag(draped, (600.0, 600.0), (600.0, 700.0))
+    events.key(draped, Qt.Key.Key_Delete)
+    assert draped.lines == 2 * ["fields is locked. Unlock the layer to edit it."]
+    assert not blank.sketch.drapes[0].edits
+
+
+def test_properties_keep_their_types(draped, blank, workspace, show_widget):
+    page, lines = show_widget(DrapedFeaturePage(blank, workspace)), []
+    page.message.connect(lines.append)
+    workspace.selection = Selection("drape", 1, layer=0)
+    assert {name: row.field.text() for name, row in page.rows.items()} == {"use": "wood", "rank": "2"}
+    for name, text in (("rank", "7"), ("use", "12"), ("rank", "many")):
+        page.rows[name].field.setText(text)
+        page.rows[name].field.editingFinished.emit()
+    assert blank.drapes.feature(workspace.selection).properties == {"use": "12", "rank": 7}
+    assert lines == ["rank: expected a whole number, got 'many'"]
+    assert page.rows["rank"].field.text() == "7"
+    assert blank.history.titles[-1] == "Set use of fields"
+
+
+def test_the_list_shows_hides_locks_moves_and_removes_layers(blank, workspace, fields, show_widget, qtbot):
+    panel = show_widget(DrapeList(blank, workspace))
+    assert panel.list.isHidden()
+    names = [geojson(fields.with_name(f"{name}.geojson"), ("Point", [1.0, 1.0], {})) for name in "abc"]
+    model.add_drapes(blank, workspace, [model.new_drape(path, at) for at, path in enumerate(names)])
+    qtbot.waitUntil(lambda: not blank.drapes.is_busy)
+    rows = panel.list.rows
+    assert [(each.title, each.detail) for each in rows] == [(n, f"{n}.geojson") for n in "cba"]
+    assert len({each.colours for each in rows}) == 3
+    assert workspace.selection == Selection("drape", -1, layer=2)
+    panel.buttons["lower"].click()
+    assert [each.title for each in blank.sketch.drapes] == ["a", "c", "b"]
+    panel.list.moved.emit(2, 0)
+    assert [each.title for each in blank.sketch.drapes] == ["c", "b", "a"]
+    panel.list.eye_clicked.emit("2")
+    panel.list.lock_clicked.emit("2")
+    assert (panel.list.rows[0].visible, panel.list.rows[0].locked) == (False, True)
+    panel.buttons["remove"].click()
+    assert [each.title for each in blank.sketch.drapes] == ["c", "b"]
+    assert list(blank.history.titles[1:]) == ["Add 3 draped layers", "Move c", "Move a", "Hide a", "Remove a"]
+
+
+def test_styles_and_classes_are_steps_and_drags_merge(draped, blank, workspace, show_widget, fields):
+    page, lines = show_widget(DrapePage(blank, workspace)), []
+    page.message.connect(lines.append)
+    workspace.selection = Selection("drape", -1, layer=0)
+    count = len(blank.history.titles)
+    slider = page.style_form.rows["width"].slider
+    slider.sliderPressed.emit()
+    for step in (100, 200, 400):
+        slider.setValue(step)
+    slider.sliderReleased.emit()
+    assert len(blank.history.titles) == count + 1
+    page.layer_form.edited.emit("opacity", 0.5, object())
+    page.layer_form.edited.emit("opacity", 2.0, object())
+    assert blank.sketch.drapes[0]["opacity"] == 0.5
+    assert len(lines) == 1
+    page.by.setCurrentText("use")
+    page.by.activated.emit(page.by.currentIndex())
+    page.classify.click()
+    classes = blank.sketch.drapes[0].classes
+    assert [each.value for each in classes] == ["meadow", "path", "wood"]
+    assert len({each.style["colour"] for each in classes}) == 3
+    page.classes.activated.emit(3)
+    page.style_form.edited.emit("width", 9.0, object())
+    assert blank.sketch.drapes[0].style_of(2)["width"] == 9.0 != blank.sketch.drapes[0].style["width"]
+    page.style_form.reset_requested.emit("width")
+    assert "width" not in blank.sketch.drapes[0].classes[2].style
+    page.remove.click()
+    page.add.click()
+    assert [each.value for each in blank.sketch.drapes[0].classes] == ["meadow", "path", "new"]
+    many = (("Point", [1.0, 1.0], {"n": each}) for each in range(MAX_CLASSES + 1))
+    path = geojson(fields.with_name("many.geojson"), *many)
+    blank.do("Many", blank.sketch.replace(drapes=(draped_layer(path),)))
+    events.wait(lambda: not blank.drapes.is_busy)
+    with pytest.raises(
+        InputError, match=rf"many: n has {MAX_CLASSES + 1} values; expected at most {MAX_CLASSES}"
+    ):
+        model.classify(blank, 0, "n")
+
+
+def test_problems_are_in_the_banner_and_update_takes_the_changed_file(window, blank, fields, qtbot):
+    blank.do("Add", blank.sketch.replace(drapes=(draped_layer(fields),)))
+    qtbot.waitUntil(lambda: not blank.drapes.is_busy)
+    assert window.banner.message is None
+    geojson(fields, ("Point", [5.0, 5.0], {}))
+    blank.do("Again", blank.sketch.replace(name="again"))
+    model.change_drape(blank, 0, "Hide", visible=0)
+    message = window.banner.message
+    assert "fields.geojson" in message.line
+    assert [title for title, _ in message.buttons] == ["Update"]
+    message.buttons[0][1]()
+    qtbot.waitUntil(lambda: not blank.drapes.is_busy)
+    assert window.banner.message is None
+    assert shape(blank, 0).geom_type == "Point"
+    fields.unlink()
+    model.change_drape(blank, 0, "Show", visible=1)
+    assert "missing" in window.banner.message.line
+
+
+def test_files_are_added_by_dialog_and_drop_and_layers_saved(
+    window, blank, fields, monkeypatch, qtbot, workspace
+):
+    monkeypatch.setattr(QFileDialog, "getOpenFileNames", lambda *_: ([str(fields)], ""))
+    window.actions_by_name["add-drapes"].trigger()
+    qtbot.waitUntil(lambda: blank.history.position == 1 and not blank.drapes.is_busy)
+    window.files.open_dropped([fields], "hill")
+    qtbot.waitUntil(lambda: blank.history.position == 2 and not blank.drapes.is_busy)
+    assert len(blank.sketch.drapes) == 2
+    workspace.selection = Selection("drape", 2, layer=0)
+    model.delete_draped(blank, workspace)
+    other = fields.with_name("other.fgb")
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(other), ""))
+    window.files.save_drape(0, True)
+    qtbot.waitUntil(lambda: not blank.drapes.is_busy)
+    saved = blank.sketch.drapes[0]
+    assert (saved.path, dict(saved.edits), blank.history.titles[-1]) == (str(other), {}, "Save other")
+    assert blank.drapes.current.sources[0].store.count == 2
+    assert blank.drapes.current.sources[1].store.count == 3
+
+
+def test_the_engine_gets_changes_at_once_and_the_placer_none(draped, blank, link, workspace):
+    sent = [each for each in link.requests if isinstance(each, msg.SetDrapes)]
+    assert sent[-1].layers == blank.sketch.drapes
+    link._updates.start(lambda: None)
+    link._updates.next()
+    model.change_drape(blank, 0, "Set", opacity=0.25)
+    assert link.requests[-1].layers[0]["opacity"] == 0.25
+    assert link._updates.is_empty
+    workspace.tool, workspace.selection = "select", Selection("drape", 2, layer=0)
+    (x, y), (to_x, to_y) = place(draped, 600.0, 600.0), place(draped, 650.0, 700.0)
+    events.mouse(draped, events.PRESS, x, y)
+    events.mouse(draped, events.MOVE, to_x, to_y)
+    assert (link.requests[-1].held, link.requests[-1].layers) == ((0, 2), blank.sketch.drapes)
+    events.mouse(draped, events.RELEASE, to_x, to_y)
+    assert link.requests[-1].held is None
+    blank.do("Name", blank.sketch.replace(name="other"))
+    assert link._updates.is_empty is False

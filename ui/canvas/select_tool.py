@@ -176,7 +176,7 @@ class SelectTool(Tool):
             if each is not None and each.is_draped and each.id >= 0:
                 draw_feature(painter, self.context, (each.layer, each.id), colour)
         if selection is not None and selection.is_draped:
-            for handle in draped_handles(self.context.document, selection):
+            for handle in self._draped_handles():
                 self._draw_handle(painter, handle, selection)
         if selection is not None and selection.is_vector:
             drag = self._drag
@@ -276,11 +276,15 @@ class SelectTool(Tool):
             return vertex
         width = vector_width_handle(sketch, selection)
         handles = [width] if width is not None else [] if placed is None else self._visible_handles(placed)
-        if selection is not None and selection.is_draped:
-            handles = list(draped_handles(self.context.document, selection))
+        handles += self._draped_handles()
         near = [(QLineF(place, self._handle_place(each)).length(), each) for each in handles]
         best = min(near, key=lambda pair: pair[0], default=None)
         return best[1] if best is not None and best[0] <= _TOLERANCE else None
+
+    def _draped_handles(self) -> tuple[Handle, ...]:
+        """Return the handles of the selected draped feature, with vertices some distance apart."""
+        document, selection = self.context.document, self.context.workspace.selection
+        return draped_handles(document, selection, spacing=_LEAST_DISTANCE / self.context.px_per_metre)
 
     def _visible_handles(self, placed: Placement) -> list[Handle]:
         """Return handles that do not overlap on the screen; the selected point's before its neighbours'."""

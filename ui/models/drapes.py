@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Hashable
+import math
+from collections.abc import Callable, Hashable
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -14,7 +15,7 @@ import numpy as np
 from PyQt6.QtCore import QObject, pyqtSignal
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.document.drapes import MAX_CLASSES, DrapeClass, DrapedLayer, FeatureEdit, draped_layer
+from sketchterrain.document.drapes import MAX_CLASSES, DrapeClass, DrapedLayer, draped_layer
 from sketchterrain.errors import InputError
 from sketchterrain.ui.models.background import BackgroundReader
 from sketchterrain.ui.models.workspace import Selection, Workspace
@@ -42,6 +43,7 @@ class DrapeSources(QObject):
         self._document = document
         self.current: Drapes | None = None  # None without draped layers, and until the first ones are read
         self.held: tuple[int, int] | None = None  # layer and feature that are being edited
+        self._feature: tuple[object, object, Feature | None] = (None, None, None)  # the last one
         self._shown: tuple[DrapedLayer, ...] = ()
         self._at: tuple[object, ...] = ()
         self._reader = BackgroundReader(self)
@@ -62,9 +64,12 @@ class DrapeSources(QObject):
         current = self.current
         if current is None or selection is None or not selection.is_draped or selection.id < 0:
             return None
-        with suppress(InputError, IndexError):
-            return current.feature(selection.layer, selection.id)
-        return None
+        if self._feature[0] is not current or self._feature[1] != (selection.layer, selection.id):
+            found = None
+            with suppress(InputError, IndexError):
+                found = current.feature(selection.layer, selection.id)
+            self._feature = current, (selection.layer, selection.id), found
+        return self._feature[2]
 
     def stack(self, x: float, y: float, texel: float) -> list[Selection]:
         """Return the features at a place (m), the highest first, at a scale of `texel` m a pixel."""
@@ -134,15 +139,21 @@ def change_drape(
     document: Document, number: int, title: str, *, merge: Hashable | None = None, **changes: Any
 ) -> None:
     """Record a step that changes fields, or values by the names in `DRAPE` and `STYLE`, of a layer."""
-    layers = list(document.sketch.drapes)
-    before = layers[number]
-    layers[number] = before.replace(**changes)
-    if layers[number] != before:
-        _do(document, f"{title} {before.title}", layers, merge)
+    before = document.sketch.drapes[number]
+    changed = before.replace(**changes)
+    if changed != before:
+        replace_drape(document, number, f"{title} {before.title}", changed, merge=merge)
 
 
-def _do(document: Document, title: str, layers: list[DrapedLayer], merge: Hashable | None = None) -> None:
-    document.do(title, document.sketch.replace(drapes=tuple(layers)), merge=merge)
+def replace_drape(
+    document: Document, number: int, title: str, layer: DrapedLayer, *, merge: Hashable | None = None
+) -> None:
+    """Record a step that puts another layer in place of one."""
+    document.do(title, _with_layer(document.sketch, number, layer), merge=merge)
+
+
+def _do(document: Document, title: str, layers: list[DrapedLayer]) -> None:
+    document.do(title, document.sketch.replace(drapes=tuple(layers)))
 
 
 def add_drapes(document: Document, workspace: Workspace, added: list[DrapedLayer]) -> None:
@@ -154,6 +165,7 @@ def add_drapes(document: Document, workspace: Workspace, added: list[DrapedLayer
 
 
 def remove_drape(document: Document, workspace: Workspace, number: int) -> None:
+    """Record a step that removes a layer."""
     layers = list(document.sketch.drapes)
     gone = layers.pop(number)
     workspace.selection = None
@@ -251,14 +263,19 @@ def outlines_of(document: Document, selection: Selection) -> tuple[Float64Array,
     feature = document.drapes.feature(selection)
     if feature is None:
         return ()
-    shape = feature.geometry
-    lines = shapely.get_parts(shapely.boundary(shape) if shape.area else shape)
+    parts = shapely.get_parts(feature.geometry)
+    lines = [each for part in parts for each in (shapely.get_rings(part) if part.area else [part])]
     points = map(shapely.get_coordinates, lines)
     return tuple(np.repeat(line, 2, axis=0) if len(line) == 1 else line for line in points)
 
 
-def draped_handles(document: Document, selection: Selection | None) -> tuple[Handle, ...]:
-    """Return the handles of a feature: its vertices, corners of its box, and one that rotates it."""
+def draped_handles(
+    document: Document, selection: Selection | None, *, spacing: float = 0.0
+) -> tuple[Handle, ...]:
+    """Return the handles of a feature: its vertices, corners of its box, and those that rotate and move it.
+
+    Of the vertices in a square of `spacing` m it is the first one; the active one is among them.
+    """
     import shapely
 
     from sketchterrain.ui.models.selection import Handle
@@ -267,10 +284,12 @@ def draped_handles(document: Document, selection: Selection | None) -> tuple[Han
     if feature is None or selection is None:
         return ()
     whole, places = replace(selection, index=None), shapely.get_coordinates(feature.geometry)
-    step = -(-len(places) // _MAX_HANDLES)
+    squares = np.floor(places / spacing) if spacing else places
+    first = np.unique(squares, axis=0, return_index=True)[1].tolist()
+    shown = {*sorted(first)[:: -(-len(first) // _MAX_HANDLES)], selection.index} & {*range(len(places))}
     vertices = [
         Handle("point", replace(whole, index=at), *places[at].tolist(), *places[at].tolist())
-        for at in range(0, len(places), step)
+        for at in sorted(shown)
     ]
     (west, south), (east, north) = places.min(axis=0).tolist(), places.max(axis=0).tolist()
     x, y = 0.5 * (west + east), 0.5 * (south + north)
@@ -283,40 +302,126 @@ def draped_handles(document: Document, selection: Selection | None) -> tuple[Han
     return (*vertices, *corners, Handle("rotate", whole, x, north, x, y), Handle("move", whole, x, y, x, y))
 
 
-def _with_edit(sketch: Sketch, layer: int, edit: FeatureEdit) -> Sketch:
-    drapes = list(sketch.drapes)
-    drapes[layer] = drapes[layer].replace(edits={**drapes[layer].edits, edit.id: edit})
-    return sketch.replace(drapes=tuple(drapes))
-
-
 def dragged_feature(sketch: Sketch, feature: Feature, handle: Handle, x: float, y: float) -> Sketch:
     """Return the sketch with a handle of a feature, as it was before, dragged to a position (m)."""
-    raise NotImplementedError
+    from sketchterrain.drape import feature_edits as edits
+
+    number, index = handle.selection.layer, handle.selection.index
+    layer, base = sketch.drapes[number], (handle.base_x, handle.base_y)
+    start, end = (handle.x - base[0], handle.y - base[1]), (x - base[0], y - base[1])
+    if handle.role == "point" and index is not None:
+        changed = edits.move_vertex(layer, feature, index, x, y)
+    elif handle.role == "corner":
+        east, north = (to / at if at and to else 1.0 for at, to in zip(start, end, strict=True))
+        changed = edits.scale_feature(layer, feature, (east, north), base)
+    elif handle.role == "rotate":
+        turn = math.atan2(end[1], end[0]) - math.atan2(start[1], start[0])
+        changed = edits.rotate_feature(layer, feature, math.degrees(turn), base)
+    else:
+        changed = edits.move_feature(layer, feature, x - handle.x, y - handle.y)
+    return _with_layer(sketch, number, changed)
+
+
+def _with_layer(sketch: Sketch, number: int, layer: DrapedLayer) -> Sketch:
+    return sketch.replace(drapes=(*sketch.drapes[:number], layer, *sketch.drapes[number + 1 :]))
+
+
+def _edit(
+    document: Document,
+    workspace: Workspace,
+    title: str,
+    change: Callable[[DrapedLayer, Feature], DrapedLayer],
+) -> bool:
+    """Record a step that changes the selected feature; return whether there is one.
+
+    Raise InputError if its layer cannot be edited.
+    """
+    selection, feature = workspace.selection, document.drapes.feature(workspace.selection)
+    if selection is None or feature is None:
+        return False
+    if problem := refusal(document, workspace, selection.layer):
+        raise InputError(problem)
+    layer = document.sketch.drapes[selection.layer]
+    replace_drape(document, selection.layer, f"{title} of {layer.title}", change(layer, feature))
+    return True
 
 
 def delete_draped(document: Document, workspace: Workspace) -> None:
     """Delete the active vertex, or without one the selected feature."""
-    raise NotImplementedError
+    from sketchterrain.drape import feature_edits as edits
+
+    selection = workspace.selection
+    index = None if selection is None else selection.index
+    if index is None:
+        _edit(document, workspace, "Delete a feature", edits.delete_feature)
+    else:
+        _edit(document, workspace, "Delete a vertex", lambda *own: edits.delete_vertex(*own, index))
+    is_left = selection is not None and index is not None and document.drapes.feature(selection) is not None
+    workspace.selection = replace(selection, index=max(index - 1, 0)) if is_left else None
 
 
 def insert_draped_vertex(
     document: Document, workspace: Workspace, x: float, y: float, *, reach: float
 ) -> bool:
     """Insert a vertex in the selected feature and activate it; return whether it is within a distance (m)."""
-    return False
+    import shapely
+
+    from sketchterrain.drape import feature_edits as edits
+
+    selection, feature = workspace.selection, document.drapes.feature(workspace.selection)
+    if selection is None or feature is None or feature.geometry.length == 0.0:
+        return False
+    at, after, first, best = shapely.Point(x, y), 0, 0, reach
+    for line in outlines_of(document, selection):
+        segments = shapely.linestrings(np.stack([line[:-1], line[1:]], axis=1))
+        distance = shapely.distance(segments, at)
+        if distance.min() <= best:
+            best, after = float(distance.min()), first + int(distance.argmin())
+            near = segments[int(distance.argmin())]
+            x, y = near.interpolate(near.project(at)).coords[0]
+        first += len(line)
+    if best >= reach:
+        return False
+    _edit(document, workspace, "Insert a vertex", lambda *own: edits.insert_vertex(*own, after, x, y))
+    workspace.selection = replace(selection, index=after + 1)
+    return True
 
 
 def draw_draped(
     document: Document, workspace: Workspace, number: int, points: list[tuple[float, float]]
 ) -> None:
     """Add a feature of the kind that the workspace draws, and select it."""
-    raise NotImplementedError
+    import shapely
+
+    from sketchterrain.drape.feature_edits import create_feature
+
+    layer, source, kind = document.sketch.drapes[number], _source(document, number), workspace.drape_kind
+    points = [each for each, before in zip(points, [None, *points], strict=False) if each != before]
+    least = {"point": 1, "line": 2, "area": 3}[kind]
+    if len(points) < least:
+        raise InputError(f"{layer.title}: expected {least} points or more")
+    make = {"point": shapely.MultiPoint, "line": shapely.LineString, "area": shapely.Polygon}[kind]
+    shape = shapely.Point(points[0]) if kind == "point" else make(points)
+    values = dict.fromkeys(property_names(document, number))
+    changed, feature = create_feature(layer, source, shape, values)
+    replace_drape(document, number, f"Draw {kind} of {layer.title}", changed)
+    workspace.selection = Selection("drape", feature, layer=number)
 
 
-def set_property(
-    document: Document, workspace: Workspace, selection: Selection, name: str, text: str
-) -> None:
-    raise NotImplementedError
+def set_property(document: Document, workspace: Workspace, name: str, text: str) -> None:
+    """Set a property of the selected feature from a text; raise InputError if it is of another type."""
+    from sketchterrain.drape.feature_edits import set_properties
+
+    selection = workspace.selection
+    if selection is None:
+        return
+    kind = getattr(_source(document, selection.layer), "fields", {}).get(name, "text")
+    convert, what = {"int64": (int, "a whole number"), "float64": (float, "a number")}.get(kind, (str, ""))
+    try:
+        value = convert(text) if text else None
+    except ValueError:
+        raise InputError(f"{name}: expected {what}, got {text!r}") from None
+    _edit(document, workspace, f"Set {name}", lambda *own: set_properties(*own, {name: value}))
 
 
 def property_names(document: Document, number: int) -> list[str]:

@@ -228,7 +228,8 @@ class FeatureDrag:
         self._before = document.sketch
         self._last: Sketch | None = document.sketch
         self._reach = reach
-        self._offset = (0.0, 0.0) if grab is None else (handle.x - grab[0], handle.y - grab[1])
+        is_angle = handle.role == "rotate"
+        self._offset = (0.0, 0.0) if grab is None or is_angle else (handle.x - grab[0], handle.y - grab[1])
         self._merge = object()
         self._feature = document.drapes.feature(handle.selection)
         document.drapes.hold(handle.selection if handle.selection.is_draped else None)

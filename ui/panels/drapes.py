@@ -335,10 +335,8 @@ class DrapedFeaturePage(QWidget):
             self._column.addWidget(field)
 
     def _set(self, name: str, text: object, _: object) -> None:
-        selection = self._workspace.selection
-        if selection is not None:
-            try:
-                model.set_property(self._document, self._workspace, selection, name, str(text))
-            except InputError as error:
-                self.message.emit(str(error))
-                self.refresh()
+        try:
+            model.set_property(self._document, self._workspace, name, str(text))
+        except InputError as error:
+            self.message.emit(str(error))
+            self.refresh()

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 import moderngl
 
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.draped_buffer import DrapedBuffer
-from sketchterrain.render.draped_geometry import DrapedGeometry, Held
+from sketchterrain.render.draped_geometry import DrapedGeometry, DrapedView, Held
 from sketchterrain.render.draped_two_step import TwoStepDraping
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.lit_ground import GroundLighting
@@ -21,20 +22,47 @@ from sketchterrain.render.targets import RenderTargets
 if TYPE_CHECKING:
     from sketchterrain.drape.drapes import Drapes
 
-METHODS: Final = ("auto", "tiles", "two-step", "geometry")
 FADE: Final = (
     0.2  # s in which a feature that is taken hold of, or released, changes from one method to another
 )
 
 
+class ScreenMethod(Protocol):
+    """A way to draw all layers into a buffer of the picture's size."""
+
+    is_loaded: bool  # whether the last picture had everything
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of buffers and caches."""
+
+    def draw(
+        self, drapes: Drapes, view: DrapedView, targets: RenderTargets, buffer: DrapedBuffer, *, moving: bool
+    ) -> None:
+        """Draw over the G-buffer with the frame's camera; `moving` limits the time of loading."""
+
+
+ScreenMethods = dict[str, Callable[[moderngl.Context, TerrainStream, GroundLighting, Quality], ScreenMethod]]
+SCREEN_METHODS: Final[ScreenMethods] = {
+    "two-step": lambda context, stream, lit, quality: TwoStepDraping(
+        context, lit, stream.tiles.extent, samples=quality.samples
+    ),
+    "geometry": lambda context, stream, _, quality: DrapedGeometry(context, stream, samples=quality.samples),
+}
+"""Methods besides ``tiles`` by name; benchmarks add others."""
+
+
 def check_method(method: str) -> None:
-    """Raise InputError for a name that is not in `METHODS`."""
-    if method not in METHODS:
-        raise InputError(f"expected a method of draping, one of {', '.join(METHODS)}, got {method!r}")
+    """Raise InputError for an unknown method of draping."""
+    if method not in (known := ("auto", "tiles", *SCREEN_METHODS)):
+        raise InputError(f"expected a method of draping, one of {', '.join(known)}, got {method!r}")
 
 
 def choose(method: str) -> str:
-    """Return the method that draws layers for a name in `METHODS`; raise InputError for another."""
+    """Return the method that draws layers; raise InputError for an unknown one.
+
+    Painted tiles are the nearest to exact coverage at any height, and cost nothing while the eye rests.
+    """
     check_method(method)
     return "tiles" if method == "auto" else method
 
@@ -71,21 +99,21 @@ class DrapedScreen:
         return DrapedGeometry(self._context, self._stream, samples=self._quality.samples)
 
     @cached_property
-    def two_step(self) -> TwoStepDraping:
-        """Layers on an approximation of the ground."""
-        extent = self._stream.tiles.extent
-        return TwoStepDraping(self._context, self._lit, extent, samples=self._quality.samples)
+    def screen(self) -> ScreenMethod | None:
+        """The method that draws all layers, None for tiles."""
+        make = SCREEN_METHODS.get(self.method)
+        return make and make(self._context, self._stream, self._lit, self._quality)
 
     @property
     def nbytes(self) -> int:
         """Bytes of buffers and caches."""
-        used = [vars(self).get(name) for name in ("geometry", "two_step", "_buffer")]
+        used = [vars(self).get(name) for name in ("geometry", "screen", "_buffer")]
         return sum(each.nbytes for each in used if each is not None)
 
     @property
     def converged(self) -> bool:
         """Whether all is loaded, and no feature is on its way from one method to another."""
-        loaded = self.two_step.is_loaded if "two_step" in vars(self) else True
+        loaded = self.screen is None or self.screen.is_loaded
         return loaded and self._share == 1.0 and self._released is None
 
     @property
@@ -123,24 +151,21 @@ class DrapedScreen:
 
         `pixel` is the angle (rad) of a pixel; `moving` limits the time of loading.
         """
-        drapes = self._drapes
-        rest = None if self.method == "tiles" or self._rest is None or self._rest.is_empty else self._rest
-        parts = [] if drapes is None or self._held is None else [(drapes, self._held, self._share)]
-        parts += [self._released] if self._released else []
-        if rest is None and not parts:
+        drapes, rest, screen = self._drapes, self._rest, self.screen
+        held = [] if drapes is None or self._held is None else [(drapes, self._held, self._share)]
+        held += [self._released] if self._released else []
+        has_rest = screen is not None and rest is not None and not rest.is_empty
+        if not held and not has_rest:
             return False
-        start = time.perf_counter()
-        if rest is not None and self.method == "two-step":
-            self.two_step.draw(rest, camera, targets, pixel, moving=moving)
+        start, view = time.perf_counter(), DrapedView(camera, pixel)
         if self._buffer is None or self._buffer.size != targets.size:
             self._buffer = DrapedBuffer(self._context, targets.size)
         self._buffer.clear()
-        if rest is not None and self.method == "two-step":
-            self.two_step.show(targets)
-        elif rest is not None:
-            self.geometry.draw(rest, None, camera, pixel, targets.depth)
-        for version, held, share in parts:
-            self.geometry.draw(version, held, camera, pixel, targets.depth, share=share)
+        if screen is not None and rest is not None and has_rest:
+            screen.draw(rest, view, targets, self._buffer, moving=moving)
+        for version, feature, share in held:
+            self._buffer.use()
+            self.geometry.draw_features(version, feature, view, targets.depth, share=share)
         self._buffer.resolve()
         self.seconds += time.perf_counter() - start
         return True

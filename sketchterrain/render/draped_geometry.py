@@ -15,9 +15,11 @@ from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.drape.items import Items
 from sketchterrain.drape.painting import WHITE, linear_colour
 from sketchterrain.render.camera import Camera
+from sketchterrain.render.draped_buffer import DrapedBuffer
 from sketchterrain.render.draped_cutting import Mesh, Pieces, cut, mesh_of
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.programs import set_uniforms
+from sketchterrain.render.targets import RenderTargets
 from sketchterrain.render.vertex_memory import COMMAND
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.tiles.quadtree import Boxes
@@ -79,6 +81,13 @@ def hatch_angles(styles: Sequence[LayerStyle]) -> Float64Array:
     return np.radians([each.style["hatch_angle"] for each in styles])
 
 
+class DrapedView(NamedTuple):
+    """The camera of a picture, and the angle (rad) of a pixel."""
+
+    camera: Camera
+    pixel: float
+
+
 class Squares(NamedTuple):
     """Squares of ground with triangles on them, to which features are cut."""
 
@@ -92,16 +101,10 @@ class Squares(NamedTuple):
 
     @classmethod
     def seen(
-        cls,
-        keys: Sequence[Hashable],
-        boxes: Boxes,
-        quads: int,
-        cases: Int64Array,
-        camera: Camera,
-        pixel: float,
+        cls, keys: Sequence[Hashable], boxes: Boxes, quads: int, cases: Int64Array, view: DrapedView
     ) -> Squares:
-        """Return the squares of boxes for pixels of an angle (rad); widths are powers of two."""
-        eye = np.array(camera.eye)
+        """Return the squares of boxes."""
+        eye, pixel = np.array(view.camera.eye), view.pixel
         apart = np.maximum(np.maximum(boxes.low - eye, eye - boxes.high), 0.0)
         away = np.maximum(np.abs(boxes.low - eye), np.abs(boxes.high - eye))
         near, far = (pixel * np.maximum(np.linalg.norm(each, axis=1), 1e-2) for each in (apart, away))
@@ -245,7 +248,7 @@ class PartBuffers:
 
 
 class DrapedGeometry:
-    """Draws features, cut at the triangles of the drawn tiles, into the bound framebuffer.
+    """Draws features, cut at the triangles of the drawn tiles. Rasters are left out.
 
     `samples` are those of the G-buffer along each axis of a pixel. `triangles` counts those of the last
     picture, `cutter` has what is cut.
@@ -260,7 +263,7 @@ class DrapedGeometry:
         self.cutter = FeatureCutter()
         self._buffers = PartBuffers(context)
         self._slots = context.buffer(reserve=4 * self._tiles.capacity, dynamic=True)
-        self.triangles = 0
+        self.is_loaded, self.triangles = True, 0
 
     @property
     def nbytes(self) -> int:
@@ -268,23 +271,26 @@ class DrapedGeometry:
         return self._buffers.nbytes + self.cutter.nbytes
 
     def draw(
+        self, drapes: Drapes, view: DrapedView, targets: RenderTargets, buffer: DrapedBuffer, *, moving: bool
+    ) -> None:
+        """Draw all features."""
+        buffer.use()
+        self.draw_features(drapes, None, view, targets.depth)
+
+    def draw_features(
         self,
         drapes: Drapes,
         held: Held | None,
-        camera: Camera,
-        pixel: float,
+        view: DrapedView,
         depth: moderngl.Texture,
         *,
         share: float = 1.0,
     ) -> None:
-        """Draw all features, or the held one, with the camera of the frame's uniform block.
-
-        `pixel` is the angle of a pixel (rad), `depth` that of the G-buffer, `share` a factor of opacities.
-        """
+        """Draw all features, or the held one, into the bound framebuffer; `share` scales their opacities."""
         self.triangles = 0
         if (draws := self._stream.draws) is None or not drapes.styles:
             return
-        found = self.cutter.cut(drapes, held, self._squares(draws, camera, pixel))
+        found = self.cutter.cut(drapes, held, self._squares(draws, view))
         if not found:
             return
         commands = self._buffers.write(found, drapes.styles)
@@ -297,10 +303,10 @@ class DrapedGeometry:
         set_uniforms(self._program, {"ground_depth": 1, "share": share})
         self._tiles.draw_commands(array, commands, len(found))
 
-    def _squares(self, draws: DrawList, camera: Camera, pixel: float) -> Squares:
+    def _squares(self, draws: DrawList, view: DrapedView) -> Squares:
         tiles, unit = self._stream.tiles, metres_per_unit(self._stream.tiles.extent)
         width = unit * draws.steps * tiles.quads
         west, north = (unit * draws.corners).T
         low = np.stack([west, north - width, tiles.pool.bottom[draws.slots]], axis=1)
         boxes = Boxes(low, np.stack([west + width, north, tiles.pool.top[draws.slots]], axis=1))
-        return Squares.seen(draws.keys, boxes, tiles.quads, draws.cases, camera, pixel)
+        return Squares.seen(draws.keys, boxes, tiles.quads, draws.cases, view)

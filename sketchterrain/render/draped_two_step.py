@@ -18,10 +18,9 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.caching import IdentityKey
 from sketchterrain.render.appearance import premultiplied
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.draped_buffer import DrapedBuffer
 from sketchterrain.render.draped_cutting import mesh_of
-from sketchterrain.render.draped_geometry import FeatureCutter, PartBuffers, Squares
+from sketchterrain.render.draped_geometry import DrapedView, FeatureCutter, PartBuffers, Squares
 from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.programs import build_program, fullscreen_pass, set_uniforms
 from sketchterrain.render.targets import RenderTargets
@@ -85,15 +84,22 @@ class TwoStepDraping:
         return self.cutter.nbytes + self._parts.nbytes + windows + depth
 
     def draw(
-        self, drapes: Drapes, camera: Camera, targets: RenderTargets, pixel: float, *, moving: bool
-    ) -> Squares:
-        """Draw the first step, with the camera of the frame's uniform block; return its squares."""
-        if self._buffer is None or self._buffer.size != targets.size:
-            self._buffer = DrapedBuffer(self._context, targets.size, linear=True)
-            self._depth = self._context.depth_texture(targets.size)
+        self, drapes: Drapes, view: DrapedView, targets: RenderTargets, buffer: DrapedBuffer, *, moving: bool
+    ) -> None:
+        """Draw all layers."""
+        self._draw_first(drapes, view, targets.size, moving=moving)
+        buffer.use()
+        self.show(targets)
+
+    def _draw_first(self, drapes: Drapes, view: DrapedView, size: tuple[int, int], *, moving: bool) -> None:
+        """Draw the first step."""
+        if self._buffer is None or self._buffer.size != size:
+            self._buffer = DrapedBuffer(self._context, size, linear=True)
+            self._depth = self._context.depth_texture(size)
             self._depth.compare_func = ""
             self._depth_only = self._context.framebuffer(depth_attachment=self._depth)
-        squares, codes = self._squares(camera, pixel, targets.size[0] / targets.size[1])
+        camera = view.camera
+        squares, codes = self._squares(view, size[0] / size[1])
         self._bind(self._features, *self._programs, self._foot.program)
         rows = np.zeros(len(codes), _SQUARE)
         west, north = squares.boxes[:, 0], squares.boxes[:, 3]
@@ -117,7 +123,6 @@ class TwoStepDraping:
             set_uniforms(self._features, {"share": 1.0})
             array.render_indirect(commands, moderngl.TRIANGLES, count=len(found))
         self._buffer.resolve()
-        return squares
 
     def show(self, targets: RenderTargets, *, marks_outside: bool = False) -> None:
         """Draw the second step into the bound framebuffer, or the pixels whose feet are not in the buffer."""
@@ -140,9 +145,10 @@ class TwoStepDraping:
         for program in programs:
             set_uniforms(program, {**uniforms, "plane_height": self._plane or 0.0})
 
-    def _squares(self, camera: Camera, pixel: float, aspect: float) -> tuple[Squares, Int64Array]:
+    def _squares(self, view: DrapedView, aspect: float) -> tuple[Squares, Int64Array]:
         """Return the squares that a camera sees, and their levels, columns and rows from north to south."""
         low_z, high_z = self._lit.height_range if self._plane is None else (self._plane, self._plane)
+        camera, pixel = view
         eye, planes = np.array(camera.eye), camera.frustum(aspect)
         above = max(camera.eye[2] - self._lit.height_at(*camera.eye[:2]), 0.0)
         top = int(np.ceil(np.log2(2.0 * camera.far / self._extent)))
@@ -169,7 +175,7 @@ class TwoStepDraping:
         flat = codes[:, 1:] * width
         boxes = Boxes(np.insert(flat, 2, low_z, axis=1), np.insert(flat + width, 2, high_z, axis=1))
         cases = np.zeros(len(codes), np.int64)
-        return Squares.seen([*map(tuple, codes.tolist())], boxes, QUADS, cases, camera, pixel), codes
+        return Squares.seen([*map(tuple, codes.tolist())], boxes, QUADS, cases, view), codes
 
     def _draw_raster(
         self,

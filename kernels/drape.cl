@@ -2,7 +2,7 @@
 #include "drape.clh"
 
 #define SIDE 192       // texels along a tile, as in appearance.cl
-#define DRAPE_BLOCK 16 // … along a group, for which entries are listed
+#define DRAPE_BLOCK 8  // … along a group, for which entries are listed
 #define DRAPE_BLOCKS (SIDE / DRAPE_BLOCK)
 #define ENTRY_STROKE 0 // kinds of entries
 #define ENTRY_FILL 1
@@ -20,19 +20,20 @@ INLINE REAL4 squared(uchar4 x)
 
 //   starts    of each block, into entries, from the lowest to the highest
 //   entry     int4: style, ENTRY_…, first in `list`, or the picture, and number of pieces: of one feature
-//   anchor    REAL2 an entry: place of the tile's corner in its hatch
 //   list      numbers of pieces
+//   anchor    REAL2 a style of a tile: place of the tile's corner in its hatch, if any style has one
 //   base      uchar4 a texel of the tiles that have one, by `base_of`, -1: what lies below, in the form of the result
 //   picture   uchar4 a texel: √ of red, green, blue, 1 for white, and opacity
 //   result    uchar4 a texel: √ of red, green, blue, and the share
 //   filtered  whether `filter`, uchar4 a texel, is what of the ground's red, green and blue is seen through it all
-__kernel void drape(__global const int *starts, __global const int4 *entry, __global const REAL2 *anchor,
-                    __global const int *list, __global const DrapePiece *piece, __global const DrapeStyle *styles,
+__kernel void drape(__global const int *starts, __global const int4 *entry, __global const int *list,
+                    __global const DrapePiece *piece, __global const REAL2 *anchor, __global const DrapeStyle *styles,
                     __global const int *base_of, __global const uchar4 *base, __global const uchar4 *picture,
-                    int filtered, __global uchar4 *result, __global uchar4 *filter)
+                    int style_count, int filtered, __global uchar4 *result, __global uchar4 *filter)
 {
-    const int column = get_global_id(0), from_north = get_global_id(1), tile = get_global_id(2);
-    const int block = (tile * DRAPE_BLOCKS + (int)get_group_id(1)) * DRAPE_BLOCKS + (int)get_group_id(0);
+    const int left = get_group_id(0), top = get_group_id(1), tile = get_group_id(2), own_texel = get_local_id(0);
+    const int block = (tile * DRAPE_BLOCKS + top) * DRAPE_BLOCKS + left;
+    const int column = left * DRAPE_BLOCK + own_texel % DRAPE_BLOCK, from_north = top * DRAPE_BLOCK + own_texel / DRAPE_BLOCK;
     const int texel = from_north * SIDE + column;
     const REAL x = (REAL)column + R(0.5), y = (REAL)(SIDE - from_north) - R(0.5);
     Veil veil = {(REAL4)(R(1), R(1), R(1), R(1)), (REAL4)(R(0), R(0), R(0), R(0))};
@@ -52,8 +53,8 @@ __kernel void drape(__global const int *starts, __global const int4 *entry, __gl
                 const REAL4 edge = piece[list[i]].line;
                 share += area_east_of(edge.s0 - x + R(0.5), edge.s1 - y + R(0.5), edge.s2, edge.s3, R(1));
             }
-            share = real_clamp(share, R(0), R(1));
-            share *= style_fill_opacity(style) * hatch_share(style, x, y, anchor[k]);
+            share = real_clamp(share, R(0), R(1)) * style_fill_opacity(style);
+            if (style_hatch_spacing(style) > R(0)) share *= hatch_share(style, x, y, anchor[tile * style_count + row.s0]);
         } else if (kind == ENTRY_STROKE) {
             for (int i = row.s2; i < row.s2 + row.s3; ++i) share = real_max(share, stroke_share(piece[list[i]], style, x, y));
             share *= style_opacity(style);

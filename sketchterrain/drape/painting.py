@@ -15,6 +15,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import BoolArray, Float64Array, FloatArray, Int32Array, UInt8Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import BLENDS, STYLE, DrapedLayer
+from sketchterrain.drape.drapes import Drapes, LayerStyle
 from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, STARTS, STROKE, Items
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.terrain.appearance import SIDE, AppearanceSource
@@ -23,7 +24,7 @@ from sketchterrain.terrain.orthophotos import WHITE as PICTURE_WHITE
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.drape.drapes import Drapes, LayerStyle
+    from sketchterrain.terrain.terrain import Terrain
 
 WHITE: Final = 0.8
 """Albedo of white in styles: that of paper, so that colours keep below what sunlit ground can reflect."""
@@ -58,12 +59,14 @@ class _Scale(NamedTuple):
 
 
 class _Lists(NamedTuple):
-    """Parts of a layer near a tile, with the number of their class in it."""
+    """Parts of a layer near a tile. Styles are numbers of classes in the layer."""
 
-    pieces: FloatArray  # (m, 8) rows of `DrapePiece` without places in dashes
-    along: Float64Array  # (m,) texels from the start of dashes
-    style: Int32Array  # (m,)
-    entries: Int32Array  # (e, 5) block, style, kind, first in `numbers`, count
+    pieces: FloatArray  # (m, 8) rows of `DrapePiece`, dashes counted from the item's start
+    item: Int32Array  # (m,) of each piece
+    along: Float64Array  # (items,) texels along the line to the item
+    style: Int32Array  # (items,)
+    block: Int32Array  # (e,) of each entry
+    entries: Int32Array  # (e, 4) style, kind, first in `numbers`, count
     numbers: Int32Array  # (k,) of pieces
 
 
@@ -241,20 +244,21 @@ class DrapedAppearance:
         """Return squares of texels over bases, by their outermost corners (n, 2), m; tiles have names."""
         parts, pictures = self._parts(corners, view, names)
         styles = self._styles.rows(view)
-        joined = _joined(parts, styles, corners / view.texel)
+        joined = *_joined(parts, styles, corners / view.texel), styles
         context, real, shape = self.context, self.context.real_dtype, (len(corners), SIDE, SIDE, 4)
         base_of = np.full(len(corners), -1, np.int32)
         some = [number for number, base in enumerate(bases) if base is not None]
         base_of[some] = np.arange(len(some))
         arrays = (
-            *(each.astype(real) if each.dtype.kind == "f" else each for each in (*joined, styles)),
+            *(each.astype(real) if each.dtype.kind == "f" else each for each in joined),
             *(base_of, np.array([bases[number] for number in some], np.uint8)),
             np.array(pictures, np.uint8),
         )
         buffers = [context.upload(array) for array in arrays]
         result, through = (context.empty(shape, np.uint8) for _ in range(2))
-        given = *buffers, np.int32(self.filters), result, through
-        context.launch(_FILE, "drape", (SIDE, SIDE, len(corners)), *given, group=(_BLOCK, _BLOCK, 1))
+        given = *buffers, np.int32(len(styles)), np.int32(self.filters), result, through
+        size = _BLOCKS * _BLOCK**2, _BLOCKS, len(corners)
+        context.launch(_FILE, "drape", size, *given, group=(_BLOCK**2, 1, 1))
         found = context.download(result, shape, np.uint8)
         if not self.filters:
             return found
@@ -327,6 +331,15 @@ class DrapedAppearance:
         )
 
 
+def draped_appearance(terrain: Terrain) -> AppearanceSource:
+    """Return what is painted on a terrain, with the draped layers of its sketch."""
+    sketch = terrain.sketch
+    if not sketch.drapes:
+        return terrain.appearance
+    drapes = Drapes.open(sketch.drapes, sketch.frame, sketch.size, terrain.extent)
+    return DrapedAppearance(drapes, terrain.context, terrain.extent, terrain.appearance)
+
+
 class _Part(NamedTuple):
     """A layer in a square: lists of vectors, or the number of a picture."""
 
@@ -337,59 +350,59 @@ class _Part(NamedTuple):
 
 def _joined(
     parts: Sequence[_Part], styles: Float64Array, corners: Float64Array
-) -> tuple[Int32Array, Int32Array, Float64Array, Int32Array, FloatArray]:
-    """Return starts, entries, anchors, numbers and pieces of a launch, for corners in texels."""
+) -> tuple[Int32Array, Int32Array, Int32Array, FloatArray, Float64Array]:
+    """Return starts, entries, numbers, pieces and anchors of a launch, for corners in texels."""
     every = np.arange(_BLOCKS**2, dtype=np.int32)
-    entries, numbers, pieces = [np.zeros((0, 5), np.int32)], [every[:0]], [np.zeros((0, 8), np.float32)]
-    periods, first_number, first_piece = styles[:, _STYLE["style_dash_period"]], 0, 0
+    blocks, entries, numbers = [every[:0]], [np.zeros((0, 4), np.int32)], [every[:0]]
+    pieces, first_number, first_piece = [np.zeros((0, 8), np.float32)], 0, 0
+    periods = styles[:, _STYLE["style_dash_period"]]
     for tile, row, lists in parts:
-        block = tile * _BLOCKS**2
         if isinstance(lists, int):
-            own = np.stack(np.broadcast_arrays(every + block, row, _PICTURE, lists, 0), axis=1)
-        else:
-            own = lists.entries + np.array([block, row, 0, first_number, 0])
-            placed = lists.pieces
-            if periods[row:].any():
-                period = periods[row + lists.style]
-                placed = placed.copy()
-                placed[:, _PIECE["drape_along"]] = np.mod(lists.along, np.where(period > 0.0, period, np.inf))
-            numbers.append(lists.numbers + np.int32(first_piece))
-            pieces.append(placed)
-            first_number, first_piece = first_number + len(lists.numbers), first_piece + len(placed)
-        entries.append(own.astype(np.int32))
-    rows = np.concatenate(entries)
-    stroke, fill = (styles[rows[:, 1], _STYLE[name]] for name in ("style_opacity", "style_fill_opacity"))
-    rows = rows[np.choose(rows[:, 2], [stroke, fill, stroke + fill, stroke]) > 0.0]  # STROKE, FILL, POINT, …
-    rows = rows[np.argsort(rows[:, 0], kind="stable")]
-    starts = np.searchsorted(rows[:, 0], np.arange(len(corners) * _BLOCKS**2 + 1)).astype(np.int32)
-    spacing = styles[rows[:, 1], _STYLE["style_hatch_spacing"]][:, None]
-    cosine, sine = (styles[rows[:, 1], _STYLE[f"style_hatch_{axis}"]] for axis in "xy")
-    x, y = corners[rows[:, 0] // _BLOCKS**2].T
-    anchors = np.stack([x * cosine + y * sine, y * cosine - x * sine], axis=1)
-    anchors = np.where(spacing > 0.0, np.mod(anchors, np.where(spacing > 0.0, spacing, 1.0)), 0.0)
-    return starts, np.ascontiguousarray(rows[:, 1:]), anchors, np.concatenate(numbers), np.concatenate(pieces)
+            blocks.append(every + tile * _BLOCKS**2)
+            entries.append(np.tile(np.array([row, _PICTURE, lists, 0], np.int32), (_BLOCKS**2, 1)))
+            continue
+        blocks.append(lists.block + np.int32(tile * _BLOCKS**2))
+        entries.append(lists.entries + np.array([row, 0, first_number, 0], np.int32))
+        numbers.append(lists.numbers + np.int32(first_piece))
+        pieces.append(lists.pieces)
+        if len(lists.style) and (period := periods[row + lists.style]).any():
+            start = np.mod(lists.along, np.where(period > 0.0, period, np.inf))
+            pieces[-1] = lists.pieces.copy()
+            pieces[-1][:, _PIECE["drape_along"]] += start[lists.item]
+        first_number, first_piece = first_number + len(lists.numbers), first_piece + len(lists.pieces)
+    block, rows = np.concatenate(blocks), np.concatenate(entries)
+    opacity, fill = (styles[:, _STYLE[name]] for name in ("style_opacity", "style_fill_opacity"))
+    shown = np.stack([opacity, fill, opacity + fill, opacity], axis=1) > 0.0  # STROKE, FILL, POINT, picture
+    (order,) = np.nonzero(shown[rows[:, 0], rows[:, 1]])
+    if len(parts) > 1:
+        order = order[np.argsort(block[order], kind="stable")]
+    starts = np.searchsorted(block[order], np.arange(len(corners) * _BLOCKS**2 + 1)).astype(np.int32)
+    spacing, cosine, sine = (styles[:, _STYLE[f"style_hatch_{name}"]] for name in ("spacing", "x", "y"))
+    anchors = np.zeros((0, 2))
+    if spacing.any():
+        x, y = corners[:, :1], corners[:, 1:]
+        anchors = np.stack([x * cosine + y * sine, y * cosine - x * sine], axis=2)
+        anchors = np.mod(anchors, np.where(spacing > 0.0, spacing, 1.0)[:, None])
+    return starts, rows[order], np.concatenate(numbers), np.concatenate(pieces), anchors
 
 
 def _lists_of(
     items: Items, reach: Float64Array, is_mitred: BoolArray, texel: float, style: int, real: npt.DTypeLike
 ) -> _Lists:
     """Return the lists of a layer's items near a square, their points in texels from its corner."""
-    pieces, pairs = _pieces_of(
-        items.kind, items.first, items.points, items.along / texel, items.ends, reach, is_mitred
-    )
+    pieces, pairs = _pieces_of(items.kind, items.first, items.points, items.ends, reach, is_mitred)
     starts = np.ones(len(items.kind), np.bool_)  # of parts of a feature that are painted at once
     columns = [getattr(items, name) for name in ("feature", "kind", "style")]
     starts[1:] = np.any([each[1:] != each[:-1] for each in columns], axis=0)
     pairs = pairs[np.argsort(pairs[:, 0], kind="stable")]
-    block, part = pairs[:, 0], np.cumsum(starts)[pairs[:, 1]]
+    block, part = pairs[:, 0].astype(np.int32), np.cumsum(starts)[pairs[:, 1]]
     (first,) = np.nonzero(np.diff(block, prepend=-1) | np.diff(part, prepend=-1))
-    own = pairs[first, 1]
-    count = np.diff(first, append=len(pairs))
-    entries = np.stack([block[first], items.style[own] - style, items.kind[own], first, count], axis=1)
-    along = pieces[:, _PIECE["drape_along"]].copy()
-    classes = (items.style[pieces[:, 8].astype(np.int64)] - style).astype(np.int32)
-    numbers = pairs[:, 2].astype(np.int32)
-    return _Lists(pieces[:, :8].astype(real), along, classes, entries.astype(np.int32), numbers)
+    classes, own, count = items.style - np.int32(style), pairs[first, 1], np.diff(first, append=len(pairs))
+    entries = np.stack([classes[own], items.kind[own], first, count], axis=1).astype(np.int32)
+    item, numbers = pieces[:, 8].astype(np.int32), pairs[:, 2].astype(np.int32)
+    return _Lists(
+        pieces[:, :8].astype(real), item, items.along / texel, classes, block[first], entries, numbers
+    )
 
 
 def _geometry_key(layer: DrapedLayer) -> Hashable:
@@ -469,7 +482,7 @@ def _with_room(rows, count):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _pieces_of(kinds, first, points, along, ends, reach, is_mitred):  # type: ignore[no-untyped-def]
+def _pieces_of(kinds, first, points, ends, reach, is_mitred):  # type: ignore[no-untyped-def]
     """Return pieces with the numbers of their items (m, 9), and (block, item, piece) by items, (p, 3)."""
     pieces, pairs, made, listed = np.empty((256, 9)), np.empty((1024, 3), np.int64), 0, 0
     for i in range(len(kinds)):
@@ -478,7 +491,7 @@ def _pieces_of(kinds, first, points, along, ends, reach, is_mitred):  # type: ig
             pieces, pairs, made, listed = _ring(i, own, pieces, pairs, made, listed)
         elif kinds[i] == STROKE:
             pieces, pairs, made, listed = _stroke(
-                i, own, along[i], ends[i], reach[i], is_mitred[i], pieces, pairs, made, listed
+                i, own, ends[i], reach[i], is_mitred[i], pieces, pairs, made, listed
             )
         else:
             row = (own[0, 0], own[0, 1], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, float(i))
@@ -512,7 +525,7 @@ def _add(row, reach, pieces, pairs, made, listed):  # type: ignore[no-untyped-de
 
 
 @numba.njit(cache=True)
-def _stroke(i, own, along, ends, reach, is_mitred, pieces, pairs, made, listed):  # type: ignore[no-untyped-def]
+def _stroke(i, own, ends, reach, is_mitred, pieces, pairs, made, listed):  # type: ignore[no-untyped-def]
     """List the segments of a run of a line."""
     place, line, count = np.empty(len(own), np.int64), np.empty((len(own), 2)), 0
     for k in range(len(own)):  # repeated points are left out
@@ -522,6 +535,7 @@ def _stroke(i, own, along, ends, reach, is_mitred, pieces, pairs, made, listed):
         place[k] = count - 1
     begin = place[1] if ends & BEFORE else 0
     stop = place[len(own) - 2] if ends & AFTER else count - 1
+    along = 0.0
     for k in range(begin, stop):
         x, y = line[k]
         east, north = line[k + 1, 0] - x, line[k + 1, 1] - y

@@ -27,7 +27,9 @@ from sketchterrain.io.files import atomic_file, atomic_path, wrap_os_errors, wri
 from sketchterrain.terrain.surfaces import Drainage, Raster
 
 _STEPS = 65535
-APPEARANCE: Final = "colour of roads and land use, sRGB, and the share that they cover as opacity"
+APPEARANCE: Final = (
+    "colour of roads, land use and draped layers, sRGB, and their share as opacity"
+)
 ORIENTATION = {"row_0": "north", "column_0": "west", "samples": "vertices"}
 
 
@@ -99,7 +101,7 @@ def write_materials(folder: Path, raster: Raster, names: Sequence[str]) -> tuple
 
 
 def write_appearance(folder: Path, painted: npt.NDArray[np.uint8]) -> tuple[Path, ...]:
-    """Write ``appearance.png``: colour of roads and land use, sRGB, and their share as opacity."""
+    """Write ``appearance.png``: colour of what is painted, sRGB, and its share as opacity."""
     return (write_values_png(folder / "appearance.png", appearance_picture(painted)),)
 
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, UInt8Array
 from sketchterrain.document.materials import BUILT_IN
+from sketchterrain.drape.painting import draped_appearance
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.surfaces import Band
 
@@ -178,7 +179,7 @@ class TerrainSamples:
     height: npt.NDArray[np.float32]  # (rows, columns), m
     normal: npt.NDArray[np.uint8]  # (rows, columns, 3): east, north, up; 0 is −1, 255 is 1
     weights: npt.NDArray[np.uint8]  # (rows, columns, materials), sum 255
-    # (rows, columns, 4) √ of the albedo of roads and land use, and their share; None without any
+    # (rows, columns, 4) √ of the albedo of what is painted, and its share; None without any
     appearance: npt.NDArray[np.uint8] | None = None
 
     def window(self, left: int, top: int, columns: int, rows: int) -> TerrainSamples:
@@ -220,11 +221,12 @@ def sample_terrain(
 
 
 def sample_appearance(terrain: Terrain, grid: SampleGrid) -> npt.NDArray[np.uint8] | None:
-    """Return the colour of roads and land use at a grid's vertices, None without any; see `Appearance`."""
-    if terrain.appearance.is_empty:
+    """Return the colour of roads, land use and draped layers at a grid's vertices; None without any."""
+    appearance = draped_appearance(terrain)
+    if appearance.is_empty:
         return None
     size = {"columns": grid.columns, "rows": grid.rows}
-    return terrain.appearance.window(grid.west, grid.north, cell=grid.spacing, **size)
+    return appearance.window(grid.west, grid.north, cell=grid.spacing, **size)
 
 
 def srgb_of(albedo: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
@@ -234,7 +236,7 @@ def srgb_of(albedo: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
 
 
 def appearance_picture(painted: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """Return the colour of roads and land use as sRGB and opacity."""
+    """Return the colour of what is painted as sRGB and opacity."""
     table = srgb_of((np.arange(256) / 255.0) ** 2)
     return np.concatenate([table[painted[..., :3]], painted[..., 3:]], axis=-1)
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device, choose_device, fallback_device
+from sketchterrain.drape.painting import draped_appearance
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.export.sampled import quantise_normals, quantise_weights
 from sketchterrain.terrain.rasters import QuantizedBand
@@ -42,6 +43,7 @@ class TaskRunner:
     def __init__(self, job: Job, context: ComputeContext) -> None:
         self.job = job
         self.terrain = Terrain(job.sketch, job.recipe, context)
+        self._painted = draped_appearance(self.terrain)
         self._store, self._plants = shard_store(job), plant_store(job)
         self._layout = OutputLayout.from_job(job, self._store)
         self._window = self.terrain.window_bytes if context.device.has_double else self._window_on_host
@@ -102,7 +104,7 @@ class TaskRunner:
         north = self.job.world.north - shard.row * SHARD * level.cell
         rows, columns = level.size_of(shard)
         cell = level.cell, level.cell
-        found = self.terrain.appearance.window(west, north, cell=cell, columns=columns, rows=rows)
+        found = self._painted.window(west, north, cell=cell, columns=columns, rows=rows)
         return np.ascontiguousarray(found.transpose(2, 0, 1))
 
     def _window_on_host(self, west: float, north: float, **window: Any) -> Iterator[QuantizedBand]:

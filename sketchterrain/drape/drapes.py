@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -13,16 +14,14 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array, StructuredArray
 from sketchterrain.caching import LRUCache
-from sketchterrain.document.drapes import DrapedLayer
+from sketchterrain.document.drapes import DrapedLayer, drape_problem
 from sketchterrain.document.parameters import Properties
-from sketchterrain.document.rasters import RasterSource as RasterFile
-from sketchterrain.document.rasters import raster_problem
 from sketchterrain.document.vector_formats import vector_driver
 from sketchterrain.drape.items import AFTER, BEFORE, FILL, POINT, STROKE, Items
 from sketchterrain.drape.levels import expanded
 from sketchterrain.drape.raster_source import RasterSource
 from sketchterrain.drape.vector_source import Feature, VectorSource
-from sketchterrain.errors import InputError
+from sketchterrain.errors import InputError, one_line
 
 BUDGET: Final = 24 << 20
 """The most bytes of memory of all sources and their caches."""
@@ -134,7 +133,7 @@ class Drapes:
 
     @cached_property
     def _first_style(self) -> list[int]:
-        return np.cumsum([0, *(1 + len(layer.classes) for layer in self.layers)]).tolist()
+        return list(accumulate((1 + len(layer.classes) for layer in self.layers), initial=0))
 
     def _styles_of(self, layer: int) -> tuple[LayerStyle, ...]:
         return self.styles[self._first_style[layer] : self._first_style[layer + 1]]
@@ -268,7 +267,7 @@ class Drapes:
 
         They have widths in metres, not those in pixels: `reach` has both.
         """
-        boxes = []
+        boxes = list[Float64Array]()
         for number in range(max(len(self.layers), len(old.layers))):
             new_key, old_key = self._look(number), old._look(number)
             source = self.sources[number] if new_key is not None else None
@@ -281,11 +280,10 @@ class Drapes:
                 ]
             elif isinstance(source, VectorSource) and isinstance(before, VectorSource):
                 boxes.append(self._widened(number, source.changed_boxes(before)))
-        boxes += [
-            each._widened(each.held[0], each.sources[each.held[0]].box_of(each.held[1])[None])
-            for each in (self, old)
-            if each.held is not None and self.held != old.held
-        ]
+        for each in (self, old) if self.held != old.held else ():
+            source = each.sources[each.held[0]] if each.held is not None else None
+            if isinstance(source, VectorSource) and each.held is not None:
+                boxes.append(each._widened(each.held[0], source.box_of(each.held[1])[None]))
         found = np.concatenate([np.zeros((0, 4)), *boxes])
         return found[np.isfinite(found).all(axis=1)]
 
@@ -353,9 +351,11 @@ class Drapes:
 
 def is_vector(layer: DrapedLayer) -> bool:
     """Return whether a layer's file is a vector file, by its first bytes; raise InputError if unreadable."""
-    if problem := raster_problem(RasterFile(layer.path), "layer"):
+    if problem := drape_problem(layer.replace(sha256="")):
         raise InputError(problem)
-    with Path(layer.path).open("rb") as stream:
+    if (path := Path(layer.path)).is_dir():
+        raise InputError(f"draped layer {one_line(path)}: expected a file, not a folder")
+    with path.open("rb") as stream:
         return vector_driver(stream.read(4096)) is not None
 
 

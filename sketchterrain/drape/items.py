@@ -47,7 +47,8 @@ class Items(NamedTuple):
         offset = np.cumsum([0, *(len(part.points) for part in parts)])
         first = [part.first[:-1] + start for part, start in zip(parts, offset, strict=False)]
         columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in cls._fields}
-        return cls(**{**columns, "first": np.append(np.concatenate(first), offset[-1])})
+        columns["first"] = np.append(np.concatenate(first), offset[-1])
+        return cls._make(columns.values())
 
     def taken(self, which: npt.NDArray[np.generic]) -> Items:
         """Return some items by their numbers, or by a mask (n,)."""

@@ -235,8 +235,10 @@ def _clipped(ring: Float64Array, axis: int, middle: float, sign: float) -> Float
     vertices = np.stack([ring[:-1], ring[:-1] + share[:, None] * np.diff(ring, axis=0)], axis=1)
     vertices[:, 1, axis] = middle
     part = vertices[np.stack([side[:-1] <= 0.0, crosses], axis=1)]
-    on = part[:, axis] == middle
-    part = part[~(on & np.roll(on, 1) & np.roll(on, -1))]
+    # There and back along a cut, or straight on along it, is needless.
+    part = part[(part != np.roll(part, 1, axis=0)).any(axis=1)]
+    level = part == np.roll(part, 1, axis=0)
+    part = part[~(level & np.roll(level, -1, axis=0)).any(axis=1)]
     return np.concatenate([part, part[:1]])
 
 
@@ -275,9 +277,9 @@ def level_of(parts: Parts, tolerance: float) -> Level:
 
 def stored_level(folder: Path, number: int, tolerance: float) -> Level:
     """Return a level that `LevelWriter` wrote."""
-    dtypes = {"items": (ITEM, 0), "points": (np.float64, 2), "groups": (np.float32, 4)}
-    files = (mapped(folder / f"{name}{number}.bin", *each) for name, each in dtypes.items())
-    return Level(tolerance, *files)
+    items = mapped(folder / f"items{number}.bin", ITEM)
+    points = mapped(folder / f"points{number}.bin", np.float64, 2)
+    return Level(tolerance, items, points, mapped(folder / f"groups{number}.bin", np.float32, 4))
 
 
 def _common(boxes: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

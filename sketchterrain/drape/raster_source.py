@@ -42,7 +42,7 @@ class RasterSource:
         self, layer: DrapedLayer, frame: Mapping[str, Any], size: tuple[float, float], memory: LRUCache
     ) -> None:
         """Open a file; raise InputError if it cannot be read or has no place in the sketch."""
-        self._place, self._band, self._memory = f"layer {one_line(layer.path)}", layer["band"], memory
+        self._place, self._band, self._memory = f"draped layer {one_line(layer.path)}", layer["band"], memory
         self._corner = frame["east"], frame["north"]
         self._target = parse_crs(frame["crs"]) if frame["crs"] else LOCAL_CRS
         self._path, self._stamp = Path(layer.path), file_stamp(layer.path)
@@ -176,4 +176,4 @@ def _halved(pixels: UInt8Array) -> UInt8Array:
     quads = pixels.reshape(pixels.shape[0] // 2, 2, pixels.shape[1] // 2, 2, 4).astype(np.float32)
     share = quads[..., 3:].sum(axis=(1, 3))
     colour = (quads[..., :3] * quads[..., 3:]).sum(axis=(1, 3)) / np.maximum(share, 1.0)
-    return np.rint(np.concatenate([colour, 0.25 * share], axis=-1)).astype(np.uint8)
+    return np.asarray(np.rint(np.concatenate([colour, 0.25 * share], axis=-1)), np.uint8)

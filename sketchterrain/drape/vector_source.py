@@ -13,9 +13,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from sketchterrain.array_types import Bounds, Float64Array, Int64Array
-from sketchterrain.document.drapes import DrapedLayer, FeatureEdit
-from sketchterrain.document.rasters import RasterSource as RasterFile
-from sketchterrain.document.rasters import raster_problem
+from sketchterrain.document.drapes import DrapedLayer, FeatureEdit, drape_problem
 from sketchterrain.drape.levels import Level, Parts, Shapes2D, joined, level_of, parts_of, split_shapes, touch
 from sketchterrain.drape.vector_store import VectorStore, open_store
 from sketchterrain.errors import InputError, one_line
@@ -97,11 +95,10 @@ class VectorSource:
 
     @property
     def box(self) -> Float64Array:
-        """West, south, east and north (m) of all features."""
-        boxes = [each.box for each in self._edited.values() if each.shape is not None]
-        boxes += [np.array(self.store.box)] if self.store.count else []
-        found = np.array(boxes or [[0.0] * 4])
-        return np.concatenate([found[:, :2].min(axis=0), found[:, 2:].max(axis=0)])
+        """West, south, east and north (m) of all features, NaN without any."""
+        boxes: Any = [each.box for each in self._edited.values() if each.shape is not None]
+        boxes = np.array([self.store.box, *boxes])
+        return np.concatenate([np.fmin.reduce(boxes[:, :2]), np.fmax.reduce(boxes[:, 2:])])
 
     @property
     def next_id(self) -> int:
@@ -187,8 +184,10 @@ class VectorSource:
         self, stored: npt.NDArray[np.int16], features: npt.NDArray[Any], name: str, numbers: Mapping[str, int]
     ) -> npt.NDArray[np.int16]:
         """Return the classes of features, given those of all features of the file."""
-        found = np.append(stored, np.int16(-1))[np.minimum(features, len(stored))]
-        for number in np.intersect1d(features, self._changed).tolist():
+        found = np.full(len(features), -1, np.int16)
+        known = features < len(stored)
+        found[known] = stored[features[known]]
+        for number in set(features[np.isin(features, self._changed)].tolist()):
             value = dict(self._edited[number].edit.properties).get(name)
             found[features == number] = numbers.get(class_value(value), -1)
         return found
@@ -200,8 +199,8 @@ class VectorSource:
             for number in self._edited.keys() | old._edited.keys()
             if _edit(self, number) != _edit(old, number)
         ]
-        boxes = np.array([source.box_of(number) for source in (self, old) for number in ids]).reshape(-1, 4)
-        return boxes[np.isfinite(boxes).all(axis=1)]
+        boxes = [source.box_of(number) for source in (self, old) for number in ids]
+        return np.array(boxes, np.float64).reshape(-1, 4)
 
 
 _NO_SHAPES: Final = split_shapes(np.array([], object), np.array([], np.int64))
@@ -229,7 +228,7 @@ def file_stamp(path: str) -> tuple[int, int]:
 
 def source_problem(layer: DrapedLayer, stamp: tuple[int, int]) -> str:
     """Return in one line that a layer's file is missing or has changed since it had a stamp, or a hash."""
-    problem = raster_problem(RasterFile(layer.path, sha256=layer["sha256"]), "layer")
+    problem = drape_problem(layer)
     if problem or file_stamp(layer.path) == stamp:
         return problem
-    return f"layer {one_line(layer.path)}: its content has changed since it was added"
+    return f"draped layer {one_line(layer.path)}: its content has changed since it was added"

@@ -21,7 +21,7 @@ from rasterio.warp import transform
 
 from sketchterrain.array_types import Bounds, Float64Array
 from sketchterrain.document.drapes import DrapedLayer
-from sketchterrain.document.rasters import RasterSource, content_hash
+from sketchterrain.document.rasters import content_hash
 from sketchterrain.document.vector_formats import Shapes, layer_crs, vector_driver
 from sketchterrain.drape.levels import (
     LevelWriter,
@@ -55,19 +55,26 @@ class VectorFile(NamedTuple):
     driver: str
     table: str
     crs: CRS | None
+    crs_text: str | None
+    geometry_type: str
     features: int
     fields: dict[str, str]  # dtypes by name
     place: str  # for errors
 
-    def read(self, skip: int = 0, most: int | None = None) -> tuple[Shapes, dict[str, npt.NDArray[Any]]]:
-        """Return the WKB of features in the file's CRS, and their properties by name."""
+    def read(
+        self, skip: int, most: int, *, exact: bool = False
+    ) -> tuple[Shapes, dict[str, npt.NDArray[Any]]]:
+        """Return the WKB of features in the file's CRS, and their properties by name.
+
+        Without heights, and with dates as texts, unless `exact`.
+        """
         meta, _, wkb, fields = pyogrio.raw.read(
             self.dataset,
             layer=self.table,
             skip_features=skip,
             max_features=most,
-            force_2d=True,
-            datetime_as_string=True,
+            force_2d=not exact,
+            datetime_as_string=not exact,
         )
         return wkb, dict(zip(map(str, meta["fields"]), fields, strict=True))
 
@@ -75,7 +82,7 @@ class VectorFile(NamedTuple):
 @contextmanager
 def open_vector_file(path: Path, table: str = "") -> Iterator[VectorFile]:
     """Open a table of a vector file, by default its first; raise InputError if it cannot be read."""
-    place = f"layer {one_line(path)}"
+    place = f"draped layer {one_line(path)}"
     with wrap_read_errors(path), path.open("rb") as stream:
         start = stream.read(4096)
     driver = vector_driver(start)
@@ -95,9 +102,15 @@ def open_vector_file(path: Path, table: str = "") -> Iterator[VectorFile]:
                 raise InputError(f"{place}: expected {driver}, GDAL detects {info['driver']}")
             fields = dict(zip(map(str, info["fields"]), map(str, info["dtypes"]), strict=True))
             crs = layer_crs(info["crs"], place)
-            yield VectorFile(dataset, driver, table or names[0], crs, info["features"], fields, place)
+            known = crs, info["crs"], info["geometry_type"], info["features"]
+            yield VectorFile(dataset, driver, table or names[0], *known, fields, place)
     except (RuntimeError, ValueError, OSError, shapely.errors.GEOSException) as error:
         raise InputError(f"{place}: cannot be read as {driver} ({one_line(error)[:160]})") from None
+
+
+def file_crs(file: VectorFile, layer: DrapedLayer) -> CRS | None:
+    """Return the CRS of a layer's coordinates; None if they are metres of the sketch's frame."""
+    return layer_crs(layer.crs, file.place) if layer.crs and file.crs is None else file.crs
 
 
 class Projection:
@@ -150,7 +163,8 @@ def _transformed(points: Float64Array, source: CRS, target: CRS) -> Float64Array
     try:
         with Env():
             found = np.array(transform(source, target, points[:, 0], points[:, 1]), np.float64).T
-        return np.where(np.isfinite(found).all(axis=1)[:, None], found, np.nan).reshape(-1, 2)
+        found[~np.isfinite(found).all(axis=1)] = np.nan
+        return found
     except CPLE_BaseError:
         if len(points) == 1:
             return np.full((1, 2), np.nan)
@@ -231,7 +245,7 @@ def open_store(layer: DrapedLayer, frame: Mapping[str, Any], extent: float) -> V
     """Return the store of a layer's file, which is built once; raise InputError if it cannot be read."""
     path = Path(layer.path)
     with wrap_read_errors(path):
-        digest = content_hash(RasterSource(layer.path))
+        digest = content_hash(layer.file)
     place = [str(frame[name]) for name in ("crs", "east", "north")]
     key = "\n".join([str(_FORMAT), digest, layer["table"], layer.crs, str(extent), *place])
 
@@ -258,8 +272,7 @@ def _build(
     file: VectorFile, layer: DrapedLayer, frame: Mapping[str, Any], extent: float, folder: Path
 ) -> None:
     """Write a store in one pass over the file."""
-    crs = layer_crs(layer.crs, file.place) if layer.crs and file.crs is None else file.crs
-    projection = Projection(crs, frame, file.place)
+    projection = Projection(file_crs(file, layer), frame, file.place)
     step = max(1, file.features * _CHUNK // max(Path(layer.path).stat().st_size, 1))
     geometry = _TextWriter(folder / "geometry")
     columns = [
@@ -275,7 +288,8 @@ def _build(
             column.add(values[name])
         bounds, limit = shapely.bounds(shapes), FARTHEST * extent
         near = (bounds[:, :2] <= limit).all(axis=1) & (bounds[:, 2:] >= -limit).all(axis=1)
-        left_out += sum(each is not None for each in wkb[~near].tolist())
+        lost = [each is not None and shape is None for each, shape in zip(wkb, shapes, strict=True)]
+        left_out += int((~near & np.isfinite(bounds).all(axis=1)).sum()) + sum(lost)
         boxes.append(bounds[near])
         split = split_shapes(shapes[near], count + np.flatnonzero(near))
         levels = levels or _level_writers(split.outlines, extent, folder)
@@ -284,8 +298,9 @@ def _build(
         count += len(wkb)
         if not len(wkb):
             break
-    for writer in (geometry, *columns):
-        writer.close()
+    geometry.close()
+    for column in columns:
+        column.close()
     kept, points = list[tuple[int, float]](), np.inf
     for level in levels:
         if keep := level.points <= _SHRINK * points:
@@ -298,7 +313,7 @@ def _build(
         "features": count,
         "left_out": left_out,
         "fields": {name: column.kind for name, column in zip(file.fields, columns, strict=True)},
-        "box": [*low.tolist(), *high.tolist()] if len(everything) else [0.0, 0.0, 0.0, 0.0],
+        "box": [*low.tolist(), *high.tolist()] if len(everything) else [np.nan] * 4,
         "levels": kept,
     }
     (folder / "facts.json").write_text(json.dumps(facts), encoding="utf-8")

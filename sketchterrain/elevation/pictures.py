@@ -136,6 +136,6 @@ def read_pixels(
         values = np.ma.masked_where(np.broadcast_to(mask == 0, values.shape), values)
         low, high = span or ((values.min(), values.max()) if values.count() else (0.0, 1.0))
         scaled = np.clip(255.0 * (values - low) / max(high - low, 1e-30), 0.0, 255.0)
-        bands = scaled.filled(0.0).astype(np.uint8)
+        bands = np.ma.filled(scaled, 0.0).astype(np.uint8)
         mask = np.where(np.ma.getmaskarray(values).all(axis=0), np.uint8(0), mask)
     return np.stack([*np.broadcast_to(bands, (3, *mask.shape)), mask], axis=-1)

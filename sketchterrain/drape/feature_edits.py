@@ -1,0 +1,293 @@
+"""Edits of features as new layers, and layers saved as files with their edits."""
+
+from __future__ import annotations
+
+import shutil
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import pyogrio.raw
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from sketchterrain.array_types import Float64Array
+from sketchterrain.document.drapes import DrapedLayer, FeatureEdit
+from sketchterrain.drape.drapes import Drapes
+from sketchterrain.drape.vector_source import Feature, VectorSource, class_value
+from sketchterrain.drape.vector_store import Projection, VectorFile, file_crs, open_vector_file
+from sketchterrain.errors import InputError, SketchterrainError, format_value, one_line
+from sketchterrain.io.files import atomic_path, hash_file
+
+DRIVERS: Final = {".gpkg": "GPKG", ".fgb": "FlatGeobuf", ".geojson": "GeoJSON", ".json": "GeoJSON"}
+"""Formats that a layer can be saved in, by suffix."""
+
+_OPTIONS: Final = {
+    "GPKG": {},
+    "FlatGeobuf": {"SPATIAL_INDEX": "NO"},  # keeps the order
+    "GeoJSON": {"RFC7946": "YES", "COORDINATE_PRECISION": "10"},
+}
+_BATCH: Final = 1 << 16  # features that are written to a GeoPackage at once
+
+_Value = int | float | str | None
+_Change = Callable[[Float64Array], Float64Array]
+
+
+def move_feature(layer: DrapedLayer, feature: Feature, east: float, north: float) -> DrapedLayer:
+    """Return the layer with a feature moved by metres."""
+    return _changed(layer, feature, lambda points: points + np.array([east, north]))
+
+
+def rotate_feature(
+    layer: DrapedLayer, feature: Feature, degrees: float, about: tuple[float, float]
+) -> DrapedLayer:
+    """Return the layer with a feature rotated counterclockwise about a point (m)."""
+    cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    turn = np.array([[cosine, sine], [-sine, cosine]])
+    return _changed(layer, feature, lambda points: (points - about) @ turn + about)
+
+
+def scale_feature(
+    layer: DrapedLayer, feature: Feature, factors: tuple[float, float], about: tuple[float, float]
+) -> DrapedLayer:
+    """Return the layer with a feature scaled eastward and northward about a point (m)."""
+    if not all(factors):
+        raise InputError(f"feature {feature.id}: scale {format_value(factors)}: expected no zero")
+    return _changed(layer, feature, lambda points: (points - about) * factors + about)
+
+
+def _changed(layer: DrapedLayer, feature: Feature, change: _Change) -> DrapedLayer:
+    return with_geometry(layer, feature, shapely.transform(feature.geometry, change))
+
+
+def move_vertex(layer: DrapedLayer, feature: Feature, vertex: int, x: float, y: float) -> DrapedLayer:
+    """Return the layer with a vertex of a feature, as `shapely.get_coordinates` numbers it, at a point."""
+
+    def moved(line: Float64Array, at: int) -> Float64Array:
+        line[at] = x, y
+        return line
+
+    return _with_line(layer, feature, vertex, moved)
+
+
+def insert_vertex(layer: DrapedLayer, feature: Feature, vertex: int, x: float, y: float) -> DrapedLayer:
+    """Return the layer with another vertex (m) of a feature, after one that is not the last of its line."""
+    return _with_line(layer, feature, vertex, lambda line, at: np.insert(line, at + 1, (x, y), axis=0))
+
+
+def delete_vertex(layer: DrapedLayer, feature: Feature, vertex: int) -> DrapedLayer:
+    """Return the layer without a vertex of a feature; the last point of a part takes the part with it."""
+    return _with_line(layer, feature, vertex, lambda line, at: np.delete(line, at, axis=0))
+
+
+def _with_line(
+    layer: DrapedLayer, feature: Feature, vertex: int, change: Callable[[Float64Array, int], Float64Array]
+) -> DrapedLayer:
+    """Return the layer with one point, line or ring of a feature changed, given the vertex's place in it."""
+    count = shapely.get_num_coordinates(feature.geometry)
+    if not 0 <= vertex < count:
+        raise InputError(f"feature {feature.id}: vertex {vertex}: expected 0 to {count - 1}")
+    kind, first = int(shapely.get_type_id(feature.geometry)), 0
+    parts = [_lines(part) for part in shapely.get_parts(feature.geometry)]
+    for part in parts:
+        for number, line in enumerate(part):
+            if 0 <= (at := vertex - first) < len(line):
+                closed = kind in _AREAS
+                ring = change(line[:-1].copy(), at % (len(line) - 1)) if closed else change(line.copy(), at)
+                part[number] = np.concatenate([ring, ring[:1]]) if closed else ring
+            first += len(line)
+    # A hole of two vertices is none, a part without an outline neither.
+    parts = [[line for line in part if kind not in _AREAS or len(line) > 3] for part in parts]
+    parts = [part for part in parts if part and len(part[0]) > (kind in _LINES)]
+    if not parts:
+        return delete_feature(layer, feature)
+    shapes = [_MAKERS[kind](part) for part in parts]
+    return with_geometry(layer, feature, _SEVERAL[kind](shapes) if kind in _SEVERAL else shapes[0])
+
+
+_LINES, _AREAS = (1, 5), (3, 6)  # shapely's type ids
+_MAKERS: Final[dict[int, Callable[[list[Float64Array]], BaseGeometry]]] = {
+    **dict.fromkeys((0, 4), lambda lines: shapely.Point(lines[0][0])),
+    **dict.fromkeys((1, 5), lambda lines: shapely.LineString(lines[0])),
+    **dict.fromkeys((3, 6), lambda lines: shapely.Polygon(lines[0], lines[1:])),
+}
+_SEVERAL: Final = {4: shapely.multipoints, 5: shapely.multilinestrings, 6: shapely.multipolygons}
+
+
+def _lines(part: BaseGeometry) -> list[Float64Array]:
+    """Return the coordinates of a point or line, or of the rings of an area."""
+    rings = shapely.get_rings(part) if shapely.get_type_id(part) in _AREAS else [part]
+    return [shapely.get_coordinates(ring) for ring in rings]
+
+
+def with_geometry(layer: DrapedLayer, feature: Feature, geometry: BaseGeometry) -> DrapedLayer:
+    """Return the layer with another geometry (m) of a feature; raise InputError if it becomes invalid."""
+    if not shapely.is_valid(geometry) and shapely.is_valid(feature.geometry):
+        reason = shapely.is_valid_reason(geometry)
+        raise InputError(f"feature {feature.id}: expected a valid geometry ({one_line(reason)[:80]})")
+    return _with_edit(layer, feature.id, shapely.to_wkb(geometry), feature.properties)
+
+
+def _with_edit(layer: DrapedLayer, number: int, wkb: bytes, properties: Mapping[str, _Value]) -> DrapedLayer:
+    edit = FeatureEdit(number, wkb, tuple(properties.items()))
+    return layer.replace(edits={**layer.edits, number: edit})
+
+
+def set_properties(layer: DrapedLayer, feature: Feature, values: Mapping[str, _Value]) -> DrapedLayer:
+    """Return the layer with other values of some properties of a feature; None is no value."""
+    return _with_edit(layer, feature.id, shapely.to_wkb(feature.geometry), {**feature.properties, **values})
+
+
+def create_feature(
+    layer: DrapedLayer, source: VectorSource, geometry: BaseGeometry, properties: Mapping[str, _Value]
+) -> tuple[DrapedLayer, int]:
+    """Return the layer with another feature, and its id; raise InputError if its geometry (m) is invalid."""
+    number = source.updated(layer).next_id
+    if not shapely.is_valid(geometry):
+        reason = one_line(shapely.is_valid_reason(geometry))
+        raise InputError(f"new feature: expected a valid geometry ({reason[:80]})")
+    return _with_edit(layer, number, shapely.to_wkb(geometry), properties), number
+
+
+def delete_feature(layer: DrapedLayer, feature: Feature) -> DrapedLayer:
+    """Return the layer without a feature."""
+    return _with_edit(layer, feature.id, b"", {})
+
+
+def save_layer(drapes: Drapes, number: int, path: Path) -> DrapedLayer:
+    """Write a layer with its edits as a file, whole or not at all, and return the layer of that file.
+
+    The suffix of the path is the format. Coordinates are in the CRS of the layer's file, in GeoJSON in
+    degrees. Other tables of a GeoPackage are kept if it is the layer's own file. Raise InputError if the
+    file has changed, if a property does not fit it, or if it cannot be written.
+    """
+    layer, source = drapes.layers[number], drapes.sources[number]
+    driver = DRIVERS.get(path.suffix.lower())
+    if driver is None or not isinstance(source, VectorSource):
+        what = f"{one_line(path)}: expected a name with {', '.join(DRIVERS)}"
+        raise InputError(what if driver is None else f"layer {layer.title}: expected features")
+    if problem := source.problem(layer):
+        raise InputError(problem)
+    own, suffix = Path(layer.path), path.suffix.lower()
+    try:
+        with (
+            atomic_path(path) as temporary,
+            TemporaryDirectory(prefix=".sketchterrain-", dir=path.parent) as folder,
+            open_vector_file(own, layer["table"]) as file,
+            warnings.catch_warnings(),
+        ):
+            warnings.simplefilter("ignore")  # of a layer without a CRS
+            written = Path(folder) / f"layer{suffix}"
+            if driver == "GPKG" and path.exists() and path.samefile(own):
+                shutil.copyfile(own, written)
+            _write(file, layer, drapes.frame, written, driver)
+            written.replace(temporary)
+            table = file.table if driver == "GPKG" else ""
+    except pyogrio.errors.DataSourceError as error:
+        raise SketchterrainError(f"{one_line(path)}: cannot be written ({one_line(error)[:160]})") from None
+    return layer.replace(path=str(path.absolute()), sha256=hash_file(path)[1], table=table, edits={})
+
+
+def _write(
+    file: VectorFile,
+    layer: DrapedLayer,
+    frame: Mapping[str, Any],
+    path: Path,
+    driver: str,
+) -> None:
+    """Write the features of a file, those of a GeoPackage in batches."""
+    crs, edits = file_crs(file, layer), layer.edits
+    if driver == "GeoJSON" and crs is None:
+        raise InputError(f"{file.place}: expected a CRS for GeoJSON: save it as GeoPackage or FlatGeobuf")
+    projection = Projection(crs, frame, file.place)
+    kinds = {**file.fields, **_new_kinds(file.fields, edits.values())}
+    same = {shapely.from_wkb(edit.geometry).geom_type for edit in edits.values() if edit.geometry}
+    one_type = same <= {file.geometry_type.partition(" ")[0]}
+    step = _BATCH if driver == "GPKG" else max(file.features, 1)
+    for first in range(0, max(file.features, 1), step):
+        wkb, values = file.read(first, step, exact=True)
+        ids = list(range(first, first + len(wkb)))
+        if first + step >= file.features:  # new features follow the last one
+            ids += sorted(number for number in edits if number >= file.features)
+        edited = {at: edits[number] for at, number in enumerate(ids) if number in edits}
+        wkb = np.append(wkb, np.full(len(ids) - len(wkb), None))
+        for at, edit in edited.items():
+            wkb[at] = edit.geometry and _in_file(edit.geometry, wkb[at], projection, file)
+        left = np.array([at not in edited or bool(edit.geometry) for at in range(len(ids))], bool)
+        columns = [_column(values.get(name), name, kind, edited, len(ids)) for name, kind in kinds.items()]
+        pyogrio.raw.write(
+            path,
+            wkb[left],
+            [column[left] for column, _ in columns],
+            list(kinds),
+            field_mask=[missing[left] for _, missing in columns],
+            layer=file.table,
+            driver=driver,
+            geometry_type=file.geometry_type if one_type else "Unknown",
+            crs=file.crs_text or (layer.crs or None if driver == "GeoJSON" else None),
+            append=first > 0,
+            layer_options=_OPTIONS[driver],
+        )
+
+
+def _in_file(wkb: bytes, before: bytes | None, projection: Projection, file: VectorFile) -> bytes:
+    """Return a geometry in the file's coordinates, with the heights of the nearest vertices before."""
+    shape = shapely.transform(shapely.from_wkb(wkb), projection.to_file)
+    if not np.isfinite(shapely.get_coordinates(shape)).all():
+        raise InputError(f"{file.place}: expected edited features with a place in the file's CRS")
+    old = shapely.get_coordinates(shapely.from_wkb(before), include_z=True) if before else np.zeros((0, 3))
+    if len(old) and np.isfinite(old).all():
+        heights = [old[np.argmin(np.hypot(*(old[:, :2] - at).T)), 2] for at in shapely.get_coordinates(shape)]
+        shape = shapely.force_3d(shape)
+        shape = shapely.transform(shape, lambda at: np.column_stack([at[:, :2], heights]), include_z=True)
+    return bytes(shapely.to_wkb(shape))
+
+
+def _new_kinds(fields: Mapping[str, str], edits: Iterable[FeatureEdit]) -> dict[str, str]:
+    """Return the dtypes of properties that the file does not have."""
+    found: dict[str, str] = {}
+    for name, value in (pair for edit in edits for pair in edit.properties if pair[0] not in fields):
+        kind = {int: "int64", float: "float64"}.get(type(value), "object")
+        known = found.get(name, kind)
+        found[name] = known if known == kind else "object" if "object" in (known, kind) else "float64"
+    return found
+
+
+def _column(
+    values: npt.NDArray[Any] | None, name: str, kind: str, edited: Mapping[int, FeatureEdit], rows: int
+) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_]]:
+    """Return a property of features with edits, and where it has no value."""
+    given = np.zeros(0, kind) if values is None else values
+    missing = np.ones(rows, bool)
+    missing[: len(given)] = (
+        [each is None for each in given]
+        if kind == "object"
+        else np.isnat(given)
+        if kind[0] in "dt"
+        else given != given
+    )
+    column = np.full(rows, None) if kind == "object" else np.zeros(rows, kind)
+    column[: len(given)] = np.where(missing[: len(given)], column[: len(given)], given)
+    for at, edit in edited.items():
+        value = dict(edit.properties).get(name)
+        missing[at] = value is None
+        if value is not None:
+            column[at] = _converted(value, name, kind)
+    return column, missing
+
+
+def _converted(value: int | float | str, name: str, kind: str) -> Any:
+    """Return a value as one of a column; raise InputError if it is another kind of value."""
+    try:
+        found = class_value(value) if kind == "object" else np.array(value).astype(kind)[()]
+        if isinstance(value, str) == (kind == "object" or kind.startswith("datetime")) and (
+            isinstance(value, str) or found == value
+        ):
+            return found
+    except (ValueError, OverflowError):
+        pass
+    raise InputError(f"property {one_line(name)} = {format_value(value)}: expected {kind}, as in the file")

@@ -285,7 +285,7 @@ class Drapes:
             if isinstance(source, VectorSource) and each.held is not None:
                 boxes.append(each._widened(each.held[0], source.box_of(each.held[1])[None]))
         found = np.concatenate([np.zeros((0, 4)), *boxes])
-        return found[np.isfinite(found).all(axis=1)]
+        return np.asarray(found[np.isfinite(found).all(axis=1)])
 
     def _look(self, number: int) -> tuple[object, ...] | None:
         """Return what a layer's picture depends on besides its source; None if it is not visible."""
@@ -299,7 +299,7 @@ class Drapes:
 
     def _widened(self, number: int, boxes: Float64Array) -> Float64Array:
         reach = float(self._reach(number, 0.0))
-        return boxes + np.array([-reach, -reach, reach, reach])
+        return np.asarray(boxes + np.array([-reach, -reach, reach, reach]))
 
     def pick(self, x: float, y: float, texel: float) -> Pick | None:
         """Return the topmost feature or raster at a place (m).

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import shutil
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -99,6 +100,10 @@ def _with_line(
                 closed = kind in _AREAS
                 ring = change(line[:-1].copy(), at % (len(line) - 1)) if closed else change(line.copy(), at)
                 part[number] = np.concatenate([ring, ring[:1]]) if closed else ring
+            if not np.isfinite(part[number]).all():
+                raise InputError(f"feature {feature.id}: expected finite coordinates")
+            if kind in _POINTS and len(part[number]) > 1:
+                raise InputError(f"feature {feature.id}: expected a line or an area to insert a vertex in")
             first += len(line)
     # A hole of two vertices is none, a part without an outline neither.
     parts = [[line for line in part if kind not in _AREAS or len(line) > 3] for part in parts]
@@ -109,7 +114,7 @@ def _with_line(
     return with_geometry(layer, feature, _SEVERAL[kind](shapes) if kind in _SEVERAL else shapes[0])
 
 
-_LINES, _AREAS = (1, 5), (3, 6)  # shapely's type ids
+_POINTS, _LINES, _AREAS = (0, 4), (1, 5), (3, 6)  # shapely's type ids
 _MAKERS: Final[dict[int, Callable[[list[Float64Array]], BaseGeometry]]] = {
     **dict.fromkeys((0, 4), lambda lines: shapely.Point(lines[0][0])),
     **dict.fromkeys((1, 5), lambda lines: shapely.LineString(lines[0])),
@@ -173,22 +178,19 @@ def save_layer(drapes: Drapes, number: int, path: Path) -> DrapedLayer:
     if problem := source.problem(layer):
         raise InputError(problem)
     own, suffix = Path(layer.path), path.suffix.lower()
-    try:
-        with (
-            atomic_path(path) as temporary,
-            TemporaryDirectory(prefix=".sketchterrain-", dir=path.parent) as folder,
-            open_vector_file(own, layer["table"]) as file,
-            warnings.catch_warnings(),
-        ):
-            warnings.simplefilter("ignore")  # of a layer without a CRS
-            written = Path(folder) / f"layer{suffix}"
-            if driver == "GPKG" and path.exists() and path.samefile(own):
-                shutil.copyfile(own, written)
-            _write(file, layer, drapes.frame, written, driver)
-            written.replace(temporary)
-            table = file.table if driver == "GPKG" else ""
-    except pyogrio.errors.DataSourceError as error:
-        raise SketchterrainError(f"{one_line(path)}: cannot be written ({one_line(error)[:160]})") from None
+    with (
+        atomic_path(path) as temporary,
+        TemporaryDirectory(prefix=".sketchterrain-", dir=path.parent) as folder,
+        open_vector_file(own, layer["table"]) as file,
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("ignore")  # of a layer without a CRS
+        written = Path(folder) / f"layer{suffix}"
+        if driver == "GPKG" and path.exists() and path.samefile(own):
+            shutil.copyfile(own, written)
+        _write(file, layer, drapes.frame, written, driver)
+        written.replace(temporary)
+        table = file.table if driver == "GPKG" else ""
     return layer.replace(path=str(path.absolute()), sha256=hash_file(path)[1], table=table, edits={})
 
 
@@ -217,21 +219,30 @@ def _write(
         wkb = np.append(wkb, np.full(len(ids) - len(wkb), None))
         for at, edit in edited.items():
             wkb[at] = edit.geometry and _in_file(edit.geometry, wkb[at], projection, file)
-        left = np.array([at not in edited or bool(edit.geometry) for at in range(len(ids))], bool)
+        left = np.array([at not in edited or bool(edited[at].geometry) for at in range(len(ids))], bool)
         columns = [_column(values.get(name), name, kind, edited, len(ids)) for name, kind in kinds.items()]
-        pyogrio.raw.write(
-            path,
-            wkb[left],
-            [column[left] for column, _ in columns],
-            list(kinds),
-            field_mask=[missing[left] for _, missing in columns],
-            layer=file.table,
-            driver=driver,
-            geometry_type=file.geometry_type if one_type else "Unknown",
-            crs=file.crs_text or (layer.crs or None if driver == "GeoJSON" else None),
-            append=first > 0,
-            layer_options=_OPTIONS[driver],
-        )
+        with _write_errors(path):
+            pyogrio.raw.write(
+                path,
+                wkb[left],
+                [column[left] for column, _ in columns],
+                list(kinds),
+                field_mask=[missing[left] for _, missing in columns],
+                layer=file.table,
+                driver=driver,
+                geometry_type=file.geometry_type if one_type else "Unknown",
+                crs=file.crs_text or (layer.crs or None if driver == "GeoJSON" else None),
+                append=first > 0,
+                layer_options=_OPTIONS[driver],
+            )
+
+
+@contextmanager
+def _write_errors(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (RuntimeError, ValueError) as error:
+        raise SketchterrainError(f"{path.suffix[1:]}: cannot be written ({one_line(error)[:160]})") from None
 
 
 def _in_file(wkb: bytes, before: bytes | None, projection: Projection, file: VectorFile) -> bytes:

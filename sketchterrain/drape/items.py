@@ -57,7 +57,10 @@ class Items(NamedTuple):
         first = np.append(0, np.cumsum(count))
         at = np.repeat(self.first[number] - first[:-1], count) + np.arange(first[-1])
         return Items(
-            *(getattr(self, name)[number] for name in ("feature", "layer", "style", "kind")),
+            self.feature[number],
+            self.layer[number],
+            self.style[number],
+            self.kind[number],
             first,
             self.points[at],
             self.along[number],

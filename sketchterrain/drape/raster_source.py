@@ -58,10 +58,12 @@ class RasterSource:
             whole = Affine(size[0] / file.width, 0.0, east, 0.0, -size[1] / file.height, north + size[1])
             self._transform = file.transform if has_place else whole
             self._size = file.width, file.height
-            with self._warped(file) as warped:
-                bounds = warped.bounds
-                self.pixel = float(min(warped.res))
-            self.box = np.array([*bounds]) - [east, north, east, north]
+            if has_place:
+                with self._warped(file) as warped:
+                    self.pixel = float(min(warped.res))
+                    self.box = np.array([*warped.bounds]) - [east, north, east, north]
+            else:
+                self.pixel, self.box = min(whole.a, -whole.e), np.array([0.0, 0.0, *size])
             if file.width * file.height > _PLAIN and not file.overviews(self._band):
                 self._path = self._with_overviews(layer, file)
             self._span = self._range(file)
@@ -124,7 +126,8 @@ class RasterSource:
 
     def _warped(self, file: DatasetReader, **options: Any) -> WarpedVRT:
         """Return a file in the frame's CRS."""
-        scale = Affine.scale(self._size[0] / file.width, self._size[1] / file.height)
+        across, down = self._size[0] / file.width, self._size[1] / file.height
+        a, b, c, d, e, f = self._transform[:6]
         nodata = file.nodata
         if nodata is None and file.dtypes[self._band - 1].startswith("float"):
             nodata = np.nan
@@ -132,7 +135,7 @@ class RasterSource:
         return WarpedVRT(
             file,
             src_crs=self._crs,
-            src_transform=self._transform * scale,
+            src_transform=Affine(a * across, b * down, c, d * across, e * down, f),
             src_nodata=nodata,
             nodata=nodata,
             crs=self._target,

@@ -1,0 +1,237 @@
+"""Edits of draped features, and the files that they are saved in."""
+
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+
+import numpy as np
+import pyogrio
+import pytest
+import shapely
+
+from sketchterrain.document.drapes import draped_layer
+from sketchterrain.drape.feature_edits import (
+    create_feature,
+    delete_feature,
+    delete_vertex,
+    insert_vertex,
+    move_feature,
+    move_vertex,
+    rotate_feature,
+    save_layer,
+    scale_feature,
+    set_properties,
+)
+from sketchterrain.errors import InputError
+from tests.drape.test_vector_sources import ALL, opened, random_shapes, write, write_as_is
+
+HOLED = shapely.Polygon([(0, 0), (40, 0), (40, 40), (0, 40)], [[(10, 10), (20, 10), (20, 20), (10, 20)]])
+SEVERAL = shapely.MultiPolygon([HOLED, shapely.box(60, 0, 90, 30)])
+
+
+@pytest.fixture
+def drapes(tmp_path):
+    shapes = [
+        shapely.LineString([(0, 0), (10, 0), (20, 10)]),
+        HOLED,
+        SEVERAL,
+        shapely.MultiPoint([(1, 1), (5, 5)]),
+        shapely.MultiLineString([[(0, 0), (9, 0)], [(0, 5), (9, 5), (9, 9)]]),
+        shapely.Polygon([(0, 0), (10, 10), (10, 0), (0, 10)]),
+    ]
+    path = write(tmp_path / "map.gpkg", shapes, {"name": np.array(list("abcdef"), object)})
+    return opened(draped_layer(path, unit="m", fill="#00ff00"))
+
+
+def edited(drapes, layer, number):
+    return drapes.updated([layer]).feature(0, number).geometry
+
+
+def test_features_are_moved_rotated_and_scaled_with_their_parts_and_holes(drapes) -> None:
+    layer = drapes.layers[0]
+    for number in range(6):
+        feature = drapes.feature(0, number)
+        shape = feature.geometry
+        turned = edited(drapes, rotate_feature(layer, feature, 90.0, (5.0, 5.0)), number)
+        expected = shapely.transform(shape, lambda at: 5.0 + np.stack([5.0 - at[:, 1], at[:, 0] - 5.0], -1))
+        assert shapely.equals_exact(turned, expected, 1e-9)
+        wider = edited(drapes, scale_feature(layer, feature, (2.0, 0.5), (0.0, 0.0)), number)
+        assert shapely.equals_exact(wider, shapely.transform(shape, lambda at: at * (2.0, 0.5)), 1e-9)
+        moved = edited(drapes, move_feature(layer, feature, 3.0, -4.0), number)
+        assert shapely.equals_exact(
+            moved, shapely.transform(shape, lambda at: at + np.array([3.0, -4.0])), 1e-9
+        )
+        assert shapely.get_num_geometries(moved) == shapely.get_num_geometries(shape)
+    with pytest.raises(InputError, match="no zero"):
+        scale_feature(layer, drapes.feature(0, 0), (0.0, 1.0), (0.0, 0.0))
+
+
+def test_each_vertex_can_be_moved_inserted_and_deleted(drapes) -> None:
+    layer = drapes.layers[0]
+    for number in range(5):
+        feature = drapes.feature(0, number)
+        before = shapely.get_coordinates(feature.geometry)
+        for vertex, (x, y) in enumerate(before.tolist()):
+            moved = shapely.get_coordinates(
+                edited(drapes, move_vertex(layer, feature, vertex, x + 0.5, y + 0.25), number)
+            )
+            same = (before == before[vertex]).all(axis=1)
+            if number == 4:  # two lines that begin at one place are not joined
+                same = np.arange(len(before)) == vertex
+            assert np.array_equal(moved[~same], before[~same])
+            assert np.allclose(moved[vertex], (x + 0.5, y + 0.25))
+            with suppress(InputError):  # a hole would lie outside
+                fewer = delete_vertex(layer, feature, vertex)
+                assert len(shapely.get_coordinates(edited(drapes, fewer, number))) < len(before)
+    line, holed = drapes.feature(0, 0), drapes.feature(0, 1)
+    assert list(edited(drapes, insert_vertex(layer, line, 0, 5, 1), 0).coords)[:3] == [
+        (0, 0),
+        (5, 1),
+        (10, 0),
+    ]
+    more = edited(drapes, insert_vertex(layer, holed, 6, 20, 15), 1)
+    assert more.interiors[0].length == HOLED.interiors[0].length
+    assert len(more.interiors[0].coords) == 6
+    several = edited(drapes, insert_vertex(layer, drapes.feature(0, 2), 13, 75, -5), 2)
+    assert several.area == SEVERAL.area + 75.0
+    point = delete_vertex(layer, drapes.feature(0, 3), 0)
+    assert edited(drapes, point, 3).equals(shapely.MultiPoint([(5, 5)]))
+    triangle = delete_vertex(layer, holed, 5)
+    triangle = delete_vertex(triangle, drapes.updated([triangle]).feature(0, 1), 5)
+    assert not edited(drapes, triangle, 1).interiors  # a hole of two corners is none
+
+
+def test_edits_that_are_no_features_are_one_line_each(drapes) -> None:
+    layer, holed = drapes.layers[0], drapes.feature(0, 1)
+    for change in (
+        lambda: move_vertex(layer, holed, 1, -30.0, 20.0),  # crosses itself
+        lambda: move_vertex(layer, holed, 99, 0.0, 0.0),
+        lambda: move_vertex(layer, holed, 0, np.nan, 0.0),
+        lambda: create_feature(layer, drapes.sources[0], shapely.Polygon(), {}),
+        lambda: create_feature(layer, drapes.sources[0], drapes.feature(0, 5).geometry, {}),
+        lambda: drapes.updated([delete_feature(layer, holed)]).feature(0, 1),
+        lambda: drapes.feature(0, 77),
+        lambda: insert_vertex(layer, drapes.feature(0, 3), 0, 1.0, 1.0),
+    ):
+        with pytest.raises(InputError) as error:
+            change()
+        assert "\n" not in str(error.value)
+
+
+def changed(drapes):
+    """Return the layer with an edit of each kind, and what its features are then."""
+    layer, source = drapes.layers[0], drapes.sources[0]
+    feature = drapes.feature(0, 4)
+    layer = move_feature(layer, feature, 5.0, 5.0)
+    layer = set_properties(layer, drapes.feature(0, 7), {"name": "renamed", "count": None, "note": 1.5})
+    layer = delete_feature(layer, drapes.feature(0, 2))
+    layer, number = create_feature(layer, source, shapely.box(1, 2, 3, 4), {"name": "new", "count": 99})
+    assert number == source.next_id
+    new = drapes.updated([layer])
+    ids = [each for each in range(number + 1) if each != 2]
+    return new, [new.feature(0, each) for each in ids]
+
+
+def test_layers_are_saved_and_read_back_in_each_format(tmp_path) -> None:
+    names = np.array(["a", None, *"cdefghijkl"], object)
+    fields = {"name": names, "count": np.arange(12, dtype=np.int32), "share": np.linspace(0, 1, 12)}
+    path = write(tmp_path / "map.fgb", random_shapes(12), fields)
+    content = path.read_bytes()
+    drapes, features = changed(opened(draped_layer(path, unit="m", colour="#010203")))
+    for suffix in (".gpkg", ".fgb", ".geojson"):
+        saved = save_layer(drapes, 0, tmp_path / f"saved{suffix}")
+        assert not saved.edits
+        assert saved.style == drapes.layers[0].style
+        found = opened(saved)
+        assert found.problems == ()
+        assert found.sources[0].next_id == len(features)
+        for number, (_, shape, properties) in enumerate(features):
+            again = found.feature(0, number)
+            assert shapely.hausdorff_distance(again.geometry, shape) < 1e-4, (suffix, number)
+            expected = {name: properties.get(name) for name in ("name", "count", "share", "note")}
+            assert again.properties == expected, (suffix, number)
+        info = pyogrio.read_info(saved.path)
+        assert info["crs"] == ("EPSG:4326" if suffix == ".geojson" else "EPSG:32631")
+    assert path.read_bytes() == content
+    assert drapes.sources[0].problem(drapes.layers[0]) == ""
+    over = save_layer(drapes, 0, path)  # the source itself
+    assert opened(over).sources[0].next_id == len(features)
+    assert path.read_bytes() != content
+
+
+def test_other_tables_of_a_geopackage_and_heights_are_kept(tmp_path) -> None:
+    path = tmp_path / "map.gpkg"
+    heights = [
+        shapely.LineString([(500000, 4700000, 7), (500010, 4700000, 8)]),
+        shapely.Point(500003, 4700003, 9),
+    ]
+    write_as_is(path, heights, layer="first")
+    write(path, random_shapes(5), layer="second", append=True)
+    write(path, random_shapes(7), layer="third", append=True)
+    drapes = opened(draped_layer(path))
+    layer = move_vertex(drapes.layers[0], drapes.feature(0, 0), 1, 20.0, 0.0)
+    saved = save_layer(drapes.updated([layer]), 0, path)
+    tables = {
+        str(name): pyogrio.read_info(path, layer=name)["features"] for name, _ in pyogrio.list_layers(path)
+    }
+    assert tables == {"first": 2, "second": 5, "third": 7}
+    assert saved["table"] == "first"
+    _, _, wkb, _ = pyogrio.raw.read(path, layer="first")
+    line, point = shapely.from_wkb(wkb)
+    assert [*line.coords] == [(500000, 4700000, 7), (500020, 4700000, 8)]
+    assert point.z == 9.0
+    assert opened(saved).feature(0, 0).geometry.length == 20.0
+
+
+def test_a_layer_that_cannot_be_saved_leaves_every_file_as_it_was(tmp_path) -> None:
+    path = write(tmp_path / "map.gpkg", random_shapes(5))
+    drapes = opened(draped_layer(path))
+    content = path.read_bytes()
+    bad = set_properties(drapes.layers[0], drapes.feature(0, 1), {"number": "many"})
+    local = opened(draped_layer(write(tmp_path / "own.fgb", random_shapes(2), crs=None)))
+    for what, target, reason in (
+        (drapes.updated([bad]), path, "number"),
+        (drapes, tmp_path / "map.xyz", "expected a name with .gpkg"),
+        (local, tmp_path / "map.geojson", "CRS"),
+        (drapes, tmp_path / "missing" / "map.gpkg", "map.gpkg"),
+    ):
+        with pytest.raises(Exception, match=reason) as error:
+            save_layer(what, 0, target)
+        assert "\n" not in str(error.value)
+    assert path.read_bytes() == content
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["map.gpkg", "own.fgb"]
+    write(path, random_shapes(3))
+    with pytest.raises(InputError, match="has changed"):
+        save_layer(drapes, 0, path)
+
+
+SAVE = """
+import sys
+from pathlib import Path
+from sketchterrain.document.drapes import draped_layer
+from sketchterrain.drape.feature_edits import move_feature, save_layer
+from tests.drape.test_vector_sources import opened
+path = Path(sys.argv[1])
+drapes = opened(draped_layer(path))
+layer = move_feature(drapes.layers[0], drapes.feature(0, 0), 1.0, 0.0)
+print("saving", flush=True)
+save_layer(drapes.updated([layer]), 0, path)
+"""
+
+
+@pytest.mark.slow
+def test_a_save_that_is_killed_leaves_the_old_or_the_new_file(tmp_path) -> None:
+    path = write(tmp_path / "map.gpkg", random_shapes(60_000))
+    content, waits = path.read_bytes(), (0.0, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
+    for wait in waits:
+        path.write_bytes(content)
+        run = subprocess.Popen([sys.executable, "-c", SAVE, str(path)], stdout=subprocess.PIPE, text=True)
+        assert run.stdout.readline() == "saving\n"
+        time.sleep(wait)
+        run.send_signal(signal.SIGKILL)
+        run.wait()
+        run.stdout.close()
+        assert len(opened(draped_layer(path)).features(0, ALL)) == 60_000
+        assert path.read_bytes() == content or wait > 0.0

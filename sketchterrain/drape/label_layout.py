@@ -13,6 +13,7 @@ import shapely
 from numba import njit
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
+from sketchterrain.drape.vector_source import class_value
 from sketchterrain.errors import one_line
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ ANCHOR: Final = np.dtype(
         ("seen", "?"),  # not behind terrain
         ("steady", "f4"),  # −1 … 1: a label may appear at 1, and disappears at 0
         ("shown", "?"),
+        ("waits", "?"),  # to be shown by one of the next frames
         ("opacity", "f4"),
     ]
 )
@@ -188,9 +190,8 @@ class LabelCandidates:
         number = feature >> _ID_BITS
         layer = self.layers[number]
         _, geometry, properties = self._drapes.feature(number, feature & ((1 << _ID_BITS) - 1))
-        value = properties.get(layer["by"]) if layer["by"] else None
-        names = [each.value for each in layer.classes]
-        label = Label("", names.index(str(value)) if str(value) in names else -1)
+        value, names = class_value(properties.get(layer["by"])), [each.value for each in layer.classes]
+        label = Label("", names.index(value) if value in names else -1)
         style = layer.style_of(label.style)
         label = label._replace(text=label_text(properties.get(style["label"])))
         places, weight = anchors(geometry)
@@ -226,8 +227,10 @@ def place_labels(
     state = np.where(kept, 2, (rows["opacity"] > 0.0) & (not settled)).astype(np.int8)
     order = np.flatnonzero(fits | (state == 1))
     chosen = choose(order[np.argsort(-state[order], kind="stable")], boxes, rows["label"].copy(), state)
+    new = np.flatnonzero(chosen & ~rows["shown"])
+    rows["waits"] = False
     if math.isfinite(elapsed):
-        chosen[np.flatnonzero(chosen & ~rows["shown"])[NEW:]] = False
+        chosen[new[NEW:]], rows["waits"][new[NEW:]] = False, True
     rows["steady"][rows["shown"] & fits & ~chosen] = -1.0  # it overlaps another: not again at once
     rows["shown"] = chosen
     rows["opacity"] = np.clip(rows["opacity"] + np.where(chosen, step, -step), 0.0, 1.0) * inside

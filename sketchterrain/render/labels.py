@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from sketchterrain.array_types import BoolArray, Float64Array, StructuredArray, UInt8Array
-from sketchterrain.drape.label_layout import GAP, LabelCandidates, layer_numbers, place_labels
+from sketchterrain.drape.label_layout import LabelCandidates, layer_numbers, place_labels
 from sketchterrain.render.camera import Camera, Vector
 from sketchterrain.render.programs import build_program, build_transform, set_uniforms
 from sketchterrain.render.scene import TerrainSource, surface_heights
@@ -27,6 +27,7 @@ FONTS: Final = (
 )
 """The first font installed that has all letters of a text draws it; the last one is Pillow's own."""
 ATLAS: Final = (2048, 1024)  # texels of two bytes
+LIFT: Final = 2.0  # px above the ground that are in view where a label is shown
 _OUTLINE: Final = 0.15  # of the height of letters
 _QUAD: Final = np.dtype([("low", "f4", 2), ("extent", "f4", 2), ("cell", "f4", 2), ("colour", "f4", 4)])
 
@@ -88,7 +89,7 @@ class Labels:
         origin = tuple((rows["place"][0] - eye).tolist())
         targets.depth.use(0)
         targets.tonemapped.use()  # depth is not attached to it
-        set_uniforms(program, {"drawn_depth": 0, "origin": origin, "lift": GAP / targets.size[1]})
+        set_uniforms(program, {"drawn_depth": 0, "origin": origin, "lift": LIFT / targets.size[1]})
         array.transform(seen, moderngl.POINTS, vertices=len(rows))
         self._tested = rows, seen
 
@@ -97,18 +98,18 @@ class Labels:
         if not self:
             return
         rows = self._candidates.anchors
-        if self._elapsed is None:
+        elapsed = np.inf if self._elapsed is None else self._elapsed
+        settled = self._elapsed is None or not moving
+        if settled:  # in motion it is that of the last frame, which needs no waiting
             self._read_visibility()
         width, height = framebuffer.size
         matrix = camera.to_clip(width / height)
         clip = (rows["place"] - camera.eye) @ matrix[:, :3].T + matrix[:, 3]
         texel = 2.0 / (height * float(np.linalg.norm(matrix[1, :3]))) * clip[:, 3]
         clip[~self._in_range(rows, texel), 3] = 0.0
-        elapsed = np.inf if self._elapsed is None else self._elapsed
-        settled = self._elapsed is None or not moving
         boxes = place_labels(rows, clip, framebuffer.size, elapsed=elapsed, settled=settled)
         drawn = np.flatnonzero(rows["opacity"] > 0.0)
-        self._fades = not np.array_equal(rows["shown"], rows["opacity"] == 1.0)
+        self._fades = bool(rows["waits"].any() or (rows["shown"] != rows["opacity"]).any())
         if len(drawn):
             low = boxes[drawn, :2]
             self._draw_quads(rows[drawn], np.round(low) if settled else low, framebuffer)

@@ -1,5 +1,6 @@
 """Labels of draped features: layout, texts, stability in motion, pictures."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 import shapely
 
 from sketchterrain.document.drapes import DrapeClass, DrapedLayer, FeatureEdit
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.drape import label_layout
 from sketchterrain.drape.label_layout import (
     FADE,
@@ -23,9 +25,13 @@ from sketchterrain.drape.label_layout import (
 from sketchterrain.errors import DeviceError
 from sketchterrain.render import labels as labels_module
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.labels import Labels, draw_text, text_size
+from sketchterrain.render.labels import LIFT, Labels, draw_text, text_size
 from sketchterrain.render.programs import open_context
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.renderer import Renderer
+from sketchterrain.render.sky import Sun
 from sketchterrain.render.targets import FrameBlock
+from sketchterrain.terrain.building import build
 
 SIZE = (1280, 720)
 FPS = 60.0
@@ -340,6 +346,7 @@ def drawn(gl):
     return draw
 
 
+@pytest.mark.gl
 def test_drawn_labels_are_legible_and_stand_above_their_place(drawn):
     for ground in (0.0, 0.5, 1.0):
         for colour in ("#202020", "#e03131", "#ffffff"):
@@ -359,6 +366,7 @@ def test_drawn_labels_are_legible_and_stand_above_their_place(drawn):
             assert grey.max() - grey.min() > 100.0  # letters against their outline
 
 
+@pytest.mark.gl
 def test_labels_behind_terrain_are_not_shown(drawn):
     drapes = drapes_of([(shapely.Point(0.0, 0.0), {"name": "Hidden"})])
     for wall, is_shown in ((np.inf, True), (1100.0, True), (1043.0, True), (1000.0, False), (50.0, False)):
@@ -366,6 +374,7 @@ def test_labels_behind_terrain_are_not_shown(drawn):
         assert bool(picture.any()) == is_shown, wall
 
 
+@pytest.mark.gl
 def test_text_that_fills_the_atlas_is_left_out(drawn, monkeypatch):
     monkeypatch.setattr(labels_module, "ATLAS", (64, 32))
     features = [(shapely.Point(200.0 * k - 300.0, 0.0), {"name": f"P{k}"}) for k in range(4)]
@@ -373,3 +382,78 @@ def test_text_that_fills_the_atlas_is_left_out(drawn, monkeypatch):
     picture, labels = drawn(drapes_of(features))
     assert picture.any()
     assert len(labels._cells) == 3
+
+
+def numbered(count, extent):
+    return [(place, {"name": str(n)}) for n, (place, _) in enumerate(random_points(count, extent=extent))]
+
+
+@pytest.fixture(scope="module")
+def scene(gl):
+    """A terrain with a mountain, a camera in front of it, and what draws it at a quality."""
+    mountain = np.zeros((96, 96), np.uint8)
+    mountain[30:40, 20:70] = 1
+    terrain = build(Sketch(extent=3072.0, seed=3, layers={"mountain": mountain}))
+    eye = (1400.0, 100.0, float(terrain.heights(1400.0, 100.0)) + 150.0)
+    size = (240, 136)
+    texture = gl.texture(size, 4)
+
+    def renderer(level):
+        quality = replace(Quality.from_level(level), map_texels=128, material_texels=128, budget=0.25)
+        renderer = Renderer(gl, terrain, sun=Sun(140.0, 40.0), quality=quality)
+        renderer.scenery.labels.set_drapes(drapes_of(numbered(500, 3072.0), label_size=6.0))
+        return renderer
+
+    view = Camera(eye, (1500.0, 1500.0, 100.0), fov=50.0)
+    return SimpleNamespace(
+        terrain=terrain, view=view, renderer=renderer, texture=texture, target=gl.framebuffer([texture])
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.gl
+def test_frames_come_to_rest_as_stills(scene):
+    renderer, view = scene.renderer(0.0), scene.view
+    labels = renderer.scenery.labels
+    drapes, shown, pictures = labels._candidates._drapes, [], []
+    for path in ((), (-150.0, -75.0), (700.0,)):
+        labels.set_drapes(None)
+        labels.set_drapes(drapes)
+        for shift in path:
+            eye = (view.eye[0] + shift, *view.eye[1:])
+            renderer.frame(replace(view, eye=eye), scene.target, elapsed=0.05)
+        if path:
+            while not renderer.frame(view, scene.target, elapsed=0.3).converged:
+                pass
+        else:
+            renderer.prepare(view, scene.target.size)
+            renderer.draw(view, scene.target)
+        rows = labels._candidates.anchors
+        assert (rows["opacity"] == rows["shown"]).all()
+        shown.append(rows["feature"][rows["shown"]].tolist())
+        pictures.append(scene.texture.read())
+    assert len(shown[0]) > 10
+    assert shown[1] == shown[2]
+    assert pictures[1] == pictures[2]
+    assert len(set(shown[0]) ^ set(shown[1])) <= 3  # a still has other tiles
+
+
+@pytest.mark.slow
+@pytest.mark.gl
+def test_visibility_agrees_with_lines_of_sight_on_true_heights(scene):
+    renderer, view, size = scene.renderer(0.75), scene.view, scene.target.size
+    renderer.prepare(view, size)
+    renderer.draw(view, scene.target)
+    rows = renderer.scenery.labels._candidates.anchors
+    along = rows["place"] - view.eye
+    clip = clip_of(rows, replace(view, near=1.0), size)
+    inside = (np.abs(clip[:, :2]) < clip[:, 3:]).all(axis=1)
+    share = np.linspace(0.0, 0.97, 400)[:, None]
+    ground = scene.terrain.heights(*(view.eye[axis] + share * along[:, axis] for axis in (0, 1)))
+    pixel = 2.0 * np.tan(np.radians(25.0)) / size[1]
+    for lift, seen in ((LIFT + 1.0, False), (LIFT - 1.0, True)):
+        rise = along[:, 2] + lift * pixel * clip[:, 3]
+        clear = (view.eye[2] + share * rise - ground).min(axis=0)
+        certain = inside & (clear > 3.0 if seen else clear < -3.0)
+        assert certain.sum() >= 30
+        assert (rows["seen"][certain] == seen).mean() > 0.98

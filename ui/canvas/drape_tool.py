@@ -1,15 +1,16 @@
 """Drawing of new features of a draped layer, and highlights of its features."""
 
 from PyQt6.QtCore import QPointF
-from PyQt6.QtGui import QColor, QPainter, QPainterPath
+from PyQt6.QtGui import QColor, QPainter
 
 from sketchterrain.document.vectors import AREA, LINE
 from sketchterrain.errors import InputError
-from sketchterrain.ui.canvas.drapes import PictureWindow, draw_items, polygon
+from sketchterrain.ui.canvas.drapes import PictureWindow, draw_items, path_of
 from sketchterrain.ui.canvas.marks import draw_haloed
 from sketchterrain.ui.canvas.paint_tools import LineTool
 from sketchterrain.ui.canvas.tool_context import Pointer, ToolContext
 from sketchterrain.ui.models.drapes import draw_draped, refusal
+from sketchterrain.ui.models.workspace import Selection
 
 
 class DrapeLineTool(LineTool):
@@ -70,8 +71,10 @@ class DrapeLineTool(LineTool):
 
 def draw_feature(painter: QPainter, context: ToolContext, held: tuple[int, int], colour: QColor) -> None:
     """Draw one feature as its layer does, and highlight it."""
+    from sketchterrain.drape.items import POINT
+
     drapes = context.document.drapes.current
-    if drapes is None:
+    if drapes is None or context.document.drapes.feature(Selection("drape", held[1], layer=held[0])) is None:
         return
     corner = context.world_from_sketch(*context.sketch_from_screen(QPointF(0.0, 0.0)))
     window = PictureWindow(*corner, 1.0 / context.px_per_metre, 0, 0)
@@ -80,10 +83,8 @@ def draw_feature(painter: QPainter, context: ToolContext, held: tuple[int, int],
     if context.document.drapes.held == held:
         draw_items(painter, drapes, items, window)
     painter.restore()
-    path, points = QPainterPath(), window.pixels(items.points)
-    for first, end in zip(items.first[:-1].tolist(), items.first[1:].tolist(), strict=True):
-        if end - first == 1:
-            path.addEllipse(QPointF(*points[first].tolist()), 6.0, 6.0)
-        else:
-            path.addPolygon(polygon(points[first:end]))
+    points, single = window.pixels(items.points), items.kind == POINT
+    path = path_of(points, items.first[:-1])
+    for at in items.first[:-1][single].tolist():
+        path.addEllipse(QPointF(*points[at].tolist()), 6.0, 6.0)
     draw_haloed(painter, path, colour, 2.0)

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
 from functools import partial
-from itertools import groupby
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final, NamedTuple, cast
 
 import numpy as np
-from PyQt6.QtCore import QLineF, QObject, QPointF, QRectF, Qt, pyqtSignal
+from PyQt6.QtCore import QByteArray, QDataStream, QLineF, QObject, QPointF, QRectF, Qt, pyqtSignal
 from PyQt6.QtGui import QBrush, QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 
-from sketchterrain.array_types import Float64Array
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.ui.canvas.underlay import Pictures
 from sketchterrain.ui.models.background import BackgroundReader
 
@@ -162,89 +161,72 @@ def _use(painter: QPainter, opacity: float, blend: str) -> None:
 
 
 def draw_items(painter: QPainter, drapes: Drapes, items: Items, window: PictureWindow) -> None:
-    """Draw vectors: runs of one style and kind together."""
-    from sketchterrain.drape.items import FILL, POINT
+    """Draw vectors: areas feature by feature, lines of a style many at a time unless they are dashed."""
+    from sketchterrain.drape.items import AFTER, BEFORE, FILL, POINT
 
-    points, first = window.pixels(items.points), items.first.tolist()
-    columns = zip(items.style.tolist(), items.kind.tolist(), items.feature.tolist(), strict=True)
-    for (style, kind), run in groupby(enumerate(columns), key=lambda pair: pair[1][:2]):
-        numbers = [(number, feature) for number, (_, _, feature) in run]
-        own = drapes.styles[style]
-        _use(painter, own.opacity, own.blend)
-        values = own.style
+    if not len(items.kind):
+        return
+    own = np.ones(len(items.points), np.bool_)  # without the points before and after parts of lines
+    own[items.first[:-1][(items.ends & BEFORE) > 0]] = False
+    own[items.first[1:][(items.ends & AFTER) > 0] - 1] = False
+    first, points = np.append(0, np.cumsum(own))[items.first], window.pixels(items.points[own])
+    number = np.arange(len(items.kind))
+    dashed = np.array([bool(each.style["dash"]) for each in drapes.styles])[items.style]
+    group = np.where(items.kind == FILL, items.feature, np.where(dashed, number, number // _MANY))
+    keys = np.stack([items.style, items.kind, group])
+    starts = np.flatnonzero(np.append(True, (keys[:, 1:] != keys[:, :-1]).any(axis=0))).tolist()
+    for start, end in pairwise([*starts, len(number)]):
+        look = drapes.styles[int(items.style[start])]
+        _use(painter, look.opacity, look.blend)
+        values, places = look.style, points[first[start] : first[end]]
         unit = 1.0 if values["unit"] == "px" else 1.0 / window.texel
-        lines = ((number, points[first[number] : first[number + 1]]) for number, _ in numbers)
-        if kind == POINT:
-            pen = QPen(QColor(values["colour"]), max(values["width"] * unit, 1.0))
+        width = max(values["width"] * unit, 1.0)
+        pen = QPen(QColor(values["colour"]), width, cap=_CAPS[values["cap"]], join=_JOINS[values["join"]])
+        if items.kind[start] == POINT:
             pen.setCapStyle(Qt.PenCapStyle.RoundCap)
             painter.setPen(pen)
-            painter.drawPoints(polygon(np.concatenate([line for _, line in lines])))
-        elif kind == FILL:
-            for _, parts in groupby(numbers, key=lambda pair: pair[1]):
-                path = QPainterPath()
-                path.setFillRule(Qt.FillRule.WindingFill)
-                for number, _ in parts:
-                    path.addPolygon(polygon(points[first[number] : first[number + 1]]))
-                _fill(painter, path, values, unit)
-        else:
-            _stroke(painter, items, lines, values, window.texel)
+            painter.drawPoints(QPolygonF(list(map(QPointF, *places.T.tolist()))))
+            continue
+        path = path_of(places, first[start:end] - first[start])
+        if items.kind[start] == FILL:
+            _fill(painter, path, values, unit, QPointF(*window.pixels(np.zeros(2)).tolist()))
+            continue
+        if dashes := [float(each) * unit / width for each in values["dash"].split()]:
+            pen.setDashPattern(dashes * (1 + len(dashes) % 2))
+            pen.setDashOffset(float(items.along[start]) / (window.texel * width))
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        painter.setPen(pen)
+        painter.drawPath(path)
 
 
-def polygon(points: Float64Array) -> QPolygonF:
-    """Return points (n, 2) as Qt's."""
-    return QPolygonF(list(map(QPointF, *points.T.tolist())))
+def path_of(points: Float64Array, starts: Int64Array) -> QPainterPath:
+    """Return lines through points (n, 2), each from one of the starts on, as Qt stores paths."""
+    elements = np.ones(len(points), [("kind", ">i4"), ("x", ">f8"), ("y", ">f8")])
+    elements["kind"][starts] = 0
+    elements["x"], elements["y"] = points.T
+    ends = np.array([len(points), 0, Qt.FillRule.WindingFill.value], ">i4").tobytes()
+    path = QPainterPath()
+    QDataStream(QByteArray(ends[:4] + elements.tobytes() + ends[4:])) >> path
+    return path
 
 
-def _stroke(
-    painter: QPainter,
-    items: Items,
-    lines: Iterator[tuple[int, Float64Array]],
-    values: Properties,
-    texel: float,
-) -> None:
-    from sketchterrain.drape.items import AFTER, BEFORE
-
-    unit = 1.0 if values["unit"] == "px" else 1.0 / texel
-    width = max(values["width"] * unit, 1.0)
-    pen = QPen(QColor(values["colour"]), width, cap=_CAPS[values["cap"]], join=_JOINS[values["join"]])
-    dashes = [float(each) * unit / width for each in values["dash"].split()]
-    if dashes:
-        pen.setDashPattern(dashes * (1 + len(dashes) % 2))
-    painter.setBrush(Qt.BrushStyle.NoBrush)
-    painter.setPen(pen)
-    path, count = QPainterPath(), 0
-    for number, line in lines:
-        bits = int(items.ends[number])
-        line = line[bool(bits & BEFORE) : len(line) - bool(bits & AFTER)]
-        path.addPolygon(polygon(line))
-        count += 1
-        if dashes:
-            pen.setDashOffset(float(items.along[number]) / (texel * width))
-            painter.setPen(pen)
-        if dashes or count == _MANY:
-            painter.drawPath(path)
-            path, count = QPainterPath(), 0
-    painter.drawPath(path)
-
-
-def _fill(painter: QPainter, path: QPainterPath, values: Properties, unit: float) -> None:
-    colour = QColor(values["fill"])
+def _fill(painter: QPainter, path: QPainterPath, values: Properties, unit: float, origin: QPointF) -> None:
+    """Fill areas, or hatch them with lines that pass through the sketch's corner."""
+    colour = QColor(values["fill"] or values["colour"])
     colour.setAlphaF(values["fill_opacity"])
     if values["hatch"] == "none":
         painter.fillPath(path, QBrush(colour))
         return
     painter.save()
     painter.setClipPath(path)
-    painter.setPen(QPen(colour, max(0.2 * values["hatch_spacing"] * unit, 1.0)))
+    painter.setPen(QPen(colour, max(values["width"] * unit, 1.0)))
     box, spacing = path.boundingRect(), max(values["hatch_spacing"] * unit, 2.0)
     reach = 0.5 * math.hypot(box.width(), box.height())
     for turn in (0.0, 90.0)[: 2 if values["hatch"] == "cross" else 1]:
         angle = math.radians(values["hatch_angle"] + turn)
         along, across = QPointF(math.cos(angle), -math.sin(angle)), QPointF(math.sin(angle), math.cos(angle))
-        middle = QPointF.dotProduct(box.center(), across)
-        start = math.ceil((middle - reach) / spacing)
-        at = box.center() - across * middle
-        for step in range(start, math.floor((middle + reach) / spacing) + 1):
-            foot = at + across * (step * spacing)
+        middle = QPointF.dotProduct(box.center() - origin, across)
+        for step in range(math.ceil((middle - reach) / spacing), math.floor((middle + reach) / spacing) + 1):
+            foot = box.center() + across * (step * spacing - middle)
             painter.drawLine(QLineF(foot - along * reach, foot + along * reach))
     painter.restore()

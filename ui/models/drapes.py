@@ -30,6 +30,7 @@ if TYPE_CHECKING:  # GDAL and shapely take a quarter of a second
 
 _REACH: Final = 3.0  # px from a line or point that is found, as by `Drapes.pick`
 _MAX_HANDLES: Final = 1000  # of vertices
+_MAX_STEPS: Final = 1500  # along an outline
 _GOLDEN: Final = 0.618034  # of the circle of hues, from one colour to the next
 
 
@@ -94,10 +95,9 @@ class DrapeSources(QObject):
             self.changed.emit()
 
     def _update(self) -> None:
-        from_sketch = self._document.sketch
-        layers = from_sketch.drapes
-        at = from_sketch.frame, from_sketch.size, from_sketch.extent
-        if layers is self._shown and at == self._at:
+        sketch = self._document.sketch
+        layers, at = sketch.drapes, (sketch.frame, sketch.size, sketch.extent)
+        if layers == self._shown and at == self._at:
             return
         known = {each.source_key for each in self._shown} if at == self._at else set()
         is_read = self.current is not None and known.issuperset(each.source_key for each in layers)
@@ -106,7 +106,7 @@ class DrapeSources(QObject):
             self._show(at, None if not layers or self.current is None else self.current.updated(layers))
         else:
             base = self.current if at == self._at else None
-            self._reader.read(partial(_read, from_sketch, base), partial(self._show, at))
+            self._reader.read(partial(_read, sketch, base), partial(self._show, at))
 
     def _show(self, at: tuple[object, ...], found: object) -> None:
         self.current, self._at = cast("Drapes | None", found), at
@@ -178,8 +178,8 @@ def move_drape(document: Document, workspace: Workspace, number: int, to: int) -
     to = min(max(to, 0), len(layers) - 1)
     if to != number:
         layers.insert(to, layers.pop(number))
-        workspace.selection = Selection("drape", -1, layer=to)
         _do(document, f"Move {layers[to].title}", layers)
+        workspace.selection = Selection("drape", -1, layer=to)
 
 
 def update_file(document: Document, number: int) -> None:
@@ -256,14 +256,19 @@ def kind_and_size(feature: Feature) -> tuple[str, str]:
     return ("Line", f"{shape.length / 1e3:.3g} km") if shape.length else ("Point", "")
 
 
-def outlines_of(document: Document, selection: Selection) -> tuple[Float64Array, ...]:
-    """Return the lines and borders of the selected feature, (n, 2) m; a point twice."""
+def outlines_of(document: Document, selection: Selection, *, step: float = 0.0) -> tuple[Float64Array, ...]:
+    """Return the lines and borders of the selected feature, (n, 2) m; a point twice.
+
+    Points are at most `step` m apart, unless that is 0 or there would be too many.
+    """
     import shapely
 
     feature = document.drapes.feature(selection)
     if feature is None:
         return ()
-    parts = shapely.get_parts(feature.geometry)
+    length = feature.geometry.length
+    shape = shapely.segmentize(feature.geometry, max(step, length / _MAX_STEPS)) if step else feature.geometry
+    parts = shapely.get_parts(shape)
     lines = [each for part in parts for each in (shapely.get_rings(part) if part.area else [part])]
     points = map(shapely.get_coordinates, lines)
     return tuple(np.repeat(line, 2, axis=0) if len(line) == 1 else line for line in points)

@@ -40,6 +40,7 @@ class DrapeList(QWidget):
     def __init__(self, document: Document, workspace: Workspace) -> None:
         super().__init__()
         self._document, self._workspace = document, workspace
+        self._selected: tuple[Selection | None, str] = (None, "")  # and the path of its layer
         self.list = LayerList(can_move=True)
         self.list.setAccessibleName("Draped layers")
         self.list.setToolTip("Draped layers, the highest on top. Space shows or hides one, Del removes it")
@@ -84,6 +85,12 @@ class DrapeList(QWidget):
 
     def refresh(self, *_: object) -> None:
         layers, chosen = self._document.sketch.drapes, self._chosen
+        selection, path = self._workspace.selection, layers[chosen].path if chosen >= 0 else ""
+        is_other = self._selected[0] == selection and self._selected[1] != path
+        self._selected = selection, path
+        if is_other:  # after an undo its number is another layer's
+            self._workspace.selection = None
+            return
         rows = [self._row(number, layer) for number, layer in enumerate(layers)][::-1]
         self.list.show_rows(rows, len(rows) - 1 - chosen if chosen >= 0 else -1)
         self.list.setVisible(bool(rows))

@@ -171,7 +171,9 @@ class Scene:
                 selection, drag = workspace.selection, self.drag
                 draped = (), ()
                 if self._document is not None and selection is not None and selection.is_draped:
-                    draped = outlines_of(self._document, selection), draped_handles(self._document, selection)
+                    step = 2.0 * self._document.sketch.pixel_size
+                    lines = outlines_of(self._document, selection, step=step)
+                    draped = lines, draped_handles(self._document, selection)
                     drag = None  # the document follows at once
                 builder = MarkBuilder(projection, terrain, placed, selection, drag, sketch, *draped)
                 self._marks = builder.marks(all_features=all_features)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -24,7 +23,6 @@ _GROUP: Final = 64  # neighbouring items with a common box
 _SPLITS: Final = 48  # the most cuts of an area, one in another
 _LOST: Final = 0.125  # of the tolerance: lines shorter than that are left out
 _POINT, _LINE, _POLYGON = 0, 1, 3  # shapely's type ids
-_BATCH: Final = 1 << 16  # items that are sorted into place at once
 
 ITEM: Final = np.dtype(
     [
@@ -261,10 +259,10 @@ class Level:
 
     def vertices(self, items: StructuredArray) -> Float64Array:
         """Return the points of items, one after the other."""
-        return np.asarray(self.points[_places(items)])
+        return np.asarray(self.points[places(items)])
 
 
-def _places(items: StructuredArray) -> Int64Array:
+def places(items: StructuredArray) -> Int64Array:
     """Return the numbers of the points of items, one after the other."""
     owner, place = expanded(items["count"])
     return np.asarray(items["first"][owner] + place)
@@ -272,17 +270,11 @@ def _places(items: StructuredArray) -> Int64Array:
 
 def level_of(parts: Parts, tolerance: float) -> Level:
     """Return a level in memory of a few items."""
-    return Level(tolerance, *parts, _common(parts.items["box"]))
+    return Level(tolerance, *parts, common(parts.items["box"]))
 
 
-def stored_level(folder: Path, number: int, tolerance: float) -> Level:
-    """Return a level that `LevelWriter` wrote."""
-    items = mapped(folder / f"items{number}.bin", ITEM)
-    points = mapped(folder / f"points{number}.bin", np.float64, 2)
-    return Level(tolerance, items, points, mapped(folder / f"groups{number}.bin", np.float32, 4))
-
-
-def _common(boxes: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def common(boxes: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return the common boxes of 64 successive items each."""
     if not len(boxes):
         return np.zeros((0, 4), np.float32)
     at = np.arange(0, len(boxes), _GROUP)
@@ -298,50 +290,7 @@ def touch(boxes: npt.NDArray[np.float32], box: Bounds) -> BoolArray:
     )
 
 
-class LevelWriter:
-    """Files of a level that is written part by part and then sorted."""
-
-    def __init__(self, folder: Path, number: int, tolerance: float) -> None:
-        self.number, self.tolerance, self.items, self.points = number, tolerance, 0, 0
-        self._folder = folder
-        self._paths = [folder / f"{name}{number}.part" for name in ("items", "points")]
-        self._streams = [path.open("wb") for path in self._paths]
-
-    def add(self, parts: Parts) -> None:
-        """Write items and their points."""
-        parts.items["first"] += self.points
-        for stream, array in zip(self._streams, parts, strict=True):
-            stream.write(array.tobytes())
-        self.items += len(parts.items)
-        self.points += len(parts.points)
-
-    def finish(self, keep: bool) -> None:
-        """Sort the items by place, or remove them."""
-        for stream in self._streams:
-            stream.close()
-        if keep:
-            items = mapped(self._paths[0], ITEM)
-            points = mapped(self._paths[1], np.float64, 2)
-            order = np.argsort(_morton(items["box"]), kind="stable")
-            with (
-                (self._folder / f"items{self.number}.bin").open("wb") as item_file,
-                (self._folder / f"points{self.number}.bin").open("wb") as point_file,
-                (self._folder / f"groups{self.number}.bin").open("wb") as group_file,
-            ):
-                first = 0
-                for at in range(0, len(order), _BATCH):
-                    batch = np.array(items[order[at : at + _BATCH]])
-                    point_file.write(points[_places(batch)].tobytes())
-                    batch["first"] = first + np.cumsum(batch["count"]) - batch["count"]
-                    first += int(batch["count"].sum())
-                    item_file.write(batch.tobytes())
-                    group_file.write(_common(batch["box"]).tobytes())
-            del items, points
-        for path in self._paths:
-            path.unlink()
-
-
-def _morton(boxes: npt.NDArray[np.float32]) -> npt.NDArray[np.uint64]:
+def morton(boxes: npt.NDArray[np.float32]) -> npt.NDArray[np.uint64]:
     """Return the place of boxes' middles on a Z-order curve over all of them."""
     if not len(boxes):
         return np.zeros(0, np.uint64)
@@ -351,11 +300,3 @@ def _morton(boxes: npt.NDArray[np.float32]) -> npt.NDArray[np.uint64]:
     for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
         cell = (cell | cell << np.uint64(shift)) & np.uint64(mask)
     return np.asarray(cell[:, 0] | cell[:, 1] << np.uint64(1))
-
-
-def mapped(path: Path, dtype: npt.DTypeLike, columns: int = 0) -> npt.NDArray[Any]:
-    """Return the content of a file, as far as it is asked for."""
-    shape = (-1, columns) if columns else (-1,)
-    if not path.stat().st_size:
-        return np.zeros((0, columns) if columns else 0, dtype)
-    return np.memmap(path, dtype, "r").reshape(shape)

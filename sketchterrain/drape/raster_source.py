@@ -31,6 +31,7 @@ _PLAIN: Final = 4096 * 4096  # px of a raster that needs no overviews
 _SAMPLE: Final = 512  # px along the longer side of what a range of values is taken from
 _SHARE: Final = (0.5, 99.5)  # percentiles of values that are black and white
 _ENV: Final = {"GDAL_CACHEMAX": 32 << 20}
+_MOST_KEPT: Final = 1 << 19  # px of a window that is kept
 _WARP_MB: Final = 16
 _VIRTUAL: Final = "raster.vrt"
 
@@ -91,6 +92,8 @@ class RasterSource:
         east, south = west + columns * texel, north - rows * texel
         if west >= self.box[2] or east <= self.box[0] or south >= self.box[3] or north <= self.box[1]:
             return np.zeros((rows, columns, 4), np.uint8)
+        if rows * columns > _MOST_KEPT:
+            return self._read(west, north, texel, (rows, columns))
         key = self, west, north, texel, columns, rows
         return self._memory.get_or_compute(key, lambda: self._read(west, north, texel, (rows, columns)))
 

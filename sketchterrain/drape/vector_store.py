@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -19,18 +18,21 @@ from rasterio._err import CPLE_BaseError
 from rasterio.crs import CRS
 from rasterio.warp import transform
 
-from sketchterrain.array_types import Bounds, Float64Array
+from sketchterrain.array_types import Float64Array
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.document.rasters import content_hash
 from sketchterrain.document.vector_formats import Shapes, layer_crs, vector_driver
 from sketchterrain.drape.levels import (
-    LevelWriter,
+    ITEM,
+    Level,
     Outlines,
-    mapped,
+    common,
+    morton,
     parts_of,
+    places,
     split_shapes,
-    stored_level,
 )
+from sketchterrain.drape.stored_arrays import ArrayWriter, StoredArrays, Texts
 from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.io.crs import parse_crs, plain_path
 from sketchterrain.io.disk_cache import stored_folder
@@ -39,10 +41,12 @@ from sketchterrain.io.files import wrap_read_errors
 FARTHEST: Final = 64.0
 """Extents of a sketch from it beyond which features are left out."""
 
-_FORMAT: Final = 1  # of stores
+_FORMAT: Final = 2  # of stores
 _LEVELS: Final = 16
 _SHRINK: Final = 0.7  # of the points of a finer level: a level with more is not stored
-_CHUNK: Final = 1 << 23  # bytes of a file that are read at once
+_CHUNK: Final = 1 << 22  # bytes of a file that are read at once
+_READ_WHOLE: Final = ("GeoJSON", "OSM")  # by GDAL, each time: more at once
+_BATCH: Final = 1 << 14  # items that are sorted into place at once
 _NULL: Final = b"\xff"  # in texts, which are UTF-8
 _NO_INTEGER: Final = np.iinfo(np.int64).min
 _FAR: Final = np.array([80.0, 85.0])  # degrees from a sketch, of points that have no place in its frame
@@ -175,70 +179,44 @@ def _transformed(points: Float64Array, source: CRS, target: CRS) -> Float64Array
 class VectorStore:
     """Features of a table of a vector file, by number in the order of the file."""
 
-    def __init__(self, folder: Path) -> None:
-        facts = json.loads((folder / "facts.json").read_text(encoding="utf-8"))
-        self.count: int = facts["features"]
-        self.fields: dict[str, str] = facts["fields"]
-        self.left_out: int = facts["left_out"]
-        self.box: Bounds = tuple(facts["box"])
-        self.levels = tuple(stored_level(folder, number, tolerance) for number, tolerance in facts["levels"])
-        self._geometry = _Texts(folder / "geometry")
-        self._columns: dict[str, Any] = {
-            name: _Texts(folder / f"column{number}")
-            if kind == "text"
-            else mapped(folder / f"column{number}.bin", np.dtype(kind))
-            for number, (name, kind) in enumerate(self.fields.items())
+    def __init__(self, arrays: StoredArrays) -> None:
+        self.count: int = arrays.facts["features"]
+        self.fields: dict[str, str] = arrays.facts["fields"]
+        self.left_out: int = arrays.facts["left_out"]
+        self.box = np.array(arrays.facts["box"], np.float64)
+        self.levels = tuple(
+            Level(
+                tolerance,
+                arrays.array(f"items{number}", ITEM),
+                arrays.array(f"points{number}", np.float64, 2),
+                arrays.array(f"groups{number}", np.float32, 4),
+            )
+            for number, tolerance in arrays.facts["levels"]
+        )
+        self._geometry = arrays.texts("geometry")
+        self._columns = {
+            name: arrays.texts(f"column{at}") if kind == "text" else arrays.array(f"column{at}", kind)
+            for at, (name, kind) in enumerate(self.fields.items())
         }
 
     def geometries(self, ids: Iterable[int]) -> Shapes:
         """Return geometries in metres of the sketch; None of features without one, or without a place."""
-        content = [self._geometry[each] for each in ids]
-        return np.asarray(shapely.from_wkb(np.array([each or None for each in content], object)))
+        content = [self._geometry[each] or None for each in ids]
+        return np.asarray(shapely.from_wkb(np.array(content, object)))
 
-    def values(self, name: str, ids: Iterable[int]) -> list[int | float | str | None]:
+    def values(self, name: str, ids: Sequence[int]) -> list[int | float | str | None]:
         """Return a property of features; all None if there is no such property."""
         column = self._columns.get(name)
         if column is None:
-            return [None for _ in ids]
-        if isinstance(column, _Texts):
+            return [None] * len(ids)
+        if isinstance(column, Texts):
             return [None if (text := column[each]) == _NULL else text.decode() for each in ids]
-        found = column[np.fromiter(ids, np.int64)]
-        missing = np.isnan(found) if found.dtype.kind == "f" else found == _NO_INTEGER
-        return [None if none else value for value, none in zip(found.tolist(), missing.tolist(), strict=True)]
+        found = column[np.asarray(ids, np.int64)].tolist()
+        return [None if each != each or each == _NO_INTEGER else each for each in found]
 
     def properties(self, number: int) -> dict[str, int | float | str | None]:
         """Return all properties of a feature."""
         return {name: self.values(name, [number])[0] for name in self.fields}
-
-
-class _Texts:
-    """Byte strings in a file."""
-
-    def __init__(self, path: Path) -> None:
-        self._ends = mapped(path.with_suffix(".ends"), np.int64)
-        self._content = mapped(path.with_suffix(".bin"), np.uint8)
-
-    def __getitem__(self, number: int) -> bytes:
-        start = self._ends[number - 1] if number else 0
-        return self._content[start : self._ends[number]].tobytes()
-
-
-class _TextWriter:
-    """Writes what `_Texts` reads."""
-
-    def __init__(self, path: Path) -> None:
-        self._files = path.with_suffix(".bin").open("wb"), path.with_suffix(".ends").open("wb")
-        self._size = 0
-
-    def add(self, texts: list[bytes]) -> None:
-        ends = self._size + np.cumsum([len(text) for text in texts], dtype=np.int64)
-        self._files[0].write(b"".join(texts))
-        self._files[1].write(ends.tobytes())
-        self._size = int(ends[-1]) if len(ends) else self._size
-
-    def close(self) -> None:
-        for file in self._files:
-            file.close()
 
 
 def open_store(layer: DrapedLayer, frame: Mapping[str, Any], extent: float) -> VectorStore:
@@ -253,7 +231,7 @@ def open_store(layer: DrapedLayer, frame: Mapping[str, Any], extent: float) -> V
         with open_vector_file(path, layer["table"]) as file:
             _build(file, layer, frame, extent, folder)
 
-    return VectorStore(stored_folder("drape", key, build))
+    return VectorStore(StoredArrays(stored_folder("drape", key, build)))
 
 
 def placed(wkb: Shapes, projection: Projection) -> Shapes:
@@ -272,82 +250,90 @@ def _build(
     file: VectorFile, layer: DrapedLayer, frame: Mapping[str, Any], extent: float, folder: Path
 ) -> None:
     """Write a store in one pass over the file."""
-    projection = Projection(file_crs(file, layer), frame, file.place)
-    step = max(1, file.features * _CHUNK // max(Path(layer.path).stat().st_size, 1))
-    geometry = _TextWriter(folder / "geometry")
-    columns = [
-        _ColumnWriter(folder / f"column{number}", kind) for number, kind in enumerate(file.fields.values())
-    ]
-    levels: list[LevelWriter] = []
-    count, left_out, boxes = 0, 0, [np.zeros((0, 4))]
-    while count < file.features or not count:
-        wkb, values = file.read(count, step)
+    arrays, projection = ArrayWriter(folder), Projection(file_crs(file, layer), frame, file.place)
+    at_once = _CHUNK << (6 if file.driver in _READ_WHOLE else 0)
+    step = max(1, file.features * at_once // max(Path(layer.path).stat().st_size, 1))
+    fields = {name: _stored_kind(dtype) for name, dtype in file.fields.items()}
+    tolerances, left_out, boxes = list[float](), 0, [np.zeros((0, 4))]
+    for first in range(0, max(file.features, 1), step):
+        wkb, values = file.read(first, step)
+        if len(wkb) < min(step, file.features - first):
+            raise InputError(f"{file.place}: expected {file.features} features, the file ends before")
         shapes = placed(wkb, projection)
-        geometry.add([text or b"" for text in shapely.to_wkb(shapes).tolist()])
-        for column, name in zip(columns, file.fields, strict=True):
-            column.add(values[name])
+        arrays.add_texts("geometry", [text or b"" for text in shapely.to_wkb(shapes).tolist()])
+        for at, (name, kind) in enumerate(fields.items()):
+            _add_column(arrays, f"column{at}", kind, values[name])
         bounds, limit = shapely.bounds(shapes), FARTHEST * extent
         near = (bounds[:, :2] <= limit).all(axis=1) & (bounds[:, 2:] >= -limit).all(axis=1)
         lost = [each is not None and shape is None for each, shape in zip(wkb, shapes, strict=True)]
         left_out += int((~near & np.isfinite(bounds).all(axis=1)).sum()) + sum(lost)
         boxes.append(bounds[near])
-        split = split_shapes(shapes[near], count + np.flatnonzero(near))
-        levels = levels or _level_writers(split.outlines, extent, folder)
-        for level in levels:
-            level.add(parts_of(split, level.tolerance))
-        count += len(wkb)
-        if not len(wkb):
-            break
-    geometry.close()
-    for column in columns:
-        column.close()
-    kept, points = list[tuple[int, float]](), np.inf
-    for level in levels:
-        if keep := level.points <= _SHRINK * points:
-            kept.append((level.number, level.tolerance))
-            points = level.points
-        level.finish(keep=keep)
-    everything = np.concatenate(boxes)
-    low, high = everything[:, :2].min(axis=0, initial=np.inf), everything[:, 2:].max(axis=0, initial=-np.inf)
+        split = split_shapes(shapes[near], first + np.flatnonzero(near))
+        tolerances = tolerances or _tolerances(split.outlines, extent)
+        for number, tolerance in enumerate(tolerances):
+            items, points = parts_of(split, tolerance)
+            arrays.add(f"unsorted items{number}", items)
+            arrays.add(f"unsorted points{number}", points)
+    whole = np.concatenate(boxes) if any(map(len, boxes)) else np.full((1, 4), np.nan)
     facts = {
-        "features": count,
+        "features": file.features,
         "left_out": left_out,
-        "fields": {name: column.kind for name, column in zip(file.fields, columns, strict=True)},
-        "box": [*low.tolist(), *high.tolist()] if len(everything) else [np.nan] * 4,
-        "levels": kept,
+        "fields": fields,
+        "box": [*whole[:, :2].min(axis=0).tolist(), *whole[:, 2:].max(axis=0).tolist()],
+        "levels": _sort_levels(arrays, tolerances),
     }
-    (folder / "facts.json").write_text(json.dumps(facts), encoding="utf-8")
+    arrays.finish(facts)
 
 
-def _level_writers(outlines: Outlines, extent: float, folder: Path) -> list[LevelWriter]:
-    """Return the writers of all levels, each twice as coarse: from half the usual step of a line on."""
+def _tolerances(outlines: Outlines, extent: float) -> list[float]:
+    """Return those of levels, each twice as coarse: from half the usual step of a line on."""
     steps = np.diff(outlines.along)
-    steps = steps[steps > 0.0]
-    finest = 2.0 ** np.floor(np.log2(0.5 * np.median(steps))) if len(steps) else extent
-    tolerances = [0.0] + [each for number in range(_LEVELS) if (each := finest * 2.0**number) <= extent / 8.0]
-    return [LevelWriter(folder, number, tolerance) for number, tolerance in enumerate(tolerances)]
+    finest = 0.5 * np.median(steps[steps > 0.0]) if (steps > 0.0).any() else extent
+    found = 2.0 ** (np.floor(np.log2(finest)) + np.arange(_LEVELS))
+    return [0.0, *found[found <= extent / 8.0].tolist()]
 
 
-class _ColumnWriter:
-    """Writes a property of all features, whole and other numbers in 8 bytes each."""
+def _sort_levels(arrays: ArrayWriter, tolerances: list[float]) -> list[tuple[int, float]]:
+    """Sort items by place, of levels with far fewer points than the finer ones, and return these."""
+    kept, most = list[tuple[int, float]](), np.inf
+    for number, tolerance in enumerate(tolerances):
+        items = arrays.written(f"unsorted items{number}", ITEM)
+        points = arrays.written(f"unsorted points{number}", np.float64, 2)
+        if len(points) <= _SHRINK * most:
+            most, end = len(points), 0
+            kept.append((number, tolerance))
+            # Items of each chunk begin with its first point.
+            first = np.cumsum(items["count"], dtype=np.int64) - items["count"]
+            order = np.argsort(morton(items["box"]), kind="stable")
+            for at in range(0, max(len(order), 1), _BATCH):
+                batch = items[order[at : at + _BATCH]]
+                batch["first"] = first[order[at : at + _BATCH]]
+                arrays.add(f"points{number}", points[places(batch)])
+                batch["first"] = end + np.cumsum(batch["count"]) - batch["count"]
+                end += int(batch["count"].sum())
+                arrays.add(f"items{number}", batch)
+                arrays.add(f"groups{number}", common(batch["box"]))
+        del items, points
+        arrays.remove(f"unsorted items{number}")
+        arrays.remove(f"unsorted points{number}")
+    return kept
 
-    def __init__(self, path: Path, dtype: str) -> None:
-        numeric = dtype.startswith(("int", "uint", "bool"))
-        self.kind = "int64" if numeric else "float64" if dtype.startswith("float") else "text"
-        self._texts = _TextWriter(path) if self.kind == "text" else None
-        self._numbers = None if self._texts else path.with_suffix(".bin").open("wb")
 
-    def add(self, values: npt.NDArray[Any]) -> None:
-        """Write the values of features."""
-        if self._texts is not None:
-            self._texts.add([_NULL if each is None else str(each).encode() for each in values.tolist()])
-        elif self._numbers is not None:
-            if self.kind == "int64" and values.dtype.kind == "f":  # NaN where there is none
-                values = np.where(np.isnan(values), _NO_INTEGER, np.nan_to_num(values).astype(np.int64))
-            self._numbers.write(values.astype(self.kind).tobytes())
+def _stored_kind(dtype: str) -> str:
+    """Return how values of a dtype are stored: numbers in 8 bytes each, others as text."""
+    return (
+        "int64"
+        if dtype.startswith(("int", "uint", "bool"))
+        else "float64"
+        if dtype[:5] == "float"
+        else "text"
+    )
 
-    def close(self) -> None:
-        """Close the files."""
-        for file in (self._texts, self._numbers):
-            if file is not None:
-                file.close()
+
+def _add_column(arrays: ArrayWriter, name: str, kind: str, values: npt.NDArray[Any]) -> None:
+    if kind == "text":
+        texts = [_NULL if each is None else str(each).encode() for each in values.tolist()]
+        return arrays.add_texts(name, texts)
+    if kind == "int64" and values.dtype.kind == "f":  # NaN where there is none
+        values = np.where(np.isnan(values), _NO_INTEGER, np.nan_to_num(values).astype(np.int64))
+    return arrays.add(name, values.astype(kind))

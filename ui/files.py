@@ -219,6 +219,9 @@ class Files(QObject):
         from sketchterrain.drape.feature_edits import DRIVERS, save_layer  # GDAL
 
         document, drapes = self._document, self._document.drapes.current
+        if drapes is None or drapes.layers != document.sketch.drapes:
+            self._report_save_error("the layer is not read yet")
+            return
         path = Path(document.sketch.drapes[number].path)
         if ask or path.suffix.lower() not in DRIVERS:
             start = str(path.with_suffix(".gpkg"))

@@ -206,7 +206,7 @@ def path_of(points: Float64Array, starts: Int64Array) -> QPainterPath:
     elements["x"], elements["y"] = points.T
     ends = np.array([len(points), 0, Qt.FillRule.WindingFill.value], ">i4").tobytes()
     path = QPainterPath()
-    QDataStream(QByteArray(ends[:4] + elements.tobytes() + ends[4:])) >> path
+    QDataStream(QByteArray(ends[:4] + elements.tobytes() + ends[4:])) >> path  # type: ignore[operator] # the stubs lack it
     return path
 
 

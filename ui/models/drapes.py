@@ -356,12 +356,13 @@ def delete_draped(document: Document, workspace: Workspace) -> None:
     from sketchterrain.drape import feature_edits as edits
 
     selection = workspace.selection
-    index = None if selection is None else selection.index
-    if index is None:
-        _edit(document, workspace, "Delete a feature", edits.delete_feature)
-    else:
-        _edit(document, workspace, "Delete a vertex", lambda *own: edits.delete_vertex(*own, index))
-    is_left = selection is not None and index is not None and document.drapes.feature(selection) is not None
+    if selection is None or selection.index is None:
+        if _edit(document, workspace, "Delete a feature", edits.delete_feature):
+            workspace.selection = None
+        return
+    index = selection.index
+    _edit(document, workspace, "Delete a vertex", lambda layer, own: edits.delete_vertex(layer, own, index))
+    is_left = document.drapes.feature(selection) is not None
     workspace.selection = replace(selection, index=max(index - 1, 0)) if is_left else None
 
 
@@ -387,7 +388,12 @@ def insert_draped_vertex(
         first += len(line)
     if best >= reach:
         return False
-    _edit(document, workspace, "Insert a vertex", lambda *own: edits.insert_vertex(*own, after, x, y))
+    _edit(
+        document,
+        workspace,
+        "Insert a vertex",
+        lambda layer, own: edits.insert_vertex(layer, own, after, x, y),
+    )
     workspace.selection = replace(selection, index=after + 1)
     return True
 
@@ -399,10 +405,12 @@ def draw_draped(
     import shapely
 
     from sketchterrain.drape.feature_edits import create_feature
+    from sketchterrain.drape.vector_source import VectorSource
 
     layer, source, kind = document.sketch.drapes[number], _source(document, number), workspace.drape_kind
     points = [each for each, before in zip(points, [None, *points], strict=False) if each != before]
     least = {"point": 1, "line": 2, "area": 3}[kind]
+    assert isinstance(source, VectorSource)  # noqa: S101 # others are refused
     if len(points) < least:
         raise InputError(f"{layer.title}: expected {least} points or more")
     make = {"point": shapely.MultiPoint, "line": shapely.LineString, "area": shapely.Polygon}[kind]
@@ -426,7 +434,7 @@ def set_property(document: Document, workspace: Workspace, name: str, text: str)
         value = convert(text) if text else None
     except ValueError:
         raise InputError(f"{name}: expected {what}, got {text!r}") from None
-    _edit(document, workspace, f"Set {name}", lambda *own: set_properties(*own, {name: value}))
+    _edit(document, workspace, f"Set {name}", lambda layer, own: set_properties(layer, own, {name: value}))
 
 
 def property_names(document: Document, number: int) -> list[str]:

@@ -6,6 +6,7 @@ from typing import Final
 from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPainterPath, QPen, QTransform
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.commands import find_point, find_river, is_locked, name_of
@@ -169,7 +170,7 @@ class Scene:
             self._marks = Marks()
             if projection is not None and terrain is not None and placed is not None:
                 selection, drag = workspace.selection, self.drag
-                draped = (), ()
+                draped: tuple[tuple[Float64Array, ...], tuple[Handle, ...]] = (), ()
                 if self._document is not None and selection is not None and selection.is_draped:
                     step = 2.0 * self._document.sketch.pixel_size
                     lines = outlines_of(self._document, selection, step=step)

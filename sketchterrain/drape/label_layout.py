@@ -221,7 +221,8 @@ def place_labels(
     boxes = np.concatenate([low, low + rows["size"]], axis=1)
     kept, step = rows["shown"] & (not settled), elapsed / FADE
     beyond = np.where(kept[:, None], rows["size"], 0.0)  # a label leaves the picture as a whole
-    inside = (clip[:, 3] > 0.0) & ((low >= -beyond) & (boxes[:, 2:] <= size + beyond)).all(axis=1)
+    room = np.minimum(low, size - boxes[:, 2:]) + beyond
+    inside = (clip[:, 3] > 0.0) & (np.minimum(room[:, 0], room[:, 1]) >= 0.0)
     rows["steady"] = np.clip(rows["steady"] + np.where(rows["seen"], step, -step), -1.0, 1.0)
     fits = inside & (rows["seen"] if settled else rows["steady"] >= np.where(kept, 1e-6, 1.0))
     state = np.where(kept, 2, (rows["opacity"] > 0.0) & (not settled)).astype(np.int8)

@@ -19,6 +19,7 @@ from sketchterrain.render.scene import TerrainSource, surface_heights
 from sketchterrain.render.targets import RenderTargets
 
 if TYPE_CHECKING:
+    from sketchterrain.document.drapes import DrapedLayer
     from sketchterrain.drape.drapes import Drapes
 
 FONTS: Final = (
@@ -28,6 +29,7 @@ FONTS: Final = (
 """The first font installed that has all letters of a text draws it; the last one is Pillow's own."""
 ATLAS: Final = (2048, 1024)  # texels of two bytes
 LIFT: Final = 2.0  # px above the ground that are in view where a label is shown
+_BEYOND: Final = 1.3  # half widths from the centre in which labels of a picture are
 _OUTLINE: Final = 0.15  # of the height of letters
 _QUAD: Final = np.dtype([("low", "f4", 2), ("extent", "f4", 2), ("cell", "f4", 2), ("colour", "f4", 4)])
 
@@ -97,20 +99,24 @@ class Labels:
         """Draw labels over a picture, those of a still without regard to earlier frames."""
         if not self:
             return
-        rows = self._candidates.anchors
+        anchors = self._candidates.anchors
         elapsed = np.inf if self._elapsed is None else self._elapsed
         settled = self._elapsed is None or not moving
         if settled:  # in motion it is that of the last frame, which needs no waiting
             self._read_visibility()
         width, height = framebuffer.size
         matrix = camera.to_clip(width / height)
-        clip = (rows["place"] - camera.eye) @ matrix[:, :3].T + matrix[:, 3]
+        clip = (anchors["place"] - camera.eye) @ matrix[:, :3].T + matrix[:, 3]
+        near = np.maximum(*np.abs(clip[:, :2]).T) < _BEYOND * clip[:, 3]
+        near = np.flatnonzero(near | (anchors["opacity"] > 0.0))
+        rows, clip = np.take(anchors, near), clip[near]
         texel = 2.0 / (height * float(np.linalg.norm(matrix[1, :3]))) * clip[:, 3]
         clip[~self._in_range(rows, texel), 3] = 0.0
         boxes = place_labels(rows, clip, framebuffer.size, elapsed=elapsed, settled=settled)
-        drawn = np.flatnonzero(rows["opacity"] > 0.0)
+        anchors[near] = rows
+        drawn = rows["opacity"] > 0.0
         self._fades = bool(rows["waits"].any() or (rows["shown"] != rows["opacity"]).any())
-        if len(drawn):
+        if drawn.any():
             low = boxes[drawn, :2]
             self._draw_quads(rows[drawn], np.round(low) if settled else low, framebuffer)
 
@@ -124,19 +130,17 @@ class Labels:
     def _draw_quads(
         self, rows: StructuredArray, low: Float64Array, framebuffer: moderngl.Framebuffer
     ) -> None:
-        quads, texts = np.zeros(len(rows), _QUAD), []
-        quads["low"], quads["extent"], quads["cell"] = low, rows["size"], -1.0
-        for quad, row, number in zip(quads, rows, layer_numbers(rows), strict=True):
-            layer, label = self._candidates.layers[number], self._candidates.labels[row["label"]]
-            style = layer.style_of(label.style)
-            texts.append((label.text, float(style["label_size"])))
-            colour = np.divide(ImageColor.getrgb(style["label_colour"]), 255.0)
-            quad["colour"] = (*colour, row["opacity"] * layer["opacity"])
+        labels = [self._candidates.labels[number] for number in rows["label"].tolist()]
+        keys = list(zip(layer_numbers(rows).tolist(), (label.style for label in labels), strict=True))
+        looks = {key: _look(self._candidates.layers[key[0]], key[1]) for key in set(keys)}
+        texts = [(label.text, looks[key][1]) for label, key in zip(labels, keys, strict=True)]
+        quads = np.zeros(len(rows), _QUAD)
+        quads["low"], quads["extent"] = low, rows["size"]
+        quads["colour"] = [looks[key][0] for key in keys]
+        quads["colour"][:, 3] *= rows["opacity"]
         if not all(map(self._store, texts)):
             self._cells, self._shelf = {}, (0, 0, 0)  # full: without earlier pictures' texts
-        for quad, text in zip(quads, texts, strict=True):
-            if self._store(text):
-                quad["cell"] = self._cells[text]
+        quads["cell"] = [self._cells[text] if self._store(text) else (-1, -1) for text in texts]
         quads = quads[quads["cell"][:, 0] >= 0]
         buffer = self._context.buffer(quads.tobytes())
         columns = ("low", "extent", "cell", "colour")
@@ -172,6 +176,13 @@ class Labels:
         if self._tested is not None and self._tested[0] is self._candidates.anchors:
             self._tested[0]["seen"] = np.frombuffer(self._tested[1].read(), np.float32) > 0.5
         self._tested = None
+
+
+def _look(layer: DrapedLayer, number: int) -> tuple[tuple[float, ...], float]:
+    """Return colour with opacity, and height (px), of a class's labels."""
+    style = layer.style_of(number)
+    colour = np.divide(ImageColor.getrgb(style["label_colour"]), 255.0)
+    return (*colour.tolist(), layer["opacity"]), float(style["label_size"])
 
 
 def text_size(text: str, size: float) -> tuple[int, int]:

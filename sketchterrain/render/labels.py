@@ -42,7 +42,7 @@ class Labels:
         self._candidates = LabelCandidates(text_size, lambda x, y: surface_heights(self._terrain, x, y))
         self._elapsed: float | None = None
         self._tested: tuple[StructuredArray, moderngl.Buffer] | None = None
-        self._fades = False
+        self._fades = self._is_film = False
         self._cells: dict[tuple[str, float], tuple[int, int]] = {}
         self._shelf = (0, 0, 0)  # x, y and height of the atlas's last row
 
@@ -73,9 +73,10 @@ class Labels:
     def update(self, eye: Vector, above: float, elapsed: float | None, seconds: float) -> bool:
         """Read features near an eye `above` m above the ground for some seconds; return whether all are read.
 
-        `elapsed` are the seconds since the last frame, None for a still.
+        `elapsed` are the seconds since the last frame, None for a still. A frame of a film has no limit.
         """
-        self._elapsed = elapsed
+        self._is_film = elapsed is not None and bool(np.isinf(seconds))
+        self._elapsed = None if self._is_film and not self else elapsed  # films begin with a still
         self._read_visibility()
         self._candidates.update(eye, above, seconds)
         return self._candidates.complete
@@ -97,11 +98,12 @@ class Labels:
 
     def draw(self, camera: Camera, framebuffer: moderngl.Framebuffer, *, moving: bool) -> None:
         """Draw labels over a picture, those of a still without regard to earlier frames."""
+        self._fades = False
         if not self:
             return
         anchors = self._candidates.anchors
         elapsed = np.inf if self._elapsed is None else self._elapsed
-        settled = self._elapsed is None or not moving
+        settled = self._elapsed is None or not (moving or self._is_film)
         if settled:  # in motion it is that of the last frame, which needs no waiting
             self._read_visibility()
         width, height = framebuffer.size
@@ -181,7 +183,7 @@ class Labels:
 def _look(layer: DrapedLayer, number: int) -> tuple[tuple[float, ...], float]:
     """Return colour with opacity, and height (px), of a class's labels."""
     style = layer.style_of(number)
-    colour = np.divide(ImageColor.getrgb(style["label_colour"]), 255.0)
+    colour = np.divide(ImageColor.getrgb(style["label_colour"] or "#202020"), 255.0)
     return (*colour.tolist(), layer["opacity"]), float(style["label_size"])
 
 
@@ -216,14 +218,13 @@ def _drawable(text: str, size: float) -> tuple[str, ImageFont.FreeTypeFont]:
 
     Letters with accents lose them, others become question marks.
     """
-    fonts = _fonts()
-    for font in fonts:
+    for font in _fonts():
         if all(_has_letter(font, letter) for letter in set(text)):
-            return text, font.font_variant(size=size)
-    letters = [c for c in normalize("NFKD", text) if not combining(c)]
-    return "".join(c if _has_letter(fonts[-1], c) else "?" for c in letters), fonts[-1].font_variant(
-        size=size
-    )
+            break
+    else:
+        letters = [c for c in normalize("NFKD", text) if not combining(c)]
+        text = "".join(c if _has_letter(font, c) else "?" for c in letters)
+    return text, font.font_variant(size=size)
 
 
 @lru_cache(maxsize=1)

@@ -243,8 +243,8 @@ def capture_frames(
 ) -> Generator[tuple[CapturedFrame, npt.NDArray[np.uint8] | None]]:
     """Draw a frame for each camera state of a flight, 1/fps s apart; yield statistics and pixels.
 
-    Complete frames equal `render_picture`; otherwise each frame shows what is ready within the budget, as in
-    a viewer. Without `drapes` the sketch's are drawn. `without` leaves out more parts than the quality does;
+    Complete frames equal `render_picture` but for steady labels; otherwise each frame shows what is ready
+    within the budget, as in a viewer. Without `drapes` the sketch's are drawn. `without` leaves out more parts than the quality does;
     pixels are (height, width, 3) sRGB or, if not requested, None.
     """
     check_size(size)
@@ -297,7 +297,7 @@ def _capture(
     start, stream = time.perf_counter(), renderer.stream
     tile_seconds, written = renderer.timings.get("tiles", 0.0), stream.written
     if complete:
-        renderer.prepare(camera, framebuffer.size)
+        renderer.prepare(camera, framebuffer.size, elapsed=elapsed)
         renderer.draw(camera, framebuffer, clock=clock)
         generation, converged = renderer.timings["tiles"] - tile_seconds, True
     else:

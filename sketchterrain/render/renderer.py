@@ -92,8 +92,11 @@ class Renderer:
         if drapes is not None:
             self.set_drapes(drapes)
 
-    def prepare(self, camera: Camera, size: tuple[int, int]) -> None:
-        """Generate all tiles, light and plants of a picture of `size` (width, height; px)."""
+    def prepare(self, camera: Camera, size: tuple[int, int], *, elapsed: float | None = None) -> None:
+        """Generate all tiles, light and plants of a picture of `size` (width, height; px).
+
+        `elapsed` (s) since the last frame of a film keeps labels steady; other pictures have no past.
+        """
         self.scenery.settle_drapes()
         with self._timed("light"):
             self.scenery.lit.converge(camera)
@@ -103,7 +106,7 @@ class Renderer:
         with self._timed("appearance"):
             seen = view_of(view, size, draw_distance=distance)
             self.scenery.appearance.converge(seen, self.stream.tiles.pool)
-            self.scenery.labels.update(view.eye, above, None, np.inf)
+            self.scenery.labels.update(view.eye, above, elapsed, np.inf)
         with self._timed("foliage"):
             self.scenery.forest.converge(view, size, self.scenery.lit)
 

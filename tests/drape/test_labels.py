@@ -432,6 +432,16 @@ def test_frames_come_to_rest_as_stills(scene):
         assert (rows["opacity"] == rows["shown"]).all()
         shown.append(rows["feature"][rows["shown"]].tolist())
         pictures.append(scene.texture.read())
+    film, blinks = [], 0
+    for number in range(12):
+        eye = (view.eye[0] + 0.5 * number, *view.eye[1:])
+        renderer.prepare(replace(view, eye=eye), scene.target.size, elapsed=0.04)
+        renderer.draw(replace(view, eye=eye), scene.target)
+        rows = labels._candidates.anchors
+        film.append({*rows["feature"][rows["shown"]].tolist()})
+        blinks += number > 1 and len((film[-3] & film[-1]) - film[-2])
+    assert len(film[0]) > 10
+    assert not blinks
     assert len(shown[0]) > 10
     assert shown[1] == shown[2]
     assert pictures[1] == pictures[2]

@@ -244,8 +244,8 @@ def capture_frames(
     """Draw a frame for each camera state of a flight, 1/fps s apart; yield statistics and pixels.
 
     Complete frames equal `render_picture` but for steady labels; otherwise each frame shows what is ready
-    within the budget, as in a viewer. Without `drapes` the sketch's are drawn. `without` leaves out more parts than the quality does;
-    pixels are (height, width, 3) sRGB or, if not requested, None.
+    within the budget, as in a viewer. Without `drapes` the sketch's are drawn. `without` leaves out more
+    parts than the quality does; pixels are (height, width, 3) sRGB or, if not requested, None.
     """
     check_size(size)
     check_overlays(overlays)

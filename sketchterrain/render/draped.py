@@ -159,14 +159,14 @@ class DrapedScreen:
             return False
         start, view = time.perf_counter(), DrapedView(camera, pixel)
         if self._buffer is None or self._buffer.size != targets.size:
-            self._buffer = DrapedBuffer(self._context, targets.size)
+            self._buffer = DrapedBuffer(self._context, targets.size, samples=self._quality.samples)
         self._buffer.clear()
         if screen is not None and rest is not None and has_rest:
             screen.draw(rest, view, targets, self._buffer, moving=moving)
         for version, feature, share in held:
             self._buffer.use()
             self.geometry.draw_features(version, feature, view, targets.depth, share=share)
-        self._buffer.resolve()
+        self._buffer.resolve(targets.depth)
         self.seconds += time.perf_counter() - start
         return True
 

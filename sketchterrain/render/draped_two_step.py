@@ -94,7 +94,7 @@ class TwoStepDraping:
     def _draw_first(self, drapes: Drapes, view: DrapedView, size: tuple[int, int], *, moving: bool) -> None:
         """Draw the first step."""
         if self._buffer is None or self._buffer.size != size:
-            self._buffer = DrapedBuffer(self._context, size, linear=True)
+            self._buffer = DrapedBuffer(self._context, size)
             self._depth = self._context.depth_texture(size)
             self._depth.compare_func = ""
             self._depth_only = self._context.framebuffer(depth_attachment=self._depth)

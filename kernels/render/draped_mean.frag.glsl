@@ -1,0 +1,46 @@
+#version 430 core
+// Mean of the samples of what is draped. In front of something farther, only some samples of a pixel are on the ground
+// that is shaded for all of it: there the mean of those that are draped.
+//   SAMPLES   of the G-buffer along each axis of a pixel; 0: the mean of all, everywhere
+//   FRAGMENTS samples of what is draped, a pixel
+uniform sampler2DMS drawn;
+uniform sampler2D ground_depth;
+
+layout(location = 0) out vec4 colour;
+
+const float NEARER = 0.002; // as in draped_depth.glsl
+
+float depth_at(ivec2 pixel)
+{
+    ivec2 last = textureSize(ground_depth, 0) - 1;
+    float nearest = 1.0;
+    for (int k = 0; k < SAMPLES * SAMPLES; ++k)
+        nearest = min(nearest, texelFetch(ground_depth, clamp(pixel * SAMPLES + ivec2(k % max(SAMPLES, 1), k / max(SAMPLES, 1)), ivec2(0), last), 0).r);
+    return nearest;
+}
+
+// Depths of a plane change evenly.
+bool is_in_front(ivec2 pixel, float here, ivec2 step)
+{
+    float one = depth_at(pixel - step) - here, other = depth_at(pixel + step) - here;
+    return max(one, other) > min(abs(one), abs(other)) + NEARER * (1.0 - here);
+}
+
+void main()
+{
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    vec4 sum = vec4(0.0);
+    int count = 0;
+    for (int k = 0; k < FRAGMENTS; ++k) {
+        vec4 fragment = texelFetch(drawn, pixel, k);
+        sum += fragment;
+        count += fragment.a > 0.0 ? 1 : 0;
+    }
+    if (SAMPLES > 0 && count > 0 && count < FRAGMENTS) {
+        float here = depth_at(pixel);
+        if (!is_in_front(pixel, here, ivec2(1, 0)) && !is_in_front(pixel, here, ivec2(0, 1))) count = FRAGMENTS;
+    } else {
+        count = FRAGMENTS;
+    }
+    colour = sum / float(count);
+}

@@ -2,6 +2,9 @@
 
 import math
 import re
+import sqlite3
+from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +15,7 @@ from rasterio.crs import CRS
 from rasterio.warp import transform
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.errors import InputError
+from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.io.crs import parse_crs
 
 Shapes = npt.NDArray[np.object_]
@@ -20,6 +23,7 @@ Shapes = npt.NDArray[np.object_]
 _NESTED = (-1, 4, 5, 6, 7)  # none, multi geometries and collections
 # Local coordinate systems, as in this program's own exports.
 _LOCAL = re.compile(r"(LOCAL_CS|ENGCRS|ENGINEERINGCRS)\[.*UNIT\[\"met(re|er)\"", re.I | re.S)
+_TABLES = {"gpkg_contents", "gpkg_geometry_columns", "gpkg_spatial_ref_sys"}
 # First bytes of vector formats and GDAL's driver that reads them.
 _VECTORS = {b"SQLite format 3\0": "GPKG", b"fgb\x03": "FlatGeobuf", b"\0\0\x27\x0a": "ESRI Shapefile"}
 _BLANK = b"\xef\xbb\xbf \t\r\n"  # may precede JSON or XML
@@ -37,6 +41,27 @@ def vector_driver(start: bytes) -> str | None:
     if start[4:15] == b"\n\tOSMHeader" or b"osm" in elements <= _OSM_ELEMENTS:
         return "OSM"
     return next((driver for magic, driver in _VECTORS.items() if start.startswith(magic)), None)
+
+
+def geopackage_tables(path: Path, location: str) -> set[str]:
+    """Return the tables of a GeoPackage, in lower case, without views, whose queries may never end."""
+    try:
+        uri = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
+        with closing(sqlite3.connect(uri, uri=True)) as database:
+            database.text_factory = lambda text: text.decode(errors="replace")
+            query = "SELECT lower(name) FROM sqlite_master WHERE sql LIKE 'CREATE TABLE%'"
+            tables = {name for (name,) in database.execute(query)}
+            if not tables >= _TABLES:
+                raise InputError(f"{location}: expected a GeoPackage, this is another SQLite database")
+            layers = "SELECT table_name, srs_id FROM gpkg_geometry_columns"
+            known = "SELECT srs_id FROM gpkg_spatial_ref_sys"
+            for name, code in database.execute(f"{layers} WHERE srs_id NOT IN ({known})"):
+                raise InputError(
+                    f"{location}: layer {format_value(name)}: its CRS {format_value(code)} is not in the file"
+                )
+    except (sqlite3.Error, UnicodeDecodeError) as error:
+        raise InputError(f"{location}: expected a whole GeoPackage ({one_line(error)})") from None
+    return tables
 
 
 def reproject(points: Float64Array, source: CRS, target: CRS) -> Float64Array:

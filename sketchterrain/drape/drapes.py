@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import accumulate
@@ -12,15 +12,16 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array, StructuredArray
+from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import DrapedLayer, drape_problem
 from sketchterrain.document.parameters import Properties
 from sketchterrain.document.vector_formats import vector_driver
 from sketchterrain.drape.items import AFTER, BEFORE, FILL, POINT, STROKE, Items
-from sketchterrain.drape.levels import expanded
+from sketchterrain.drape.levels import Level, expanded, level_of
 from sketchterrain.drape.raster_source import RasterSource
 from sketchterrain.drape.vector_source import Feature, VectorSource
+from sketchterrain.drape.vector_store import FARTHEST
 from sketchterrain.errors import InputError, one_line
 
 BUDGET: Final = 24 << 20
@@ -157,43 +158,82 @@ class Drapes:
             return True
         return bool(layer["finest"] <= texel and not 0.0 < layer["coarsest"] <= texel)
 
-    def reach(self, texel: float) -> float:
-        """Return how far (m) any feature paints beyond itself."""
-        shown = (each.reach(texel) for each in self.styles if self._is_visible(each.layer))
-        return max(shown, default=0.0)
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A line for each layer with features that have no place near the sketch."""
+        return tuple(
+            f"{layer.title}: {source.store.left_out} features left out: they lie farther than {FARTHEST:g} "
+            "times the extent, or cannot be projected"
+            for layer, source in zip(self.layers, self.sources, strict=True)
+            if isinstance(source, VectorSource) and source.store.left_out
+        )
 
     def items(self, box: Bounds, texel: float) -> Items:
         """Return the visible parts of features near a box (m), each within its own reach of it.
 
         They are within a quarter of `texel`, metres a pixel, of the features.
         """
-        return Items.joined(
-            [
-                self._layer_items(number, source, box, texel)
-                for number, source in enumerate(self.sources)
-                if isinstance(source, VectorSource) and self._is_visible(number, texel)
-            ]
-        )
-
-    def _layer_items(self, number: int, source: VectorSource, box: Bounds, texel: float) -> Items:
-        styles = self._styles_of(number)
-        reach = np.array([each.reach(texel) for each in styles])
-        shown = np.array([each.shown for each in styles])
         found = []
-        for level, which in source.query(_grown(box, float(reach.max())), texel):
-            items = np.asarray(level.items[which])
+        for number, source in self._vectors(texel):
+            grown = _grown(box, self._reach(number, texel))
+            levels = source.query(grown, texel)
+            found.append(self._drawn(number, source, texel, levels, box))
+        return Items.joined(found)
+
+    def only(self, held: tuple[int, int], texel: float) -> Items:
+        """Return the visible parts of one feature, by its layer and id, with all of its vertices."""
+        number, feature = held
+        source = dict(self._vectors(texel)).get(number)
+        if source is None:
+            return Items.empty()
+        level = level_of(source.parts(feature), 0.0)
+        return self.without(None)._drawn(number, source, texel, [(level, np.arange(len(level.items)))], None)
+
+    def _vectors(self, texel: float) -> Iterator[tuple[int, VectorSource]]:
+        for number, source in enumerate(self.sources):
+            if isinstance(source, VectorSource) and self._is_visible(number, texel):
+                yield number, source
+
+    def _drawn(
+        self,
+        number: int,
+        source: VectorSource,
+        texel: float,
+        levels: Sequence[tuple[Level, Int64Array]],
+        box: Bounds | None,
+    ) -> Items:
+        """Return the visible items of a layer, in their order, that reach a box."""
+        styles = self._styles_of(number)
+        shown = np.array([each.shown for each in styles])
+        reach = np.array([each.reach(texel) for each in styles])
+        found = []
+        for level, which in levels:
+            items = level.items[which]
             row = self._rows(number, source, items["feature"])
-            keep = shown[row, items["kind"]] & _near(items["box"], box, reach[row])
+            keep = shown[row, items["kind"]]
+            if box is not None:
+                keep &= _near(items["box"], box, reach[row])
             if self.held is not None and self.held[0] == number:
                 keep &= items["feature"] != self.held[1]
             items, row = items[keep], row[keep]
             order = np.lexsort((_ORDER[items["kind"]], items["feature"]))
             items = items[order]
-            found.append(self._items(number, items, row[order], level.vertices(items)))
+            found.append(
+                Items(
+                    items["feature"].astype(np.int64),
+                    np.full(len(items), number, np.int32),
+                    (self._first_style[number] + row[order]).astype(np.int32),
+                    items["kind"].copy(),
+                    np.append(0, np.cumsum(items["count"], dtype=np.int64)),
+                    level.vertices(items),
+                    items["along"].copy(),
+                    items["ends"].copy(),
+                )
+            )
         joined = Items.joined(found)
-        if len(found) > 1 and len(found[1].feature):
-            return joined.taken(np.lexsort((_ORDER[joined.kind], joined.feature)))
-        return joined
+        if len(found) == 1 or not len(found[1].feature):
+            return joined
+        return joined.taken(np.lexsort((_ORDER[joined.kind], joined.feature)))
 
     def _rows(self, number: int, source: VectorSource, features: npt.NDArray[Any]) -> Int64Array:
         """Return the place of features' styles among those of the layer."""
@@ -204,31 +244,6 @@ class Drapes:
         key = source.store, layer["by"], tuple(classes.items())
         stored = self.memory.get_or_compute(key, lambda: source.stored_classes(layer["by"], classes))
         return 1 + source.classes(stored, features, layer["by"], classes).astype(np.int64)
-
-    def _items(self, number: int, items: StructuredArray, row: Int64Array, points: Float64Array) -> Items:
-        return Items(
-            items["feature"].astype(np.int64),
-            np.full(len(items), number, np.int32),
-            (self._first_style[number] + row).astype(np.int32),
-            items["kind"].copy(),
-            np.append(0, np.cumsum(items["count"], dtype=np.int64)),
-            points,
-            items["along"].copy(),
-            items["ends"].copy(),
-        )
-
-    def only(self, held: tuple[int, int], texel: float) -> Items:
-        """Return the visible parts of one feature, by its layer and id, with all of its vertices."""
-        number, feature = held
-        source = self.sources[number]
-        if not isinstance(source, VectorSource) or not self._is_visible(number, texel):
-            return Items.empty()
-        items, points = source.parts(feature)
-        row = self._rows(number, source, items["feature"])
-        found = self._items(number, items, row, points)
-        shown = np.array([each.shown for each in self._styles_of(number)])[row, items["kind"]]
-        order = np.lexsort((_ORDER[found.kind], found.feature))
-        return found.taken(order[shown[order]])
 
     def rasters(self, texel: float) -> list[tuple[int, RasterSource]]:
         """Return the visible rasters, the lowest first, with the numbers of their layers."""
@@ -241,50 +256,52 @@ class Drapes:
     def occupied(self, boxes: Float64Array) -> BoolArray:
         """Return whether anything visible may lie in boxes (n, 4), m, of at least 128 pixels."""
         found = np.zeros(len(boxes), bool)
-        texel = np.ptp(boxes.reshape(-1, 2, 2), axis=1).max(axis=1) / _TILE
+        texel = float(np.ptp(boxes.reshape(-1, 2, 2), axis=1).max(initial=0.0)) / _TILE
         for number, source in enumerate(self.sources):
-            if source is None or not self._is_visible(number):
-                continue
-            for each in np.flatnonzero(~found & _near(boxes, source.box, self._reach(number, texel))):
-                reach = self._reach(number, texel[each])
-                found[each] = source.occupies(_grown(boxes[each], float(reach)))
+            if source is not None and self._is_visible(number):
+                reach = self._reach(number, texel)
+                for each in np.flatnonzero(~found & _near(boxes, source.box, reach)):
+                    found[each] = source.occupies(_grown(boxes[each], reach))
         return found
 
-    def _reach(self, number: int, texel: Any) -> Any:
-        """Return how far (m) a layer paints beyond its features, for texels (m)."""
+    def _reach(self, number: int, texel: float) -> float:
+        """Return how far (m) a layer paints beyond its features or pixels, for texels (m)."""
         if isinstance(self.sources[number], RasterSource):
             return texel
-        return np.max(
-            [
-                each.reach(1.0) * (texel if each.style["unit"] == "px" else 1.0 + 0.0 * texel)
-                for each in self._styles_of(number)
-            ],
-            axis=0,
-        )
+        return max(each.reach(texel) for each in self._styles_of(number))
 
     def changed_boxes(self, old: Drapes) -> Float64Array:
-        """Return boxes (n, 4), m, whose features or pixels differ from another version's.
+        """Return boxes (n, 4), m, outside of which features and pixels are those of another version.
 
-        They have widths in metres, not those in pixels: `reach` has both.
+        They have widths in metres; those in pixels are beside them.
         """
-        boxes = list[Float64Array]()
+        boxes = [np.zeros((0, 4))]
         for number in range(max(len(self.layers), len(old.layers))):
-            new_key, old_key = self._look(number), old._look(number)
-            source = self.sources[number] if new_key is not None else None
-            before = old.sources[number] if old_key is not None else None
-            if new_key != old_key or not _is_version(source, before):
-                boxes += [
-                    each._widened(number, each.sources[number].box[None])  # type: ignore[union-attr]
-                    for each, key in ((self, new_key), (old, old_key))
-                    if key is not None
-                ]
-            elif isinstance(source, VectorSource) and isinstance(before, VectorSource):
-                boxes.append(self._widened(number, source.changed_boxes(before)))
+            looks = self._look(number), old._look(number)
+            sources = [
+                each.sources[number] if look is not None else None
+                for each, look in zip((self, old), looks, strict=True)
+            ]
+            new, before = sources
+            if (
+                isinstance(new, VectorSource)
+                and isinstance(before, VectorSource)
+                and new.store is before.store
+            ):
+                boxes.append(self._widened(number, new.changed_boxes(before)))
+                sources = sources if looks[0] != looks[1] else []
+            elif new is before and looks[0] == looks[1]:
+                continue
+            boxes += [
+                each._widened(number, source.box[None])
+                for each, source in zip((self, old), sources, strict=False)
+                if source is not None
+            ]
         for each in (self, old) if self.held != old.held else ():
             source = each.sources[each.held[0]] if each.held is not None else None
             if isinstance(source, VectorSource) and each.held is not None:
                 boxes.append(each._widened(each.held[0], source.box_of(each.held[1])[None]))
-        found = np.concatenate([np.zeros((0, 4)), *boxes])
+        found = np.concatenate(boxes)
         return np.asarray(found[np.isfinite(found).all(axis=1)])
 
     def _look(self, number: int) -> tuple[object, ...] | None:
@@ -292,13 +309,11 @@ class Drapes:
         if number >= len(self.layers) or not self._is_visible(number):
             return None
         layer = self.layers[number]
-        values = [
-            (name, each) for name, each in {**layer.values, **layer.style}.items() if name not in _NO_PAINT
-        ]
-        return tuple(values), layer.classes
+        values = {**layer.values, **layer.style}
+        return tuple(value for name, value in values.items() if name not in _NO_PAINT), layer.classes
 
     def _widened(self, number: int, boxes: Float64Array) -> Float64Array:
-        reach = float(self._reach(number, 0.0))
+        reach = self._reach(number, 0.0)
         return np.asarray(boxes + np.array([-reach, -reach, reach, reach]))
 
     def pick(self, x: float, y: float, texel: float) -> Pick | None:
@@ -315,8 +330,9 @@ class Drapes:
                 if source.pixels(x - 0.5 * texel, y + 0.5 * texel, texel, 1, 1)[0, 0, 3]:
                     return Pick(number, -1)
             elif source is not None:
-                reach = _PICK * texel
-                items = self._layer_items(number, source, (x - reach, y - reach, x + reach, y + reach), texel)
+                box = _grown((x, y, x, y), _PICK * texel)
+                levels = source.query(_grown(box, self._reach(number, texel)), texel)
+                items = self._drawn(number, source, texel, levels, box)
                 if (feature := self._picked(items, x, y, texel)) is not None:
                     return Pick(number, feature)
         return None
@@ -357,13 +373,6 @@ def is_vector(layer: DrapedLayer) -> bool:
         raise InputError(f"draped layer {one_line(path)}: expected a file, not a folder")
     with path.open("rb") as stream:
         return vector_driver(stream.read(4096)) is not None
-
-
-def _is_version(source: Source | None, before: Source | None) -> bool:
-    """Return whether sources are of one store of features, or the same."""
-    if isinstance(source, VectorSource) and isinstance(before, VectorSource):
-        return source.store is before.store
-    return source is before
 
 
 def _grown(box: Any, by: float) -> Bounds:

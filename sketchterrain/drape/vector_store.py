@@ -21,7 +21,7 @@ from rasterio.warp import transform
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.document.rasters import content_hash
-from sketchterrain.document.vector_formats import Shapes, layer_crs, vector_driver
+from sketchterrain.document.vector_formats import Shapes, geopackage_tables, layer_crs, vector_driver
 from sketchterrain.drape.levels import (
     ITEM,
     Level,
@@ -98,6 +98,9 @@ def open_vector_file(path: Path, table: str = "") -> Iterator[VectorFile]:
             # The prefix excludes other drivers for JSON, such as pipelines that open other files.
             dataset = f"GeoJSON:{file}" if driver == "GeoJSON" else str(file)
             names = [str(name) for name, kind in pyogrio.list_layers(dataset) if kind is not None]
+            if driver == "GPKG":  # queries of views may never end
+                tables = geopackage_tables(path, place)
+                names = [name for name in names if name.lower() in tables]
             if table not in ("", *names) or not names:
                 expected = ", ".join(map(format_value, names[:20])) or "a table with geometries"
                 raise InputError(f"{place}: table {format_value(table)}: expected {expected}")

@@ -2,12 +2,10 @@
 
 import math
 import re
-import sqlite3
 import tempfile
 import warnings
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -23,6 +21,7 @@ from sketchterrain.array_types import Float64Array
 from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.vector_formats import (
     Shapes,
+    geopackage_tables,
     layer_crs,
     reproject,
     single_parts,
@@ -132,7 +131,6 @@ _BYTES_PER_VERTEX = 16  # of WKB
 _NAMED_CRS = re.compile(
     rb'"crs"\s*:\s*{\s*"type"\s*:\s*"name"\s*,\s*"properties"\s*:\s*{\s*"name"\s*:\s*"([^"]*)"'
 )
-_TABLES = {"gpkg_contents", "gpkg_geometry_columns", "gpkg_spatial_ref_sys"}
 # Of OpenStreetMap; relations of rivers in others consist of ways that are in `lines` too.
 _OSM_LAYERS = ("points", "lines", "multipolygons")
 _POINT, _LINE, _POLYGON = 0, 1, 3  # shapely's type ids
@@ -173,7 +171,7 @@ def read_vector_layers(
         if named and not named[1].startswith(b"http"):  # GDAL takes an unknown one for degrees
             layer_crs(named[1].decode(errors="replace"), location)
         del content
-    tables = _tables(path, location) if driver == "GPKG" else None
+    tables = geopackage_tables(path, location) if driver == "GPKG" else None
     layers = []
     try:
         with plain_path(path) as file, warnings.catch_warnings():
@@ -227,27 +225,6 @@ def osm_bounds(path: Path) -> tuple[float, float, float, float] | None:
     west, south = boxes[:2].min(axis=1).tolist()
     east, north = boxes[2:].max(axis=1).tolist()
     return west, south, east, north
-
-
-def _tables(path: Path, location: str) -> set[str]:
-    """Return the tables of a GeoPackage, in lower case, without views, whose queries may never end."""
-    try:
-        uri = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
-        with closing(sqlite3.connect(uri, uri=True)) as database:
-            database.text_factory = lambda text: text.decode(errors="replace")
-            query = "SELECT lower(name) FROM sqlite_master WHERE sql LIKE 'CREATE TABLE%'"
-            tables = {name for (name,) in database.execute(query)}
-            if not tables >= _TABLES:
-                raise InputError(f"{location}: expected a GeoPackage, this is another SQLite database")
-            layers = "SELECT table_name, srs_id FROM gpkg_geometry_columns"
-            known = "SELECT srs_id FROM gpkg_spatial_ref_sys"
-            for name, code in database.execute(f"{layers} WHERE srs_id NOT IN ({known})"):
-                raise InputError(
-                    f"{location}: layer {format_value(name)}: its CRS {format_value(code)} is not in the file"
-                )
-    except (sqlite3.Error, UnicodeDecodeError) as error:
-        raise InputError(f"{location}: expected a whole GeoPackage ({one_line(error)})") from None
-    return tables
 
 
 def _read_layer(

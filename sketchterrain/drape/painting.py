@@ -40,7 +40,7 @@ _JOINS, _CONTINUES = (int(each) for each in kernel_constants("drape.clh", "PIECE
 _CAPS, _JOIN_NAMES = (STYLE[name].choices for name in ("cap", "join"))
 _PIECE: Final = kernel_columns("drape.clh", "DrapePiece")
 _LENGTHS: Final = [_STYLE[name] for name in ("style_half_width", "style_hatch_spacing", "style_dash_period")]
-_FIRST_DASH: Final = 20
+_FIRST_DASH: Final = 24
 _LENGTHS += range(_FIRST_DASH, _FIRST_DASH + 16)
 _AROUND: Final = 0.75  # texels from the middle of one to its corner, about
 _LONG: Final = 512.0  # texels: longer segments are cut, so that their ends are near
@@ -61,10 +61,9 @@ class _Scale(NamedTuple):
 class _Lists(NamedTuple):
     """Parts of a layer near a tile. Styles are numbers of classes in the layer."""
 
-    pieces: FloatArray  # (m, 8) rows of `DrapePiece`, dashes counted from the item's start
-    item: Int32Array  # (m,) of each piece
-    along: Float64Array  # (items,) texels along the line to the item
-    style: Int32Array  # (items,)
+    pieces: FloatArray  # (m, 8) rows of `DrapePiece` without places in dashes
+    along: Float64Array  # (m,) texels along the line to each of them
+    style: Int32Array  # (m,)
     block: Int32Array  # (e,) of each entry
     entries: Int32Array  # (e, 4) style, kind, first in `numbers`, count
     numbers: Int32Array  # (k,) of pieces
@@ -75,9 +74,9 @@ class _Styles:
 
     def __init__(self, styles: Sequence[LayerStyle], layers: Sequence[DrapedLayer]) -> None:
         rows = [_style_row(each) for each in styles]
-        for layer in layers:
-            blend = BLENDS.index(layer["blend"])
-            rows.append(_row(style_opacity=layer["opacity"], style_blend=blend, style_white=PICTURE_WHITE))
+        for number, layer in enumerate(layers):
+            look = {"style_opacity": layer["opacity"], "style_blend": BLENDS.index(layer["blend"])}
+            rows.append(_row(**look, style_white=PICTURE_WHITE, style_layer=number))
         self._rows = np.array(rows, np.float64).reshape(len(styles) + len(layers), -1)
         self.in_pixels = np.zeros(len(self._rows), np.bool_)
         self.in_pixels[: len(styles)] = [each.style["unit"] == "px" for each in styles]
@@ -359,16 +358,17 @@ def _joined(
     for tile, row, lists in parts:
         if isinstance(lists, int):
             blocks.append(every + tile * _BLOCKS**2)
-            entries.append(np.tile(np.array([row, _PICTURE, lists, 0], np.int32), (_BLOCKS**2, 1)))
+            own = np.array([row, _PICTURE, lists, 0], np.int32)
+            entries.append(np.tile(own, (_BLOCKS**2, 1)))
             continue
         blocks.append(lists.block + np.int32(tile * _BLOCKS**2))
         entries.append(lists.entries + np.array([row, 0, first_number, 0], np.int32))
         numbers.append(lists.numbers + np.int32(first_piece))
         pieces.append(lists.pieces)
         if len(lists.style) and (period := periods[row + lists.style]).any():
-            start = np.mod(lists.along, np.where(period > 0.0, period, np.inf))
             pieces[-1] = lists.pieces.copy()
-            pieces[-1][:, _PIECE["drape_along"]] += start[lists.item]
+            place = np.mod(lists.along, np.where(period > 0.0, period, np.inf))
+            pieces[-1][:, _PIECE["drape_along"]] = place
         first_number, first_piece = first_number + len(lists.numbers), first_piece + len(lists.pieces)
     block, rows = np.concatenate(blocks), np.concatenate(entries)
     opacity, fill = (styles[:, _STYLE[name]] for name in ("style_opacity", "style_fill_opacity"))
@@ -400,9 +400,9 @@ def _lists_of(
     classes, own, count = items.style - np.int32(style), pairs[first, 1], np.diff(first, append=len(pairs))
     entries = np.stack([classes[own], items.kind[own], first, count], axis=1).astype(np.int32)
     item, numbers = pieces[:, 8].astype(np.int32), pairs[:, 2].astype(np.int32)
-    return _Lists(
-        pieces[:, :8].astype(real), item, items.along / texel, classes, block[first], entries, numbers
-    )
+    along = pieces[:, _PIECE["drape_along"]] + items.along[item] / texel if len(classes) else pieces[:0, 0]
+    styles = classes[item] if len(classes) else classes
+    return _Lists(pieces[:, :8].astype(real), along, styles, block[first], entries, numbers)
 
 
 def _geometry_key(layer: DrapedLayer) -> Hashable:
@@ -447,6 +447,7 @@ def _style_row(layer_style: LayerStyle) -> Float64Array:
         style_dash_period=lengths.sum(),
         style_dash_pairs=len(lengths) // 2,
         style_white=WHITE,
+        style_layer=layer_style.layer,
     )
     for first, colour in ((0, style["colour"]), (4, style["fill"])):
         row[first : first + 3] = linear_colour(colour) if colour else 0.0
@@ -484,7 +485,9 @@ def _with_room(rows, count):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def _pieces_of(kinds, first, points, ends, reach, is_mitred):  # type: ignore[no-untyped-def]
     """Return pieces with the numbers of their items (m, 9), and (block, item, piece) by items, (p, 3)."""
-    pieces, pairs, made, listed = np.empty((256, 9)), np.empty((1024, 3), np.int64), 0, 0
+    pieces, pairs, made, listed = np.zeros((256, 9)), np.empty((1024, 3), np.int32), 2, 0
+    pieces[0, 1], pieces[0, 3] = SIDE, -SIDE  # edges west of all blocks, of areas that a block lies in …
+    pieces[1, 3] = SIDE  # … and holes
     for i in range(len(kinds)):
         own = points[first[i] : first[i + 1]]
         if kinds[i] == FILL:
@@ -625,11 +628,7 @@ def _ring(i, own, pieces, pairs, made, listed):  # type: ignore[no-untyped-def]
         for c in range(_BLOCKS):
             winding += turns[j, c]
             for _ in range(abs(winding)):
-                pieces, pairs = _with_room(pieces, made), _with_room(pairs, listed)
-                pieces[made] = 0.0
-                pieces[made, :2] = (c * _BLOCK, (j + (1 if winding > 0 else 0)) * _BLOCK)
-                pieces[made, 3] = -_BLOCK if winding > 0 else _BLOCK
-                pieces[made, 8] = i
-                pairs[listed] = ((_BLOCKS - 1 - j) * _BLOCKS + c, i, made)
-                made, listed = made + 1, listed + 1
+                pairs = _with_room(pairs, listed)
+                pairs[listed] = ((_BLOCKS - 1 - j) * _BLOCKS + c, i, 0 if winding > 0 else 1)
+                listed += 1
     return pieces, pairs, made, listed

@@ -16,11 +16,15 @@ from sketchterrain.document.drapes import MAX_CLASSES, draped_layer
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.ui.engine import protocol as msg
+from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.models import drapes as model
+from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.panels.drapes import DrapedFeaturePage, DrapeList, DrapePage
+from sketchterrain.ui.view3d.view import View3D
 
 from . import events
+from .test_view3d import answer, marks, show_picture
 
 FRAME = {"crs": "EPSG:25832", "east": 600000.0, "north": 5269000.0}
 SIDE = 1000.0  # m
@@ -371,3 +375,68 @@ def test_the_engine_gets_changes_at_once_and_the_placer_none(draped, blank, link
     assert link.requests[-1].held is None
     blank.do("Name", blank.sketch.replace(name="other"))
     assert link._updates.is_empty is False
+
+
+def test_features_are_chosen_and_dragged_in_the_view(
+    blank, fields, workspace, link, placed, show_widget, qtbot
+):
+    blank.do("Add", blank.sketch.replace(drapes=(draped_layer(fields, fill="#00ff00"),)))
+    view = show_widget(View3D(blank, workspace, link), 640, 480)
+    show_picture(link, blank, replace(placed, points=placed.points[:0], rivers=(), lakes=()))
+    qtbot.waitUntil(lambda: link.view.width > 0 and not blank.drapes.is_busy)
+    for expected in (1, 0, 1):
+        events.click(view, 20, 300)
+        answer(link, (350.0, 350.0, 0.0))
+        assert workspace.selection == Selection("drape", expected, layer=0)
+    workspace.selection = Selection("drape", 2, layer=0)
+    assert [len(each.pixels) for each in marks(view).outline] == [8]
+    assert [each.handle.role for each in marks(view).handles].count("point") == 2
+    mark = next(each for each in marks(view).handles if each.handle.role == "point")
+    position, link.requests[:] = blank.history.position, []
+    events.mouse(view, events.PRESS, mark.x, mark.y)
+    for step in (10, 20, 30):
+        events.mouse(view, events.MOVE, mark.x + step, mark.y)
+        assert (link.requests[-1].held, link.requests[-1].layers) == ((0, 2), blank.sketch.drapes)
+    events.mouse(view, events.RELEASE, mark.x + 30, mark.y)
+    assert blank.drapes.held is None
+    assert blank.history.position == position + 1
+    assert shape(blank, 2).coords[0][0] > 620.0
+    assert shape(blank, 2).coords[1] == (900.0, 600.0)
+    view.see_selection()
+    assert isinstance(link.requests[-1], msg.GoTo)
+    events.key(view, Qt.Key.Key_Escape)
+    assert workspace.selection is None
+
+
+@pytest.mark.gl
+@pytest.mark.slow
+def test_the_real_view_follows_layers_and_places_nothing(qapp, tmp_path):
+    path = geojson(tmp_path / "all.geojson", ("Polygon", square(-9e3, -9e3, 22e3), {"n": 1}))
+    layers = {"mountain": np.pad(np.ones((20, 20), np.uint8), 38)}
+    document = Document(Sketch(frame=FRAME, extent=4000.0, layers=layers))
+    link, versions, errors = EngineLink(document), [], []
+    link.terrain_updated.connect(versions.append)
+    link.error_reported.connect(errors.append)
+    link.set_view(msg.ViewState(width=160, height=100, quality=0.0, plays=False, refines=False))
+
+    def red():
+        """Return the share of the picture that is clearly red."""
+        image = link.picture
+        colours = [image.pixelColor(x, y) for x in range(0, 160, 8) for y in range(0, 100, 8)]
+        return np.mean([each.red() > each.green() + 60 for each in colours])
+
+    link.start()
+    try:
+        events.wait(lambda: errors or (link.frame is not None and link.frame.converged))
+        known, style = len(versions), {"fill": "#ff0000", "fill_opacity": 1.0}
+        assert red() < 0.05
+        document.do("Add", document.sketch.replace(drapes=(draped_layer(path, **style),)))
+        events.wait(lambda: errors or (red() > 0.3 and link.frame.converged))
+        model.change_drape(document, 0, "Hide", visible=0)
+        events.wait(lambda: errors or red() < 0.05)
+        document.undo()
+        events.wait(lambda: errors or red() > 0.3)
+        assert not errors
+        assert len(versions) == known
+    finally:
+        link.stop()

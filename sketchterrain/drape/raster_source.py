@@ -20,7 +20,7 @@ from rasterio.vrt import WarpedVRT
 
 from sketchterrain.array_types import Bounds, UInt8Array
 from sketchterrain.caching import LRUCache
-from sketchterrain.document.drapes import DrapedLayer
+from sketchterrain.document.drapes import DrapedLayer, drape_problem
 from sketchterrain.drape.vector_source import file_stamp, source_problem
 from sketchterrain.elevation.pictures import LOCAL_CRS, colour_bands, is_indexed, read_pixels
 from sketchterrain.errors import InputError, one_line
@@ -47,6 +47,8 @@ class RasterSource:
         self._corner = frame["east"], frame["north"]
         self._target = parse_crs(frame["crs"]) if frame["crs"] else LOCAL_CRS
         self._path, self._stamp = Path(layer.path), file_stamp(layer.path)
+        self._layer = layer.replace(sha256="") if drape_problem(layer) else layer
+        self._failure = ""
         with self._opened(None) as file:
             if self._band > file.count:
                 raise InputError(f"{self._place}: band = {self._band}: expected 1 to {file.count}")
@@ -76,8 +78,8 @@ class RasterSource:
         return self
 
     def problem(self, layer: DrapedLayer) -> str:
-        """Return in one line that the file is missing or has changed; empty if neither."""
-        return source_problem(layer, self._stamp)
+        """Return in one line that the file is missing, has changed or cannot be read; empty if neither."""
+        return source_problem(layer, self._stamp) or self._failure
 
     def occupies(self, box: Bounds) -> bool:
         """Return whether it has pixels in a box (m)."""
@@ -87,15 +89,19 @@ class RasterSource:
     def pixels(self, west: float, north: float, texel: float, columns: int, rows: int) -> UInt8Array:
         """Return sRGB and opacity, (rows, columns, 4), of texels (m) from a north-west corner (m).
 
-        They are means of the pixels in them. Raise InputError if the file can no longer be read.
+        They are means of the pixels in them, clear where the file can no longer be read, as `problem` says.
         """
         east, south = west + columns * texel, north - rows * texel
         if west >= self.box[2] or east <= self.box[0] or south >= self.box[3] or north <= self.box[1]:
             return np.zeros((rows, columns, 4), np.uint8)
-        if rows * columns > _MOST_KEPT:
-            return self._read(west, north, texel, (rows, columns))
         key = self, west, north, texel, columns, rows
-        return self._memory.get_or_compute(key, lambda: self._read(west, north, texel, (rows, columns)))
+        try:
+            if rows * columns > _MOST_KEPT:
+                return self._read(west, north, texel, (rows, columns))
+            return self._memory.get_or_compute(key, lambda: self._read(west, north, texel, (rows, columns)))
+        except InputError as error:
+            self._failure = str(error)
+            return np.zeros((rows, columns, 4), np.uint8)
 
     def _read(self, west: float, north: float, texel: float, shape: tuple[int, int]) -> UInt8Array:
         level = max(k for k, each in enumerate(self._overviews) if k == 0 or each * self.pixel <= texel)
@@ -115,8 +121,8 @@ class RasterSource:
     @contextmanager
     def _opened(self, overview: int | None) -> Iterator[DatasetReader]:
         """Open the file or one of its overviews."""
-        if not self._path.is_file():  # GDAL would take other names for addresses
-            raise InputError(f"{self._place}: the file is missing")
+        if problem := source_problem(self._layer, self._stamp):  # GDAL would take other names for addresses
+            raise InputError(problem)
         options = {} if overview is None else {"OVERVIEW_LEVEL": overview}
         try:
             with Env(**_ENV), warnings.catch_warnings():

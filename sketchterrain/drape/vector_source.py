@@ -229,6 +229,6 @@ def file_stamp(path: str) -> tuple[int, int]:
 def source_problem(layer: DrapedLayer, stamp: tuple[int, int]) -> str:
     """Return in one line that a layer's file is missing or has changed since it had a stamp, or a hash."""
     problem = drape_problem(layer)
-    if problem or file_stamp(layer.path) == stamp:
+    if problem or layer["sha256"] or file_stamp(layer.path) == stamp:
         return problem
     return f"draped layer {one_line(layer.path)}: its content has changed since it was added"

@@ -1,11 +1,13 @@
 """Rasters as draped layers: windows of any resolution in the sketch's frame."""
 
+import os
+
 import numpy as np
 import pytest
 import rasterio
 from rasterio.enums import ColorInterp
 
-from sketchterrain.document.drapes import DrapedLayer
+from sketchterrain.document.drapes import DrapedLayer, draped_layer
 from sketchterrain.drape.drapes import Drapes, Pick
 from tests.drape.test_vector_sources import ALL, EXTENT, FRAME, opened
 
@@ -158,8 +160,14 @@ def test_rasters_are_picked_and_change_as_a_whole(tmp_path) -> None:
     ]
     faded = drapes.updated([drapes.layers[0].replace(opacity=0.5)])
     assert faded.sources == drapes.sources
+    hashed = opened(draped_layer(tmp_path / "map.tif"))
+    os.utime(tmp_path / "map.tif", (1, 1))  # the same content
+    assert hashed.pick(500.0, 500.0, 1.0) == Pick(0, -1)
+    os.utime(tmp_path / "map.tif", ns=(1, drapes.sources[0]._stamp[1]))
     assert len(faded.changed_boxes(drapes)) == 2
     picture(tmp_path / "map.tif", bands[:, :500])
+    source = drapes.rasters(1.0)[0][1]
+    assert not source.pixels(10.0, 900.0, 1.0, 8, 8).any()  # not those of another picture
     later = drapes.updated(drapes.layers)
     assert len(later.problems) == 1
     assert "has changed" in later.problems[0]

@@ -10,6 +10,7 @@ from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.choices import draw_choices
 from sketchterrain.benchmarks.clipped_tree import draw_index
 from sketchterrain.benchmarks.culling import draw_culling
+from sketchterrain.benchmarks.drapes import draw_drapes
 from sketchterrain.benchmarks.erosion import draw_erosion, draw_normals
 from sketchterrain.benchmarks.flight_chart import draw_errors, draw_generation
 from sketchterrain.benchmarks.landforms import draw_stability, draw_terrains, draw_trade_offs
@@ -215,6 +216,7 @@ def _kernels(rows: Sequence[Row]) -> Any:
 CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "accuracy": _accuracy,
     "culling": draw_culling,
+    "drapes": draw_drapes,
     "erosion": draw_erosion,
     "flight": draw_errors,
     "kernels": _kernels,

@@ -8,6 +8,7 @@ from sketchterrain.benchmarks import (
     accuracy,
     batches,
     culling,
+    drapes,
     elevation,
     erosion,
     flight,
@@ -25,6 +26,7 @@ from sketchterrain.benchmarks import (
     worlds,
 )
 from sketchterrain.benchmarks import points as blue_noise
+from sketchterrain.benchmarks.draped_data import SEED
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import BARE_SEED
 from sketchterrain.benchmarks.report import Outcome
@@ -85,6 +87,9 @@ BENCHMARKS = {
             "a synthetic country of fields and roads of 100 × 100 km",
             str(synthetic_land.SEED),
             vector_scale.measure,
+        ),
+        Benchmark(
+            "drapes", f"{drapes.GROUND}, synthetic layers", f"its own; layers: {SEED}", drapes.measure
         ),
         Benchmark("erosion", "the middle of alpine_range, 8 km wide in a full run", _OWN, erosion.measure),
         Benchmark(

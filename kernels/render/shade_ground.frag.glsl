@@ -184,6 +184,22 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
     return all;
 }
 
+#if APPEARANCE
+// Where the middle of the pixel meets the plane of the sample that is shaded: edges of paint are of whole pixels.
+vec3 middle_of_pixel(vec3 n)
+{
+#if SAMPLES == 1
+    return position;
+#else
+    vec2 place = gl_FragCoord.xy * float(SAMPLES) / vec2(textureSize(gbuffer_depth, 0));
+    vec4 ahead = from_clip * vec4(place * 2.0 - 1.0, 0.5, 1.0);
+    vec3 ray = normalize(ahead.xyz / ahead.w);
+    float sine = dot(ray, n);
+    return sine < -LEAST_SINE ? ray * (dot(position, n) / sine) : position;
+#endif
+}
+#endif
+
 void main()
 {
     float depth;
@@ -197,7 +213,7 @@ void main()
     MaterialSample material = compose(select_materials(at, noise), noise, n, distance, footprint);
 #if APPEARANCE
     vec3 through;
-    vec4 over = painted(position, n, trees.z, through);
+    vec4 over = painted(middle_of_pixel(n), n, trees.z, through);
     material.albedo = material.albedo * through + over.rgb * (over.a * grain);
 #endif
 #if DRAPED

@@ -197,6 +197,7 @@ def test_summits_reach_elevations_above_the_datum(monkeypatch):
     assert change[near[9800.0, 9800.0]].max() < 1.0
 
 
+@pytest.mark.filterwarnings("ignore:Setting the shape on a NumPy array:DeprecationWarning")  # scikit-image's
 def test_valleys_of_data_go_on_through_features(mountain):
     zone = mountain.zone
     assert depths(mountain.total)[zone].sum() <= depths(mountain.before)[zone].sum() + 50.0

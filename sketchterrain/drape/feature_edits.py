@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -35,12 +35,11 @@ _OPTIONS: Final = {
 _BATCH: Final = 1 << 16  # features that are written to a GeoPackage at once
 
 _Value = int | float | str | None
-_Change = Callable[[Float64Array], Float64Array]
 
 
 def move_feature(layer: DrapedLayer, feature: Feature, east: float, north: float) -> DrapedLayer:
     """Return the layer with a feature moved by metres."""
-    return _changed(layer, feature, lambda points: points + np.array([east, north]))
+    return _changed(layer, feature, lambda at: at + np.array([east, north]))
 
 
 def rotate_feature(
@@ -49,7 +48,7 @@ def rotate_feature(
     """Return the layer with a feature rotated counterclockwise about a point (m)."""
     cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     turn = np.array([[cosine, sine], [-sine, cosine]])
-    return _changed(layer, feature, lambda points: (points - about) @ turn + about)
+    return _changed(layer, feature, lambda at: (at - about) @ turn + about)
 
 
 def scale_feature(
@@ -58,10 +57,12 @@ def scale_feature(
     """Return the layer with a feature scaled eastward and northward about a point (m)."""
     if not all(factors):
         raise InputError(f"feature {feature.id}: scale {format_value(factors)}: expected no zero")
-    return _changed(layer, feature, lambda points: (points - about) * factors + about)
+    return _changed(layer, feature, lambda at: (at - about) * factors + about)
 
 
-def _changed(layer: DrapedLayer, feature: Feature, change: _Change) -> DrapedLayer:
+def _changed(
+    layer: DrapedLayer, feature: Feature, change: Callable[[Float64Array], Float64Array]
+) -> DrapedLayer:
     return with_geometry(layer, feature, shapely.transform(feature.geometry, change))
 
 
@@ -131,10 +132,15 @@ def _lines(part: BaseGeometry) -> list[Float64Array]:
 
 def with_geometry(layer: DrapedLayer, feature: Feature, geometry: BaseGeometry) -> DrapedLayer:
     """Return the layer with another geometry (m) of a feature; raise InputError if it becomes invalid."""
-    if not shapely.is_valid(geometry) and shapely.is_valid(feature.geometry):
-        reason = shapely.is_valid_reason(geometry)
-        raise InputError(f"feature {feature.id}: expected a valid geometry ({one_line(reason)[:80]})")
+    if shapely.is_valid(feature.geometry):
+        _check(geometry, f"feature {feature.id}")
     return _with_edit(layer, feature.id, shapely.to_wkb(geometry), feature.properties)
+
+
+def _check(geometry: BaseGeometry, what: str) -> None:
+    if not shapely.is_valid(geometry):
+        reason = one_line(shapely.is_valid_reason(geometry))[:80]
+        raise InputError(f"{what}: expected a valid geometry ({reason})")
 
 
 def _with_edit(layer: DrapedLayer, number: int, wkb: bytes, properties: Mapping[str, _Value]) -> DrapedLayer:
@@ -152,9 +158,7 @@ def create_feature(
 ) -> tuple[DrapedLayer, int]:
     """Return the layer with another feature, and its id; raise InputError if its geometry (m) is invalid."""
     number = source.updated(layer).next_id
-    if not shapely.is_valid(geometry):
-        reason = one_line(shapely.is_valid_reason(geometry))
-        raise InputError(f"new feature: expected a valid geometry ({reason[:80]})")
+    _check(geometry, "new feature")
     return _with_edit(layer, number, shapely.to_wkb(geometry), properties), number
 
 
@@ -260,12 +264,10 @@ def _in_file(wkb: bytes, before: bytes | None, projection: Projection, file: Vec
 
 def _new_kinds(fields: Mapping[str, str], edits: Iterable[FeatureEdit]) -> dict[str, str]:
     """Return the dtypes of properties that the file does not have."""
-    found: dict[str, str] = {}
+    ranks = dict[str, int]()
     for name, value in (pair for edit in edits for pair in edit.properties if pair[0] not in fields):
-        kind = {int: "int64", float: "float64"}.get(type(value), "object")
-        known = found.get(name, kind)
-        found[name] = known if known == kind else "object" if "object" in (known, kind) else "float64"
-    return found
+        ranks[name] = max(ranks.get(name, 0), {int: 0, float: 1}.get(type(value), 2))
+    return {name: ("int64", "float64", "object")[rank] for name, rank in ranks.items()}
 
 
 def _column(
@@ -274,15 +276,9 @@ def _column(
     """Return a property of features with edits, and where it has no value."""
     given = np.zeros(0, kind) if values is None else values
     missing = np.ones(rows, bool)
-    missing[: len(given)] = (
-        [each is None for each in given]
-        if kind == "object"
-        else np.isnat(given)
-        if kind[0] in "dt"
-        else given != given
-    )
+    missing[: len(given)] = [each is None or each != each for each in given.tolist()]
     column = np.full(rows, None) if kind == "object" else np.zeros(rows, kind)
-    column[: len(given)] = np.where(missing[: len(given)], column[: len(given)], given)
+    column[~missing] = given[~missing[: len(given)]]
     for at, edit in edited.items():
         value = dict(edit.properties).get(name)
         missing[at] = value is None
@@ -293,12 +289,10 @@ def _column(
 
 def _converted(value: int | float | str, name: str, kind: str) -> Any:
     """Return a value as one of a column; raise InputError if it is another kind of value."""
-    try:
-        found = class_value(value) if kind == "object" else np.array(value).astype(kind)[()]
-        if isinstance(value, str) == (kind == "object" or kind.startswith("datetime")) and (
-            isinstance(value, str) or found == value
-        ):
+    if kind == "object":
+        return class_value(value)
+    with suppress(ValueError, OverflowError):
+        found = np.array(value).astype(kind)[()]
+        if found == value or (isinstance(value, str) and kind.startswith("datetime")):
             return found
-    except (ValueError, OverflowError):
-        pass
     raise InputError(f"property {one_line(name)} = {format_value(value)}: expected {kind}, as in the file")

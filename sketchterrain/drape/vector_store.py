@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -97,6 +98,8 @@ def open_vector_file(path: Path, table: str = "") -> Iterator[VectorFile]:
             warnings.simplefilter("ignore")  # GDAL has many harmless ones
             # The prefix excludes other drivers for JSON, such as pipelines that open other files.
             dataset = f"GeoJSON:{file}" if driver == "GeoJSON" else str(file)
+            if driver == "OSM":  # many nodes are on disk, by default in the working directory
+                pyogrio.set_gdal_config_options({"CPL_TMPDIR": tempfile.gettempdir()})
             names = [str(name) for name, kind in pyogrio.list_layers(dataset) if kind is not None]
             if driver == "GPKG":  # queries of views may never end
                 tables = geopackage_tables(path, place)

@@ -593,7 +593,7 @@ def test_the_budget_holds_over_a_thousand_windows(tmp_path) -> None:
     for _ in range(1000):
         west, north = random.uniform(0.0, EXTENT, 2)
         texel = 2.0 ** random.uniform(-3.0, 3.0)
-        drapes.rasters(texel)[0][1].pixels(west, north, texel, 256, 256)
-        drapes.items((west, north - 256 * texel, west + 256 * texel, north), texel)
+        drapes.rasters(texel)[0][1].pixels(west, north, texel, 192, 192)
+        drapes.items((west, north - 192 * texel, west + 192 * texel, north), texel)
         assert drapes.nbytes <= BUDGET
     assert drapes.nbytes > BUDGET // 4

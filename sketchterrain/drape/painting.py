@@ -135,6 +135,11 @@ class DrapedAppearance:
         )
         return 1.0 + widest / TEXEL_PIXELS
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of lists and of tiles below that are kept."""
+        return self._lists.nbytes + self._bases.nbytes
+
     def texel(self, level: int) -> float:
         """Return the side of a level's texels, m."""
         return float(self.extent / 2.0**level / (SIDE - 2))

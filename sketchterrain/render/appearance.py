@@ -80,6 +80,15 @@ class AppearanceTextures:
         return {"appearance_pages": cache.pages, "appearance_texels": cache.texels, **filters}
 
     @property
+    def nbytes(self) -> int:
+        """Bytes of textures, and of what draped layers keep in memory for them."""
+        if (cache := self._cache) is None:
+            return 0
+        texels = 4 * cache.tiles.slots * TEXELS**2 * (1 + (cache.filters is not None))
+        pages = 8 * PAGES**2 * (cache.tiles.finest + 1)
+        return texels + pages + (cache.source.nbytes if isinstance(cache.source, DrapedAppearance) else 0)
+
+    @property
     def converged(self) -> bool:
         """Whether all tiles of the last view are drawn."""
         return self._cache is None or self._cache.tiles.converged

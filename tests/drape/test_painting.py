@@ -1,18 +1,27 @@
 """Draped layers in appearance tiles: exact coverage, borders, dashes, blending, against shapely and NumPy."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
+import pyogrio.raw
 import pytest
 import shapely
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
 from sketchterrain.document.drapes import DrapedLayer
-from sketchterrain.drape.drapes import LayerStyle
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.drape.drapes import Drapes, LayerStyle
 from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE, Items
 from sketchterrain.drape.painting import TEXEL_PIXELS, WHITE, DrapedAppearance, linear_colour
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.offscreen import canvas, read_picture
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.renderer import Renderer
+from sketchterrain.render.sky import Sun
 from sketchterrain.terrain.appearance import SIDE
+from sketchterrain.terrain.building import build
 
 if not list_devices():
     pytest.skip("no OpenCL device", allow_module_level=True)
@@ -131,7 +140,7 @@ def shares(paint, key=KEY):
 
 
 def test_shares_of_areas_are_exact():
-    """Of a star with a hole, at every level, in tiles wholly inside, cut and touched, in floats and doubles."""
+    """Of a star with a hole, at every level, in tiles inside, cut and touched, in floats and doubles."""
     shape = shapely.difference(star(1, (960.0, 940.0), 800.0), star(2, (960.0, 940.0), 90.0))
     items = items_of(*rings(1, shape))
     for real in ("float", "double")[: 1 + list_devices()[0].has_double]:
@@ -379,14 +388,14 @@ FORMULAS = {
 
 
 def test_blend_modes_and_their_order():
-    """Layers of all modes over ground that is painted in part, against NumPy, for any colour of the ground."""
+    """Layers of all modes over ground that is painted in part, against NumPy, for any ground."""
     area = items_of(*rings(1, shapely.box(0.0, 0.0, 1900.0, 1900.0)))
     rng = np.random.default_rng(8)
     for trial in range(6):
         modes = rng.permutation(["normal", "multiply", "screen", "add"])[: 2 + trial % 3]
         if trial == 0:
             modes = ["normal", "normal"]
-        colours = ["#%02x%02x%02x" % tuple(rng.integers(0, 200, 3)) for _ in modes]
+        colours = ["#" + rng.integers(0, 200, 3).astype(np.uint8).tobytes().hex() for _ in modes]
         opacities = rng.uniform(0.2, 0.7, len(modes))
         layers = [
             layer(number, {"blend": mode, "opacity": opacity}, fill=colour, colour="")
@@ -486,3 +495,61 @@ def test_degenerate_features_are_painted_without_a_trace_of_them():
     found = painted(items, fill="#ffffff", width=4.0, join="mitre").tiles([KEY, (9, 140, 140)])
     assert (found[0, ..., 3] > 0).any()
     assert shares(painted(items, fill="#ffffff", width=4.0))[100, 40] == 1.0
+
+
+@pytest.mark.gl
+def test_pictures_show_changed_layers_whatever_way_they_came(tmp_path):
+    """Of a filtering layer over another: shown, hidden, restyled; old tiles stay until new ones are drawn."""
+    quality = Quality.from_level(
+        0.0, without=("clouds", "haze", "grass", "rocks", "detail", "shadows", "trees")
+    )
+    quality, size = replace(quality, quads=64), (200, 140)
+    camera = Camera((900.0, 200.0, 500.0), (1000.0, 900.0, 0.0), near=1.0, far=30_000.0)
+    layers = []
+    for number, shape in enumerate(
+        (star(1, (900.0, 900.0), 500.0), shapely.box(950.0, 500.0, 1500.0, 1300.0))
+    ):
+        path = tmp_path / f"{number}.gpkg"
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a file without a CRS
+            columns = [np.zeros(1, np.int64)], ["number"]
+            pyogrio.raw.write(path, shapely.to_wkb([shape]), *columns, geometry_type="Polygon", crs=None)
+        layers.append(
+            DrapedLayer(str(path), {"blend": ("normal", "multiply")[number]}, SOLID | {"width": 0.0})
+        )
+    layers = [layers[0].replace(fill="#3355ff"), layers[1].replace(fill="#ff8080")]
+    sketch = Sketch()
+    terrain = build(sketch)
+    drapes = Drapes.open(layers, sketch.frame, sketch.size, sketch.extent)
+    assert not drapes.problems
+
+    with canvas(size) as (context, texture, framebuffer):
+        renderer = Renderer(context, terrain, sun=Sun(200.0, 60.0), quality=quality)
+
+        def draw(shown, *, whole=True):
+            renderer.set_drapes(shown)
+            if whole:
+                renderer.prepare(camera, size)
+            renderer.draw(camera, framebuffer)
+            return read_picture(texture).astype(int)
+
+        bare, both = draw(None), draw(drapes)
+        appearance = renderer.scenery.appearance
+        assert appearance.defines["APPEARANCE_FILTER"] == 1
+        assert appearance.nbytes <= (384 * 192**2 * 4 + 2**20) + 2**24
+        changed = np.abs(both - bare).max(axis=-1) > 5
+        assert 0.05 < changed.mean() < 0.9
+        change = both - bare  # where the ground is seen through the filter its red stays, about
+        assert ((np.abs(change[..., 0]) < 25) & (change[..., 1] < -10) & (both[..., 2] < 60)).sum() > 200
+        recoloured = drapes.updated([layers[0].replace(fill="#ffff00"), layers[1]])
+        assert np.array_equal(draw(recoloured, whole=False), both)
+        other = draw(recoloured)
+        assert np.abs(other - both).max() > 20
+        drawn = appearance.drawn
+        draw(recoloured)
+        assert appearance.drawn == drawn
+        one = draw(drapes.updated([layers[0], layers[1].replace(visible=0)]))
+        assert appearance.defines["APPEARANCE_FILTER"] == 0
+        assert np.abs(one - both).max() > 20
+        assert np.array_equal(draw(None), bare)
+        assert np.array_equal(draw(recoloured), other)

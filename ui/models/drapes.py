@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 
 import numpy as np
 from PyQt6.QtCore import QObject, pyqtSignal
@@ -27,6 +27,8 @@ if TYPE_CHECKING:  # GDAL and shapely take a quarter of a second
     from sketchterrain.drape.vector_source import Feature, VectorSource
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.selection import Handle
+
+_Change: TypeAlias = "Callable[[DrapedLayer, Feature], DrapedLayer]"
 
 _REACH: Final = 3.0  # px from a line or point that is found, as by `Drapes.pick`
 _MAX_HANDLES: Final = 1000  # of vertices
@@ -117,9 +119,8 @@ class DrapeSources(QObject):
 def _read(sketch: Sketch, base: Drapes | None) -> Drapes:
     from sketchterrain.drape.drapes import Drapes
 
-    if base is not None:
-        return base.updated(sketch.drapes)
-    return Drapes.open(sketch.drapes, sketch.frame, sketch.size, sketch.extent)
+    place = sketch.frame, sketch.size, sketch.extent
+    return Drapes.open(sketch.drapes, *place) if base is None else base.updated(sketch.drapes)
 
 
 def new_drape(path: Path, number: int) -> DrapedLayer:
@@ -209,18 +210,13 @@ def classify(document: Document, number: int, by: str) -> None:
 
     layer, source = document.sketch.drapes[number], _source(document, number)
     if not isinstance(source, VectorSource) or by not in source.fields:
-        raise InputError(
-            f"{layer.title}: expected a property, one of {', '.join(property_names(document, number))}"
-        )
+        raise InputError(f"{layer.title}: expected a property of its file, got {by!r}")
     values = {class_value(each) for each in source.values(by, range(source.next_id))}
     if len(values) > MAX_CLASSES:
         raise InputError(f"{layer.title}: {by} has {len(values)} values; expected at most {MAX_CLASSES}")
-    colours = map(distinct_colour, range(len(values)))
-    classes = (
-        DrapeClass(value, {"colour": each, "fill": each})
-        for value, each in zip(sorted(values), colours, strict=True)
-    )
-    change_drape(document, number, "Classify", by=by, classes=tuple(classes))
+    named = [(value, distinct_colour(at)) for at, value in enumerate(sorted(values))]
+    classes = tuple(DrapeClass(value, {"colour": colour, "fill": colour}) for value, colour in named)
+    change_drape(document, number, "Classify", by=by, classes=classes)
 
 
 def refusal(document: Document, workspace: Workspace, number: int) -> str:
@@ -331,16 +327,8 @@ def _with_layer(sketch: Sketch, number: int, layer: DrapedLayer) -> Sketch:
     return sketch.replace(drapes=(*sketch.drapes[:number], layer, *sketch.drapes[number + 1 :]))
 
 
-def _edit(
-    document: Document,
-    workspace: Workspace,
-    title: str,
-    change: Callable[[DrapedLayer, Feature], DrapedLayer],
-) -> bool:
-    """Record a step that changes the selected feature; return whether there is one.
-
-    Raise InputError if its layer cannot be edited.
-    """
+def _edit(document: Document, workspace: Workspace, title: str, change: _Change) -> bool:
+    """Record a step that changes the selected feature; return whether there is one, or raise InputError."""
     selection, feature = workspace.selection, document.drapes.feature(workspace.selection)
     if selection is None or feature is None:
         return False
@@ -360,10 +348,9 @@ def delete_draped(document: Document, workspace: Workspace) -> None:
         if _edit(document, workspace, "Delete a feature", edits.delete_feature):
             workspace.selection = None
         return
-    index = selection.index
-    _edit(document, workspace, "Delete a vertex", lambda layer, own: edits.delete_vertex(layer, own, index))
+    _edit(document, workspace, "Delete a vertex", partial(edits.delete_vertex, vertex=selection.index))
     is_left = document.drapes.feature(selection) is not None
-    workspace.selection = replace(selection, index=max(index - 1, 0)) if is_left else None
+    workspace.selection = replace(selection, index=max(selection.index - 1, 0)) if is_left else None
 
 
 def insert_draped_vertex(
@@ -388,12 +375,7 @@ def insert_draped_vertex(
         first += len(line)
     if best >= reach:
         return False
-    _edit(
-        document,
-        workspace,
-        "Insert a vertex",
-        lambda layer, own: edits.insert_vertex(layer, own, after, x, y),
-    )
+    _edit(document, workspace, "Insert a vertex", partial(edits.insert_vertex, vertex=after, x=x, y=y))
     workspace.selection = replace(selection, index=after + 1)
     return True
 
@@ -413,10 +395,9 @@ def draw_draped(
     assert isinstance(source, VectorSource)  # noqa: S101 # others are refused
     if len(points) < least:
         raise InputError(f"{layer.title}: expected {least} points or more")
-    make = {"point": shapely.MultiPoint, "line": shapely.LineString, "area": shapely.Polygon}[kind]
-    shape = shapely.Point(points[0]) if kind == "point" else make(points)
-    values = dict.fromkeys(property_names(document, number))
-    changed, feature = create_feature(layer, source, shape, values)
+    make = {"line": shapely.LineString, "area": shapely.Polygon}
+    shape = shapely.Point(points[0]) if kind == "point" else make[kind](points)
+    changed, feature = create_feature(layer, source, shape, dict.fromkeys(source.fields))
     replace_drape(document, number, f"Draw {kind} of {layer.title}", changed)
     workspace.selection = Selection("drape", feature, layer=number)
 
@@ -434,7 +415,7 @@ def set_property(document: Document, workspace: Workspace, name: str, text: str)
         value = convert(text) if text else None
     except ValueError:
         raise InputError(f"{name}: expected {what}, got {text!r}") from None
-    _edit(document, workspace, f"Set {name}", lambda layer, own: set_properties(layer, own, {name: value}))
+    _edit(document, workspace, f"Set {name}", partial(set_properties, values={name: value}))
 
 
 def property_names(document: Document, number: int) -> list[str]:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final
 
-from PyQt6.QtCore import QSignalBlocker, QSize, pyqtSignal
+from PyQt6.QtCore import QSignalBlocker, pyqtSignal
 from PyQt6.QtGui import QIcon
 from PyQt6.QtWidgets import QComboBox, QLabel, QPushButton, QVBoxLayout, QWidget
 
@@ -19,12 +19,12 @@ from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, describe
 from sketchterrain.ui.models import drapes as model
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Selection, Workspace
-from sketchterrain.ui.panels.controls import CollapsibleGroup, PageHead, faint_label, heading, scroll_past
+from sketchterrain.ui.panels.controls import CollapsibleGroup, PageHead, heading, scroll_past
 from sketchterrain.ui.panels.form import ParameterForm, TextRow
-from sketchterrain.ui.panels.layer_list import LayerList, Row
+from sketchterrain.ui.panels.layer_list import ROW_HEIGHT, LayerList, Row
 
 _OF_LAYER: Final = ("opacity", "blend", "finest", "coarsest", "title", "table", "band", "crs")
-_NONE: Final = "Vectors and rasters shown on the terrain, which do not change it."
+_MOST: Final = 4  # rows of the list that are seen at once
 _OTHERS: Final = "All other features"
 _LONGEST: Final = 10_000  # characters of a property
 
@@ -44,7 +44,6 @@ class DrapeList(QWidget):
         self.list = LayerList(can_move=True)
         self.list.setAccessibleName("Draped layers")
         self.list.setToolTip("Draped layers, the highest on top. Space shows or hides one, Del removes it")
-        self.list.setMinimumHeight(80)
         self.buttons = {
             "add": tool_button("add", "Add draped layers", tip="Show vectors or rasters on the terrain"),
             "raise": tool_button("up", "Raise", tip="Draw it over the next layer"),
@@ -61,10 +60,9 @@ class DrapeList(QWidget):
         )
         for button, command in zip(self.buttons.values(), commands, strict=True):
             button.clicked.connect(command)
-        self.text = faint_label(_NONE)
         line = row(None, (heading("Draped layers"), 1), *self.buttons.values(), spacing=0)
         line.setContentsMargins(SPACING, SMALL, SPACING, 0)
-        column(self, line, self.text, (self.list, 1), spacing=0)
+        column(self, line, self.list, spacing=0)
         self.list.label_activated.connect(lambda name, _: self._choose(int(name)))
         self.list.eye_clicked.connect(lambda name: self._toggle_visible(int(name)))
         self.list.lock_clicked.connect(lambda name: self._toggle_locked(int(name)))
@@ -94,7 +92,7 @@ class DrapeList(QWidget):
         rows = [self._row(number, layer) for number, layer in enumerate(layers)][::-1]
         self.list.show_rows(rows, len(rows) - 1 - chosen if chosen >= 0 else -1)
         self.list.setVisible(bool(rows))
-        self.text.setVisible(not rows)
+        self.list.setFixedHeight(min(len(rows), _MOST) * ROW_HEIGHT + SMALL)
         for name, button in self.buttons.items():
             button.setVisible(bool(rows) or name == "add")
             button.setEnabled(chosen >= 0 or name == "add")
@@ -112,13 +110,10 @@ class DrapeList(QWidget):
             save = menu.add_command("save", text, partial(self.save_requested.emit, number, other))
             save.setEnabled(model.is_vector(document, number) and (other or bool(self._layer(number).edits)))
         update = partial(model.update_file, document, number)
-        menu.add_command("restart", "&Update", partial(self._try, update))
+        menu.add_command("restart", "&Update", partial(_attempt, self, update))
         menu.add_command("fit", "&Zoom to the layer", partial(self.zoom_requested.emit, number))
         menu.add_command("delete", "&Remove", self._remove)
         return menu
-
-    def sizeHint(self) -> QSize:
-        return QSize(300, 200)
 
     def _layer(self, number: int) -> DrapedLayer:
         return self._document.sketch.drapes[number]
@@ -163,12 +158,6 @@ class DrapeList(QWidget):
         self._workspace.drape_kind = kind
         self._choose(self._chosen)
         self._workspace.tool = "line"
-
-    def _try(self, change: Callable[[], None]) -> None:
-        try:
-            change()
-        except InputError as error:
-            self.message.emit(str(error))
 
 
 class DrapePage(QWidget):
@@ -282,11 +271,7 @@ class DrapePage(QWidget):
 
     def _try(self, change: Callable[[], None]) -> None:
         if self._number >= 0:
-            try:
-                change()
-            except InputError as error:
-                self.message.emit(str(error))
-                self.refresh()
+            _attempt(self, change)
 
 
 class DrapedFeaturePage(QWidget):
@@ -342,8 +327,13 @@ class DrapedFeaturePage(QWidget):
             self._column.addWidget(field)
 
     def _set(self, name: str, text: object, _: object) -> None:
-        try:
-            model.set_property(self._document, self._workspace, name, str(text))
-        except InputError as error:
-            self.message.emit(str(error))
-            self.refresh()
+        _attempt(self, partial(model.set_property, self._document, self._workspace, name, str(text)))
+
+
+def _attempt(widget: DrapeList | DrapePage | DrapedFeaturePage, change: Callable[[], None]) -> None:
+    """Run a change; a refusal is a message, and the widget shows what is."""
+    try:
+        change()
+    except InputError as error:
+        widget.message.emit(str(error))
+        widget.refresh()

@@ -31,7 +31,7 @@ _STATE: Final = Qt.ItemDataRole.UserRole + 2
 """Of the eye and the lock: whether the layer is visible or locked; None for no symbol."""
 _COLOURS: Final = Qt.ItemDataRole.UserRole + 3  # of the name: those of a draped layer
 _SWATCH: Final = 24
-_HEIGHT: Final = 34
+ROW_HEIGHT: Final = 34
 _ICON: Final = 17
 _COLUMN_WIDTH: Final = 32
 _DIGITS: Final = (*range(Qt.Key.Key_1, Qt.Key.Key_9 + 1), Qt.Key.Key_0)
@@ -42,7 +42,7 @@ class _RowDelegate(QStyledItemDelegate):
     """Draws a row of two lines, an eye and a lock."""
 
     def sizeHint(self, option: QStyleOptionViewItem, index: QModelIndex) -> QSize:
-        return QSize(super().sizeHint(option, index).width(), _HEIGHT)
+        return QSize(super().sizeHint(option, index).width(), ROW_HEIGHT)
 
     def paint(self, painter: QPainter | None, option: QStyleOptionViewItem, index: QModelIndex) -> None:
         if painter is None:
@@ -205,7 +205,7 @@ class LayerList(QTreeWidget):
         self.moved.emit(self.indexOfTopLevelItem(self.currentItem()), to)
 
     def sizeHint(self) -> QSize:
-        return QSize(280, _HEIGHT * len(LAYERS) + 4)
+        return QSize(280, ROW_HEIGHT * len(LAYERS) + 4)
 
     def _accepts(self, event: QKeyEvent) -> bool:
         plain = event.modifiers() in (Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.KeypadModifier)

@@ -24,11 +24,12 @@ void main()
         depth = min(d, depth);
     }
     if (depth >= 1.0) discard;
-    vec2 screen = (vec2(at) + 0.5) / vec2(textureSize(ground_depth, 0));
+    vec2 size = vec2(textureSize(ground_depth, 0)), screen = (vec2(at) + 0.5) / size;
     vec4 ground = from_clip * vec4(vec3(screen, depth) * 2.0 - 1.0, 1.0);
     vec2 place = ground.xy / ground.w;
     vec4 foot = to_clip * vec4(place, smooth_height(place), 1.0);
-    vec2 uv = 0.5 + 0.5 * foot.xy / foot.w;
+    vec2 to_middle = (vec2(first) + 0.5 * float(SAMPLES)) / size - screen; // of the pixel
+    vec2 uv = 0.5 + 0.5 * foot.xy / foot.w + to_middle;
     bool inside = foot.w > 0.0 && all(equal(uv, clamp(uv, 0.0, 1.0)))
         && foot.w < distance_of(textureLod(smooth_depth, uv, 0.0).r) * (1.0 + BEHIND);
     colour = marks_outside > 0.0 ? vec4(inside ? 0.0 : 1.0) : inside ? textureLod(drawn, uv, 0.0) : vec4(0.0);

@@ -104,7 +104,9 @@ def _area(items: Items, start: int, end: int, angle: float) -> Pieces:
 
 
 @_compiled  # type: ignore[untyped-decorator] # numba has no types
-def _clip(polygon: Float64Array, count: int, a: float, b: float, c: float, result: Float64Array) -> int:
+def clip_polygon(
+    polygon: Float64Array, count: int, a: float, b: float, c: float, result: Float64Array
+) -> int:
     """Clip a convex polygon to a·x + b·y ≤ c (Sutherland and Hodgman); return the number of corners."""
     kept = 0
     for k in range(count):
@@ -167,7 +169,9 @@ def _strips(
             if a * a + b * b < _ANGLE:
                 continue
             a, b = sign * a, sign * b
-            count[k] = _clip(corners[k], count[k], a, b, a * points[end, 0] + b * points[end, 1], buffer)
+            count[k] = clip_polygon(
+                corners[k], count[k], a, b, a * points[end, 0] + b * points[end, 1], buffer
+            )
             corners[k] = buffer
     return corners, count, frame, lengths, along, flags
 
@@ -243,8 +247,8 @@ def _cut(
             continue
         low, high = polygon[:n, 1].min(), polygon[:n, 1].max()
         for row in range(max(int(np.floor(low)), 0), min(int(np.floor(high)), quads - 1) + 1):
-            kept = _clip(polygon, n, 0.0, -1.0, -float(row), one)
-            kept = _clip(one, kept, 0.0, 1.0, row + 1.0, two)
+            kept = clip_polygon(polygon, n, 0.0, -1.0, -float(row), one)
+            kept = clip_polygon(one, kept, 0.0, 1.0, row + 1.0, two)
             if not kept:
                 continue
             west, east = two[:kept, 0].min(), two[:kept, 0].max()
@@ -262,7 +266,7 @@ def _cut(
                     for p, q in ((a, b), (b, c), (c, a)):
                         # Counterclockwise from above, and rows run southward.
                         s, t = p[1] - q[1], q[0] - p[0]
-                        kept = _clip(one, kept, s, t, s * p[0] + t * p[1], two)
+                        kept = clip_polygon(one, kept, s, t, s * p[0] + t * p[1], two)
                         one, two = two, one
                         if kept < 3:
                             break

@@ -232,10 +232,10 @@ class PartBuffers:
 
     def array(self, program: moderngl.Program, *instances: tuple[object, ...]) -> moderngl.VertexArray:
         """Return the vertices as a program's, with buffers of instances."""
-        key = IdentityKey(self._buffers["vertices"])
+        content = [(self._buffers["vertices"], *_FORMAT), *instances]
+        key = tuple(IdentityKey(each[0]) for each in content)
         if key not in self._arrays:
-            bindings = [(self._buffers["vertices"], *_FORMAT), *instances]
-            self._arrays = {key: self._context.vertex_array(program, bindings, skip_errors=True)}
+            self._arrays = {key: self._context.vertex_array(program, content, skip_errors=True)}
         return self._arrays[key]
 
     def _put(self, name: str, content: bytes) -> None:

@@ -96,7 +96,9 @@ def exact_share(room, camera, shape, times=6):
     texture = room.context.texture(size, 4)
     room.renderer.draw(camera, room.context.framebuffer([texture]))
     targets = room.renderer.scenery._targets[size]
-    depth = np.frombuffer(targets.depth.read(), np.float32).reshape(size[::-1])[::-1]
+    samples = targets.sample_size[0] // size[0]
+    depth = np.frombuffer(targets.depth.read(), np.float32).reshape(targets.sample_size[::-1])
+    depth = depth[::-1][::samples, ::samples]
     clipped = room.renderer._clipped(camera)[0]
     x, y = np.meshgrid(
         (np.arange(size[0]) + 0.5) / size[0] * 2 - 1, 1 - (np.arange(size[1]) + 0.5) / size[1] * 2

@@ -26,7 +26,7 @@ from sketchterrain.document.vector_formats import Shapes, geopackage_tables, lay
 from sketchterrain.drape.levels import (
     ITEM,
     Level,
-    Outlines,
+    Shapes2D,
     common,
     morton,
     parts_of,
@@ -42,7 +42,7 @@ from sketchterrain.io.files import wrap_read_errors
 FARTHEST: Final = 64.0
 """Extents of a sketch from it beyond which features are left out."""
 
-_FORMAT: Final = 2  # of stores
+_FORMAT: Final = 3  # of stores
 _LEVELS: Final = 16
 _SHRINK: Final = 0.7  # of the points of a finer level: a level with more is not stored
 _CHUNK: Final = 1 << 22  # bytes of a file that are read at once
@@ -197,7 +197,7 @@ class VectorStore:
                 arrays.array(f"points{number}", np.float64, 2),
                 arrays.array(f"groups{number}", np.float32, 4),
             )
-            for number, tolerance in arrays.facts["levels"]
+            for number, tolerance in enumerate(arrays.facts["levels"])
         )
         self._geometry = arrays.texts("geometry")
         self._columns = {
@@ -275,54 +275,59 @@ def _build(
         left_out += int((~near & np.isfinite(bounds).all(axis=1)).sum()) + sum(lost)
         boxes.append(bounds[near])
         split = split_shapes(shapes[near], first + np.flatnonzero(near))
-        tolerances = tolerances or _tolerances(split.outlines, extent)
+        tolerances = tolerances or _tolerances(split, extent)
         for number, tolerance in enumerate(tolerances):
             items, points = parts_of(split, tolerance)
             arrays.add(f"unsorted items{number}", items)
             arrays.add(f"unsorted points{number}", points)
+    _sort_levels(arrays, len(tolerances))
     whole = np.concatenate(boxes) if any(map(len, boxes)) else np.full((1, 4), np.nan)
     facts = {
         "features": file.features,
         "left_out": left_out,
         "fields": fields,
         "box": [*whole[:, :2].min(axis=0).tolist(), *whole[:, 2:].max(axis=0).tolist()],
-        "levels": _sort_levels(arrays, tolerances),
+        "levels": tolerances,
     }
     arrays.finish(facts)
 
 
-def _tolerances(outlines: Outlines, extent: float) -> list[float]:
-    """Return those of levels, each twice as coarse: from half the usual step of a line on."""
-    steps = np.diff(outlines.along)
-    finest = 0.5 * np.median(steps[steps > 0.0]) if (steps > 0.0).any() else extent
-    found = 2.0 ** (np.floor(np.log2(finest)) + np.arange(_LEVELS))
-    return [0.0, *found[found <= extent / 8.0].tolist()]
+def _tolerances(shapes: Shapes2D, extent: float) -> list[float]:
+    """Return those of levels, of which each has far fewer points of some features than the finer one.
+
+    They are powers of two times half the usual step of a line.
+    """
+    steps = np.diff(shapes.outlines.along)
+    if not (steps > 0.0).any():
+        return [0.0, *(extent / 2.0**number for number in range(16, 3, -2))]
+    finest = 2.0 ** np.floor(np.log2(0.5 * np.median(steps[steps > 0.0])))
+    kept, most = [0.0], len(parts_of(shapes, 0.0).points)
+    for tolerance in (finest * 2.0 ** np.arange(_LEVELS)).tolist():
+        if tolerance <= extent / 8.0 and (count := len(parts_of(shapes, tolerance).points)) <= _SHRINK * most:
+            kept.append(tolerance)
+            most = count
+    return kept
 
 
-def _sort_levels(arrays: ArrayWriter, tolerances: list[float]) -> list[tuple[int, float]]:
-    """Sort items by place, of levels with far fewer points than the finer ones, and return these."""
-    kept, most = list[tuple[int, float]](), np.inf
-    for number, tolerance in enumerate(tolerances):
+def _sort_levels(arrays: ArrayWriter, count: int) -> None:
+    """Sort the items of each level by place."""
+    for number in range(count):
         items = arrays.written(f"unsorted items{number}", ITEM)
         points = arrays.written(f"unsorted points{number}", np.float64, 2)
-        if len(points) <= _SHRINK * most:
-            most, end = len(points), 0
-            kept.append((number, tolerance))
-            # Items of each chunk begin with its first point.
-            first = np.cumsum(items["count"], dtype=np.int64) - items["count"]
-            order = np.argsort(morton(items["box"]), kind="stable")
-            for at in range(0, max(len(order), 1), _BATCH):
-                batch = items[order[at : at + _BATCH]]
-                batch["first"] = first[order[at : at + _BATCH]]
-                arrays.add(f"points{number}", points[places(batch)])
-                batch["first"] = end + np.cumsum(batch["count"]) - batch["count"]
-                end += int(batch["count"].sum())
-                arrays.add(f"items{number}", batch)
-                arrays.add(f"groups{number}", common(batch["box"]))
-        del items, points
+        # In each part of the file they begin with its first point.
+        first = np.cumsum(items["count"], dtype=np.int64) - items["count"]
+        order, end = np.argsort(morton(items["box"]), kind="stable"), 0
+        for at in range(0, max(len(order), 1), _BATCH):
+            batch = items[order[at : at + _BATCH]]
+            batch["first"] = first[order[at : at + _BATCH]]
+            arrays.add(f"points{number}", points[places(batch)])
+            batch["first"] = end + np.cumsum(batch["count"]) - batch["count"]
+            end += int(batch["count"].sum())
+            arrays.add(f"items{number}", batch)
+            arrays.add(f"groups{number}", common(batch["box"]))
+        del items, points  # open files cannot be removed on all systems
         arrays.remove(f"unsorted items{number}")
         arrays.remove(f"unsorted points{number}")
-    return kept
 
 
 def _stored_kind(dtype: str) -> str:

@@ -9,6 +9,7 @@ from rasterio.enums import ColorInterp
 
 from sketchterrain.document.drapes import DrapedLayer, draped_layer
 from sketchterrain.drape.drapes import Drapes, Pick
+from sketchterrain.io.disk_cache import stored_folder
 from tests.drape.test_vector_sources import ALL, EXTENT, FRAME, opened
 
 SIDE = 1000  # px, of a metre each
@@ -179,3 +180,26 @@ def test_rasters_are_picked_and_change_as_a_whole(tmp_path) -> None:
         assert bad.sources == (None,)
         assert len(bad.problems) == 1
         assert "\n" not in bad.problems[0]
+
+
+def test_folders_are_built_once_and_the_oldest_are_discarded(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    built = []
+
+    def build(folder):
+        built.append(folder)
+        (folder / "content").write_bytes(bytes(100))
+
+    first = stored_folder("test", "a", build, max_bytes=250)
+    assert stored_folder("test", "a", build, max_bytes=250) == first
+    assert len(built) == 1
+    os.utime(first / "complete", (1, 1))
+    others = [stored_folder("test", name, build, max_bytes=250) for name in "bcd"]
+    assert not first.exists()
+    assert [each.exists() for each in others] == [True] * 3
+    with pytest.raises(ZeroDivisionError):
+        stored_folder("test", "e", lambda _: 1 // 0)
+    assert not list((tmp_path / "sketchterrain").glob("*.tmp"))
+    (others[0] / "complete").unlink()  # as of a build by a version before
+    assert stored_folder("test", "b", build, max_bytes=1000) == others[0]
+    assert len(built) == 5

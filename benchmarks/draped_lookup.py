@@ -127,7 +127,7 @@ def _lists_of(drapes: Drapes, place: tuple[float, float, float], texel: float) -
     goes_on &= is_fill[1:] | (np.abs(parts["along"][:-1] + parts["length"][:-1] - parts["along"][1:]) < 1e-3)
     pieces[:, 6] = np.cumsum(np.append(True, ~goes_on))[: len(pieces)]
     border = np.where(is_fill, GRAZING * texel, 0.0) / cell
-    cells, number = _cells_of(corners / cell, found.count, border, CELLS)
+    cells, number = _cells_of(corners / cell, found.counts, border, CELLS)
     order = np.argsort(cells, kind="stable")
     return _Lists(pieces, parts, cells[order], number[order])
 

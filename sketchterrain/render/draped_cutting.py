@@ -34,7 +34,7 @@ class Pieces(NamedTuple):
     """Convex pieces of features in the order in which they are drawn."""
 
     corners: Float64Array  # (n, _MOST, 2) m
-    count: Int64Array  # (n,) corners
+    counts: Int64Array  # (n,) corners
     frame: Float64Array  # (n, 4) m: origin and direction of the piece's own coordinates
     parts: npt.NDArray[np.void]  # (n,) of PART
 
@@ -52,7 +52,7 @@ class Pieces(NamedTuple):
         )
         if not len(items.kind):
             return cls.joined([])
-        for start, end in zip(starts, np.append(starts[1:], len(fills)), strict=True):
+        for start, end in zip(starts.tolist(), [*starts[1:].tolist(), len(fills)], strict=True):
             style = int(items.style[start])
             if fills[start]:
                 found.append(_area(items, start, end, float(angles[style])))
@@ -211,7 +211,7 @@ def cut(pieces: Pieces, mesh: Mesh, box: Bounds) -> npt.NDArray[np.void]:
     quads = round(np.sqrt(len(mesh.first) - 1))
     west, north, cell = box[0], box[3], (box[2] - box[0]) / quads
     local = (pieces.corners - [west, north]) * [1.0 / cell, -1.0 / cell]
-    numbers, values, part = _cut(local, pieces.count, *mesh, quads)
+    numbers, values, part = _cut(local, pieces.counts, *mesh, quads)
     vertices = np.empty(len(part), VERTEX)
     vertices["corners"][:, :3], vertices["corners"][:, 3] = numbers, 0
     vertices["weights"], vertices["part"] = values[:, :2], part

@@ -10,7 +10,7 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.drape.items import Items
 from sketchterrain.drape.painting import WHITE, linear_colour
@@ -142,28 +142,28 @@ class FeatureCutter:
 
     def cut(self, drapes: Drapes, held: Held | None, squares: Squares) -> dict[int, Cut]:
         """Return what lies in squares, by their numbers: all features, or the held one."""
-        shown = np.ones(len(squares.keys), np.bool_) if held else drapes.occupied(squares.boxes)
+        shown = drapes.occupied(squares.boxes) if held is None else self._near_held(drapes, held, squares)
         found = {}
         for number in np.flatnonzero(shown).tolist():
-            near, far, border = (float(each[number]) for each in (squares.near, squares.far, squares.border))
-            box = squares.boxes[number]
-            if held is not None:
-                low, high = self._held(drapes, held, far, border)[1]
-                if (box[:2] > high).any() or (box[2:] < low).any():
-                    continue
-            mesh = mesh_of(squares.quads, int(squares.cases[number]))
-            key = (
-                IdentityKey(drapes),
-                held,
-                squares.keys[number],
-                int(squares.cases[number]),
-                near,
-                far,
-                border,
-            )
-            make = partial(self._cut, drapes, held, mesh, box.tolist(), (near, far, border))
+            case, box = int(squares.cases[number]), squares.boxes[number].tolist()
+            texels = float(squares.near[number]), float(squares.far[number]), float(squares.border[number])
+            key = IdentityKey(drapes), held, squares.keys[number], case, texels
+            make = partial(self._cut, drapes, held, mesh_of(squares.quads, case), box, texels)
             found[number] = self._cache.get_or_compute(key, make)
         return {number: each for number, each in found.items() if len(each.vertices)}
+
+    def _near_held(self, drapes: Drapes, held: Held, squares: Squares) -> BoolArray:
+        """Return the squares that one feature may reach."""
+        points = self._items(drapes, held).points
+        low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
+        one, other = (reaches(drapes.styles, *each).max() for each in ((0.0, 0.0), (1.0, 0.0)))
+        reach = (one + (other - one) * squares.far + BORDER * squares.border)[:, None]
+        boxes = squares.boxes
+        return np.asarray(((boxes[:, :2] <= high + reach) & (boxes[:, 2:] >= low - reach)).all(axis=1))
+
+    def _items(self, drapes: Drapes, held: Held) -> Items:
+        texel = drapes.layers[held[0]]["finest"]  # it shows at any scale
+        return self._cache.get_or_compute((IdentityKey(drapes), held), lambda: drapes.only(held, texel))
 
     def _cut(
         self,
@@ -175,26 +175,10 @@ class FeatureCutter:
     ) -> Cut:
         self.cuts += 1
         near, far, border = texels
-        if held is None:
-            pieces = _pieces(drapes, drapes.items(box, near), far, border)
-        else:
-            pieces = self._held(drapes, held, far, border)[0]
+        items = drapes.items(box, near) if held is None else self._items(drapes, held)
+        reach = reaches(drapes.styles, far, border)
+        pieces = Pieces.of_items(items, reach, hatch_angles(drapes.styles))
         return Cut(cut(pieces, mesh, box), pieces.parts)
-
-    def _held(self, drapes: Drapes, held: Held, far: float, border: float) -> tuple[Pieces, Float64Array]:
-        """Return the pieces of one feature, and the corners of their box (m)."""
-
-        def make() -> tuple[Pieces, Float64Array]:
-            pieces = _pieces(drapes, drapes.only(held, far), far, border)
-            corners = pieces.corners[np.arange(pieces.corners.shape[1]) < pieces.count[:, None]]
-            low, high = corners.min(axis=0, initial=np.inf), corners.max(axis=0, initial=-np.inf)
-            return pieces, np.stack([low, high])
-
-        return self._cache.get_or_compute((IdentityKey(drapes), held, far, border), make)
-
-
-def _pieces(drapes: Drapes, items: Items, far: float, border: float) -> Pieces:
-    return Pieces.of_items(items, reaches(drapes.styles, far, border), hatch_angles(drapes.styles))
 
 
 class PartBuffers:

@@ -131,7 +131,7 @@ def test_pieces_are_cut_at_triangles_of_every_border_case_without_gap_or_overlap
     )
     strips = Pieces.of_items(items, np.array([9.0]), np.zeros(1))
     polygons = [
-        shapely.Polygon(corners[:count]) for corners, count in zip(strips.corners, strips.count, strict=True)
+        shapely.Polygon(corners[:count]) for corners, count in zip(strips.corners, strips.counts, strict=True)
     ]
     assert shapely.union_all(polygons).area == pytest.approx(sum(each.area for each in polygons))
     whole = shapely.LineString(line).buffer(8.9, cap_style="square")

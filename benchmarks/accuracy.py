@@ -11,6 +11,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float64Array
 from sketchterrain.benchmarks import choices
 from sketchterrain.benchmarks.appearance_error import appearance_table
+from sketchterrain.benchmarks.drape_error import drape_table
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import open_ground, scattered_keys
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
@@ -96,9 +97,10 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     float64 and `--fast`; quads of a tile, whose borders are evaluated twice; on one of desert_mountains,
     features culled at a share of their support. Errors are the largest; times are of all launches together.
 
-    The last table is of appearance tiles: albedo (times the share) and the share that roads and land use
+    The third table is of appearance tiles: albedo (times the share) and the share that roads and land use
     cover, for several sizes of texels, against the mean of 64 smaller texels of the float64 kernels; and the
-    same of means of 4 and 16 smaller ones.
+    same of means of 4 and 16 smaller ones. The last one is of draped areas and lines, against the exact areas
+    of texels inside them.
     """
     exact = TimedContext(str(context.device.index), real="double") if context.device.has_double else None
     rows: list[Row] = []
@@ -110,7 +112,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
             rows += [shared | row for row in _compare(sample, context, exact, effort.rounds)]
     errors = Table("Error against time", _COLUMNS, tuple(rows))
     painted = appearance_table(context, exact, effort)
-    return Outcome((errors, choices.table(context, effort), painted))
+    return Outcome((errors, choices.table(context, effort), painted, drape_table(context, effort)))
 
 
 def _sample(terrain: Terrain, level: int, count: int) -> _Sample:

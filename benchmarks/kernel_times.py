@@ -4,10 +4,13 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from sketchterrain.benchmarks.appearance_error import AT, GROUND, open_appearance
+from sketchterrain.benchmarks.drape_error import kernel_drapes
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import BARE, RELIEF, NoiseGrid, central_keys, open_ground
 from sketchterrain.benchmarks.poisson_disk import PoissonDisk
@@ -181,7 +184,8 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     `count_points` and `write_…` their lists (an item is 256 cells of a row). `bench_fbm` is 8 octaves of
     noise on a grid, `bench_fbm_slope` with slopes, `bench_base_detail` as many of detail below a DEM,
     `appearance` paints a tile of roads among fields, of texels of 0.5 m and of 65 m, for which `area_means`
-    sums up fields (an item is a texel, an area), `material_paint` and `material_relief` the materials'
+    sums up fields (an item is a texel, an area), `drape` a tile of 150 draped lines over as many areas,
+    `material_paint` and `material_relief` the materials'
     textures (an item is a texel), `spline_…_distances`
     the distance to a spline of six control points, flattened for cells of 1 m. Medians and 95th percentiles
     are over all launches of all rounds; rates are work items, and the bytes that they write, over the median.
@@ -228,6 +232,10 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
     for level, kernels in ((6, ("appearance",)), (-1, ("appearance", "area_means"))):
         tile = level, *(int(at // (paint.extent / 2.0**level)) for at in AT)
         yield _Case(kernels, GROUND, level), partial(context.lap, partial(_painted, paint, tile))
+    with TemporaryDirectory() as folder:
+        drapes = kernel_drapes(context, Path(folder))
+        yield _Case(("drape",)), partial(context.lap, partial(drapes.tiles, [(0, 0, 0)]))
+        drapes.tiles([(0, 0, 0)])  # lists it while the file is there
     yield from _point_works(context, round(_POINT_SIDE * _POINT_RADIUS))
     grid = NoiseGrid(context, effort.noise_side)
     yield _Case(("bench_fbm",)), partial(context.lap, grid.launch)

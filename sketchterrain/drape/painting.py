@@ -39,9 +39,11 @@ _JOINS, _CONTINUES = (int(each) for each in kernel_constants("drape.clh", "PIECE
 (_MITRE_LIMIT,) = kernel_constants("drape.clh", "MITRE_LIMIT")
 _CAPS, _JOIN_NAMES = (STYLE[name].choices for name in ("cap", "join"))
 _PIECE: Final = kernel_columns("drape.clh", "DrapePiece")
-_LENGTHS: Final = [_STYLE[name] for name in ("style_half_width", "style_hatch_spacing", "style_dash_period")]
 _FIRST_DASH: Final = 24
-_LENGTHS += range(_FIRST_DASH, _FIRST_DASH + 16)
+_LENGTHS: Final = [
+    *(_STYLE[f"style_{name}"] for name in ("half_width", "hatch_spacing", "dash_period")),
+    *range(_FIRST_DASH, _FIRST_DASH + 16),
+]
 _AROUND: Final = 0.75  # texels from the middle of one to its corner, about
 _LONG: Final = 512.0  # texels: longer segments are cut, so that their ends are near
 _MAX_TILES: Final = 32  # in a launch
@@ -130,19 +132,13 @@ class DrapedAppearance:
     @cached_property
     def reach(self) -> float:
         """Texels around features of a width in px that may be painted."""
-        widest = max(
-            (each.reach(1.0) for each in self.drapes.styles if each.style["unit"] == "px"), default=0.0
-        )
-        return 1.0 + widest / TEXEL_PIXELS
+        reaches = [each.reach(1.0) for each in self.drapes.styles if each.style["unit"] == "px"]
+        return 1.0 + max(reaches, default=0.0) / TEXEL_PIXELS
 
     @property
     def nbytes(self) -> int:
         """Bytes of lists and of tiles below that are kept."""
         return self._lists.nbytes + self._bases.nbytes
-
-    def texel(self, level: int) -> float:
-        """Return the side of a level's texels, m."""
-        return float(self.extent / 2.0**level / (SIDE - 2))
 
     def occupied(self, keys: npt.ArrayLike) -> BoolArray:
         """Return whether anything may be painted in tiles (n, 3) of level, column and row, (n,)."""
@@ -178,23 +174,16 @@ class DrapedAppearance:
         return np.concatenate([boxes, self.below.changed_areas(old.below)])
 
     def tiles(self, keys: npt.ArrayLike) -> UInt8Array:
-        """Return tiles.
+        """Return tiles (n, SIDE, SIDE, 4), as `terrain.appearance.Appearance` does.
 
-        Parameters
-        ----------
-        keys : (n, 3) levels, columns and rows
-
-        Returns
-        -------
-        (n, SIDE, SIDE, 4) uint8
-            √ of the albedo of red, green and blue over what is painted, and the share of the texel that is.
-            If the appearance `filters`, 8: then how much of the ground's red, green and blue is seen.
+        If the appearance `filters`, 8: then how much of the ground's red, green and blue is seen.
         """
         tiles = np.asarray(keys, np.int64).reshape(-1, 3)
         result = np.zeros((len(tiles), SIDE, SIDE, 8 if self.filters else 4), np.uint8)
         for level in np.unique(tiles[:, 0]).tolist():
             (own,) = np.nonzero(tiles[:, 0] == level)
-            texel, width = self.texel(level), self.extent / 2.0**level
+            width = self.extent / 2.0**level
+            texel = width / (SIDE - 2)
             for part in np.array_split(own, -(-len(own) // _MAX_TILES)):
                 names = list(map(tuple, tiles[part].tolist()))
                 corners = tiles[part, 1:] * width - texel
@@ -291,32 +280,24 @@ class DrapedAppearance:
         self, corner: Float64Array, view: _Scale, rasters: Container[int], name: tuple[int, ...] | None
     ) -> dict[int, _Lists]:
         """Return what is near a square, by the numbers of layers of vectors; that of tiles is kept."""
-        drapes = self.drapes
-        wanted = [
-            number
-            for number, layer in enumerate(drapes.layers)
-            if layer["visible"]
-            and layer["opacity"] > 0.0
-            and drapes.sources[number]
-            and number not in rasters
+        drapes, styles = self.drapes, self._styles
+        shown = [
+            bool(layer["visible"] and layer["opacity"] > 0.0 and source)
+            for layer, source in zip(drapes.layers, drapes.sources, strict=True)
         ]
+        wanted = [number for number in np.flatnonzero(shown).tolist() if number not in rasters]
         found = {number: self._lists.get((name, self._layer_keys[number])) for number in wanted}
         if name is not None and all(each is not None for each in found.values()):
             return found
         box = (*corner.tolist(), *(corner + SIDE * view.texel).tolist())
         items = drapes.items(box, view.pixel)
-        reach = (self._styles.reach * self._styles.units(view))[items.style]
-        shape = (items.points - np.append(corner, 0.0)[:2]) / view.texel
+        items = items._replace(points=(items.points - corner) / view.texel, along=items.along / view.texel)
+        reach = (styles.reach * styles.units(view))[items.style]
         for number in wanted:
-            (own,) = np.nonzero(items.layer == number)
-            found[number] = _lists_of(
-                items._replace(points=shape).taken(own),
-                reach[own],
-                self._styles.is_mitred[items.style[own]],
-                view.texel,
-                int(self._styles.first[number]),
-                self.context.real_dtype,
-            )
+            own, first = items.layer == number, int(styles.first[number])
+            is_mitred = styles.is_mitred[items.style[own]]
+            lists = _lists_of(items.taken(own), reach[own], is_mitred, first)
+            found[number] = lists._replace(pieces=lists.pieces.astype(self.context.real_dtype))
             if name is not None:
                 self._lists.store((name, self._layer_keys[number]), found[number])
         return found
@@ -391,10 +372,8 @@ def _joined(
     return starts, rows[order], np.concatenate(numbers), np.concatenate(pieces), anchors
 
 
-def _lists_of(
-    items: Items, reach: Float64Array, is_mitred: BoolArray, texel: float, style: int, real: npt.DTypeLike
-) -> _Lists:
-    """Return the lists of a layer's items near a square, their points in texels from its corner."""
+def _lists_of(items: Items, reach: Float64Array, is_mitred: BoolArray, style: int) -> _Lists:
+    """Return the lists of a layer's items near a square, in texels from its corner."""
     pieces, pairs = _pieces_of(items.kind, items.first, items.points, items.ends, reach, is_mitred)
     starts = np.ones(len(items.kind), np.bool_)  # of parts of a feature that are painted at once
     columns = [getattr(items, name) for name in ("feature", "kind", "style")]
@@ -405,9 +384,10 @@ def _lists_of(
     classes, own, count = items.style - np.int32(style), pairs[first, 1], np.diff(first, append=len(pairs))
     entries = np.stack([classes[own], items.kind[own], first, count], axis=1).astype(np.int32)
     item, numbers = pieces[:, 8].astype(np.int32), pairs[:, 2].astype(np.int32)
-    along = pieces[:, _PIECE["drape_along"]] + items.along[item] / texel if len(classes) else pieces[:0, 0]
-    styles = classes[item] if len(classes) else classes
-    return _Lists(pieces[:, :8].astype(real), along, styles, block[first], entries, numbers)
+    if not len(classes):
+        return _Lists(pieces[:, :8], np.zeros(0), classes, block[first], entries, numbers)
+    along = pieces[:, _PIECE["drape_along"]] + items.along[item]
+    return _Lists(pieces[:, :8], along, classes[item], block[first], entries, numbers)
 
 
 def _geometry_key(layer: DrapedLayer) -> Hashable:

@@ -76,7 +76,7 @@ class DrapePictures(QObject):
         self.above: Pictures = ()  # at most one
         self._key: tuple[object, ...] = ()
         self._base: tuple[object, Drapes] | None = None  # without the feature that is held
-        self._seconds = 0.0
+        self._seconds, self._texel = 0.0, 0.0  # that the last picture took, and its scale
         self._reader = BackgroundReader(self)
         context.document.drapes.changed.connect(self.update)
 
@@ -87,13 +87,13 @@ class DrapePictures(QObject):
     def update(self) -> None:
         """Draw what has changed: the layers or the viewport."""
         drapes, window = self._drapes(), self._window()
-        key = drapes, window
+        key, is_zoomed = (drapes, window), window.texel != self._texel
         if key == self._key or self.is_busy:
             return
-        self._key = key
+        self._key, self._texel = key, window.texel
         if drapes is None or drapes.is_empty:
             self._show(window, ((None, None), 0.0))
-        elif self._seconds < _SHORT and (self.beneath or self.above):
+        elif self._seconds < _SHORT and not is_zoomed and (self.beneath or self.above):
             self._show(window, _draw(drapes, window))
         else:
             self._reader.read(partial(_draw, drapes, window), partial(self._show, window))

@@ -295,7 +295,8 @@ class EngineLink(ViewSource):
         self._started_at = time.monotonic()
         self._run(EngineProcesses(device=self.device, draws=draws))
         self._updates.start(self._schedule)
-        self._send_drapes()
+        if self._document.drapes.current is not None:
+            self._send_drapes()
         self._send_sketch()
 
     def _send_drapes(self) -> None:

@@ -15,6 +15,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.drape.drapes import Drapes, LayerStyle
 from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE, Items
 from sketchterrain.drape.painting import TEXEL_PIXELS, WHITE, DrapedAppearance, linear_colour
+from sketchterrain.export.sampled import SampleGrid, sample_appearance
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import canvas, read_picture
 from sketchterrain.render.quality import Quality
@@ -22,6 +23,7 @@ from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
 from sketchterrain.terrain.appearance import SIDE
 from sketchterrain.terrain.building import build
+from sketchterrain.terrain.terrain import Terrain
 
 if not list_devices():
     pytest.skip("no OpenCL device", allow_module_level=True)
@@ -497,6 +499,33 @@ def test_degenerate_features_are_painted_without_a_trace_of_them():
     assert shares(painted(items, fill="#ffffff", width=4.0))[100, 40] == 1.0
 
 
+def write_areas(folder, *shapes):
+    """Return layers of one white area each."""
+    layers = []
+    for number, shape in enumerate(shapes):
+        path = folder / f"{number}.gpkg"
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a file without a CRS
+            columns = [np.zeros(1, np.int64)], ["number"]
+            pyogrio.raw.write(path, shapely.to_wkb([shape]), *columns, geometry_type="Polygon", crs=None)
+        layers.append(DrapedLayer(str(path), {}, SOLID | {"width": 0.0, "fill": "#ffffff"}))
+    return tuple(layers)
+
+
+def test_the_exported_picture_has_the_draped_layers_of_the_sketch(tmp_path):
+    shape = star(1, (900.0, 900.0), 500.0)
+    terrain = build(Sketch())
+    grid = SampleGrid(400.0, 400.0, 1400.0, 1400.0, 201, 201)
+    assert sample_appearance(terrain, grid) is None
+    layers = write_areas(tmp_path, shape)
+    terrain = Terrain(terrain.sketch.replace(drapes=layers), terrain.recipe, terrain.context)
+    found = sample_appearance(terrain, grid)[..., 3] / 255.0
+    x, y = np.meshgrid(np.linspace(400.0, 1400.0, 201), np.linspace(1400.0, 400.0, 201))
+    texels = shapely.box(x - 2.5, y - 2.5, x + 2.5, y + 2.5)
+    assert np.abs(found - shapely.area(shapely.intersection(texels, shape)) / 25.0).max() < 0.01
+
+
+@pytest.mark.slow
 @pytest.mark.gl
 def test_pictures_show_changed_layers_whatever_way_they_came(tmp_path):
     """Of a filtering layer over another: shown, hidden, restyled; old tiles stay until new ones are drawn."""
@@ -505,19 +534,9 @@ def test_pictures_show_changed_layers_whatever_way_they_came(tmp_path):
     )
     quality, size = replace(quality, quads=64), (200, 140)
     camera = Camera((900.0, 200.0, 500.0), (1000.0, 900.0, 0.0), near=1.0, far=30_000.0)
-    layers = []
-    for number, shape in enumerate(
-        (star(1, (900.0, 900.0), 500.0), shapely.box(950.0, 500.0, 1500.0, 1300.0))
-    ):
-        path = tmp_path / f"{number}.gpkg"
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a file without a CRS
-            columns = [np.zeros(1, np.int64)], ["number"]
-            pyogrio.raw.write(path, shapely.to_wkb([shape]), *columns, geometry_type="Polygon", crs=None)
-        layers.append(
-            DrapedLayer(str(path), {"blend": ("normal", "multiply")[number]}, SOLID | {"width": 0.0})
-        )
-    layers = [layers[0].replace(fill="#3355ff"), layers[1].replace(fill="#ff8080")]
+    shapes = star(1, (900.0, 900.0), 500.0), shapely.box(950.0, 500.0, 1500.0, 1300.0)
+    layers = write_areas(tmp_path, *shapes)
+    layers = [layers[0].replace(fill="#3355ff"), layers[1].replace(fill="#ff8080", blend="multiply")]
     sketch = Sketch()
     terrain = build(sketch)
     drapes = Drapes.open(layers, sketch.frame, sketch.size, sketch.extent)

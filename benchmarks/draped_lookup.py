@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-import moderngl
 import numpy as np
 import numpy.typing as npt
 from numba import njit
@@ -43,17 +42,17 @@ class _Lists(NamedTuple):
 class LookupDraping:
     """Draws vectors by per-pixel lists on grids around the eye, each twice as wide as the one inside it."""
 
-    def __init__(self, context: moderngl.Context, *, samples: int) -> None:
+    def __init__(self, context: Any, *, samples: int) -> None:
         macros = (("LEVELS", LEVELS), ("CELLS", CELLS), ("SAMPLES", samples))
         program = context.program(
             vertex_shader=source("render/screen.vert.glsl"),
             fragment_shader=source("baselines/draped_lookup.frag.glsl", macros),
         )
-        program["Frame"].binding = FRAME_BINDING  # type: ignore[union-attr] # it is a uniform block
+        program["Frame"].binding = FRAME_BINDING
         self._pass = context.vertex_array(program, [])
         self._context = context
         self._levels: dict[int, tuple[object, _Lists]] = {}
-        self._buffers: list[moderngl.Buffer] = []
+        self._buffers: list[Any] = []
         self._state: object = None
         self.is_loaded, self.longest = True, 0
 
@@ -61,7 +60,7 @@ class LookupDraping:
     def nbytes(self) -> int:
         """Bytes of buffers and lists."""
         lists = sum(each.nbytes for _, found in self._levels.values() for each in found)
-        return lists + sum(buffer.size for buffer in self._buffers)
+        return lists + sum(int(buffer.size) for buffer in self._buffers)
 
     def draw(
         self, drapes: Drapes, view: DrapedView, targets: RenderTargets, buffer: DrapedBuffer, *, moving: bool
@@ -74,7 +73,6 @@ class LookupDraping:
             self._state = state
         for binding, each in zip((2, 3, 4, 5, 6), self._buffers, strict=True):
             each.bind_to_storage_buffer(binding)
-        buffer.use()
         targets.depth.use(1)
         targets.textures["gbuffer_normal"].use(2)  # type: ignore[union-attr] # one texture
         rows = [(x - view.camera.eye[0], y - view.camera.eye[1], cell) for x, y, cell in corners]

@@ -1,10 +1,11 @@
 #version 430 core
 // Mean of the samples of what is draped. In front of something farther, only some samples of a pixel are on the ground
 // that is shaded for all of it: there the mean of those that are draped.
-//   SAMPLES   of the G-buffer along each axis of a pixel; 0: the mean of all, everywhere
+//   SAMPLES   of the G-buffer along each axis of a pixel
 //   FRAGMENTS samples of what is draped, a pixel
 uniform sampler2DMS drawn;
 uniform sampler2D ground_depth;
+uniform float all_samples; // 1: the mean of all, everywhere
 
 layout(location = 0) out vec4 colour;
 
@@ -15,7 +16,7 @@ float depth_at(ivec2 pixel)
     ivec2 last = textureSize(ground_depth, 0) - 1;
     float nearest = 1.0;
     for (int k = 0; k < SAMPLES * SAMPLES; ++k)
-        nearest = min(nearest, texelFetch(ground_depth, clamp(pixel * SAMPLES + ivec2(k % max(SAMPLES, 1), k / max(SAMPLES, 1)), ivec2(0), last), 0).r);
+        nearest = min(nearest, texelFetch(ground_depth, clamp(pixel * SAMPLES + ivec2(k % SAMPLES, k / SAMPLES), ivec2(0), last), 0).r);
     return nearest;
 }
 
@@ -36,11 +37,8 @@ void main()
         sum += fragment;
         count += fragment.a > 0.0 ? 1 : 0;
     }
-    if (SAMPLES > 0 && count > 0 && count < FRAGMENTS) {
-        float here = depth_at(pixel);
-        if (!is_in_front(pixel, here, ivec2(1, 0)) && !is_in_front(pixel, here, ivec2(0, 1))) count = FRAGMENTS;
-    } else {
-        count = FRAGMENTS;
-    }
+    float here = depth_at(pixel);
+    bool in_front = is_in_front(pixel, here, ivec2(1, 0)) || is_in_front(pixel, here, ivec2(0, 1));
+    if (all_samples > 0.0 || count == 0 || !in_front) count = FRAGMENTS;
     colour = sum / float(count);
 }

@@ -39,7 +39,7 @@ class ScreenMethod(Protocol):
     def draw(
         self, drapes: Drapes, view: DrapedView, targets: RenderTargets, buffer: DrapedBuffer, *, moving: bool
     ) -> None:
-        """Draw over the G-buffer with the frame's camera; `moving` limits the time of loading."""
+        """Draw into the cleared buffer with the frame's camera; `moving` limits the time of loading."""
 
 
 ScreenMethods = dict[str, Callable[[moderngl.Context, TerrainStream, GroundLighting, Quality], ScreenMethod]]
@@ -164,7 +164,6 @@ class DrapedScreen:
         if screen is not None and rest is not None and has_rest:
             screen.draw(rest, view, targets, self._buffer, moving=moving)
         for version, feature, share in held:
-            self._buffer.use()
             self.geometry.draw_features(version, feature, view, targets.depth, share=share)
         self._buffer.resolve(targets.depth)
         self.seconds += time.perf_counter() - start

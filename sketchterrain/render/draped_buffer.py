@@ -14,10 +14,10 @@ SAMPLES: Final = 4  # a pixel
 class DrapedBuffer:
     """Albedo times share, and share, at several samples a pixel of a size (px), and their mean, `colour`.
 
-    With `samples`, those of a G-buffer along each axis of a pixel, the mean is that of the ground in front.
+    `samples` are those of the G-buffer along each axis of a pixel.
     """
 
-    def __init__(self, context: moderngl.Context, size: tuple[int, int], *, samples: int = 0) -> None:
+    def __init__(self, context: moderngl.Context, size: tuple[int, int], *, samples: int) -> None:
         fragments = min(SAMPLES, context.max_samples)
         self.size = size
         self.nbytes = 8 * size[0] * size[1] * (1 + fragments)
@@ -31,24 +31,22 @@ class DrapedBuffer:
         self._average = fullscreen_pass(context, "draped_mean.frag.glsl", defines=macros)
 
     def clear(self) -> None:
-        """Bind and clear it."""
+        """Bind and clear it, for what is premultiplied by its share."""
         self._drawn.use()
         self._drawn.clear(0.0, 0.0, 0.0, 0.0)
-        self.use()
-
-    def use(self) -> None:
-        """Bind it, for what is premultiplied by its share."""
-        self._drawn.use()
         self._context.enable_only(moderngl.BLEND)
         self._context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
 
-    def resolve(self, depth: moderngl.Texture | None = None) -> None:
-        """Average the samples, with the depth of the G-buffer, and restore the usual blending."""
+    def resolve(self, depth: moderngl.Texture, into: moderngl.Framebuffer | None = None) -> None:
+        """Average the samples, and restore the usual blending.
+
+        By default the mean is that of the samples on the ground in front by a G-buffer's depth.
+        """
         self._context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
         self._context.enable_only(moderngl.NOTHING)
-        self._mean.use()
-        self._samples.use(1)
-        if depth is not None:
-            depth.use(2)
-        set_uniforms(self._average.program, {"drawn": 1, "ground_depth": 2})
+        (into or self._mean).use()
+        self._samples.use(7)
+        depth.use(8)
+        values = {"drawn": 7, "ground_depth": 8, "all_samples": float(into is not None)}
+        set_uniforms(self._average.program, values)
         self._average.render(vertices=3)

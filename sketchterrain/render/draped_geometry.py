@@ -258,7 +258,6 @@ class DrapedGeometry:
         self, drapes: Drapes, view: DrapedView, targets: RenderTargets, buffer: DrapedBuffer, *, moving: bool
     ) -> None:
         """Draw all features."""
-        buffer.use()
         self.draw_features(drapes, None, view, targets.depth)
 
     def draw_features(

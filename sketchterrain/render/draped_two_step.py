@@ -18,6 +18,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.caching import IdentityKey
 from sketchterrain.render.appearance import premultiplied
+from sketchterrain.render.camera import Camera
 from sketchterrain.render.draped_buffer import DrapedBuffer
 from sketchterrain.render.draped_cutting import mesh_of
 from sketchterrain.render.draped_geometry import DrapedView, FeatureCutter, PartBuffers, Squares
@@ -34,10 +35,12 @@ if TYPE_CHECKING:
 
 QUADS: Final = 16  # along the side of a square
 TEXELS: Final = 256  # along the side of a window of a raster: at most a pixel wide
-WINDOWS: Final = 160  # in memory: 42 MB
+WINDOWS: Final = 112  # in memory: 29 MB
+COARSER: Final = 1.25  # factor on widths while there are more squares than that
 LEAST: Final = 4.0  # m, least width of squares
 SMOOTH: Final = 128.0  # cells of the approximation in an extent, about
 LOADING: Final = 0.02  # s a frame for windows, in motion
+_CHILDREN: Final = np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 1]])
 _SQUARE: Final = np.dtype([("square", "<f4", 4), ("window", "<f4", 4)])
 
 
@@ -70,46 +73,44 @@ class TwoStepDraping:
         ]
         self._foot = fullscreen_pass(context, "draped_foot.frag.glsl", defines={**macros, "SAMPLES": samples})
         self._indices = context.buffer(mesh_of(QUADS, 0).numbers.astype(np.uint32).tobytes())
-        self._instances = context.buffer(reserve=_SQUARE.itemsize, dynamic=True)
+        self._instances = context.buffer(reserve=_SQUARE.itemsize * WINDOWS, dynamic=True)
         self._windows: RasterWindows | None = None
-        self._buffer: DrapedBuffer | None = None
+        self._colour: moderngl.Texture | None = None
         self.cutter, self._parts = FeatureCutter(), PartBuffers(context)
         self.is_loaded, self.triangles = True, 0
 
     @property
     def nbytes(self) -> int:
         """Bytes of buffers and caches."""
-        depth = 4 * self._depth.width * self._depth.height + self._buffer.nbytes if self._buffer else 0
+        first = 12 * self._depth.width * self._depth.height if self._colour else 0
         windows = self._windows.nbytes if self._windows else 0
-        return self.cutter.nbytes + self._parts.nbytes + windows + depth
+        return self.cutter.nbytes + self._parts.nbytes + windows + first
 
     def draw(
         self, drapes: Drapes, view: DrapedView, targets: RenderTargets, buffer: DrapedBuffer, *, moving: bool
     ) -> None:
         """Draw all layers."""
-        self._draw_first(drapes, view, targets.size, moving=moving)
-        buffer.use()
-        self.show(targets)
-
-    def _draw_first(self, drapes: Drapes, view: DrapedView, size: tuple[int, int], *, moving: bool) -> None:
-        """Draw the first step."""
-        if self._buffer is None or self._buffer.size != size:
-            self._buffer = DrapedBuffer(self._context, size)
-            self._depth = self._context.depth_texture(size)
+        size, eye = targets.size, view.camera.eye
+        if self._colour is None or self._colour.size != size:
+            self._colour, self._depth = (
+                self._context.texture(size, 4, dtype="f2"),
+                self._context.depth_texture(size),
+            )
+            self._colour.repeat_x = self._colour.repeat_y = False
             self._depth.compare_func = ""
+            self._first = self._context.framebuffer([self._colour])
             self._depth_only = self._context.framebuffer(depth_attachment=self._depth)
-        camera = view.camera
         squares, codes = self._squares(view, size[0] / size[1])
         self._bind(self._features, *self._programs, self._foot.program)
         rows = np.zeros(len(codes), _SQUARE)
         west, north = squares.boxes[:, 0], squares.boxes[:, 3]
-        rows["square"][:, 0], rows["square"][:, 1] = west - camera.eye[0], north - camera.eye[1]
+        rows["square"][:, 0], rows["square"][:, 1] = west - eye[0], north - eye[1]
         rows["square"][:, 2] = (squares.boxes[:, 2] - west) / QUADS
         self._depth_only.use()
         self._depth_only.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._draw_squares(self._programs[0], rows)
-        self._buffer.clear()
+        buffer.clear()
         self._depth.use(3)
         self.is_loaded = True
         for number, source in drapes.rasters(float(squares.near.min(initial=np.inf))):
@@ -122,13 +123,15 @@ class TwoStepDraping:
             array = self._parts.array(self._features, (self._instances, "4f4 4f4/i", "square", "window"))
             set_uniforms(self._features, {"share": 1.0})
             array.render_indirect(commands, moderngl.TRIANGLES, count=len(found))
-        self._buffer.resolve()
+        buffer.resolve(targets.depth, self._first)
+        buffer.clear()
+        self.show(targets)
 
     def show(self, targets: RenderTargets, *, marks_outside: bool = False) -> None:
         """Draw the second step into the bound framebuffer, or the pixels whose feet are not in the buffer."""
-        if self._buffer is not None:
+        if self._colour is not None:
             targets.depth.use(4)
-            self._buffer.colour.use(5)
+            self._colour.use(5)
             self._depth.use(3)
             units = {"ground_depth": 4, "drawn": 5, "smooth_depth": 3, "marks_outside": float(marks_outside)}
             set_uniforms(self._foot.program, units)
@@ -149,33 +152,37 @@ class TwoStepDraping:
         """Return the squares that a camera sees, and their levels, columns and rows from north to south."""
         low_z, high_z = self._lit.height_range if self._plane is None else (self._plane, self._plane)
         camera, pixel = view
-        eye, planes = np.array(camera.eye), camera.frustum(aspect)
+        planes = camera.frustum(aspect)
         above = max(camera.eye[2] - self._lit.height_at(*camera.eye[:2]), 0.0)
-        top = int(np.ceil(np.log2(2.0 * camera.far / self._extent)))
-        around = np.floor(eye[:2] / (self._extent * 2.0**top)).astype(np.int64)
-        columns, rows = np.meshgrid(around[0] + np.arange(-1, 2), around[1] + np.arange(-1, 2))
-        codes, found = np.stack([np.full(9, -top), columns.ravel(), rows.ravel()], axis=1), []
-        while len(codes):
-            width = self._extent * 2.0 ** -codes[0, 0]
-            low = np.column_stack([codes[:, 1:] * width, np.full(len(codes), low_z)])
-            high = np.column_stack([low[:, :2] + width, np.full(len(codes), high_z)])
-            apart = np.linalg.norm(np.maximum(np.maximum(low - eye, eye - high), 0.0)[:, :2], axis=1)
-            seen = inside_frustum(planes, low, high) & (apart < camera.far)
-            splits = seen & (width > np.maximum(TEXELS * pixel * np.hypot(apart, 0.5 * above), LEAST))
-            found.append(codes[seen & ~splits])
-            codes = (codes[splits] * [1, 2, 2] + [1, 0, 0])[:, None] + [
-                [0, 0, 0],
-                [0, 1, 0],
-                [0, 0, 1],
-                [0, 1, 1],
-            ]
-            codes = codes.reshape(-1, 3)
-        codes = np.concatenate(found)
+        widest, codes = TEXELS * pixel, np.zeros((WINDOWS + 1, 3), np.int64)
+        while len(codes) > WINDOWS:
+            codes = self._codes(camera, planes, (low_z, high_z), widest, above)
+            widest *= COARSER
         width = self._extent * 2.0 ** -codes[:, :1].astype(np.float64)
         flat = codes[:, 1:] * width
         boxes = Boxes(np.insert(flat, 2, low_z, axis=1), np.insert(flat + width, 2, high_z, axis=1))
         cases = np.zeros(len(codes), np.int64)
         return Squares.seen([*map(tuple, codes.tolist())], boxes, QUADS, cases, view), codes
+
+    def _codes(
+        self, camera: Camera, planes: Float64Array, z: tuple[float, float], widest: float, above: float
+    ) -> Int64Array:
+        """Return the squares that a camera sees, at most `widest` times their distance wide."""
+        eye, top = np.array(camera.eye), int(np.ceil(np.log2(2.0 * camera.far / self._extent)))
+        around = np.floor(eye[:2] / (self._extent * 2.0**top)).astype(np.int64)
+        columns, rows = np.meshgrid(around[0] + np.arange(-1, 2), around[1] + np.arange(-1, 2))
+        codes, found = np.stack([np.full(9, -top), columns.ravel(), rows.ravel()], axis=1), []
+        while len(codes):
+            width = self._extent * 2.0 ** -codes[0, 0]
+            low = np.column_stack([codes[:, 1:] * width, np.full(len(codes), z[0])])
+            high = np.column_stack([low[:, :2] + width, np.full(len(codes), z[1])])
+            apart = np.linalg.norm(np.maximum(np.maximum(low - eye, eye - high), 0.0)[:, :2], axis=1)
+            seen = inside_frustum(planes, low, high) & (apart < camera.far)
+            splits = seen & (width > np.maximum(widest * np.hypot(apart, 0.5 * above), LEAST))
+            found.append(codes[seen & ~splits])
+            finer = (codes[splits] * [1, 2, 2] + [1, 0, 0])[:, None] + _CHILDREN
+            codes = finer.reshape(-1, 3)
+        return np.concatenate(found)
 
     def _draw_raster(
         self,
@@ -203,8 +210,6 @@ class TwoStepDraping:
         array.render(moderngl.TRIANGLES, instances=len(rows))
 
     def _write_instances(self, rows: npt.NDArray[np.void]) -> None:
-        if self._instances.size < rows.nbytes:
-            self._instances = self._context.buffer(reserve=2 * rows.nbytes, dynamic=True)
         self._instances.orphan()
         self._instances.write(rows.tobytes())
 

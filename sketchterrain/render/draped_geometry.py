@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import moderngl
@@ -11,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
-from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.caching import IdentityKey
 from sketchterrain.drape.items import Items
 from sketchterrain.drape.painting import WHITE, linear_colour
 from sketchterrain.render.camera import Camera
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
 Held = tuple[int, int]
 """Number of a layer in `Drapes.layers`, id of a feature."""
 
-CACHE_BYTES: Final = 64 << 20  # of cut features
+KEPT_BYTES: Final = 32 << 20  # of cut features; more only for one picture
 LEAST_SINE: Final = (
     0.1  # of the angle at which ground is seen, for which strokes have room beyond their width
 )
@@ -126,44 +125,51 @@ class Cut(NamedTuple):
 
 
 class FeatureCutter:
-    """Features cut for squares, cached until they or the squares' triangles change.
+    """Features cut for squares, kept until they or the squares' triangles change.
 
-    `cuts` counts the squares that were cut, `nbytes` the memory of the cache.
+    `cuts` counts the squares that were cut.
     """
 
     def __init__(self) -> None:
-        self._cache = LRUCache(max_bytes=CACHE_BYTES)
+        self._kept: dict[object, Cut] = {}
+        self._items: tuple[object, Items] = (None, Items.empty())  # of the held feature
         self.cuts = 0
 
     @property
     def nbytes(self) -> int:
-        """Bytes of cached arrays."""
-        return self._cache.nbytes
+        """Bytes of what is kept."""
+        return sum(each.vertices.nbytes + each.parts.nbytes for each in self._kept.values())
 
     def cut(self, drapes: Drapes, held: Held | None, squares: Squares) -> dict[int, Cut]:
         """Return what lies in squares, by their numbers: all features, or the held one."""
         shown = drapes.occupied(squares.boxes) if held is None else self._near_held(drapes, held, squares)
-        found = {}
+        found, names = dict[int, Cut](), list[object]()
         for number in np.flatnonzero(shown).tolist():
             case, box = int(squares.cases[number]), squares.boxes[number].tolist()
             texels = float(squares.near[number]), float(squares.far[number]), float(squares.border[number])
-            key = IdentityKey(drapes), held, squares.keys[number], case, texels
-            make = partial(self._cut, drapes, held, mesh_of(squares.quads, case), box, texels)
-            found[number] = self._cache.get_or_compute(key, make)
+            name = IdentityKey(drapes), held, squares.keys[number], case, texels
+            known = self._kept.get(name)
+            mesh = mesh_of(squares.quads, case)
+            found[number] = self._cut(drapes, held, mesh, box, texels) if known is None else known
+            names.append(name)
+        used = dict(zip(names, found.values(), strict=True))
+        self._kept = used if self.nbytes > KEPT_BYTES else self._kept | used
         return {number: each for number, each in found.items() if len(each.vertices)}
 
     def _near_held(self, drapes: Drapes, held: Held, squares: Squares) -> BoolArray:
         """Return the squares that one feature may reach."""
-        points = self._items(drapes, held).points
+        points = self._held_items(drapes, held).points
         low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
         one, other = (reaches(drapes.styles, *each).max() for each in ((0.0, 0.0), (1.0, 0.0)))
         reach = (one + (other - one) * squares.far + BORDER * squares.border)[:, None]
         boxes = squares.boxes
         return np.asarray(((boxes[:, :2] <= high + reach) & (boxes[:, 2:] >= low - reach)).all(axis=1))
 
-    def _items(self, drapes: Drapes, held: Held) -> Items:
-        texel = drapes.layers[held[0]]["finest"]  # it shows at any scale
-        return self._cache.get_or_compute((IdentityKey(drapes), held), lambda: drapes.only(held, texel))
+    def _held_items(self, drapes: Drapes, held: Held) -> Items:
+        name = IdentityKey(drapes), held
+        if name != self._items[0]:
+            self._items = name, drapes.only(held, drapes.layers[held[0]]["finest"])  # at any scale
+        return self._items[1]
 
     def _cut(
         self,
@@ -175,7 +181,7 @@ class FeatureCutter:
     ) -> Cut:
         self.cuts += 1
         near, far, border = texels
-        items = drapes.items(box, near) if held is None else self._items(drapes, held)
+        items = drapes.items(box, near) if held is None else self._held_items(drapes, held)
         reach = reaches(drapes.styles, far, border)
         pieces = Pieces.of_items(items, reach, hatch_angles(drapes.styles))
         return Cut(cut(pieces, mesh, box), pieces.parts)

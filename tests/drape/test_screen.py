@@ -71,7 +71,7 @@ def drapes_of(*layers, extent=1000.0):
 
 @contextmanager
 def studio(terrain, drapes, method, quality=QUALITY):
-    """Yield a renderer, and a function that returns its picture, and the share of the buffer, from a camera."""
+    """Yield a renderer, and a function that returns its picture from a camera, and the buffer's share."""
     with canvas(SIZE) as (context, texture, framebuffer):
         renderer = Renderer(context, terrain, sun=SUN, quality=quality, drapes=drapes, drape_method=method)
 
@@ -91,7 +91,7 @@ def studio(terrain, drapes, method, quality=QUALITY):
 
 
 def exact_share(room, camera, shape, times=6):
-    """Return the share of each pixel that a shape covers, by samples², and where there is one ground in it."""
+    """Return the share of each pixel that a shape covers, and where there is one ground in it."""
     size = (times * SIZE[0], times * SIZE[1])
     texture = room.context.texture(size, 4)
     room.renderer.draw(camera, room.context.framebuffer([texture]))
@@ -157,7 +157,7 @@ def test_pieces_are_cut_at_triangles_of_every_border_case_without_gap_or_overlap
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("name", ["bend", "cliff", "area"])
+@pytest.mark.parametrize("name", ["area", "cliff", pytest.param("bend", marks=pytest.mark.slow)])
 def test_geometry_covers_what_the_drawn_ground_shows(write, name):
     shape = SHAPES[name]
     style = (
@@ -193,7 +193,7 @@ def test_lines_thinner_than_a_pixel_keep_their_coverage(write):
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("method", ["geometry", "two-step"])
+@pytest.mark.parametrize("method", ["geometry", pytest.param("two-step", marks=pytest.mark.slow)])
 def test_no_ground_comes_through_at_any_morph(write, method):
     """Of an area over everything: in each frame of a flight, and in the still after it."""
     everywhere = shapely.box(-900.0, -900.0, 1900.0, 1900.0)

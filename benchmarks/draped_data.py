@@ -63,6 +63,7 @@ def write_layer(path: Path, shapes: Shapes, crs: str | None = None) -> Path:
             driver=driver,
             geometry_type=kind,
             crs=crs,
+            layer_options={} if driver == "GPKG" else {"SPATIAL_INDEX": "NO"},  # keeps the order
         )
     return path
 

@@ -79,6 +79,7 @@ class Effort:
     drape_many: int = 10_000  # features that are picked and edited
     drape_picks: int = 200
     drape_edits: int = 3
+    drape_frames: int = 2  # of slow motion
     road_points: int = 50_000  # of carriageways
     scale_sides: tuple[int, ...] = (18, 54)  # cells along a country of fields
     scale_pieces: tuple[int, ...] = (10, 32)  # the same, of the indices of pieces
@@ -156,6 +157,7 @@ FULL = replace(
     drape_many=100_000,
     drape_picks=10_000,
     drape_edits=30,
+    drape_frames=8,
     road_points=1_000_000,
     scale_sides=(18, 54, 110, 218, 436),
     scale_pieces=(10, 32, 98, 218, 436),

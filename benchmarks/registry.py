@@ -88,9 +88,7 @@ BENCHMARKS = {
             str(synthetic_land.SEED),
             vector_scale.measure,
         ),
-        Benchmark(
-            "drapes", f"{drapes.GROUND}, synthetic layers", f"its own; layers: {SEED}", drapes.measure
-        ),
+        Benchmark("drapes", f"{drapes.GROUND}, synthetic layers", f"its own; layers: {SEED}", drapes.measure),
         Benchmark("erosion", "the middle of alpine_range, 8 km wide in a full run", _OWN, erosion.measure),
         Benchmark(
             "landforms",

@@ -162,7 +162,7 @@ def noted_drapes(terrain: TerrainSource) -> Drapes | None:
     from sketchterrain.render.offscreen import open_drapes  # loads OpenGL
 
     drapes = open_drapes(terrain)
-    for line in () if drapes is None else drapes.problems:
+    for line in () if drapes is None else (*drapes.problems, *drapes.notes):
         _print_note(line)
     return drapes
 

@@ -252,7 +252,7 @@ def _write_files(
         with stages.stage("files", "Writing files"):
             files = writer.finish() + plants.files
     report = terrain_report(terrain, facts, plants) | measured
-    report["notes"] += () if drapes is None else drapes.problems
+    report["notes"] += () if drapes is None else (*drapes.problems, *drapes.notes)
     report |= run_statistics(stages, rendering, files) | {"writing": rounded(writer.seconds)}
     return GenerateResult(report, files, problem)
 

@@ -311,6 +311,13 @@ def new_drape_bytes(former: Sequence[DrapedLayer], drapes: Sequence[DrapedLayer]
     return _ENTRY * len(edits) + sum(edit.nbytes for edit in edits if id(edit) not in known)
 
 
+def class_value(value: int | float | str | None) -> str:
+    """Return a property's value as classes name it: 3, not 3.0."""
+    if isinstance(value, float) and value.is_integer():
+        return str(int(value))
+    return "" if value is None else str(value)
+
+
 def check_drapes(drapes: Iterable[object]) -> tuple[DrapedLayer, ...]:
     """Return a sketch's draped layers, from the lowest to the highest; raise InputError if they are too many.
 

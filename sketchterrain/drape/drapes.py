@@ -160,13 +160,15 @@ class Drapes:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A line for each layer with features that have no place near the sketch."""
-        return tuple(
-            f"{layer.title}: {source.store.left_out} features left out: they lie farther than {FARTHEST:g} "
-            "times the extent, or cannot be projected"
-            for layer, source in zip(self.layers, self.sources, strict=True)
-            if isinstance(source, VectorSource) and source.store.left_out
-        )
+        """A line for each layer that is not near the sketch, or has features that are not."""
+        notes, (east, north) = list[str](), self.size
+        for layer, source in zip(self.layers, self.sources, strict=True):
+            if isinstance(source, VectorSource) and source.store.left_out:
+                reason = f"they lie farther than {FARTHEST:g} times the extent, or cannot be projected"
+                notes.append(f"{layer.title}: {source.store.left_out} features left out: {reason}")
+            elif source is not None and not _near(source.box[None], (0.0, 0.0, east, north), 0.0)[0]:
+                notes.append(f"{layer.title}: nothing of it lies in the sketch")
+        return tuple(notes)
 
     def items(self, box: Bounds, texel: float) -> Items:
         """Return the visible parts of features near a box (m), each within its own reach of it.
@@ -288,7 +290,9 @@ class Drapes:
                 and isinstance(before, VectorSource)
                 and new.store is before.store
             ):
-                boxes.append(self._widened(number, new.changed_boxes(before)))
+                left_out = {each.held for each in (self, old)}
+                same = self.held[1] if len(left_out) == 1 and self.held and self.held[0] == number else None
+                boxes.append(self._widened(number, new.changed_boxes(before, without=same)))
                 sources = sources if looks[0] != looks[1] else []
             elif new is before and looks[0] == looks[1]:
                 continue

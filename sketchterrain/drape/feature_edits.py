@@ -17,9 +17,9 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.document.drapes import DrapedLayer, FeatureEdit
+from sketchterrain.document.drapes import DrapedLayer, FeatureEdit, class_value
 from sketchterrain.drape.drapes import Drapes
-from sketchterrain.drape.vector_source import Feature, VectorSource, class_value
+from sketchterrain.drape.vector_source import Feature, VectorSource
 from sketchterrain.drape.vector_store import Projection, VectorFile, file_crs, open_vector_file
 from sketchterrain.errors import InputError, SketchterrainError, format_value, one_line
 from sketchterrain.io.files import atomic_path, hash_file

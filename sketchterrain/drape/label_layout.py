@@ -13,7 +13,7 @@ import shapely
 from numba import njit
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
-from sketchterrain.drape.vector_source import class_value
+from sketchterrain.document.drapes import class_value
 from sketchterrain.errors import one_line
 
 if TYPE_CHECKING:

@@ -15,7 +15,6 @@ import numpy.typing as npt
 from sketchterrain.array_types import BoolArray, Float64Array, FloatArray, Int32Array, UInt8Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import BLENDS, STYLE, DrapedLayer
-from sketchterrain.drape.drapes import Drapes, LayerStyle
 from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, STARTS, STROKE, Items
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.terrain.appearance import SIDE, AppearanceSource
@@ -24,6 +23,7 @@ from sketchterrain.terrain.orthophotos import WHITE as PICTURE_WHITE
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.drape.drapes import Drapes, LayerStyle
     from sketchterrain.terrain.terrain import Terrain
 
 WHITE: Final = 0.8
@@ -321,6 +321,8 @@ def draped_appearance(terrain: Terrain) -> AppearanceSource:
     sketch = terrain.sketch
     if not sketch.drapes:
         return terrain.appearance
+    from sketchterrain.drape.drapes import Drapes  # loads GDAL
+
     drapes = Drapes.open(sketch.drapes, sketch.frame, sketch.size, terrain.extent)
     return DrapedAppearance(drapes, terrain.context, terrain.extent, terrain.appearance)
 

@@ -13,7 +13,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from sketchterrain.array_types import Bounds, Float64Array, Int64Array
-from sketchterrain.document.drapes import DrapedLayer, FeatureEdit, drape_problem
+from sketchterrain.document.drapes import DrapedLayer, FeatureEdit, class_value, drape_problem
 from sketchterrain.drape.levels import Level, Parts, Shapes2D, joined, level_of, parts_of, split_shapes, touch
 from sketchterrain.drape.vector_store import VectorStore, open_store
 from sketchterrain.errors import InputError, one_line
@@ -192,12 +192,12 @@ class VectorSource:
             found[features == number] = numbers.get(class_value(value), -1)
         return found
 
-    def changed_boxes(self, old: VectorSource) -> Float64Array:
-        """Return boxes (n, 4), m, of features that another version of the source has otherwise."""
+    def changed_boxes(self, old: VectorSource, *, without: int | None = None) -> Float64Array:
+        """Return boxes (n, 4), m, of features that another version has otherwise, `without` one of them."""
         ids = [
             number
             for number in self._edited.keys() | old._edited.keys()
-            if _edit(self, number) != _edit(old, number)
+            if number != without and _edit(self, number) != _edit(old, number)
         ]
         boxes = [source.box_of(number) for source in (self, old) for number in ids]
         return np.array(boxes, np.float64).reshape(-1, 4)
@@ -208,13 +208,6 @@ _NO_SHAPES: Final = split_shapes(np.array([], object), np.array([], np.int64))
 
 def _edit(source: VectorSource, number: int) -> FeatureEdit | None:
     return source._edited[number].edit if number in source._edited else None
-
-
-def class_value(value: int | float | str | None) -> str:
-    """Return a property's value as classes name it: 3, not 3.0."""
-    if isinstance(value, float) and value.is_integer():
-        return str(int(value))
-    return "" if value is None else str(value)
 
 
 def file_stamp(path: str) -> tuple[int, int]:

@@ -36,7 +36,7 @@ class DrapedShapes(NamedTuple):
 
     def by_style(self) -> Iterator[tuple[str, Properties, npt.NDArray[np.object_]]]:
         """Yield the name of each style in use, its values and the geometries that have it."""
-        from sketchterrain.drape.vector_source import class_value
+        from sketchterrain.document.drapes import class_value
 
         by, numbers = self.layer["by"], {each.value: n for n, each in enumerate(self.layer.classes)}
         own = np.array([numbers.get(class_value(row.get(by)), -1) for row in self.properties], int)

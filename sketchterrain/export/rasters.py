@@ -27,9 +27,7 @@ from sketchterrain.io.files import atomic_file, atomic_path, wrap_os_errors, wri
 from sketchterrain.terrain.surfaces import Drainage, Raster
 
 _STEPS = 65535
-APPEARANCE: Final = (
-    "colour of roads, land use and draped layers, sRGB, and their share as opacity"
-)
+APPEARANCE: Final = "colour of roads, land use and draped layers, sRGB, and their share as opacity"
 ORIENTATION = {"row_0": "north", "column_0": "west", "samples": "vertices"}
 
 

@@ -86,7 +86,8 @@ class AppearanceTextures:
             return 0
         texels = 4 * cache.tiles.slots * TEXELS**2 * (1 + (cache.filters is not None))
         pages = 8 * PAGES**2 * (cache.tiles.finest + 1)
-        return int(texels + pages) + (cache.source.nbytes if isinstance(cache.source, DrapedAppearance) else 0)
+        lists = cache.source.nbytes if isinstance(cache.source, DrapedAppearance) else 0
+        return int(texels + pages) + lists
 
     @property
     def converged(self) -> bool:

@@ -10,7 +10,7 @@ import pytest
 import sketchterrain.app.pictures
 from sketchterrain.app.arguments import DRAPE_METHODS, read_layers
 from sketchterrain.document.store import load_sketch
-from sketchterrain.render.draped import METHODS
+from sketchterrain.render.draped import SCREEN_METHODS
 from sketchterrain.world.stored_world import at_corner, draped_sketch, open_world
 
 
@@ -45,7 +45,7 @@ def test_options_follow_the_name_of_a_file_that_may_have_commas(tmp_path):
             assert layer.path == str(tmp_path / name)
             assert values.items() <= {**layer.values, **layer.style}.items()
     assert read_layers([]) == ()
-    assert DRAPE_METHODS == METHODS
+    assert list(DRAPE_METHODS) == ["auto", "tiles", *SCREEN_METHODS]
 
 
 def test_pictures_show_the_sketchs_layers_and_those_of_the_command(call, place, trail, tmp_path, monkeypatch):

@@ -15,7 +15,7 @@ import numpy as np
 from PyQt6.QtCore import QObject, pyqtSignal
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.document.drapes import MAX_CLASSES, DrapeClass, DrapedLayer, draped_layer
+from sketchterrain.document.drapes import MAX_CLASSES, DrapeClass, DrapedLayer, class_value, draped_layer
 from sketchterrain.errors import InputError
 from sketchterrain.ui.models.background import BackgroundReader
 from sketchterrain.ui.models.workspace import Selection, Workspace
@@ -60,7 +60,7 @@ class DrapeSources(QObject):
     @property
     def problems(self) -> tuple[str, ...]:
         """A line for each layer whose file is missing, unreadable or has changed."""
-        return () if self.current is None else self.current.problems
+        return () if self.current is None else (*self.current.problems, *self.current.notes)
 
     def feature(self, selection: Selection | None) -> Feature | None:
         """Return the selected feature; None without one or if it is missing."""
@@ -206,7 +206,7 @@ def set_class_style(
 
 def classify(document: Document, number: int, by: str) -> None:
     """Make a class of each value of a property, in colours of its own; raise InputError for too many."""
-    from sketchterrain.drape.vector_source import VectorSource, class_value
+    from sketchterrain.drape.vector_source import VectorSource
 
     layer, source = document.sketch.drapes[number], _source(document, number)
     if not isinstance(source, VectorSource) or by not in source.fields:

@@ -247,6 +247,12 @@ class DrapedLayer:
         """What its features and pixels depend on: the file and what is read of it, without edits."""
         return self.path, self["sha256"], self["table"], self["band"], self.crs
 
+    @property
+    def class_numbers(self) -> dict[str, int]:
+        """Numbers of classes by value, of several with one value that of the first."""
+        numbered = reversed(list(enumerate(self.classes)))
+        return {each.value: number for number, each in numbered} if self["by"] else {}
+
     def style_of(self, number: int) -> Properties:
         """Return the whole style of a class by its number, of other features for -1."""
         return self.style if number < 0 else {**self.style, **self.classes[number].style}
@@ -341,7 +347,7 @@ def parse_drape(table: Mapping[str, object]) -> DrapedLayer:
     found = [_parse_edit(each) for each in edits]
     layer = DrapedLayer(
         rest.pop("path"),  # type: ignore[arg-type] # it checks every value
-        classes=tuple(_parse_class(each) for each in classes),
+        classes=tuple(DrapeClass(each.pop("value", ""), each) for each in classes),
         edits={edit.id: edit for edit in found},
     )
     if len(layer.edits) < len(found):
@@ -355,13 +361,6 @@ def _tables(name: str, value: object) -> list[dict[str, Any]]:
             f"{name} = {format_value(value)}: expected tables, each with [[drape.{name}]] above it"
         )
     return value
-
-
-def _parse_class(table: dict[str, Any]) -> DrapeClass:
-    for key, value in table.items():
-        if key not in CLASS:
-            raise unknown_key(key, value, CLASS, "[[drape.class]]")
-    return DrapeClass(table.pop("value", ""), table)
 
 
 def _parse_edit(table: Mapping[str, Any]) -> FeatureEdit:

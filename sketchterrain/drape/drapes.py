@@ -211,7 +211,7 @@ class Drapes:
         found = []
         for level, which in levels:
             items = level.items[which]
-            row = self._rows(number, source, items["feature"])
+            row = 1 + source.classes(items["feature"], self.layers[number], self.memory)
             keep = shown[row, items["kind"]]
             if box is not None:
                 keep &= _near(items["box"], box, reach[row])
@@ -236,16 +236,6 @@ class Drapes:
         if len(found) == 1 or not len(found[1].feature):
             return joined
         return joined.taken(np.lexsort((_ORDER[joined.kind], joined.feature)))
-
-    def _rows(self, number: int, source: VectorSource, features: npt.NDArray[Any]) -> Int64Array:
-        """Return the place of features' styles among those of the layer."""
-        layer = self.layers[number]
-        classes = {each.value: place for place, each in reversed(list(enumerate(layer.classes)))}
-        if not layer["by"] or not classes:
-            return np.zeros(len(features), np.int64)
-        key = source.store, layer["by"], tuple(classes.items())
-        stored = self.memory.get_or_compute(key, lambda: source.stored_classes(layer["by"], classes))
-        return 1 + source.classes(stored, features, layer["by"], classes).astype(np.int64)
 
     def rasters(self, texel: float) -> list[tuple[int, RasterSource]]:
         """Return the visible rasters, the lowest first, with the numbers of their layers."""
@@ -277,30 +267,24 @@ class Drapes:
 
         They have widths in metres; those in pixels are beside them.
         """
-        boxes = [np.zeros((0, 4))]
+        boxes, left_out = [np.zeros((0, 4))], self.held if self.held == old.held else None
         for number in range(max(len(self.layers), len(old.layers))):
             looks = self._look(number), old._look(number)
-            sources = [
-                each.sources[number] if look is not None else None
-                for each, look in zip((self, old), looks, strict=True)
-            ]
-            new, before = sources
+            new, before = (
+                each.sources[number] if look else None for each, look in zip((self, old), looks, strict=True)
+            )
+            is_same = new is before
             if (
                 isinstance(new, VectorSource)
                 and isinstance(before, VectorSource)
                 and new.store is before.store
             ):
-                left_out = {each.held for each in (self, old)}
-                same = self.held[1] if len(left_out) == 1 and self.held and self.held[0] == number else None
-                boxes.append(self._widened(number, new.changed_boxes(before, without=same)))
-                sources = sources if looks[0] != looks[1] else []
-            elif new is before and looks[0] == looks[1]:
-                continue
-            boxes += [
-                each._widened(number, source.box[None])
-                for each, source in zip((self, old), sources, strict=False)
-                if source is not None
-            ]
+                without = left_out[1] if left_out and left_out[0] == number else None
+                boxes.append(self._widened(number, new.changed_boxes(before, without=without)))
+                is_same = True
+            if not is_same or looks[0] != looks[1]:
+                pairs = (self, new), (old, before)
+                boxes += [each._widened(number, source.box[None]) for each, source in pairs if source]
         for each in (self, old) if self.held != old.held else ():
             source = each.sources[each.held[0]] if each.held is not None else None
             if isinstance(source, VectorSource) and each.held is not None:

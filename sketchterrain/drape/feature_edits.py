@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pyogrio.raw
 import shapely
+from shapely.affinity import rotate, scale, translate
 from shapely.geometry.base import BaseGeometry
 
 from sketchterrain.array_types import Float64Array
@@ -39,16 +40,14 @@ _Value = int | float | str | None
 
 def move_feature(layer: DrapedLayer, feature: Feature, east: float, north: float) -> DrapedLayer:
     """Return the layer with a feature moved by metres."""
-    return _changed(layer, feature, lambda at: at + np.array([east, north]))
+    return with_geometry(layer, feature, translate(feature.geometry, east, north))
 
 
 def rotate_feature(
     layer: DrapedLayer, feature: Feature, degrees: float, about: tuple[float, float]
 ) -> DrapedLayer:
     """Return the layer with a feature rotated counterclockwise about a point (m)."""
-    cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    turn = np.array([[cosine, sine], [-sine, cosine]])
-    return _changed(layer, feature, lambda at: (at - about) @ turn + about)
+    return with_geometry(layer, feature, rotate(feature.geometry, degrees, about))
 
 
 def scale_feature(
@@ -57,13 +56,7 @@ def scale_feature(
     """Return the layer with a feature scaled eastward and northward about a point (m)."""
     if not all(factors):
         raise InputError(f"feature {feature.id}: scale {format_value(factors)}: expected no zero")
-    return _changed(layer, feature, lambda at: (at - about) * factors + about)
-
-
-def _changed(
-    layer: DrapedLayer, feature: Feature, change: Callable[[Float64Array], Float64Array]
-) -> DrapedLayer:
-    return with_geometry(layer, feature, shapely.transform(feature.geometry, change))
+    return with_geometry(layer, feature, scale(feature.geometry, *factors, origin=about))
 
 
 def move_vertex(layer: DrapedLayer, feature: Feature, vertex: int, x: float, y: float) -> DrapedLayer:
@@ -90,43 +83,45 @@ def _with_line(
     layer: DrapedLayer, feature: Feature, vertex: int, change: Callable[[Float64Array, int], Float64Array]
 ) -> DrapedLayer:
     """Return the layer with one point, line or ring of a feature changed, given the vertex's place in it."""
-    count = shapely.get_num_coordinates(feature.geometry)
+    shape, first = feature.geometry, 0
+    kind = shape.geom_type.removeprefix("Multi")
+    count = shapely.get_num_coordinates(shape) if kind in _MAKERS else 0  # not in collections
     if not 0 <= vertex < count:
         raise InputError(f"feature {feature.id}: vertex {vertex}: expected 0 to {count - 1}")
-    kind, first = int(shapely.get_type_id(feature.geometry)), 0
-    parts = [_lines(part) for part in shapely.get_parts(feature.geometry)]
+    least, make = _MAKERS[kind]
+    parts = [_lines(part) for part in shapely.get_parts(shape)]
     for part in parts:
         for number, line in enumerate(part):
             if 0 <= (at := vertex - first) < len(line):
-                closed = kind in _AREAS
+                closed = kind == "Polygon"
                 ring = change(line[:-1].copy(), at % (len(line) - 1)) if closed else change(line.copy(), at)
                 part[number] = np.concatenate([ring, ring[:1]]) if closed else ring
             if not np.isfinite(part[number]).all():
                 raise InputError(f"feature {feature.id}: expected finite coordinates")
-            if kind in _POINTS and len(part[number]) > 1:
+            if kind == "Point" and len(part[number]) > 1:
                 raise InputError(f"feature {feature.id}: expected a line or an area to insert a vertex in")
             first += len(line)
-    # A hole of two vertices is none, a part without an outline neither.
-    parts = [[line for line in part if kind not in _AREAS or len(line) > 3] for part in parts]
-    parts = [part for part in parts if part and len(part[0]) > (kind in _LINES)]
-    if not parts:
+    shapes = [
+        make([part[0], *(hole for hole in part[1:] if len(hole) >= least)])
+        for part in parts
+        if len(part[0]) >= least
+    ]
+    if not shapes:
         return delete_feature(layer, feature)
-    shapes = [_MAKERS[kind](part) for part in parts]
-    return with_geometry(layer, feature, _SEVERAL[kind](shapes) if kind in _SEVERAL else shapes[0])
+    return with_geometry(layer, feature, shapes[0] if shape.geom_type == kind else type(shape)(shapes))
 
 
-_POINTS, _LINES, _AREAS = (0, 4), (1, 5), (3, 6)  # shapely's type ids
-_MAKERS: Final[dict[int, Callable[[list[Float64Array]], BaseGeometry]]] = {
-    **dict.fromkeys((0, 4), lambda lines: shapely.Point(lines[0][0])),
-    **dict.fromkeys((1, 5), lambda lines: shapely.LineString(lines[0])),
-    **dict.fromkeys((3, 6), lambda lines: shapely.Polygon(lines[0], lines[1:])),
+_MAKERS: Final[dict[str, tuple[int, Callable[[list[Float64Array]], BaseGeometry]]]] = {
+    "Point": (1, lambda lines: shapely.Point(lines[0][0])),
+    "LineString": (2, lambda lines: shapely.LineString(lines[0])),
+    "Polygon": (4, lambda rings: shapely.Polygon(rings[0], rings[1:])),
 }
-_SEVERAL: Final = {4: shapely.multipoints, 5: shapely.multilinestrings, 6: shapely.multipolygons}
+"""By kind of part: the fewest coordinates of a line or ring, and how a part is made of them."""
 
 
 def _lines(part: BaseGeometry) -> list[Float64Array]:
     """Return the coordinates of a point or line, or of the rings of an area."""
-    rings = shapely.get_rings(part) if shapely.get_type_id(part) in _AREAS else [part]
+    rings = shapely.get_rings(part) if part.geom_type == "Polygon" else [part]
     return [shapely.get_coordinates(ring) for ring in rings]
 
 

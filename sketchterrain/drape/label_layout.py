@@ -190,10 +190,9 @@ class LabelCandidates:
         number = feature >> _ID_BITS
         layer = self.layers[number]
         _, geometry, properties = self._drapes.feature(number, feature & ((1 << _ID_BITS) - 1))
-        value, names = class_value(properties.get(layer["by"])), [each.value for each in layer.classes]
-        label = Label("", names.index(value) if value in names else -1)
-        style = layer.style_of(label.style)
-        label = label._replace(text=label_text(properties.get(style["label"])))
+        number = layer.class_numbers.get(class_value(properties.get(layer["by"])), -1)
+        style = layer.style_of(number)
+        label = Label(label_text(properties.get(style["label"])), number)
         places, weight = anchors(geometry)
         rows = np.zeros(len(places) if label.text else 0, ANCHOR)
         if len(rows):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -13,6 +14,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from sketchterrain.array_types import Bounds, Float64Array, Int64Array
+from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import DrapedLayer, FeatureEdit, class_value, drape_problem
 from sketchterrain.drape.levels import Level, Parts, Shapes2D, joined, level_of, parts_of, split_shapes, touch
 from sketchterrain.drape.vector_store import VectorStore, open_store
@@ -37,13 +39,14 @@ class _EditedFeature:
         self.edit = edit
         self.shape: BaseGeometry | None = shapely.from_wkb(edit.geometry) if edit.geometry else None
         self.box = np.array(self.shape.bounds if self.shape is not None else [np.nan] * 4, np.float64)
-        self._split: Shapes2D | None = None
         self._parts: dict[float, Parts] = {}
+
+    @cached_property
+    def _split(self) -> Shapes2D:
+        return split_shapes(np.array([self.shape], object), np.array([self.edit.id]))
 
     def parts(self, tolerance: float) -> Parts:
         if tolerance not in self._parts:
-            if self._split is None:
-                self._split = split_shapes(np.array([self.shape], object), np.array([self.edit.id]))
             self._parts[tolerance] = parts_of(self._split, tolerance)
         return self._parts[tolerance]
 
@@ -170,25 +173,25 @@ class VectorSource:
         edits = {each: dict(self._edited[each].edit.properties) for each in ids if each in self._edited}
         return [edits[each].get(name) if each in edits else known[each] for each in ids]
 
-    def stored_classes(self, name: str, numbers: Mapping[str, int]) -> npt.NDArray[np.int16]:
-        """Return the class of each feature of the file by its value of a property, -1 for no class."""
-        found = np.full(self.store.count, -1, np.int16)
-        for first in range(0, self.store.count if numbers and name in self.fields else 0, _BATCH):
-            batch = range(first, min(first + _BATCH, self.store.count))
-            found[first : batch.stop] = [
-                numbers.get(class_value(v), -1) for v in self.store.values(name, batch)
-            ]
-        return found
-
     def classes(
-        self, stored: npt.NDArray[np.int16], features: npt.NDArray[Any], name: str, numbers: Mapping[str, int]
+        self, features: npt.NDArray[Any], layer: DrapedLayer, memory: LRUCache
     ) -> npt.NDArray[np.int16]:
-        """Return the classes of features, given those of all features of the file."""
+        """Return the numbers of features' classes in a layer, -1 for none; those of the file are cached."""
+        by, numbers, count = layer["by"], layer.class_numbers, self.store.count
         found = np.full(len(features), -1, np.int16)
-        known = features < len(stored)
-        found[known] = stored[features[known]]
+        if not numbers:
+            return found
+
+        def stored() -> npt.NDArray[np.int16]:
+            batches = (range(count)[first : first + _BATCH] for first in range(0, count, _BATCH))
+            values = (value for batch in batches for value in self.store.values(by, batch))
+            return np.fromiter((numbers.get(class_value(value), -1) for value in values), np.int16, count)
+
+        known = features < count
+        of_file = memory.get_or_compute((self.store, by, tuple(numbers.items())), stored)
+        found[known] = of_file[features[known]]
         for number in set(features[np.isin(features, self._changed)].tolist()):
-            value = dict(self._edited[number].edit.properties).get(name)
+            value = dict(self._edited[number].edit.properties).get(by)
             found[features == number] = numbers.get(class_value(value), -1)
         return found
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import shapely
 
 from sketchterrain.array_types import Bounds
-from sketchterrain.document.drapes import DrapedLayer
+from sketchterrain.document.drapes import DrapedLayer, class_value
 from sketchterrain.document.frame import georeference
 from sketchterrain.document.parameters import Properties
 from sketchterrain.export.rasters import local_metres
@@ -36,9 +36,7 @@ class DrapedShapes(NamedTuple):
 
     def by_style(self) -> Iterator[tuple[str, Properties, npt.NDArray[np.object_]]]:
         """Yield the name of each style in use, its values and the geometries that have it."""
-        from sketchterrain.document.drapes import class_value
-
-        by, numbers = self.layer["by"], {each.value: n for n, each in enumerate(self.layer.classes)}
+        by, numbers = self.layer["by"], self.layer.class_numbers
         own = np.array([numbers.get(class_value(row.get(by)), -1) for row in self.properties], int)
         for number in np.unique(own).tolist():
             value = f" {self.layer.classes[number].value}" if number >= 0 else ""

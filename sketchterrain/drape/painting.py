@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Container, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import compress, product
+from itertools import product
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numba
@@ -17,7 +17,7 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import BLENDS, STYLE, DrapedLayer
 from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, STARTS, STROKE, Items
 from sketchterrain.io.resources import kernel_columns, kernel_constants
-from sketchterrain.terrain.appearance import SIDE, AppearanceSource
+from sketchterrain.terrain.appearance import SIDE, AppearanceSource, known_tiles, tile_boxes
 from sketchterrain.terrain.orthophotos import ROOTS
 from sketchterrain.terrain.orthophotos import WHITE as PICTURE_WHITE
 
@@ -48,7 +48,6 @@ _AROUND: Final = 0.75  # texels from the middle of one to its corner, about
 _LONG: Final = 512.0  # texels: longer segments are cut, so that their ends are near
 _MAX_TILES: Final = 32  # in a launch
 _BASES, _LISTS = 6 << 20, 10 << 20  # bytes of tiles below, and of lists, in memory
-_MOST_KNOWN: Final = 1 << 16  # tiles of which it is known whether anything is draped there
 _EVERYWHERE: Final = np.array([[-np.inf, -np.inf, np.inf, np.inf]])
 _UNKNOWN_GROUND: Final = 0.2  # albedo below layers that filter it, where a picture has no ground
 
@@ -143,22 +142,13 @@ class DrapedAppearance:
     def occupied(self, keys: npt.ArrayLike) -> BoolArray:
         """Return whether anything may be painted in tiles (n, 3) of level, column and row, (n,)."""
         tiles = np.asarray(keys, np.int64).reshape(-1, 3)
-        names, known = list(map(tuple, tiles.tolist())), self._known_occupied
-        if len(known) > _MOST_KNOWN:
-            known.clear()
-        new = np.array([name not in known for name in names], np.bool_)
-        if new.any():
-            width = self.extent / np.exp2(tiles[new, :1])
-            margin = width / (SIDE - 2)
-            low, high = tiles[new, 1:] * width - margin, (tiles[new, 1:] + 1) * width + margin
-            found = self.drapes.occupied(np.concatenate([low, high], axis=1))
-            known.update(zip(compress(names, new), found.tolist(), strict=True))
-        result = np.array([known[name] for name in names], np.bool_)
+        result = known_tiles(
+            self._known_occupied, tiles, lambda new: self.drapes.occupied(tile_boxes(new, self.extent))
+        )
         return result if self.below is None else result | self.below.occupied(tiles)
 
     @cached_property
     def _known_occupied(self) -> dict[tuple[int, ...], bool]:
-        """Tiles that were asked for: a view asks for the same ones in each frame."""
         return {}
 
     def changed_areas(self, old: AppearanceSource) -> Float64Array:
@@ -309,11 +299,17 @@ class DrapedAppearance:
     @cached_property
     def _layer_keys(self) -> tuple[Hashable, ...]:
         """What the lists of each layer depend on, besides the tile: no colours, opacities or order."""
-        held = self.drapes.held or (-1, -1)
-        return tuple(
-            (_geometry_key(layer), held[1] if held[0] == number else None)
-            for number, layer in enumerate(self.drapes.layers)
-        )
+        held, keys = self.drapes.held or (-1, -1), list[Hashable]()
+        for number, layer in enumerate(self.drapes.layers):
+            styles = [
+                (each.shown, *(each.style[name] for name in ("width", "unit", "cap", "join")))
+                for each in self.drapes.styles
+                if each.layer == number
+            ]
+            values = layer["by"], layer["finest"], layer["coarsest"], *(each.value for each in layer.classes)
+            edits = frozenset(layer.edits.items())
+            keys.append((layer.source_key, edits, values, *styles, held[1] if held[0] == number else None))
+        return tuple(keys)
 
 
 def draped_appearance(terrain: Terrain) -> AppearanceSource:
@@ -392,19 +388,6 @@ def _lists_of(items: Items, reach: Float64Array, is_mitred: BoolArray, style: in
     return _Lists(pieces[:, :8], along, classes[item], block[first], entries, numbers)
 
 
-def _geometry_key(layer: DrapedLayer) -> Hashable:
-    """Return what the parts of a layer's features and their reach depend on."""
-    styles = [layer.style_of(number) for number in range(-1, len(layer.classes))]
-    names = ("width", "unit", "cap", "join")
-    shown = [
-        (bool(style["colour"]), style["fill"] and style["fill_opacity"] > 0.0, style["hatch"] != "none")
-        for style in styles
-    ]
-    shapes = [tuple(style[name] for name in names) for style in styles]
-    values = (layer["by"], layer["finest"], layer["coarsest"], *(each.value for each in layer.classes))
-    return layer.source_key, frozenset(layer.edits.items()), values, *shown, *shapes
-
-
 def _row(**values: float) -> Float64Array:
     row = np.zeros(_FIRST_DASH + 16)
     for name, value in values.items():
@@ -461,61 +444,50 @@ def _without_filter(texels: UInt8Array) -> UInt8Array:
 
 
 @numba.njit(cache=True)
-def _with_room(rows, count):  # type: ignore[no-untyped-def]
-    if count < len(rows):
-        return rows
-    result = np.empty((2 * len(rows), rows.shape[1]), rows.dtype)
-    result[:count] = rows
-    return result
-
-
-@numba.njit(cache=True)
 def _pieces_of(kinds, first, points, ends, reach, is_mitred):  # type: ignore[no-untyped-def]
     """Return pieces with the numbers of their items (m, 9), and (block, item, piece) by items, (p, 3)."""
-    pieces, pairs, made, listed = np.zeros((256, 9)), np.empty((1024, 3), np.int32), 2, 0
-    pieces[0, 1], pieces[0, 3] = SIDE, -SIDE  # edges west of all blocks, of areas that a block lies in …
-    pieces[1, 3] = SIDE  # … and holes
+    side, pairs = float(SIDE), [(0, 0, 0) for _ in range(0)]
+    # Edges west of all blocks, of areas that a block lies in and of holes.
+    pieces = [(0.0, y, 0.0, side - 2.0 * y, 0.0, 0.0, 0.0, 0.0, 0.0) for y in (side, 0.0)]
     for i in range(len(kinds)):
         own = points[first[i] : first[i + 1]]
         if kinds[i] == FILL:
-            pieces, pairs, made, listed = _ring(i, own, pieces, pairs, made, listed)
+            _ring(i, own, pieces, pairs)
         elif kinds[i] == STROKE:
-            pieces, pairs, made, listed = _stroke(
-                i, own, ends[i], reach[i], is_mitred[i], pieces, pairs, made, listed
-            )
+            _stroke(i, own, ends[i], reach[i], is_mitred[i], pieces, pairs)
         else:
-            row = (own[0, 0], own[0, 1], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, float(i))
-            pieces, pairs, made, listed = _add(row, reach[i], pieces, pairs, made, listed)
-    return pieces[:made], pairs[:listed]
+            _add((own[0, 0], own[0, 1], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, float(i)), reach[i], pieces, pairs)
+    rows, listed = np.empty((len(pieces), 9)), np.empty((len(pairs), 3), np.int32)
+    for k in range(len(pieces)):
+        for column in range(9):
+            rows[k, column] = pieces[k][column]
+    for k in range(len(pairs)):
+        listed[k, 0], listed[k, 1], listed[k, 2] = pairs[k]
+    return rows, listed
 
 
 @numba.njit(cache=True)
-def _add(row, reach, pieces, pairs, made, listed):  # type: ignore[no-untyped-def]
+def _add(row, reach, pieces, pairs):  # type: ignore[no-untyped-def]
     """List a segment or point in all blocks that it may cover a part of."""
     x, y, east, north = row[0], row[1], row[2], row[3]
     reach = reach + _AROUND
     west, east_end = min(x, x + east) - reach, max(x, x + east) + reach
     south, north_end = min(y, y + north) - reach, max(y, y + north) + reach
     if east_end < 0.0 or north_end < 0.0 or west > SIDE or south > SIDE:
-        return pieces, pairs, made, listed
-    square, far, before = east * east + north * north, reach + _BLOCK * np.sqrt(0.5), listed
+        return
+    square, far, before = east * east + north * north, reach + _BLOCK * np.sqrt(0.5), len(pairs)
     for j in range(max(int(south // _BLOCK), 0), min(int(north_end // _BLOCK), _BLOCKS - 1) + 1):
         for k in range(max(int(west // _BLOCK), 0), min(int(east_end // _BLOCK), _BLOCKS - 1) + 1):
             dx, dy = (k + 0.5) * _BLOCK - x, (j + 0.5) * _BLOCK - y
             t = min(max((dx * east + dy * north) / square, 0.0), 1.0) if square > 0.0 else 0.0
             if (dx - t * east) ** 2 + (dy - t * north) ** 2 <= far * far:
-                pairs = _with_room(pairs, listed)
-                pairs[listed] = ((_BLOCKS - 1 - j) * _BLOCKS + k, int(row[8]), made)
-                listed += 1
-    if listed > before:
-        pieces = _with_room(pieces, made)
-        pieces[made] = row
-        made += 1
-    return pieces, pairs, made, listed
+                pairs.append(((_BLOCKS - 1 - j) * _BLOCKS + k, int(row[8]), len(pieces)))
+    if len(pairs) > before:
+        pieces.append(row)
 
 
 @numba.njit(cache=True)
-def _stroke(i, own, ends, reach, is_mitred, pieces, pairs, made, listed):  # type: ignore[no-untyped-def]
+def _stroke(i, own, ends, reach, is_mitred, pieces, pairs):  # type: ignore[no-untyped-def]
     """List the segments of a run of a line."""
     place, line, count = np.empty(len(own), np.int64), np.empty((len(own), 2)), 0
     for k in range(len(own)):  # repeated points are left out
@@ -553,13 +525,12 @@ def _stroke(i, own, ends, reach, is_mitred, pieces, pairs, made, listed):  # typ
             part = end - start
             x, y, east, north = x + start * east, y + start * north, part * east, part * north
             row = (x, y, east, north, along + start * length, float(bits), from_x, from_y, float(i))
-            pieces, pairs, made, listed = _add(row, most, pieces, pairs, made, listed)
+            _add(row, most, pieces, pairs)
         along += length
-    return pieces, pairs, made, listed
 
 
 @numba.njit(cache=True)
-def _ring(i, own, pieces, pairs, made, listed):  # type: ignore[no-untyped-def]
+def _ring(i, own, pieces, pairs):  # type: ignore[no-untyped-def]
     """List the edges of a ring in the blocks that they are in, and what is inside at the blocks' corners.
 
     The part of an edge beyond a block's western side counts in all of its rows east of it. An upright edge
@@ -585,37 +556,26 @@ def _ring(i, own, pieces, pairs, made, listed):  # type: ignore[no-untyped-def]
             first, end = int(min(at, until) // _BLOCK), int(max(at, until) // _BLOCK)
             for c in range(max(first, 0), min(end, _BLOCKS - 1) + 1):
                 if edge < 0:
-                    edge, made, pieces = made, made + 1, _with_room(pieces, made)
+                    edge = len(pieces)
                     bottom, above = max(y, -1.0), min(top, SIDE + 1.0)  # far ends would cost precision
                     a, b = x + (bottom - y) * slope, (to_x if above == top else x + (above - y) * slope)
-                    pieces[edge] = 0.0
-                    if runs_north:
-                        pieces[edge, :4] = (a, bottom, b - a, above - bottom)
-                    else:
-                        pieces[edge, :4] = (b, above, a - b, bottom - above)
-                    pieces[edge, 8] = i
+                    start, rise = (a, bottom), above - bottom
+                    if not runs_north:
+                        start, rise, a, b = (b, above), bottom - above, b, a
+                    pieces.append((start[0], start[1], b - a, rise, 0.0, 0.0, 0.0, 0.0, float(i)))
                 block = (_BLOCKS - 1 - j) * _BLOCKS + c
-                pairs = _with_room(pairs, listed)
-                pairs[listed] = (block, i, edge)
-                listed += 1
+                pairs.append((block, i, edge))
                 west = float(c * _BLOCK)
                 if (at < west) != (until < west):
-                    begins_west = (at < west) == runs_north
                     height = low if at < west else high
-                    pieces, pairs = _with_room(pieces, made), _with_room(pairs, listed)
-                    pieces[made] = 0.0
                     rise = south + _BLOCK - height
-                    pieces[made, :4] = (west, height + (rise if begins_west else 0.0), 0.0, 0.0)
-                    pieces[made, 3] = -rise if begins_west else rise
-                    pieces[made, 8] = i
-                    pairs[listed] = (block, i, made)
-                    made, listed = made + 1, listed + 1
+                    pairs.append((block, i, len(pieces)))
+                    if (at < west) == runs_north:  # it begins there
+                        height, rise = height + rise, -rise
+                    pieces.append((west, height, 0.0, rise, 0.0, 0.0, 0.0, 0.0, float(i)))
     for j in range(_BLOCKS):
         winding = 0
         for c in range(_BLOCKS):
             winding += turns[j, c]
             for _ in range(abs(winding)):
-                pairs = _with_room(pairs, listed)
-                pairs[listed] = ((_BLOCKS - 1 - j) * _BLOCKS + c, i, 0 if winding > 0 else 1)
-                listed += 1
-    return pieces, pairs, made, listed
+                pairs.append(((_BLOCKS - 1 - j) * _BLOCKS + c, i, 0 if winding > 0 else 1))

@@ -66,6 +66,26 @@ class AppearanceSource(Protocol):
         """Return boxes (n, 4), m, in which tiles may differ from those of an earlier source."""
 
 
+def known_tiles(
+    known: dict[tuple[int, ...], bool], tiles: Int64Array, find: Callable[[Int64Array], BoolArray]
+) -> BoolArray:
+    """Return what `find` returns for tiles (n, 3); a view asks for the same ones in each frame."""
+    names = list(map(tuple, tiles.tolist()))
+    if len(known) > _MOST_KNOWN:
+        known.clear()
+    new = np.array([name not in known for name in names], np.bool_)
+    if new.any():
+        known.update(zip(compress(names, new), find(tiles[new]).tolist(), strict=True))
+    return np.array([known[name] for name in names], np.bool_)
+
+
+def tile_boxes(tiles: Int64Array, extent: float) -> Float64Array:
+    """Return the boxes (n, 4), m, of all texels of tiles (n, 3)."""
+    width = extent / np.exp2(tiles[:, :1])
+    margin = width / (SIDE - 2)
+    return np.concatenate([tiles[:, 1:] * width - margin, (tiles[:, 1:] + 1) * width + margin], axis=1)
+
+
 @dataclass(frozen=True, eq=False)
 class Appearance:
     """Colour of what vectors paint on a terrain.
@@ -111,11 +131,9 @@ class Appearance:
 
     def _occupied_outside(self, boxes: Float64Array) -> dict[tuple[int, ...], bool]:
         """Return what is known of tiles outside of boxes (n, 4), m."""
-        tiles = np.array(list(self._known_occupied), np.int64).reshape(-1, 3)
-        width = self.extent / np.exp2(tiles[:, :1])
-        margin = width / (SIDE - 2)
-        low, high = tiles[:, 1:] * width - margin, (tiles[:, 1:] + 1) * width + margin
-        stays = np.ones(len(tiles), np.bool_)
+        around = tile_boxes(np.array(list(self._known_occupied), np.int64).reshape(-1, 3), self.extent)
+        low, high = around[:, :2], around[:, 2:]
+        stays = np.ones(len(around), np.bool_)
         for west, south, east, north in boxes:
             stays &= ((low > (east, north)) | (high < (west, south))).any(axis=1)
         return dict(compress(self._known_occupied.items(), stays.tolist()))
@@ -150,25 +168,21 @@ class Appearance:
 
     def occupied(self, keys: npt.ArrayLike) -> BoolArray:
         """Return whether anything may be painted in tiles (n, 3) of level, column and row, (n,)."""
-        tiles = np.asarray(keys, np.int64).reshape(-1, 3)
-        names, known = list(map(tuple, tiles.tolist())), self._known_occupied
-        if len(known) > _MOST_KNOWN:
-            known.clear()
-        new = np.array([name not in known for name in names], np.bool_)
-        if new.any():
-            boxes = _blocks(_corners(tiles[new]), np.exp2(LATTICE_BITS - tiles[new, 0]) / (SIDE - 2), 1)
+
+        def find(tiles: Int64Array) -> BoolArray:
+            boxes = _blocks(_corners(tiles), np.exp2(LATTICE_BITS - tiles[:, 0]) / (SIDE - 2), 1)
             found = np.zeros(len(boxes), np.bool_)
             photos = np.array([each.box for each in self.recipe.orthophotos]).reshape(-1, 4)
             photo_boxes = BoxIndex(to_lattice(photos, self.extent))
             for index in (self._roads.boxes, self._areas, photo_boxes):
                 if len(index):
                     found[np.unique(index.touching(boxes)[0])] = True
-            known.update(zip(compress(names, new), found.tolist(), strict=True))
-        return np.array([known[name] for name in names], np.bool_)
+            return found
+
+        return known_tiles(self._known_occupied, np.asarray(keys, np.int64).reshape(-1, 3), find)
 
     @cached_property
     def _known_occupied(self) -> dict[tuple[int, ...], bool]:
-        """Tiles that were asked for: a view asks for the same ones in each frame."""
         return {}
 
     def tiles(self, keys: npt.ArrayLike) -> npt.NDArray[np.uint8]:

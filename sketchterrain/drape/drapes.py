@@ -18,11 +18,12 @@ from sketchterrain.document.drapes import DrapedLayer, drape_problem
 from sketchterrain.document.parameters import Properties
 from sketchterrain.document.vector_formats import vector_driver
 from sketchterrain.drape.items import AFTER, BEFORE, FILL, POINT, STROKE, Items
-from sketchterrain.drape.levels import Level, expanded, level_of
+from sketchterrain.drape.levels import Level, level_of
 from sketchterrain.drape.raster_source import RasterSource
 from sketchterrain.drape.vector_source import Feature, VectorSource
 from sketchterrain.drape.vector_store import FARTHEST
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.terrain.index import expanded
 
 BUDGET: Final = 24 << 20
 """The most bytes of memory of all sources and their caches."""

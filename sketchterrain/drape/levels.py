@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,7 @@ import shapely
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array, StructuredArray
 from sketchterrain.document.vector_formats import Shapes, single_parts, valid_areas
 from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE
+from sketchterrain.terrain.index import expanded
 
 RUN: Final = 64
 """The most segments of a line in one item."""
@@ -161,8 +162,8 @@ def _strokes(outlines: Outlines) -> Parts:
     segments = np.diff(start) - 1
     closed = (points[start[:-1]] == points[start[1:] - 1]).all(axis=1) & (segments > 1)
     runs = -(-segments // RUN)
-    line = np.repeat(np.arange(len(segments)), runs)
-    begin = (np.arange(len(line)) - np.repeat(np.cumsum(runs) - runs, runs)) * RUN
+    line, run = expanded(runs)
+    begin = run * RUN
     end = np.minimum(begin + RUN, segments[line])
     starts, ends = begin == 0, end == segments[line]
     before, after = ~starts | closed[line], ~ends | closed[line]
@@ -177,12 +178,6 @@ def _strokes(outlines: Outlines) -> Parts:
     vertex, last = (begin - before)[owner] + place, segments[line][owner]
     vertex = np.where(vertex < 0, last - 1, np.where(vertex > last, 1, vertex))
     return _boxed(items, points[start[line][owner] + vertex])
-
-
-def expanded(count: npt.NDArray[Any]) -> tuple[Int64Array, Int64Array]:
-    """Return the run and the place in it of each element of concatenated runs of these lengths."""
-    owner = np.repeat(np.arange(len(count)), count)
-    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
 
 
 def _fills(outlines: Outlines) -> Parts:

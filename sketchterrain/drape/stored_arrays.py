@@ -37,7 +37,8 @@ class StoredArrays:
     def array(self, name: str, dtype: npt.DTypeLike, columns: int = 0) -> npt.NDArray[Any]:
         """Return an array of values, or of rows of some columns."""
         start, size = self._places.get(name, (0, 0))
-        return _shaped(self._content[start : start + size].view(dtype), columns)
+        found = self._content[start : start + size].view(dtype)
+        return found.reshape(-1, columns) if columns else found
 
     def texts(self, name: str) -> Texts:
         """Return byte strings."""
@@ -62,32 +63,18 @@ class ArrayWriter:
         self.add(name, np.frombuffer(b"".join(texts), np.uint8))
         self.add(f"{name}.ends", start + np.cumsum([len(text) for text in texts], dtype=np.int64))
 
-    def written(self, name: str, dtype: npt.DTypeLike, columns: int = 0) -> npt.NDArray[Any]:
-        """Return an array to which no more is appended."""
-        self._streams.pop(name).close()
-        path = self._folder / name
-        content = np.memmap(path, dtype, "r") if path.stat().st_size else np.zeros(0, dtype)
-        return _shaped(np.asarray(content), columns)
-
-    def remove(self, name: str) -> None:
-        """Remove an array that was `written`."""
-        (self._folder / name).unlink()
-
-    def finish(self, facts: object) -> None:
-        """Join all arrays."""
+    def finish(self, facts: object = None) -> StoredArrays:
+        """Join all arrays, and return them."""
         places = {}
         with (self._folder / _CONTENT).open("wb") as content:
             content.write(bytes(_ALIGNMENT))  # an empty file cannot be mapped
             for name, stream in self._streams.items():
                 stream.close()
                 content.write(bytes(-content.tell() % _ALIGNMENT))
-                start = content.tell()
-                with (self._folder / name).open("rb") as part:
-                    shutil.copyfileobj(part, content)
+                start, part = content.tell(), self._folder / name
+                with part.open("rb") as opened:
+                    shutil.copyfileobj(opened, content)
                 places[name] = start, content.tell() - start
-                self.remove(name)
+                part.unlink()
         (self._folder / _FACTS).write_text(json.dumps([facts, places]), encoding="utf-8")
-
-
-def _shaped(array: npt.NDArray[Any], columns: int) -> npt.NDArray[Any]:
-    return array.reshape(-1, columns) if columns else array
+        return StoredArrays(self._folder)

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -256,40 +257,37 @@ def _build(
     file: VectorFile, layer: DrapedLayer, frame: Mapping[str, Any], extent: float, folder: Path
 ) -> None:
     """Write a store in one pass over the file."""
-    arrays, projection = ArrayWriter(folder), Projection(file_crs(file, layer), frame, file.place)
-    at_once = _CHUNK << (6 if file.driver in _READ_WHOLE else 0)
-    step = max(1, file.features * at_once // max(Path(layer.path).stat().st_size, 1))
-    fields = {name: _stored_kind(dtype) for name, dtype in file.fields.items()}
-    tolerances, left_out, boxes = list[float](), 0, [np.zeros((0, 4))]
-    for first in range(0, max(file.features, 1), step):
-        wkb, values = file.read(first, step)
-        if len(wkb) < min(step, file.features - first):
-            raise InputError(f"{file.place}: expected {file.features} features, the file ends before")
-        shapes = placed(wkb, projection)
-        arrays.add_texts("geometry", [text or b"" for text in shapely.to_wkb(shapes).tolist()])
-        for at, (name, kind) in enumerate(fields.items()):
-            _add_column(arrays, f"column{at}", kind, values[name])
-        bounds, limit = shapely.bounds(shapes), FARTHEST * extent
-        near = (bounds[:, :2] <= limit).all(axis=1) & (bounds[:, 2:] >= -limit).all(axis=1)
-        lost = [each is not None and shape is None for each, shape in zip(wkb, shapes, strict=True)]
-        left_out += int((~near & np.isfinite(bounds).all(axis=1)).sum()) + sum(lost)
-        boxes.append(bounds[near])
-        split = split_shapes(shapes[near], first + np.flatnonzero(near))
-        tolerances = tolerances or _tolerances(split, extent)
-        for number, tolerance in enumerate(tolerances):
-            items, points = parts_of(split, tolerance)
-            arrays.add(f"unsorted items{number}", items)
-            arrays.add(f"unsorted points{number}", points)
-    _sort_levels(arrays, len(tolerances))
-    whole = np.concatenate(boxes) if any(map(len, boxes)) else np.full((1, 4), np.nan)
-    facts = {
-        "features": file.features,
-        "left_out": left_out,
-        "fields": fields,
-        "box": [*whole[:, :2].min(axis=0).tolist(), *whole[:, 2:].max(axis=0).tolist()],
-        "levels": tolerances,
-    }
-    arrays.finish(facts)
+    with TemporaryDirectory(dir=folder, ignore_cleanup_errors=True) as scratch:
+        arrays, unsorted = ArrayWriter(folder), ArrayWriter(Path(scratch))
+        projection = Projection(file_crs(file, layer), frame, file.place)
+        at_once = _CHUNK << (6 if file.driver in _READ_WHOLE else 0)
+        step = max(1, file.features * at_once // max(Path(layer.path).stat().st_size, 1))
+        fields = {name: _stored_kind(dtype) for name, dtype in file.fields.items()}
+        tolerances, left_out, boxes = list[float](), 0, [np.full((1, 4), np.nan)]
+        for first in range(0, max(file.features, 1), step):
+            wkb, values = file.read(first, step)
+            if len(wkb) < min(step, file.features - first):
+                raise InputError(f"{file.place}: expected {file.features} features, the file ends before")
+            shapes = placed(wkb, projection)
+            arrays.add_texts("geometry", [text or b"" for text in shapely.to_wkb(shapes).tolist()])
+            for at, (name, kind) in enumerate(fields.items()):
+                _add_column(arrays, f"column{at}", kind, values[name])
+            bounds, limit = shapely.bounds(shapes), FARTHEST * extent
+            near = (bounds[:, :2] <= limit).all(axis=1) & (bounds[:, 2:] >= -limit).all(axis=1)
+            lost = [each is not None and shape is None for each, shape in zip(wkb, shapes, strict=True)]
+            left_out += int((~near & np.isfinite(bounds).all(axis=1)).sum()) + sum(lost)
+            boxes.append(bounds[near])
+            split = split_shapes(shapes[near], first + np.flatnonzero(near))
+            tolerances = tolerances or _tolerances(split, extent)
+            for number, tolerance in enumerate(tolerances):
+                items, points = parts_of(split, tolerance)
+                unsorted.add(f"items{number}", items)
+                unsorted.add(f"points{number}", points)
+        _sort_levels(unsorted.finish(), arrays, len(tolerances))
+    whole = np.concatenate(boxes)
+    box = [*np.fmin.reduce(whole[:, :2]).tolist(), *np.fmax.reduce(whole[:, 2:]).tolist()]
+    facts = {"features": file.features, "left_out": left_out, "fields": fields, "box": box}
+    arrays.finish(facts | {"levels": tolerances})
 
 
 def _tolerances(shapes: Shapes2D, extent: float) -> list[float]:
@@ -309,11 +307,11 @@ def _tolerances(shapes: Shapes2D, extent: float) -> list[float]:
     return kept
 
 
-def _sort_levels(arrays: ArrayWriter, count: int) -> None:
-    """Sort the items of each level by place."""
+def _sort_levels(unsorted: StoredArrays, arrays: ArrayWriter, count: int) -> None:
+    """Write the items of each level sorted by place."""
     for number in range(count):
-        items = arrays.written(f"unsorted items{number}", ITEM)
-        points = arrays.written(f"unsorted points{number}", np.float64, 2)
+        items = unsorted.array(f"items{number}", ITEM)
+        points = unsorted.array(f"points{number}", np.float64, 2)
         # In each part of the file they begin with its first point.
         first = np.cumsum(items["count"], dtype=np.int64) - items["count"]
         order, end = np.argsort(morton(items["box"]), kind="stable"), 0
@@ -325,20 +323,13 @@ def _sort_levels(arrays: ArrayWriter, count: int) -> None:
             end += int(batch["count"].sum())
             arrays.add(f"items{number}", batch)
             arrays.add(f"groups{number}", common(batch["box"]))
-        del items, points  # open files cannot be removed on all systems
-        arrays.remove(f"unsorted items{number}")
-        arrays.remove(f"unsorted points{number}")
 
 
 def _stored_kind(dtype: str) -> str:
     """Return how values of a dtype are stored: numbers in 8 bytes each, others as text."""
-    return (
-        "int64"
-        if dtype.startswith(("int", "uint", "bool"))
-        else "float64"
-        if dtype[:5] == "float"
-        else "text"
-    )
+    if dtype.startswith(("int", "uint", "bool")):
+        return "int64"
+    return "float64" if dtype.startswith("float") else "text"
 
 
 def _add_column(arrays: ArrayWriter, name: str, kind: str, values: npt.NDArray[Any]) -> None:

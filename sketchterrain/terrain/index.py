@@ -167,7 +167,7 @@ class BoxIndex:
         low = cells << bits
         block, item = self.touching(np.concatenate([low, low + ((1 << bits) - 1)], axis=1))
         starts = np.searchsorted(block, np.arange(len(cells) + 1))
-        point, offset = _runs(np.diff(starts)[square])
+        point, offset = expanded(np.diff(starts)[square])
         item = item[starts[square[point]] + offset]
         at = np.stack([x[point], y[point]], axis=1)
         boxes = self.boxes_of(item)
@@ -191,11 +191,11 @@ class BoxIndex:
         last = np.minimum((area[:, 2:] - origin) >> shift, np.stack([width, rows], axis=-1)[size] - 1)
         wide = (last[:, 0] >= first[:, 0]) & (bits[size] >= least.bit_length() - 1)
         count = np.where(wide, np.maximum(last[:, 1] - first[:, 1] + 1, 0), 0)
-        part, offset = _runs(count)
+        part, offset = expanded(count)
         row = base[size[part]] + (first[part, 1] + offset) * width[size[part]]
         start = np.searchsorted(keys, row + first[part, 0])
         end = np.searchsorted(keys, row + last[part, 0], side="right")
-        row_of, place = _runs(end - start)
+        row_of, place = expanded(end - start)
         return block[part[row_of]], items[start[row_of] + place]
 
     def _build(self) -> tuple[LatticeArray, ...]:
@@ -228,7 +228,7 @@ def _overlap(blocks: LatticeArray, low: LatticeArray, high: LatticeArray) -> Boo
     )
 
 
-def _runs(count: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
+def expanded(count: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
     """Return, for concatenated runs of these lengths, each element's run and its index in the run."""
     owner = np.repeat(np.arange(len(count)), count)
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)

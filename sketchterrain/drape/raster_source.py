@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,9 +12,7 @@ import numpy as np
 import rasterio
 import rasterio.shutil
 from rasterio import DatasetReader, Env
-from rasterio._err import CPLE_BaseError
 from rasterio.enums import ColorInterp, Resampling
-from rasterio.errors import RasterioError
 from rasterio.transform import Affine
 from rasterio.vrt import WarpedVRT
 
@@ -22,7 +20,7 @@ from sketchterrain.array_types import Bounds, UInt8Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import DrapedLayer, drape_problem
 from sketchterrain.drape.vector_source import file_stamp, source_problem
-from sketchterrain.elevation.pictures import LOCAL_CRS, colour_bands, is_indexed, read_pixels
+from sketchterrain.elevation.pictures import LOCAL_CRS, colour_bands, is_indexed, open_raster, read_pixels
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.io.crs import parse_crs
 from sketchterrain.io.disk_cache import stored_folder
@@ -43,18 +41,16 @@ class RasterSource:
         self, layer: DrapedLayer, frame: Mapping[str, Any], size: tuple[float, float], memory: LRUCache
     ) -> None:
         """Open a file; raise InputError if it cannot be read or has no place in the sketch."""
-        self._place, self._band, self._memory = f"draped layer {one_line(layer.path)}", layer["band"], memory
+        place, self._band, self._memory = f"draped layer {one_line(layer.path)}", layer["band"], memory
         self._corner = frame["east"], frame["north"]
         self._target = parse_crs(frame["crs"]) if frame["crs"] else LOCAL_CRS
         self._path, self._stamp = Path(layer.path), file_stamp(layer.path)
         self._layer = layer.replace(sha256="") if drape_problem(layer) else layer
         self._failure = ""
         with self._opened(None) as file:
-            if self._band > file.count:
-                raise InputError(f"{self._place}: band = {self._band}: expected 1 to {file.count}")
             given = file.crs or (parse_crs(layer.crs) if layer.crs else None)
             if given is not None and not frame["crs"]:
-                raise InputError(f"{self._place}: expected a sketch with a CRS, [frame] has none")
+                raise InputError(f"{place}: expected a sketch with a CRS, [frame] has none")
             self._crs = given or self._target
             has_place = file.crs is not None or not file.transform.is_identity
             east, north = self._corner
@@ -124,14 +120,9 @@ class RasterSource:
         if problem := source_problem(self._layer, self._stamp):  # GDAL would take other names for addresses
             raise InputError(problem)
         options = {} if overview is None else {"OVERVIEW_LEVEL": overview}
-        try:
-            with Env(**_ENV), warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of a picture without a georeference
-                with rasterio.open(self._path, **options) as file:
-                    yield file
-        except (RasterioError, CPLE_BaseError, OSError, ValueError, MemoryError) as error:
-            reason = one_line(error)[:160]
-            raise InputError(f"{self._place}: cannot be read as a raster ({reason})") from None
+        source = replace(self._layer.file, path=str(self._path), band=self._band)
+        with Env(**_ENV), open_raster(source, "draped layer", **options) as file:
+            yield file
 
     def _warped(self, file: DatasetReader, **options: Any) -> WarpedVRT:
         """Return a file in the frame's CRS."""

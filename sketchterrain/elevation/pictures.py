@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -70,8 +70,9 @@ def _place(source: RasterSource) -> str:
 
 
 @contextmanager
-def open_raster(source: RasterSource) -> Iterator[DatasetReader]:
+def open_raster(source: RasterSource, what: str = "raster", **options: Any) -> Iterator[DatasetReader]:
     """Open a source's file; raise InputError if it, or what is read from it, is unreadable."""
+    place = f"{what} {one_line(source.path)}"
     # GDAL would take names of files that do not exist for addresses.
     if source.content is None and not Path(source.path).is_file():
         raise InputError(raster_problem(source))
@@ -80,14 +81,14 @@ def open_raster(source: RasterSource) -> Iterator[DatasetReader]:
             warnings.simplefilter("ignore")  # of a picture without a georeference
             stack.enter_context(Env())
             if source.content is None:
-                file = stack.enter_context(rasterio.open(Path(source.path)))
+                file = stack.enter_context(rasterio.open(Path(source.path), **options))
             else:
                 file = stack.enter_context(stack.enter_context(MemoryFile(source.content)).open())
             if source.band > file.count:
-                raise InputError(f"{_place(source)}: band = {source.band}: expected 1 to {file.count}")
+                raise InputError(f"{place}: band = {source.band}: expected 1 to {file.count}")
             yield file
     except (RasterioError, CPLE_BaseError, OSError, ValueError, MemoryError) as error:
-        raise InputError(f"{_place(source)}: cannot be read as a raster ({one_line(error)[:160]})") from None
+        raise InputError(f"{place}: cannot be read as a raster ({one_line(error)[:160]})") from None
 
 
 def _shape(box: tuple[float, float, float, float], sketch: Sketch, side: int) -> tuple[int, int]:

@@ -17,9 +17,8 @@ from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.ui.commands import is_edited, is_locked, name_of
 from sketchterrain.ui.look.theme import icon
-from sketchterrain.ui.models.drapes import delete_draped
 from sketchterrain.ui.models.selection import delete, lock, reset, unlock
-from sketchterrain.ui.models.vectors import VECTOR_COMMANDS, paste, selected_text
+from sketchterrain.ui.models.vectors import VECTOR_COMMANDS, delete_vector, paste, selected_text
 from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, RecentFiles, Selection, Workspace
 
 if TYPE_CHECKING:
@@ -311,7 +310,7 @@ CLIPBOARD_COMMANDS = {"copy": copy_vector, "paste": paste_vectors}
 def add_vector_commands(
     menu: ContextMenu, document: Document, workspace: Workspace, report: Callable[[str], object]
 ) -> None:
-    """Add the commands for the selected vector to a menu; `report` gets why one is not possible."""
+    """Add the commands for the selected vector or draped feature; `report` gets why one is not possible."""
 
     def run(command: Callable[[Document, Workspace], None]) -> None:
         try:
@@ -319,24 +318,10 @@ def add_vector_commands(
         except InputError as error:
             report(str(error))
 
-    for name, command in {**VECTOR_COMMANDS, **CLIPBOARD_COMMANDS}.items():
+    is_draped = workspace.selection is not None and workspace.selection.is_draped
+    of_vectors = {**VECTOR_COMMANDS, **CLIPBOARD_COMMANDS}
+    for name, command in ({"delete-selection": delete_vector} if is_draped else of_vectors).items():
         menu.add_command(COMMANDS[name].icon, COMMANDS[name].text.replace("&", ""), partial(run, command))
-
-
-def add_drape_commands(
-    menu: ContextMenu, document: Document, workspace: Workspace, report: Callable[[str], object]
-) -> None:
-    """Add the commands for the selected draped feature to a menu; `report` gets why one is not possible."""
-
-    def run() -> None:
-        try:
-            delete_draped(document, workspace)
-        except InputError as error:
-            report(str(error))
-
-    selection = workspace.selection
-    is_vertex = selection is not None and selection.index is not None
-    menu.add_command("delete", "Delete the vertex" if is_vertex else "Delete the feature", run)
 
 
 class RecentMenu(QMenu):

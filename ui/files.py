@@ -25,7 +25,7 @@ from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import RenderPicture
 from sketchterrain.ui.models.background import BackgroundQueue, BackgroundReader, SketchSaver
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.drapes import new_drape, replace_drape
+from sketchterrain.ui.models.drapes import new_drape, with_layer
 from sketchterrain.ui.models.workspace import Preferences, RecentFiles
 
 if TYPE_CHECKING:
@@ -212,7 +212,7 @@ class Files(QObject):
         def read() -> object:
             return [new_drape(path, number) for number, path in enumerate(paths, start=first)]
 
-        self.read(paths[0], read, lambda found: self.drapes_read.emit(found))
+        self.read(paths[0], read, self.drapes_read.emit)
 
     def save_drape(self, number: int, ask: bool) -> None:
         """Save a draped layer with its edits in its file, or in another one."""
@@ -235,7 +235,7 @@ class Files(QObject):
             self._report_save_error(str(error))
             return
         self._banner.withdraw("file")
-        replace_drape(document, number, f"Save {saved.title}", saved)
+        document.do(f"Save {saved.title}", with_layer(document.sketch, number, saved))
 
     def open_dropped(self, paths: Iterable[Path], layer: str) -> None:
         """Open a dropped sketch, import dropped images of layers, or drape other files on the terrain."""

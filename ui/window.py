@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 from PyQt6.QtCore import QEvent, QSignalBlocker, QSize, Qt, QTimer
 from PyQt6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QResizeEvent, QShowEvent
 from PyQt6.QtWidgets import QLabel, QMainWindow, QMenu, QSizePolicy, QSlider, QTabWidget, QWidget
@@ -26,7 +25,7 @@ from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, active_theme, app_icon, described, row, tabular
 from sketchterrain.ui.models.background import SketchSaver
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.drapes import add_drapes, bounds_of, update_file
+from sketchterrain.ui.models.drapes import add_drapes, update_file
 from sketchterrain.ui.models.workspace import BRUSHES, Bookmarks, Preferences, RecentFiles, Workspace
 from sketchterrain.ui.panels.base import BasePanel
 from sketchterrain.ui.panels.layers import LayersPanel
@@ -345,10 +344,10 @@ class MainWindow(QMainWindow):
 
     def _zoom_to_drape(self, number: int) -> None:
         """Show all of a draped layer on the canvas and in 3-D."""
-        box = bounds_of(self._document, number)
-        if box is not None:
-            self.canvas.show_box(*box)
-            self._link.send(show_line(np.array(box).reshape(2, 2), self._document.sketch.size))
+        source = self._document.drapes.source(number)
+        if source is not None:
+            self.canvas.show_box(*source.box.tolist())
+            self._link.send(show_line(source.box.reshape(2, 2), self._document.sketch.size))
 
     def _import(self) -> None:
         self.files.ask_import(self._workspace.layer)

@@ -31,11 +31,10 @@ class Canvas(QWidget):
         self._context = ToolContext(document, workspace, link)
         self._marks = FeatureMarks(self._context)
         self._sketch_view = SketchView(self._context, self)
-        self.underlay = self._sketch_view.underlay
+        self.underlay, self.drapes = self._sketch_view.underlay, self._sketch_view.drapes
         self._vectors = VectorMarks(self._context)
         self._input = CanvasInput(self._context, self._marks, self._vectors, self)
-        self.drapes = self._sketch_view.drapes
-        self._decorations = Decorations(self._context, self._marks, self._vectors, self.drapes)
+        self._decorations = Decorations(self._context, self._marks, self._vectors)
         self._fitted = True
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)

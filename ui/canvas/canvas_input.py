@@ -23,7 +23,6 @@ from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.actions import (
     ContextMenu,
     ShortcutOverride,
-    add_drape_commands,
     add_selection_commands,
     add_vector_commands,
 )
@@ -221,11 +220,8 @@ class CanvasInput(QObject):
         x, y = context.world_from_sketch(*context.sketch_from_screen(place))
         selection = workspace.selection = self._select.selection_under(place)
         menu = ContextMenu(self._canvas)
-        if selection is not None and selection.is_vector:
+        if selection is not None and not selection.is_placed:
             add_vector_commands(menu, document, workspace, context.signals.message.emit)
-            menu.addSeparator()
-        elif selection is not None and selection.is_draped:
-            add_drape_commands(menu, document, workspace, context.signals.message.emit)
             menu.addSeparator()
         elif selection is not None and placed is not None:
             add_selection_commands(menu, document, workspace, placed, selection)

@@ -4,10 +4,9 @@ import math
 from functools import cache
 
 from PyQt6.QtCore import QLineF, QPointF, QRect, QRectF, Qt
-from PyQt6.QtGui import QColor, QFontMetricsF, QPainter, QPainterPath, QPen, QPolygonF, QTransform
+from PyQt6.QtGui import QColor, QFontMetricsF, QPainter, QPainterPath, QPen, QPolygonF
 
 from sketchterrain.document.layers import LAYERS
-from sketchterrain.ui.canvas.drapes import DrapePictures
 from sketchterrain.ui.canvas.marks import DARK, SELECTED, FeatureMarks
 from sketchterrain.ui.canvas.sketch_image import AGREEMENT, FAULT_COLOURS
 from sketchterrain.ui.canvas.tool_context import Tool, ToolContext
@@ -173,11 +172,9 @@ def _draw_rows(painter: QPainter, rows: list[tuple[QColor | None, str]], width: 
 class Decorations:
     """Draws everything over the sketch image."""
 
-    def __init__(
-        self, context: ToolContext, marks: FeatureMarks, vectors: VectorMarks, drapes: DrapePictures
-    ) -> None:
+    def __init__(self, context: ToolContext, marks: FeatureMarks, vectors: VectorMarks) -> None:
         self._context = context
-        self._marks, self._vectors, self._drapes = marks, vectors, drapes
+        self._marks, self._vectors = marks, vectors
         self._pose: Pose | None = None
 
     def reset(self) -> None:
@@ -199,12 +196,6 @@ class Decorations:
         context, overlays, placed = self._context, self._context.workspace.overlays, self._context.link.placed
         ratio = context.ratio
         source = QRectF(area.x() * ratio, area.y() * ratio, area.width() * ratio, area.height() * ratio)
-        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
-        corner, scale = context.screen_from_sketch(0.0, 0.0), context.scale
-        size = context.viewport.columns * scale, context.viewport.rows * scale
-        for image, place in self._drapes.above:
-            to_screen = QTransform(size[0], 0, 0, size[1], corner.x(), corner.y())
-            painter.drawImage(to_screen.mapRect(place), image)
         vectors = self._vectors.image()
         if vectors is not None:
             painter.drawImage(QRectF(area), vectors, source)

@@ -1,12 +1,13 @@
 """Drawing of new features of a draped layer, and highlights of its features."""
 
+import numpy as np
 from PyQt6.QtCore import QPointF
 from PyQt6.QtGui import QColor, QPainter
 
 from sketchterrain.document.vectors import AREA, LINE
 from sketchterrain.errors import InputError
-from sketchterrain.ui.canvas.drapes import PictureWindow, draw_items, path_of
-from sketchterrain.ui.canvas.marks import draw_haloed
+from sketchterrain.ui.canvas.drapes import PictureWindow, draw_items
+from sketchterrain.ui.canvas.marks import draw_haloed, screen_paths
 from sketchterrain.ui.canvas.paint_tools import LineTool
 from sketchterrain.ui.canvas.tool_context import Pointer, ToolContext
 from sketchterrain.ui.models.drapes import draw_draped, refusal
@@ -69,22 +70,23 @@ class DrapeLineTool(LineTool):
         return pointer.x, pointer.y
 
 
-def draw_feature(painter: QPainter, context: ToolContext, held: tuple[int, int], colour: QColor) -> None:
-    """Draw one feature as its layer does, and highlight it."""
-    from sketchterrain.drape.items import POINT
+def draw_feature(
+    painter: QPainter, context: ToolContext, selection: Selection | None, colour: QColor
+) -> None:
+    """Highlight a draped feature, if one is selected; while it is edited draw it as its layer does, too."""
+    import shapely
 
-    drapes = context.document.drapes.current
-    if drapes is None or context.document.drapes.feature(Selection("drape", held[1], layer=held[0])) is None:
+    drapes, feature = context.document.drapes, context.document.drapes.feature(selection)
+    if feature is None or selection is None or drapes.current is None:
         return
-    corner = context.world_from_sketch(*context.sketch_from_screen(QPointF(0.0, 0.0)))
-    window = PictureWindow(*corner, 1.0 / context.px_per_metre, 0, 0)
-    items = drapes.only(held, window.texel)
-    painter.save()
-    if context.document.drapes.held == held:
-        draw_items(painter, drapes, items, window)
-    painter.restore()
-    points, single = window.pixels(items.points), items.kind == POINT
-    path = path_of(points, items.first[:-1])
-    for at in items.first[:-1][single].tolist():
-        path.addEllipse(QPointF(*points[at].tolist()), 6.0, 6.0)
+    if drapes.held == (selection.layer, selection.id):
+        corner = context.world_from_sketch(*context.sketch_from_screen(QPointF(0.0, 0.0)))
+        window = PictureWindow(*corner, 1.0 / context.px_per_metre, 0, 0)
+        painter.save()
+        draw_items(painter, drapes.current, drapes.current.only(drapes.held, window.texel), window)
+        painter.restore()
+    (path,) = screen_paths(context, np.array([feature.geometry]), context.area)
+    if feature.geometry.length == 0.0:
+        for place in shapely.get_coordinates(feature.geometry).tolist():
+            path.addEllipse(context.screen_from_world(*place), 6.0, 6.0)
     draw_haloed(painter, path, colour, 2.0)

@@ -67,7 +67,7 @@ class DrapePictures(QObject):
     They are drawn anew, on a thread if that takes long, while the last ones are shown in their place.
     """
 
-    changed = pyqtSignal()
+    changed = pyqtSignal(bool)  # whether those beneath the paint
 
     def __init__(self, context: ToolContext, parent: QObject) -> None:
         super().__init__(parent)
@@ -123,7 +123,7 @@ class DrapePictures(QObject):
         before = self.beneath, self.above
         self.beneath, self.above = (() if image is None else ((image, place),) for image in images)
         if before != (self.beneath, self.above):
-            self.changed.emit()
+            self.changed.emit(before[0] != self.beneath)
         self.update()  # what has changed meanwhile
 
 

@@ -14,7 +14,7 @@ from sketchterrain.ui.canvas.tool_context import REACH, Pointer, Tool, ToolConte
 from sketchterrain.ui.canvas.vectors import VectorMarks
 from sketchterrain.ui.commands import exists, name_of
 from sketchterrain.ui.engine.protocol import GoTo, Placement
-from sketchterrain.ui.models.drapes import draped_handles, insert_draped_vertex
+from sketchterrain.ui.models.drapes import draped_handles, next_below
 from sketchterrain.ui.models.selection import (
     OFFSET_ROLES,
     FeatureDrag,
@@ -60,18 +60,15 @@ class SelectTool(Tool):
         at = self.context.world_from_sketch(pointer.x, pointer.y)
         handle = self._handle_at(at)
         before, self._next = self.context.workspace.selection, None
-        selection = self._selection_at(at) if handle is None else handle.selection
-        draped = self._draped_at(at) if handle is None else []
-        whole = None if before is None else replace(before, index=None)
-        if whole in draped:  # it may be dragged; a click goes on to the next one below
-            selection, self._next = whole, draped[(draped.index(whole) + 1) % len(draped)]
-        self.context.workspace.selection = selection
+        found = self._selections_at(at) if handle is None else [handle.selection]
+        whole = before and replace(before, index=None)
+        if handle is None and whole is not None and whole.is_draped and whole in found:
+            handle, self._next = Handle("move", whole, *at, *at), next_below(found, whole)
+        selection = self.context.workspace.selection = handle.selection if handle else next(iter(found), None)
         if handle is not None and not (handle.is_vertex or handle.selection.is_draped):
             self._start_drag(handle, at)
             return
-        if whole is not None and whole in draped:
-            handle = Handle("move", whole, *at, *at)
-        elif handle is None and self.context.link.placed is not None:
+        if handle is None and self.context.link.placed is not None:
             handle = next(iter(handles_of(self.context.link.placed, selection)), None)
             handle = handle if handle is not None and handle.role == "move" else None
         self._pressed = at, handle
@@ -89,7 +86,7 @@ class SelectTool(Tool):
             self._report(self._drag.problem)
             self.context.signals.redraw()
         elif self._pressed is None:
-            self._hover(None if self._handle_at(at) else self._selection_at(at))
+            self._hover(None if self._handle_at(at) else next(iter(self._selections_at(at)), None))
 
     def release(self, pointer: Pointer) -> None:
         """Finish the drag; after a double click without one, move the 3-D view there."""
@@ -104,10 +101,8 @@ class SelectTool(Tool):
         """Insert a vertex in the selected vector, else press: a drag may follow at once."""
         at, context = self.context.world_from_sketch(pointer.x, pointer.y), self.context
         try:
-            where = {"reach": REACH / context.px_per_metre}
-            is_inserted = self._handle_at(at) is None and (
-                insert_vertex(context.document, context.workspace, *at, **where)
-                or insert_draped_vertex(context.document, context.workspace, *at, **where)
+            is_inserted = self._handle_at(at) is None and insert_vertex(
+                context.document, context.workspace, *at, reach=REACH / context.px_per_metre
             )
         except InputError as error:
             self._report(str(error))
@@ -156,7 +151,8 @@ class SelectTool(Tool):
         """Return what a command at a screen position is for: a vertex, or what a click would select."""
         at = self.context.world_from_sketch(*self.context.sketch_from_screen(place))
         handle = self._handle_at(at)
-        return handle.selection if handle is not None and handle.is_vertex else self._selection_at(at)
+        is_vertex = handle is not None and handle.is_vertex
+        return handle.selection if handle and is_vertex else next(iter(self._selections_at(at)), None)
 
     def cursor_at(self, place: QPointF) -> Qt.CursorShape:
         if self.is_busy:
@@ -172,18 +168,16 @@ class SelectTool(Tool):
         faint.setAlpha(150)
         if hovered is not None and hovered.is_vector and self._drag is None:
             self._vectors.draw_outline(painter, hovered, faint)
-        for each, colour in ((hovered, faint), (selection, SELECTED)):
-            if each is not None and each.is_draped and each.id >= 0:
-                draw_feature(painter, self.context, (each.layer, each.id), colour)
-        if selection is not None and selection.is_draped:
-            for handle in self._draped_handles():
-                self._draw_handle(painter, handle, selection)
+        draw_feature(painter, self.context, hovered, faint)
+        draw_feature(painter, self.context, selection, SELECTED)
+        for handle in self._draped_handles():
+            self._draw_handle(painter, handle)
         if selection is not None and selection.is_vector:
             drag = self._drag
             self._vectors.draw_selection(painter, selection, None if drag and drag.handle.is_live else drag)
             width = vector_width_handle(self.context.document.sketch, selection)
             if width is not None and (drag is None or not drag.handle.is_vertex):
-                self._draw_handle(painter, width, selection)
+                self._draw_handle(painter, width)
             if self._drag is not None and self._last_drag is not None:
                 self._draw_drag(painter, placed)
         if placed is None:
@@ -199,15 +193,15 @@ class SelectTool(Tool):
             return
         self._marks.draw_selection(painter, placed, selection, SELECTED)
         for handle in self._visible_handles(placed):
-            self._draw_handle(painter, handle, selection)
+            self._draw_handle(painter, handle)
         self._draw_drag(painter, placed)
 
-    def _draw_handle(self, painter: QPainter, handle: Handle, selection: Selection) -> None:
+    def _draw_handle(self, painter: QPainter, handle: Handle) -> None:
         at = self._handle_place(handle)
         if handle.role in ("radius", "width"):
             painter.setPen(QPen(SELECTED, 1.0, Qt.PenStyle.DashLine))
             painter.drawLine(self.context.screen_from_world(handle.base_x, handle.base_y), at)
-        active = handle.selection.index is not None and handle.selection.index == selection.index
+        active = handle.selection.index is not None and handle.selection == self.context.workspace.selection
         painter.setPen(QPen(SELECTED, 1.8))
         painter.setBrush(SELECTED if active else QColor(255, 255, 255))
         if handle.role == "point":
@@ -255,17 +249,15 @@ class SelectTool(Tool):
         if problem:
             self.context.signals.message.emit(problem)
 
-    def _selection_at(self, at: tuple[float, float]) -> Selection | None:
-        """Return the vector or placed object at a position, m."""
+    def _selections_at(self, at: tuple[float, float]) -> list[Selection]:
+        """Return the draped features at a position (m), the highest first, else a vector or placed object."""
         context, placed, px = self.context, self.context.link.placed, self.context.px_per_metre
-        if draped := self._draped_at(at):
-            return draped[0]
-        vector = vector_at(context.document.sketch, context.workspace, *at, reach=REACH / px)
-        return select_at(placed, *at, reach=_TOLERANCE / px) if vector is None and placed else vector
-
-    def _draped_at(self, at: tuple[float, float]) -> list[Selection]:
-        """Return the draped features at a position (m), the highest first."""
-        return self.context.document.drapes.stack(*at, 1.0 / self.context.px_per_metre)
+        if draped := context.document.drapes.stack(*at, 1.0 / px):
+            return draped
+        found = vector_at(context.document.sketch, context.workspace, *at, reach=REACH / px)
+        if found is None and placed is not None:
+            found = select_at(placed, *at, reach=_TOLERANCE / px)
+        return [] if found is None else [found]
 
     def _handle_at(self, at: tuple[float, float]) -> Handle | None:
         """Return the handle at a position, m."""

@@ -19,7 +19,7 @@ from sketchterrain.ui.canvas.compositing import (
 )
 from sketchterrain.ui.canvas.drapes import DrapePictures
 from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
-from sketchterrain.ui.canvas.underlay import Pictures, RasterUnderlay
+from sketchterrain.ui.canvas.underlay import RasterUnderlay
 from sketchterrain.ui.engine.protocol import Adherence, Relief
 from sketchterrain.ui.look.theme import active_theme, theme
 
@@ -165,7 +165,6 @@ class SketchView(QObject):
         self._relief_step = 1
         self.underlay = RasterUnderlay(context.document, self)
         self.drapes = DrapePictures(context, self)
-        self._drapes_beneath: Pictures = ()  # the composed ones
         self._tint: tuple[Adherence | None, str] = (None, "")
         self._tint_image: QImage | None = None
         self._viewport: Viewport | None = None
@@ -218,9 +217,8 @@ class SketchView(QObject):
             self._invalidate()
         self.stale.emit(QRect(0, 0, context.viewport.width, context.viewport.height))
 
-    def _on_drapes(self) -> None:
-        if self._drapes_beneath != self.drapes.beneath:
-            self._drapes_beneath = self.drapes.beneath
+    def _on_drapes(self, are_beneath: bool) -> None:
+        if are_beneath:
             self._invalidate()
         self.stale.emit(QRect(0, 0, self._context.viewport.width, self._context.viewport.height))
 
@@ -279,6 +277,12 @@ class SketchView(QObject):
         self._compose_stale()
         source = QRectF(area.x() * ratio, area.y() * ratio, area.width() * ratio, area.height() * ratio)
         painter.drawImage(QRectF(area), self._image, source)
+        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+        corner, scale = self._context.screen_from_sketch(0.0, 0.0), self._context.scale
+        for image, place in self.drapes.above:
+            width, height = scale * self._context.viewport.columns, scale * self._context.viewport.rows
+            to_screen = QTransform(width, 0, 0, height, corner.x(), corner.y())
+            painter.drawImage(to_screen.mapRect(place), image)
 
     def _set_viewport(self, viewport: Viewport) -> None:
         """Show the sketch through a viewport; panning reuses pixels."""
@@ -350,7 +354,7 @@ class SketchView(QObject):
             width, height = viewport.columns * scale, viewport.rows * scale
             to_screen = QTransform(width, 0, 0, height, corner.x(), corner.y())
             pictures = self.underlay.visible(self._context.workspace.overlays)
-            for image, place in (*pictures, *self._drapes_beneath):
+            for image, place in (*pictures, *self.drapes.beneath):
                 painter.drawImage(to_screen.mapRect(place), image)
             if self._compositor.paints:
                 for top in range(inner.top(), inner.bottom() + 1, _BAND):

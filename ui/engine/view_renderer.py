@@ -52,7 +52,6 @@ class ViewRenderer:
         self._terrain: TerrainSource | None = None
         self._drapes: Drapes | None = None  # None before the first draped layer
         self._held: tuple[int, int] | None = None
-        self._drapes_at: tuple[object, ...] = ()
         self.sun: Sun | None = None  # None before the first terrain
         self._target = PictureTarget(self._context)
 
@@ -78,15 +77,14 @@ class ViewRenderer:
 
     def set_drapes(self, message: SetDrapes) -> None:
         """Show other draped layers; files that are known are not read again."""
-        at = message.frame, message.size, message.extent
         if self._drapes is None and not message.layers:
             return
-        if self._drapes is not None and self._drapes_at == at:
-            self._drapes = self._drapes.updated(message.layers)
-        else:
-            from sketchterrain.drape.drapes import Drapes
+        from sketchterrain.drape.drapes import Drapes
 
-            self._drapes, self._drapes_at = Drapes.open(message.layers, *at), at
+        place, known = (message.frame, message.size, message.extent), self._drapes
+        if known is None or (known.frame, known.size, known.extent) != place:
+            known = Drapes.open((), *place)
+        self._drapes = known.updated(message.layers)
         self._held, self._refinement = message.held, None
         for renderer in (self._renderer, self._still):
             if renderer is not None:

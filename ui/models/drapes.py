@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import colorsys
 import math
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -17,6 +17,7 @@ from PyQt6.QtCore import QObject, pyqtSignal
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.drapes import MAX_CLASSES, DrapeClass, DrapedLayer, class_value, draped_layer
 from sketchterrain.errors import InputError
+from sketchterrain.hydrology.splines import drop_repeats
 from sketchterrain.ui.models.background import BackgroundReader
 from sketchterrain.ui.models.workspace import Selection, Workspace
 
@@ -33,6 +34,7 @@ _Change: TypeAlias = "Callable[[DrapedLayer, Feature], DrapedLayer]"
 _REACH: Final = 3.0  # px from a line or point that is found, as by `Drapes.pick`
 _MAX_HANDLES: Final = 1000  # of vertices
 _MAX_STEPS: Final = 1500  # along an outline
+_NUMBERS: Final = {"int64": (int, "a whole number"), "float64": (float, "a number")}  # by dtype
 _GOLDEN: Final = 0.618034  # of the circle of hues, from one colour to the next
 
 
@@ -46,10 +48,11 @@ class DrapeSources(QObject):
         self._document = document
         self.current: Drapes | None = None  # None without draped layers, and until the first ones are read
         self.held: tuple[int, int] | None = None  # layer and feature that are being edited
-        self._feature: tuple[object, object, Feature | None] = (None, None, None)  # the last one
-        self._shown: tuple[DrapedLayer, ...] = ()
-        self._at: tuple[object, ...] = ()
+        self._found: tuple[object, Feature | None] = (None, None)  # the last one
+        self._wanted: tuple[object, ...] = ()
+        self._failure = ""
         self._reader = BackgroundReader(self)
+        self._reader.failed.connect(self._fail)
         document.sketch_changed.connect(self._update)
         self._update()
 
@@ -60,19 +63,26 @@ class DrapeSources(QObject):
     @property
     def problems(self) -> tuple[str, ...]:
         """A line for each layer whose file is missing, unreadable or has changed."""
-        return () if self.current is None else (*self.current.problems, *self.current.notes)
+        lines = () if self.current is None else (*self.current.problems, *self.current.notes)
+        return (*lines, self._failure) if self._failure else lines
+
+    def source(self, number: int) -> VectorSource | RasterSource | None:
+        """Return a layer's source; None until it is read, and if it cannot be."""
+        current = self.current
+        return None if current is None or number >= len(current.sources) else current.sources[number]
+
+    def fields(self, number: int) -> Mapping[str, str] | None:
+        """Return the types of the properties in a layer's file; None unless it is known to have features."""
+        return getattr(self.source(number), "fields", None)
 
     def feature(self, selection: Selection | None) -> Feature | None:
         """Return the selected feature; None without one or if it is missing."""
-        current = self.current
-        if current is None or selection is None or not selection.is_draped or selection.id < 0:
+        if self.current is None or selection is None or not selection.is_draped or selection.id < 0:
             return None
-        if self._feature[0] is not current or self._feature[1] != (selection.layer, selection.id):
-            found = None
-            with suppress(InputError, IndexError):
-                found = current.feature(selection.layer, selection.id)
-            self._feature = current, (selection.layer, selection.id), found
-        return self._feature[2]
+        key = self.current, selection.layer, selection.id
+        if key != self._found[0]:
+            self._found = key, _find(*key)
+        return self._found[1]
 
     def stack(self, x: float, y: float, texel: float) -> list[Selection]:
         """Return the features at a place (m), the highest first, at a scale of `texel` m a pixel."""
@@ -97,30 +107,50 @@ class DrapeSources(QObject):
             self.changed.emit()
 
     def _update(self) -> None:
-        sketch = self._document.sketch
-        layers, at = sketch.drapes, (sketch.frame, sketch.size, sketch.extent)
-        if layers == self._shown and at == self._at:
+        sketch, current = self._document.sketch, self.current
+        layers, place = sketch.drapes, (sketch.frame, sketch.size, sketch.extent)
+        if self._wanted == (layers, place):
             return
-        known = {each.source_key for each in self._shown} if at == self._at else set()
-        is_read = self.current is not None and known.issuperset(each.source_key for each in layers)
-        if not layers or is_read:
-            self._reader.cancel()
-            self._show(at, None if not layers or self.current is None else self.current.updated(layers))
+        self._wanted = layers, place
+        self._reader.cancel()
+        if current is not None and (current.frame, current.size, current.extent) != place:
+            current = None
+        known = set() if current is None else {each.source_key for each in current.layers}
+        if not layers:
+            self._show(None)
+        elif current is not None and known.issuperset(each.source_key for each in layers):
+            self._show(current.updated(layers))
         else:
-            base = self.current if at == self._at else None
-            self._reader.read(partial(_read, sketch, base), partial(self._show, at))
+            self._reader.read(partial(_read, current, layers, place), self._show)
 
-    def _show(self, at: tuple[object, ...], found: object) -> None:
-        self.current, self._at = cast("Drapes | None", found), at
-        self._shown = () if self.current is None else self.current.layers
+    def _show(self, found: object) -> None:
+        drapes = cast("Drapes | None", found)
+        if self.held is not None and (drapes is None or _find(drapes, *self.held) is None):
+            self.hold(None)  # before it is gone
+        self.current, self._failure = drapes, ""
+        self.changed.emit()
+
+    def _fail(self, line: str) -> None:
+        self._failure = f"Draped layers: {line}"
         self.changed.emit()
 
 
-def _read(sketch: Sketch, base: Drapes | None) -> Drapes:
+def _read(base: Drapes | None, layers: tuple[DrapedLayer, ...], place: tuple[Any, ...]) -> Drapes:
     from sketchterrain.drape.drapes import Drapes
 
-    place = sketch.frame, sketch.size, sketch.extent
-    return Drapes.open(sketch.drapes, *place) if base is None else base.updated(sketch.drapes)
+    return Drapes.open(layers, *place) if base is None else base.updated(layers)
+
+
+def _find(drapes: Drapes, layer: int, number: int) -> Feature | None:
+    with suppress(InputError, IndexError):
+        return drapes.feature(layer, number)
+    return None
+
+
+def next_below(stack: list[Selection], selection: Selection | None) -> Selection:
+    """Return the feature that a click on a stack selects: the highest, or the one below the selected one."""
+    whole = selection and replace(selection, index=None)
+    return stack[(stack.index(whole) + 1) % len(stack) if whole in stack else 0]
 
 
 def new_drape(path: Path, number: int) -> DrapedLayer:
@@ -143,14 +173,12 @@ def change_drape(
     before = document.sketch.drapes[number]
     changed = before.replace(**changes)
     if changed != before:
-        replace_drape(document, number, f"{title} {before.title}", changed, merge=merge)
+        document.do(f"{title} {before.title}", with_layer(document.sketch, number, changed), merge=merge)
 
 
-def replace_drape(
-    document: Document, number: int, title: str, layer: DrapedLayer, *, merge: Hashable | None = None
-) -> None:
-    """Record a step that puts another layer in place of one."""
-    document.do(title, _with_layer(document.sketch, number, layer), merge=merge)
+def with_layer(sketch: Sketch, number: int, layer: DrapedLayer) -> Sketch:
+    """Return the sketch with another layer in place of one."""
+    return sketch.replace(drapes=(*sketch.drapes[:number], layer, *sketch.drapes[number + 1 :]))
 
 
 def _do(document: Document, title: str, layers: list[DrapedLayer]) -> None:
@@ -189,34 +217,19 @@ def update_file(document: Document, number: int) -> None:
     change_drape(document, number, "Update", sha256=digest)
 
 
-def set_class_style(
-    document: Document, number: int, index: int, name: str, value: Any, *, merge: Hashable | None = None
-) -> None:
-    """Set a style of a layer, or of a class by its index; None is the layer's, or of that the default."""
-    layer = document.sketch.drapes[number]
-    title = f"Set {name.replace('_', ' ')} of"
-    if index < 0:
-        change_drape(document, number, title, merge=merge, **{name: value})
-        return
-    classes = list(layer.classes)
-    style = {key: each for key, each in classes[index].style.items() if key != name}
-    classes[index] = replace(classes[index], style=style if value is None else {**style, name: value})
-    change_drape(document, number, title, merge=merge, classes=tuple(classes))
-
-
 def classify(document: Document, number: int, by: str) -> None:
     """Make a class of each value of a property, in colours of its own; raise InputError for too many."""
     from sketchterrain.drape.vector_source import VectorSource
 
-    layer, source = document.sketch.drapes[number], _source(document, number)
+    layer, source = document.sketch.drapes[number], document.drapes.source(number)
     if not isinstance(source, VectorSource) or by not in source.fields:
         raise InputError(f"{layer.title}: expected a property of its file, got {by!r}")
     values = {class_value(each) for each in source.values(by, range(source.next_id))}
     if len(values) > MAX_CLASSES:
         raise InputError(f"{layer.title}: {by} has {len(values)} values; expected at most {MAX_CLASSES}")
-    named = [(value, distinct_colour(at)) for at, value in enumerate(sorted(values))]
-    classes = tuple(DrapeClass(value, {"colour": colour, "fill": colour}) for value, colour in named)
-    change_drape(document, number, "Classify", by=by, classes=classes)
+    colours = map(distinct_colour, range(len(values)))
+    styles = ({"colour": colour, "fill": colour} for colour in colours)
+    change_drape(document, number, "Classify", by=by, classes=tuple(map(DrapeClass, sorted(values), styles)))
 
 
 def refusal(document: Document, workspace: Workspace, number: int) -> str:
@@ -226,22 +239,13 @@ def refusal(document: Document, workspace: Workspace, number: int) -> str:
         return f"{layer.title} is locked. Unlock the layer to edit it."
     if not layer["visible"]:
         return f"{layer.title} is hidden. Show the layer to edit it."
-    return "" if is_vector(document, number) else f"{layer.title} has no features that can be edited."
+    is_vector = document.drapes.fields(number) is not None
+    return "" if is_vector else f"{layer.title} has no features that can be edited."
 
 
 def look_key(layer: DrapedLayer) -> str:
     """Return the name by which the workspace keeps a layer's lock."""
     return f"drape {layer.path}|{layer['table']}"
-
-
-def _source(document: Document, number: int) -> VectorSource | RasterSource | None:
-    current = document.drapes.current
-    return None if current is None or number >= len(current.sources) else current.sources[number]
-
-
-def is_vector(document: Document, number: int) -> bool:
-    """Return whether a layer is known to have features."""
-    return hasattr(_source(document, number), "fields")
 
 
 def kind_and_size(feature: Feature) -> tuple[str, str]:
@@ -252,7 +256,9 @@ def kind_and_size(feature: Feature) -> tuple[str, str]:
     return ("Line", f"{shape.length / 1e3:.3g} km") if shape.length else ("Point", "")
 
 
-def outlines_of(document: Document, selection: Selection, *, step: float = 0.0) -> tuple[Float64Array, ...]:
+def outlines_of(
+    document: Document, selection: Selection | None, *, step: float = 0.0
+) -> tuple[Float64Array, ...]:
     """Return the lines and borders of the selected feature, (n, 2) m; a point twice.
 
     Points are at most `step` m apart, unless that is 0 or there would be too many.
@@ -262,12 +268,12 @@ def outlines_of(document: Document, selection: Selection, *, step: float = 0.0) 
     feature = document.drapes.feature(selection)
     if feature is None:
         return ()
-    length = feature.geometry.length
-    shape = shapely.segmentize(feature.geometry, max(step, length / _MAX_STEPS)) if step else feature.geometry
-    parts = shapely.get_parts(shape)
-    lines = [each for part in parts for each in (shapely.get_rings(part) if part.area else [part])]
-    points = map(shapely.get_coordinates, lines)
-    return tuple(np.repeat(line, 2, axis=0) if len(line) == 1 else line for line in points)
+    shape = feature.geometry
+    if step:
+        shape = shapely.segmentize(shape, max(step, shape.length / _MAX_STEPS))
+    shape = shapely.boundary(shape) if shape.area else shape
+    lines = map(shapely.get_coordinates, shapely.get_parts(shape))
+    return tuple(np.repeat(line, 2, axis=0) if len(line) == 1 else line for line in lines)
 
 
 def draped_handles(
@@ -285,9 +291,11 @@ def draped_handles(
     if feature is None or selection is None:
         return ()
     whole, places = replace(selection, index=None), shapely.get_coordinates(feature.geometry)
-    squares = np.floor(places / spacing) if spacing else places
-    first = np.unique(squares, axis=0, return_index=True)[1].tolist()
-    shown = {*sorted(first)[:: -(-len(first) // _MAX_HANDLES)], selection.index} & {*range(len(places))}
+    some = np.arange(0, len(places), -(-len(places) // _MAX_HANDLES))
+    if spacing:
+        some = some[np.unique(places[some] // spacing, axis=0, return_index=True)[1]]
+    active = -1 if selection.index is None else selection.index
+    shown = {*some.tolist(), active} & {*range(len(places))}
     vertices = [
         Handle("point", replace(whole, index=at), *places[at].tolist(), *places[at].tolist())
         for at in sorted(shown)
@@ -320,11 +328,7 @@ def dragged_feature(sketch: Sketch, feature: Feature, handle: Handle, x: float, 
         changed = edits.rotate_feature(layer, feature, math.degrees(turn), base)
     else:
         changed = edits.move_feature(layer, feature, x - handle.x, y - handle.y)
-    return _with_layer(sketch, number, changed)
-
-
-def _with_layer(sketch: Sketch, number: int, layer: DrapedLayer) -> Sketch:
-    return sketch.replace(drapes=(*sketch.drapes[:number], layer, *sketch.drapes[number + 1 :]))
+    return with_layer(sketch, number, changed)
 
 
 def _edit(document: Document, workspace: Workspace, title: str, change: _Change) -> bool:
@@ -335,7 +339,8 @@ def _edit(document: Document, workspace: Workspace, title: str, change: _Change)
     if problem := refusal(document, workspace, selection.layer):
         raise InputError(problem)
     layer = document.sketch.drapes[selection.layer]
-    replace_drape(document, selection.layer, f"{title} of {layer.title}", change(layer, feature))
+    changed = with_layer(document.sketch, selection.layer, change(layer, feature))
+    document.do(f"{title} of {layer.title}", changed)
     return True
 
 
@@ -364,17 +369,15 @@ def insert_draped_vertex(
     selection, feature = workspace.selection, document.drapes.feature(workspace.selection)
     if selection is None or feature is None or feature.geometry.length == 0.0:
         return False
-    at, after, first, best = shapely.Point(x, y), 0, 0, reach
-    for line in outlines_of(document, selection):
-        segments = shapely.linestrings(np.stack([line[:-1], line[1:]], axis=1))
-        distance = shapely.distance(segments, at)
-        if distance.min() <= best:
-            best, after = float(distance.min()), first + int(distance.argmin())
-            near = segments[int(distance.argmin())]
-            x, y = near.interpolate(near.project(at)).coords[0]
-        first += len(line)
-    if best >= reach:
+    lines, at = outlines_of(document, selection), shapely.Point(x, y)
+    points = np.concatenate(lines)
+    segments = shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1))
+    distance = shapely.distance(segments, at)
+    distance[np.cumsum([len(line) for line in lines])[:-1] - 1] = np.inf  # from one line to the next
+    after = int(distance.argmin())
+    if distance[after] >= reach:
         return False
+    x, y = segments[after].interpolate(segments[after].project(at)).coords[0]
     _edit(document, workspace, "Insert a vertex", partial(edits.insert_vertex, vertex=after, x=x, y=y))
     workspace.selection = replace(selection, index=after + 1)
     return True
@@ -383,22 +386,23 @@ def insert_draped_vertex(
 def draw_draped(
     document: Document, workspace: Workspace, number: int, points: list[tuple[float, float]]
 ) -> None:
-    """Add a feature of the kind that the workspace draws, and select it."""
+    """Add a feature of the kind that the workspace draws, and select it; raise InputError if it cannot be."""
     import shapely
 
     from sketchterrain.drape.feature_edits import create_feature
-    from sketchterrain.drape.vector_source import VectorSource
 
-    layer, source, kind = document.sketch.drapes[number], _source(document, number), workspace.drape_kind
-    points = [each for each, before in zip(points, [None, *points], strict=False) if each != before]
-    least = {"point": 1, "line": 2, "area": 3}[kind]
-    assert isinstance(source, VectorSource)  # noqa: S101 # others are refused
-    if len(points) < least:
+    layer, kind = document.sketch.drapes[number], workspace.drape_kind
+    source = cast("VectorSource", document.drapes.source(number))  # others are refused
+    places = drop_repeats(np.array(points))
+    least, make = {
+        "point": (1, lambda places: shapely.Point(places[0])),
+        "line": (2, shapely.LineString),
+        "area": (3, shapely.Polygon),
+    }[kind]
+    if len(places) < least:
         raise InputError(f"{layer.title}: expected {least} points or more")
-    make = {"line": shapely.LineString, "area": shapely.Polygon}
-    shape = shapely.Point(points[0]) if kind == "point" else make[kind](points)
-    changed, feature = create_feature(layer, source, shape, dict.fromkeys(source.fields))
-    replace_drape(document, number, f"Draw {kind} of {layer.title}", changed)
+    changed, feature = create_feature(layer, source, make(places), dict.fromkeys(source.fields))
+    document.do(f"Draw {kind} of {layer.title}", with_layer(document.sketch, number, changed))
     workspace.selection = Selection("drape", feature, layer=number)
 
 
@@ -409,21 +413,10 @@ def set_property(document: Document, workspace: Workspace, name: str, text: str)
     selection = workspace.selection
     if selection is None:
         return
-    kind = getattr(_source(document, selection.layer), "fields", {}).get(name, "text")
-    convert, what = {"int64": (int, "a whole number"), "float64": (float, "a number")}.get(kind, (str, ""))
+    kind = (document.drapes.fields(selection.layer) or {}).get(name, "")
+    convert, what = _NUMBERS.get(kind, (str, ""))
     try:
         value = convert(text) if text else None
     except ValueError:
         raise InputError(f"{name}: expected {what}, got {text!r}") from None
     _edit(document, workspace, f"Set {name}", partial(set_properties, values={name: value}))
-
-
-def property_names(document: Document, number: int) -> list[str]:
-    """Return the names of the properties that a layer's file has."""
-    return [*getattr(_source(document, number), "fields", ())]
-
-
-def bounds_of(document: Document, number: int) -> tuple[float, float, float, float] | None:
-    """Return west, south, east and north (m) of a layer; None if it cannot be read."""
-    source = _source(document, number)
-    return None if source is None else tuple(source.box.tolist())

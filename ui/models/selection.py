@@ -25,7 +25,7 @@ from sketchterrain.ui.commands import (
 )
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.drapes import delete_draped, dragged_feature, refusal
+from sketchterrain.ui.models.drapes import dragged_feature, refusal
 from sketchterrain.ui.models.vectors import (
     curves_of,
     delete_vector,
@@ -325,9 +325,7 @@ reset = _command("Reset", commands.reset)
 
 def delete(document: Document, workspace: Workspace, placed: Placement | None, selection: Selection) -> None:
     """Delete an object and deselect it; of a vector its active vertex if there is one."""
-    if selection.is_draped:
-        delete_draped(document, workspace)
-    elif selection.is_vector:
+    if not selection.is_placed:
         delete_vector(document, workspace)
     elif placed is not None:
         document.do(f"Delete {name_of(placed, selection)}", commands.deleted(document.sketch, selection))
@@ -338,7 +336,7 @@ def delete_or_reset(
     document: Document, workspace: Workspace, placed: Placement | None, selection: Selection
 ) -> str:
     """Delete the selection, or reset a river's control point; return why not, or nothing."""
-    if placed is None or selection.index is None or selection.is_vector or selection.is_draped:
+    if placed is None or selection.index is None or not selection.is_placed:
         delete(document, workspace, placed, selection)
     elif commands.is_edited(document.sketch, placed, selection):
         document.do("Reset a point of a river", commands.reset(document.sketch, placed, selection))

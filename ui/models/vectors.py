@@ -21,6 +21,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.hydrology.splines import cubics
 from sketchterrain.ui.commands import with_vectors
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.drapes import delete_draped, insert_draped_vertex
 from sketchterrain.ui.models.workspace import Selection, Workspace
 
 if TYPE_CHECKING:  # it takes a quarter of a second
@@ -349,8 +350,10 @@ def change_vectors(
 
 
 def insert_vertex(document: Document, workspace: Workspace, x: float, y: float, *, reach: float) -> bool:
-    """Insert a vertex in the selected vector and activate it; return whether it is within a distance (m)."""
+    """Insert a vertex in the selected feature and activate it; return whether it is within a distance (m)."""
     selection = workspace.selection
+    if selection is not None and selection.is_draped:
+        return insert_draped_vertex(document, workspace, x, y, reach=reach)
     if selection is None or find_vector(document.sketch, selection) is None:
         return False
     layer = document.sketch.vectors[selection.kind]
@@ -365,8 +368,11 @@ def insert_vertex(document: Document, workspace: Workspace, x: float, y: float, 
 
 
 def delete_vector(document: Document, workspace: Workspace) -> None:
-    """Delete the active vertex, or without one the selected vector."""
+    """Delete the active vertex, or without one the selected vector or draped feature."""
     selection = workspace.selection
+    if selection is not None and selection.is_draped:
+        delete_draped(document, workspace)
+        return
     if selection is None or find_vector(document.sketch, selection) is None:
         return
     layer, index = document.sketch.vectors[selection.kind], selection.index

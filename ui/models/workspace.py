@@ -362,6 +362,10 @@ class Selection:
     def is_draped(self) -> bool:
         return self.kind == "drape"
 
+    @property
+    def is_placed(self) -> bool:
+        return not (self.is_vector or self.is_draped)
+
 
 class Workspace(QObject):
     """Editing state with change signals; setting an equal value emits nothing."""
@@ -401,6 +405,8 @@ class Workspace(QObject):
             self.tool_changed.emit(tool)
 
     def use_label(self, layer: str, label: int) -> None:
+        if self._selection is not None and self._selection.is_draped:  # or lines would be drawn in it
+            self.selection = None
         if (layer, label) != (self.layer, self.label):
             self.layer, self.label = LAYERS[layer].name, label
             self._suit_tool()

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
-from PyQt6.QtCore import QSignalBlocker, pyqtSignal
+from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtGui import QIcon
-from PyQt6.QtWidgets import QComboBox, QLabel, QPushButton, QVBoxLayout, QWidget
+from PyQt6.QtWidgets import QComboBox, QLabel, QPushButton, QToolButton, QVBoxLayout, QWidget
 
 from sketchterrain.document.drapes import DRAPE, STYLE, DrapeClass, DrapedLayer
 from sketchterrain.document.parameters import Parameter, Value
@@ -44,22 +47,22 @@ class DrapeList(QWidget):
         self.list = LayerList(can_move=True)
         self.list.setAccessibleName("Draped layers")
         self.list.setToolTip("Draped layers, the highest on top. Space shows or hides one, Del removes it")
-        self.buttons = {
-            "add": tool_button("add", "Add draped layers", tip="Show vectors or rasters on the terrain"),
-            "raise": tool_button("up", "Raise", tip="Draw it over the next layer"),
-            "lower": tool_button("down", "Lower", tip="Draw it beneath the next layer"),
-            "zoom": tool_button("fit", "Zoom to the layer", tip="Show all of it"),
-            "remove": tool_button("delete", "Remove", tip="Remove it from the sketch; its file stays"),
-        }
-        commands = (
-            lambda _: self.add_requested.emit(),
-            lambda _: self._move(1),
-            lambda _: self._move(-1),
-            lambda _: self.zoom_requested.emit(self._chosen),
-            lambda _: self._remove(),
-        )
-        for button, command in zip(self.buttons.values(), commands, strict=True):
-            button.clicked.connect(command)
+        self.buttons = dict[str, QToolButton]()
+        for name, glyph, title, tip, command in (
+            (
+                "add",
+                "add",
+                "Add draped layers",
+                "Show vectors or rasters on the terrain",
+                self.add_requested.emit,
+            ),
+            ("raise", "up", "Raise", "Draw it over the next layer", partial(self._move, 1)),
+            ("lower", "down", "Lower", "Draw it beneath the next layer", partial(self._move, -1)),
+            ("zoom", "fit", "Zoom to the layer", "Show all of it", self._zoom),
+            ("remove", "delete", "Remove", "Remove it from the sketch; its file stays", self._remove),
+        ):
+            self.buttons[name] = tool_button(glyph, title, tip=tip)
+            self.buttons[name].clicked.connect(lambda _, command=command: command())
         line = row(None, (heading("Draped layers"), 1), *self.buttons.values(), spacing=0)
         line.setContentsMargins(SPACING, SMALL, SPACING, 0)
         column(self, line, self.list, spacing=0)
@@ -106,12 +109,12 @@ class DrapeList(QWidget):
             draw = menu.add_command("line", f"Draw {kind}s", partial(self._draw, kind))
             draw.setEnabled(not model.refusal(document, self._workspace, number))
         menu.addSeparator()
+        is_vector = document.drapes.fields(number) is not None
         for text, other in (("&Save layer", False), ("Save layer &as…", True)):
             save = menu.add_command("save", text, partial(self.save_requested.emit, number, other))
-            save.setEnabled(model.is_vector(document, number) and (other or bool(self._layer(number).edits)))
-        update = partial(model.update_file, document, number)
-        menu.add_command("restart", "&Update", partial(_attempt, self, update))
-        menu.add_command("fit", "&Zoom to the layer", partial(self.zoom_requested.emit, number))
+            save.setEnabled(is_vector and (other or bool(self._layer(number).edits)))
+        menu.add_command("restart", "&Update", self._update)
+        menu.add_command("fit", "&Zoom to the layer", self._zoom)
         menu.add_command("delete", "&Remove", self._remove)
         return menu
 
@@ -120,13 +123,13 @@ class DrapeList(QWidget):
 
     def _row(self, number: int, layer: DrapedLayer) -> Row:
         current = self._document.drapes.current
-        parts = [one_line(layer.path).replace("\\", "/").rpartition("/")[2]]
+        parts = [one_line(Path(layer.path).name)]
         if current is None or number >= len(current.layers) or current.layers[number] != layer:
             parts.append("reading …")
         elif current.sources[number] is None:
             parts.append("not readable")
         parts += [f"{len(layer.edits)} edited"] if layer.edits else []
-        is_raster = len(parts) == 1 and not model.is_vector(self._document, number)
+        is_raster = len(parts) == 1 and self._document.drapes.fields(number) is None
         colours = ("#808080", "#b0b0b0") if is_raster else (layer.style["colour"], layer.style["fill"])
         locked = self._workspace.look(model.look_key(layer)).locked
         return Row(str(number), 0, layer.title, " · ".join(parts), layer["visible"] == 1, locked, colours)
@@ -149,6 +152,13 @@ class DrapeList(QWidget):
         """Move the layer of a row before another row; rows run from the highest layer to the lowest."""
         last = len(self.list.rows) - 1
         model.move_drape(self._document, self._workspace, last - start, last - (before - (before > start)))
+
+    def _zoom(self) -> None:
+        self.zoom_requested.emit(self._chosen)
+
+    def _update(self) -> None:
+        with _reported(self):
+            model.update_file(self._document, self._chosen)
 
     def _remove(self) -> None:
         if self._chosen >= 0:
@@ -185,16 +195,15 @@ class DrapePage(QWidget):
         column(styles, by, classes, self.value, self.style_form, spacing=SPACING)
         groups = CollapsibleGroup("Style", styles), CollapsibleGroup("Layer", self.layer_form, is_open=False)
         column(self, self._head, *groups, spacing=MARGIN)
-        self.layer_form.edited.connect(self._set)
-        self.layer_form.reset_requested.connect(lambda name: self._set(name, DRAPE[name].default))
-        self.style_form.edited.connect(self._set_style)
-        self.style_form.reset_requested.connect(self._reset_style)
-        self.value.edited.connect(lambda value, _: self._set_classes(self._index, str(value)))
+        for form in (self.layer_form, self.style_form):
+            form.edited.connect(self._set)
+            form.reset_requested.connect(self._reset)
+        self.value.edited.connect(lambda value, _: self._set_class(self._index, str(value)))
         self.classify.clicked.connect(self._classify)
         self.by.activated.connect(lambda _: self._set("by", self.by.currentText()))
         self.classes.activated.connect(lambda at: self._show_class(at - 1))
-        self.add.clicked.connect(lambda: self._set_classes(len(self._layer.classes), "new"))
-        self.remove.clicked.connect(lambda: self._set_classes(self._index, None))
+        self.add.clicked.connect(lambda: self._set_class(len(self._layer.classes), "new"))
+        self.remove.clicked.connect(lambda: self._set_class(self._index, None))
         for signal in (document.sketch_changed, document.drapes.changed, workspace.selection_changed):
             signal.connect(self.refresh)
         self.refresh()
@@ -207,8 +216,8 @@ class DrapePage(QWidget):
         selection, layers = self._workspace.selection, self._document.sketch.drapes
         number = -1 if selection is None or selection.id >= 0 or not selection.is_draped else selection.layer
         if number != self._number:
-            self.layer_form.finish()
-            self.style_form.finish()
+            for form in (self.layer_form, self.style_form) if self._number < len(layers) else ():
+                form.finish()
             self._number, self._index = number, -1
         if not 0 <= number < len(layers):
             self._number = -1
@@ -216,11 +225,9 @@ class DrapePage(QWidget):
         layer = self._layer
         self._head.show_text(layer.title, one_line(layer.path))
         self.layer_form.show_values(layer.values)
-        names = model.property_names(self._document, number)
-        with QSignalBlocker(self.by):
-            self.by.clear()
-            self.by.addItems(dict.fromkeys(["", *names, *([layer["by"]] if layer["by"] else [])]))
-            self.by.setCurrentText(layer["by"])
+        self.by.clear()  # `activated` is of the user's choices only
+        self.by.addItems(dict.fromkeys(["", *(self._document.drapes.fields(number) or ()), layer["by"]]))
+        self.by.setCurrentText(layer["by"])
         self.classify.setEnabled(bool(layer["by"]))
         self._show_class(min(self._index, len(layer.classes) - 1))
 
@@ -243,35 +250,38 @@ class DrapePage(QWidget):
             if field.reset is not None:
                 field.reset.setVisible(name in own if index >= 0 else own[name] != STYLE[name].default)
 
-    def _set(self, name: str, value: Value, key: object = None) -> None:
-        title = f"Set {name.replace('_', ' ')} of"
-        self._try(
-            partial(model.change_drape, self._document, self._number, title, merge=key, **{name: value})
-        )
+    def _set(self, name: str, value: Value | None, key: object = None) -> None:
+        """Set a value of the layer, or a style of the shown class; None is the layer's."""
+        changes: dict[str, Any] = {name: value}
+        with _reported(self):
+            if self._index >= 0 and name in STYLE:
+                style = {**self._layer.classes[self._index].style, name: value}
+                own = {each: given for each, given in style.items() if given is not None}
+                changes = self._with_class(self._index, replace(self._layer.classes[self._index], style=own))
+            title = f"Set {name.replace('_', ' ')} of"
+            model.change_drape(self._document, self._number, title, merge=key, **changes)
 
-    def _set_style(self, name: str, value: Value | None, key: object = None) -> None:
-        where = (self._document, self._number, self._index, name, value)
-        self._try(partial(model.set_class_style, *where, merge=key))
+    def _reset(self, name: str) -> None:
+        is_class = self._index >= 0 and name in STYLE
+        self._set(name, None if is_class else {**DRAPE, **STYLE}[name].default)
 
-    def _reset_style(self, name: str) -> None:
-        self._set_style(name, STYLE[name].default if self._index < 0 else None)
+    def _with_class(self, index: int, *changed: DrapeClass) -> dict[str, Any]:
+        """Return the change that replaces a class by its index, adds one after the last, or removes one."""
+        classes = self._layer.classes
+        return {"classes": (*classes[:index], *changed, *classes[index + 1 :])}
 
     def _classify(self) -> None:
-        self._try(partial(model.classify, self._document, self._number, self._layer["by"]))
+        with _reported(self):
+            model.classify(self._document, self._number, self._layer["by"])
 
-    def _set_classes(self, index: int, value: str | None) -> None:
+    def _set_class(self, index: int, value: str | None) -> None:
         """Set the value of a class, add one after the last, or remove one."""
-        classes = list(self._layer.classes)
-        known = [each.style for each in classes[index : index + 1]]
-        style = known[0] if known else {"colour": model.distinct_colour(index)}
-        classes[index : index + 1] = [] if value is None else [DrapeClass(value, style)]
-        self._index = min(index, len(classes) - 1)
-        change = partial(model.change_drape, self._document, self._number, "Set classes of")
-        self._try(partial(change, classes=tuple(classes)))
-
-    def _try(self, change: Callable[[], None]) -> None:
-        if self._number >= 0:
-            _attempt(self, change)
+        classes = self._layer.classes
+        style = classes[index].style if index < len(classes) else {"colour": model.distinct_colour(index)}
+        with _reported(self):
+            changes = self._with_class(index, *(() if value is None else (DrapeClass(value, style),)))
+            self._index = min(index, len(changes["classes"]) - 1)
+            model.change_drape(self._document, self._number, "Set classes of", **changes)
 
 
 class DrapedFeaturePage(QWidget):
@@ -282,12 +292,11 @@ class DrapedFeaturePage(QWidget):
     def __init__(self, document: Document, workspace: Workspace) -> None:
         super().__init__()
         self._document, self._workspace = document, workspace
-        self._shown: tuple[Selection | None, tuple[str, ...]] = (None, ())
+        self._shown: tuple[object, ...] = ()  # layer, feature and names
         self._head = PageHead()
         self.rows: dict[str, TextRow] = {}
         self._fields = QWidget()
-        self._column: QVBoxLayout = column(self._fields, spacing=SMALL)
-        column(self, self._head, self._fields, spacing=MARGIN)
+        self._column: QVBoxLayout = column(self, self._head, self._fields, spacing=MARGIN)
         for signal in (document.drapes.changed, workspace.selection_changed, workspace.look_changed):
             signal.connect(self.refresh)
         self.refresh()
@@ -304,10 +313,10 @@ class DrapedFeaturePage(QWidget):
         layer = self._document.sketch.drapes[selection.layer]
         kind, size = model.kind_and_size(feature)
         self._head.show_text(f"{kind} {feature.id} of {layer.title}", size)
-        whole = Selection("drape", selection.id, layer=selection.layer)
-        if self._shown != (whole, tuple(feature.properties)):
-            self._shown = whole, tuple(feature.properties)
-            self._fill(tuple(feature.properties))
+        shown = selection.layer, selection.id, *feature.properties
+        if self._shown != shown:
+            self._shown = shown
+            self._fill(feature.properties)
         for name, value in feature.properties.items():
             self.rows[name].show_value("" if value is None else str(value))
         refusal = model.refusal(self._document, self._workspace, selection.layer)
@@ -315,25 +324,28 @@ class DrapedFeaturePage(QWidget):
         self._fields.setToolTip(refusal)
         self._fields.show()
 
-    def _fill(self, names: tuple[str, ...]) -> None:
-        while (item := self._column.takeAt(0)) is not None:
-            if (widget := item.widget()) is not None:
-                widget.deleteLater()
-        self.rows = {}
-        for name in names:
-            field = TextRow(Parameter(name, str, "", 0, _LONGEST, "", ""), title=name, has_reset=False)
+    def _fill(self, names: Iterable[str]) -> None:
+        self.rows = {
+            name: TextRow(Parameter(name, str, "", 0, _LONGEST, "", ""), title=name, has_reset=False)
+            for name in names
+        }
+        for name, field in self.rows.items():
             field.edited.connect(partial(self._set, name))
-            self.rows[name] = field
-            self._column.addWidget(field)
+        self._fields.deleteLater()
+        self._fields = QWidget()
+        column(self._fields, *self.rows.values(), spacing=SMALL)
+        self._column.addWidget(self._fields)
 
     def _set(self, name: str, text: object, _: object) -> None:
-        _attempt(self, partial(model.set_property, self._document, self._workspace, name, str(text)))
+        with _reported(self):
+            model.set_property(self._document, self._workspace, name, str(text))
 
 
-def _attempt(widget: DrapeList | DrapePage | DrapedFeaturePage, change: Callable[[], None]) -> None:
-    """Run a change; a refusal is a message, and the widget shows what is."""
+@contextmanager
+def _reported(widget: DrapeList | DrapePage | DrapedFeaturePage) -> Iterator[None]:
+    """Report a refused change; the widget shows again what is."""
     try:
-        change()
+        yield
     except InputError as error:
         widget.message.emit(str(error))
         widget.refresh()

@@ -142,12 +142,6 @@ class LayersPanel(QWidget):
         elif self._check_unlocked(layer):
             self._document.do(f"Clear {LAYERS[layer].title.lower()}", changed)
 
-    def _use_label(self, layer: str, label: int) -> None:
-        selection = self._workspace.selection
-        if selection is not None and selection.is_draped:
-            self._workspace.selection = None
-        self._workspace.use_label(layer, label)
-
     def use_layer(self, layer: str) -> None:
         """Activate a layer, with its last label."""
         labels = self._labels(layer)
@@ -210,7 +204,7 @@ class LayersPanel(QWidget):
 
     def _connect(self) -> None:
         workspace = self._workspace
-        self.list.label_activated.connect(self._use_label)
+        self.list.label_activated.connect(workspace.use_label)
         self.list.layer_activated.connect(self.use_layer)
         self.list.eye_clicked.connect(self._toggle_visible)
         self.list.lock_clicked.connect(self._toggle_locked)

@@ -296,7 +296,7 @@ class SelectionPage(QWidget):
 
     def refresh(self, *_: object) -> None:
         selection = self._workspace.selection
-        if selection is None or selection.is_vector or selection.is_draped:
+        if selection is None or not selection.is_placed:
             return
         placed, selection = self._link.placed, self._existing_selection()
         for kind, form in self.forms.items():
@@ -355,23 +355,23 @@ class PropertiesPanel(ScrollingPanel):
         self.back = QPushButton()
         self.back.setToolTip("Clear the selection and show the active label")
         self.back.clicked.connect(self._clear_selection)
-        drapes = self.drape_page, self.draped_feature_page
-        self.add(self.selection_page, self.vector_page, *drapes, self.back, self.label_page)
+        pages = self.selection_page, self.vector_page, self.drape_page, self.draped_feature_page
+        self.add(*pages, self.back, self.label_page)
+        self._pages = *pages, self.label_page
         workspace.selection_changed.connect(self._refresh)
         workspace.label_changed.connect(self._refresh)
         self._refresh()
 
     def _refresh(self) -> None:
         selection = self._workspace.selection
-        is_selected, is_vector = selection is not None, selection is not None and selection.is_vector
-        is_draped = selection is not None and selection.is_draped
-        is_layer = selection is not None and selection.id < 0
-        self.selection_page.setVisible(is_selected and not (is_vector or is_draped))
-        self.vector_page.setVisible(is_vector)
-        self.drape_page.setVisible(is_draped and is_layer)
-        self.draped_feature_page.setVisible(is_draped and not is_layer)
-        self.back.setVisible(is_selected)
-        self.label_page.setVisible(not is_selected)
+        shown: QWidget = self.label_page
+        if selection is not None and selection.is_draped:
+            shown = self.drape_page if selection.id < 0 else self.draped_feature_page
+        elif selection is not None:
+            shown = self.vector_page if selection.is_vector else self.selection_page
+        for page in self._pages:
+            page.setVisible(page is shown)
+        self.back.setVisible(selection is not None)
         title = f"Back to {label_title(self._workspace.layer, self._workspace.label).lower()}"
         self.back.setText(title)
         self.back.setAccessibleName(title)

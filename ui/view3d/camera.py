@@ -1,6 +1,7 @@
 """Camera of the 3-D view: projection, terrain heights, motions and poses."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,7 +11,6 @@ from PyQt6.QtCore import Qt
 from scipy.ndimage import map_coordinates
 
 from sketchterrain.array_types import BoolArray, Float64Array
-from sketchterrain.document.vectors import VectorFeature
 from sketchterrain.placement.feature_types import lake_centre
 from sketchterrain.ui.canvas.decorations import nice_length
 from sketchterrain.ui.commands import find_lake, find_point, find_river
@@ -267,13 +267,13 @@ def overview(bounds: tuple[float, float, float, float], height: float, *, aspect
 def motion_to(
     placed: Placement | None,
     selection: Selection | None,
-    vector: VectorFeature | None = None,
+    lines: Sequence[Float64Array],
     *,
     size: tuple[float, float],
 ) -> GoTo | None:
-    """Return the motion that shows the selection; None without one or if it no longer exists."""
-    if vector is not None:
-        return show_line(np.concatenate(vector.rings), size)
+    """Return the motion that shows the selection or its lines; None without one or if it no longer exists."""
+    if lines:
+        return show_line(np.concatenate(lines), size)
     if placed is None or selection is None:
         return None
     find = (placed, selection)

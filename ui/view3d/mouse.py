@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -12,18 +11,13 @@ from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.errors import InputError
 from sketchterrain.placement.feature_types import FEATURE_TYPES
-from sketchterrain.ui.actions import (
-    ContextMenu,
-    add_drape_commands,
-    add_selection_commands,
-    add_vector_commands,
-)
+from sketchterrain.ui.actions import ContextMenu, add_selection_commands, add_vector_commands
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.commands import exists
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.drapes import insert_draped_vertex
+from sketchterrain.ui.models.drapes import next_below
 from sketchterrain.ui.models.selection import (
     FeatureDrag,
     Handle,
@@ -179,10 +173,8 @@ class ViewMouse(QObject):
         if place is not None:
             workspace.selection = vertex or self._find(place)
         selection = workspace.selection
-        if selection is not None and selection.is_vector:
+        if selection is not None and not selection.is_placed:
             add_vector_commands(menu, document, workspace, self.message.emit)
-        elif selection is not None and selection.is_draped:
-            add_drape_commands(menu, document, workspace, self.message.emit)
         elif selection is not None and exists(placed, selection):
             add_selection_commands(menu, document, workspace, placed, selection)
         if place is not None:
@@ -317,11 +309,9 @@ class ViewMouse(QObject):
         if projection is None or placed is None or document is None:
             return None
         (x, y, _), reach = place, _REACH * projection.metres_per_px(place)
-        texel, before = projection.metres_per_px(place), self._workspace.selection
-        draped = document.drapes.stack(x, y, texel)
-        if draped:  # a click on the selected one goes on to the next one below
-            whole = None if before is None else replace(before, index=None)
-            return draped[(draped.index(whole) + 1) % len(draped) if whole in draped else 0]
+        draped = document.drapes.stack(x, y, projection.metres_per_px(place))
+        if draped:
+            return next_below(draped, self._workspace.selection)
         vector = vector_at(document.sketch, self._workspace, x, y, reach=reach)
         return select_at(placed, x, y, reach=reach) if vector is None else vector
 
@@ -336,8 +326,7 @@ class ViewMouse(QObject):
             return False
         reach = _REACH * projection.metres_per_px(place)
         try:
-            where = (document, self._workspace, *place[:2])
-            return insert_vertex(*where, reach=reach) or insert_draped_vertex(*where, reach=reach)
+            return insert_vertex(document, self._workspace, *place[:2], reach=reach)
         except InputError as error:
             self.message.emit(str(error))
             return True
@@ -361,7 +350,7 @@ class ViewMouse(QObject):
         if self._drag is not None or drag is None or placed is None:
             return
         handle, x, y = drag
-        if handle.selection.is_vector or handle.selection.is_draped:  # it moves at once
+        if not handle.selection.is_placed:  # it moves at once
             self._forget_drag()
             return
         for each in handles_of(placed, handle.selection):

@@ -6,7 +6,6 @@ from typing import Final
 from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPainterPath, QPen, QTransform
 
-from sketchterrain.array_types import Float64Array
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.commands import find_point, find_river, is_locked, name_of
@@ -168,15 +167,14 @@ class Scene:
             self._marks_key = key
             projection, terrain, placed = self.projection(width, height), self.terrain(), link.placed
             self._marks = Marks()
-            if projection is not None and terrain is not None and placed is not None:
-                selection, drag = workspace.selection, self.drag
-                draped: tuple[tuple[Float64Array, ...], tuple[Handle, ...]] = (), ()
-                if self._document is not None and selection is not None and selection.is_draped:
-                    step = 2.0 * self._document.sketch.pixel_size
-                    lines = outlines_of(self._document, selection, step=step)
-                    draped = lines, draped_handles(self._document, selection)
-                    drag = None  # the document follows at once
-                builder = MarkBuilder(projection, terrain, placed, selection, drag, sketch, *draped)
+            if projection and terrain is not None and placed is not None and self._document is not None:
+                document, selection = self._document, workspace.selection
+                lines = outlines_of(document, selection, step=2.0 * document.sketch.pixel_size)
+                draped = draped_handles(document, selection)
+                drag = None if draped else self.drag  # a draped feature follows at once
+                builder = MarkBuilder(
+                    projection, terrain, placed, selection, drag, document.sketch, lines, draped
+                )
                 self._marks = builder.marks(all_features=all_features)
         return self._marks
 

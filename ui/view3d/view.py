@@ -4,11 +4,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
 from PyQt6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt
 from PyQt6.QtGui import QFocusEvent, QHideEvent, QKeyEvent, QPainter, QPaintEvent, QResizeEvent, QShowEvent
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.errors import InputError
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.link import ViewSource
@@ -19,7 +19,7 @@ from sketchterrain.ui.models.drapes import outlines_of
 from sketchterrain.ui.models.selection import delete_or_reset
 from sketchterrain.ui.models.vectors import find_vector
 from sketchterrain.ui.models.workspace import Workspace
-from sketchterrain.ui.view3d.camera import FLYING_KEYS, FlightKeys, motion_to, overview, show_line
+from sketchterrain.ui.view3d.camera import FLYING_KEYS, FlightKeys, motion_to, overview
 from sketchterrain.ui.view3d.hud import Hud
 from sketchterrain.ui.view3d.mouse import ViewMouse
 from sketchterrain.ui.view3d.scene import Scene
@@ -167,12 +167,11 @@ class View3D(QWidget):
         self._link.send(Look(None))
 
     def see_selection(self) -> None:
-        area, selection = self._link.area(), self._workspace.selection
-        vector = None if self._document is None else find_vector(self._document.sketch, selection)
-        motion = None if area is None else motion_to(self._link.placed, selection, vector, size=area[0][2:])
-        if area is not None and self._document is not None and selection is not None and selection.is_draped:
-            lines = outlines_of(self._document, selection)
-            motion = show_line(np.concatenate(lines), area[0][2:]) if lines else None
+        area, selection, lines = self._link.area(), self._workspace.selection, tuple[Float64Array, ...]()
+        if self._document is not None:
+            vector = find_vector(self._document.sketch, selection)
+            lines = outlines_of(self._document, selection) if vector is None else vector.rings
+        motion = None if area is None else motion_to(self._link.placed, selection, lines, size=area[0][2:])
         if motion is None:
             self.see_all()
         else:

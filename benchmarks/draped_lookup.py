@@ -6,15 +6,14 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
-from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.array_types import Int64Array
 from sketchterrain.caching import IdentityKey
 from sketchterrain.drape.drapes import Drapes
 from sketchterrain.io.resources import source
 from sketchterrain.render.draped import SCREEN_METHODS
 from sketchterrain.render.draped_buffer import DrapedBuffer
-from sketchterrain.render.draped_cutting import IS_FILL, Pieces, clip_polygon
+from sketchterrain.render.draped_cutting import IS_FILL, Pieces, cells_met
 from sketchterrain.render.draped_geometry import DrapedView, hatch_angles, reaches, style_table
 from sketchterrain.render.programs import FRAME_BINDING, set_uniforms
 from sketchterrain.render.targets import RenderTargets
@@ -125,30 +124,9 @@ def _lists_of(drapes: Drapes, place: tuple[float, float, float], texel: float) -
     goes_on &= is_fill[1:] | (np.abs(parts["along"][:-1] + parts["length"][:-1] - parts["along"][1:]) < 1e-3)
     pieces[:, 6] = np.cumsum(np.append(True, ~goes_on))[: len(pieces)]
     border = np.where(is_fill, GRAZING * texel, 0.0) / cell
-    cells, number = _cells_of(corners / cell, found.counts, border, CELLS)
+    cells, number = cells_met(corners / cell, found.counts, border, CELLS)
     order = np.argsort(cells, kind="stable")
     return _Lists(pieces, parts, cells[order], number[order])
-
-
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator] # numba has no types
-def _cells_of(
-    polygons: Float64Array, count: Int64Array, border: Float64Array, cells: int
-) -> tuple[Int64Array, Int64Array]:
-    """Return the cells that polygons, widened by a border, meet, and the polygons' numbers."""
-    found, number = [0 for _ in range(0)], [0 for _ in range(0)]
-    one, two = np.zeros((32, 2)), np.zeros((32, 2))
-    for k in range(len(count)):
-        polygon, wide = polygons[k], border[k]
-        low, high = polygon[: count[k], 1].min() - wide, polygon[: count[k], 1].max() + wide
-        for row in range(max(int(np.floor(low)), 0), min(int(np.floor(high)), cells - 1) + 1):
-            kept = clip_polygon(polygon, count[k], 0.0, -1.0, -(row - wide), one)
-            kept = clip_polygon(one, kept, 0.0, 1.0, row + 1.0 + wide, two)
-            if kept:
-                west, east = two[:kept, 0].min() - wide, two[:kept, 0].max() + wide
-                for column in range(max(int(np.floor(west)), 0), min(int(np.floor(east)), cells - 1) + 1):
-                    found.append(row * cells + column)
-                    number.append(k)
-    return np.array(found, np.int64), np.array(number, np.int64)
 
 
 def register() -> None:

@@ -3,6 +3,7 @@
 // parallelogram that a pixel is on the plane of its ground; hatches are left out.
 //   LEVELS, CELLS  grids around the eye, cells along their sides;  SAMPLES  of the G-buffer along each axis of a pixel
 #include "render/frame.glsl"
+#include "render/nearest_sample.glsl"
 #include "render/draped.glsl"
 
 layout(std430, binding = 4) readonly buffer Cells { uvec2 cells[]; };   // first in `listed`, count
@@ -44,20 +45,14 @@ void over(vec4 top) { colour = top + colour * (1.0 - top.a); }
 void main()
 {
     colour = vec4(0.0);
-    ivec2 first = ivec2(gl_FragCoord.xy) * SAMPLES, at = first;
-    float depth = 1.0;
-    for (int k = 0; k < SAMPLES * SAMPLES; ++k) {
-        ivec2 sample_ = first + ivec2(k % SAMPLES, k / SAMPLES);
-        float d = texelFetch(ground_depth, sample_, 0).r;
-        at = d < depth ? sample_ : at;
-        depth = min(d, depth);
-    }
+    float depth;
+    ivec2 pixel = ivec2(gl_FragCoord.xy), at = nearest_sample(ground_depth, pixel, depth);
     if (depth >= 1.0) discard;
     // The plane of the ground, and where rays of the pixel and of the next ones meet it.
     vec2 size = vec2(textureSize(ground_depth, 0)), step_ = 2.0 * float(SAMPLES) / size;
     vec3 n = normalize(texelFetch(ground_normal, at, 0).xyz);
     float level_of = dot(n, on_ray(2.0 * (vec2(at) + 0.5) / size - 1.0, depth));
-    vec2 middle = 2.0 * (vec2(first) + 0.5 * float(SAMPLES)) / size - 1.0;
+    vec2 middle = 2.0 * (vec2(pixel) + 0.5) * float(SAMPLES) / size - 1.0;
     vec3 position = met(on_ray(middle, depth), n, level_of);
     mat2 change = mat2(met(on_ray(middle + vec2(step_.x, 0.0), depth), n, level_of).xy - position.xy,
                        met(on_ray(middle + vec2(0.0, step_.y), depth), n, level_of).xy - position.xy);

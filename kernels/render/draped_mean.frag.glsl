@@ -3,21 +3,21 @@
 // that is shaded for all of it: there the mean of those that are draped.
 //   SAMPLES   of the G-buffer along each axis of a pixel
 //   FRAGMENTS samples of what is draped, a pixel
+#include "render/frame.glsl"
+#include "render/nearest_sample.glsl"
+#include "render/draped_depth.glsl"
+
 uniform sampler2DMS drawn;
 uniform sampler2D ground_depth;
 uniform float all_samples; // 1: the mean of all, everywhere
 
 layout(location = 0) out vec4 colour;
 
-const float NEARER = 0.002; // as in draped_depth.glsl
-
 float depth_at(ivec2 pixel)
 {
-    ivec2 last = textureSize(ground_depth, 0) - 1;
-    float nearest = 1.0;
-    for (int k = 0; k < SAMPLES * SAMPLES; ++k)
-        nearest = min(nearest, texelFetch(ground_depth, clamp(pixel * SAMPLES + ivec2(k % SAMPLES, k / SAMPLES), ivec2(0), last), 0).r);
-    return nearest;
+    float depth;
+    nearest_sample(ground_depth, clamp(pixel, ivec2(0), textureSize(drawn) - 1), depth);
+    return depth;
 }
 
 // Depths of a plane change evenly.

@@ -1,6 +1,7 @@
 #version 430 core
 // A draped raster on the approximation of the ground.
 #include "render/frame.glsl"
+#include "render/nearest_sample.glsl"
 #include "render/draped_depth.glsl"
 
 uniform sampler2D ground_depth;

@@ -1,18 +1,23 @@
 // A smooth approximation of the ground (m from the eye), for two-step draping. Include after frame.glsl.
-//   PLANE  whether it is level, the greatest error there is, for comparison
+//   TILE_QUADS  along the sides of its squares
 uniform sampler2D near_heights; // m, mipmaps, in the squares near_map and far_map
 uniform sampler2D far_heights;
 uniform vec2 smooth_levels;     // mipmap levels of both
-uniform float plane_height;     // m above sea level
+
+const float BLENDED_BORDER = 0.125; // of the near map, over which it is blended with the far one
 
 float smooth_height(vec2 place)
 {
-#if PLANE
-    return plane_height - eye.z;
-#else
     vec2 close = (place - near_map.xy) * near_map.z, wide = (place - far_map.xy) * far_map.z;
     vec2 room = min(close, 1.0 - close);
-    float share = clamp(8.0 * min(room.x, room.y), 0.0, 1.0);
+    float share = clamp(min(room.x, room.y) / BLENDED_BORDER, 0.0, 1.0);
     return mix(textureLod(far_heights, wide, smooth_levels.y).r, textureLod(near_heights, close, smooth_levels.x).r, share) - eye.z;
-#endif
+}
+
+// A vertex of a square (west and north from the eye, width of a quad, m; unused), by rows from north to south.
+vec3 smooth_vertex(vec4 square, uint number)
+{
+    uint side = uint(TILE_QUADS + 1);
+    vec2 place = square.xy + square.z * vec2(number % side, number / side) * vec2(1.0, -1.0);
+    return vec3(place, smooth_height(place));
 }

@@ -10,6 +10,7 @@
 //   APPEARANCE samples of what vectors paint (appearance.glsl); 0: nothing is painted
 //   DRAPED     whether more is drawn over it (render/draped.py)
 #include "render/frame.glsl"
+#include "render/nearest_sample.glsl"
 #include "render/surface.glsl"
 #include "render/triplanar.glsl"
 #include "render/height_blend.glsl"
@@ -81,28 +82,6 @@ void insert_material(float w, int layer, inout StrongestMaterials s)
     s.layer.y = first ? s.layer.x : second ? layer : s.layer.y;
     s.weight.x = first ? w : s.weight.x;
     s.layer.x = first ? layer : s.layer.x;
-}
-
-// The sample of the pixel that is nearest to the eye, which is shaded for all of them.
-ivec2 nearest_sample(out float depth)
-{
-    ivec2 pixel = ivec2(gl_FragCoord.xy) * SAMPLES;
-    ivec2 nearest = pixel;
-    depth = 1.0;
-    for (int k = 0; k < SAMPLES * SAMPLES; ++k) {
-        ivec2 at = pixel + ivec2(k % SAMPLES, k / SAMPLES);
-        float d = texelFetch(gbuffer_depth, at, 0).r;
-        nearest = d < depth ? at : nearest;
-        depth = min(d, depth);
-    }
-    return nearest;
-}
-
-vec3 position_of(ivec2 at, float depth)
-{
-    vec2 size = vec2(textureSize(gbuffer_depth, 0));
-    vec4 unprojected = from_clip * vec4(vec3((vec2(at) + 0.5) / size, min(depth, 0.9999999)) * 2.0 - 1.0, 1.0);
-    return unprojected.xyz / unprojected.w;
 }
 
 // The strongest materials of a G-buffer sample, after noise has frayed borders that are smooth by interpolation.
@@ -203,8 +182,8 @@ vec3 middle_of_pixel(vec3 n)
 void main()
 {
     float depth;
-    ivec2 at = nearest_sample(depth);
-    position = position_of(at, depth);
+    ivec2 at = nearest_sample(gbuffer_depth, ivec2(gl_FragCoord.xy), depth);
+    position = position_of(gbuffer_depth, at, depth);
     float distance = length(position);
     vec3 to_eye = -position / distance;
     vec3 n = normalize(texelFetch(gbuffer_normal, at, 0).xyz + vec3(0.0, 0.0, 1e-4));

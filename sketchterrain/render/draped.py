@@ -11,7 +11,7 @@ import moderngl
 
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.draped_buffer import DrapedBuffer
+from sketchterrain.render.draped_buffer import DrapedBuffer, averaging_pass
 from sketchterrain.render.draped_geometry import DrapedGeometry, DrapedView, Held
 from sketchterrain.render.draped_two_step import TwoStepDraping
 from sketchterrain.render.ground_stream import TerrainStream
@@ -22,9 +22,8 @@ from sketchterrain.render.targets import RenderTargets
 if TYPE_CHECKING:
     from sketchterrain.drape.drapes import Drapes
 
-FADE: Final = (
-    0.2  # s in which a feature that is taken hold of, or released, changes from one method to another
-)
+FADE: Final = 0.2
+"""s in which a feature that is taken hold of, or released, changes from one method to another."""
 
 
 class ScreenMethod(Protocol):
@@ -91,7 +90,11 @@ class DrapedScreen:
         self._held: Held | None = None
         self._share = 1.0  # of the held feature
         self._released: tuple[Drapes, Held, float] | None = None  # and its share
-        self._buffer: DrapedBuffer | None = None
+        self._buffer: DrapedBuffer | None = None  # of the last picture, if anything is in it
+
+    @cached_property
+    def _average(self) -> moderngl.VertexArray:
+        return averaging_pass(self._context, samples=self._quality.samples)
 
     @cached_property
     def geometry(self) -> DrapedGeometry:
@@ -107,13 +110,18 @@ class DrapedScreen:
     @property
     def nbytes(self) -> int:
         """Bytes of buffers and caches."""
-        used = [vars(self).get(name) for name in ("geometry", "screen", "_buffer")]
+        used = (vars(self).get(name) for name in ("geometry", "screen", "_buffer"))
         return sum(each.nbytes for each in used if each is not None)
+
+    @property
+    def _shows_rest(self) -> bool:
+        """Whether a method draws layers into the buffer."""
+        return self.screen is not None and self._rest is not None and not self._rest.is_empty
 
     @property
     def converged(self) -> bool:
         """Whether all is loaded, and no feature is on its way from one method to another."""
-        loaded = self.screen is None or self.screen.is_loaded
+        loaded = self.screen is None or not self._shows_rest or self.screen.is_loaded
         return loaded and self._share == 1.0 and self._released is None
 
     @property
@@ -124,8 +132,8 @@ class DrapedScreen:
     def set_drapes(self, drapes: Drapes | None, held: Held | None) -> None:
         """Replace the layers; `held` is left out of the tiles as soon as it is drawn by geometry."""
         if held != self._held and self.method == "tiles":
-            if self._held is not None and drapes is not None:
-                self._released = (drapes, self._held, 1.0)
+            if self._held is not None and self._drapes is not None and drapes is not None:
+                self._released = (self._drapes, self._held, 1.0)  # the new ones may be without it
             self._share = 1.0 if held is None else 0.0
         self._drapes, self._held = drapes, held
         self._rest = None if drapes is None else drapes.without(held)
@@ -154,18 +162,20 @@ class DrapedScreen:
         drapes, rest, screen = self._drapes, self._rest, self.screen
         held = [] if drapes is None or self._held is None else [(drapes, self._held, self._share)]
         held += [self._released] if self._released else []
-        has_rest = screen is not None and rest is not None and not rest.is_empty
-        if not held and not has_rest:
+        if not held and not self._shows_rest:
+            self._buffer = None
             return False
         start, view = time.perf_counter(), DrapedView(camera, pixel)
         if self._buffer is None or self._buffer.size != targets.size:
-            self._buffer = DrapedBuffer(self._context, targets.size, samples=self._quality.samples)
+            self._buffer = DrapedBuffer(self._context, targets.size, self._average)
         self._buffer.clear()
-        if screen is not None and rest is not None and has_rest:
-            screen.draw(rest, view, targets, self._buffer, moving=moving)
-        for version, feature, share in held:
-            self.geometry.draw_features(version, feature, view, targets.depth, share=share)
-        self._buffer.resolve(targets.depth)
+        try:
+            if screen is not None and rest is not None and self._shows_rest:
+                screen.draw(rest, view, targets, self._buffer, moving=moving)
+            for version, feature, share in held:
+                self.geometry.draw_features(version, feature, view, targets.depth, share=share)
+        finally:
+            self._buffer.resolve(targets.depth)
         self.seconds += time.perf_counter() - start
         return True
 

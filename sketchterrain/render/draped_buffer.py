@@ -11,24 +11,31 @@ from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 SAMPLES: Final = 4  # a pixel
 
 
+def averaging_pass(context: moderngl.Context, *, samples: int) -> moderngl.VertexArray:
+    """Return the pass that `DrapedBuffer` needs, for a G-buffer of `samples` along each axis of a pixel."""
+    macros = {"SAMPLES": samples, "FRAGMENTS": _fragments(context)}
+    return fullscreen_pass(context, "draped_mean.frag.glsl", defines=macros)
+
+
+def _fragments(context: moderngl.Context) -> int:
+    return min(SAMPLES, context.max_samples)
+
+
 class DrapedBuffer:
-    """Albedo times share, and share, at several samples a pixel of a size (px), and their mean, `colour`.
+    """Albedo times share, and share, at several samples a pixel of a size (px), and their mean, `colour`."""
 
-    `samples` are those of the G-buffer along each axis of a pixel.
-    """
-
-    def __init__(self, context: moderngl.Context, size: tuple[int, int], *, samples: int) -> None:
-        fragments = min(SAMPLES, context.max_samples)
+    def __init__(
+        self, context: moderngl.Context, size: tuple[int, int], average: moderngl.VertexArray
+    ) -> None:
+        fragments = _fragments(context)
         self.size = size
         self.nbytes = 8 * size[0] * size[1] * (1 + fragments)
-        self._context = context
+        self._context, self._average = context, average
         self._samples = context.texture(size, 4, samples=fragments, dtype="f2")
         self._drawn = context.framebuffer([self._samples])
         self.colour = context.texture(size, 4, dtype="f2")
         self.colour.repeat_x = self.colour.repeat_y = False
         self._mean = context.framebuffer([self.colour])
-        macros = {"SAMPLES": samples, "FRAGMENTS": fragments}
-        self._average = fullscreen_pass(context, "draped_mean.frag.glsl", defines=macros)
 
     def clear(self) -> None:
         """Bind and clear it, for what is premultiplied by its share."""

@@ -8,6 +8,7 @@ meet, which are found row by row of the triangles' grid.
 from __future__ import annotations
 
 from functools import cache
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -47,12 +48,9 @@ class Pieces(NamedTuple):
         found: list[Pieces] = []
         fills = items.kind == FILL
         # Runs of fills of one feature are one area.
-        starts = np.flatnonzero(
-            np.append(True, (np.diff(items.feature) != 0) | (np.diff(fills) != 0) | ~fills[1:])
-        )
-        if not len(items.kind):
-            return cls.joined([])
-        for start, end in zip(starts.tolist(), [*starts[1:].tolist(), len(fills)], strict=True):
+        other = np.diff([items.feature, items.style, fills], axis=1).any(axis=0)
+        starts = np.flatnonzero(np.append(True, other | ~fills[1:])[: len(fills)])
+        for start, end in pairwise([*starts.tolist(), len(fills)]):
             style = int(items.style[start])
             if fills[start]:
                 found.append(_area(items, start, end, float(angles[style])))
@@ -76,27 +74,17 @@ class Pieces(NamedTuple):
 
 def _area(items: Items, start: int, end: int, angle: float) -> Pieces:
     """Return the triangles of an area: shells less holes."""
-    rings = [items.points[items.first[at] : items.first[at + 1]] for at in range(start, end)]
-    rings = [ring for ring in rings if len(ring) > 3]
-    turns = [float(np.sum(ring[:-1, 0] * ring[1:, 1] - ring[1:, 0] * ring[:-1, 1])) for ring in rings]
-    sums = [
-        shapely.union_all(
-            [
-                shapely.make_valid(shapely.Polygon(ring))
-                for ring, turn in zip(rings, turns, strict=True)
-                if turn * sign > 0
-            ]
-        )
-        for sign in (1.0, -1.0)
-    ]
-    covered = shapely.get_parts(shapely.constrained_delaunay_triangles(shapely.difference(*sums)))
-    triangles = shapely.get_coordinates(covered).reshape(-1, 4, 2)[:, :3]
+    sides: tuple[list[shapely.Geometry], list[shapely.Geometry]] = ([], [])
+    for first, last in pairwise(items.first[start : end + 1]):
+        ring = items.points[first:last]
+        if len(ring) > 3:
+            turn = np.sum(ring[:-1, 0] * ring[1:, 1] - ring[1:, 0] * ring[:-1, 1])
+            sides[int(turn < 0.0)].append(shapely.make_valid(shapely.Polygon(ring)))
+    covered = shapely.difference(*map(shapely.union_all, sides))
+    found = shapely.orient_polygons(shapely.get_parts(shapely.constrained_delaunay_triangles(covered)))
+    triangles = shapely.get_coordinates(found).reshape(-1, 4, 2)[:, :3]
     corners = np.zeros((len(triangles), _MOST, 2))
     corners[:, :3] = triangles
-    # Counterclockwise.
-    one, two = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    turned = one[:, 0] * two[:, 1] < one[:, 1] * two[:, 0]
-    corners[turned, 1], corners[turned, 2] = triangles[turned, 2], triangles[turned, 1]
     parts = np.zeros(len(triangles), PART)
     parts["style"], parts["flags"] = items.style[start], IS_FILL
     frame = np.tile([0.0, 0.0, np.cos(angle), np.sin(angle)], (len(triangles), 1))
@@ -211,81 +199,82 @@ def cut(pieces: Pieces, mesh: Mesh, box: Bounds) -> npt.NDArray[np.void]:
     quads = round(np.sqrt(len(mesh.first) - 1))
     west, north, cell = box[0], box[3], (box[2] - box[0]) / quads
     local = (pieces.corners - [west, north]) * [1.0 / cell, -1.0 / cell]
-    numbers, values, part = _cut(local, pieces.counts, *mesh, quads)
+    met = cells_met(local, pieces.counts, np.zeros(len(local)), quads)
+    triangle, part, columns, rows = _cut(local, pieces.counts, *met, mesh.corners, mesh.first, mesh.met)
+    a, b, c = (mesh.corners[triangle, k].T for k in range(3))
+    (p, q), (s, t), (x, y) = b - a, c - a, (columns, rows) - a
     vertices = np.empty(len(part), VERTEX)
-    vertices["corners"][:, :3], vertices["corners"][:, 3] = numbers, 0
-    vertices["weights"], vertices["part"] = values[:, :2], part
+    vertices["corners"][:, :3], vertices["corners"][:, 3] = mesh.numbers[triangle], 0
+    weights = np.stack([x * t - y * s, p * y - q * x]) / (p * t - q * s)
+    vertices["weights"], vertices["part"] = weights.T, part
     frame = pieces.frame[part]
-    x, y = west + cell * values[:, 2] - frame[:, 0], north - cell * values[:, 3] - frame[:, 1]
+    x, y = west + cell * columns - frame[:, 0], north - cell * rows - frame[:, 1]
     vertices["place"][:, 0] = x * frame[:, 2] + y * frame[:, 3]
     vertices["place"][:, 1] = y * frame[:, 2] - x * frame[:, 3]
     return vertices
 
 
 @_compiled  # type: ignore[untyped-decorator]
+def cells_met(
+    polygons: Float64Array, count: Int64Array, border: Float64Array, cells: int
+) -> tuple[Int64Array, Int64Array]:
+    """Return the cells of a grid that polygons meet, and the polygons' numbers, ascending.
+
+    Polygons are widened by a border (n,); all lengths are in cells, of which there are as many along a side.
+    """
+    found, number = [0 for _ in range(0)], [0 for _ in range(0)]
+    one, two = np.zeros((2 * _MOST, 2)), np.zeros((2 * _MOST, 2))
+    for k in range(len(polygons)):
+        polygon, wide = polygons[k], border[k]
+        if count[k] < 3:
+            continue
+        low, high = polygon[: count[k], 1].min() - wide, polygon[: count[k], 1].max() + wide
+        for row in range(max(int(np.floor(low)), 0), min(int(np.floor(high)), cells - 1) + 1):
+            kept = clip_polygon(polygon, count[k], 0.0, -1.0, -(row - wide), one)
+            kept = clip_polygon(one, kept, 0.0, 1.0, row + 1.0 + wide, two)
+            if kept:
+                west, east = two[:kept, 0].min() - wide, two[:kept, 0].max() + wide
+                for column in range(max(int(np.floor(west)), 0), min(int(np.floor(east)), cells - 1) + 1):
+                    found.append(row * cells + column)
+                    number.append(k)
+    return np.array(found, np.int64), np.array(number, np.int64)
+
+
+@_compiled  # type: ignore[untyped-decorator]
 def _cut(
     polygons: Float64Array,
     count: Int64Array,
-    numbers: Int64Array,
+    cells: Int64Array,
+    owners: Int64Array,
     corners: Float64Array,
     first: Int64Array,
     met: Int64Array,
-    quads: int,
-) -> tuple[Int64Array, Float64Array, Int64Array]:
-    """Clip polygons to all triangles that they meet.
+) -> tuple[Int64Array, Int64Array, Float64Array, Float64Array]:
+    """Clip polygons to the triangles that meet their cells.
 
-    Return, per vertex, the numbers of a triangle's corners, the weights of the second and the third, column
-    and row, and the polygon.
+    Return, per vertex, its triangle and polygon, and its column and row.
     """
-    space, used = 256, 0
-    found, values, part = np.empty((space, 3), np.int64), np.empty((space, 4)), np.empty(space, np.int64)
-    stamp = np.full(len(numbers), -1, np.int64)
+    found, part = [0 for _ in range(0)], [0 for _ in range(0)]
+    columns, rows = [0.0 for _ in range(0)], [0.0 for _ in range(0)]
+    stamp = np.full(len(corners), -1, np.int64)
     one, two = np.zeros((2 * _MOST, 2)), np.zeros((2 * _MOST, 2))
-    for number in range(len(polygons)):
-        polygon, n = polygons[number], count[number]
-        if n < 3:
-            continue
-        low, high = polygon[:n, 1].min(), polygon[:n, 1].max()
-        for row in range(max(int(np.floor(low)), 0), min(int(np.floor(high)), quads - 1) + 1):
-            kept = clip_polygon(polygon, n, 0.0, -1.0, -float(row), one)
-            kept = clip_polygon(one, kept, 0.0, 1.0, row + 1.0, two)
-            if not kept:
+    for number, cell in zip(owners, cells):  # noqa: B905 # numba has no strict
+        for triangle in met[first[cell] : first[cell + 1]]:
+            if stamp[triangle] == number:
                 continue
-            west, east = two[:kept, 0].min(), two[:kept, 0].max()
-            for column in range(max(int(np.floor(west)), 0), min(int(np.floor(east)), quads - 1) + 1):
-                cell = row * quads + column
-                for at in range(first[cell], first[cell + 1]):
-                    triangle = met[at]
-                    if stamp[triangle] == number:
-                        continue
-                    stamp[triangle] = number
-                    a, b, c = corners[triangle]
-                    area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-                    one[:n] = polygon[:n]
-                    kept = n
-                    for p, q in ((a, b), (b, c), (c, a)):
-                        # Counterclockwise from above, and rows run southward.
-                        s, t = p[1] - q[1], q[0] - p[0]
-                        kept = clip_polygon(one, kept, s, t, s * p[0] + t * p[1], two)
-                        one, two = two, one
-                        if kept < 3:
-                            break
-                    if kept < 3:
-                        continue
-                    while used + 3 * (kept - 2) > space:
-                        found, values, part = (
-                            np.concatenate((found, found)),
-                            np.concatenate((values, values)),
-                            np.concatenate((part, part)),
-                        )
-                        space *= 2
-                    for fan in range(1, kept - 1):
-                        for k in (0, fan, fan + 1):
-                            x, y = one[k, 0], one[k, 1]
-                            values[used, 0] = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / area
-                            values[used, 1] = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / area
-                            values[used, 2], values[used, 3] = x, y
-                            found[used] = numbers[triangle]
-                            part[used] = number
-                            used += 1
-    return found[:used], values[:used], part[:used]
+            stamp[triangle] = number
+            kept = count[number]
+            one[:kept] = polygons[number, :kept]
+            for k in range(3):
+                # Counterclockwise from above, and rows run southward.
+                p, q = corners[triangle, k], corners[triangle, (k + 1) % 3]
+                s, t = p[1] - q[1], q[0] - p[0]
+                kept = clip_polygon(one, kept, s, t, s * p[0] + t * p[1], two)
+                one, two = two, one
+            for fan in range(1, kept - 1):
+                for k in (0, fan, fan + 1):
+                    found.append(triangle)
+                    part.append(number)
+                    columns.append(one[k, 0])
+                    rows.append(one[k, 1])
+    return np.array(found, np.int64), np.array(part, np.int64), np.array(columns), np.array(rows)

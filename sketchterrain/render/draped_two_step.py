@@ -37,71 +37,66 @@ QUADS: Final = 16  # along the side of a square
 TEXELS: Final = 256  # along the side of a window of a raster: at most a pixel wide
 WINDOWS: Final = 112  # in memory: 29 MB
 COARSER: Final = 1.25  # factor on widths while there are more squares than that
+WIDEST: Final = 24  # levels above a window, of others that show instead
 LEAST: Final = 4.0  # m, least width of squares
 SMOOTH: Final = 128.0  # cells of the approximation in an extent, about
 LOADING: Final = 0.02  # s a frame for windows, in motion
 _CHILDREN: Final = np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 1]])
-_SQUARE: Final = np.dtype([("square", "<f4", 4), ("window", "<f4", 4)])
+_SQUARE: Final = np.dtype([("square", "<f4", 4), ("window", "<f4", 3)])
+_FORMAT: Final = ("4f4 3f4/i", "square", "window")
 
 
 class TwoStepDraping:
-    """Draws all layers of a version. `plane` (m) replaces the approximation by a level one, for comparison.
+    """Draws all layers of a version.
 
-    `is_loaded` is whether the last picture had all windows of its rasters, `windows` counts those read,
-    `triangles` those of features in the last picture.
+    `is_loaded` is whether the last picture had all windows of its rasters.
     """
 
     def __init__(
-        self,
-        context: moderngl.Context,
-        lit: GroundLighting,
-        extent: float,
-        *,
-        samples: int,
-        plane: float | None = None,
+        self, context: moderngl.Context, lit: GroundLighting, extent: float, *, samples: int
     ) -> None:
-        self._context, self._lit, self._extent, self._plane = context, lit, extent, plane
-        macros = {"TILE_QUADS": QUADS, "PLANE": int(plane is not None), "SAMPLES": 1}
-
-        def program(fragment: str, *, features: bool) -> moderngl.Program:
-            defines = {**macros, "FEATURES": int(features)}
-            return build_program(context, "draped_smooth.vert.glsl", fragment, defines=defines)
-
-        self._features = program("draped_geometry.frag.glsl", features=True)
-        self._programs = [
-            program(f"{name}.frag.glsl", features=False) for name in ("nothing", "draped_raster")
-        ]
+        self._context, self._lit, self._extent = context, lit, extent
+        macros = {"TILE_QUADS": QUADS, "SAMPLES": 1, "SMOOTH": 1}
         self._foot = fullscreen_pass(context, "draped_foot.frag.glsl", defines={**macros, "SAMPLES": samples})
-        self._indices = context.buffer(mesh_of(QUADS, 0).numbers.astype(np.uint32).tobytes())
+        indices = context.buffer(mesh_of(QUADS, 0).numbers.astype(np.uint32).tobytes())
         self._instances = context.buffer(reserve=_SQUARE.itemsize * WINDOWS, dynamic=True)
+        instances = (self._instances, *_FORMAT)
+        self._ground, self._rasters = (
+            context.vertex_array(
+                build_program(context, "draped_smooth.vert.glsl", f"{name}.frag.glsl", defines=macros),
+                [instances],
+                index_buffer=indices,
+                skip_errors=True,
+            )
+            for name in ("nothing", "draped_raster")
+        )
+        self._features = build_program(
+            context, "draped_geometry.vert.glsl", "draped_geometry.frag.glsl", defines=macros
+        )
+        self._parts = PartBuffers(context, self._features, instances)
         self._windows: RasterWindows | None = None
         self._colour: moderngl.Texture | None = None
-        self.cutter, self._parts = FeatureCutter(), PartBuffers(context)
-        self.is_loaded, self.triangles = True, 0
+        self._cutter = FeatureCutter()
+        self.is_loaded = True
 
     @property
     def nbytes(self) -> int:
         """Bytes of buffers and caches."""
-        first = 12 * self._depth.width * self._depth.height if self._colour else 0
+        first = 12 * self._colour.width * self._colour.height if self._colour else 0
         windows = self._windows.nbytes if self._windows else 0
-        return self.cutter.nbytes + self._parts.nbytes + windows + first
+        return self._cutter.nbytes + self._parts.nbytes + windows + first
 
     def draw(
         self, drapes: Drapes, view: DrapedView, targets: RenderTargets, buffer: DrapedBuffer, *, moving: bool
     ) -> None:
         """Draw all layers."""
         size, eye = targets.size, view.camera.eye
-        if self._colour is None or self._colour.size != size:
-            self._colour, self._depth = (
-                self._context.texture(size, 4, dtype="f2"),
-                self._context.depth_texture(size),
-            )
-            self._colour.repeat_x = self._colour.repeat_y = False
-            self._depth.compare_func = ""
-            self._first = self._context.framebuffer([self._colour])
-            self._depth_only = self._context.framebuffer(depth_attachment=self._depth)
-        squares, codes = self._squares(view, size[0] / size[1])
-        self._bind(self._features, *self._programs, self._foot.program)
+        colour = self._resized(size)
+        above = max(eye[2] - self._lit.height_at(*eye[:2]), 0.0)
+        rasters = drapes.rasters(view.pixel * above)
+        most = WINDOWS // max(len(rasters), 1)  # all have room for their windows
+        squares, codes = self._squares(view, size[0] / size[1], above, most)
+        self._bind()
         rows = np.zeros(len(codes), _SQUARE)
         west, north = squares.boxes[:, 0], squares.boxes[:, 3]
         rows["square"][:, 0], rows["square"][:, 1] = west - eye[0], north - eye[1]
@@ -109,75 +104,76 @@ class TwoStepDraping:
         self._depth_only.use()
         self._depth_only.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST)
-        self._draw_squares(self._programs[0], rows)
+        self._draw_squares(self._ground, rows)
         buffer.clear()
         self._depth.use(3)
         self.is_loaded = True
-        for number, source in drapes.rasters(float(squares.near.min(initial=np.inf))):
+        for number, source in rasters:
             self._draw_raster(source, drapes.layers[number]["opacity"], codes, rows, moving=moving)
-        found = self.cutter.cut(drapes, None, squares)
-        self.triangles = sum(len(each.vertices) for each in found.values()) // 3
-        if found:
-            commands = self._parts.write(found, drapes.styles)
+        if found := self._cutter.cut(drapes, None, squares):
+            self._parts.write(found, drapes.styles)
             self._write_instances(rows)
-            array = self._parts.array(self._features, (self._instances, "4f4 4f4/i", "square", "window"))
             set_uniforms(self._features, {"share": 1.0})
-            array.render_indirect(commands, moderngl.TRIANGLES, count=len(found))
+            self._parts.array.render_indirect(self._parts.commands, moderngl.TRIANGLES, count=len(found))
         buffer.resolve(targets.depth, self._first)
         buffer.clear()
-        self.show(targets)
+        targets.depth.use(4)
+        colour.use(5)
+        set_uniforms(self._foot.program, {"ground_depth": 4, "drawn": 5, "smooth_depth": 3})
+        self._foot.render(vertices=3)
 
-    def show(self, targets: RenderTargets, *, marks_outside: bool = False) -> None:
-        """Draw the second step into the bound framebuffer, or the pixels whose feet are not in the buffer."""
-        if self._colour is not None:
-            targets.depth.use(4)
-            self._colour.use(5)
-            self._depth.use(3)
-            units = {"ground_depth": 4, "drawn": 5, "smooth_depth": 3, "marks_outside": float(marks_outside)}
-            set_uniforms(self._foot.program, units)
-            self._foot.render(vertices=3)
+    def _resized(self, size: tuple[int, int]) -> moderngl.Texture:
+        if self._colour is None or self._colour.size != size:
+            self._colour = self._context.texture(size, 4, dtype="f2")
+            self._colour.repeat_x = self._colour.repeat_y = False
+            self._depth = self._context.depth_texture(size)
+            self._depth.compare_func = ""
+            self._first = self._context.framebuffer([self._colour])
+            self._depth_only = self._context.framebuffer(depth_attachment=self._depth)
+        return self._colour
 
-    def _bind(self, *programs: moderngl.Program) -> None:
+    def _bind(self) -> None:
         """Bind the approximation."""
         levels = []
-        for unit, level in enumerate((self._lit.height_maps[name] for name in ("near", "far")), 1):
-            texture, texel = level
+        for unit, name in enumerate(("near", "far"), 1):
+            texture, texel = self._lit.height_maps[name]
             texture.use(unit)
             levels.append(max(float(np.log2(self._extent / SMOOTH / texel)), 0.0))
-        uniforms = {"near_heights": 1, "far_heights": 2, "smooth_levels": tuple(levels), "ground_depth": 3}
-        for program in programs:
-            set_uniforms(program, {**uniforms, "plane_height": self._plane or 0.0})
+        units = {"near_heights": 1, "far_heights": 2, "ground_depth": 3, "smooth_levels": tuple(levels)}
+        for program in (
+            self._features,
+            *(each.program for each in (self._ground, self._rasters, self._foot)),
+        ):
+            set_uniforms(program, units)
 
-    def _squares(self, view: DrapedView, aspect: float) -> tuple[Squares, Int64Array]:
+    def _squares(
+        self, view: DrapedView, aspect: float, above: float, most: int
+    ) -> tuple[Squares, Int64Array]:
         """Return the squares that a camera sees, and their levels, columns and rows from north to south."""
-        low_z, high_z = self._lit.height_range if self._plane is None else (self._plane, self._plane)
-        camera, pixel = view
-        planes = camera.frustum(aspect)
-        above = max(camera.eye[2] - self._lit.height_at(*camera.eye[:2]), 0.0)
-        widest, codes = TEXELS * pixel, np.zeros((WINDOWS + 1, 3), np.int64)
-        while len(codes) > WINDOWS:
-            codes = self._codes(camera, planes, (low_z, high_z), widest, above)
+        widest, codes = TEXELS * view.pixel, np.zeros((most + 1, 3), np.int64)
+        while len(codes) > most:
+            codes = self._codes(view.camera, aspect, widest, above)
             widest *= COARSER
-        width = self._extent * 2.0 ** -codes[:, :1].astype(np.float64)
-        flat = codes[:, 1:] * width
-        boxes = Boxes(np.insert(flat, 2, low_z, axis=1), np.insert(flat + width, 2, high_z, axis=1))
         cases = np.zeros(len(codes), np.int64)
-        return Squares.seen([*map(tuple, codes.tolist())], boxes, QUADS, cases, view), codes
+        keys = [*map(tuple, codes.tolist())]
+        return Squares.seen(keys, self._boxes(codes), QUADS, cases, view), codes
 
-    def _codes(
-        self, camera: Camera, planes: Float64Array, z: tuple[float, float], widest: float, above: float
-    ) -> Int64Array:
+    def _boxes(self, codes: Int64Array) -> Boxes:
+        low_z, high_z = self._lit.height_range
+        width = self._extent * np.exp2(-codes[:, :1].astype(np.float64))
+        low = codes[:, 1:] * width
+        return Boxes(np.insert(low, 2, low_z, axis=1), np.insert(low + width, 2, high_z, axis=1))
+
+    def _codes(self, camera: Camera, aspect: float, widest: float, above: float) -> Int64Array:
         """Return the squares that a camera sees, at most `widest` times their distance wide."""
         eye, top = np.array(camera.eye), int(np.ceil(np.log2(2.0 * camera.far / self._extent)))
         around = np.floor(eye[:2] / (self._extent * 2.0**top)).astype(np.int64)
         columns, rows = np.meshgrid(around[0] + np.arange(-1, 2), around[1] + np.arange(-1, 2))
         codes, found = np.stack([np.full(9, -top), columns.ravel(), rows.ravel()], axis=1), []
         while len(codes):
-            width = self._extent * 2.0 ** -codes[0, 0]
-            low = np.column_stack([codes[:, 1:] * width, np.full(len(codes), z[0])])
-            high = np.column_stack([low[:, :2] + width, np.full(len(codes), z[1])])
+            width, (low, high) = self._extent * 2.0 ** -codes[0, 0], self._boxes(codes)
             apart = np.linalg.norm(np.maximum(np.maximum(low - eye, eye - high), 0.0)[:, :2], axis=1)
-            seen = inside_frustum(planes, low, high) & (apart < camera.far)
+            seen = inside_frustum(camera.frustum(aspect), low, high) & (apart < camera.far)
             splits = seen & (width > np.maximum(widest * np.hypot(apart, 0.5 * above), LEAST))
             found.append(codes[seen & ~splits])
             finer = (codes[splits] * [1, 2, 2] + [1, 0, 0])[:, None] + _CHILDREN
@@ -195,18 +191,16 @@ class TwoStepDraping:
     ) -> None:
         if self._windows is None:
             self._windows = RasterWindows(self._context, self._extent)
-        rows["square"][:, 3], rows["window"][:, :3], loaded = self._windows.find(
+        rows["square"][:, 3], rows["window"], loaded = self._windows.find(
             source, codes, LOADING if moving else np.inf
         )
         self.is_loaded = self.is_loaded and loaded
         self._windows.texture.use(6)
-        set_uniforms(self._programs[1], {"windows": 6, "share": opacity})
-        self._draw_squares(self._programs[1], rows)
+        set_uniforms(self._rasters.program, {"windows": 6, "share": opacity})
+        self._draw_squares(self._rasters, rows)
 
-    def _draw_squares(self, program: moderngl.Program, rows: npt.NDArray[np.void]) -> None:
+    def _draw_squares(self, array: moderngl.VertexArray, rows: npt.NDArray[np.void]) -> None:
         self._write_instances(rows)
-        content = [(self._instances, "4f4 4f4/i", "square", "window")]
-        array = self._context.vertex_array(program, content, index_buffer=self._indices, skip_errors=True)
         array.render(moderngl.TRIANGLES, instances=len(rows))
 
     def _write_instances(self, rows: npt.NDArray[np.void]) -> None:
@@ -224,7 +218,6 @@ class RasterWindows:
         self.nbytes = 4 * TEXELS * TEXELS * WINDOWS
         self._extent = extent
         self._slots: dict[object, int] = {}  # by window, the least recently used first
-        self.read = 0
 
     def find(
         self, source: RasterSource, codes: Int64Array, seconds: float
@@ -242,7 +235,7 @@ class RasterWindows:
             key = (IdentityKey(source), level - up, column >> up, row >> up)
             if key not in self._slots and time.perf_counter() < end:
                 self._read(source, key)
-            while key not in self._slots and up < 24:
+            while key not in self._slots and up < WIDEST:
                 complete, up = False, up + 1
                 key = (IdentityKey(source), level - up, column >> up, row >> up)
             if key in self._slots:
@@ -260,7 +253,6 @@ class RasterWindows:
         pixels = np.dstack([ROOT_BYTES[pixels[..., :3]], pixels[..., 3]])
         self.texture.write(premultiplied(pixels).tobytes(), viewport=(0, 0, free, TEXELS, TEXELS, 1))
         self._slots[key] = free
-        self.read += 1
 
 
 ROOT_BYTES: Final = np.rint(255.0 * np.sqrt(WHITE) * ROOTS).astype(np.uint8)

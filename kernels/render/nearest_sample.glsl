@@ -1,0 +1,24 @@
+// Samples of the G-buffer. Include after frame.glsl.
+//   SAMPLES  along each axis of a pixel
+
+// The sample of a pixel that is nearest to the eye, which is shaded for all of them.
+ivec2 nearest_sample(sampler2D depths, ivec2 pixel, out float depth)
+{
+    ivec2 nearest = pixel * SAMPLES;
+    depth = 1.0;
+    for (int k = 0; k < SAMPLES * SAMPLES; ++k) {
+        ivec2 at = pixel * SAMPLES + ivec2(k % SAMPLES, k / SAMPLES);
+        float d = texelFetch(depths, at, 0).r;
+        nearest = d < depth ? at : nearest;
+        depth = min(d, depth);
+    }
+    return nearest;
+}
+
+// Position of a sample, m from the eye.
+vec3 position_of(sampler2D depths, ivec2 at, float depth)
+{
+    vec2 size = vec2(textureSize(depths, 0));
+    vec4 unprojected = from_clip * vec4(vec3((vec2(at) + 0.5) / size, min(depth, 0.9999999)) * 2.0 - 1.0, 1.0);
+    return unprojected.xyz / unprojected.w;
+}

@@ -3,11 +3,15 @@
 import math
 import re
 import sqlite3
-from contextlib import closing
+import tempfile
+import warnings
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import pyogrio
 import shapely
 from rasterio import Env
 from rasterio._err import CPLE_BaseError
@@ -16,7 +20,8 @@ from rasterio.warp import transform
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.errors import InputError, format_value, one_line
-from sketchterrain.io.crs import parse_crs
+from sketchterrain.io.crs import parse_crs, plain_path
+from sketchterrain.io.files import wrap_read_errors
 
 Shapes = npt.NDArray[np.object_]
 
@@ -41,6 +46,30 @@ def vector_driver(start: bytes) -> str | None:
     if start[4:15] == b"\n\tOSMHeader" or b"osm" in elements <= _OSM_ELEMENTS:
         return "OSM"
     return next((driver for magic, driver in _VECTORS.items() if start.startswith(magic)), None)
+
+
+def file_driver(path: Path, location: str) -> str:
+    """Return GDAL's driver for a vector file by its first bytes; raise InputError for other files."""
+    with wrap_read_errors(path), path.open("rb") as stream:
+        start = stream.read(4096)
+    if driver := vector_driver(start):
+        return driver
+    raise InputError(f"{location}: expected a vector file, it begins with {format_value(start[:20])}")
+
+
+@contextmanager
+def open_layers(path: Path, driver: str, location: str) -> Iterator[tuple[str, list[str]]]:
+    """Yield a vector file's name for GDAL and its layers; raise InputError if what is read is unreadable."""
+    try:
+        with plain_path(path) as file, warnings.catch_warnings(), np.errstate(invalid="ignore"):
+            warnings.simplefilter("ignore")  # GDAL has many harmless ones
+            # The prefix excludes other drivers for JSON, such as pipelines that open other files.
+            dataset = f"GeoJSON:{file}" if driver == "GeoJSON" else str(file)
+            if driver == "OSM":  # many nodes are on disk, by default in the working directory
+                pyogrio.set_gdal_config_options({"CPL_TMPDIR": tempfile.gettempdir()})
+            yield dataset, [str(name) for name, kind in pyogrio.list_layers(dataset) if kind is not None]
+    except (RuntimeError, ValueError, OSError, shapely.errors.GEOSException) as error:
+        raise InputError(f"{location}: cannot be read as {driver} ({one_line(error)[:160]})") from None
 
 
 def geopackage_tables(path: Path, location: str) -> set[str]:

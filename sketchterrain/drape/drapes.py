@@ -11,13 +11,14 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import DrapedLayer, drape_problem
 from sketchterrain.document.parameters import Properties
 from sketchterrain.document.vector_formats import vector_driver
-from sketchterrain.drape.items import AFTER, BEFORE, FILL, POINT, STROKE, Items
+from sketchterrain.drape.items import FILL, POINT, STROKE, Items
 from sketchterrain.drape.levels import Level, level_of
 from sketchterrain.drape.raster_source import RasterSource
 from sketchterrain.drape.vector_source import Feature, VectorSource
@@ -186,8 +187,7 @@ class Drapes:
     def only(self, held: tuple[int, int], texel: float) -> Items:
         """Return the visible parts of one feature, by its layer and id, with all of its vertices."""
         number, feature = held
-        source = dict(self._vectors(texel)).get(number)
-        if source is None:
+        if (source := dict(self._vectors(texel)).get(number)) is None:
             return Items.empty()
         level = level_of(source.parts(feature), 0.0)
         return self.without(None)._drawn(number, source, texel, [(level, np.arange(len(level.items)))], None)
@@ -378,21 +378,16 @@ def _near(boxes: npt.NDArray[Any], box: Any, reach: Any) -> BoolArray:
 
 
 def distances(items: Items, x: float, y: float) -> Float64Array:
-    """Return the distance (m) of each line or point from a place; inf of areas."""
+    """Return the distance (m) of each run of a line with the vertices beside it, or point; inf of areas."""
     count = np.diff(items.first)
     found = np.full(len(count), np.inf)
     point = np.flatnonzero(items.kind == POINT)
     found[point] = np.hypot(*(items.points[items.first[point]] - (x, y)).T)
-    line = np.flatnonzero(items.kind == STROKE)
-    if len(line):
-        first = items.first[line] + ((items.ends[line] & BEFORE) > 0)
-        segments = items.first[line + 1] - ((items.ends[line] & AFTER) > 0) - first - 1
-        owner, place = expanded(segments)
-        start = items.points[first[owner] + place]
-        step, at = items.points[first[owner] + place + 1] - start, np.array([x, y]) - start
-        share = (at * step).sum(axis=1) / np.maximum((step * step).sum(axis=1), 1e-300)
-        off = np.hypot(*(at - np.clip(share, 0.0, 1.0)[:, None] * step).T)
-        found[line] = np.minimum.reduceat(off, np.cumsum(segments) - segments)
+    lines = items.taken(items.kind == STROKE)
+    owner = np.repeat(np.arange(len(lines.kind)), np.diff(lines.first))
+    found[items.kind == STROKE] = shapely.distance(
+        shapely.linestrings(lines.points, indices=owner), shapely.Point(x, y)
+    )
     return found
 
 

@@ -206,12 +206,9 @@ class DrapedAppearance:
         if self.below is None:
             return [None] * len(names)
         missing = np.array([name for name in names if name not in self._bases], np.int64).reshape(-1, 3)
-        found: dict[tuple[int, ...], UInt8Array | None] = {}
-        if len(missing):
-            full = self.below.occupied(missing)
-            found |= dict.fromkeys(map(tuple, missing.tolist()))
-            drawn = self.below.tiles(missing[full]) if full.any() else ()
-            found |= dict(zip(map(tuple, missing[full].tolist()), drawn, strict=True))
+        found: dict[tuple[int, ...], UInt8Array | None] = dict.fromkeys(map(tuple, missing.tolist()))
+        if len(full := missing[self.below.occupied(missing)]):
+            found |= zip(map(tuple, full.tolist()), self.below.tiles(full), strict=True)
         bases = [found[name] if name in found else self._bases.get(name) for name in names]
         for name, base in found.items():
             self._bases.store(name, base)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -38,7 +38,6 @@ class _EditedFeature:
     def __init__(self, edit: FeatureEdit) -> None:
         self.edit = edit
         self.shape: BaseGeometry | None = shapely.from_wkb(edit.geometry) if edit.geometry else None
-        self.box = np.array(self.shape.bounds if self.shape is not None else [np.nan] * 4, np.float64)
         self._parts: dict[float, Parts] = {}
 
     @cached_property
@@ -99,8 +98,7 @@ class VectorSource:
     @property
     def box(self) -> Float64Array:
         """West, south, east and north (m) of all features, NaN without any."""
-        boxes: Any = [each.box for each in self._edited.values() if each.shape is not None]
-        boxes = np.array([self.store.box, *boxes])
+        boxes = np.array([self.store.box, *map(self.box_of, self._edited)])
         return np.concatenate([np.fmin.reduce(boxes[:, :2]), np.fmax.reduce(boxes[:, 2:])])
 
     @property
@@ -129,8 +127,8 @@ class VectorSource:
         """Return the items of edited features."""
         if number not in self._levels:
             tolerance = self.store.levels[number].tolerance
-            shown = [each.parts(tolerance) for each in self._edited.values() if each.shape is not None]
-            self._levels[number] = level_of(joined([parts_of(_NO_SHAPES, tolerance), *shown]), tolerance)
+            parts = joined([each.parts(tolerance) for each in self._edited.values()])
+            self._levels[number] = level_of(parts, tolerance)
         return self._levels[number]
 
     def features(self, box: Bounds) -> Int64Array:
@@ -140,31 +138,24 @@ class VectorSource:
 
     def feature(self, number: int) -> Feature:
         """Return a feature; raise InputError if it was deleted, or has no geometry."""
-        shape: BaseGeometry | None
-        if number in self._edited:
-            edited = self._edited[number]
-            shape, properties = edited.shape, dict(edited.edit.properties)
-        elif 0 <= number < self.store.count:
-            shape, properties = self.store.geometries([number])[0], self.store.properties(number)
-        else:
-            shape, properties = None, {}
-        if shape is None:
+        if (shape := self._shape(number)) is None:
             raise InputError(f"feature {number}: expected one that the layer has, with a geometry")
-        return Feature(number, shape, properties)
+        if number in self._edited:
+            return Feature(number, shape, dict(self._edited[number].edit.properties))
+        return Feature(number, shape, self.store.properties(number))
+
+    def _shape(self, number: int) -> BaseGeometry | None:
+        if number in self._edited:
+            return self._edited[number].shape
+        return self.store.geometries([number])[0] if 0 <= number < self.store.count else None
 
     def parts(self, number: int) -> Parts:
         """Return the items of one feature with all of its vertices."""
-        edited = self._edited.get(number) or _EditedFeature(
-            FeatureEdit(number, shapely.to_wkb(self.feature(number).geometry))
-        )
-        return edited.parts(0.0) if edited.shape is not None else parts_of(_NO_SHAPES, 0.0)
+        return parts_of(split_shapes(np.array([self._shape(number)], object), np.array([number])), 0.0)
 
     def box_of(self, number: int) -> Float64Array:
         """Return the box (m) of a feature; NaN without one."""
-        if number in self._edited:
-            return self._edited[number].box
-        shapes = self.store.geometries([number]) if 0 <= number < self.store.count else np.array([None])
-        return np.asarray(shapely.bounds(shapes)[0])
+        return np.asarray(shapely.bounds(self._shape(number)))
 
     def values(self, name: str, ids: Sequence[int]) -> list[int | float | str | None]:
         """Return a property of features."""
@@ -204,9 +195,6 @@ class VectorSource:
         ]
         boxes = [source.box_of(number) for source in (self, old) for number in ids]
         return np.array(boxes, np.float64).reshape(-1, 4)
-
-
-_NO_SHAPES: Final = split_shapes(np.array([], object), np.array([], np.int64))
 
 
 def _edit(source: VectorSource, number: int) -> FeatureEdit | None:

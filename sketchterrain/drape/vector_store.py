@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
-import warnings
+import json
+import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final, NamedTuple
+from typing import Any, BinaryIO, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,10 +20,16 @@ from rasterio._err import CPLE_BaseError
 from rasterio.crs import CRS
 from rasterio.warp import transform
 
-from sketchterrain.array_types import Float64Array
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.document.rasters import content_hash
-from sketchterrain.document.vector_formats import Shapes, geopackage_tables, layer_crs, vector_driver
+from sketchterrain.document.vector_formats import (
+    Shapes,
+    file_driver,
+    geopackage_tables,
+    layer_crs,
+    open_layers,
+)
 from sketchterrain.drape.levels import (
     ITEM,
     Level,
@@ -34,9 +40,8 @@ from sketchterrain.drape.levels import (
     places,
     split_shapes,
 )
-from sketchterrain.drape.stored_arrays import ArrayWriter, StoredArrays, Texts
 from sketchterrain.errors import InputError, format_value, one_line
-from sketchterrain.io.crs import parse_crs, plain_path
+from sketchterrain.io.crs import parse_crs
 from sketchterrain.io.disk_cache import stored_folder
 from sketchterrain.io.files import wrap_read_errors
 
@@ -49,6 +54,8 @@ _SHRINK: Final = 0.7  # of the points of a finer level: a level with more is not
 _CHUNK: Final = 1 << 22  # bytes of a file that are read at once
 _READ_WHOLE: Final = ("GeoJSON", "OSM")  # by GDAL, each time: more at once
 _BATCH: Final = 1 << 14  # items that are sorted into place at once
+_ALIGNMENT: Final = 64  # bytes, of stored arrays
+_FACTS, _CONTENT = "facts.json", "arrays.bin"
 _NULL: Final = b"\xff"  # in texts, which are UTF-8
 _NO_INTEGER: Final = np.iinfo(np.int64).min
 _FAR: Final = np.array([80.0, 85.0])  # degrees from a sketch, of points that have no place in its frame
@@ -89,34 +96,20 @@ class VectorFile(NamedTuple):
 def open_vector_file(path: Path, table: str = "") -> Iterator[VectorFile]:
     """Open a table of a vector file, by default its first; raise InputError if it cannot be read."""
     place = f"draped layer {one_line(path)}"
-    with wrap_read_errors(path), path.open("rb") as stream:
-        start = stream.read(4096)
-    driver = vector_driver(start)
-    if driver is None:
-        raise InputError(f"{place}: expected a vector file, it begins with {format_value(start[:20])}")
-    try:
-        with plain_path(path) as file, warnings.catch_warnings(), np.errstate(invalid="ignore"):
-            warnings.simplefilter("ignore")  # GDAL has many harmless ones
-            # The prefix excludes other drivers for JSON, such as pipelines that open other files.
-            dataset = f"GeoJSON:{file}" if driver == "GeoJSON" else str(file)
-            if driver == "OSM":  # many nodes are on disk, by default in the working directory
-                pyogrio.set_gdal_config_options({"CPL_TMPDIR": tempfile.gettempdir()})
-            names = [str(name) for name, kind in pyogrio.list_layers(dataset) if kind is not None]
-            if driver == "GPKG":  # queries of views may never end
-                tables = geopackage_tables(path, place)
-                names = [name for name in names if name.lower() in tables]
-            if table not in ("", *names) or not names:
-                expected = ", ".join(map(format_value, names[:20])) or "a table with geometries"
-                raise InputError(f"{place}: table {format_value(table)}: expected {expected}")
-            info = pyogrio.read_info(dataset, layer=table or names[0], force_feature_count=True)
-            if info["driver"] != driver:
-                raise InputError(f"{place}: expected {driver}, GDAL detects {info['driver']}")
-            fields = dict(zip(map(str, info["fields"]), map(str, info["dtypes"]), strict=True))
-            crs = layer_crs(info["crs"], place)
-            known = crs, info["crs"], info["geometry_type"], info["features"]
-            yield VectorFile(dataset, driver, table or names[0], *known, fields, place)
-    except (RuntimeError, ValueError, OSError, shapely.errors.GEOSException) as error:
-        raise InputError(f"{place}: cannot be read as {driver} ({one_line(error)[:160]})") from None
+    driver = file_driver(path, place)
+    with open_layers(path, driver, place) as (dataset, names):
+        if driver == "GPKG":  # queries of views may never end
+            tables = geopackage_tables(path, place)
+            names = [name for name in names if name.lower() in tables]
+        if table not in ("", *names) or not names:
+            expected = ", ".join(map(format_value, names[:20])) or "a table with geometries"
+            raise InputError(f"{place}: table {format_value(table)}: expected {expected}")
+        info = pyogrio.read_info(dataset, layer=table or names[0], force_feature_count=True)
+        if info["driver"] != driver:
+            raise InputError(f"{place}: expected {driver}, GDAL detects {info['driver']}")
+        fields = dict(zip(map(str, info["fields"]), map(str, info["dtypes"]), strict=True))
+        known = layer_crs(info["crs"], place), info["crs"], info["geometry_type"], info["features"]
+        yield VectorFile(dataset, driver, table or names[0], *known, fields, place)
 
 
 def file_crs(file: VectorFile, layer: DrapedLayer) -> CRS | None:
@@ -183,10 +176,74 @@ def _transformed(points: Float64Array, source: CRS, target: CRS) -> Float64Array
         return np.concatenate([_transformed(half, source, target) for half in halves])
 
 
+class _Texts:
+    """Byte strings, one after the other."""
+
+    def __init__(self, content: npt.NDArray[np.uint8], ends: Int64Array) -> None:
+        self._content, self._ends = content, ends
+
+    def __getitem__(self, number: int) -> bytes:
+        start = self._ends[number - 1] if number else 0
+        return self._content[start : self._ends[number]].tobytes()
+
+
+class _StoredArrays:
+    """What an `_ArrayWriter` wrote, read as far as it is asked for."""
+
+    def __init__(self, folder: Path) -> None:
+        self.facts, self._places = json.loads((folder / _FACTS).read_text(encoding="utf-8"))
+        self._content = np.asarray(np.memmap(folder / _CONTENT, np.uint8, "r"))
+
+    def array(self, name: str, dtype: npt.DTypeLike, columns: int = 0) -> npt.NDArray[Any]:
+        """Return an array of values, or of rows of some columns."""
+        start, size = self._places.get(name, (0, 0))
+        found = self._content[start : start + size].view(dtype)
+        return found.reshape(-1, columns) if columns else found
+
+    def texts(self, name: str) -> _Texts:
+        """Return byte strings."""
+        return _Texts(self.array(name, np.uint8), self.array(f"{name}.ends", np.int64))
+
+
+class _ArrayWriter:
+    """Appends to arrays in a folder; `finish` joins them in one file."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._streams = folder, dict[str, BinaryIO]()
+
+    def add(self, name: str, array: npt.NDArray[Any]) -> None:
+        """Append to an array."""
+        if name not in self._streams:
+            self._streams[name] = (self._folder / name).open("wb")
+        self._streams[name].write(array.tobytes())
+
+    def add_texts(self, name: str, texts: list[bytes]) -> None:
+        """Append byte strings."""
+        start = self._streams[name].tell() if name in self._streams else 0
+        self.add(name, np.frombuffer(b"".join(texts), np.uint8))
+        self.add(f"{name}.ends", start + np.cumsum([len(text) for text in texts], dtype=np.int64))
+
+    def finish(self, facts: object = None) -> _StoredArrays:
+        """Join all arrays, and return them."""
+        places = {}
+        with (self._folder / _CONTENT).open("wb") as content:
+            content.write(bytes(_ALIGNMENT))  # an empty file cannot be mapped
+            for name, stream in self._streams.items():
+                stream.close()
+                content.write(bytes(-content.tell() % _ALIGNMENT))
+                start, part = content.tell(), self._folder / name
+                with part.open("rb") as opened:
+                    shutil.copyfileobj(opened, content)
+                places[name] = start, content.tell() - start
+                part.unlink()
+        (self._folder / _FACTS).write_text(json.dumps([facts, places]), encoding="utf-8")
+        return _StoredArrays(self._folder)
+
+
 class VectorStore:
     """Features of a table of a vector file, by number in the order of the file."""
 
-    def __init__(self, arrays: StoredArrays) -> None:
+    def __init__(self, arrays: _StoredArrays) -> None:
         self.count: int = arrays.facts["features"]
         self.fields: dict[str, str] = arrays.facts["fields"]
         self.left_out: int = arrays.facts["left_out"]
@@ -216,7 +273,7 @@ class VectorStore:
         column = self._columns.get(name)
         if column is None:
             return [None] * len(ids)
-        if isinstance(column, Texts):
+        if isinstance(column, _Texts):
             return [None if (text := column[each]) == _NULL else text.decode() for each in ids]
         found = column[np.asarray(ids, np.int64)].tolist()
         return [None if each != each or each == _NO_INTEGER else each for each in found]
@@ -238,7 +295,7 @@ def open_store(layer: DrapedLayer, frame: Mapping[str, Any], extent: float) -> V
         with open_vector_file(path, layer["table"]) as file:
             _build(file, layer, frame, extent, folder)
 
-    return VectorStore(StoredArrays(stored_folder("drape", key, build)))
+    return VectorStore(_StoredArrays(stored_folder("drape", key, build)))
 
 
 def placed(wkb: Shapes, projection: Projection) -> Shapes:
@@ -258,7 +315,7 @@ def _build(
 ) -> None:
     """Write a store in one pass over the file."""
     with TemporaryDirectory(dir=folder, ignore_cleanup_errors=True) as scratch:
-        arrays, unsorted = ArrayWriter(folder), ArrayWriter(Path(scratch))
+        arrays, unsorted = _ArrayWriter(folder), _ArrayWriter(Path(scratch))
         projection = Projection(file_crs(file, layer), frame, file.place)
         at_once = _CHUNK << (6 if file.driver in _READ_WHOLE else 0)
         step = max(1, file.features * at_once // max(Path(layer.path).stat().st_size, 1))
@@ -307,7 +364,7 @@ def _tolerances(shapes: Shapes2D, extent: float) -> list[float]:
     return kept
 
 
-def _sort_levels(unsorted: StoredArrays, arrays: ArrayWriter, count: int) -> None:
+def _sort_levels(unsorted: _StoredArrays, arrays: _ArrayWriter, count: int) -> None:
     """Write the items of each level sorted by place."""
     for number in range(count):
         items = unsorted.array(f"items{number}", ITEM)
@@ -332,7 +389,7 @@ def _stored_kind(dtype: str) -> str:
     return "float64" if dtype.startswith("float") else "text"
 
 
-def _add_column(arrays: ArrayWriter, name: str, kind: str, values: npt.NDArray[Any]) -> None:
+def _add_column(arrays: _ArrayWriter, name: str, kind: str, values: npt.NDArray[Any]) -> None:
     if kind == "text":
         texts = [_NULL if each is None else str(each).encode() for each in values.tolist()]
         return arrays.add_texts(name, texts)

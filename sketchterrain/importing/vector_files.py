@@ -2,7 +2,6 @@
 
 import math
 import re
-import tempfile
 import warnings
 from collections import Counter
 from collections.abc import Sequence
@@ -21,8 +20,10 @@ from sketchterrain.array_types import Float64Array
 from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.vector_formats import (
     Shapes,
+    file_driver,
     geopackage_tables,
     layer_crs,
+    open_layers,
     reproject,
     single_parts,
     valid_areas,
@@ -157,12 +158,8 @@ def read_vector_layers(
     touch a rectangle in `degrees` (west, south, east, north).
     """
     location = one_line(path)
-    with wrap_read_errors(path), path.open("rb") as stream:
-        start, size = stream.read(4096), path.stat().st_size
-    driver = vector_driver(start)
-    if driver is None:
-        raise InputError(f"{location}: expected a vector file, it begins with {format_value(start[:20])}")
-    if size > _MAX_BYTES:
+    driver = file_driver(path, location)
+    if (size := path.stat().st_size) > _MAX_BYTES:
         raise InputError(f"{location}: {size / (1 << 20):.0f} MiB: expected at most {_MAX_BYTES >> 20} MiB")
     if driver == "GeoJSON":  # parsed JSON needs many times its size in memory
         content = path.read_bytes()
@@ -173,31 +170,18 @@ def read_vector_layers(
         del content
     tables = geopackage_tables(path, location) if driver == "GPKG" else None
     layers = []
-    try:
-        with plain_path(path) as file, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # GDAL has many harmless ones
-            # The prefix excludes other drivers for JSON, such as pipelines that open other files.
-            dataset = f"GeoJSON:{file}" if driver == "GeoJSON" else file
-            names = [str(name) for name, kind in pyogrio.list_layers(dataset) if kind is not None]
-            if driver == "OSM":
-                names = [name for name in names if name in _OSM_LAYERS]
-                # Many nodes are on disk, by default in the working directory.
-                pyogrio.set_gdal_config_options({"CPL_TMPDIR": tempfile.gettempdir()})
-            remaining = MAX_VERTICES
-            for name in names:
-                where = f"{location}: layer {format_value(name)}"
-                if tables is not None and name.lower() not in tables:
-                    raise InputError(f"{where}: expected a table, not a view")
-                tagged = driver == "OSM" and not untagged
-                inside = degrees if driver == "OSM" else None
-                layers.append(
-                    _read_layer(dataset, driver, name, where, remaining, tagged=tagged, inside=inside)
-                )
-                remaining -= int(shapely.get_num_coordinates(layers[-1].shapes).sum())
-    except (RuntimeError, ValueError, shapely.errors.GEOSException) as error:
-        raise InputError(
-            f"{location}: cannot be read as {driver} ({one_line(error)[:_MAX_MESSAGE]})"
-        ) from None
+    with open_layers(path, driver, location) as (dataset, names):
+        remaining = MAX_VERTICES
+        for name in names:
+            if driver == "OSM" and name not in _OSM_LAYERS:
+                continue
+            where = f"{location}: layer {format_value(name)}"
+            if tables is not None and name.lower() not in tables:
+                raise InputError(f"{where}: expected a table, not a view")
+            tagged = driver == "OSM" and not untagged
+            inside = degrees if driver == "OSM" else None
+            layers.append(_read_layer(dataset, driver, name, where, remaining, tagged=tagged, inside=inside))
+            remaining -= int(shapely.get_num_coordinates(layers[-1].shapes).sum())
     layers = [layer for layer in layers if len(layer.shapes) or any(layer.skipped.values())]
     if not layers:
         raise InputError(f"{location}: expected points, lines or areas, found none")
@@ -228,7 +212,7 @@ def osm_bounds(path: Path) -> tuple[float, float, float, float] | None:
 
 
 def _read_layer(
-    dataset: Path | str,
+    dataset: str,
     driver: str,
     name: str,
     where: str,

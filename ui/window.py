@@ -25,7 +25,6 @@ from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, active_theme, app_icon, described, row, tabular
 from sketchterrain.ui.models.background import SketchSaver
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.drapes import add_drapes, update_file
 from sketchterrain.ui.models.workspace import BRUSHES, Bookmarks, Preferences, RecentFiles, Workspace
 from sketchterrain.ui.panels.base import BasePanel
 from sketchterrain.ui.panels.layers import LayersPanel
@@ -154,8 +153,8 @@ class MainWindow(QMainWindow):
         self.elevation_files = ElevationFiles(self, self.files, elevation, preferences, self.banner)
         self.files.elevation_chosen.connect(self.elevation_files.add)
         self.elevation_files.findings_requested.connect(partial(self.panel_layout.show_panel, "base"))
-        self.files.drapes_read.connect(partial(add_drapes, document, workspace))
         drapes = self._layers.drapes
+        self.files.drapes_read.connect(drapes.add)
         drapes.add_requested.connect(self.files.ask_add_drapes)
         drapes.zoom_requested.connect(self._zoom_to_drape)
         drapes.save_requested.connect(self.files.save_drape)
@@ -332,12 +331,10 @@ class MainWindow(QMainWindow):
 
     def _drape_buttons(self, line: str) -> tuple[tuple[str, Callable[[], object]], ...]:
         """Return a button that takes a draped layer's file as it is now, if that is a problem's cure."""
-        layers = self._document.sketch.drapes
-        named = [number for number, each in enumerate(layers) if one_line(each.path) in line]
-        changed = [number for number in named if drape_problem(layers[number])]
-        if not changed or not Path(layers[changed[0]].path).exists():
-            return ()
-        return (("Update", partial(update_file, self._document, changed[0])),)
+        for number, layer in enumerate(self._document.sketch.drapes):
+            if one_line(layer.path) in line and Path(layer.path).exists() and drape_problem(layer):
+                return (("Update", partial(self._layers.drapes.update_file, number)),)
+        return ()
 
     def _set_drape_method(self, method: str) -> None:
         self._link.set_view(replace(self._link.view, drape_method=method))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, cast
 
 import numpy as np
 from PyQt6.QtCore import QByteArray, QDataStream, QLineF, QObject, QPointF, QRectF, Qt, pyqtSignal
-from PyQt6.QtGui import QBrush, QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
+from PyQt6.QtGui import QBrush, QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF, QTransform
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.ui.canvas.underlay import Pictures
@@ -78,6 +78,7 @@ class DrapePictures(QObject):
         self._base: tuple[object, Drapes] | None = None  # without the feature that is held
         self._seconds, self._texel = 0.0, 0.0  # that the last picture took, and its scale
         self._reader = BackgroundReader(self)
+        self._reader.failed.connect(context.signals.message)
         context.document.drapes.changed.connect(self.update)
 
     @property
@@ -131,25 +132,25 @@ def _draw(drapes: Drapes, window: PictureWindow) -> tuple[tuple[QImage | None, Q
     """Return the pictures of the layers beneath and above the paint, and the time that they took (s)."""
     started = time.perf_counter()
     rasters, items = dict(drapes.rasters(window.texel)), drapes.items(window.box, window.texel)
+    drawn = sorted({*rasters, *np.unique(items.layer).tolist()})
     highest = max(rasters, default=-1)
     images: list[QImage | None] = []
-    for low, high in ((-1, highest), (highest, len(drapes.layers))):
-        vectors = items.taken((items.layer > low) & (items.layer <= high))
-        if not (len(vectors.kind) or any(low < number <= high for number in rasters)):
+    for numbers in ([each for each in drawn if each <= highest], [each for each in drawn if each > highest]):
+        if not numbers:
             images.append(None)
             continue
         image = QImage(window.columns, window.rows, QImage.Format.Format_ARGB32_Premultiplied)
         image.fill(Qt.GlobalColor.transparent)
         painter = QPainter(image)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        for number in range(low + 1, high + 1):
+        for number in numbers:
             if number in rasters:
                 pixels = rasters[number].pixels(window.west, window.north, *window[2:])
                 layer = drapes.layers[number]
                 _use(painter, layer["opacity"], layer["blend"])
                 shape = window.columns, window.rows, 4 * window.columns
                 painter.drawImage(0, 0, QImage(pixels.tobytes(), *shape, QImage.Format.Format_RGBA8888))
-            draw_items(painter, drapes, vectors.taken(vectors.layer == number), window)
+            draw_items(painter, drapes, items.taken(items.layer == number), window)
         painter.end()
         images.append(image)
     return (images[0], images[1]), time.perf_counter() - started
@@ -220,13 +221,11 @@ def _fill(painter: QPainter, path: QPainterPath, values: Properties, unit: float
     painter.save()
     painter.setClipPath(path)
     painter.setPen(QPen(colour, max(values["width"] * unit, 1.0)))
-    box, spacing = path.boundingRect(), max(values["hatch_spacing"] * unit, 2.0)
-    reach = 0.5 * math.hypot(box.width(), box.height())
-    for turn in (0.0, 90.0)[: 2 if values["hatch"] == "cross" else 1]:
-        angle = math.radians(values["hatch_angle"] + turn)
-        along, across = QPointF(math.cos(angle), -math.sin(angle)), QPointF(math.sin(angle), math.cos(angle))
-        middle = QPointF.dotProduct(box.center() - origin, across)
-        for step in range(math.ceil((middle - reach) / spacing), math.floor((middle + reach) / spacing) + 1):
-            foot = box.center() + across * (step * spacing - middle)
-            painter.drawLine(QLineF(foot - along * reach, foot + along * reach))
+    shown, spacing = path.boundingRect() & QRectF(painter.window()), max(values["hatch_spacing"] * unit, 2.0)
+    for turn in (0.0, 90.0) if values["hatch"] == "cross" else (0.0,):
+        lines = QTransform.fromTranslate(origin.x(), origin.y()).rotate(-values["hatch_angle"] - turn)
+        box = lines.inverted()[0].mapRect(shown)
+        for step in range(math.ceil(box.top() / spacing), math.floor(box.bottom() / spacing) + 1):
+            y = step * spacing
+            painter.drawLine(lines.map(QLineF(box.left(), y, box.right(), y)))
     painter.restore()

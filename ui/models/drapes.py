@@ -211,12 +211,6 @@ def move_drape(document: Document, workspace: Workspace, number: int, to: int) -
         workspace.selection = Selection("drape", -1, layer=to)
 
 
-def update_file(document: Document, number: int) -> None:
-    """Take a layer's file as it is now."""
-    digest = draped_layer(Path(document.sketch.drapes[number].path))["sha256"]
-    change_drape(document, number, "Update", sha256=digest)
-
-
 def classify(document: Document, number: int, by: str) -> None:
     """Make a class of each value of a property, in colours of its own; raise InputError for too many."""
     from sketchterrain.drape.vector_source import VectorSource

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -13,7 +13,7 @@ from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtGui import QIcon
 from PyQt6.QtWidgets import QComboBox, QLabel, QPushButton, QToolButton, QVBoxLayout, QWidget
 
-from sketchterrain.document.drapes import DRAPE, STYLE, DrapeClass, DrapedLayer
+from sketchterrain.document.drapes import DRAPE, STYLE, DrapeClass, DrapedLayer, draped_layer
 from sketchterrain.document.parameters import Parameter, Value
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.ui.actions import ContextMenu
@@ -43,26 +43,18 @@ class DrapeList(QWidget):
     def __init__(self, document: Document, workspace: Workspace) -> None:
         super().__init__()
         self._document, self._workspace = document, workspace
-        self._selected: tuple[Selection | None, str] = (None, "")  # and the path of its layer
+        self._selected: tuple[Selection | None, object] = (None, None)  # and its file
         self.list = LayerList(can_move=True)
         self.list.setAccessibleName("Draped layers")
         self.list.setToolTip("Draped layers, the highest on top. Space shows or hides one, Del removes it")
-        self.buttons = dict[str, QToolButton]()
-        for name, glyph, title, tip, command in (
-            (
-                "add",
-                "add",
-                "Add draped layers",
-                "Show vectors or rasters on the terrain",
-                self.add_requested.emit,
-            ),
-            ("raise", "up", "Raise", "Draw it over the next layer", partial(self._move, 1)),
-            ("lower", "down", "Lower", "Draw it beneath the next layer", partial(self._move, -1)),
-            ("zoom", "fit", "Zoom to the layer", "Show all of it", self._zoom),
-            ("remove", "delete", "Remove", "Remove it from the sketch; its file stays", self._remove),
-        ):
-            self.buttons[name] = tool_button(glyph, title, tip=tip)
-            self.buttons[name].clicked.connect(lambda _, command=command: command())
+        add, tip = self.add_requested.emit, "Show vectors or rasters on the terrain"
+        self.buttons = {
+            "add": _button("add", "Add draped layers", tip, add),
+            "raise": _button("up", "Raise", "Draw it over the next layer", partial(self._move, 1)),
+            "lower": _button("down", "Lower", "Draw it beneath the next layer", partial(self._move, -1)),
+            "zoom": _button("fit", "Zoom to the layer", "Show all of it", self._zoom),
+            "remove": _button("delete", "Remove", "Remove it from the sketch; its file stays", self._remove),
+        }
         line = row(None, (heading("Draped layers"), 1), *self.buttons.values(), spacing=0)
         line.setContentsMargins(SPACING, SMALL, SPACING, 0)
         column(self, line, self.list, spacing=0)
@@ -86,10 +78,11 @@ class DrapeList(QWidget):
 
     def refresh(self, *_: object) -> None:
         layers, chosen = self._document.sketch.drapes, self._chosen
-        selection, path = self._workspace.selection, layers[chosen].path if chosen >= 0 else ""
-        is_other = self._selected[0] == selection and self._selected[1] != path
-        self._selected = selection, path
-        if is_other:  # after an undo its number is another layer's
+        selection, file = self._workspace.selection, None
+        if selection is not None and chosen >= 0:
+            file = layers[chosen].path if selection.id < 0 else layers[chosen].source_key
+        before, self._selected = self._selected, (selection, file)
+        if before[0] == selection and before[1] != file:  # its number is that of another layer or feature now
             self._workspace.selection = None
             return
         rows = [self._row(number, layer) for number, layer in enumerate(layers)][::-1]
@@ -99,6 +92,11 @@ class DrapeList(QWidget):
         for name, button in self.buttons.items():
             button.setVisible(bool(rows) or name == "add")
             button.setEnabled(chosen >= 0 or name == "add")
+
+    def add(self, layers: list[DrapedLayer]) -> None:
+        """Add layers above the others and choose the last one."""
+        with _reported(self):
+            model.add_drapes(self._document, self._workspace, layers)
 
     def menu(self) -> ContextMenu:
         menu, number, document = ContextMenu(self), self._chosen, self._document
@@ -113,7 +111,7 @@ class DrapeList(QWidget):
         for text, other in (("&Save layer", False), ("Save layer &as…", True)):
             save = menu.add_command("save", text, partial(self.save_requested.emit, number, other))
             save.setEnabled(is_vector and (other or bool(self._layer(number).edits)))
-        menu.add_command("restart", "&Update", self._update)
+        menu.add_command("restart", "&Update", partial(self.update_file, number))
         menu.add_command("fit", "&Zoom to the layer", self._zoom)
         menu.add_command("delete", "&Remove", self._remove)
         return menu
@@ -156,9 +154,11 @@ class DrapeList(QWidget):
     def _zoom(self) -> None:
         self.zoom_requested.emit(self._chosen)
 
-    def _update(self) -> None:
+    def update_file(self, number: int) -> None:
+        """Take a layer's file as it is now."""
         with _reported(self):
-            model.update_file(self._document, self._chosen)
+            digest = draped_layer(Path(self._layer(number).path))["sha256"]
+            model.change_drape(self._document, number, "Update", sha256=digest)
 
     def _remove(self) -> None:
         if self._chosen >= 0:
@@ -339,6 +339,12 @@ class DrapedFeaturePage(QWidget):
     def _set(self, name: str, text: object, _: object) -> None:
         with _reported(self):
             model.set_property(self._document, self._workspace, name, str(text))
+
+
+def _button(name: str, title: str, tip: str, command: Callable[[], object]) -> QToolButton:
+    button = tool_button(name, title, tip=tip)
+    button.clicked.connect(lambda _: command())
+    return button
 
 
 @contextmanager

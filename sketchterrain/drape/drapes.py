@@ -24,7 +24,6 @@ from sketchterrain.drape.raster_source import RasterSource
 from sketchterrain.drape.vector_source import Feature, VectorSource
 from sketchterrain.drape.vector_store import FARTHEST
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.terrain.index import expanded
 
 BUDGET: Final = 24 << 20
 """The most bytes of memory of all sources and their caches."""
@@ -329,17 +328,11 @@ class Drapes:
     def _picked(self, items: Items, x: float, y: float, texel: float) -> int | None:
         half = np.array([0.5 * each.width(texel) for each in self.styles])[items.style]
         distance = distances(items, x, y)
-        inside = winding(items, x, y)
-        on = np.append(items.feature[distance <= half], inside)
-        if len(on):
-            top = int(on.max())
-            near = items.feature > top
-        else:
-            top, near = -1, np.ones(len(half), bool)
-        near &= distance <= np.maximum(half, _PICK * texel)
+        top = max([-1, *items.feature[distance <= half].tolist(), *winding(items, x, y).tolist()])
+        near = (items.feature > top) & (distance <= np.maximum(half, _PICK * texel))
         if near.any():
             return int(items.feature[near][np.argmin(distance[near])])
-        return top if len(on) else None
+        return top if top >= 0 else None
 
     def features(self, layer: int, box: Bounds) -> Int64Array:
         """Return the ids of a layer's features near a box (m), ascending."""
@@ -393,13 +386,11 @@ def distances(items: Items, x: float, y: float) -> Float64Array:
 
 def winding(items: Items, x: float, y: float) -> Int64Array:
     """Return the features whose areas have a place inside, ascending."""
-    fill = np.flatnonzero(items.kind == FILL)
-    owner, place = expanded(np.diff(items.first)[fill] - 1)
-    start = items.points[items.first[fill][owner] + place]
-    end = items.points[items.first[fill][owner] + place + 1]
-    side = (end[:, 0] - start[:, 0]) * (y - start[:, 1]) - (end[:, 1] - start[:, 1]) * (x - start[:, 0])
-    up = (start[:, 1] <= y) & (end[:, 1] > y) & (side > 0.0)
-    down = (start[:, 1] > y) & (end[:, 1] <= y) & (side < 0.0)
-    ids, of = np.unique(items.feature[fill], return_inverse=True)
-    turns = np.bincount(of[owner], up.astype(np.float64) - down, minlength=len(ids))
-    return np.asarray(ids[turns != 0.0])
+    rings = items.taken(items.kind == FILL)
+    owner = np.repeat(np.arange(len(rings.kind)), np.diff(rings.first))
+    is_edge = owner[:-1] == owner[1:]
+    (u, v), (p, q) = rings.points[:-1][is_edge].T, rings.points[1:][is_edge].T
+    side = (p - u) * (y - v) - (q - v) * (x - u)
+    turns = ((v <= y) & (q > y) & (side > 0.0)).astype(int) - ((v > y) & (q <= y) & (side < 0.0))
+    ids, of = np.unique(rings.feature, return_inverse=True)
+    return np.asarray(ids[np.bincount(of[owner[:-1][is_edge]], turns, minlength=len(ids)) != 0.0])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import shutil
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -63,8 +63,7 @@ def move_vertex(layer: DrapedLayer, feature: Feature, vertex: int, x: float, y: 
     """Return the layer with a vertex of a feature, as `shapely.get_coordinates` numbers it, at a point."""
 
     def moved(line: Float64Array, at: int) -> Float64Array:
-        line[at] = x, y
-        return line
+        return np.where(np.arange(len(line))[:, None] == at, (x, y), line)
 
     return _with_line(layer, feature, vertex, moved)
 
@@ -88,14 +87,14 @@ def _with_line(
     count = shapely.get_num_coordinates(shape) if kind in _MAKERS else 0  # not in collections
     if not 0 <= vertex < count:
         raise InputError(f"feature {feature.id}: vertex {vertex}: expected 0 to {count - 1}")
-    least, make = _MAKERS[kind]
+    (least, make), is_area = _MAKERS[kind], int(kind == "Polygon")
     parts = [_lines(part) for part in shapely.get_parts(shape)]
     for part in parts:
         for number, line in enumerate(part):
             if 0 <= (at := vertex - first) < len(line):
-                closed = kind == "Polygon"
-                ring = change(line[:-1].copy(), at % (len(line) - 1)) if closed else change(line.copy(), at)
-                part[number] = np.concatenate([ring, ring[:1]]) if closed else ring
+                count = len(line) - is_area
+                changed = change(line[:count], at % count)
+                part[number] = np.concatenate([changed, changed[:is_area]])
             if not np.isfinite(part[number]).all():
                 raise InputError(f"feature {feature.id}: expected finite coordinates")
             if kind == "Point" and len(part[number]) > 1:
@@ -220,7 +219,7 @@ def _write(
             wkb[at] = edit.geometry and _in_file(edit.geometry, wkb[at], projection, file)
         left = np.array([at not in edited or bool(edited[at].geometry) for at in range(len(ids))], bool)
         columns = [_column(values.get(name), name, kind, edited, len(ids)) for name, kind in kinds.items()]
-        with _write_errors(path):
+        try:
             pyogrio.raw.write(
                 path,
                 wkb[left],
@@ -234,14 +233,9 @@ def _write(
                 append=first > 0,
                 layer_options=_OPTIONS[driver],
             )
-
-
-@contextmanager
-def _write_errors(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except (RuntimeError, ValueError) as error:
-        raise SketchterrainError(f"{path.suffix[1:]}: cannot be written ({one_line(error)[:160]})") from None
+        except (RuntimeError, ValueError) as error:
+            reason = one_line(error)[:160]
+            raise SketchterrainError(f"{path.suffix[1:]}: cannot be written ({reason})") from None
 
 
 def _in_file(wkb: bytes, before: bytes | None, projection: Projection, file: VectorFile) -> bytes:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.terrain.index import expanded
 
 STROKE, FILL, POINT = range(3)
 
@@ -52,17 +53,10 @@ class Items(NamedTuple):
 
     def taken(self, which: npt.NDArray[np.generic]) -> Items:
         """Return some items by their numbers, or by a mask (n,)."""
-        number = np.arange(len(self.feature))[which]
-        count = np.diff(self.first)[number]
-        first = np.append(0, np.cumsum(count))
-        at = np.repeat(self.first[number] - first[:-1], count) + np.arange(first[-1])
-        return Items(
-            self.feature[number],
-            self.layer[number],
-            self.style[number],
-            self.kind[number],
-            first,
-            self.points[at],
-            self.along[number],
-            self.ends[number],
-        )
+        count = np.diff(self.first)[which]
+        owner, place = expanded(count)
+        first, points = np.append(0, np.cumsum(count)), self.points[self.first[:-1][which][owner] + place]
+        others = {
+            name: getattr(self, name)[which] for name in self._fields if name not in ("first", "points")
+        }
+        return Items(first=first, points=points, **others)

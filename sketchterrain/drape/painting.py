@@ -268,11 +268,11 @@ class DrapedAppearance:
     ) -> dict[int, _Lists]:
         """Return what is near a square, by the numbers of layers of vectors; that of tiles is kept."""
         drapes, styles = self.drapes, self._styles
-        shown = [
-            bool(layer["visible"] and layer["opacity"] > 0.0 and source)
-            for layer, source in zip(drapes.layers, drapes.sources, strict=True)
+        wanted = [
+            number
+            for number, (layer, source) in enumerate(zip(drapes.layers, drapes.sources, strict=True))
+            if source and layer["visible"] and layer["opacity"] > 0.0 and number not in rasters
         ]
-        wanted = [number for number in np.flatnonzero(shown).tolist() if number not in rasters]
         found = {number: self._lists.get((name, self._layer_keys[number])) for number in wanted}
         if name is not None and all(each is not None for each in found.values()):
             return found

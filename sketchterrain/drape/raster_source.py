@@ -19,6 +19,7 @@ from rasterio.vrt import WarpedVRT
 from sketchterrain.array_types import Bounds, UInt8Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import DrapedLayer, drape_problem
+from sketchterrain.drape.levels import touch
 from sketchterrain.drape.vector_source import file_stamp, source_problem
 from sketchterrain.elevation.pictures import LOCAL_CRS, colour_bands, is_indexed, open_raster, read_pixels
 from sketchterrain.errors import InputError, one_line
@@ -79,8 +80,7 @@ class RasterSource:
 
     def occupies(self, box: Bounds) -> bool:
         """Return whether it has pixels in a box (m)."""
-        west, south, east, north = self.box
-        return bool(west <= box[2] and east >= box[0] and south <= box[3] and north >= box[1])
+        return bool(touch(self.box[None], box)[0])
 
     def pixels(self, west: float, north: float, texel: float, columns: int, rows: int) -> UInt8Array:
         """Return sRGB and opacity, (rows, columns, 4), of texels (m) from a north-west corner (m).

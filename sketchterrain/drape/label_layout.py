@@ -132,8 +132,7 @@ class LabelCandidates:
             for name in {**one.edits, **other.edits}
             if one.edits.get(name) != other.edits.get(name)
         ]
-        kept = np.setdiff1d(self._read, stale) if before == self._keys else self._read[:0]
-        self._keep(kept)
+        self._keep(np.setdiff1d(self._read, stale) if before == self._keys else self._read[:0])
 
     def update(self, eye: tuple[float, float, float], above: float, seconds: float) -> None:
         """Read features around an eye, `above` m above the ground, for about so many seconds."""
@@ -158,7 +157,7 @@ class LabelCandidates:
             self.anchors = rows[np.lexsort((rows["feature"], -rows["weight"], -layer_numbers(rows)))]
 
     def set_heights(self) -> None:
-        """Place anchors on the ground anew."""
+        """Place anchors on the ground, which has changed."""
         self._raise(self.anchors)
 
     def _raise(self, rows: StructuredArray) -> None:
@@ -167,8 +166,8 @@ class LabelCandidates:
     def _keep(self, features: Int64Array) -> None:
         self._read = self._read[np.isin(self._read, features)]
         self.anchors = self.anchors[np.isin(self.anchors["feature"], features)]
-        if not len(self._read):
-            self.labels = []
+        numbers, self.anchors["label"] = np.unique(self.anchors["label"], return_inverse=True)
+        self.labels = [self.labels[number] for number in numbers.tolist()]
 
     def _nearest(self) -> Int64Array:
         """Return features in squares around the cell's centre, each twice as wide as the one before."""

@@ -154,8 +154,8 @@ class DrapedScreen:
             self._share = min(self._share + elapsed / FADE, 1.0)
             self._set_painted()
 
-    def draw(self, camera: Camera, targets: RenderTargets, pixel: float, *, moving: bool) -> bool:
-        """Draw over the G-buffer with the frame's camera; return whether there is anything.
+    def draw(self, camera: Camera, targets: RenderTargets, pixel: float, *, moving: bool) -> None:
+        """Draw over the G-buffer with the frame's camera.
 
         `pixel` is the angle (rad) of a pixel; `moving` limits the time of loading.
         """
@@ -164,7 +164,7 @@ class DrapedScreen:
         held += [self._released] if self._released else []
         if not held and not self._shows_rest:
             self._buffer = None
-            return False
+            return
         start, view = time.perf_counter(), DrapedView(camera, pixel)
         if self._buffer is None or self._buffer.size != targets.size:
             self._buffer = DrapedBuffer(self._context, targets.size, self._average)
@@ -173,11 +173,10 @@ class DrapedScreen:
             if screen is not None and rest is not None and self._shows_rest:
                 screen.draw(rest, view, targets, self._buffer, moving=moving)
             for version, feature, share in held:
-                self.geometry.draw_features(version, feature, view, targets.depth, share=share)
+                self.geometry.draw(version, view, targets, held=feature, share=share)
         finally:
             self._buffer.resolve(targets.depth)
         self.seconds += time.perf_counter() - start
-        return True
 
     def _set_painted(self) -> None:
         if self._share == 1.0 or self._rest is None:  # until then tiles show the held feature as it was

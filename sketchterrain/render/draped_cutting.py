@@ -26,6 +26,7 @@ PART: Final = np.dtype([("length", "<f4"), ("along", "<f4"), ("style", "<f4"), (
 """What a piece is part of: a segment (m), how far along its line it starts (m), its style, and flags."""
 IS_FILL, IS_POINT = 16, 32  # flags beside those of `Items.ends`
 _MOST: Final = 16  # corners of a clipped piece
+_TOUCH: Final = 1e-3  # of a quad, by which triangles that meet it reach into it at least
 _ANGLE: Final = 1e-9  # least squared length of the sum of two directions that have a bisector
 
 _compiled = njit(cache=True, nogil=True)
@@ -56,6 +57,7 @@ class Pieces(NamedTuple):
                 found.append(_area(items, start, end, float(angles[style])))
                 continue
             line = items.points[items.first[start] : items.first[start + 1]]
+            line = line[np.append(True, np.diff(line, axis=0).any(axis=1))]  # without repeated points
             is_point = items.kind[start] == POINT
             ends = IS_POINT if is_point else int(items.ends[start])
             corners, count, frame, lengths, along, flags = _strips(line, ends, float(reach[style]))
@@ -114,15 +116,10 @@ def clip_polygon(
 
 @_compiled  # type: ignore[untyped-decorator]
 def _strips(
-    line: Float64Array, ends: int, reach: float
+    points: Float64Array, ends: int, reach: float
 ) -> tuple[Float64Array, Int64Array, Float64Array, Float64Array, Float64Array, Int64Array]:
     """Return the pieces of a run of a line: all within `reach` that is nearest to each segment."""
-    points = np.empty_like(line)
-    n, first, last = 0, 0, 0
-    for k in range(len(line)):  # without repeated points, unless there is only one
-        if n == 0 or line[k, 0] != points[n - 1, 0] or line[k, 1] != points[n - 1, 1]:
-            points[n] = line[k]
-            n += 1
+    n = len(points)
     first = 1 if ends & BEFORE and n > 2 else 0
     last = n - 2 if ends & AFTER and n - first > 2 else n - 1
     size = max(last - first, 1)
@@ -176,22 +173,14 @@ class Mesh(NamedTuple):
 @cache
 def mesh_of(quads: int, case: int) -> Mesh:
     """Return the triangles of a tile in a border case of `tile_indices`."""
-    indices, first, count = tile_indices(quads)
-    numbers = indices[first[case] : first[case] + count[case]].astype(np.int64).reshape(-1, 3)
+    indices, starts, counts = tile_indices(quads)
+    numbers = indices[starts[case] : starts[case] + counts[case]].astype(np.int64).reshape(-1, 3)
     corners = np.stack([numbers % (quads + 1), numbers // (quads + 1)], axis=-1).astype(np.float64)
-    low, high = corners.min(axis=1).astype(np.int64), corners.max(axis=1).astype(np.int64)
-    pairs = [
-        (row * quads + column, triangle)
-        for triangle, ((west, north), (east, south)) in enumerate(
-            zip(low.tolist(), high.tolist(), strict=True)
-        )
-        for row in range(north, south)
-        for column in range(west, east)
-    ]
-    cell, met = np.array(sorted(pairs), np.int64).T
-    return Mesh(
-        numbers, corners, np.searchsorted(cell, np.arange(quads * quads + 1)), np.ascontiguousarray(met)
-    )
+    count, border = np.full(len(corners), 3), np.full(len(corners), -_TOUCH)
+    cell, met = cells_met(corners, count, border, quads)
+    order = np.argsort(cell, kind="stable")
+    first = np.searchsorted(cell[order], np.arange(quads * quads + 1))
+    return Mesh(numbers, corners, first, met[order])
 
 
 def cut(pieces: Pieces, mesh: Mesh, box: Bounds) -> npt.NDArray[np.void]:
@@ -220,7 +209,7 @@ def cells_met(
 ) -> tuple[Int64Array, Int64Array]:
     """Return the cells of a grid that polygons meet, and the polygons' numbers, ascending.
 
-    Polygons are widened by a border (n,); all lengths are in cells, of which there are as many along a side.
+    Polygons are widened by a border (n,). All lengths are in cells, `cells` along a side.
     """
     found, number = [0 for _ in range(0)], [0 for _ in range(0)]
     one, two = np.zeros((2 * _MOST, 2)), np.zeros((2 * _MOST, 2))

@@ -231,18 +231,14 @@ class DrapedGeometry:
         return self._parts.nbytes + self._cutter.nbytes
 
     def draw(
-        self, drapes: Drapes, view: DrapedView, targets: RenderTargets, buffer: DrapedBuffer, *, moving: bool
-    ) -> None:
-        """Draw all features."""
-        self.draw_features(drapes, None, view, targets.depth)
-
-    def draw_features(
         self,
         drapes: Drapes,
-        held: Held | None,
         view: DrapedView,
-        depth: moderngl.Texture,
+        targets: RenderTargets,
+        buffer: DrapedBuffer | None = None,
         *,
+        moving: bool = False,
+        held: Held | None = None,
         share: float = 1.0,
     ) -> None:
         """Draw all features, or the held one, into the bound framebuffer; `share` scales their opacities."""
@@ -255,7 +251,7 @@ class DrapedGeometry:
         self._slots.orphan()
         self._slots.write(draws.slots.astype(np.int32).tobytes())
         self._tiles.bind_vertices(1)
-        depth.use(1)
+        targets.depth.use(1)
         set_uniforms(self._program, {"ground_depth": 1, "share": share})
         self._tiles.draw_commands(self._parts.array, self._parts.commands, len(found))
 

@@ -244,7 +244,7 @@ class Scenery:
         targets.gbuffer.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         yield from self.stream.draw(camera.eye, parts=parts)
-        draped = self.draped.draw(camera, targets, _pixel(camera, size[1]), moving=moving)
+        self.draped.draw(camera, targets, _pixel(camera, size[1]), moving=moving)
         self.surface.update(camera.eye, moving=moving)
         clouds = self._clouds.follow(
             camera, size[0] / size[1], base=self.lit.haze_base, clock=clock, moving=moving
@@ -255,7 +255,7 @@ class Scenery:
             self._bind(targets) | {"clock": clock, "lift": lift} | self.surface.uniforms(camera.eye) | clouds
         )
         yield from self._clouds.draw(units, parts=parts)
-        yield from self.shading.shade_scene(targets, camera.eye, units | painted, parts=parts, draped=draped)
+        yield from self.shading.shade_scene(targets, camera.eye, units | painted, parts=parts)
         self.labels.test(targets, camera.eye)
         built = units | (self.shading.material_uniforms(camera.eye) if self.built else {})
         self._context.enable_only(moderngl.DEPTH_TEST)

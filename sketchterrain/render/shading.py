@@ -82,19 +82,13 @@ class Shading:
         return self._materials | {"phases": phases}
 
     def shade_scene(
-        self,
-        targets: RenderTargets,
-        eye: tuple[float, float, float],
-        units: dict[str, object],
-        *,
-        parts: int,
-        draped: bool = False,
+        self, targets: RenderTargets, eye: tuple[float, float, float], units: dict[str, object], *, parts: int
     ) -> Iterator[None]:
         """Shade the G-buffer, with the sky behind it, into ``targets.scene``; yield between parts.
 
         The texture `draped` of `units` is drawn over the ground if there is one.
         """
-        if draped not in self._grounds:
+        if (draped := "draped" in units) not in self._grounds:
             self._grounds[draped] = self._ground_pass(draped=draped)
         shade, ground = self._grounds[draped], units | self.material_uniforms(eye)
         if self._upsample is None:

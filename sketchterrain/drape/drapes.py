@@ -65,8 +65,7 @@ class LayerStyle:
     def shown(self) -> tuple[bool, bool, bool]:
         """Whether strokes, fills and points are drawn."""
         lines = bool(self.style["colour"]) and self.style["width"] > 0.0
-        filled = bool(self.style["fill"]) and self.style["fill_opacity"] > 0.0
-        return lines, filled or (bool(self.style["colour"]) and self.style["hatch"] != "none"), lines
+        return lines, bool(self.style["fill"]) and self.style["fill_opacity"] > 0.0, lines
 
 
 @dataclass(frozen=True, eq=False)

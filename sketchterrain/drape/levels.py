@@ -55,10 +55,6 @@ class Outlines(NamedTuple):
     is_area: BoolArray  # (n,) whether it is a ring: shells run counterclockwise, holes clockwise
     along: Float64Array  # (k,) m from its first point
 
-    def owners(self) -> Int64Array:
-        """Return the line of each point, (k,)."""
-        return np.repeat(np.arange(len(self.feature)), np.diff(self.start))
-
 
 class Shapes2D(NamedTuple):
     """What features consist of."""
@@ -80,14 +76,9 @@ def split_shapes(shapes: Shapes, feature: Int64Array) -> Shapes2D:
     start = np.append(0, np.cumsum(np.bincount(at, minlength=len(lines))))
     is_area = np.arange(len(lines)) >= (kind == _LINE).sum()
     owner = np.concatenate([of[kind == _LINE], of[kind == _POLYGON][ring_of]])
-    outlines = Outlines(points, start, owner, is_area, _lengths(points, start))
+    along = np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))[: len(points)]
+    outlines = Outlines(points, start, owner, is_area, along - along[start[at]])
     return Shapes2D(shapely.get_coordinates(parts[kind == _POINT]), of[kind == _POINT], outlines)
-
-
-def _lengths(points: Float64Array, start: Int64Array) -> Float64Array:
-    """Return the distance along its line of each point."""
-    total = np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))[: len(points)]
-    return total - np.repeat(total[start[:-1]], np.diff(start)) if len(points) else total
 
 
 def generalised(outlines: Outlines, tolerance: float) -> Outlines:
@@ -96,7 +87,8 @@ def generalised(outlines: Outlines, tolerance: float) -> Outlines:
     A vertex is rounded alike in all lines, and what is removed lies on the line to the bit, so that shared
     borders stay shared. A line that collapses becomes its longest chord if that is an eighth of it or longer.
     """
-    points, start, owner = outlines.points, outlines.start, outlines.owners()
+    points, start = outlines.points, outlines.start
+    owner, _ = expanded(np.diff(start))
     rounded = np.rint(points / tolerance) if tolerance else points
     keep = np.ones(len(points), bool)
     keep[1:] = (np.diff(rounded, axis=0) != 0.0).any(axis=1)

@@ -60,7 +60,7 @@ _MODES = {
 DRAPE_METHODS = {
     "tiles": ("Drape &by tiles", "Paint draped layers into tiles of the ground's appearance"),
     "two-step": ("Drape in t&wo steps", "Draw draped layers on a smooth approximation of the ground"),
-    "geometry": ("Drape by &geometry", "Draw draped layers anew in each picture, exact to the pixel"),
+    "geometry": ("Drape by &geometry", "Draw draped layers in each picture, exact to the pixel"),
 }
 _OVERLAYS = {
     "relief": ("&Relief beneath the paint", "eye"),

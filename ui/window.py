@@ -330,7 +330,7 @@ class MainWindow(QMainWindow):
             self.banner.show_message(Message("warning", line, line, self._drape_buttons(line)))
 
     def _drape_buttons(self, line: str) -> tuple[tuple[str, Callable[[], object]], ...]:
-        """Return a button that takes a draped layer's file as it is now, if that is a problem's cure."""
+        """Return a button that accepts a draped layer's changed file, if that is the problem."""
         for number, layer in enumerate(self._document.sketch.drapes):
             if one_line(layer.path) in line and Path(layer.path).exists() and drape_problem(layer):
                 return (("Update", partial(self._layers.drapes.update_file, number)),)

@@ -11,13 +11,14 @@ from sketchterrain.ui.canvas.marks import draw_haloed, screen_paths
 from sketchterrain.ui.canvas.paint_tools import LineTool
 from sketchterrain.ui.canvas.tool_context import Pointer, ToolContext
 from sketchterrain.ui.models.drapes import draw_draped, refusal
+from sketchterrain.ui.models.vectors import outlines
 from sketchterrain.ui.models.workspace import Selection
 
 
 class DrapeLineTool(LineTool):
     """Draws points, lines or areas, by `Workspace.drape_kind`, of the chosen draped layer."""
 
-    is_painted = False
+    is_painted = _is_smooth = False
 
     @property
     def _layer(self) -> int:
@@ -27,10 +28,6 @@ class DrapeLineTool(LineTool):
     @property
     def _kind(self) -> int | None:
         return AREA if self.context.workspace.drape_kind == "area" else LINE
-
-    @property
-    def _is_smooth(self) -> bool:
-        return False
 
     @property
     def width(self) -> float:
@@ -85,7 +82,8 @@ def draw_feature(
         painter.save()
         draw_items(painter, drapes.current, drapes.current.only(drapes.held, window.texel), window)
         painter.restore()
-    (path,) = screen_paths(context, np.array([feature.geometry]), context.area)
+    lines = outlines(np.array([feature.geometry]))  # areas may be invalid
+    (path,) = screen_paths(context, lines, context.area)
     if feature.geometry.length == 0.0:
         for place in shapely.get_coordinates(feature.geometry).tolist():
             path.addEllipse(context.screen_from_world(*place), 6.0, 6.0)

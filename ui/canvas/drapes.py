@@ -43,7 +43,7 @@ _JOINS: Final = {
 
 
 class PictureWindow(NamedTuple):
-    """What a picture shows: its north-west corner, pixels, and their side (m)."""
+    """The ground in a picture: its north-west corner (m), and a pixel's side (m)."""
 
     west: float
     north: float
@@ -64,7 +64,7 @@ class PictureWindow(NamedTuple):
 class DrapePictures(QObject):
     """Pictures of the visible draped layers: those up to the highest raster lie beneath the paint.
 
-    They are drawn anew, on a thread if that takes long, while the last ones are shown in their place.
+    Until new ones are drawn, on a thread if that takes long, the previous ones are shown in their place.
     """
 
     changed = pyqtSignal(bool)  # whether those beneath the paint
@@ -86,7 +86,7 @@ class DrapePictures(QObject):
         return self._reader.is_busy
 
     def update(self) -> None:
-        """Draw what has changed: the layers or the viewport."""
+        """Draw the pictures again if the layers or the viewport have changed."""
         drapes, window = self._drapes(), self._window()
         key, is_zoomed = (drapes, window), window.texel != self._texel
         if key == self._key or self.is_busy:

@@ -72,7 +72,7 @@ class DrapeSources(QObject):
         return None if current is None or number >= len(current.sources) else current.sources[number]
 
     def fields(self, number: int) -> Mapping[str, str] | None:
-        """Return the types of the properties in a layer's file; None unless it is known to have features."""
+        """Return the types of the properties in a layer's file; None unless it is a known vector file."""
         return getattr(self.source(number), "fields", None)
 
     def feature(self, selection: Selection | None) -> Feature | None:
@@ -100,8 +100,8 @@ class DrapeSources(QObject):
         return [Selection("drape", each, layer=layer) for layer, each in found]
 
     def hold(self, selection: Selection | None) -> None:
-        """Draw a feature apart from its layer while it is edited."""
-        held = None if selection is None or selection.id < 0 else (selection.layer, selection.id)
+        """Draw a draped feature apart from its layer while it is edited."""
+        held = None if selection is None or not selection.is_draped else (selection.layer, selection.id)
         if held != self.held:
             self.held = held
             self.changed.emit()
@@ -243,7 +243,7 @@ def look_key(layer: DrapedLayer) -> str:
 
 
 def kind_and_size(feature: Feature) -> tuple[str, str]:
-    """Return what a feature is in a word, and its size."""
+    """Return a feature's kind and size."""
     shape = feature.geometry
     if shape.area > 0.0:
         return "Area", f"{shape.area / 1e6:.3g} km²"
@@ -265,7 +265,7 @@ def outlines_of(
     shape = feature.geometry
     if step:
         shape = shapely.segmentize(shape, max(step, shape.length / _MAX_STEPS))
-    shape = shapely.boundary(shape) if shape.area else shape
+    shape = shapely.boundary(shape) if shapely.get_dimensions(shape) == 2 else shape
     lines = map(shapely.get_coordinates, shapely.get_parts(shape))
     return tuple(np.repeat(line, 2, axis=0) if len(line) == 1 else line for line in lines)
 

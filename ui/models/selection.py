@@ -232,7 +232,7 @@ class FeatureDrag:
         self._offset = (0.0, 0.0) if grab is None or is_angle else (handle.x - grab[0], handle.y - grab[1])
         self._merge = object()
         self._feature = document.drapes.feature(handle.selection)
-        document.drapes.hold(handle.selection if handle.selection.is_draped else None)
+        document.drapes.hold(handle.selection)
         self.handle = handle
         self.x, self.y = handle.x, handle.y
         self.problem = ""

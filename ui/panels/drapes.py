@@ -155,7 +155,7 @@ class DrapeList(QWidget):
         self.zoom_requested.emit(self._chosen)
 
     def update_file(self, number: int) -> None:
-        """Take a layer's file as it is now."""
+        """Accept a layer's file as it is now."""
         with _reported(self):
             digest = draped_layer(Path(self._layer(number).path))["sha256"]
             model.change_drape(self._document, number, "Update", sha256=digest)
@@ -285,7 +285,7 @@ class DrapePage(QWidget):
 
 
 class DrapedFeaturePage(QWidget):
-    """Properties of the selected draped feature: a text a value, which keeps its type."""
+    """Properties of the selected draped feature as texts; values keep their types."""
 
     message = pyqtSignal(str)
 
@@ -349,7 +349,7 @@ def _button(name: str, title: str, tip: str, command: Callable[[], object]) -> Q
 
 @contextmanager
 def _reported(widget: DrapeList | DrapePage | DrapedFeaturePage) -> Iterator[None]:
-    """Report a refused change; the widget shows again what is."""
+    """Report a refused change and show the present values again."""
     try:
         yield
     except InputError as error:

@@ -233,7 +233,7 @@ class TextRow(ParameterRow):
 
 
 class ColourRow(TextRow):
-    """A colour as text, or chosen from all of them."""
+    """A colour as text, or chosen in a dialog."""
 
     def __init__(self, parameter: Parameter, *, title: str = "") -> None:
         super().__init__(parameter, title=title)

@@ -1,5 +1,6 @@
 """Marks over the 3-D view: features, rivers and handles in pixels, and hit tests."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -139,7 +140,7 @@ class MarkBuilder:
         if self.selection is None:
             return ()
         if self.outlines:
-            return tuple(self._segments(self.terrain.drape(line)) for line in self.outlines)
+            return self._on_terrain(self.outlines)
         if self.sketch is not None and find_vector(self.sketch, self.selection) is not None:
             return self._vector(self.sketch, self.selection)
         find = (self.placed, self.selection)
@@ -174,9 +175,12 @@ class MarkBuilder:
                 for index in range(len(each))
                 for line in Curves.from_layer(each).lines(index)
             ]
-        return tuple(
-            self._segments(self._drape(line[_thin(len(line), _MAX_SHORE_SEGMENTS)])) for line in lines
-        )
+        return self._on_terrain(lines)
+
+    def _on_terrain(self, lines: Iterable[Float64Array]) -> tuple[Segments, ...]:
+        """Return lines (n, 2), those of more than some thousand points simplified."""
+        thinned = (line[_thin(len(line), _MAX_SHORE_SEGMENTS)] for line in lines)
+        return tuple(self._segments(self._drape(line)) for line in thinned)
 
     def _drape(self, places: Float64Array) -> Float64Array:
         """Return places (n, 2) on the terrain, (n, 3), or above it on bridges of the selected way."""

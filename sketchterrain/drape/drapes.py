@@ -115,7 +115,13 @@ class Drapes:
         )
 
     def _source(self, layer: DrapedLayer) -> Source:
-        if is_vector(layer):
+        if problem := drape_problem(layer.replace(sha256="")):
+            raise InputError(problem)
+        if (path := Path(layer.path)).is_dir():
+            raise InputError(f"draped layer {one_line(path)}: expected a file, not a folder")
+        with path.open("rb") as stream:
+            is_vector = vector_driver(stream.read(4096)) is not None
+        if is_vector:
             return VectorSource.open(layer, self.frame, self.extent)
         return RasterSource(layer, self.frame, self.size, self.memory)
 
@@ -154,9 +160,7 @@ class Drapes:
         layer = self.layers[number]
         if self.sources[number] is None or not layer["visible"] or layer["opacity"] <= 0.0:
             return False
-        if texel is None:
-            return True
-        return bool(layer["finest"] <= texel and not 0.0 < layer["coarsest"] <= texel)
+        return texel is None or bool(layer["finest"] <= texel and not 0.0 < layer["coarsest"] <= texel)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -175,12 +179,12 @@ class Drapes:
 
         They are within a quarter of `texel`, metres a pixel, of the features.
         """
-        found = []
-        for number, source in self._vectors(texel):
-            grown = _grown(box, self._reach(number, texel))
-            levels = source.query(grown, texel)
-            found.append(self._drawn(number, source, texel, levels, box))
-        return Items.joined(found)
+        return Items.joined([self._within(box, *vectors, texel) for vectors in self._vectors(texel)])
+
+    def _within(self, box: Bounds, number: int, source: VectorSource, texel: float) -> Items:
+        """Return the visible items of a layer near a box (m)."""
+        levels = source.query(_grown(box, self._reach(number, texel)), texel)
+        return self._drawn(number, source, texel, levels, box)
 
     def only(self, held: tuple[int, int], texel: float) -> Items:
         """Return the visible parts of one feature, by its layer and id, with all of its vertices."""
@@ -285,8 +289,7 @@ class Drapes:
                 pairs = (self, new), (old, before)
                 boxes += [each._widened(number, source.box[None]) for each, source in pairs if source]
         for each in (self, old) if self.held != old.held else ():
-            source = each.sources[each.held[0]] if each.held is not None else None
-            if isinstance(source, VectorSource) and each.held is not None:
+            if each.held and isinstance(source := each.sources[each.held[0]], VectorSource):
                 boxes.append(each._widened(each.held[0], source.box_of(each.held[1])[None]))
         found = np.concatenate(boxes)
         return np.asarray(found[np.isfinite(found).all(axis=1)])
@@ -317,9 +320,7 @@ class Drapes:
                 if source.pixels(x - 0.5 * texel, y + 0.5 * texel, texel, 1, 1)[0, 0, 3]:
                     return Pick(number, -1)
             elif source is not None:
-                box = _grown((x, y, x, y), _PICK * texel)
-                levels = source.query(_grown(box, self._reach(number, texel)), texel)
-                items = self._drawn(number, source, texel, levels, box)
+                items = self._within(_grown((x, y, x, y), _PICK * texel), number, source, texel)
                 if (feature := self._picked(items, x, y, texel)) is not None:
                     return Pick(number, feature)
         return None
@@ -344,16 +345,6 @@ class Drapes:
         if not isinstance(source, VectorSource):
             raise InputError(f"layer {self.layers[layer].title}: expected features")
         return source.feature(number)
-
-
-def is_vector(layer: DrapedLayer) -> bool:
-    """Return whether a layer's file is a vector file, by its first bytes; raise InputError if unreadable."""
-    if problem := drape_problem(layer.replace(sha256="")):
-        raise InputError(problem)
-    if (path := Path(layer.path)).is_dir():
-        raise InputError(f"draped layer {one_line(path)}: expected a file, not a folder")
-    with path.open("rb") as stream:
-        return vector_driver(stream.read(4096)) is not None
 
 
 def _grown(box: Any, by: float) -> Bounds:

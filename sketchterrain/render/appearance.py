@@ -101,22 +101,23 @@ class AppearanceTextures:
 
     def set_drapes(self, drapes: Drapes | None) -> None:
         """Replace the draped layers; tiles that they change stay until new ones are drawn."""
-        self._drapes = drapes
-        self._set_source(())
+        if drapes is not self._drapes:
+            self._drapes = drapes
+            self._set_source(())
 
     def _set_source(self, areas: Sequence[Bounds]) -> None:
         cache, source = self._cache, self._source()
         if source is None or source.is_empty:
             self._cache = None
             return
-        draped = isinstance(source, DrapedAppearance)
-        filters, reach = isinstance(source, DrapedAppearance) and source.filters, 1.0
-        slots = self._quality.appearance_tiles
-        slots = min(slots, DRAPED_TILES >> filters) if draped else slots
+        filters, slots = False, self._quality.appearance_tiles
+        if isinstance(source, DrapedAppearance):
+            filters = source.filters
+            slots = min(slots, DRAPED_TILES >> filters)
         if cache is not None and cache.tiles.slots == slots and (cache.filters is not None) == filters:
             own = source.changed_areas(cache.source)
-            for each in (source, cache.source):
-                reach = max(reach, each.reach if isinstance(each, DrapedAppearance) else 1.0)
+            draped = [each for each in (source, cache.source) if isinstance(each, DrapedAppearance)]
+            reach = max((each.reach for each in draped), default=1.0)
             cache.tiles.invalidate([*areas, *map(tuple, own.tolist())], texels=reach)
             self._cache = cache._replace(source=source)
             return

@@ -15,7 +15,7 @@ from sketchterrain.drape.items import Items
 from sketchterrain.drape.painting import WHITE, linear_colour
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.draped_buffer import DrapedBuffer
-from sketchterrain.render.draped_cutting import Pieces, cut, mesh_of
+from sketchterrain.render.draped_cutting import PART, VERTEX, Pieces, cut, mesh_of
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.programs import set_uniforms
 from sketchterrain.render.targets import RenderTargets
@@ -123,6 +123,9 @@ class Cut(NamedTuple):
     parts: npt.NDArray[np.void]  # of PART
 
 
+_NOTHING: Final = Cut(np.zeros(0, VERTEX), np.zeros(0, PART))
+
+
 class FeatureCutter:
     """Features cut for squares, kept until they or the squares' triangles change."""
 
@@ -137,24 +140,25 @@ class FeatureCutter:
 
     def cut(self, drapes: Drapes, held: Held | None, squares: Squares) -> dict[int, Cut]:
         """Return what lies in squares, by their numbers: all features, or the held one."""
-        shown = drapes.occupied(squares.boxes) if held is None else self._near_held(drapes, held, squares)
-        found, used = dict[int, Cut](), dict[object, Cut]()
-        for number in np.flatnonzero(shown).tolist():
-            name = IdentityKey(drapes), held, squares.keys[number]
-            if (known := self._kept.get(name)) is None:
-                known = self._cut(drapes, held, squares, number)
-            found[number] = used[name] = known
-        is_full = len(self._kept) > KEPT_SQUARES or self.nbytes > KEPT_BYTES
-        self._kept = used if is_full else self._kept | used
-        return {number: each for number, each in found.items() if len(each.vertices)}
+        names = [(IdentityKey(drapes), held, key) for key in squares.keys]
+        new = np.flatnonzero([name not in self._kept for name in names])
+        for number, shown in zip(new.tolist(), self._near(drapes, held, squares, new).tolist(), strict=True):
+            self._kept[names[number]] = self._cut(drapes, held, squares, number) if shown else _NOTHING
+        used: dict[object, Cut] = {name: self._kept[name] for name in names}
+        if len(self._kept) > KEPT_SQUARES or self.nbytes > KEPT_BYTES:
+            self._kept = used
+        return {number: each for number, each in enumerate(used.values()) if len(each.vertices)}
 
-    def _near_held(self, drapes: Drapes, held: Held, squares: Squares) -> BoolArray:
-        """Return the squares that one feature may reach."""
+    def _near(self, drapes: Drapes, held: Held | None, squares: Squares, which: Int64Array) -> BoolArray:
+        """Return whether features, or the held one, may reach some squares."""
+        reach = reaches(drapes.styles, squares.far[which, None], squares.border[which, None])
+        reach, boxes = reach.max(axis=1, initial=0.0, keepdims=True), squares.boxes[which]
+        low, high = boxes[:, :2] - reach, boxes[:, 2:] + reach
+        if held is None:
+            return drapes.occupied(np.hstack([low, high]))
         points = self._held_items(drapes, held).points
-        low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
-        reach = reaches(drapes.styles, squares.far[:, None], squares.border[:, None])
-        reach, boxes = reach.max(axis=1, keepdims=True), squares.boxes
-        return np.asarray(((boxes[:, :2] <= high + reach) & (boxes[:, 2:] >= low - reach)).all(axis=1))
+        first, last = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
+        return np.asarray(((low <= last) & (high >= first)).all(axis=1))
 
     def _held_items(self, drapes: Drapes, held: Held) -> Items:
         name = IdentityKey(drapes), held

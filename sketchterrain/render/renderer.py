@@ -49,7 +49,8 @@ class Renderer:
 
     Still picture: `prepare`, then `draw`. Moving picture: `frame`, once per frame. `timings` sums up the
     seconds of each stage. Without `weather` the sketch's is used; a given `resources` is closed by `release`
-    unless borrowed. `timer` measures the budget. `drapes` are drawn by a method of `draped.METHODS`.
+    unless borrowed. `timer` measures the budget. `drapes` are drawn by ``tiles`` or a method of
+    `draped.SCREEN_METHODS`.
     """
 
     def __init__(

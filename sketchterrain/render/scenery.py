@@ -98,7 +98,6 @@ class Scenery:
             shadows=quality.includes("shadows"),
         )
         self.draped = DrapedScreen(context, self.stream, self.lit, quality, drape_method)
-        self._painted: Drapes | None = None
         self.built = BuiltScenery(context, terrain, defines=self.shading.defines)
         self.forest = Forest(
             context, terrain, sun, quality=quality, defines=self.shading.defines, built=self.built
@@ -168,9 +167,7 @@ class Scenery:
         self._paint_drapes()
 
     def _paint_drapes(self) -> None:
-        if self.draped.painted is not self._painted:
-            self._painted = self.draped.painted
-            self._paint(partial(self.appearance.set_drapes, self._painted))
+        self._paint(partial(self.appearance.set_drapes, self.draped.painted))
 
     def _paint(self, change: Callable[[], None]) -> None:
         """Change what tiles show, and rebuild programs if their macros change."""

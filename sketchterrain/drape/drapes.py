@@ -24,6 +24,7 @@ from sketchterrain.drape.raster_source import RasterSource
 from sketchterrain.drape.vector_source import Feature, VectorSource
 from sketchterrain.drape.vector_store import FARTHEST
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.io.files import wrap_read_errors
 
 BUDGET: Final = 24 << 20
 """The most bytes of memory of all sources and their caches."""
@@ -119,7 +120,7 @@ class Drapes:
             raise InputError(problem)
         if (path := Path(layer.path)).is_dir():
             raise InputError(f"draped layer {one_line(path)}: expected a file, not a folder")
-        with path.open("rb") as stream:
+        with wrap_read_errors(path), path.open("rb") as stream:
             is_vector = vector_driver(stream.read(4096)) is not None
         if is_vector:
             return VectorSource.open(layer, self.frame, self.extent)

@@ -36,13 +36,13 @@ class _EditedFeature:
     """What an edit draws, at each level that was asked for."""
 
     def __init__(self, edit: FeatureEdit) -> None:
-        self.edit = edit
+        self.id = edit.id
         self.shape: BaseGeometry | None = shapely.from_wkb(edit.geometry) if edit.geometry else None
         self._parts: dict[float, Parts] = {}
 
     @cached_property
     def _split(self) -> Shapes2D:
-        return split_shapes(np.array([self.shape], object), np.array([self.edit.id]))
+        return split_shapes(np.array([self.shape], object), np.array([self.id]))
 
     def parts(self, tolerance: float) -> Parts:
         if tolerance not in self._parts:
@@ -58,28 +58,30 @@ class VectorSource:
     """Features of a layer with its edits; versions share what they do not change."""
 
     def __init__(
-        self, store: VectorStore, stamp: tuple[int, int], edited: Mapping[int, _EditedFeature]
+        self,
+        store: VectorStore,
+        stamp: tuple[int, int],
+        edits: Mapping[int, FeatureEdit],
+        known: Mapping[int, _EditedFeature],
     ) -> None:
-        self.store, self._stamp, self._edited = store, stamp, dict(edited)
-        self._changed = np.array(sorted(self._edited), np.int64)
+        self.store, self._stamp, self._edits = store, stamp, edits
+        self._edited = {number: known.get(number) or _EditedFeature(edit) for number, edit in edits.items()}
+        self._changed = np.array(sorted(edits), np.int64)
         self._levels: dict[int, Level] = {}
 
     @classmethod
     def open(cls, layer: DrapedLayer, frame: Mapping[str, Any], extent: float) -> VectorSource:
         """Open a layer's file, whose store is built if need be; raise InputError if it cannot be read."""
         store = open_store(layer, frame, extent)
-        return cls(store, file_stamp(layer.path), {}).updated(layer)
+        return cls(store, file_stamp(layer.path), layer.edits, {})
 
     def updated(self, layer: DrapedLayer) -> VectorSource:
         """Return the source with a layer's edits; features whose edit is the same are shared."""
-        old = self._edited
-        if {number: each.edit for number, each in old.items()} == layer.edits:
+        if self._edits == layer.edits:
             return self
-        edited = {
-            number: old[number] if number in old and old[number].edit == edit else _EditedFeature(edit)
-            for number, edit in layer.edits.items()
-        }
-        return VectorSource(self.store, self._stamp, edited)
+        edited = self._edited.items()
+        same = {number: each for number, each in edited if self._edits[number] == layer.edits.get(number)}
+        return VectorSource(self.store, self._stamp, layer.edits, same)
 
     def problem(self, layer: DrapedLayer) -> str:
         """Return in one line that the file is missing or has changed; empty if neither."""
@@ -141,7 +143,7 @@ class VectorSource:
         if (shape := self._shape(number)) is None:
             raise InputError(f"feature {number}: expected one that the layer has, with a geometry")
         if number in self._edited:
-            return Feature(number, shape, dict(self._edited[number].edit.properties))
+            return Feature(number, shape, dict(self._edits[number].properties))
         return Feature(number, shape, self.store.properties(number))
 
     def _shape(self, number: int) -> BaseGeometry | None:
@@ -161,7 +163,7 @@ class VectorSource:
         """Return a property of features."""
         stored = [each for each in ids if each not in self._edited]
         known = dict(zip(stored, self.store.values(name, stored), strict=True))
-        edits = {each: dict(self._edited[each].edit.properties) for each in ids if each in self._edited}
+        edits = {each: dict(self._edits[each].properties) for each in ids if each in self._edits}
         return [edits[each].get(name) if each in edits else known[each] for each in ids]
 
     def classes(
@@ -182,7 +184,7 @@ class VectorSource:
         of_file = memory.get_or_compute((self.store, by, tuple(numbers.items())), stored)
         found[known] = of_file[features[known]]
         for number in set(features[np.isin(features, self._changed)].tolist()):
-            value = dict(self._edited[number].edit.properties).get(by)
+            value = dict(self._edits[number].properties).get(by)
             found[features == number] = numbers.get(class_value(value), -1)
         return found
 
@@ -190,15 +192,11 @@ class VectorSource:
         """Return boxes (n, 4), m, of features that another version has otherwise, `without` one of them."""
         ids = [
             number
-            for number in self._edited.keys() | old._edited.keys()
-            if number != without and _edit(self, number) != _edit(old, number)
+            for number in self._edits.keys() | old._edits.keys()
+            if number != without and self._edits.get(number) != old._edits.get(number)
         ]
         boxes = [source.box_of(number) for source in (self, old) for number in ids]
         return np.array(boxes, np.float64).reshape(-1, 4)
-
-
-def _edit(source: VectorSource, number: int) -> FeatureEdit | None:
-    return source._edited[number].edit if number in source._edited else None
 
 
 def file_stamp(path: str) -> tuple[int, int]:

@@ -226,11 +226,6 @@ class DrapedLayer:
         return self["title"] or one_line(Path(self.path).stem)
 
     @property
-    def crs(self) -> str:
-        """That of a file without one; empty is the sketch's."""
-        return str(self["crs"])
-
-    @property
     def file(self) -> RasterSource:
         """Its file by path and hash."""
         return RasterSource(self.path, sha256=self["sha256"])
@@ -245,7 +240,7 @@ class DrapedLayer:
     @property
     def source_key(self) -> tuple[object, ...]:
         """What its features and pixels depend on: the file and what is read of it, without edits."""
-        return self.path, self["sha256"], self["table"], self["band"], self.crs
+        return self.path, self["sha256"], self["table"], self["band"], self["crs"]
 
     @property
     def class_numbers(self) -> dict[str, int]:

@@ -229,7 +229,7 @@ def _write(
                 layer=file.table,
                 driver=driver,
                 geometry_type=file.geometry_type if one_type else "Unknown",
-                crs=file.crs_text or (layer.crs or None if driver == "GeoJSON" else None),
+                crs=file.crs_text or (layer["crs"] or None if driver == "GeoJSON" else None),
                 append=first > 0,
                 layer_options=_OPTIONS[driver],
             )

@@ -49,7 +49,7 @@ class RasterSource:
         self._layer = layer.replace(sha256="") if drape_problem(layer) else layer
         self._failure = ""
         with self._opened(None) as file:
-            given = file.crs or (parse_crs(layer.crs) if layer.crs else None)
+            given = file.crs or (parse_crs(layer["crs"]) if layer["crs"] else None)
             if given is not None and not frame["crs"]:
                 raise InputError(f"{place}: expected a sketch with a CRS, [frame] has none")
             self._crs = given or self._target

@@ -114,7 +114,7 @@ def open_vector_file(path: Path, table: str = "") -> Iterator[VectorFile]:
 
 def file_crs(file: VectorFile, layer: DrapedLayer) -> CRS | None:
     """Return the CRS of a layer's coordinates; None if they are metres of the sketch's frame."""
-    return layer_crs(layer.crs, file.place) if layer.crs and file.crs is None else file.crs
+    return layer_crs(layer["crs"], file.place) if layer["crs"] and file.crs is None else file.crs
 
 
 class Projection:
@@ -289,7 +289,7 @@ def open_store(layer: DrapedLayer, frame: Mapping[str, Any], extent: float) -> V
     with wrap_read_errors(path):
         digest = content_hash(layer.file)
     place = [str(frame[name]) for name in ("crs", "east", "north")]
-    key = "\n".join([str(_FORMAT), digest, layer["table"], layer.crs, str(extent), *place])
+    key = "\n".join([str(_FORMAT), digest, layer["table"], layer["crs"], str(extent), *place])
 
     def build(folder: Path) -> None:
         with open_vector_file(path, layer["table"]) as file:

@@ -2,7 +2,6 @@
 
 import math
 import re
-import warnings
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,7 +30,7 @@ from sketchterrain.document.vector_formats import (
 )
 from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.importing.legend import BUILT_KEYS, OSM_KEYS, RELEVANT_TAGS
-from sketchterrain.io.crs import is_westward, parse_crs, plain_path
+from sketchterrain.io.crs import is_westward, parse_crs
 from sketchterrain.io.files import wrap_read_errors
 
 Box = Sequence[float]  # west, south, east, north
@@ -127,7 +126,6 @@ def _is_undistorted(crs: CRS, middle: tuple[float, float]) -> bool:
 
 MAX_VERTICES: Final = 4_000_000
 _MAX_BYTES = 1 << 29  # of a file
-_MAX_MESSAGE = 160  # characters of GDAL's
 _BYTES_PER_VERTEX = 16  # of WKB
 _NAMED_CRS = re.compile(
     rb'"crs"\s*:\s*{\s*"type"\s*:\s*"name"\s*,\s*"properties"\s*:\s*{\s*"name"\s*:\s*"([^"]*)"'
@@ -196,14 +194,8 @@ def osm_bounds(path: Path) -> tuple[float, float, float, float] | None:
     with wrap_read_errors(path), path.open("rb") as stream:
         if vector_driver(stream.read(4096)) != "OSM":
             return None
-    try:
-        with plain_path(path) as file, warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            _, boxes = pyogrio.read_bounds(file, layer="lines", where="highway IS NOT NULL")
-    except (RuntimeError, ValueError) as error:
-        raise InputError(
-            f"{one_line(path)}: cannot be read as OSM ({one_line(error)[:_MAX_MESSAGE]})"
-        ) from None
+    with open_layers(path, "OSM", one_line(path)) as (dataset, _):
+        _, boxes = pyogrio.read_bounds(dataset, layer="lines", where="highway IS NOT NULL")
     if not boxes.shape[1]:
         return None
     west, south = boxes[:2].min(axis=1).tolist()

@@ -53,7 +53,7 @@ class LookupDraping:
         self._levels: dict[int, tuple[object, _Lists]] = {}
         self._buffers: list[Any] = []
         self._state: object = None
-        self.is_loaded, self.longest = True, 0
+        self.is_loaded = True
 
     @property
     def nbytes(self) -> int:
@@ -95,7 +95,6 @@ class LookupDraping:
         listed = np.concatenate([each.number + first[k] for k, each in enumerate(levels)])
         ends = np.searchsorted(cell, np.arange(LEVELS * CELLS**2 + 1)).astype(np.uint32)
         ranges = np.stack([ends[:-1], np.diff(ends)], axis=1)
-        self.longest = int(ranges[:, 1].max())
         content = (
             np.concatenate([each.parts for each in levels]),
             style_table(drapes.styles),

@@ -3,7 +3,7 @@
 // parallelogram that a pixel is on the plane of its ground; hatches are left out.
 //   LEVELS, CELLS  grids around the eye, cells along their sides;  SAMPLES  of the G-buffer along each axis of a pixel
 #include "render/frame.glsl"
-#include "render/nearest_sample.glsl"
+#include "render/gbuffer.glsl"
 #include "render/draped.glsl"
 
 layout(std430, binding = 4) readonly buffer Cells { uvec2 cells[]; };   // first in `listed`, count

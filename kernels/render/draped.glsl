@@ -10,6 +10,7 @@ layout(std430, binding = 3) readonly buffer DrapedStyles { vec4 draped_styles[];
 const int STYLE_ROWS = 6;
 const int STARTS = 1, ENDS = 2, IS_FILL = 16, IS_POINT = 32;
 const float BUTT = 0.0, ROUND = 1.0, SQUARE = 2.0, MITRE = 2.0;
+const float MANY = 8.0; // periods in a pixel, from which on a pattern is its mean
 const float RING = 0.7; // of the radius of points, from where on they have the colour of outlines
 
 // Share of an interval of a width about a place that lies between two limits.
@@ -29,7 +30,7 @@ float pulses(float x, float period, float duty, float width)
 {
     x -= floor(x / period) * period;
     float mean = (pulse_integral(x + 0.5 * width, period, duty) - pulse_integral(x - 0.5 * width, period, duty)) / width;
-    return width > 8.0 * period ? duty : clamp(mean, 0.0, 1.0);
+    return width > MANY * period ? duty : clamp(mean, 0.0, 1.0);
 }
 
 float change_of(vec2 direction, mat2 change) { return max(length(direction * change), 1e-6); }

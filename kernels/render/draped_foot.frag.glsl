@@ -1,9 +1,8 @@
 #version 430 core
 // Second step of draping: what the first step drew at the foot of a pixel's ground on the approximation.
 #include "render/frame.glsl"
-#include "render/nearest_sample.glsl"
+#include "render/gbuffer.glsl"
 #include "render/draped_smooth.glsl"
-#include "render/draped_depth.glsl"
 
 uniform sampler2D ground_depth;
 uniform sampler2D smooth_depth; // of the approximation

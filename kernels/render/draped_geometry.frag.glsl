@@ -2,9 +2,8 @@
 // A draped feature where the ground that it lies on is what the picture shows.
 //   SAMPLES  of the ground's depth along each axis of a pixel
 #include "render/frame.glsl"
-#include "render/nearest_sample.glsl"
+#include "render/gbuffer.glsl"
 #include "render/draped.glsl"
-#include "render/draped_depth.glsl"
 
 uniform sampler2D ground_depth;
 uniform float share; // 0 ... 1: cross-fades

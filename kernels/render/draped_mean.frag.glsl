@@ -4,8 +4,7 @@
 //   SAMPLES   of the G-buffer along each axis of a pixel
 //   FRAGMENTS samples of what is draped, a pixel
 #include "render/frame.glsl"
-#include "render/nearest_sample.glsl"
-#include "render/draped_depth.glsl"
+#include "render/gbuffer.glsl"
 
 uniform sampler2DMS drawn;
 uniform sampler2D ground_depth;

@@ -1,8 +1,7 @@
 #version 430 core
 // A draped raster on the approximation of the ground.
 #include "render/frame.glsl"
-#include "render/nearest_sample.glsl"
-#include "render/draped_depth.glsl"
+#include "render/gbuffer.glsl"
 
 uniform sampler2D ground_depth;
 uniform sampler2DArray windows; // rgb: √albedo times opacity; a: opacity; row 0 north

@@ -3,6 +3,7 @@
 #include "render/frame.glsl"
 
 const float NEARER = 0.99; // share of the distance to the eye: levels of detail differ from true heights
+const float ROUNDING = 2e-7; // of depths
 
 in vec3 place; // m from the first anchor
 
@@ -17,5 +18,5 @@ void main()
     vec4 at = to_clip * vec4((place + origin) * NEARER, 1.0);
     vec3 window = at.xyz / max(at.w, 1e-6) * 0.5 + 0.5;
     float drawn = textureLod(drawn_depth, clamp(window.xy + vec2(0.0, lift), 0.0, 1.0), 0.0).r;
-    seen = float(at.w > 0.0 && drawn >= window.z - 2e-7);
+    seen = float(at.w > 0.0 && drawn >= window.z - ROUNDING);
 }

@@ -10,7 +10,7 @@
 //   APPEARANCE samples of what vectors paint (appearance.glsl); 0: nothing is painted
 //   DRAPED     whether more is drawn over it (render/draped.py)
 #include "render/frame.glsl"
-#include "render/nearest_sample.glsl"
+#include "render/gbuffer.glsl"
 #include "render/surface.glsl"
 #include "render/triplanar.glsl"
 #include "render/height_blend.glsl"

@@ -31,6 +31,7 @@ NEW: Final = 8  # labels that may appear in a frame: their letters are drawn the
 SPACING: Final = 500.0  # m between anchors along a line, at least
 _LEVELS: Final = 6  # of anchors along a line: 1/2; 1/4 and 3/4; …
 _ID_BITS: Final = 44
+_LOWEST: Final = 32.0  # m above the ground, from which on cells widen
 _NEAREST: Final = 4.0  # half width of the first square of features, in cells of `LabelCandidates.update`
 
 ANCHOR: Final = np.dtype(
@@ -136,7 +137,7 @@ class LabelCandidates:
 
     def update(self, eye: tuple[float, float, float], above: float, seconds: float) -> None:
         """Read features around an eye, `above` m above the ground, for about so many seconds."""
-        step = 2.0 ** round(math.log2(max(above, 32.0)))
+        step = 2.0 ** round(math.log2(max(above, _LOWEST)))
         cell = (step, math.floor(eye[0] / step), math.floor(eye[1] / step))
         if cell != self._cell:
             self._cell = cell

@@ -58,12 +58,11 @@ class Pieces(NamedTuple):
                 continue
             line = items.points[items.first[start] : items.first[start + 1]]
             line = line[np.append(True, np.diff(line, axis=0).any(axis=1))]  # without repeated points
-            is_point = items.kind[start] == POINT
-            ends = IS_POINT if is_point else int(items.ends[start])
+            ends = IS_POINT if items.kind[start] == POINT else int(items.ends[start])
             corners, count, frame, lengths, along, flags = _strips(line, ends, float(reach[style]))
             parts = np.zeros(len(count), PART)
             parts["length"], parts["along"], parts["style"] = lengths, along + items.along[start], style
-            parts["flags"] = IS_POINT if is_point else flags
+            parts["flags"] = flags
             found.append(cls(corners, count, frame, parts))
         return cls.joined(found)
 
@@ -143,7 +142,7 @@ def _strips(
         frame[k] = (x, y, u, v)
         lengths[k], along[k] = length, walked
         walked += length
-        flags[k] = (STARTS if at == 0 and ends & STARTS else 0) | (ENDS if to == n - 1 and ends & ENDS else 0)
+        flags[k] = ends & (IS_POINT | (STARTS if at == 0 else 0) | (ENDS if to == n - 1 else 0))
         for other, sign in ((at - 1, -1.0), (to + 1, 1.0)):  # the segments before and after
             if other < 0 or other >= n or length == 0.0:
                 continue

@@ -35,6 +35,7 @@ KEPT_SQUARES: Final = 1 << 12  # likewise
 LEAST_SINE: Final = 0.1
 """Of the angle at which ground is seen, for which strokes have room beyond their width."""
 STEEPER: Final = 0.5  # of the sine at level ground: slopes may turn away
+NEAREST: Final = 0.01  # m, least distance for the width of pixels
 BORDER: Final = 0.75  # px beyond a stroke
 _STYLE_ROWS: Final = 6  # vec4s a style, kernels/render/draped.glsl
 _CODES: Final = {"butt": 0, "bevel": 1, "round": 1, "square": 2, "mitre": 2}  # of caps and joins
@@ -104,7 +105,7 @@ class Squares(NamedTuple):
         eye, pixel = np.array(view.camera.eye), view.pixel
         apart = np.maximum(np.maximum(boxes.low - eye, eye - boxes.high), 0.0)
         away = np.maximum(np.abs(boxes.low - eye), np.abs(boxes.high - eye))
-        near, far = (pixel * np.maximum(np.linalg.norm(each, axis=1), 1e-2) for each in (apart, away))
+        near, far = (pixel * np.maximum(np.linalg.norm(each, axis=1), NEAREST) for each in (apart, away))
         sine = np.clip(STEEPER * pixel * apart[:, 2] / far, LEAST_SINE, 1.0)
         widths = (_stepped(near, np.floor), _stepped(far, np.ceil), _stepped(far / sine, np.ceil))
         keys = list(zip(keys, cases.tolist(), *(each.tolist() for each in widths), strict=True))

@@ -164,8 +164,6 @@ class SnapshotRenderer:
         view: str = "auto",
         weather: Weather | None = None,
         timings: dict[str, float] | None = None,
-        drapes: Drapes | None = None,
-        drape_method: str = "tiles",
     ) -> npt.NDArray[np.uint8]:
         """Return a picture; see `render_picture`."""
         check_view(view)
@@ -183,8 +181,7 @@ class SnapshotRenderer:
                 weather=weather,
                 quality=Quality.for_still(self._size),
                 resources=self._resources.borrow(),
-                drapes=drapes or open_drapes(terrain),
-                drape_method=drape_method,
+                drapes=open_drapes(terrain),
             )
             renderer.prepare(camera, self._size)
             terrain.release_buffers()  # before drawing, which needs most

@@ -241,6 +241,18 @@ def test_hidden_layers_and_painted_ones_draw_nothing(write):
             room.draw(HILL)
             assert room.renderer.scenery.draped.seconds == 0.0
             assert not room.renderer.scenery.draped.textures
+            if draped.screen is not None:
+                draped.screen.is_loaded = False  # hidden while its rasters were read
+            assert draped.converged
+
+
+def test_areas_of_two_layers_with_one_id_are_two(write):
+    shapes = {"a": shapely.box(0, 0, 100, 100), "b": shapely.box(200, 0, 300, 100)}
+    drapes = drapes_of(*(write(each, title=name, fill="#ff0000", colour="") for name, each in shapes.items()))
+    pieces = Pieces.of_items(drapes.items((0, 0, 1000, 1000), 1.0), np.full(2, 1.0), np.zeros(2))
+    fills = pieces.counts == 3
+    found = areas(pieces.corners[fills, :3])
+    assert np.bincount(pieces.parts["style"][fills].astype(int), found) == pytest.approx([1e4, 1e4])
 
 
 def test_unknown_methods_are_refused_in_one_line():
@@ -317,6 +329,9 @@ def test_a_held_feature_shows_as_painted_while_it_is_taken_and_released(ground, 
         apart = np.abs(np.array(steps) - painted[where]).mean(axis=(1, 2))
         assert apart.max() < 16.0  # without it the area would be gone: no flash
         assert renderer.scenery.draped.converged
+        renderer.set_drapes(drapes, held=(1, 3))
+        renderer.set_drapes(drapes.updated(drapes.layers[:1]))  # its layer is removed
+        renderer.frame(camera, room.framebuffer, elapsed=0.02)
 
 
 @pytest.mark.gl

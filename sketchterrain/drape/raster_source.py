@@ -43,7 +43,7 @@ class RasterSource:
     ) -> None:
         """Open a file; raise InputError if it cannot be read or has no place in the sketch."""
         place, self._band, self._memory = f"draped layer {one_line(layer.path)}", layer["band"], memory
-        self._corner = frame["east"], frame["north"]
+        self._corner, self._covered = (frame["east"], frame["north"]), size
         self._target = parse_crs(frame["crs"]) if frame["crs"] else LOCAL_CRS
         self._path, self._stamp = Path(layer.path), file_stamp(layer.path)
         self._layer = layer.replace(sha256="") if drape_problem(layer) else layer
@@ -52,18 +52,14 @@ class RasterSource:
             given = file.crs or (parse_crs(layer["crs"]) if layer["crs"] else None)
             if given is not None and not frame["crs"]:
                 raise InputError(f"{place}: expected a sketch with a CRS, [frame] has none")
-            self._crs = given or self._target
-            has_place = file.crs is not None or not file.transform.is_identity
-            east, north = self._corner
-            whole = Affine(size[0] / file.width, 0.0, east, 0.0, -size[1] / file.height, north + size[1])
-            self._transform = file.transform if has_place else whole
-            self._size = file.width, file.height
-            if has_place:
-                with self._warped(file) as warped:
-                    self.pixel = float(min(warped.res))
-                    self.box = np.array([*warped.bounds]) - [east, north, east, north]
-            else:
-                self.pixel, self.box = min(whole.a, -whole.e), np.array([0.0, 0.0, *size])
+            self._has_place = file.crs is not None or not file.transform.is_identity
+            self._crs = (self._has_place and given) or self._target
+            with self._warped(file) as warped:
+                self.pixel = float(min(warped.res))
+                self.box = np.array([*warped.bounds]) - [*self._corner, *self._corner]
+            if not self._has_place:  # it covers the sketch
+                self.pixel = min(size[0] / file.width, size[1] / file.height)
+                self.box = np.array([0.0, 0.0, *size])
             if file.width * file.height > _PLAIN and not file.overviews(self._band):
                 self._path = self._with_overviews(layer, file)
             self._span = self._range(file)
@@ -126,8 +122,8 @@ class RasterSource:
 
     def _warped(self, file: DatasetReader, **options: Any) -> WarpedVRT:
         """Return a file in the frame's CRS."""
-        across, down = self._size[0] / file.width, self._size[1] / file.height
-        a, b, c, d, e, f = self._transform[:6]
+        (west, south), (width, height) = self._corner, self._covered
+        whole = Affine(width / file.width, 0.0, west, 0.0, -height / file.height, south + height)
         nodata = file.nodata
         if nodata is None and file.dtypes[self._band - 1].startswith("float"):
             nodata = np.nan
@@ -135,7 +131,7 @@ class RasterSource:
         return WarpedVRT(
             file,
             src_crs=self._crs,
-            src_transform=Affine(a * across, b * down, c, d * across, e * down, f),
+            src_transform=file.transform if self._has_place else whole,
             src_nodata=nodata,
             nodata=nodata,
             crs=self._target,

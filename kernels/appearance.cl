@@ -5,8 +5,6 @@
 #define BLOCK 32  // … along a group for which roads and areas are listed
 #define BLOCKS (SIDE / BLOCK)
 
-INLINE uchar as_byte(REAL x) { return (uchar)(real_clamp(x, R(0), R(1)) * R(255) + R(0.5)); }
-
 //   corner    long2 a tile: its south-west corner, lattice units; texels are counted from the north, the first row and
 //             column are outside
 //   texel     side of a texel, m;  metres_per_unit  m a lattice unit
@@ -66,8 +64,7 @@ __kernel void appearance(__global const long2 *corner, REAL texel, REAL metres_p
     Paint paint = {land.share > R(1e-6) ? land.albedo / land.share : beside, land.share};
     if (has_base) {
         const uchar4 below = base[place];
-        const REAL4 root = (REAL4)(below.s0, below.s1, below.s2, R(0)) * (R(1) / R(255));
-        const Paint ground = {root * root, (REAL)below.s3 * (R(1) / R(255))};
+        const Paint ground = {squared(below), (REAL)below.s3 * (R(1) / R(255))};
         paint = over(ground, paint.albedo, paint.share * (R(1) - PHOTO_KEPT * ground.share));
     }
 
@@ -92,8 +89,7 @@ __kernel void appearance(__global const long2 *corner, REAL texel, REAL metres_p
         best.left = foot.left;
     }
     if (best.piece >= 0) paint = paint_road(paint, road_row[best.piece], best, texel, mottle, settled);
-    result[place] = (uchar4)(as_byte(square_root(paint.albedo.s0)), as_byte(square_root(paint.albedo.s1)),
-                             as_byte(square_root(paint.albedo.s2)), as_byte(paint.share));
+    result[place] = as_roots(paint.albedo, paint.share);
 }
 
 // Mean albedo of areas and the share that their paint covers, as a texel that they fill shows them.

@@ -10,14 +10,6 @@
 #define ENTRY_PICTURE 3
 #define DRAPE_RING R(0.7)  // of the radius of points, from where on they have the colour of outlines
 
-INLINE uchar as_byte(REAL x) { return (uchar)(real_clamp(x, R(0), R(1)) * R(255) + R(0.5)); }
-INLINE uchar4 as_roots(REAL4 x, REAL w) { return (uchar4)(as_byte(square_root(x.s0)), as_byte(square_root(x.s1)), as_byte(square_root(x.s2)), as_byte(w)); }
-INLINE REAL4 squared(uchar4 x)
-{
-    const REAL4 root = (REAL4)(x.s0, x.s1, x.s2, R(0)) * (R(1) / R(255));
-    return root * root;
-}
-
 //   starts    of each block, into entries, from the lowest to the highest
 //   entry     int4: style, ENTRY_…, first in `list`, or the picture, and number of pieces: of one feature
 //   list      numbers of pieces

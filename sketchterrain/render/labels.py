@@ -116,7 +116,7 @@ class Labels:
         clip[~self._in_range(rows, texel), 3] = 0.0
         boxes = place_labels(rows, clip, framebuffer.size, elapsed=elapsed, settled=settled)
         anchors[near] = rows
-        drawn = rows["opacity"] > 0.0
+        drawn = (rows["opacity"] > 0.0) & (rows["size"][:, 0] <= ATLAS[0])
         self._fades = bool(rows["waits"].any() or (rows["shown"] != rows["opacity"]).any())
         if drawn.any():
             low = boxes[drawn, :2]
@@ -166,7 +166,7 @@ class Labels:
         x, y, deep = self._shelf
         if x + width > ATLAS[0]:
             x, y, deep = 0, y + deep, 0
-        if y + height > ATLAS[1] or width > ATLAS[0]:
+        if y + height > ATLAS[1]:
             return False
         self._gl[2].write(texels.tobytes(), viewport=(x, y, width, height), alignment=1)
         self._cells[text] = x, y

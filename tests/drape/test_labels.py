@@ -382,6 +382,8 @@ def test_text_that_fills_the_atlas_is_left_out(drawn, monkeypatch):
     picture, labels = drawn(drapes_of(features))
     assert picture.any()
     assert len(labels._cells) == 3
+    picture, _ = drawn(drapes_of(features[-1:]))
+    assert not picture.any()
 
 
 def numbered(count, extent):

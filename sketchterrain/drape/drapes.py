@@ -84,11 +84,7 @@ class Drapes:
 
     @classmethod
     def open(
-        cls,
-        layers: Sequence[DrapedLayer],
-        frame: Mapping[str, Any],
-        size: tuple[float, float],
-        extent: float,
+        cls, layers: Sequence[DrapedLayer], frame: Mapping[str, Any], size: tuple[float, float], extent: float
     ) -> Drapes:
         """Open the sources of layers in a sketch's frame; `problems` names those that cannot be read."""
         return cls((), (), (), frame, size, extent).updated(layers)
@@ -96,16 +92,13 @@ class Drapes:
     def updated(self, layers: Sequence[DrapedLayer]) -> Drapes:
         """Return the drapes of other layers, with the open sources of those that have the same."""
         known = {
-            layer.source_key: source
-            for layer, source in zip(self.layers, self.sources, strict=True)
-            if source
+            layer.source_key: each for layer, each in zip(self.layers, self.sources, strict=True) if each
         }
         sources, problems = list[Source | None](), list[str]()
         for layer in layers:
             source = known.get(layer.source_key)
             try:
-                source = self._source(layer) if source is None else source
-                source = source.updated(layer)
+                source = (source or self._source(layer)).updated(layer)
                 if problem := source.problem(layer):
                     problems.append(problem)
             except InputError as error:

@@ -175,7 +175,7 @@ def save_layer(drapes: Drapes, number: int, path: Path) -> DrapedLayer:
         raise InputError(what if driver is None else f"layer {layer.title}: expected features")
     if problem := source.problem(layer):
         raise InputError(problem)
-    own, suffix = Path(layer.path), path.suffix.lower()
+    own = Path(layer.path)
     with (
         atomic_path(path) as temporary,
         TemporaryDirectory(prefix=".sketchterrain-", dir=path.parent) as folder,
@@ -183,7 +183,7 @@ def save_layer(drapes: Drapes, number: int, path: Path) -> DrapedLayer:
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("ignore")  # of a layer without a CRS
-        written = Path(folder) / f"layer{suffix}"
+        written = Path(folder) / f"layer{path.suffix.lower()}"
         if driver == "GPKG" and path.exists() and path.samefile(own):
             shutil.copyfile(own, written)
         _write(file, layer, drapes.frame, written, driver)
@@ -192,13 +192,7 @@ def save_layer(drapes: Drapes, number: int, path: Path) -> DrapedLayer:
     return layer.replace(path=str(path.absolute()), sha256=hash_file(path)[1], table=table, edits={})
 
 
-def _write(
-    file: VectorFile,
-    layer: DrapedLayer,
-    frame: Mapping[str, Any],
-    path: Path,
-    driver: str,
-) -> None:
+def _write(file: VectorFile, layer: DrapedLayer, frame: Mapping[str, Any], path: Path, driver: str) -> None:
     """Write the features of a file, those of a GeoPackage in batches."""
     crs, edits = file_crs(file, layer), layer.edits
     if driver == "GeoJSON" and crs is None:

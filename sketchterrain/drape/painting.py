@@ -346,7 +346,7 @@ def _joined(
         entries.append(lists.entries + np.array([row, 0, first_number, 0], np.int32))
         numbers.append(lists.numbers + np.int32(first_piece))
         pieces.append(lists.pieces)
-        if len(lists.style) and (period := periods[row + lists.style]).any():
+        if (period := periods[row + lists.style]).any():
             pieces[-1] = lists.pieces.copy()
             place = np.mod(lists.along, np.where(period > 0.0, period, np.inf))
             pieces[-1][:, _PIECE["drape_along"]] = place
@@ -355,8 +355,7 @@ def _joined(
     opacity, fill = (styles[:, _STYLE[name]] for name in ("style_opacity", "style_fill_opacity"))
     shown = np.stack([opacity, fill, opacity + fill, opacity], axis=1) > 0.0  # STROKE, FILL, POINT, picture
     (order,) = np.nonzero(shown[rows[:, 0], rows[:, 1]])
-    if len(parts) > 1:
-        order = order[np.argsort(block[order], kind="stable")]
+    order = order[np.argsort(block[order], kind="stable")]
     starts = np.searchsorted(block[order], np.arange(len(corners) * _BLOCKS**2 + 1)).astype(np.int32)
     spacing, cosine, sine = (styles[:, _STYLE[f"style_hatch_{name}"]] for name in ("spacing", "x", "y"))
     anchors = np.zeros((0, 2))
@@ -443,7 +442,7 @@ def _without_filter(texels: UInt8Array) -> UInt8Array:
 @numba.njit(cache=True)
 def _pieces_of(kinds, first, points, ends, reach, is_mitred):  # type: ignore[no-untyped-def]
     """Return pieces with the numbers of their items (m, 9), and (block, item, piece) by items, (p, 3)."""
-    side, pairs = float(SIDE), [(0, 0, 0) for _ in range(0)]
+    side, pairs = float(SIDE), [(0, 0, 0)]  # of types that numba knows
     # Edges west of all blocks, of areas that a block lies in and of holes.
     pieces = [(0.0, y, 0.0, side - 2.0 * y, 0.0, 0.0, 0.0, 0.0, 0.0) for y in (side, 0.0)]
     for i in range(len(kinds)):
@@ -454,13 +453,7 @@ def _pieces_of(kinds, first, points, ends, reach, is_mitred):  # type: ignore[no
             _stroke(i, own, ends[i], reach[i], is_mitred[i], pieces, pairs)
         else:
             _add((own[0, 0], own[0, 1], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, float(i)), reach[i], pieces, pairs)
-    rows, listed = np.empty((len(pieces), 9)), np.empty((len(pairs), 3), np.int32)
-    for k in range(len(pieces)):
-        for column in range(9):
-            rows[k, column] = pieces[k][column]
-    for k in range(len(pairs)):
-        listed[k, 0], listed[k, 1], listed[k, 2] = pairs[k]
-    return rows, listed
+    return np.array(pieces), np.array(pairs)[1:].astype(np.int32)
 
 
 @numba.njit(cache=True)

@@ -118,7 +118,7 @@ def _stepped(widths: Float64Array, rounded: np.ufunc) -> Float64Array:
 
 
 class Cut(NamedTuple):
-    """Features cut for a square, and its number."""
+    """Features cut for a square."""
 
     vertices: npt.NDArray[np.void]  # of VERTEX
     parts: npt.NDArray[np.void]  # of PART

@@ -15,7 +15,7 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.array_types import Int64Array
 from sketchterrain.caching import IdentityKey
 from sketchterrain.render.appearance import premultiplied
 from sketchterrain.render.camera import Camera
@@ -41,6 +41,7 @@ WIDEST: Final = 24  # levels above a window, of others that show instead
 LEAST: Final = 4.0  # m, least width of squares
 SMOOTH: Final = 128.0  # cells of the approximation in an extent, about
 LOADING: Final = 0.02  # s a frame for windows, in motion
+_WIDEST: Final = 9  # squares around the eye that are divided
 _CHILDREN: Final = np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 1]])
 _SQUARE: Final = np.dtype([("square", "<f4", 4), ("window", "<f4", 3)])
 _FORMAT: Final = ("4f4 3f4/i", "square", "window")
@@ -94,7 +95,7 @@ class TwoStepDraping:
         colour = self._resized(size)
         above = max(eye[2] - self._lit.height_at(*eye[:2]), 0.0)
         rasters = drapes.rasters(view.pixel * above)
-        most = WINDOWS // max(len(rasters), 1)  # all have room for their windows
+        most = max(WINDOWS // max(len(rasters), 1), _WIDEST)  # all have room for their windows
         squares, codes = self._squares(view, size[0] / size[1], above, most)
         self._bind()
         rows = np.zeros(len(codes), _SQUARE)
@@ -109,7 +110,11 @@ class TwoStepDraping:
         self._depth.use(3)
         self.is_loaded = True
         for number, source in rasters:
-            self._draw_raster(source, drapes.layers[number]["opacity"], codes, rows, moving=moving)
+            windows = self._windows = self._windows or RasterWindows(self._context, self._extent)
+            self.is_loaded &= windows.find(source, codes, rows, LOADING if moving else np.inf)
+            windows.texture.use(6)
+            set_uniforms(self._rasters.program, {"windows": 6, "share": drapes.layers[number]["opacity"]})
+            self._draw_squares(self._rasters, rows)
         if found := self._cutter.cut(drapes, None, squares):
             self._parts.write(found, drapes.styles)
             self._write_instances(rows)
@@ -140,10 +145,7 @@ class TwoStepDraping:
             texture.use(unit)
             levels.append(max(float(np.log2(self._extent / SMOOTH / texel)), 0.0))
         units = {"near_heights": 1, "far_heights": 2, "ground_depth": 3, "smooth_levels": tuple(levels)}
-        for program in (
-            self._features,
-            *(each.program for each in (self._ground, self._rasters, self._foot)),
-        ):
+        for program in (self._features, self._ground.program, self._rasters.program, self._foot.program):
             set_uniforms(program, units)
 
     def _squares(
@@ -169,7 +171,7 @@ class TwoStepDraping:
         eye, top = np.array(camera.eye), int(np.ceil(np.log2(2.0 * camera.far / self._extent)))
         around = np.floor(eye[:2] / (self._extent * 2.0**top)).astype(np.int64)
         columns, rows = np.meshgrid(around[0] + np.arange(-1, 2), around[1] + np.arange(-1, 2))
-        codes, found = np.stack([np.full(9, -top), columns.ravel(), rows.ravel()], axis=1), []
+        codes, found = np.stack([np.full(_WIDEST, -top), columns.ravel(), rows.ravel()], axis=1), []
         while len(codes):
             width, (low, high) = self._extent * 2.0 ** -codes[0, 0], self._boxes(codes)
             apart = np.linalg.norm(np.maximum(np.maximum(low - eye, eye - high), 0.0)[:, :2], axis=1)
@@ -179,25 +181,6 @@ class TwoStepDraping:
             finer = (codes[splits] * [1, 2, 2] + [1, 0, 0])[:, None] + _CHILDREN
             codes = finer.reshape(-1, 3)
         return np.concatenate(found)
-
-    def _draw_raster(
-        self,
-        source: RasterSource,
-        opacity: float,
-        codes: Int64Array,
-        rows: npt.NDArray[np.void],
-        *,
-        moving: bool,
-    ) -> None:
-        if self._windows is None:
-            self._windows = RasterWindows(self._context, self._extent)
-        rows["square"][:, 3], rows["window"], loaded = self._windows.find(
-            source, codes, LOADING if moving else np.inf
-        )
-        self.is_loaded = self.is_loaded and loaded
-        self._windows.texture.use(6)
-        set_uniforms(self._rasters.program, {"windows": 6, "share": opacity})
-        self._draw_squares(self._rasters, rows)
 
     def _draw_squares(self, array: moderngl.VertexArray, rows: npt.NDArray[np.void]) -> None:
         self._write_instances(rows)
@@ -220,16 +203,16 @@ class RasterWindows:
         self._slots: dict[object, int] = {}  # by window, the least recently used first
 
     def find(
-        self, source: RasterSource, codes: Int64Array, seconds: float
-    ) -> tuple[Float64Array, Float64Array, bool]:
-        """Return the layer of each square's window, -1 for none, its place in it, and whether all are right.
+        self, source: RasterSource, codes: Int64Array, rows: npt.NDArray[np.void], seconds: float
+    ) -> bool:
+        """Write layers of squares' windows, -1 for none, and places in them; return whether all are right.
 
         Windows are read for so many seconds; meanwhile wider ones show.
         """
         end, complete = time.perf_counter() + seconds, True
         # The finest level of which the source has as many pixels.
         finest = int(np.ceil(np.log2(self._extent / (TEXELS * source.pixel))))
-        layers, places = np.full(len(codes), -1.0), np.zeros((len(codes), 3))
+        rows["square"][:, 3] = -1.0
         for number, (level, column, row) in enumerate(codes.tolist()):
             up = max(level - finest, 0)
             key = (IdentityKey(source), level - up, column >> up, row >> up)
@@ -242,8 +225,8 @@ class RasterWindows:
                 self._slots[key] = slot = self._slots.pop(key)
                 share = 2.0**-up
                 west, north = column * share - (column >> up), (row >> up) + 1 - (row + 1) * share
-                layers[number], places[number] = slot, (west, north, share)
-        return layers, places, complete
+                rows["square"][number, 3], rows["window"][number] = slot, (west, north, share)
+        return complete
 
     def _read(self, source: RasterSource, key: tuple[object, int, int, int]) -> None:
         _, level, column, row = key

@@ -37,11 +37,11 @@ QUADS: Final = 16  # along the side of a square
 TEXELS: Final = 256  # along the side of a window of a raster: at most a pixel wide
 WINDOWS: Final = 112  # in memory: 29 MB
 COARSER: Final = 1.25  # factor on widths while there are more squares than that
-WIDEST: Final = 24  # levels above a window, of others that show instead
+MORE_LEVELS: Final = 24  # levels above a window, of others that show instead
 LEAST: Final = 4.0  # m, least width of squares
 SMOOTH: Final = 128.0  # cells of the approximation in an extent, about
 LOADING: Final = 0.02  # s a frame for windows, in motion
-_WIDEST: Final = 9  # squares around the eye that are divided
+_ROOTS: Final = 9  # squares around the eye that are divided
 _CHILDREN: Final = np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 1]])
 _SQUARE: Final = np.dtype([("square", "<f4", 4), ("window", "<f4", 3)])
 _FORMAT: Final = ("4f4 3f4/i", "square", "window")
@@ -95,7 +95,7 @@ class TwoStepDraping:
         colour = self._resized(size)
         above = max(eye[2] - self._lit.height_at(*eye[:2]), 0.0)
         rasters = drapes.rasters(view.pixel * above)
-        most = max(WINDOWS // max(len(rasters), 1), _WIDEST)  # all have room for their windows
+        most = max(WINDOWS // max(len(rasters), 1), _ROOTS)  # all have room for their windows
         squares, codes = self._squares(view, size[0] / size[1], above, most)
         self._bind()
         rows = np.zeros(len(codes), _SQUARE)
@@ -171,7 +171,7 @@ class TwoStepDraping:
         eye, top = np.array(camera.eye), int(np.ceil(np.log2(2.0 * camera.far / self._extent)))
         around = np.floor(eye[:2] / (self._extent * 2.0**top)).astype(np.int64)
         columns, rows = np.meshgrid(around[0] + np.arange(-1, 2), around[1] + np.arange(-1, 2))
-        codes, found = np.stack([np.full(_WIDEST, -top), columns.ravel(), rows.ravel()], axis=1), []
+        codes, found = np.stack([np.full(_ROOTS, -top), columns.ravel(), rows.ravel()], axis=1), []
         while len(codes):
             width, (low, high) = self._extent * 2.0 ** -codes[0, 0], self._boxes(codes)
             apart = np.linalg.norm(np.maximum(np.maximum(low - eye, eye - high), 0.0)[:, :2], axis=1)
@@ -218,7 +218,7 @@ class RasterWindows:
             key = (IdentityKey(source), level - up, column >> up, row >> up)
             if key not in self._slots and time.perf_counter() < end:
                 self._read(source, key)
-            while key not in self._slots and up < WIDEST:
+            while key not in self._slots and up < MORE_LEVELS:
                 complete, up = False, up + 1
                 key = (IdentityKey(source), level - up, column >> up, row >> up)
             if key in self._slots:

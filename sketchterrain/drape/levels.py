@@ -126,7 +126,6 @@ def parts_of(shapes: Shapes2D, tolerance: float) -> Parts:
     outlines = generalised(shapes.outlines, tolerance)
     dots = np.zeros(len(shapes.points), ITEM)
     dots["kind"], dots["count"], dots["feature"] = POINT, 1, shapes.feature
-    dots["first"] = np.arange(len(dots))
     return joined([_fills(outlines), _strokes(outlines), _boxed(dots, shapes.points)])
 
 
@@ -139,12 +138,11 @@ def joined(parts: Sequence[Parts]) -> Parts:
 
 
 def _boxed(items: StructuredArray, points: Float64Array) -> Parts:
-    """Return items, whose points follow one another, with their boxes."""
-    if len(items):
-        low = np.minimum.reduceat(points, items["first"])
-        high = np.maximum.reduceat(points, items["first"])
-        items["box"][:, :2] = np.nextafter(low.astype(np.float32), np.float32(-np.inf))
-        items["box"][:, 2:] = np.nextafter(high.astype(np.float32), np.float32(np.inf))
+    """Return items, whose points follow one another, with their places and boxes."""
+    items["first"] = np.cumsum(items["count"]) - items["count"]
+    low, high = (reduce.reduceat(points, items["first"]) for reduce in (np.minimum, np.maximum))
+    items["box"][:, :2] = np.nextafter(low.astype(np.float32), np.float32(-np.inf))
+    items["box"][:, 2:] = np.nextafter(high.astype(np.float32), np.float32(np.inf))
     return Parts(items, points)
 
 
@@ -166,7 +164,6 @@ def _strokes(outlines: Outlines) -> Parts:
     items["ends"] = sum((mask * np.uint8(bit) for mask, bit in bits), np.zeros(len(line), np.uint8))
     items["count"] = end - begin + 1 + before + after
     owner, place = expanded(items["count"])
-    items["first"] = np.cumsum(items["count"]) - items["count"]
     vertex, last = (begin - before)[owner] + place, segments[line][owner]
     vertex = np.where(vertex < 0, last - 1, np.where(vertex > last, 1, vertex))
     return _boxed(items, points[start[line][owner] + vertex])
@@ -188,7 +185,6 @@ def _fills(outlines: Outlines) -> Parts:
     items = np.zeros(sum(map(len, features)), ITEM)
     items["kind"], items["feature"] = FILL, np.concatenate(features)
     items["count"] = np.concatenate(sizes)
-    items["first"] = np.cumsum(items["count"]) - items["count"]
     return _boxed(items, np.concatenate(chunks))
 
 
@@ -234,7 +230,6 @@ class Level:
     tolerance: float  # m
     items: StructuredArray  # of ITEM
     points: Float64Array  # (k, 2) m
-
     groups: npt.NDArray[np.float32]  # (n, 4) common boxes of 64 successive items each
 
     def touching(self, box: Bounds) -> Int64Array:
@@ -262,8 +257,6 @@ def level_of(parts: Parts, tolerance: float) -> Level:
 
 def common(boxes: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Return the common boxes of 64 successive items each."""
-    if not len(boxes):
-        return np.zeros((0, 4), np.float32)
     at = np.arange(0, len(boxes), _GROUP)
     low, high = np.minimum.reduceat(boxes[:, :2], at), np.maximum.reduceat(boxes[:, 2:], at)
     return np.concatenate([low, high], axis=1)

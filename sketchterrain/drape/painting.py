@@ -335,7 +335,7 @@ def _joined(
     every = np.arange(_BLOCKS**2, dtype=np.int32)
     blocks, entries, numbers = [every[:0]], [np.zeros((0, 4), np.int32)], [every[:0]]
     pieces, first_number, first_piece = [np.zeros((0, 8), np.float32)], 0, 0
-    periods = styles[:, _STYLE["style_dash_period"]]
+    along, style = [np.zeros(0)], [every[:0]]
     for tile, row, lists in parts:
         if isinstance(lists, int):
             blocks.append(every + tile * _BLOCKS**2)
@@ -346,11 +346,12 @@ def _joined(
         entries.append(lists.entries + np.array([row, 0, first_number, 0], np.int32))
         numbers.append(lists.numbers + np.int32(first_piece))
         pieces.append(lists.pieces)
-        if (period := periods[row + lists.style]).any():
-            pieces[-1] = lists.pieces.copy()
-            place = np.mod(lists.along, np.where(period > 0.0, period, np.inf))
-            pieces[-1][:, _PIECE["drape_along"]] = place
+        along.append(lists.along)
+        style.append(row + lists.style)
         first_number, first_piece = first_number + len(lists.numbers), first_piece + len(lists.pieces)
+    period = styles[np.concatenate(style), _STYLE["style_dash_period"]]
+    joined = np.concatenate(pieces)
+    joined[:, _PIECE["drape_along"]] = np.mod(np.concatenate(along), np.where(period > 0.0, period, np.inf))
     block, rows = np.concatenate(blocks), np.concatenate(entries)
     opacity, fill = (styles[:, _STYLE[name]] for name in ("style_opacity", "style_fill_opacity"))
     shown = np.stack([opacity, fill, opacity + fill, opacity], axis=1) > 0.0  # STROKE, FILL, POINT, picture
@@ -363,7 +364,7 @@ def _joined(
         x, y = corners[:, :1], corners[:, 1:]
         anchors = np.stack([x * cosine + y * sine, y * cosine - x * sine], axis=2)
         anchors = np.mod(anchors, np.where(spacing > 0.0, spacing, 1.0)[:, None])
-    return starts, rows[order], np.concatenate(numbers), np.concatenate(pieces), anchors
+    return starts, rows[order], np.concatenate(numbers), joined, anchors
 
 
 def _lists_of(items: Items, reach: Float64Array, is_mitred: BoolArray, style: int) -> _Lists:
@@ -379,7 +380,7 @@ def _lists_of(items: Items, reach: Float64Array, is_mitred: BoolArray, style: in
     entries = np.stack([classes[own], items.kind[own], first, count], axis=1).astype(np.int32)
     item, numbers = pieces[:, 8].astype(np.int32), pairs[:, 2].astype(np.int32)
     if not len(classes):
-        return _Lists(pieces[:, :8], np.zeros(0), classes, block[first], entries, numbers)
+        return _Lists(pieces[:0, :8], np.zeros(0), classes, block[first], entries, numbers)
     along = pieces[:, _PIECE["drape_along"]] + items.along[item]
     return _Lists(pieces[:, :8], along, classes[item], block[first], entries, numbers)
 

@@ -125,7 +125,7 @@ class Drapes:
 
     @cached_property
     def styles(self) -> tuple[LayerStyle, ...]:
-        """Looks of all classes: of each layer that of other features, then those of its classes."""
+        """Styles by layer: that of features without a class, then those of its classes."""
         return tuple(
             LayerStyle(number, layer.style_of(each), layer["opacity"], layer["blend"])
             for number, layer in enumerate(self.layers)

@@ -14,7 +14,7 @@ from sketchterrain.terrain.index import expanded
 STROKE, FILL, POINT = range(3)
 
 STARTS, ENDS, BEFORE, AFTER = 1, 2, 4, 8
-"""Bits of `Items.ends`: a line's own ends, and points that only say how it comes and goes on."""
+"""Bits of `Items.ends`: the line starts or ends here; the first or last point is only for the join."""
 
 _DTYPES: Final = (np.int64, np.int32, np.int32, np.int8, np.int64, np.float64, np.float64, np.uint8)
 

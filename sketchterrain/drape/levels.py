@@ -57,7 +57,7 @@ class Outlines(NamedTuple):
 
 
 class Shapes2D(NamedTuple):
-    """What features consist of."""
+    """Points and outlines of features."""
 
     points: Float64Array  # (n, 2) m
     feature: Int64Array  # (n,) of each point

@@ -33,7 +33,7 @@ class Feature(NamedTuple):
 
 
 class _EditedFeature:
-    """What an edit draws, at each level that was asked for."""
+    """Items of an edited feature at each level in use."""
 
     def __init__(self, edit: FeatureEdit) -> None:
         self.id = edit.id
@@ -200,7 +200,7 @@ class VectorSource:
 
 
 def file_stamp(path: str) -> tuple[int, int]:
-    """Return what changes with a file: its size and its time of modification."""
+    """Return the size and modification time of a file; -1 if it is missing."""
     try:
         facts = Path(path).stat()
     except OSError:
@@ -209,7 +209,7 @@ def file_stamp(path: str) -> tuple[int, int]:
 
 
 def source_problem(layer: DrapedLayer, stamp: tuple[int, int]) -> str:
-    """Return in one line that a layer's file is missing or has changed since it had a stamp, or a hash."""
+    """Return in one line that a file is missing or differs from a stamp or the layer's hash, else empty."""
     problem = drape_problem(layer)
     if problem or layer["sha256"] or file_stamp(layer.path) == stamp:
         return problem

@@ -188,7 +188,7 @@ class _Texts:
 
 
 class _StoredArrays:
-    """What an `_ArrayWriter` wrote, read as far as it is asked for."""
+    """Arrays of an `_ArrayWriter`, mapped into memory."""
 
     def __init__(self, folder: Path) -> None:
         self.facts, self._places = json.loads((folder / _FACTS).read_text(encoding="utf-8"))

@@ -48,15 +48,16 @@ def draped_shapes(drapes: Drapes | None, terrain: Terrain, bounds: Bounds, cell:
     """Return features of visible vector layers in a rectangle (m), with vertices at most `cell` m apart."""
     if drapes is None:
         return []
+    from sketchterrain.document.vector_formats import valid_areas
     from sketchterrain.drape.vector_source import VectorSource
 
     found = []
     for number, (layer, source) in enumerate(zip(drapes.layers, drapes.sources, strict=True)):
         if layer["visible"] and isinstance(source, VectorSource):
             features = [drapes.feature(number, each) for each in drapes.features(number, bounds)]
-            shapes = np.array([each.geometry for each in features], object)
+            shapes = valid_areas(np.array([each.geometry for each in features], object))
             shapes = shapely.clip_by_rect(shapes, *bounds)
-            kept = np.flatnonzero(~shapely.is_missing(shapes) & ~shapely.is_empty(shapes)).tolist()
+            kept = np.flatnonzero(~shapely.is_empty(shapes)).tolist()
             own = [features[each] for each in kept]
             ground = _on_ground(shapes[kept], terrain, cell)
             found.append(

@@ -292,7 +292,8 @@ def test_styles_and_classes_are_steps_and_drags_merge(draped, blank, workspace, 
     assert len(blank.history.titles) == count + 1
     page.layer_form.edited.emit("opacity", 0.5, object())
     page.layer_form.edited.emit("opacity", 2.0, object())
-    assert blank.sketch.drapes[0]["opacity"] == 0.5
+    page.layer_form.edited.emit("title", "Land use", object())
+    assert (blank.sketch.drapes[0]["opacity"], blank.sketch.drapes[0].title) == (0.5, "Land use")
     assert len(lines) == 1
     page.by.setCurrentText("use")
     page.by.activated.emit(page.by.currentIndex())

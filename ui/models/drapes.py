@@ -167,13 +167,13 @@ def distinct_colour(number: int) -> str:
 
 
 def change_drape(
-    document: Document, number: int, title: str, *, merge: Hashable | None = None, **changes: Any
+    document: Document, number: int, step: str, /, *, merge: Hashable | None = None, **changes: Any
 ) -> None:
     """Record a step that changes fields, or values by the names in `DRAPE` and `STYLE`, of a layer."""
     before = document.sketch.drapes[number]
     changed = before.replace(**changes)
     if changed != before:
-        document.do(f"{title} {before.title}", with_layer(document.sketch, number, changed), merge=merge)
+        document.do(f"{step} {before.title}", with_layer(document.sketch, number, changed), merge=merge)
 
 
 def with_layer(sketch: Sketch, number: int, layer: DrapedLayer) -> Sketch:

@@ -57,6 +57,7 @@ _SIZE = (320, 180)  # px, where errors are measured
 _LARGE = (1024, 1024)  # px, as in the paper on two-step draping
 _WIDE, _THIN = 8.0, 0.3  # m: widths of lines
 _COLOUR = "#ffffff"
+_ROUNDS = 3  # most, of drawing a view
 _STEPS = 9  # of opacity, of the curve from share to light
 _MOVES = 0.5  # m a step of a drag
 _PICKS = 3.0  # texels
@@ -268,7 +269,7 @@ def error_rows(terrain: Terrain, folder: Path, effort: Effort) -> Iterator[Row]:
                 first = pictures.show(camera, drapes)
                 share = calibration.share(pictures.shaded(camera, drapes))
                 memory = pictures.nbytes + drapes.nbytes
-                still = _still_ratio(pictures, camera, drapes, effort.rounds)
+                still = _still_ratio(pictures, camera, drapes, min(effort.rounds, _ROUNDS))
                 for name, (low, high) in RANGES.items():
                     within = (distance >= low) & (distance < high)
                     row = _error_row(share, exact[key], within, is_thin=each.kind == "thin lines")

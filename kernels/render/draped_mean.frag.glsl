@@ -1,6 +1,5 @@
 #version 430 core
-// Mean of the samples of what is draped. In front of something farther, only some samples of a pixel are on the ground
-// that is shaded for all of it: there the mean of those that are draped.
+// Mean of the samples of what is draped, over those of the pixel's samples that are on the ground that is shaded.
 //   SAMPLES   of the G-buffer along each axis of a pixel
 //   FRAGMENTS samples of what is draped, a pixel
 #include "render/frame.glsl"
@@ -19,25 +18,30 @@ float depth_at(ivec2 pixel)
     return depth;
 }
 
-// Depths of a plane change evenly.
-bool is_in_front(ivec2 pixel, float here, ivec2 step)
+// How much depths change from pixel to pixel on a plane; where it ends there is less on one side.
+float slope(ivec2 pixel, float here, ivec2 step)
 {
-    float one = depth_at(pixel - step) - here, other = depth_at(pixel + step) - here;
-    return max(one, other) > min(abs(one), abs(other)) + NEARER * (1.0 - here);
+    return min(abs(depth_at(pixel - step) - here), abs(depth_at(pixel + step) - here));
+}
+
+// Share of a pixel's samples that are not on farther ground behind that of depth `here`.
+float share_in_front(ivec2 pixel, float here)
+{
+    float most = here + slope(pixel, here, ivec2(1, 0)) + slope(pixel, here, ivec2(0, 1)) + NEARER * (1.0 - here);
+    int count = 0;
+    for (int k = 0; k < SAMPLES * SAMPLES; ++k) {
+        ivec2 at = pixel * SAMPLES + ivec2(k % SAMPLES, k / SAMPLES);
+        count += texelFetch(ground_depth, at, 0).r <= most ? 1 : 0;
+    }
+    return float(count) / float(SAMPLES * SAMPLES);
 }
 
 void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     vec4 sum = vec4(0.0);
-    int count = 0;
-    for (int k = 0; k < FRAGMENTS; ++k) {
-        vec4 fragment = texelFetch(drawn, pixel, k);
-        sum += fragment;
-        count += fragment.a > 0.0 ? 1 : 0;
-    }
-    float here = depth_at(pixel);
-    bool in_front = is_in_front(pixel, here, ivec2(1, 0)) || is_in_front(pixel, here, ivec2(0, 1));
-    if (all_samples > 0.0 || count == 0 || !in_front) count = FRAGMENTS;
-    colour = sum / float(count);
+    for (int k = 0; k < FRAGMENTS; ++k) sum += texelFetch(drawn, pixel, k);
+    float share = all_samples > 0.0 ? 1.0 : share_in_front(pixel, depth_at(pixel));
+    colour = sum / (float(FRAGMENTS) * share);
+    colour /= max(colour.a, 1.0);
 }

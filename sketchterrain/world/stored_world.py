@@ -236,11 +236,9 @@ def _broken(path: Path, reason: object = None) -> InputError:
 def draped_sketch(world: StoredWorld, drapes: Sequence[DrapedLayer]) -> Sketch | None:
     """Return the sketch of a world with more draped layers; raise InputError if they have no place."""
     sketch = world.sketch()
-    if not drapes:
-        return sketch
-    if sketch is None:
+    if sketch is None and drapes:
         raise InputError("the world holds no sketch: expected no draped layers, which would have no place")
-    return sketch.replace(drapes=(*sketch.drapes, *drapes))
+    return sketch and sketch.replace(drapes=(*sketch.drapes, *drapes))
 
 
 def at_corner(sketch: Sketch, corner: tuple[float, float]) -> Sketch:

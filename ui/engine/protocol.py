@@ -40,7 +40,7 @@ class SketchUpdate:
 
     version: int  # increases; of several pending updates all patches are applied, the newest is placed
     shape: tuple[int, int]  # rows, columns; the layers are cleared where it differs from the previous one
-    settings: Mapping[str, Any]  # every field of the sketch except its layers, without draped layers
+    settings: Mapping[str, Any]  # every field of the sketch except its layers; no draped layers
     layers: Mapping[str, LayerPatch]
 
 

@@ -210,6 +210,20 @@ def test_edits_on_the_canvas_are_one_step_each_and_undone_to_the_bit(draped, bla
     assert near(shape(blank, 1).exterior.coords[0], (300.0, 500.0))
 
 
+def test_undone_layers_are_neither_shown_nor_held(blank, fields, qtbot):
+    seen = []
+    blank.do("Add", blank.sketch.replace(drapes=(draped_layer(fields),)))
+    blank.undo()  # while it is read
+    qtbot.wait(300)
+    assert blank.drapes.current is None
+    blank.redo()
+    qtbot.waitUntil(lambda: blank.drapes.current is not None)
+    blank.drapes.changed.connect(lambda: seen.append((blank.drapes.current is None, blank.drapes.held)))
+    blank.drapes.hold(Selection("drape", 2, layer=0))
+    blank.undo()
+    assert seen == [(False, (0, 2)), (False, None), (True, None)]
+
+
 def test_vertices_and_features_are_deleted_and_drawn(draped, blank, workspace):
     workspace.tool, workspace.selection = "select", Selection("drape", 1, 0, layer=0)
     events.key(draped, Qt.Key.Key_Delete)

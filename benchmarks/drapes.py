@@ -57,6 +57,7 @@ _SIZE = (320, 180)  # px, where errors are measured
 _LARGE = (1024, 1024)  # px, as in the paper on two-step draping
 _WIDE, _THIN = 8.0, 0.3  # m: widths of lines
 _COLOUR = "#ffffff"
+_COUNTRY = 10.0  # extents of the sketch along that of much data
 _ROUNDS = 3  # most, of drawing a view
 _STEPS = 9  # of opacity, of the curve from share to light
 _MOVES = 0.5  # m a step of a drag
@@ -78,8 +79,9 @@ _ERRORS = (
 _DATA = (
     Column("view", "view"),
     Column("method", "method"),
-    Column("vertices", "vertices, %"),
-    Column("raster", "tiles of the raster, %"),
+    Column("vertices", "vertices read, %"),
+    Column("most", "at a time, %"),
+    Column("raster", "pixels of the raster read, %"),
     Column("memory_mb", "memory, MB"),
     Column("first_ms", "first, ms"),
 )
@@ -359,6 +361,7 @@ def counted_reads() -> Iterator[Counter[str]]:
     def counted_vertices(self: Level, items: Any) -> Float64Array:
         found = vertices(self, items)
         counts["vertices"] += len(found)
+        counts["most"] = max(counts["most"], len(found))
         return found
 
     def counted_read(
@@ -375,9 +378,12 @@ def data_rows(terrain: Terrain, folder: Path, effort: Effort) -> Iterator[Row]:
     """Show as much data as the paper on two-step draping, and count what views read of them."""
     points = 100
     count = max(effort.drape_vertices // points, 1)
-    lines = random_lines(count, terrain.extent, points=points, step=terrain.extent / 400.0)
+    corner, side = 0.5 * (1.0 - _COUNTRY) * terrain.extent, _COUNTRY * terrain.extent
+    lines = random_lines(count, side, points=points, step=terrain.extent / 400.0)
+    lines = shapely.transform(lines, lambda places: places + corner)
     vectors = DrapedLayer(str(write_layer(folder / "many.fgb", lines)), style={"width": 1.0})
-    picture = DrapedLayer(str(write_raster(folder / "large.vrt", (0.0, 0.0, terrain.extent, terrain.extent))))
+    box = (corner, corner, corner + side, corner + side)
+    picture = DrapedLayer(str(write_raster(folder / "large.vrt", box)))
     for method in COMPARED[:2]:  # the others show no rasters
         pictures = DrapedPictures(terrain, _LARGE, method)
         drapes = pictures.opened((picture, vectors))
@@ -390,6 +396,7 @@ def data_rows(terrain: Terrain, folder: Path, effort: Effort) -> Iterator[Row]:
                 "view": view.name,
                 "method": method,
                 "vertices": 100.0 * counts["vertices"] / (count * points),
+                "most": 100.0 * counts["most"] / (count * points),
                 "raster": 100.0 * counts["pixels"] / (PAPER_RASTER[0] * PAPER_RASTER[1]),
                 "memory_mb": (pictures.nbytes + drapes.nbytes) / 1e6,
                 "first_ms": 1e3 * first,
@@ -517,7 +524,8 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     textures, buffers and caches of layers, MB.
 
     Data: a raster of 28,800 × 72,000 px and 4.9 million vertices, as in the paper on two-step draping, at
-    1024² px. `vertices` and `raster`: what a view reads, over what the files have.
+    1024² px, over 41 × 41 km. `vertices` and `raster`: what a view reads over what the files have, where
+    what several tiles read counts for each of them; `at a time`: the most that one tile reads.
 
     Motion: a camera turned by 0.3 px a frame, or moved around its target by 1 px; change of pixels between
     frames less that of the exact shares, for white areas over the ground.

@@ -1,5 +1,6 @@
 #version 430 core
-// Mean of the samples of what is draped, over those of the pixel's samples that are on the ground that is shaded.
+// Mean of the samples of what is draped. At silhouettes only some samples of a pixel are on the ground that is shaded
+// for all of it: there the mean of those that are draped.
 //   SAMPLES   of the G-buffer along each axis of a pixel
 //   FRAGMENTS samples of what is draped, a pixel
 #include "render/frame.glsl"
@@ -18,30 +19,35 @@ float depth_at(ivec2 pixel)
     return depth;
 }
 
-// How much depths change from pixel to pixel on a plane; where it ends there is less on one side.
-float slope(ivec2 pixel, float here, ivec2 step)
+// Whether some of a pixel is on farther ground behind that of depth `here`.
+bool is_silhouette(ivec2 pixel, float here)
 {
-    return min(abs(depth_at(pixel - step) - here), abs(depth_at(pixel + step) - here));
-}
-
-// Share of a pixel's samples that are not on farther ground behind that of depth `here`.
-float share_in_front(ivec2 pixel, float here)
-{
-    float most = here + slope(pixel, here, ivec2(1, 0)) + slope(pixel, here, ivec2(0, 1)) + NEARER * (1.0 - here);
-    int count = 0;
+    vec4 change = vec4(depth_at(pixel - ivec2(1, 0)), depth_at(pixel - ivec2(0, 1)),
+        depth_at(pixel + ivec2(1, 0)), depth_at(pixel + ivec2(0, 1))) - here;
+    vec2 slope = min(abs(change.xy), abs(change.zw)); // of a plane, which changes evenly
+    float room = NEARER * (1.0 - here);
+#if SAMPLES > 1
+    float farthest = here;
     for (int k = 0; k < SAMPLES * SAMPLES; ++k) {
         ivec2 at = pixel * SAMPLES + ivec2(k % SAMPLES, k / SAMPLES);
-        count += texelFetch(ground_depth, at, 0).r <= most ? 1 : 0;
+        farthest = max(farthest, texelFetch(ground_depth, at, 0).r);
     }
-    return float(count) / float(SAMPLES * SAMPLES);
+    return farthest > here + slope.x + slope.y + room;
+#else
+    return any(greaterThan(max(change.xy, change.zw), slope + room));
+#endif
 }
 
 void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     vec4 sum = vec4(0.0);
-    for (int k = 0; k < FRAGMENTS; ++k) sum += texelFetch(drawn, pixel, k);
-    float share = all_samples > 0.0 ? 1.0 : share_in_front(pixel, depth_at(pixel));
-    colour = sum / (float(FRAGMENTS) * share);
-    colour /= max(colour.a, 1.0);
+    float count = 0.0;
+    for (int k = 0; k < FRAGMENTS; ++k) {
+        vec4 fragment = texelFetch(drawn, pixel, k);
+        sum += fragment;
+        count += fragment.a > 0.0 ? 1.0 : 0.0;
+    }
+    bool is_mean = all_samples > 0.0 || count == 0.0 || !is_silhouette(pixel, depth_at(pixel));
+    colour = sum / (is_mean ? float(FRAGMENTS) : count);
 }

@@ -97,8 +97,8 @@ def _drapes() -> str:
         "`[[raster]]`."
     )
     about_classes = (
-        f"A style for features with a value of the property `by`, at most {MAX_CLASSES}: `value` and any keys "
-        "of the style; the others are the layer's."
+        f"A style for features with a value of the property `by`, at most {MAX_CLASSES}: `value` and any "
+        "keys of the style; the others are the layer's."
     )
     about_edits = (
         "A feature that has changed and is not yet saved to its file: `geometry` or `deleted = true`, and "

@@ -78,10 +78,10 @@ def write_raster(path: Path, bounds: tuple[float, float, float, float]) -> Path:
     wave = np.sin(7.0 * at)[:, None] * np.sin(11.0 * at)[None, :]
     bands = [np.uint8(120.0 + 100.0 * scale * wave) for scale in (1.0, 0.6, -0.8)]
     options = {"driver": "GTiff", "tiled": True, "compress": "deflate", "photometric": "RGB"}
-    size = {"width": _PICTURE, "height": _PICTURE, "count": 3, "dtype": "uint8"}
+    sides = {"width": _PICTURE, "height": _PICTURE, "count": 3, "dtype": "uint8"}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a file without a georeference
-        with rasterio.open(picture, "w", **size, **options) as file:
+        with rasterio.open(picture, "w", **sides, **options) as file:
             file.write(np.stack(bands))
             file.build_overviews([2, 4, 8, 16, 32], Resampling.average)
     columns, rows = PAPER_RASTER

@@ -18,6 +18,7 @@ from sketchterrain.document.parameters import GROUND, SKETCH
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
 from sketchterrain.document.toml_format import starter_sketch
+from sketchterrain.document.vector_formats import reproject
 from sketchterrain.document.vectors import AREA, VectorFeature, on_grid
 from sketchterrain.elevation.base import (
     BaseElevation,
@@ -31,7 +32,7 @@ from sketchterrain.elevation.offsets import corrections, measure_offsets
 from sketchterrain.elevation.raster_reader import SUFFIXES
 from sketchterrain.elevation.waters import flat_waters, water_findings
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.importing.vector_files import metric_crs_at, reproject, to_longitude_latitude
+from sketchterrain.importing.vector_files import metric_crs_at, to_longitude_latitude
 from sketchterrain.io.crs import crs_text, parse_crs, parse_metric_crs
 
 _MAX_SIDE: Final = 2048  # px of the sketch, of which each is a step of the data where that is allowed

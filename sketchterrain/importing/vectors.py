@@ -20,6 +20,7 @@ from sketchterrain.document.label_layers import MAX_LABELS, MAX_SIDE, LabelImage
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS, WAY_LAYERS
 from sketchterrain.document.parameters import Properties, Value
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.vector_formats import Shapes, reproject, single_parts, valid_areas
 from sketchterrain.document.vectors import (
     AREA,
     KINDS,
@@ -42,17 +43,13 @@ from sketchterrain.importing.legend import (
 from sketchterrain.importing.traced_layers import TraceResult
 from sketchterrain.importing.vector_files import (
     Box,
-    Shapes,
     SketchArea,
     SourceLayer,
     mean_longitude,
     metric_crs_at,
     read_vector_layers,
-    reproject,
-    single_parts,
     sketch_area,
     to_longitude_latitude,
-    valid_areas,
 )
 from sketchterrain.io.crs import crs_text, parse_crs, parse_metric_crs
 

@@ -553,43 +553,33 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
 
 def draw_drapes(rows: Sequence[Row]) -> Any:
     """Draw error against time by method, view and layer, and memory."""
-    figure = new_figure(9.0, 3.6)
+    figure = new_figure(10.0, 3.8)
     markers = dict(zip((view.name for view in VIEWS), "os^D", strict=True))
-    kinds = ("areas", "wide lines")
-    axes = figure.subplots(1, len(kinds) + 1)
-    for axis, kind in zip(axes, kinds, strict=False):
+    areas, lines, memory = figure.subplots(1, 3)
+    for axes, kind in ((areas, "areas"), (lines, "wide lines")):
         for hue, method in zip(HUES, COMPARED, strict=False):
             for row in rows:
                 if (row["method"], row["kind"]) == (method, kind) and "edge_p99" in row:
-                    axis.plot(
-                        value_of(row, "first_ms"),
-                        value_of(row, "edge_p99"),
-                        markers[str(row["view"])],
-                        color=hue,
-                        fillstyle="full" if row["range"] == "near" else "none",
-                        label=method,
-                    )
-        axis.set_xscale("log")
-        axis.set_yscale("log")
-        axis.set_title(kind, fontsize=SMALL)
-        axis.set_xlabel("until the picture shows it, ms", fontsize=SMALL)
-        axis.axhline(0.5, color="0.6", linewidth=0.7)
-        plain_numbers(axis.yaxis)
-    axes[0].set_ylabel("edge error, 99 %, px", fontsize=SMALL)
+                    place = value_of(row, "first_ms") / 1e3, value_of(row, "edge_p99")
+                    style = "full" if row["range"] == "near" else "none"
+                    axes.plot(*place, markers[str(row["view"])], color=hue, fillstyle=style)
+        axes.set(xscale="log", yscale="log", xlim=(0.1, 20.0), ylim=(0.1, 3.0))
+        plain_numbers(axes.xaxis, axes.yaxis)
+        axes.set_title(f"{kind}: edge error, 99 %, px")
+        axes.set_xlabel("until the picture shows the layer, s", fontsize=SMALL)
+        axes.axhline(0.5, color="0.6", linewidth=0.7)
+    areas.text(0.11, 2.2, "filled: up to 500 m, open: beyond", fontsize=SMALL)
+    for name, marker in markers.items():
+        lines.plot([], [], marker, color="0.4", label=name)
+    lines.legend(fontsize=SMALL, frameon=False, loc="upper left")
+    names = [name for name in markers if any(row["view"] == name for row in rows)]
     for hue, method in zip(HUES, COMPARED, strict=False):
-        own = [
-            row
-            for row in rows
-            if row["method"] == method and row["kind"] == "areas" and row["range"] == "near"
+        own = [row for row in rows if row["method"] == method]
+        most = [
+            max((value_of(r, "memory_mb") for r in own if r["view"] == name), default=0.0) for name in names
         ]
-        axes[-1].plot(
-            [str(row["view"]) for row in own],
-            [value_of(row, "memory_mb") for row in own],
-            "o-",
-            color=hue,
-            label=method,
-        )
-    axes[-1].set_title("memory, MB", fontsize=SMALL)
-    axes[-1].set_ylim(bottom=0.0)
-    axes[-1].legend(fontsize=SMALL, frameon=False)
+        memory.plot(names, most, "o-", color=hue, label=method)
+    memory.set_title("memory, most, MB")
+    memory.set_ylim(bottom=0.0)
+    memory.legend(fontsize=SMALL, frameon=False)
     return figure

@@ -3,6 +3,10 @@
 import os
 import tempfile
 
+import pytest
+
+from sketchterrain.errors import DeviceError
+
 
 def pytest_addoption(parser):
     parser.addoption(
@@ -19,3 +23,15 @@ def pytest_configure(config):
         folder = tempfile.TemporaryDirectory(prefix="sketchterrain-cache-", ignore_cleanup_errors=True)
         os.environ["XDG_CACHE_HOME"] = folder.name
         config.add_cleanup(folder.cleanup)
+
+
+@pytest.fixture(scope="session")
+def gl():
+    from sketchterrain.render.programs import open_context
+
+    try:
+        context = open_context()
+    except DeviceError as error:
+        pytest.skip(str(error))
+    yield context
+    context.release()

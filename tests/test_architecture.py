@@ -25,7 +25,7 @@ MAY_IMPORT = {
     # The class `Terrain` offers foliage: vegetation is the one room below that terrain imports.
     "terrain": CORE | {"elevation"},
     "vegetation": CORE,
-    "drape": CORE | {"elevation"},
+    "drape": CORE | {"elevation", "look"},
     "tiles": {"errors", "array_types"},
     "look": CORE,
     "render": CORE | {"drape", "tiles", "look"},

@@ -63,6 +63,18 @@ class LayerStyle:
         return self.width(texel) * (_MITRE if self.style["join"] == "mitre" else 1.0)
 
     @property
+    def dashes(self) -> Float64Array:
+        """Lengths of dashes and gaps in turn, an even number, in the unit of its width; empty if solid."""
+        lengths = np.array([float(each) for each in self.style["dash"].split()])
+        return np.tile(lengths, 1 + len(lengths) % 2) if lengths.any() else lengths[:0]
+
+    @property
+    def dash_spans(self) -> Float64Array:
+        """Start and length of each dash of a period, (n, 2)."""
+        lengths = self.dashes
+        return np.stack([np.cumsum(lengths) - lengths, lengths], axis=1)[::2]
+
+    @property
     def shown(self) -> tuple[bool, bool, bool]:
         """Whether strokes, fills and points are drawn."""
         lines = bool(self.style["colour"]) and self.style["width"] > 0.0

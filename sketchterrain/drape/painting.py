@@ -17,6 +17,7 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import BLENDS, STYLE, DrapedLayer
 from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, STARTS, STROKE, Items
 from sketchterrain.io.resources import kernel_columns, kernel_constants
+from sketchterrain.look.texture_maker import linear_from_hex
 from sketchterrain.terrain.appearance import SIDE, AppearanceSource, known_tiles, tile_boxes
 from sketchterrain.terrain.orthophotos import ROOTS
 from sketchterrain.terrain.orthophotos import WHITE as PICTURE_WHITE
@@ -395,9 +396,7 @@ def _row(**values: float) -> Float64Array:
 def _style_row(layer_style: LayerStyle) -> Float64Array:
     """Return a row of `DrapeStyle`, with lengths in the unit of its width."""
     style, opacity, width = layer_style.style, layer_style.opacity, layer_style.style["width"]
-    lengths = np.array([float(each) for each in style["dash"].split()])
-    lengths = np.tile(lengths, 1 + len(lengths) % 2)
-    lengths = lengths if lengths.any() else lengths[:0]
+    spans = layer_style.dash_spans.ravel()
     angle, spacing = np.radians(style["hatch_angle"]), style["hatch_spacing"]
     row = _row(
         style_opacity=opacity if style["colour"] else 0.0,
@@ -411,22 +410,15 @@ def _style_row(layer_style: LayerStyle) -> Float64Array:
         style_hatch_spacing=0.0 if style["hatch"] == "none" else spacing,
         style_hatch_duty=min(width / spacing, 1.0),
         style_hatch_cross=style["hatch"] == "cross",
-        style_dash_period=lengths.sum(),
-        style_dash_pairs=len(lengths) // 2,
+        style_dash_period=layer_style.dashes.sum(),
+        style_dash_pairs=len(spans) // 2,
         style_white=WHITE,
         style_layer=layer_style.layer,
     )
     for first, colour in ((0, style["colour"]), (4, style["fill"])):
-        row[first : first + 3] = linear_colour(colour) if colour else 0.0
-    dashes = np.stack([np.cumsum(lengths) - lengths, lengths], axis=1)[::2].ravel()
-    row[_FIRST_DASH : _FIRST_DASH + len(dashes)] = dashes
+        row[first : first + 3] = linear_from_hex(colour) if colour else 0.0
+    row[_FIRST_DASH : _FIRST_DASH + len(spans)] = spans
     return row
-
-
-def linear_colour(colour: str) -> Float64Array:
-    """Return an sRGB colour ``#rrggbb`` as linear values, 0 … 1; its albedo is `WHITE` times that."""
-    values = np.frombuffer(bytes.fromhex(colour[1:]), np.uint8) / 255.0
-    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 
 def _without_filter(texels: UInt8Array) -> UInt8Array:

@@ -299,7 +299,7 @@ def open_store(layer: DrapedLayer, frame: Mapping[str, Any], extent: float) -> V
 
 
 def placed(wkb: Shapes, projection: Projection) -> Shapes:
-    """Return shapes in metres of the sketch; None where there is none, or no place for a point of it."""
+    """Return shapes in metres of the sketch; None for missing ones, or where a point of it has no place."""
     with np.errstate(invalid="ignore"):
         shapes = np.asarray(shapely.from_wkb(wkb, on_invalid="fix"), object)
     points, at = shapely.get_coordinates(shapes, return_index=True)
@@ -393,6 +393,6 @@ def _add_column(arrays: _ArrayWriter, name: str, kind: str, values: npt.NDArray[
     if kind == "text":
         texts = [_NULL if each is None else str(each).encode() for each in values.tolist()]
         return arrays.add_texts(name, texts)
-    if kind == "int64" and values.dtype.kind == "f":  # NaN where there is none
+    if kind == "int64" and values.dtype.kind == "f":  # NaN: missing
         values = np.where(np.isnan(values), _NO_INTEGER, np.nan_to_num(values).astype(np.int64))
     return arrays.add(name, values.astype(kind))

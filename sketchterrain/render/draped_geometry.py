@@ -12,7 +12,8 @@ import numpy.typing as npt
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.caching import IdentityKey
 from sketchterrain.drape.items import Items
-from sketchterrain.drape.painting import WHITE, linear_colour
+from sketchterrain.drape.painting import WHITE
+from sketchterrain.look.texture_maker import linear_from_hex
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.draped_buffer import DrapedBuffer
 from sketchterrain.render.draped_cutting import PART, VERTEX, Pieces, cut, mesh_of
@@ -48,17 +49,15 @@ def style_table(styles: Sequence[LayerStyle]) -> npt.NDArray[np.float32]:
     for row, each in zip(table, styles, strict=True):
         style, opacity = each.style, each.opacity
         if style["colour"]:
-            row[0] = *(WHITE * linear_colour(style["colour"])), opacity
+            row[0] = *(WHITE * linear_from_hex(style["colour"])), opacity
         if style["fill"]:
-            row[1] = *(WHITE * linear_colour(style["fill"])), opacity * style["fill_opacity"]
+            row[1] = *(WHITE * linear_from_hex(style["fill"])), opacity * style["fill_opacity"]
         row[2] = style["width"], style["unit"] == "px", *(_CODES[style[name]] for name in ("cap", "join"))
-        lengths = np.array([float(length) for length in style["dash"].split()])
-        lengths = np.tile(lengths, 1 + len(lengths) % 2)
-        dashes = np.stack([np.cumsum(lengths) - lengths, lengths], axis=1)[::2].ravel()
-        row[3:5].reshape(-1)[: len(dashes)] = dashes
+        spans = each.dash_spans.ravel()
+        row[3:5].reshape(-1)[: len(spans)] = spans
         spacing, hatch = style["hatch_spacing"], style["hatch"]
         share = min(style["width"] / spacing, 1.0)
-        row[5] = spacing * (hatch != "none"), share, hatch == "cross", lengths.sum()
+        row[5] = spacing * (hatch != "none"), share, hatch == "cross", each.dashes.sum()
     return table.reshape(-1, 4)
 
 

@@ -22,11 +22,9 @@ from sketchterrain.drape.label_layout import (
     label_text,
     place_labels,
 )
-from sketchterrain.errors import DeviceError
 from sketchterrain.render import labels as labels_module
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.labels import LIFT, Labels, draw_text, text_size
-from sketchterrain.render.programs import open_context
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
@@ -301,16 +299,6 @@ def test_without_other_fonts_accents_are_dropped(monkeypatch):
     monkeypatch.setattr(labels_module, "_fonts", lambda: own)
     assert labels_module._drawable("Zürich, Łódź 山", 13.0)[0] == "Zurich, ?odz ?"
     labels_module._drawable.cache_clear()
-
-
-@pytest.fixture(scope="module")
-def gl():
-    try:
-        context = open_context()
-    except DeviceError as error:
-        pytest.skip(str(error))
-    yield context
-    context.release()
 
 
 @pytest.fixture

@@ -14,8 +14,9 @@ from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.drape.drapes import Drapes, LayerStyle
 from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE, Items
-from sketchterrain.drape.painting import TEXEL_PIXELS, WHITE, DrapedAppearance, linear_colour
+from sketchterrain.drape.painting import TEXEL_PIXELS, WHITE, DrapedAppearance
 from sketchterrain.export.sampled import SampleGrid, sample_appearance
+from sketchterrain.look.texture_maker import linear_from_hex
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import canvas, read_picture
 from sketchterrain.render.quality import Quality
@@ -412,7 +413,7 @@ def test_blend_modes_and_their_order():
         for ground in (0.05, 0.3):
             value = ground + (np.array([180.0, 120.0, 60.0]) ** 2 / 255.0**2 - ground) * (100.0 / 255.0)
             for mode, colour, opacity in zip(modes, colours, opacities, strict=True):
-                mixed = FORMULAS[mode](value, WHITE * linear_colour(colour))
+                mixed = FORMULAS[mode](value, WHITE * linear_from_hex(colour))
                 value = value + (mixed - value) * opacity
             through = texel[4:7] if paint.filters else 1.0 - texel[3]
             np.testing.assert_allclose(ground * through + texel[:3] ** 2 * texel[3], value, atol=0.006)

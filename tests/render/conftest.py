@@ -6,9 +6,7 @@ import pytest
 
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.materials import BUILT_IN
-from sketchterrain.errors import DeviceError
 from sketchterrain.placement.feature_types import FEATURE
-from sketchterrain.render.programs import open_context
 from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.terrain.surfaces import VertexStore
 from sketchterrain.vegetation.plants import PLANT
@@ -88,16 +86,6 @@ class Waves:
     def foliage_steps(self, west, south, east, north):
         yield
         return self.foliage(west, south, east, north)
-
-
-@pytest.fixture(scope="session")
-def gl():
-    try:
-        context = open_context()
-    except DeviceError as error:
-        pytest.skip(str(error))
-    yield context
-    context.release()
 
 
 @pytest.fixture

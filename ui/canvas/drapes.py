@@ -172,7 +172,7 @@ def draw_items(painter: QPainter, drapes: Drapes, items: Items, window: PictureW
     own[items.first[1:][(items.ends & AFTER) > 0] - 1] = False
     first, points = np.append(0, np.cumsum(own))[items.first], window.pixels(items.points[own])
     number = np.arange(len(items.kind))
-    dashed = np.array([bool(each.style["dash"]) for each in drapes.styles])[items.style]
+    dashed = np.array([len(each.dashes) > 0 for each in drapes.styles])[items.style]
     group = np.where(items.kind == FILL, items.feature, np.where(dashed, number, number // _MANY))
     keys = np.stack([items.style, items.kind, group])
     starts = np.flatnonzero(np.append(True, (keys[:, 1:] != keys[:, :-1]).any(axis=0))).tolist()
@@ -192,8 +192,8 @@ def draw_items(painter: QPainter, drapes: Drapes, items: Items, window: PictureW
         if items.kind[start] == FILL:
             _fill(painter, path, values, unit, QPointF(*window.pixels(np.zeros(2)).tolist()))
             continue
-        if dashes := [float(each) * unit / width for each in values["dash"].split()]:
-            pen.setDashPattern(dashes * (1 + len(dashes) % 2))
+        if len(look.dashes):
+            pen.setDashPattern((look.dashes * unit / width).tolist())
             pen.setDashOffset(float(items.along[start]) / (window.texel * width))
         painter.setBrush(Qt.BrushStyle.NoBrush)
         painter.setPen(pen)
@@ -213,7 +213,7 @@ def path_of(points: Float64Array, starts: Int64Array) -> QPainterPath:
 
 def _fill(painter: QPainter, path: QPainterPath, values: Properties, unit: float, origin: QPointF) -> None:
     """Fill areas, or hatch them with lines that pass through the sketch's corner."""
-    colour = QColor(values["fill"] or values["colour"])
+    colour = QColor(values["fill"])
     colour.setAlphaF(values["fill_opacity"])
     if values["hatch"] == "none":
         painter.fillPath(path, QBrush(colour))

@@ -1,0 +1,95 @@
+"""The pictures of the presets in README and docs: `python .ci/pictures.py [NAME…]` renders them again."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+import sketchterrain as st
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.offscreen import render_picture
+from sketchterrain.render.sky import Weather
+
+ROOT = Path(__file__).parents[1]
+WIDE = (1440, 810)
+PAIR = (880, 495)  # each of two pictures side by side
+GAP = 8  # px between them
+PREVIEW = (480, 270)  # of the list of presets
+
+# name: preset, hour or None, views: a kind, or eye and target (x, y, metres above the surface)
+PICTURES: dict[str, tuple[str, float | None, list[str | tuple[float, ...]]]] = {
+    "alpine_dawn": ("alpine_range", 6.75, ["hill"]),
+    "alpine_range": ("alpine_range", None, ["ground"]),
+    "alpine_range_far": ("alpine_range", None, ["air"]),
+    "andorra": ("andorra", None, ["ground"]),
+    "andorra_far": ("andorra", None, ["air"]),
+    "canyon_mesa": ("canyon_mesa", None, ["ground"]),
+    "canyon_mesa_far": ("canyon_mesa", None, ["air"]),
+    "desert_mountains": ("desert_mountains", None, ["ground"]),
+    "desert_mountains_far": ("desert_mountains", None, ["air"]),
+    "island_coast": ("island_coast", None, ["ground"]),
+    "island_coast_far": ("island_coast", None, ["air"]),
+    "mountain_pass": ("mountain_pass", None, [(3556, 3385, 1.7, 3500, 3540, 4)]),
+    "mountain_pass_far": ("mountain_pass", None, ["air"]),
+    "rolling_hills": ("rolling_hills", None, ["ground"]),
+    "rolling_hills_far": ("rolling_hills", None, ["air"]),
+    "valley_river": ("valley_river", None, ["ground"]),
+    "valley_river_far": ("valley_river", None, ["hill"]),
+    "roads_hairpin": (
+        "mountain_pass",
+        None,
+        [(3905, 1900, 60, 3735, 2005, -7), (3697.3, 2031, 1.7, 3790, 1992, -7.6)],
+    ),
+    "roads_bridge": (
+        "mountain_pass",
+        None,
+        [(3300, 1228, 26, 3184, 1304, 5), (3246, 1302, 1.7, 3183, 1304, 5)],
+    ),
+    "landuse_valley": (
+        "mountain_pass",
+        None,
+        [(4050, 700, 170, 4350, 1300, 0), (3745, 1262, 1.9, 3950, 1330, 1)],
+    ),
+    "landuse_village": (
+        "mountain_pass",
+        None,
+        [(3345, 1135, 52, 3160, 1185, 0), (3122, 1158, 1.7, 3215, 1172, 1)],
+    ),
+}
+
+
+def picture(
+    terrain: st.Terrain, view: str | tuple[float, ...], hour: float | None, size: tuple[int, int]
+) -> npt.NDArray[np.uint8]:
+    """Return a picture (height, width, 3)."""
+    weather = Weather.from_sketch(terrain.sketch, hour=hour)
+    if isinstance(view, str):
+        return render_picture(terrain, size=size, view=view, weather=weather)
+    ends = [(x, y, float(terrain.heights(x, y)) + above) for x, y, above in (view[:3], view[3:])]
+    return render_picture(terrain, size=size, camera=Camera(*ends), weather=weather)
+
+
+def main(names: list[str]) -> None:
+    """Render some or all pictures into docs and presets."""
+    terrains: dict[str, st.Terrain] = {}
+    for name in names or PICTURES:
+        preset, hour, views = PICTURES[name]
+        terrain = terrains.pop(preset, None) or st.build(st.load_sketch(preset))
+        terrains = {preset: terrain}
+        parts = [picture(terrain, view, hour, WIDE if len(views) == 1 else PAIR) for view in views]
+        gap = np.full((len(parts[0]), GAP, 3), 255, np.uint8)
+        image = Image.fromarray(np.hstack([parts[0], *(each for part in parts[1:] for each in (gap, part))]))
+        image.save(ROOT / "docs" / f"{name}.jpg", quality=88, optimize=True)
+        if name == preset:
+            image.resize(PREVIEW, Image.Resampling.LANCZOS).save(
+                ROOT / "presets" / preset / "picture.jpg", quality=88, optimize=True
+            )
+        print(name, flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

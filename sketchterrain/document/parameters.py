@@ -162,6 +162,11 @@ GROUND: Mapping[str, Parameter] = parameter_table(
         "distance over which the relief is greater and less",
     ),
     Parameter("roughness", float, 0.45, 0.2, 0.7, "", "how uneven the uplift of unpainted ground is"),
+    Parameter(
+        *("surroundings", float, 0.7, 0.0, 3.0, ""),
+        "height of ranges far beyond the sketch, over that of its highest label; 0 is a plain",
+        soft_range=(0.0, 1.5),
+    ),
 )
 """Keys of ``[ground]``: the plain under and between the features."""
 

@@ -230,8 +230,8 @@ def draft_recipe(plan: TerrainPlan, before: TerrainPlan, recipe: TerrainRecipe) 
     """
     ground = recipe[ReliefLayer].painted
     old_base, base = before.region.base, plan.region.base
-    same = (plan.region.settings, base, plan.dry.world) == (
-        before.region.settings,
+    same = (plan.region.beyond, base, plan.dry.world) == (
+        before.region.beyond,
         old_base,
         before.dry.world,
     )
@@ -295,8 +295,9 @@ def plan_terrain(
     fill = Fill.from_sketch(sketch, painted.points, seed=sketch.seed, cache=memory)
     adopted = apply_fill_edits(fill, sketch.edits, size=sketch.size)
     world = WorldSettings(sketch.extent, sketch.seed, sketch.fidelity)
-    settings = UnpaintedSettings.from_sketch(sketch)
-    region = RegionSources(settings, memory, _base_ground(sketch, settings, memory))
+    beyond = UnpaintedSettings.from_sketch(sketch)
+    settings = beyond.painted
+    region = RegionSources(settings, memory, _base_ground(sketch, settings, memory), beyond)
     dry = TerrainRecipe(
         world,
         sketch.climate,
@@ -348,7 +349,7 @@ def _base_ground(sketch: Sketch, settings: UnpaintedSettings, memory: LRUCache) 
 
 
 def _relief(region: RegionSources, painted: DrainedRaster | None = None) -> ReliefLayer:
-    return ReliefLayer(UnpaintedNodes(region.settings), painted, region.base)
+    return ReliefLayer(UnpaintedNodes(region.beyond or region.settings), painted, region.base)
 
 
 def _painted_land(

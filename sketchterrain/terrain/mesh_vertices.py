@@ -158,7 +158,7 @@ def captured(mesh, diagonal, centre, height, relief, site_relief, power):
     """
     for _ in range(CAPTURES):
         height = _lowered(mesh, diagonal, centre, height, relief, site_relief, power)
-    return height, _lowest_neighbours(diagonal, height)
+    return height, lowest_neighbours(diagonal, height)
 
 
 @_compiled
@@ -186,7 +186,7 @@ def _lowered(mesh, diagonal, centre, height, relief, site_relief, power):
 
 
 @_compiled
-def _lowest_neighbours(diagonal, height):
+def lowest_neighbours(diagonal, height):
     """Return the side of each vertex's lowest neighbour, −1 where none is lower."""
     rows, columns = diagonal.shape
     receiver = np.full((rows, columns, 2), -1, np.int64)

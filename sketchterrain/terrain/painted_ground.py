@@ -77,6 +77,7 @@ class RegionSources:
     settings: UnpaintedSettings
     memory: LRUCache
     base: BaseGround | None = None
+    beyond: UnpaintedSettings | None = None  # of unpainted ground, with its surroundings
 
 
 @dataclass(frozen=True, eq=False)

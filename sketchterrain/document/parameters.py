@@ -163,8 +163,8 @@ GROUND: Mapping[str, Parameter] = parameter_table(
     ),
     Parameter("roughness", float, 0.45, 0.2, 0.7, "", "how uneven the uplift of unpainted ground is"),
     Parameter(
-        *("surroundings", float, 0.7, 0.0, 3.0, ""),
-        "height of ranges far beyond the sketch, over that of its highest label; 0 is a plain",
+        *("surroundings", float, 1.0, 0.0, 3.0, ""),
+        "height of ranges far beyond the sketch, over that of its highest label; 0 leaves a plain",
         soft_range=(0.0, 1.5),
     ),
 )

@@ -31,13 +31,12 @@ _STRETCH = 2.0  # length of ranges over their width
 _ARID, _PEDIMENTS = 0.5, 4.0  # aridity from which ground is more uneven and more level, and how fast
 _DEVIATION = 0.262  # of the noise of ranges
 _ACROSS = sqrt(0.75)
-# Ranges beyond the sketch: distance from its square where they begin and where they are highest (L), the
-# width of a range (L), the share of the land, and how much of their height is relief above their valleys,
-# which stand higher themselves; at most this slope over the extent.
-_RANGES_FROM, _RANGES_FULL = 2.4, 7.0
-_RANGE_WIDTH, _RANGE_SHARE = 3.0, 0.5
-_RANGE_RELIEF, _RANGE_VALLEYS = 0.65, 0.35
-_RANGE_SLOPE = 0.12
+# Ranges beyond the sketch: distances from its square where they begin and are as high as anywhere, their
+# width (L), and share of the land; how much of their height is relief, and how much their valleys rise.
+_RANGES_FROM, _RANGES_FULL, _RANGE_WIDTH, _RANGE_SHARE = 2.4, 6.5, 3.0, 0.5
+_RANGE_RELIEF, _RANGE_VALLEYS = 0.65, 0.45
+_LOW_RANGES, _LOW_SLOPE = 150.0, 0.03  # m, and over the extent: height around level sketches
+_RANGE_SLOPE = 0.12  # greatest height over the extent
 _SKETCH_SIDE = 256 >> SITE_BITS  # L
 
 _compiled = njit(cache=True, nogil=True, error_model="numpy")
@@ -98,13 +97,14 @@ class UnpaintedSettings:
 
 
 def _highest(sketch: Sketch) -> tuple[float, bool]:
-    """Return the greatest height (m) of painted labels, and whether it is one of rock; 0 without any."""
+    """Return the greatest height (m) of painted labels and whether it is of rock; that of hills without any."""
+    hills = min(_LOW_RANGES, _LOW_SLOPE * sketch.extent), False
     found = [
         (unpainted_height(sketch, layer, label), layer != "hill")
         for layer in ("mountain", "hill", "plateau")
         for label in labels_in(sketch.layers[layer])
     ]
-    return max(found, default=(0.0, False))
+    return max((hills, *found))
 
 
 class UpliftFields(NamedTuple):
@@ -256,14 +256,16 @@ def vertex_relief(fields, centre):
 
 
 @_compiled
-def raised(fields, centre, height):
-    """Raise heights (m) at vertices, of shape (rows, columns, 2), to those of valleys of ranges."""
+def valley_rise(fields, centre):
+    """Return what ranges beyond the sketch raise valleys by (m), at vertices (rows, columns, 2)."""
     rows, columns = centre.shape[:2]
+    rise = np.empty((rows, columns, 2))
     for j in range(rows):
         for i in range(columns):
             for half in range(2):
                 beyond = range_at(fields, centre[j, i, half, 0], centre[j, i, half, 1])
-                height[j, i, half] += _RANGE_VALLEYS * beyond
+                rise[j, i, half] = _RANGE_VALLEYS * beyond
+    return rise
 
 
 @_compiled
@@ -341,5 +343,7 @@ def mean_ground(mesh, fields, level, column, row, rows, columns):
         for i in range(columns):
             x, y = ((column + i) << level) * SIDE, ((row + j) << level) * SIDE
             relief, share[j, i] = relief_at(fields, x, y)
-            height[j, i] = base_level(mesh, x, y) + 0.85 * relief + _RANGE_VALLEYS * range_at(fields, x, y)
+            height[j, i] = (
+                base_level(mesh, x, y) + 0.85 * relief + 0.6 * _RANGE_VALLEYS * range_at(fields, x, y)
+            )
     return height, share

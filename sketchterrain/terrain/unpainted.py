@@ -231,8 +231,11 @@ class UnpaintedGround:
         )
         core, inner = slice(margin, margin + size), slice(reach, reach + size)
         if self.settings.surroundings > 0.0:
-            relief_fields.raised(self.fields, centre[near, near], low)
-            receiver = mesh_vertices.lowest_neighbours(diagonal[near, near], low)
+            rise = relief_fields.valley_rise(self.fields, centre[near, near])
+            order = np.argsort(-low.ravel(), kind="stable")
+            metres = self.settings.spacing / SIDE
+            at_vertices = diagonal[near, near], centre[near, near]
+            low, receiver = mesh_vertices.raised(*at_vertices, low, order, receiver, rise, metres)
             relief[core, core] = relief_fields.vertex_relief(self.fields, centre[core, core])
         return (
             low[inner, inner].copy(),

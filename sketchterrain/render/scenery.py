@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -87,7 +88,9 @@ class Scenery:
             self._cloudiness = cloud_defines(quality, weather)
             self.shading, self._clouds = self._lighting()
         widest = QUAD * max(quality.tolerance / 2.0, 1.0)
-        metric = ScreenError(quality.tolerance, widest, finest=quality.finest_quad)
+        metric = ScreenError(
+            quality.tolerance, widest, finest=quality.finest_quad, extinction=self._extinction
+        )
         self.stream = TerrainStream(context, terrain, quality, metric=metric, resources=resources)
         self.lit = GroundLighting(
             context,
@@ -108,6 +111,11 @@ class Scenery:
         self._water = Water(
             context, self._features, enabled=quality.includes("water"), defines=self.shading.defines
         )
+
+    @property
+    def _extinction(self) -> float:
+        """Extinction (1/m) by which far errors count less; 0 where quality leaves out the air."""
+        return self._sky.extinction if self._quality.includes("haze") else 0.0
 
     def _ground_cover(self) -> GroundCover:
         return GroundCover(
@@ -197,6 +205,8 @@ class Scenery:
         sun_moved, cloudiness = sun != self._sun, cloud_defines(self._quality, weather)
         self._sun, self._weather = sun, weather
         self._sky = Sky(self._context, sun, weather, extent=self._extent)
+        tiles = self.stream.tiles
+        tiles.metric = replace(tiles.metric, extinction=self._extinction)
         if sun_moved:
             self.lit.relight(sun)
             self.forest.relight(sun)

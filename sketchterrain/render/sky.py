@@ -17,6 +17,7 @@ from sketchterrain.render.atmosphere import (
     AEROSOL_ABSORBED,
     AEROSOL_HEIGHT,
     GROUND_ALBEDO,
+    RAYLEIGH,
     Air,
     air_with_haze,
 )
@@ -186,7 +187,7 @@ class Sky:
     `view` is a 64×128 RGBA16F texture, see clear_sky and air_light in kernels/render/frame.glsl; `sunlight`
     (3,) the sun's irradiance on a surface facing it, at the ground; `harmonics` (9, 3), see
     `irradiance_harmonics`; `shaded_air` the share of the air's light missing over shadow; `haze` (3,) aerosol
-    extinction at its base (1/m).
+    extinction at its base (1/m); `extinction` that of the air on paths to mountains, green.
     """
 
     def __init__(
@@ -195,6 +196,7 @@ class Sky:
         self.sun = sun
         self.air = air_with_haze(weather.haze)
         self.haze = weather.haze * np.maximum(HAZE, SMALL_WORLD / extent)
+        self.extinction = float(RAYLEIGH[1] + 0.5 * self.haze[1])
         self._levels: dict[int, Float64Array] = {}
         ground = sky_table(self.air, sun, LEVELS[0])
         shone = self.air.sunlight(np.zeros(()), np.array(sun.direction[2])) * SUN_IRRADIANCE

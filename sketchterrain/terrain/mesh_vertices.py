@@ -164,7 +164,7 @@ def captured(mesh, diagonal, centre, height, relief, site_relief, power):
 
 @_compiled
 def raised(diagonal, centre, height, order, receiver, rise, metres):
-    """Return heights raised by at most `rise` (m), and final receivers: valleys still fall along the old ones.
+    """Return heights raised by at most `rise` (m), and final receivers; valleys fall along the old ones.
 
     A valley that enters raised land from lower land is a gorge, from which tributaries rise at `_RISE_SLOPE`.
 

@@ -97,7 +97,7 @@ class UnpaintedSettings:
 
 
 def _highest(sketch: Sketch) -> tuple[float, bool]:
-    """Return the greatest height (m) of painted labels and whether it is of rock; that of hills without any."""
+    """Return the greatest height (m) of painted labels, at least that of hills, and whether it is rock."""
     hills = min(_LOW_RANGES, _LOW_SLOPE * sketch.extent), False
     found = [
         (unpainted_height(sketch, layer, label), layer != "hill")

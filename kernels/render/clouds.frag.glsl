@@ -1,6 +1,6 @@
 #version 430 core
-// Ray-marched cumulus: premultiplied radiance with aerial perspective, and transmittance. A cloud's height follows the
-// coverage field; 3D noise erodes it (A. Schneider 2015). Rays are dithered in a 2x2 pattern that upscaling averages.
+// Ray-marched cumulus: premultiplied radiance with aerial perspective, and transmittance. A dome over each cloud of the
+// field is displaced by 3D billows (A. Schneider 2015). Rays are dithered in a 2x2 pattern that upscaling averages.
 //   STEPS      maximum along a ray
 //   SUN_STEPS  from each towards the sun
 #include "render/frame.glsl"
@@ -17,45 +17,63 @@ const vec3 cloud_origin = vec3(0.0);
 in vec2 uv;
 out vec4 seen; // rgb: premultiplied radiance; a: transmittance
 
-const float THICK = 950.0;      // m, of the layer
+const float THICK = 1350.0;     // m, of the layer
 const float EXTINCTION = 0.03;  // 1/m, inside
-const float BILLOW_PERIOD = 2300.0;     // m, period of the billow noise
+const float BILLOW_PERIOD = 2300.0; // m, period of the coarse billow noise
+const float FINER = 3.7;        // frequency of the fine one over the coarse one
+const vec2 FINE_SEEN = vec2(9e3, 18e3); // m, distances over which fine billows become smaller than pixels and fade
 const float FAR = 60e3;         // m
-const float TALLEST = 2.3;      // field value of a cloud that fills the layer
 const float FINEST = 20.0;      // smallest step, m
 const float FINE = 0.0045;      // smallest step over the distance
-const float CLEAR_RUN = 230.0;  // m of clear air per unit of the field below a cloud's edge
+const float SMALL = 0.2;        // km, radius of a small cloud
+const float LUMPS = 0.62;       // height of the billows over a cloud's radius ...
+const float LUMP = 210.0;       // ... up to so many m
+const float SOFT = 55.0;        // m over which a cloud's edge becomes dense
+const float BASE_RAGGED = 60.0; // m, unevenness of the condensation level
+const float SKY_DEPTH = 350.0;  // m below a cloud's top within which the light of the sky falls to 1/e
+const float LIPSCHITZ = 0.7;    // step over the distance found, as that is approximate
 
-float billows(vec3 place)
+float billows(vec3 place, float far)
 {
     vec3 at = vec3(place.xy + cloud_origin.xy + eye.xy - cloud_drift, place.z + cloud_origin.z + eye.z) / BILLOW_PERIOD;
-    return 0.65 * textureLod(billow_noise, at, 0.0).r + 0.35 * textureLod(billow_noise, at * 3.7 + 0.31, 0.0).r;
+    float coarse = textureLod(billow_noise, at, 0.0).r;
+    float share = 0.35 * (1.0 - smoothstep(FINE_SEEN.x, FINE_SEEN.y, far));
+    float fine = share > 0.0 ? textureLod(billow_noise, at * FINER + 0.31, 0.0).r : 0.0;
+    return 0.65 * (coarse - 0.5) + share * (fine - 0.5);
 }
 
-// 0..1, at a place relative to the eye; `rise` in the layer.
-float body(vec3 place, float rise, float lod)
+// Distance, m, from a place (m, relative to the eye) `rise` m over the base to the smooth surface of the next cloud,
+// positive inside: of a sphere of radius R around a place at the base, R^2 - |p|^2 over R + |p|.
+float smooth_depth(vec3 place, float rise, float lod, out float field)
 {
-    float inside = textureLod(cloud_field, cloud_place(place.xy + cloud_origin.xy), lod).r;
-    return inside - TALLEST * rise * (0.3 + 0.7 * rise) - 0.1 * (1.0 - smoothstep(0.0, 0.05, rise));
+    field = textureLod(cloud_field, cloud_place(place.xy + cloud_origin.xy), lod).r;
+    float square = max(field, 0.0), high = 1e-3 * rise;
+    float size = sqrt(square + high * high + SMALL * SMALL);
+    return 1e3 * (min(field, 0.0) + (square - high * high) / (2.0 * size));
 }
 
-float eroded(float solid, vec3 place, float rise)
+// Height, m, of the billows on a cloud.
+float lump(float field, float rise)
 {
-    float wear = mix(0.5, 1.15, sqrt(rise)) * (1.0 - billows(place));
-    return clamp((solid - wear) * 2.2, 0.0, 1.0);
+    return min(1e3 * LUMPS * sqrt(max(field, 0.0) + 0.01), LUMP) * mix(0.6, 1.0, smoothstep(0.0, 250.0, rise));
 }
 
-float depth_to_sun(vec3 place, float up, float lod)
+float lumpy(float depth, float field, vec3 place, float rise, float far)
 {
-    float depth = 0.0, gone = 0.0, step_ = 40.0;
+    float bump = billows(place, far);
+    float surface = depth + lump(field, rise) * 2.0 * bump;
+    return clamp(min(surface, rise + BASE_RAGGED * bump) / SOFT, 0.0, 1.0);
+}
+
+float depth_to_sun(vec3 place, float up, float lod, float far)
+{
+    float depth = 0.0, gone = 0.0, step_ = 40.0, field;
     for (int i = 0; i < SUN_STEPS; ++i) {
         vec3 at = place + to_sun.xyz * (gone + 0.5 * step_);
-        float rise = (at.z - up) / THICK;
-        float high = clamp(rise, 0.0, 1.0);
-        float solid = body(at, high, lod + 0.5 * float(i));
+        float rise = max(at.z - up, 0.0);
+        float inside = smooth_depth(at, rise, lod + 0.5 * float(i), field);
         // Nearby lumps are resolved; further on their mean is used.
-        float density = i < 2 ? eroded(solid, at, high) : clamp((solid - 0.45 * mix(0.5, 1.15, sqrt(high))) * 2.2, 0.0, 1.0);
-        depth += rise < 1.0 ? density * step_ : 0.0;
+        depth += (i < 2 ? lumpy(inside, field, at, rise, far) : clamp(inside / (2.0 * SOFT), 0.0, 1.0)) * step_;
         gone += step_;
         step_ *= 2.1;
     }
@@ -112,24 +130,23 @@ void main()
     float gone = first + shift * max(FINEST, FINE * first);
     for (int i = 0; i < steps; ++i) {
         if (gone > last || clear < 0.02) break;
-        float fine = max(FINEST, FINE * gone);
         vec3 place = direction * gone;
         place.z += gone * gone / (2.0 * EARTH);
-        float at = clamp((place.z - up) / THICK, 0.0, 1.0);
-        float solid = body(place, at, lod);
-        float step_ = max(fine, -CLEAR_RUN * solid);
-        if (solid > 0.0) {
-            float density = eroded(solid, place, at);
-            if (density > 0.0) {
-                float passed = exp(-density * EXTINCTION * step_);
-                float depth = depth_to_sun(place, up, lod);
-                float edge = 1.0 - 0.5 * exp(-5.0 * density); // less multiple scattering in thin edges
-                vec3 lit = (sunlit(depth, cosine) * SUN_GAIN + cloud_ambient(at)) * edge;
-                light += clear * (1.0 - passed) * lit;
-                mean += clear * (1.0 - passed) * gone;
-                met += clear * (1.0 - passed);
-                clear *= passed;
-            }
+        float rise = place.z - up, field;
+        float inside = smooth_depth(place, rise, lod, field);
+        float reach = lump(field, rise);
+        float step_ = max(max(FINEST, FINE * gone), -LIPSCHITZ * (inside + reach));
+        float density = inside + reach > 0.0 ? lumpy(inside, field, place, rise, gone) : 0.0;
+        if (density > 0.0) {
+            float passed = exp(-density * EXTINCTION * step_);
+            float depth = depth_to_sun(place, up, lod, gone);
+            float top = 1e3 * sqrt(max(field, 0.0));
+            float edge = 1.0 - 0.5 * exp(-5.0 * density); // less multiple scattering in thin edges
+            vec3 lit = (sunlit(depth, cosine) * SUN_GAIN + cloud_ambient(exp(min(rise - top, 0.0) / SKY_DEPTH))) * edge;
+            light += clear * (1.0 - passed) * lit;
+            mean += clear * (1.0 - passed) * gone;
+            met += clear * (1.0 - passed);
+            clear *= passed;
         }
         gone += step_;
     }

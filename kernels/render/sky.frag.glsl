@@ -11,13 +11,15 @@ out vec4 radiance;
 uniform sampler2D cloud_view; // premultiplied radiance, transmittance (clouds.frag.glsl)
 #endif
 
-const float CIRRUS = 9500.0; // m above the haze's base
+const float ICE = 9500.0; // m above the haze's base
 const float VEIL = 0.30;     // opacity of the thickest cirrus
 
+#if CIRRUS
+uniform float cirrus; // share of the sky
 // Thin ice clouds, in streaks.
 vec3 with_cirrus(vec3 sky, vec3 direction)
 {
-    vec2 at = (direction.xy * to_layer(CIRRUS, direction.z) + eye.xy - 2.0 * cloud_drift) / 65536.0;
+    vec2 at = (direction.xy * to_layer(ICE, direction.z) + eye.xy - 2.0 * cloud_drift) / 65536.0;
     at = mat2(0.8, 0.6, -0.6, 0.8) * at;
     float streaks = texture(noise_field, at * vec2(1.0, 3.0)).w;
 #if CLOUDS == 2
@@ -27,6 +29,8 @@ vec3 with_cirrus(vec3 sky, vec3 direction)
     vec3 lit = cloud_sun * (0.6 * scattered(dot(direction, to_sun.xyz), 0.7) + 0.045);
     return mix(sky, lit + sky_irradiance(vec3(0.0, 0.0, 1.0)) * 0.12, veil);
 }
+
+#endif
 
 #if GREY
 // Brightness variation of an overcast sky.
@@ -58,17 +62,19 @@ void main()
     vec3 sky = direction.z > 0.0 ? clear_sky(direction) : air_light(direction);
     float cosine = dot(direction, to_sun.xyz);
     sky += sun_light.rgb * sun_disc(cosine) * smoothstep(-0.002, 0.002, direction.z);
-#if CLOUDS > 0
     vec3 above = normalize(vec3(direction.xy, max(direction.z, 0.0)));
 #if GREY
     sky *= grey_structure(above);
 #endif
+#if CIRRUS
+    sky = with_cirrus(sky, above);
+#endif
 #if CLOUDS == 1
     vec4 clouds = dome_clouds(above);
-#else
+    sky = sky * clouds.a + clouds.rgb;
+#elif CLOUDS == 2
     vec4 clouds = texture(cloud_view, uv);
-#endif
-    sky = with_cirrus(sky, above) * clouds.a + clouds.rgb;
+    sky = sky * clouds.a + clouds.rgb;
 #endif
     radiance = vec4(sky, 1e6);
 }

@@ -70,7 +70,7 @@ vec3 mirrored_sky(vec3 direction, float blur)
     vec3 clear = clear_sky(direction), sky = clear;
 #if CLOUDS > 0
     vec3 place = direction * to_layer(max(CLOUD_BASE + view_range.y - eye.z, 300.0), max(direction.z, 0.01));
-    float density = mix(cloud_density(place.xy), smoothstep(0.0, 0.7, textureLod(cloud_field, cloud_place(place.xy), BLURRED).r), blur);
+    float density = mix(cloud_density(place.xy), smoothstep(0.0, DENSE, textureLod(cloud_field, cloud_place(place.xy), BLURRED).r), blur);
     vec3 lit = sunlit(3.0 * density, dot(direction, to_sun.xyz)) * SUN_GAIN + cloud_ambient(0.35);
     sky = mix(sky, mix(sky, lit, clear_air(place)), density * (1.0 - overcast) * smoothstep(0.0, 0.1, direction.z));
 #endif

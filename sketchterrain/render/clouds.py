@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import moderngl
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import distance_transform_edt
 
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
-from sketchterrain.render.sky import OVERCAST, SUN_IRRADIANCE
+from sketchterrain.render.sky import SUN_IRRADIANCE
 from sketchterrain.render.targets import bands, wrap_to_noise_period
 
 if TYPE_CHECKING:
@@ -20,16 +21,38 @@ if TYPE_CHECKING:
     from sketchterrain.render.sky import Sky, Weather
     from sketchterrain.render.targets import RenderTargets
 
-SIZE: Final = 512  # texels a side of the coverage field, 32 m each
+SIZE: Final = 512  # texels a side of the field, 64 m each
 BILLOW_SIZE: Final = 64  # texels a side of the billow noise
-PERIOD: Final = 16_384.0  # period of the field (m): CLOUD_PERIOD in kernels/render/clouds.glsl
+PERIOD: Final = 32_768.0  # period of the field (m): CLOUD_PERIOD in kernels/render/clouds.glsl
+CLEAR_BLOCK: Final = 4  # texels a side
 HEIGHT: Final = 2500.0  # m over the haze's base, at which clouds are lit
 REDUCED: Final = 2  # downscaling of the cloud pass, each axis
 SUN_STEPS: Final = 4  # steps towards the sun, each about twice as long as the last
 DOME, PICTURE = 1, 2  # values of CLOUDS in kernels/render/clouds.glsl
+CIRRUS_OVER_CUMULUS: Final = 0.4  # share of the cover by cumulus
 BLOCKS: Final = 16  # parts of a dome along each axis
 PARALLAX: Final = (250.0, 1500.0)
 """m that the eye moves past the clouds of a dome until another one is computed, at once beyond the second."""
+
+
+class CloudKind(NamedTuple):
+    """What distinguishes the clouds of a kind of sky."""
+
+    sizes: tuple[tuple[float, float], ...]  # wavelength (km) and rarity (standard deviations) of each size
+    aspect: float  # height over half the width
+    highest: float  # km, that tops approach
+    streets: float  # standard deviations, of rows along the wind
+    clearings: float
+    stretch: float = 1.0  # length along the wind over width
+
+
+# Number densities fall about as diameter⁻² (Cahalan & Joseph 1989).
+KINDS: Final = {
+    "cumulus": CloudKind(((3.4, 0.5), (1.7, 0.2), (0.9, 0.0), (0.48, 0.0)), 0.65, 1.2, 0.45, 0.3),
+    "stratocumulus": CloudKind(((2.2, 0.0), (1.1, 0.2)), 0.35, 0.35, 0.2, 0.3, 0.6),
+}
+STREETS: Final = (5.0, 0.6, 3.0)  # km from one to the next, octaves, length over width
+CLEARINGS: Final = (11.0, 0.6, 1.0)
 
 
 class CloudDome:
@@ -92,7 +115,7 @@ class Clouds:
         defines: Mapping[str, int | str],
     ) -> None:
         self._context = context
-        self._cover: float | None = None
+        self._shape: tuple[object, ...] = ()  # what the field depends on
         self._march: moderngl.VertexArray | None = None
         self._view: moderngl.Texture | None = None
         self._domes: list[CloudDome] = []  # the displayed one and the next one
@@ -112,14 +135,16 @@ class Clouds:
         lit = sky.air.sunlight(np.array(HEIGHT), np.array(sky.sun.direction[2])) * SUN_IRRADIANCE
         self._uniforms: dict[str, object] = {
             "overcast": sky.overcast,
+            "cirrus": _cirrus(weather),
             "cloud_sun": tuple(((1.0 - sky.overcast) * lit).tolist()),
         }
         for dome in self._domes:
             dome.reset(None, np.zeros(3))
-        if weather.clouds == self._cover:
+        shape = (weather.sky, weather.clouds, weather.wind_from)
+        if shape == self._shape:
             return
-        self._cover = weather.clouds
-        field = cloud_field(weather.clouds)
+        self._shape = shape
+        field = cloud_field(weather)
         self._field = self._context.texture((SIZE, SIZE), 1, field.astype(np.float16).tobytes(), dtype="f2")
         self._field.build_mipmaps()
         self._field.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
@@ -198,45 +223,83 @@ def _cloud_texture(context: moderngl.Context, size: tuple[int, int]) -> moderngl
 
 def cloud_defines(quality: Quality, weather: Weather) -> dict[str, int]:
     """Return the macros of kernels/render/clouds.glsl."""
-    if not quality.includes("clouds") or weather.clouds == 0.0:
-        return {"CLOUDS": 0, "GREY": 0}
-    kind = DOME if quality.cloud_texels else PICTURE
-    return {"CLOUDS": kind, "GREY": int(weather.clouds > OVERCAST[0])}
+    if not quality.includes("clouds"):
+        return {"CLOUDS": 0, "GREY": 0, "CIRRUS": 0}
+    cumulus = weather.sky in KINDS and weather.clouds > 0.0 and weather.overcast < 1.0
+    return {
+        "CLOUDS": (DOME if quality.cloud_texels else PICTURE) if cumulus else 0,
+        "GREY": int(weather.overcast > 0.0),
+        "CIRRUS": int(_cirrus(weather) > 0.0),
+    }
 
 
-def cloud_field(cover: float, size: int = SIZE) -> Float32Array:
-    """Return the (size, size) coverage field on a torus of `PERIOD`, standard deviation 1.
+def _cirrus(weather: Weather) -> float:
+    """Return the share of the sky that cirrus covers: all of the clouds, or a little over cumulus."""
+    share = {"cirrus": 1.0, "cumulus": CIRRUS_OVER_CUMULUS}.get(weather.sky, 0.0)
+    return share * weather.clouds * (1.0 - weather.overcast)
 
-    It is positive inside clouds, on a share `cover` of the area; clouds are about 1 km wide, in groups.
+
+def cloud_field(weather: Weather, size: int = SIZE) -> Float32Array:
+    """Return the (size, size) height field of the clouds on a torus of `PERIOD`, for one condensation level.
+
+    Positive inside clouds, on a share `weather.clouds` of the area: the square of their top's height over the base
+    (km²), so that a paraboloid of the field is a dome. Negative outside: at most the distance to a cloud (km).
+    Clouds of each size are the maxima of a band of noise above a common threshold, in streets along the wind.
     """
+    if weather.sky not in KINDS:
+        return np.full((size, size), -PERIOD / 1e3, np.float32)
+    kind, cell = KINDS[weather.sky], PERIOD / size
     rng = np.random.default_rng(20261)
-    cycles = np.hypot(np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None, :]) * size
-    cycles[0, 0] = 1.0
-    wide = np.exp(-(((np.log2(cycles) - 1.3) / 0.8) ** 2))
-    lumps = np.exp(-(((np.log2(cycles) - 3.2) / 0.75) ** 2)) / cycles**0.5
-    fine = np.where(cycles > 10.0, cycles**-1.75, 0.0)
-    total = np.zeros((size, size))
-    for spectrum, amount in ((wide, 0.45), (lumps, 1.0), (fine, 0.42)):
-        layer = np.fft.irfft2(spectrum * np.fft.rfft2(rng.standard_normal((size, size))), s=(size, size))
-        layer /= layer.std()
-        # Where noise changes its sign billows meet: seams between round lumps.
-        total += amount * (layer if spectrum is not fine else np.abs(layer) * 1.6 - 1.2)
-    total /= total.std()
-    share = min(max(cover, 0.0), 1.0)
-    edge = np.quantile(total, 1.0 - share) if 0.0 < share < 1.0 else (1.0 - share) * 99.0 - 4.0
-    return np.asarray(total - edge, np.float32)
+    noise = np.fft.rfft2(rng.standard_normal((size, size), np.float32))
+    east = 1e3 * np.fft.rfftfreq(size, cell)[None, :].astype(np.float32)  # cycles/km
+    north = 1e3 * np.fft.fftfreq(size, cell)[:, None].astype(np.float32)
+    bearing = np.float32(np.radians(weather.wind_from))
+    along, across = (
+        east * np.sin(bearing) + north * np.cos(bearing),
+        east * np.cos(bearing) - north * np.sin(bearing),
+    )
+
+    def band(wavelength: float, octaves: float, stretch: float = 1.0) -> Float32Array:
+        square = (along * stretch) ** 2 + across**2
+        square[0, 0] = 1e-9
+        spectrum = np.exp(-((0.5 * np.log2(square * wavelength**2) / octaves) ** 2))
+        layer = np.fft.irfft2(noise * spectrum.astype(np.float32), s=(size, size))
+        return np.asarray(layer / layer.std(), np.float32)
+
+    groups = kind.streets * band(*STREETS) + kind.clearings * band(*CLEARINGS)
+    sizes = [(wavelength, band(wavelength, 0.45, kind.stretch) + groups - rare) for wavelength, rare in kind.sizes]
+    highest = np.maximum.reduce([layer for _, layer in sizes])
+    share = min(max(weather.clouds, 0.0), 1.0)
+    edge = float(np.quantile(highest, 1.0 - share)) if 0.0 < share < 1.0 else 9.0 - 18.0 * share
+    # Near a maximum such noise falls by (π distance / wavelength)² of its value, which is about 2.
+    scale = [np.float32(2.0 * (kind.aspect * wavelength / np.pi) ** 2 / 2.0) for wavelength, _ in sizes]
+    square = np.maximum.reduce([a * (layer - edge) for a, (_, layer) in zip(scale, sizes, strict=True)])
+    dome = square / (1.0 + np.maximum(square, 0.0) / kind.highest**2)
+    outside = np.minimum(square, -_clearance(square > 0.0, cell / 1e3))
+    return np.where(square > 0.0, dome, outside).astype(np.float32)
+
+
+def _clearance(inside: BoolArray, cell: float) -> Float32Array:
+    """Return a lower bound of the distance (km) to cloud on a torus, from blocks of `CLEAR_BLOCK` cells."""
+    n = len(inside) // CLEAR_BLOCK
+    blocks = inside.reshape(n, CLEAR_BLOCK, n, CLEAR_BLOCK).any(axis=(1, 3))
+    if not blocks.any():
+        return np.full(inside.shape, PERIOD / 1e3, np.float32)
+    far = distance_transform_edt(~np.pad(blocks, n // 4, mode="wrap"))[n // 4 : -n // 4, n // 4 : -n // 4]
+    bound = np.maximum(far - 2.0**0.5, 0.0) * cell * CLEAR_BLOCK
+    return np.asarray(bound.repeat(CLEAR_BLOCK, 0).repeat(CLEAR_BLOCK, 1), np.float32)
 
 
 def billow_noise(size: int = BILLOW_SIZE) -> Float32Array:
     """Return (size, size, size) billow noise in [0, 1] on a torus: 1 inside round lumps, 0 in the seams."""
     rng = np.random.default_rng(20262)
-    axis, last = np.fft.fftfreq(size) * size, np.fft.rfftfreq(size) * size
+    axis, last = (np.float32(size) * f(size).astype(np.float32) for f in (np.fft.fftfreq, np.fft.rfftfreq))
     cycles = np.sqrt(axis[:, None, None] ** 2 + axis[None, :, None] ** 2 + last[None, None, :] ** 2)
     cycles[0, 0, 0] = 1.0
-    total = np.zeros((size, size, size))
+    total = np.zeros((size, size, size), np.float32)
     for octave in range(3):
         band = np.exp(-(((np.log2(cycles) - 2.0 - octave) / 0.45) ** 2))
-        spectrum = band * np.fft.rfftn(rng.standard_normal((size,) * 3))
+        spectrum = band * np.fft.rfftn(rng.standard_normal((size,) * 3, np.float32))
         noise = np.fft.irfftn(spectrum, s=(size,) * 3, axes=(0, 1, 2))
         total += 0.55**octave * np.abs(noise) / noise.std()
     low, high = np.quantile(total, [0.01, 0.99])

@@ -18,29 +18,23 @@ in vec2 uv;
 out vec4 seen; // rgb: premultiplied radiance; a: transmittance
 
 const float THICK = 1350.0;     // m, of the layer
-const float EXTINCTION = 0.03;  // 1/m, inside
+const float EXTINCTION = 0.04;  // 1/m, inside
 const float BILLOW_PERIOD = 2300.0; // m, period of the coarse billow noise
 const float FINER = 3.7;        // frequency of the fine one over the coarse one
 const vec2 FINE_SEEN = vec2(9e3, 18e3); // m, distances over which fine billows become smaller than pixels and fade
 const float FAR = 60e3;         // m
-const float FINEST = 20.0;      // smallest step, m
-const float FINE = 0.0045;      // smallest step over the distance
+const float FINEST = 26.0;      // smallest step, m
+const float FINE = 0.0055;      // smallest step over the distance
+const float FINE_SHARE = 0.35;  // amplitude of fine billows over all
 const float SMALL = 0.2;        // km, radius of a small cloud
 const float LUMPS = 0.62;       // height of the billows over a cloud's radius ...
 const float LUMP = 210.0;       // ... up to so many m
 const float SOFT = 55.0;        // m over which a cloud's edge becomes dense
 const float BASE_RAGGED = 60.0; // m, unevenness of the condensation level
 const float SKY_DEPTH = 350.0;  // m below a cloud's top within which the light of the sky falls to 1/e
-const float LIPSCHITZ = 0.7;    // step over the distance found, as that is approximate
-
-float billows(vec3 place, float far)
-{
-    vec3 at = vec3(place.xy + cloud_origin.xy + eye.xy - cloud_drift, place.z + cloud_origin.z + eye.z) / BILLOW_PERIOD;
-    float coarse = textureLod(billow_noise, at, 0.0).r;
-    float share = 0.35 * (1.0 - smoothstep(FINE_SEEN.x, FINE_SEEN.y, far));
-    float fine = share > 0.0 ? textureLod(billow_noise, at * FINER + 0.31, 0.0).r : 0.0;
-    return 0.65 * (coarse - 0.5) + share * (fine - 0.5);
-}
+const float CREVICE = 0.35;     // light of the sky that lumps keep from the seams between them
+const float LIPSCHITZ = 1.0;    // step over the distance to a smooth cloud, as that is approximate ...
+const float LIPSCHITZ_LUMPS = 0.8; // ... and to its billows
 
 // Distance, m, from a place (m, relative to the eye) `rise` m over the base to the smooth surface of the next cloud,
 // positive inside: of a sphere of radius R around a place at the base, R^2 - |p|^2 over R + |p|.
@@ -52,30 +46,36 @@ float smooth_depth(vec3 place, float rise, float lod, out float field)
     return 1e3 * (min(field, 0.0) + (square - high * high) / (2.0 * size));
 }
 
-// Height, m, of the billows on a cloud.
+// Height, m, that billows add to or take from a cloud at most.
 float lump(float field, float rise)
 {
     return min(1e3 * LUMPS * sqrt(max(field, 0.0) + 0.01), LUMP) * mix(0.6, 1.0, smoothstep(0.0, 250.0, rise));
 }
 
-float lumpy(float depth, float field, vec3 place, float rise, float far)
+// Distance, m, to the surface of a cloud with billows, positive inside; `bump` -1 ... 1: between lumps, on one.
+float lumpy(float inside, float reach, vec3 place, float rise, float far, out float bump)
 {
-    float bump = billows(place, far);
-    float surface = depth + lump(field, rise) * 2.0 * bump;
-    return clamp(min(surface, rise + BASE_RAGGED * bump) / SOFT, 0.0, 1.0);
+    vec3 at = vec3(place.xy + cloud_origin.xy + eye.xy - cloud_drift, place.z + cloud_origin.z + eye.z) / BILLOW_PERIOD;
+    bump = (1.0 - FINE_SHARE) * (2.0 * textureLod(billow_noise, at, 0.0).r - 1.0);
+    float share = FINE_SHARE * (1.0 - smoothstep(FINE_SEEN.x, FINE_SEEN.y, far));
+    float edge = inside + bump * reach;
+    // Where fine billows decide.
+    if (share > 0.0 && abs(edge) < SOFT + share * reach) bump += share * (2.0 * textureLod(billow_noise, at * FINER + 0.31, 0.0).r - 1.0);
+    return min(inside + bump * reach, rise + BASE_RAGGED * bump);
 }
 
 float depth_to_sun(vec3 place, float up, float lod, float far)
 {
-    float depth = 0.0, gone = 0.0, step_ = 40.0, field;
+    float depth = 0.0, gone = 0.0, step_ = 45.0, field, bump;
     for (int i = 0; i < SUN_STEPS; ++i) {
         vec3 at = place + to_sun.xyz * (gone + 0.5 * step_);
         float rise = max(at.z - up, 0.0);
-        float inside = smooth_depth(at, rise, lod + 0.5 * float(i), field);
+        float inside = smooth_depth(at, rise, lod + 0.5 * float(i), field), reach = lump(field, rise);
         // Nearby lumps are resolved; further on their mean is used.
-        depth += (i < 2 ? lumpy(inside, field, at, rise, far) : clamp(inside / (2.0 * SOFT), 0.0, 1.0)) * step_;
+        if (i < 2 && abs(inside) < reach + SOFT) inside = lumpy(inside, reach, at, rise, far, bump);
+        depth += clamp(inside / SOFT, 0.0, 1.0) * step_;
         gone += step_;
-        step_ *= 2.1;
+        step_ *= 2.7;
     }
     return depth * EXTINCTION;
 }
@@ -125,6 +125,7 @@ void main()
     float cosine = dot(direction, to_sun.xyz);
     float texel = CLOUD_PERIOD / float(textureSize(cloud_field, 0).x);
     float lod = max(log2(first * trees.z * 4.0 / texel), 0.0);
+    vec3 phases = cloud_phases(cosine), below = cloud_ambient(0.0), above = cloud_ambient(1.0);
     vec3 light = vec3(0.0);
     float clear = 1.0, mean = 0.0, met = 1e-6;
     float gone = first + shift * max(FINEST, FINE * first);
@@ -134,15 +135,17 @@ void main()
         place.z += gone * gone / (2.0 * EARTH);
         float rise = place.z - up, field;
         float inside = smooth_depth(place, rise, lod, field);
-        float reach = lump(field, rise);
-        float step_ = max(max(FINEST, FINE * gone), -LIPSCHITZ * (inside + reach));
-        float density = inside + reach > 0.0 ? lumpy(inside, field, place, rise, gone) : 0.0;
-        if (density > 0.0) {
+        float reach = lump(field, rise), fine = max(FINEST, FINE * gone), step_ = max(fine, -LIPSCHITZ * (inside + reach));
+        float bump, surface = inside + reach > 0.0 ? lumpy(inside, reach, place, rise, gone, bump) : 0.0;
+        if (surface < 0.0) step_ = max(fine, -LIPSCHITZ_LUMPS * surface);
+        if (surface > 0.0) {
+            float density = min(surface / SOFT, 1.0);
             float passed = exp(-density * EXTINCTION * step_);
             float depth = depth_to_sun(place, up, lod, gone);
             float top = 1e3 * sqrt(max(field, 0.0));
             float edge = 1.0 - 0.5 * exp(-5.0 * density); // less multiple scattering in thin edges
-            vec3 lit = (sunlit(depth, cosine) * SUN_GAIN + cloud_ambient(exp(min(rise - top, 0.0) / SKY_DEPTH))) * edge;
+            vec3 diffuse = mix(below, above, exp(min(rise - top, 0.0) / SKY_DEPTH)) * (1.0 + CREVICE * bump);
+            vec3 lit = (sunlit(depth, phases) * SUN_GAIN + diffuse) * edge;
             light += clear * (1.0 - passed) * lit;
             mean += clear * (1.0 - passed) * gone;
             met += clear * (1.0 - passed);
@@ -151,7 +154,7 @@ void main()
         gone += step_;
     }
     vec3 place = direction * (mean / met);
-    float cover = (1.0 - clear) * (1.0 - overcast);
+    float cover = (1.0 - clear) * (1.0 - overcast * overcast * overcast);
     vec3 behind = clear_air(place);
     vec3 air = direction.z > 0.0 ? clear_sky(direction) : air_light(direction);
     // Aerial perspective: in haze a cloud fades into the sky.

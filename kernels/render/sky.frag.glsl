@@ -11,25 +11,31 @@ out vec4 radiance;
 uniform sampler2D cloud_view; // premultiplied radiance, transmittance (clouds.frag.glsl)
 #endif
 
-const float ICE = 9500.0; // m above the haze's base
-const float VEIL = 0.30;     // opacity of the thickest cirrus
-
 #if CIRRUS
-uniform float cirrus; // share of the sky
-// Thin ice clouds, in streaks.
+uniform float cirrus;     // share of the sky
+
+const float ICE = 9500.0; // m above the haze's base
+const float VEIL = 0.75;  // opacity of the thickest
+const float BEND = 0.07;  // of fibres, periods of the noise across the jet
+const float SMOOTHED = 4.8; // level of the noise that banks and bends follow
+
+// Thin ice clouds: banks of fibres that fall through wind shear, along a jet. Noise coordinates are whole multiples of the
+// eye's, which is passed modulo its period.
 vec3 with_cirrus(vec3 sky, vec3 direction)
 {
     vec2 at = (direction.xy * to_layer(ICE, direction.z) + eye.xy - 2.0 * cloud_drift) / 65536.0;
-    at = mat2(0.8, 0.6, -0.6, 0.8) * at;
-    float streaks = texture(noise_field, at * vec2(1.0, 3.0)).w;
-#if CLOUDS == 2
-    streaks += 0.6 * texture(noise_field, at * vec2(4.0, 10.0) + 0.5).x;
+    vec2 jet = vec2(at.x + at.y, 2.0 * (at.y - at.x));
+    vec4 banks = textureLod(noise_field, jet, SMOOTHED);
+    vec2 bent = jet + vec2(0.0, BEND * banks.w);
+    float fibres = texture(noise_field, bent * vec2(2.0, 9.0)).x;
+#if CLOUDS != 1
+    fibres = 0.7 * fibres + 0.5 * texture(noise_field, bent * vec2(5.0, 31.0) + 0.5).y;
 #endif
-    float veil = VEIL * smoothstep(0.05, 1.5, streaks) * smoothstep(0.02, 0.2, direction.z) * (1.0 - overcast);
+    float thick = smoothstep(0.7 - 2.0 * cirrus, 2.6 - 2.0 * cirrus, 1.1 * banks.z + 0.5 * banks.w + 0.45 * fibres);
+    float veil = VEIL * thick * (0.3 + 0.7 * smoothstep(-1.2, 1.2, fibres)) * smoothstep(0.02, 0.2, direction.z);
     vec3 lit = cloud_sun * (0.6 * scattered(dot(direction, to_sun.xyz), 0.7) + 0.045);
     return mix(sky, lit + sky_irradiance(vec3(0.0, 0.0, 1.0)) * 0.12, veil);
 }
-
 #endif
 
 #if GREY
@@ -37,8 +43,8 @@ vec3 with_cirrus(vec3 sky, vec3 direction)
 float grey_structure(vec3 direction)
 {
     vec2 place = direction.xy * to_layer(1500.0, direction.z);
-    float waves = textureLod(noise_field, cloud_place(place) * 1.3, 2.0).x
-        + 0.5 * textureLod(noise_field, cloud_place(place) * vec2(3.1, 4.3), 1.0).y;
+    float waves = textureLod(noise_field, cloud_place(place) * 3.0, 2.0).x
+        + 0.5 * textureLod(noise_field, cloud_place(place) * vec2(6.0, 9.0), 1.0).y;
     return 1.0 + 0.22 * overcast * waves * smoothstep(0.0, 0.25, direction.z);
 }
 #endif

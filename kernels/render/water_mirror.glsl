@@ -71,7 +71,7 @@ vec3 mirrored_sky(vec3 direction, float blur)
 #if CLOUDS > 0
     vec3 place = direction * to_layer(max(CLOUD_BASE + view_range.y - eye.z, 300.0), max(direction.z, 0.01));
     float density = mix(cloud_density(place.xy), smoothstep(0.0, DENSE, textureLod(cloud_field, cloud_place(place.xy), BLURRED).r), blur);
-    vec3 lit = sunlit(3.0 * density, dot(direction, to_sun.xyz)) * SUN_GAIN + cloud_ambient(0.35);
+    vec3 lit = sunlit(3.0 * density, cloud_phases(dot(direction, to_sun.xyz))) * SUN_GAIN + cloud_ambient(0.35);
     sky = mix(sky, mix(sky, lit, clear_air(place)), density * (1.0 - overcast) * smoothstep(0.0, 0.1, direction.z));
 #endif
 #if MATERIALS > 1

@@ -19,8 +19,8 @@ out vec4 seen; // rgb: premultiplied radiance; a: transmittance
 
 const float THICK = 1350.0;     // m, of the layer
 const float EXTINCTION = 0.04;  // 1/m, inside
-const float BILLOW_PERIOD = 2300.0; // m, period of the coarse billow noise
-const float FINER = 3.7;        // frequency of the fine one over the coarse one
+const float BILLOW_PERIOD = 65536.0 / 28.0; // m, period of the coarse billow noise: the eye's period is a multiple
+const float FINER = 3.75;       // frequency of the fine one over the coarse one, likewise
 const vec2 FINE_SEEN = vec2(9e3, 18e3); // m, distances over which fine billows become smaller than pixels and fade
 const float FAR = 60e3;         // m
 const float FINEST = 26.0;      // smallest step, m

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 SIZE: Final = 512  # texels a side of the field, 64 m each
 BILLOW_SIZE: Final = 64  # texels a side of the billow noise
 PERIOD: Final = 32_768.0  # period of the field (m): CLOUD_PERIOD in kernels/render/clouds.glsl
-CLEAR_BLOCK: Final = 4  # texels a side
+CLEAR_BLOCK: Final = 4  # texels a side, between which distances to clouds are measured
 HEIGHT: Final = 2500.0  # m over the haze's base, at which clouds are lit
 REDUCED: Final = 2  # downscaling of the cloud pass, each axis
-SUN_STEPS: Final = 3  # steps towards the sun, each about twice as long as the last
+SUN_STEPS: Final = 3  # steps towards the sun, each some three times as long as the last
 DOME, PICTURE = 1, 2  # values of CLOUDS in kernels/render/clouds.glsl
 CIRRUS_OVER_CUMULUS: Final = 0.4  # share of the cover by cumulus
 BLOCKS: Final = 16  # parts of a dome along each axis
@@ -36,23 +36,25 @@ PARALLAX: Final = (250.0, 1500.0)
 
 
 class CloudKind(NamedTuple):
-    """What distinguishes the clouds of a kind of sky."""
+    """Shape and arrangement of the clouds of a kind of sky."""
 
-    sizes: tuple[tuple[float, float], ...]  # wavelength (km) and rarity (standard deviations) of each size
+    sizes: tuple[tuple[float, float], ...]  # of bands of noise: wavelength (km), rarity (standard deviations)
     aspect: float  # height over half the width
     highest: float  # km, that tops approach
     streets: float  # standard deviations, of rows along the wind
-    clearings: float
+    clearings: float  # standard deviations
     stretch: float = 1.0  # length along the wind over width
 
 
-# Number densities fall about as diameter⁻² (Cahalan & Joseph 1989).
 KINDS: Final = {
+    # Numbers fall about as the diameter⁻² (Cahalan & Joseph 1989); stratocumulus are cells and rolls.
     "cumulus": CloudKind(((3.4, 0.5), (1.7, 0.2), (0.9, 0.0), (0.48, 0.0)), 0.65, 1.2, 0.45, 0.3),
     "stratocumulus": CloudKind(((2.2, 0.0), (1.1, 0.2)), 0.35, 0.35, 0.2, 0.3, 0.6),
 }
-STREETS: Final = (5.0, 0.6, 3.0)  # km from one to the next, octaves, length over width
+# Wavelength (km), octaves that a band is wide, and length along the wind over width.
+STREETS: Final = (5.0, 0.6, 3.0)
 CLEARINGS: Final = (11.0, 0.6, 1.0)
+SPREAD: Final = 0.45  # octaves that the band of a size is wide
 
 
 class CloudDome:
@@ -225,7 +227,7 @@ def cloud_defines(quality: Quality, weather: Weather) -> dict[str, int]:
     """Return the macros of kernels/render/clouds.glsl."""
     if not quality.includes("clouds"):
         return {"CLOUDS": 0, "GREY": 0, "CIRRUS": 0}
-    cumulus = weather.sky in KINDS and weather.clouds > 0.0 and weather.overcast < 1.0
+    cumulus = weather.cover > 0.0 and weather.overcast < 1.0
     return {
         "CLOUDS": (DOME if quality.cloud_texels else PICTURE) if cumulus else 0,
         "GREY": int(weather.overcast > 0.0),
@@ -240,42 +242,37 @@ def _cirrus(weather: Weather) -> float:
 
 
 def cloud_field(weather: Weather, size: int = SIZE) -> Float32Array:
-    """Return the (size, size) height field of the clouds on a torus of `PERIOD`, for one condensation level.
+    """Return the (size, size) height field of clouds with one condensation level, on a torus of `PERIOD`.
 
-    Positive inside clouds, on a share `weather.clouds` of the area: the square of their top's height over the base
-    (km²), so that a paraboloid of the field is a dome. Negative outside: at most the distance to a cloud (km).
-    Clouds of each size are the maxima of a band of noise above a common threshold, in streets along the wind.
+    Positive inside clouds, on a share `weather.cover` of the area: their top's height over the base, squared
+    (km²), so that a paraboloid is a dome. Negative outside: at most the distance to a cloud (km). Clouds of
+    each size are the maxima of a band of noise over a threshold common to all, in streets along the wind.
     """
-    if weather.sky not in KINDS:
-        return np.full((size, size), -PERIOD / 1e3, np.float32)
-    kind, cell = KINDS[weather.sky], PERIOD / size
-    rng = np.random.default_rng(20261)
-    noise = np.fft.rfft2(rng.standard_normal((size, size), np.float32))
-    east = 1e3 * np.fft.rfftfreq(size, cell)[None, :].astype(np.float32)  # cycles/km
-    north = 1e3 * np.fft.fftfreq(size, cell)[:, None].astype(np.float32)
-    bearing = np.float32(np.radians(weather.wind_from))
-    along, across = (
-        east * np.sin(bearing) + north * np.cos(bearing),
-        east * np.cos(bearing) - north * np.sin(bearing),
-    )
+    share = weather.cover
+    if share in (0.0, 1.0):
+        return np.full((size, size), -PERIOD / 1e3 if share == 0.0 else 1.0, np.float32)
+    kind, cell = KINDS[weather.sky], PERIOD / size / 1e3
+    noise = np.fft.rfft2(np.random.default_rng(20261).standard_normal((size, size), np.float32))
+    east = np.fft.rfftfreq(size, cell)[None, :].astype(np.float32)  # cycles/km
+    north = np.fft.fftfreq(size, cell)[:, None].astype(np.float32)
+    x, y = (np.float32(f(np.radians(weather.wind_from))) for f in (np.sin, np.cos))
+    along, across = (east * x + north * y) ** 2, (east * y - north * x) ** 2
+    along[0, 0] = 1e-9
 
     def band(wavelength: float, octaves: float, stretch: float = 1.0) -> Float32Array:
-        square = (along * stretch) ** 2 + across**2
-        square[0, 0] = 1e-9
-        spectrum = np.exp(-((0.5 * np.log2(square * wavelength**2) / octaves) ** 2))
-        layer = np.fft.irfft2(noise * spectrum.astype(np.float32), s=(size, size))
+        off = np.log2(wavelength**2 * (along * stretch**2 + across)) / (2.0 * octaves)
+        layer = np.fft.irfft2(noise * np.exp(-(off**2)), s=(size, size))
         return np.asarray(layer / layer.std(), np.float32)
 
     groups = kind.streets * band(*STREETS) + kind.clearings * band(*CLEARINGS)
-    sizes = [(wavelength, band(wavelength, 0.45, kind.stretch) + groups - rare) for wavelength, rare in kind.sizes]
-    highest = np.maximum.reduce([layer for _, layer in sizes])
-    share = min(max(weather.clouds, 0.0), 1.0)
-    edge = float(np.quantile(highest, 1.0 - share)) if 0.0 < share < 1.0 else 9.0 - 18.0 * share
+    sizes = [(each, band(each, SPREAD, kind.stretch) + groups - rarity) for each, rarity in kind.sizes]
+    highest = np.maximum.reduce([layer for _, layer in sizes]).ravel()
+    rank = min(int((1.0 - share) * highest.size), highest.size - 1)
+    edge = np.partition(highest, rank)[rank]
     # Near a maximum such noise falls by (π distance / wavelength)² of its value, which is about 2.
-    scale = [np.float32(2.0 * (kind.aspect * wavelength / np.pi) ** 2 / 2.0) for wavelength, _ in sizes]
-    square = np.maximum.reduce([a * (layer - edge) for a, (_, layer) in zip(scale, sizes, strict=True)])
+    square = np.maximum.reduce([(kind.aspect * each / np.pi) ** 2 * (layer - edge) for each, layer in sizes])
     dome = square / (1.0 + np.maximum(square, 0.0) / kind.highest**2)
-    outside = np.minimum(square, -_clearance(square > 0.0, cell / 1e3))
+    outside = np.minimum(square, -_clearance(square > 0.0, cell))
     return np.where(square > 0.0, dome, outside).astype(np.float32)
 
 
@@ -283,8 +280,6 @@ def _clearance(inside: BoolArray, cell: float) -> Float32Array:
     """Return a lower bound of the distance (km) to cloud on a torus, from blocks of `CLEAR_BLOCK` cells."""
     n = len(inside) // CLEAR_BLOCK
     blocks = inside.reshape(n, CLEAR_BLOCK, n, CLEAR_BLOCK).any(axis=(1, 3))
-    if not blocks.any():
-        return np.full(inside.shape, PERIOD / 1e3, np.float32)
     far = distance_transform_edt(~np.pad(blocks, n // 4, mode="wrap"))[n // 4 : -n // 4, n // 4 : -n // 4]
     bound = np.maximum(far - 2.0**0.5, 0.0) * cell * CLEAR_BLOCK
     return np.asarray(bound.repeat(CLEAR_BLOCK, 0).repeat(CLEAR_BLOCK, 1), np.float32)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Final
+from typing import Any, Final
 
 import moderngl
 import numpy as np
@@ -53,11 +53,14 @@ class Weather:
                 raise InputError(f"expected {what} in [{low:g}, {high:g}], got {value:g}")
 
     @property
+    def cover(self) -> float:
+        """Share of the sky under clouds that cast shadows."""
+        return {"stratus": 1.0, "cirrus": 0.0, "clear": 0.0}.get(self.sky, self.clouds)
+
+    @property
     def overcast(self) -> float:
         """Weight of a closed grey layer over sky and sun."""
-        if self.sky == "stratus":
-            return 1.0
-        return _smooth(self.clouds, *OVERCAST[self.sky]) if self.sky in OVERCAST else 0.0
+        return _smooth(self.cover, *OVERCAST[self.sky == "stratocumulus"])
 
     @property
     def drift(self) -> tuple[float, float]:
@@ -77,10 +80,10 @@ class Weather:
         haze: float | None = None,
     ) -> Weather:
         """Return a sketch's ``[weather]``, overridden by the values given."""
-        table = dict(sketch.weather)
+        table: dict[str, Any] = dict(sketch.weather)
         at = table.pop("hour", -1.0)
         weather = cls(hour=at if at >= 0.0 else None, **table)
-        given = {"hour": hour, "sky": sky, "clouds": clouds, "wind": wind, "haze": haze}
+        given: dict[str, Any] = {"hour": hour, "sky": sky, "clouds": clouds, "wind": wind, "haze": haze}
         return replace(weather, **{name: value for name, value in given.items() if value is not None})
 
 
@@ -154,8 +157,8 @@ SMALL_WORLD: Final = 0.25
 SHADED_AIR: Final = 0.4
 """Share of in-scattered light removed in shadow: a little less than the single-scattered sunlight."""
 RISING: Final = (0.0, 3.0)  # degrees of elevation over which shadows in the air fade in
-OVERCAST: Final = {"cumulus": (0.6, 1.0), "stratocumulus": (0.8, 1.0)}
-"""Cloud covers over which a uniform grey layer replaces sky and sun."""
+OVERCAST: Final = ((0.6, 1.0), (0.8, 1.0))
+"""Covers over which a uniform grey layer replaces sky and sun: by cumulus, by stratocumulus."""
 OVERCAST_CLEAR: Final = np.array([0.33, 0.34, 0.35])
 """Transmittance of a closed cloud layer for the light on level ground."""
 

@@ -1,6 +1,6 @@
 #version 430 core
 // Ray-marched cumulus: premultiplied radiance with aerial perspective, and transmittance. A dome over each cloud of the
-// field is displaced by 3D billows (A. Schneider 2015). Rays are dithered in a 2x2 pattern that upscaling averages.
+// field is displaced by 3D billows (A. Schneider 2015).
 //   STEPS      maximum along a ray
 //   SUN_STEPS  from each towards the sun
 #include "render/frame.glsl"
@@ -22,7 +22,8 @@ const float EXTINCTION = 0.04;  // 1/m, inside
 const float BILLOW_PERIOD = 65536.0 / 28.0; // m, period of the coarse billow noise: the eye's period is a multiple
 const float FINER = 3.75;       // frequency of the fine one over the coarse one, likewise
 const vec2 FINE_SEEN = vec2(9e3, 18e3); // m, distances over which fine billows become smaller than pixels and fade
-const float FAR = 60e3;         // m
+const float FADES = 35e3;       // m, from where on clouds fade into haze ...
+const float FAR = 60e3;         // ... until they are gone
 const float FINEST = 26.0;      // smallest step, m
 const float FINE = 0.0055;      // smallest step over the distance
 const float FINE_SHARE = 0.35;  // amplitude of fine billows over all
@@ -81,6 +82,13 @@ float depth_to_sun(vec3 place, float up, float lod, float far)
 }
 
 #if CLOUDS == 2
+// Share of a step by which a pixel's ray starts later: in 2x2 pixels, averaged in sky.frag.glsl.
+float step_share(vec2 pixel)
+{
+    ivec2 odd = ivec2(pixel) & 1;
+    return 0.125 + 0.5 * float(odd.x ^ odd.y) + 0.25 * float(odd.y);
+}
+
 bool hidden()
 {
     ivec2 size = textureSize(scene_depth_buffer, 0);
@@ -102,6 +110,8 @@ vec3 direction_at(vec2 place)
 #else
 bool hidden() { return false; }
 
+float step_share(vec2 pixel) { return fract(52.9829189 * fract(dot(pixel, vec2(0.06711056, 0.00583715)))); } // Jimenez 2014
+
 // As `dome_clouds` reads it.
 vec3 direction_at(vec2 place)
 {
@@ -120,8 +130,7 @@ void main()
     float last = to_layer(up + THICK, rise);
     int steps = direction.z > -0.003 && first < FAR && !hidden() ? STEPS : 0;
 
-    vec2 pixel = gl_FragCoord.xy;
-    float shift = fract(52.9829189 * fract(dot(pixel, vec2(0.06711056, 0.00583715)))); // Jimenez 2014
+    float shift = step_share(gl_FragCoord.xy);
     float cosine = dot(direction, to_sun.xyz);
     float texel = CLOUD_PERIOD / float(textureSize(cloud_field, 0).x);
     float lod = max(log2(first * trees.z * 4.0 / texel), 0.0);
@@ -154,7 +163,7 @@ void main()
         gone += step_;
     }
     vec3 place = direction * (mean / met);
-    float cover = (1.0 - clear) * (1.0 - overcast * overcast * overcast);
+    float cover = (1.0 - clear) * (1.0 - smoothstep(FADES, FAR, first)) * (1.0 - overcast * overcast * overcast);
     vec3 behind = clear_air(place);
     vec3 air = direction.z > 0.0 ? clear_sky(direction) : air_light(direction);
     // Aerial perspective: in haze a cloud fades into the sky.

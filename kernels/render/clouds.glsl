@@ -15,7 +15,7 @@ uniform float overcast;          // weight of the overcast layer, 0 … 1
 const float CLOUD_BASE = 1900.0; // m above the haze's base
 const float CLOUD_PERIOD = 32768.0; // m, period of the field
 const float DENSE = 0.05;        // field value of a cloud that is opaque seen from below, km^2
-const float SHADE = 0.70;        // sunlight absorbed by the thickest clouds
+const float SHADE = 0.65;        // sunlight absorbed by the thickest clouds
 const float EARTH = 6360e3;      // m
 
 vec2 cloud_place(vec2 place) { return (place + eye.xy - cloud_drift) / CLOUD_PERIOD; }

@@ -16,6 +16,7 @@ uniform float cirrus;     // share of the sky
 
 const float ICE = 9500.0; // m above the haze's base
 const float VEIL = 0.75;  // opacity of the thickest
+const float FEW = 0.3;    // share below which they become thinner, not fewer
 const float BEND = 0.07;  // of fibres, periods of the noise across the jet
 const float SMOOTHED = 4.8; // level of the noise that banks and bends follow
 
@@ -31,7 +32,8 @@ vec3 with_cirrus(vec3 sky, vec3 direction)
 #if CLOUDS != 1
     fibres = 0.7 * fibres + 0.5 * texture(noise_field, bent * vec2(5.0, 31.0) + 0.5).y;
 #endif
-    float thick = smoothstep(0.7 - 2.0 * cirrus, 2.6 - 2.0 * cirrus, 1.1 * banks.z + 0.5 * banks.w + 0.45 * fibres);
+    float edge = 0.7 - 2.0 * max(cirrus, FEW);
+    float thick = min(cirrus / FEW, 1.0) * smoothstep(edge, edge + 1.9, 1.1 * banks.z + 0.5 * banks.w + 0.45 * fibres);
     float veil = VEIL * thick * (0.3 + 0.7 * smoothstep(-1.2, 1.2, fibres)) * smoothstep(0.02, 0.2, direction.z);
     vec3 lit = cloud_sun * (0.6 * scattered(dot(direction, to_sun.xyz), 0.7) + 0.045);
     return mix(sky, lit + sky_irradiance(vec3(0.0, 0.0, 1.0)) * 0.12, veil);
@@ -79,7 +81,9 @@ void main()
     vec4 clouds = dome_clouds(above);
     sky = sky * clouds.a + clouds.rgb;
 #elif CLOUDS == 2
-    vec4 clouds = texture(cloud_view, uv);
+    vec2 texel = 0.5 / vec2(textureSize(cloud_view, 0)); // averages 2x2 rays, which start differently
+    vec4 clouds = 0.25 * (texture(cloud_view, uv + texel) + texture(cloud_view, uv - texel)
+        + texture(cloud_view, uv + vec2(texel.x, -texel.y)) + texture(cloud_view, uv + vec2(-texel.x, texel.y)));
     sky = sky * clouds.a + clouds.rgb;
 #endif
     radiance = vec4(sky, 1e6);

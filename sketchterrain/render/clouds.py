@@ -29,7 +29,7 @@ HEIGHT: Final = 2500.0  # m over the haze's base, at which clouds are lit
 REDUCED: Final = 2  # downscaling of the cloud pass, each axis
 SUN_STEPS: Final = 3  # steps towards the sun, each some three times as long as the last
 DOME, PICTURE = 1, 2  # values of CLOUDS in kernels/render/clouds.glsl
-CIRRUS_OVER_CUMULUS: Final = 0.4  # share of the cover by cumulus
+CIRRUS_OVER_CUMULUS: Final = 0.3  # share of the cover by cumulus
 BLOCKS: Final = 16  # parts of a dome along each axis
 PARALLAX: Final = (250.0, 1500.0)
 """m that the eye moves past the clouds of a dome until another one is computed, at once beyond the second."""
@@ -48,7 +48,7 @@ class CloudKind(NamedTuple):
 
 KINDS: Final = {
     # Numbers fall about as the diameter⁻² (Cahalan & Joseph 1989); stratocumulus are cells and rolls.
-    "cumulus": CloudKind(((3.4, 0.5), (1.7, 0.2), (0.9, 0.0), (0.48, 0.0)), 0.65, 1.2, 0.45, 0.3),
+    "cumulus": CloudKind(((3.4, 0.8), (1.7, 0.3), (0.9, 0.0), (0.48, 0.0)), 0.65, 1.2, 0.45, 0.3),
     "stratocumulus": CloudKind(((2.2, 0.0), (1.1, 0.2)), 0.35, 0.35, 0.2, 0.3, 0.6),
 }
 # Wavelength (km), octaves that a band is wide, and length along the wind over width.
@@ -252,7 +252,7 @@ def cloud_field(weather: Weather, size: int = SIZE) -> Float32Array:
     if share in (0.0, 1.0):
         return np.full((size, size), -PERIOD / 1e3 if share == 0.0 else 1.0, np.float32)
     kind, cell = KINDS[weather.sky], PERIOD / size / 1e3
-    noise = np.fft.rfft2(np.random.default_rng(20261).standard_normal((size, size), np.float32))
+    noise = np.fft.rfft2(np.random.default_rng(20280).standard_normal((size, size), np.float32))
     east = np.fft.rfftfreq(size, cell)[None, :].astype(np.float32)  # cycles/km
     north = np.fft.fftfreq(size, cell)[:, None].astype(np.float32)
     x, y = (np.float32(f(np.radians(weather.wind_from))) for f in (np.sin, np.cos))

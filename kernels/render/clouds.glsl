@@ -26,7 +26,7 @@ float to_layer(float up, float rise) { return 2.0 * up / (rise + sqrt(rise * ris
 #if CLOUDS == 1
 uniform sampler2D cloud_view;     // the dome: premultiplied radiance, transmittance
 uniform vec3 cloud_origin;        // its origin relative to the eye, m
-const float CLOUD_MIDDLE = 300.0; // m over the base, of the layer whose parallax is corrected
+const float CLOUD_MIDDLE = 120.0; // m over the base, of the layer whose parallax is corrected
 
 // Clouds in a direction not below the horizon. Texels are directions in stereographic projection.
 vec4 dome_clouds(vec3 direction)

@@ -18,14 +18,14 @@ in vec2 uv;
 out vec4 seen; // rgb: premultiplied radiance; a: transmittance
 
 const float THICK = 1350.0;     // m, of the layer
-const float EXTINCTION = 0.04;  // 1/m, inside
+const float EXTINCTION = 0.05;  // 1/m, inside
 const float BILLOW_PERIOD = 65536.0 / 28.0; // m, period of the coarse billow noise: the eye's period is a multiple
 const float FINER = 3.75;       // frequency of the fine one over the coarse one, likewise
 const vec2 FINE_SEEN = vec2(9e3, 18e3); // m, distances over which fine billows become smaller than pixels and fade
 const float FADES = 35e3;       // m, from where on clouds fade into haze ...
 const float FAR = 60e3;         // ... until they are gone
 const float FINEST = 26.0;      // smallest step, m
-const float FINE = 0.0055;      // smallest step over the distance
+const float FINE = 0.0065;      // smallest step over the distance
 const float FINE_SHARE = 0.35;  // amplitude of fine billows over all
 const float SMALL = 0.2;        // km, radius of a small cloud
 const float LUMPS = 0.62;       // height of the billows over a cloud's radius ...
@@ -73,7 +73,7 @@ float depth_to_sun(vec3 place, float up, float lod, float far)
         float rise = max(at.z - up, 0.0);
         float inside = smooth_depth(at, rise, lod + 0.5 * float(i), field), reach = lump(field, rise);
         // Nearby lumps are resolved; further on their mean is used.
-        if (i < 2 && abs(inside) < reach + SOFT) inside = lumpy(inside, reach, at, rise, far, bump);
+        if (i < 1 && abs(inside) < reach + SOFT) inside = lumpy(inside, reach, at, rise, far, bump);
         depth += clamp(inside / SOFT, 0.0, 1.0) * step_;
         gone += step_;
         step_ *= 2.7;
@@ -139,7 +139,7 @@ void main()
     float clear = 1.0, mean = 0.0, met = 1e-6;
     float gone = first + shift * max(FINEST, FINE * first);
     for (int i = 0; i < steps; ++i) {
-        if (gone > last || clear < 0.02) break;
+        if (gone > last || clear < 0.05) break;
         vec3 place = direction * gone;
         place.z += gone * gone / (2.0 * EARTH);
         float rise = place.z - up, field;

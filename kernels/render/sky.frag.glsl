@@ -29,7 +29,7 @@ vec3 with_cirrus(vec3 sky, vec3 direction)
     vec4 banks = textureLod(noise_field, jet, SMOOTHED);
     vec2 bent = jet + vec2(0.0, BEND * banks.w);
     float fibres = texture(noise_field, bent * vec2(2.0, 9.0)).x;
-#if CLOUDS != 1
+#if CLOUDS == 0
     fibres = 0.7 * fibres + 0.5 * texture(noise_field, bent * vec2(5.0, 31.0) + 0.5).y;
 #endif
     float edge = 0.7 - 2.0 * max(cirrus, FEW);

@@ -24,6 +24,7 @@ const float THICK = 2.0;        // m, smallest assumed thickness of depth buffer
 const float THICK_STEPS = 2.0;  // and in steps of the ray
 const float FAR_OFF = 1e5;      // m, distance of the sky
 const float BLURRED = 5.0;      // level of the cloud field that the roughest water mirrors
+const float SHADED = 14.0;      // optical depth towards the sun over a cloud's height, 1/km
 const float BRIGHTEST = 0.4;    // radiance of clouds over the sun's irradiance
 const vec3 GREEN = vec3(0.045, 0.055, 0.026); // albedos of ground outside the picture
 const vec3 STONY = vec3(0.20, 0.185, 0.165);
@@ -70,8 +71,9 @@ vec3 mirrored_sky(vec3 direction, float blur)
     vec3 clear = clear_sky(direction), sky = clear;
 #if CLOUDS > 0
     vec3 place = direction * to_layer(max(CLOUD_BASE + view_range.y - eye.z, 300.0), max(direction.z, 0.01));
-    float density = mix(cloud_density(place.xy), smoothstep(0.0, 0.7, textureLod(cloud_field, cloud_place(place.xy), BLURRED).r), blur);
-    vec3 lit = sunlit(3.0 * density, dot(direction, to_sun.xyz)) * SUN_GAIN + cloud_ambient(0.35);
+    float density = mix(cloud_density(place.xy), smoothstep(0.0, DENSE, textureLod(cloud_field, cloud_place(place.xy), BLURRED).r), blur);
+    float high = sqrt(max(textureLod(cloud_field, cloud_place(place.xy), 1.0).r, 0.0)); // km; thick clouds are dark below
+    vec3 lit = sunlit(0.5 + SHADED * high, cloud_phases(dot(direction, to_sun.xyz))) * SUN_GAIN + cloud_ambient(exp(-high / 0.35));
     sky = mix(sky, mix(sky, lit, clear_air(place)), density * (1.0 - overcast) * smoothstep(0.0, 0.1, direction.z));
 #endif
 #if MATERIALS > 1

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
 from types import MappingProxyType
-from typing import Any, NamedTuple, TypeAlias, TypeVar
+from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 
 from sketchterrain.errors import InputError, format_value, unknown_key
 
@@ -211,6 +211,8 @@ COAST: Mapping[str, Parameter] = parameter_table(
 )
 """Keys of ``[coast]``: the sea's level and its shores."""
 
+SKIES: Final = ("cumulus", "stratocumulus", "stratus", "cirrus", "clear")
+
 WEATHER: Mapping[str, Parameter] = parameter_table(
     Parameter(
         *("hour", float, -1.0, -1.0, 24.0, "h"),
@@ -219,6 +221,11 @@ WEATHER: Mapping[str, Parameter] = parameter_table(
         soft_range=(0.0, 24.0),
     ),
     Parameter("latitude", float, 45.0, -90.0, 90.0, "°", "north of the equator; how high the sun climbs"),
+    Parameter(
+        *("sky", str, SKIES[0], 1, 13, "characters"),
+        "kind of clouds; stratus is a closed grey layer",
+        choices=SKIES,
+    ),
     Parameter("clouds", float, 0.35, 0.0, 1.0, "", "share of the sky that they cover; 1 is overcast"),
     Parameter("wind", float, 4.0, 0.0, 40.0, "m/s", "moves plants and clouds"),
     Parameter("wind_from", float, 245.0, 0.0, 360.0, "°", "where the wind blows from: 0 north, 90 east"),

@@ -41,7 +41,7 @@ def sun_preference(weather: Weather | None) -> LightScore:
         return np.zeros_like
     sun = sun_at(weather.hour, weather.latitude)
     # A sun overhead or behind clouds gives no light from the side.
-    weight = np.cos(np.radians(max(sun.elevation, 0.0))) * (1.0 - weather.clouds**2)
+    weight = np.cos(np.radians(max(sun.elevation, 0.0))) * (1.0 - weather.cover**2)
 
     def light(bearings: Float64Array) -> Float64Array:
         off = np.abs((np.degrees(bearings) - sun.azimuth + 180.0) % 360.0 - 180.0)

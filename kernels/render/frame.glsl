@@ -25,7 +25,7 @@ layout(std140) uniform Frame {
     vec4 map_strength; // opacity 0..1 of the maps in their windows; x: near, y: far, z: close
     mat4 to_shade[4];  // relative position → clip space of the tree shadow maps: near, far, previous near, previous far
     vec4 shade_share;  // x: cross-fade 0..1 from the previous to the near map; y: the same of the far one
-    vec4 trees;        // x: distance beyond which forest floor is drawn as canopy, m; y: aridity 0..1; z: pixel, rad; w: unused
+    vec4 trees;        // x: distance beyond which forest floor is drawn as canopy, m; y: aridity 0..1; z: pixel, rad; w: draw distance of plants, m, or 0
 };
 
 uniform sampler2D sky_view;    // by direction: lower half in-scattered light, upper half sky (render/sky.py)

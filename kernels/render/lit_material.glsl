@@ -17,6 +17,21 @@ Noise noise_at(vec3 position, float footprint)
 #endif
 }
 
+const float CROWN_FACING = 0.11; // share of the way to the eye that the visible leaves' normals lean
+const float CROWN_SUN = 0.8;     // sunlight on them over that on an even surface: they shade each other
+const float CROWN_WRAP = 0.5;    // wrap lighting, cosine: flanks that face a low sun, and light through leaves
+const float CROWN_SKY = 0.5;    // sky visibility among crowns
+const float CROWN_RELIEF = 0.5; // slopes of crowns over their texture's
+
+// Radiance of a forest's crowns from afar: of the visible leaves, which face the eye and scatter light evenly, without
+// an even surface's reflection at grazing angles. Calibrated with drawn trees, tests/render/test_canopy.py.
+vec3 lit_canopy(MaterialSample crowns, vec3 position, vec3 n, vec3 to_eye, vec2 light)
+{
+    vec3 normal = normalize(n + CROWN_FACING * to_eye + CROWN_RELIEF * crowns.bump);
+    float sun = light.x * cloud_shadow(position) * CROWN_SUN / (1.0 + CROWN_WRAP) * max(dot(normal, to_sun.xyz) + CROWN_WRAP, 0.0);
+    return crowns.albedo / PI * (sun_light.rgb * sun + sky_irradiance(normal) * (light.y * CROWN_SKY));
+}
+
 // Radiance of a material at a position (m from the eye).
 //   light  visibility of the sun and of the sky
 vec3 lit_material(MaterialSample material, vec3 position, vec3 n, vec3 to_eye, vec2 light)

@@ -35,6 +35,11 @@ def material_macros(table: MaterialTable) -> dict[str, int | str]:
     }
 
 
+def wooded_share(table: MaterialTable) -> str:
+    """Return an expression of the weight of ground under trees, from the weights w."""
+    return _sum(table, lambda material: float(material.is_wooded))
+
+
 def _weight(index: int, name: str = "w") -> str:
     """Return the weight of a material in an array of words."""
     return f"{name}[{index // 4}][{index % 4}]"

@@ -290,7 +290,7 @@ class Scenery:
         frame["to_shade"] = self.forest.shadows.matrices(eye)
         frame["shade_share"] = self.forest.shadows.fade_shares
         canopy = min(self._quality.canopy_distance, self.forest.draw_distance)
-        frame["trees"] = (canopy, self._aridity, _pixel(camera, height))
+        frame["trees"] = (canopy, self._aridity, _pixel(camera, height), self.forest.draw_distance)
         frame.upload()
 
     def _bind(self, targets: RenderTargets) -> dict[str, object]:

@@ -37,7 +37,8 @@ vec3 position; // of the shaded point, m from the eye
 #if DRAPED
 uniform sampler2D draped; // rgb: albedo times the share; a: share
 #endif
-float canopy; // share of the shaded point that is a distant forest's
+bool is_canopy; // beyond the trees
+float canopy;   // share of the shaded point that is a distant forest's
 #if COVERED
 float grain; // brightness of the textures over their mean, which what is painted keeps
 #endif
@@ -47,8 +48,9 @@ uniform vec3 means[LAYERS]; // mean albedo of the layers
 const float SOFT_BORDER = 0.6; // difference of weights over which two materials exchange their mean colours
 #endif
 const vec2 CANOPY_FROM = vec2(0.78, 0.22);            // of the trees' distance, where crowns replace their ground; spread
-const vec3 CANOPY_TONE = vec3(2.75, 2.15, 2.12); // of leaves over the texture's, which has the shade between crowns
-const float CANOPY_CONTRAST = 0.45;                   // of crowns over the texture's: leaves scatter light into gaps
+const vec3 CANOPY_TONE = vec3(2.1, 1.67, 1.85); // of leaves over the texture's, which has the shade between crowns
+const float CANOPY_CONTRAST = 0.75;                   // of crowns over the texture's: leaves scatter light into gaps
+const float EDGE_SHADE = 0.7;                         // sunlight lost among the trunks and in the shadow of a forest's edge
 const float BED_SPAN = 700.0;  // m of height after which beds repeat
 const float FINER_BEDS = 3.7;  // fine beds per bed
 const float BED_BEND = 14.0;   // m, amplitude of the folds of beds
@@ -118,7 +120,7 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
     vec3 planes = triplanar_weights(n);
     float level = log(max(distance / FULL_SIZE, 1.0)) / log(RATIO);
     // Patch by patch, while trees get fewer.
-    bool is_canopy = distance / trees.x + CANOPY_FROM.y * noise.small.x > CANOPY_FROM.x;
+    is_canopy = distance / trees.x + CANOPY_FROM.y * noise.small.x > CANOPY_FROM.x;
     int least = planes.x <= planes.y && planes.x <= planes.z ? 0 : planes.y <= planes.z ? 1 : 2;
     int a = least == 0 ? 1 : 0;
     int b = least == 2 ? 1 : 2;
@@ -208,6 +210,14 @@ void main()
     material.albedo = mix(material.albedo, above.rgb / max(above.a, 1e-4) * grain, above.a);
 #endif
     vec2 light = ground_light(position.xy).rg;
+#if MATERIALS > 1
+    if (is_canopy) {
+        vec4 w[WEIGHT_WORDS];
+        for (int k = 0; k < WEIGHT_WORDS; ++k) w[k] = texelFetch(gbuffer_weights[k], at, 0);
+        float wooded = WOODED(w);
+        light.x *= 1.0 - EDGE_SHADE * smoothstep(0.02, 0.25, wooded) * (1.0 - smoothstep(0.45, 0.85, wooded));
+    }
+#endif
     vec3 lit = lit_material(material, position, n, to_eye, light);
 #if MATERIALS > 1
     if (canopy > 0.0) lit = mix(lit, lit_canopy(material, position, n, to_eye, light), canopy);

@@ -23,6 +23,7 @@ def material_macros(table: MaterialTable) -> dict[str, int | str]:
         "IS_BEDDED(layer)": _is_any("layer", bedded),
         "DISTANT_LAYER(layer)": _choice("layer", distant),
         "VARIATIONS": _variations(table),
+        "WOODED(w)": wooded_share(table),
         "MEADOW_SHARE(w)": _sum(table, lambda material: material.meadow),
         "UNDERGROWTH_SHARE(w)": _sum(table, lambda material: material.undergrowth),
         "BUNCH_SHARE(w)": _sum(table, lambda material: material.bunches),

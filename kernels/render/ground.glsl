@@ -75,6 +75,9 @@ void clip_to_bounds(vec3 position)
 #endif
 }
 
+#ifndef WOODED
+#define WOODED(w) 0.0
+#endif
 const float CANOPY_HEIGHT = 11.0;        // m, of a full forest
 const vec2 CANOPY_RISES = vec2(0.75, 1.1); // of the plants' draw distance, where it rises as they vanish
 

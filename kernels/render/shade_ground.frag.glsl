@@ -48,7 +48,7 @@ uniform vec3 means[LAYERS]; // mean albedo of the layers
 const float SOFT_BORDER = 0.6; // difference of weights over which two materials exchange their mean colours
 #endif
 const vec2 CANOPY_FROM = vec2(0.78, 0.22);            // of the trees' distance, where crowns replace their ground; spread
-const vec3 CANOPY_TONE = vec3(2.1, 1.67, 1.85); // of leaves over the texture's, which has the shade between crowns
+const vec3 CANOPY_TONE = vec3(2.25, 1.80, 1.95);    // of leaves over the texture's, which has the shade between crowns
 const float CANOPY_CONTRAST = 0.75;                   // of crowns over the texture's: leaves scatter light into gaps
 const float EDGE_SHADE = 0.7;                         // sunlight lost among the trunks and in the shadow of a forest's edge
 const float BED_SPAN = 700.0;  // m of height after which beds repeat

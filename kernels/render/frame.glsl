@@ -9,7 +9,7 @@
 layout(std140) uniform Frame {
     mat4 to_clip;      // relative position → clip space
     mat4 from_clip;
-    vec4 eye;          // xy: m, modulo NOISE_PERIOD of render/targets.py; z: m above sea level; w: unused
+    vec4 eye;          // xy: m, modulo NOISE_PERIOD of render/targets.py; z: m above sea level; w: elevation of the tree line, m
     vec4 to_sun;       // xyz: unit vector; w: unused
     vec4 sun_light;    // rgb: irradiance on a surface facing the sun; w: share of air light lost in shadow
     vec4 sky_light[9]; // rgb: irradiance from sky and ground, spherical harmonics, cosine lobe folded in

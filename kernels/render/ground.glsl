@@ -85,7 +85,8 @@ const vec2 CANOPY_RISES = vec2(0.75, 1.1); // of the plants' draw distance, wher
 //   wooded  weight of the ground under trees
 float canopy_lift(float wooded, vec3 position)
 {
-    return trees.w > 0.0 ? CANOPY_HEIGHT * wooded * smoothstep(CANOPY_RISES.x, CANOPY_RISES.y, length(position) / trees.w) : 0.0;
+    if (trees.w <= 0.0) return 0.0;
+    return CANOPY_HEIGHT * wooded * smoothstep(CANOPY_RISES.x, CANOPY_RISES.y, length(position) / trees.w);
 }
 
 #ifndef FETCHED

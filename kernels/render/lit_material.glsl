@@ -26,7 +26,8 @@ const float CROWN_SKY = 0.5;    // sky visibility among crowns
 const float CROWN_RELIEF = 0.8; // slopes of crowns over their texture's
 
 // Radiance of a forest's crowns from afar: of the visible leaves, which face the eye and scatter light evenly, without
-// an even surface's reflection at grazing angles; trees on a slope stand upright. Calibrated with drawn trees, tests/render/test_canopy.py.
+// an even surface's reflection at grazing angles; trees on a slope stand upright. Calibrated with drawn trees
+// (tests/render/test_canopy.py).
 vec3 lit_canopy(MaterialSample crowns, vec3 position, vec3 n, vec3 to_eye, vec2 light)
 {
     vec3 normal = normalize(0.5 * (n + vec3(0.0, 0.0, 1.0)) + CROWN_FACING * to_eye + CROWN_RELIEF * crowns.bump);

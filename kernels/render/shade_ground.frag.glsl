@@ -49,6 +49,9 @@ const float SOFT_BORDER = 0.6; // difference of weights over which two materials
 #endif
 const vec2 CANOPY_FROM = vec2(0.78, 0.22);            // of the trees' distance, where crowns replace their ground; spread
 const vec3 CANOPY_TONE = vec3(2.25, 1.80, 1.95);    // of leaves over the texture's, which has the shade between crowns
+const vec3 CONIFERS = vec3(0.76, 0.80, 1.10);         // of conifers' leaves over those of other trees, ...
+const float BELT = 900.0;                             // ... which they replace over this height below the tree line, m
+const vec2 STEEP = vec2(0.75, 0.06);                  // upward normal below which crowns don't hide the ground; spread
 const float CANOPY_CONTRAST = 0.75;                   // of crowns over the texture's: leaves scatter light into gaps
 const float EDGE_SHADE = 0.7;                         // sunlight lost among the trunks and in the shadow of a forest's edge
 const float BED_SPAN = 700.0;  // m of height after which beds repeat
@@ -120,7 +123,9 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
     vec3 planes = triplanar_weights(n);
     float level = log(max(distance / FULL_SIZE, 1.0)) / log(RATIO);
     // Patch by patch, while trees get fewer.
-    is_canopy = distance / trees.x + CANOPY_FROM.y * noise.small.x > CANOPY_FROM.x;
+    is_canopy = distance / trees.x + CANOPY_FROM.y * noise.small.x > CANOPY_FROM.x
+        && n.z + STEEP.y * noise.small.y > STEEP.x;
+    float belt = smoothstep(-BELT, -0.15 * BELT, position.z + eye.z - eye.w);
     int least = planes.x <= planes.y && planes.x <= planes.z ? 0 : planes.y <= planes.z ? 1 : 2;
     int a = least == 0 ? 1 : 0;
     int b = least == 2 ? 1 : 2;
@@ -135,9 +140,9 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
         float weight = k == 0 ? selected.weight.x : k == 1 ? selected.weight.y : selected.weight.z;
         int layer = k == 0 ? selected.layer.x : k == 1 ? selected.layer.y : selected.layer.z;
         float crowns = is_canopy && DISTANT_LAYER(layer) != layer ? 1.0 : 0.0;
-        layer = is_canopy ? DISTANT_LAYER(layer) : layer;
+        layer = crowns > 0.0 ? DISTANT_LAYER(layer) : layer;
         MaterialSample material = sample_material(layer, position, n, a, b, share, level, footprint);
-        vec3 leaves = CANOPY_TONE * mix(means[layer], material.albedo, CANOPY_CONTRAST);
+        vec3 leaves = CANOPY_TONE * mix(vec3(1.0), CONIFERS, belt) * mix(means[layer], material.albedo, CANOPY_CONTRAST);
         material.albedo = mix(material.albedo, leaves, crowns);
 #if COVERED
         float own = dot(material.albedo, vec3(1.0)) / dot(means[layer], vec3(1.0));

@@ -37,16 +37,23 @@ vec3 position; // of the shaded point, m from the eye
 #if DRAPED
 uniform sampler2D draped; // rgb: albedo times the share; a: share
 #endif
+bool is_canopy; // beyond the trees
+float canopy;   // share of the shaded point that is a distant forest's
 #if COVERED
 float grain; // brightness of the textures over their mean, which what is painted keeps
 #endif
 
-#if MATERIALS == 1 || COVERED
-uniform vec3 means[LAYERS];    // mean albedo of the layers
-#endif
+uniform vec3 means[LAYERS]; // mean albedo of the layers
 #if MATERIALS == 1
 const float SOFT_BORDER = 0.6; // difference of weights over which two materials exchange their mean colours
 #endif
+const vec2 CANOPY_FROM = vec2(0.78, 0.22);            // of the trees' distance, where crowns replace their ground; spread
+const vec3 CANOPY_TONE = vec3(2.25, 1.80, 1.95);    // of leaves over the texture's, which has the shade between crowns
+const vec3 CONIFERS = vec3(0.76, 0.80, 1.10);         // of conifers' leaves over those of other trees, ...
+const float BELT = 900.0;                             // ... which they replace over this height below the tree line, m
+const vec2 STEEP = vec2(0.75, 0.06);                  // upward normal below which crowns don't hide the ground; spread
+const float CANOPY_CONTRAST = 0.75;                   // of crowns over the texture's: leaves scatter light into gaps
+const float EDGE_SHADE = 0.45;                        // sunlight lost among the trunks and in the shadow of a forest's edge
 const float BED_SPAN = 700.0;  // m of height after which beds repeat
 const float FINER_BEDS = 3.7;  // fine beds per bed
 const float BED_BEND = 14.0;   // m, amplitude of the folds of beds
@@ -115,7 +122,10 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
 {
     vec3 planes = triplanar_weights(n);
     float level = log(max(distance / FULL_SIZE, 1.0)) / log(RATIO);
-    bool is_canopy = smoothstep(0.80, 1.0, distance / trees.x + 0.12 * noise.small.x) > 0.5; // beyond the trees
+    // Patch by patch, while trees get fewer.
+    is_canopy = distance / trees.x + CANOPY_FROM.y * noise.small.x > CANOPY_FROM.x
+        && n.z + STEEP.y * noise.small.y > STEEP.x;
+    float belt = smoothstep(-BELT, -0.15 * BELT, position.z + eye.z - eye.w);
     int least = planes.x <= planes.y && planes.x <= planes.z ? 0 : planes.y <= planes.z ? 1 : 2;
     int a = least == 0 ? 1 : 0;
     int b = least == 2 ? 1 : 2;
@@ -129,8 +139,11 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
     for (int k = 0; k < count; ++k) {
         float weight = k == 0 ? selected.weight.x : k == 1 ? selected.weight.y : selected.weight.z;
         int layer = k == 0 ? selected.layer.x : k == 1 ? selected.layer.y : selected.layer.z;
-        layer = is_canopy ? DISTANT_LAYER(layer) : layer;
+        float crowns = is_canopy && DISTANT_LAYER(layer) != layer ? 1.0 : 0.0;
+        layer = crowns > 0.0 ? DISTANT_LAYER(layer) : layer;
         MaterialSample material = sample_material(layer, position, n, a, b, share, level, footprint);
+        vec3 leaves = CANOPY_TONE * mix(vec3(1.0), CONIFERS, belt) * mix(means[layer], material.albedo, CANOPY_CONTRAST);
+        material.albedo = mix(material.albedo, leaves, crowns);
 #if COVERED
         float own = dot(material.albedo, vec3(1.0)) / dot(means[layer], vec3(1.0));
 #endif
@@ -140,6 +153,7 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
         if (k == 0) {
             all = material;
             all.height = height;
+            canopy = crowns;
 #if COVERED
             grain = own;
 #endif
@@ -148,6 +162,7 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
             float below = all.height;
             all = mix_materials(all, material, opacity);
             all.height = mix(below, height, opacity);
+            canopy = mix(canopy, crowns, opacity);
 #if COVERED
             grain = mix(grain, own, opacity);
 #endif
@@ -199,5 +214,18 @@ void main()
     vec4 above = texelFetch(draped, ivec2(gl_FragCoord.xy), 0);
     material.albedo = mix(material.albedo, above.rgb / max(above.a, 1e-4) * grain, above.a);
 #endif
-    radiance = vec4(through_air(lit_material(material, position, n, to_eye, ground_light(position.xy).rg), position), depth);
+    vec2 light = ground_light(position.xy).rg;
+#if MATERIALS > 1
+    if (is_canopy) {
+        vec4 w[WEIGHT_WORDS];
+        for (int k = 0; k < WEIGHT_WORDS; ++k) w[k] = texelFetch(gbuffer_weights[k], at, 0);
+        float wooded = WOODED(w);
+        light.x *= 1.0 - EDGE_SHADE * smoothstep(0.02, 0.25, wooded) * (1.0 - smoothstep(0.45, 0.85, wooded));
+    }
+#endif
+    vec3 lit = lit_material(material, position, n, to_eye, light);
+#if MATERIALS > 1
+    if (canopy > 0.0) lit = mix(lit, lit_canopy(material, position, n, to_eye, light), canopy);
+#endif
+    radiance = vec4(through_air(lit, position), depth);
 }

@@ -104,7 +104,7 @@ _MEADOWS: Final = (  # lush to dry; sedge
     ),
 )
 _LITTER: Final = Variation((0.80, 0.92, 0.90), (1.15, 1.08, 1.05), -0.6, 0.8, "middle.y + 0.6 * small.z")
-_CROWNS: Final = Variation((0.75, 0.85, 0.85), (1.25, 1.12, 0.9), -0.6, 0.6, "middle.x")
+_CROWNS: Final = Variation((0.80, 0.86, 0.86), (1.15, 1.10, 0.96), -0.6, 0.6, "middle.x + 0.5 * small.x")
 _CANOPY: Final = Texture("canopy", 8.0, 0.060, 0.95, 0.85, (2, 2), variations=(_CROWNS,))
 
 _DECLARED: Final = (

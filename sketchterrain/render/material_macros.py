@@ -23,6 +23,7 @@ def material_macros(table: MaterialTable) -> dict[str, int | str]:
         "IS_BEDDED(layer)": _is_any("layer", bedded),
         "DISTANT_LAYER(layer)": _choice("layer", distant),
         "VARIATIONS": _variations(table),
+        "WOODED(w)": wooded_share(table),
         "MEADOW_SHARE(w)": _sum(table, lambda material: material.meadow),
         "UNDERGROWTH_SHARE(w)": _sum(table, lambda material: material.undergrowth),
         "BUNCH_SHARE(w)": _sum(table, lambda material: material.bunches),
@@ -33,6 +34,11 @@ def material_macros(table: MaterialTable) -> dict[str, int | str]:
         "STONE_COLOURS": _stone_colours(table),
         "STONE_WEAR(w)": _stone_wear(table),
     }
+
+
+def wooded_share(table: MaterialTable) -> str:
+    """Return an expression of the weight of ground under trees, from the weights w."""
+    return _sum(table, lambda material: float(material.is_wooded))
 
 
 def _weight(index: int, name: str = "w") -> str:

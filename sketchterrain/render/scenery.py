@@ -288,7 +288,8 @@ class Scenery:
         hazy = float(self._quality.includes("haze"))
         frame["to_clip"] = to_clip
         frame["from_clip"] = np.linalg.inv(to_clip)
-        frame["eye"] = (wrap_to_noise_period(eye[0]), wrap_to_noise_period(eye[1]), eye[2])
+        tree_line = float(self.stream.terrain.sketch.climate.get("tree_line", _NO_TREE_LINE))
+        frame["eye"] = (wrap_to_noise_period(eye[0]), wrap_to_noise_period(eye[1]), eye[2], tree_line)
         frame["to_sun"] = self._sun.direction
         frame["sun_light"] = (*self._sky.sunlight, self._sky.shaded_air)
         frame["sky_light"] = self._sky.harmonics
@@ -300,7 +301,7 @@ class Scenery:
         frame["to_shade"] = self.forest.shadows.matrices(eye)
         frame["shade_share"] = self.forest.shadows.fade_shares
         canopy = min(self._quality.canopy_distance, self.forest.draw_distance)
-        frame["trees"] = (canopy, self._aridity, _pixel(camera, height))
+        frame["trees"] = (canopy, self._aridity, _pixel(camera, height), self.forest.draw_distance)
         frame.upload()
 
     def _bind(self, targets: RenderTargets) -> dict[str, object]:
@@ -339,6 +340,9 @@ def load_textures(
         lambda: MaterialTextures.for_sketch(context, sketch, device, quality, folder=folder),
     )
     return materials, resources.get_or_create("noise", None, lambda: noise_texture(context))
+
+
+_NO_TREE_LINE: Final = 1e4  # m
 
 
 def _aridity(terrain: TerrainSource) -> float:

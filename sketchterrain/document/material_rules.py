@@ -11,7 +11,7 @@ from sketchterrain.errors import InputError, did_you_mean, format_value, unknown
 MAX_FACTORS = 4
 """The most factors of a rule."""
 
-MAX_INPUTS = 4
+MAX_INPUTS = 6
 """The most inputs of a factor."""
 
 _MAX_WEIGHT = 1e4
@@ -29,6 +29,7 @@ INPUTS: Mapping[str, Parameter] = parameter_table(
     _weight("above_sea", "1/m", "weight of the elevation above the sea; a rule with it needs a sea"),
     _weight("steepness", "", "weight of the slope, rise over run"),
     _weight("hollow", "", "weight of the curvature: change of slope over a cell, positive in hollows"),
+    _weight("bedding", "", "weight of the rock's beds, from -1 (soft, ledges) to 1 (hard, ribs)"),
     _weight("aridity", "", "weight of [climate] aridity"),
     _weight("water", "", "weight of water: 1 in the middle, 0.75 at its edge, 0 away from it"),
     _weight(
@@ -75,6 +76,7 @@ class Factor:
     above_sea: float = 0.0
     steepness: float = 0.0
     hollow: float = 0.0
+    bedding: float = 0.0
     aridity: float = 0.0
     water: float = 0.0
     wetness: float = 0.0
@@ -157,8 +159,8 @@ _DRY: Weights = {"aridity": 1.0, "mottle": 0.12, "wetness": -0.16, "water": -0.1
 # Grass thins out on crests and slopes, and holds in hollows, on valley floors and beside water.
 _BARE: Weights = {"mottle": 1.0, "hollow": -3.0, "steepness": 0.4, "wetness": -0.6}
 _ALPINE: Weights = {"above_tree_line": 1.0, "mottle": 90.0}
-# Noise frays the edges of rock; rock in mountains is harder, and gullies fill up.
-_STONY: Weights = {"steepness": 1.0, "mottle": 0.34, "mountain": 0.25, "hollow": -0.8}
+# Noise frays the edges of rock; rock in mountains is harder, gullies fill up, soft beds wear back to ledges.
+_STONY: Weights = {"steepness": 1.0, "mottle": 0.34, "mountain": 0.25, "hollow": -0.8, "bedding": 0.36}
 _IN_MOUNTAINS = Factor(shape="straight", mountain=1.0)
 
 DEFAULT_RULES: tuple[MaterialRule, ...] = (
@@ -174,9 +176,21 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         (Factor(0.0, 0.8, "straight", forest=1.0), Factor(290.0, 40.0, **_ALPINE)),
     ),
     MaterialRule(
-        "slope_scree", "scree", 0.85, (Factor(0.05, 0.45, mountain=1.0), Factor(0.64, 0.82, **_STONY))
+        "slope_scree", "scree", 0.7, (Factor(0.05, 0.45, mountain=1.0), Factor(0.62, 1.0, **_STONY))
     ),
-    MaterialRule("rock_face", "rock", 1.0, (Factor(0.97, 1.17, **_STONY),)),
+    MaterialRule("rock_face", "rock", 1.0, (Factor(0.78, 1.3, **_STONY),)),
+    # Turf climbs ledges of soft beds up to somewhat above the tree line.
+    MaterialRule(
+        "ledge_turf",
+        "grass",
+        0.85,
+        (
+            Factor(0.0, -0.45, bedding=1.0, mottle=0.3, hollow=-2.0),
+            Factor(1.4, 1.0, steepness=1.0),
+            Factor(250.0, 0.0, **_ALPINE),
+            Factor(0.5, 0.3, aridity=1.0),
+        ),
+    ),
     # Debris from the faces collects in gullies and at their feet, at the angle of repose.
     MaterialRule(
         "scree_fan",

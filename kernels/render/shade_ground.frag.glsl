@@ -47,6 +47,7 @@ uniform vec3 means[LAYERS];    // mean albedo of the layers
 #if MATERIALS == 1
 const float SOFT_BORDER = 0.6; // difference of weights over which two materials exchange their mean colours
 #endif
+const float MANY_PATCHES = 0.6;    // how much their shares, not their heights, determine the mean of many
 const vec2 PATCH = vec2(0.3, 2.0); // m, footprints of pixels with one patch of a material and with many
 
 // Beds as kernels/strata.clh has them, and joints across them.
@@ -163,7 +164,7 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
 #else
     int count = selected.weight.y < LEAST_SHARE ? 1 : MATERIALS == 2 || selected.weight.z < LEAST_SHARE ? 2 : 3;
 #endif
-    float total = selected.weight.x, many = smoothstep(PATCH.x, PATCH.y, footprint);
+    float total = selected.weight.x, many = MANY_PATCHES * smoothstep(PATCH.x, PATCH.y, footprint);
     for (int k = 0; k < count; ++k) {
         float weight = k == 0 ? selected.weight.x : k == 1 ? selected.weight.y : selected.weight.z;
         int layer = k == 0 ? selected.layer.x : k == 1 ? selected.layer.y : selected.layer.z;

@@ -9,6 +9,8 @@ from typing import Any, Final
 
 Colour = tuple[float, float, float]
 
+_DIGITS: Final = 9
+
 
 @dataclass(frozen=True)
 class Rock:
@@ -47,7 +49,12 @@ class Strata:
     def from_settings(cls, geology: Mapping[str, Any]) -> Strata:
         """Return the strata of the values of ``[geology]``."""
         rock = ROCKS[geology.get("rock", _DECLARED[0].name)]
-        dip, down = (math.radians(float(geology.get(name, 0.0))) for name in ("dip", "dip_direction"))
-        level = math.sin(dip) / rock.bed
-        across = (level * math.sin(down), level * math.cos(down), math.cos(dip) / rock.bed)
-        return cls(rock, across, (math.cos(down), -math.sin(down)))
+        (rise, level), (east, north) = (_unit(geology.get(name, 0.0)) for name in ("dip", "dip_direction"))
+        across = (rise * east / rock.bed, rise * north / rock.bed, level / rock.bed)
+        return cls(rock, across, (north, -east))
+
+
+def _unit(degrees: float) -> tuple[float, float]:
+    """Return sine and cosine, rounded: their last bits differ between C libraries."""
+    angle = math.radians(degrees)
+    return round(math.sin(angle), _DIGITS), round(math.cos(angle), _DIGITS)

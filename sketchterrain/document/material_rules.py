@@ -161,6 +161,7 @@ _BARE: Weights = {"mottle": 1.0, "hollow": -3.0, "steepness": 0.4, "wetness": -0
 _ALPINE: Weights = {"above_tree_line": 1.0, "mottle": 90.0}
 # Noise frays the edges of rock; rock in mountains is harder, gullies fill up, soft beds wear back to ledges.
 _STONY: Weights = {"steepness": 1.0, "mottle": 0.34, "mountain": 0.25, "hollow": -0.8, "bedding": 0.36}
+_DEBRIS: Weights = {"steepness": 1.0, "mottle": 0.5, "mountain": 0.15, "hollow": 0.8}
 _IN_MOUNTAINS = Factor(shape="straight", mountain=1.0)
 
 DEFAULT_RULES: tuple[MaterialRule, ...] = (
@@ -175,10 +176,10 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         1.0,
         (Factor(0.0, 0.8, "straight", forest=1.0), Factor(290.0, 40.0, **_ALPINE)),
     ),
-    MaterialRule(
-        "slope_scree", "scree", 0.7, (Factor(0.05, 0.45, mountain=1.0), Factor(0.62, 1.0, **_STONY))
-    ),
-    MaterialRule("rock_face", "rock", 1.0, (Factor(0.78, 1.3, **_STONY),)),
+    # Aprons of debris thin out downhill into grass; rock comes out where it is steeper, or higher.
+    MaterialRule("slope_scree", "scree", 0.85, (Factor(0.5, 0.95, **_DEBRIS),)),
+    MaterialRule("alpine_rock", "rock", 0.9, (Factor(0.0, 300.0, **_ALPINE), Factor(0.55, 1.1, **_STONY))),
+    MaterialRule("rock_face", "rock", 1.0, (Factor(0.8, 1.3, **_STONY),)),
     # Turf climbs ledges of soft beds up to somewhat above the tree line.
     MaterialRule(
         "ledge_turf",
@@ -186,9 +187,9 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         0.85,
         (
             Factor(0.0, -0.45, bedding=1.0, mottle=0.3, hollow=-2.0),
-            Factor(1.4, 1.0, steepness=1.0),
+            Factor(0.65, 0.95, steepness=1.0, mountain=0.25),
+            Factor(1.9, 1.4, steepness=1.0, aridity=2.5),
             Factor(250.0, 0.0, **_ALPINE),
-            Factor(0.5, 0.3, aridity=1.0),
         ),
     ),
     # Debris from the faces collects in gullies and at their feet, at the angle of repose.
@@ -198,8 +199,8 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         0.9,
         (
             Factor(0.1, 0.35, mountain=1.0),
-            Factor(0.005, 0.045, hollow=1.0, mottle=0.04),
-            Factor(0.4, 0.52, steepness=1.0, mottle=0.12),
+            Factor(0.0, 0.11, hollow=1.0, mottle=0.05, bedding=-0.03),
+            Factor(0.34, 0.6, steepness=1.0, mottle=0.15),
             Factor(1.15, 0.85, steepness=1.0, mottle=-0.15),
         ),
     ),
@@ -215,7 +216,7 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         1.0,
         (
             Factor(0.0, 150.0, above_snow_line=1.0, mottle=150.0, hollow=380.0),
-            Factor(1.5, 0.9, steepness=1.0, mottle=0.4, hollow=-1.6),
+            Factor(1.5, 0.9, steepness=1.0, mottle=0.4, hollow=-1.6, bedding=0.3),
         ),
     ),
     # Along a shore mud, grass and bars of sand take turns.

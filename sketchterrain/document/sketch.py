@@ -92,8 +92,8 @@ class Sketch:
     fidelity
         0 (a loose guideline) to 1 (exactly where it was painted).
     density, ground, geology, climate, coast, weather, frame, base
-        Settings by the names in `DENSITY`, `GROUND`, `GEOLOGY`, `CLIMATE`, `COAST`, `WEATHER`, `FRAME` and `BASE`;
-        missing ones have defaults.
+        Settings by the names in `DENSITY`, `GROUND`, `GEOLOGY`, `CLIMATE`, `COAST`, `WEATHER`, `FRAME` and
+        `BASE`; missing ones have defaults.
     layers
         Label images by the names in `PAINTED_LAYERS`: uint8, (height, width), 0 is empty. Missing layers are
         empty. The arrays of a sketch are read-only; a writeable array is copied.

@@ -1,6 +1,7 @@
 """Material weights: rules against their formulas, and kernels against NumPy float64."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 from sketchterrain.caching import LRUCache
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
+from sketchterrain.document.geology import ROCKS, Strata
 from sketchterrain.document.material_rules import (
     DEFAULT_RULES,
     INPUTS,
@@ -300,6 +302,19 @@ def test_default_rules_at_typical_sites() -> None:
             material_at(material, DESERT.climate, r, **inputs) for r in (DESERT_RULES, DEFAULT_RULES)
         )
         assert own > default + 0.3, material
+
+
+def test_strata_follow_dip_and_rock(make_recipe) -> None:
+    """Level beds depend on height alone, upright ones on the position across their strike."""
+    thickness = ROCKS["limestone"].bed
+    for dip, direction, across in ((0, 30, (0, 0, 1)), (90, 90, (1, 0, 0)), (90, 180, (0, -1, 0))):
+        strata = Strata.from_settings({"rock": "limestone", "dip": dip, "dip_direction": direction})
+        np.testing.assert_allclose(np.array(strata.across) * thickness, across, atol=1e-8)
+        assert np.dot(strata.across[:2], strata.strike) == 0
+    recipe = make_recipe()
+    assert changed_areas(recipe, replace(recipe, strata=strata)) == [EVERYWHERE]
+    ledge, rib = (material_at("grass", COLD, steepness=0.85, bedding=bedding) for bedding in (-0.8, 0.8))
+    assert ledge > rib + 0.4
 
 
 def test_a_sketch_overrides_the_table(context) -> None:

@@ -57,8 +57,8 @@ uniform float banding;         // how much the beds' colours differ, 0 ... 1
 const float FINER_BEDS = 3.7;  // fine beds a bed
 const float BED_BEND = 0.10;   // beds
 const uint FINE_SALT = 0x68E31DA4u;
-const float LEDGE = 0.06;      // beds, step of the finite difference of ledges
-const float LEDGE_SLOPE = 0.7; // slope of a ledge's edge
+const float LEDGE = 0.02;      // beds, step of the finite difference of ledges
+const float LEDGE_SLOPE = 1.0; // slope of a ledge's edge
 const float JOINT_WIDTH = 0.05, JOINT_DEPTH = 0.55; // of the space between two; share of the light that it takes
 const float STREAK_WIDTH = 64.0, STREAK_LENGTH = 1024.0, STREAK_DEPTH = 0.5; // m, m, share of light
 const float LICHEN_SPAN = 16.0; // m
@@ -85,8 +85,10 @@ float bed_hardness(float c, float footprint)
 #if MATERIALS == 1
     return 0.4 * sin(4.0 * c) + 0.5 * sin(9.7 * c + 1.0);
 #else
-    vec2 share = clamp(2.0 - vec2(2.0, 2.0 * FINER_BEDS) * footprint, 0.0, 1.0);
-    return share.x * hardness_at(c, 0u) + 0.6 * share.y * hardness_at(FINER_BEDS * c, FINE_SALT);
+    const vec3 finer = vec3(1.0, FINER_BEDS, FINER_BEDS * FINER_BEDS); // the last are layers of the beds
+    vec3 share = clamp(2.0 - 2.0 * finer * footprint, 0.0, 1.0) * vec3(1.0, 0.6, 0.4);
+    return share.x * hardness_at(c, 0u) + share.y * hardness_at(finer.y * c, FINE_SALT)
+        + share.z * hardness_at(finer.z * c, FINE_SALT);
 #endif
 }
 

@@ -186,7 +186,7 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         "grass",
         0.85,
         (
-            Factor(0.0, -0.45, bedding=1.0, mottle=0.3, hollow=-2.0),
+            Factor(0.0, -0.45, bedding=1.0, mottle=0.3, hollow=-1.0),
             Factor(0.65, 0.95, steepness=1.0, mountain=0.25),
             Factor(1.9, 1.4, steepness=1.0, aridity=2.5),
             Factor(250.0, 0.0, **_ALPINE),

@@ -219,8 +219,8 @@ _REFUSED = [
     (f"{_RAMP}shape = 'round'\nwater = 1", "factor.shape = 'round': expected 'smooth' or 'straight'"),
     (_RAMP, "number 1: factor: expected 1 to 6 of height, .*, got none"),
     (
-        f"{_RAMP}height = 1\nwater = 1\ndune = 1\nforest = 1\nmottle = 1",
-        "got height, water, dune, forest, mo",
+        f"{_RAMP}height = 1\nsteepness = 1\nwater = 1\nwetness = 1\ndune = 1\nforest = 1\nmottle = 1",
+        "got height, steepness, water, wetness, dune",
     ),
     (_ROW + "[[material_rule.factor]]\nwater = 1\n" * 5, "number 1: 5 factors: expected at most 4"),
     (_ROW + '[[material_rule]]\nname = "a"', r"\[\[material_rule\]\] number 2: name = 'a': a new rule"),

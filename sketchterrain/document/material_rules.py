@@ -161,7 +161,7 @@ _BARE: Weights = {"mottle": 1.0, "hollow": -3.0, "steepness": 0.4, "wetness": -0
 _ALPINE: Weights = {"above_tree_line": 1.0, "mottle": 90.0}
 # Noise frays the edges of rock; rock in mountains is harder, gullies fill up, soft beds wear back to ledges.
 _STONY: Weights = {"steepness": 1.0, "mottle": 0.34, "mountain": 0.25, "hollow": -0.8, "bedding": 0.36}
-_DEBRIS: Weights = {"steepness": 1.0, "mottle": 0.5, "mountain": 0.15, "hollow": 0.8}
+_DEBRIS: Weights = {"steepness": 1.0, "mottle": 0.36, "mountain": 0.15, "hollow": 0.8}
 _IN_MOUNTAINS = Factor(shape="straight", mountain=1.0)
 
 DEFAULT_RULES: tuple[MaterialRule, ...] = (
@@ -177,7 +177,7 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         (Factor(0.0, 0.8, "straight", forest=1.0), Factor(290.0, 40.0, **_ALPINE)),
     ),
     # Aprons of debris thin out downhill into grass; rock comes out where it is steeper, or higher.
-    MaterialRule("slope_scree", "scree", 0.85, (Factor(0.5, 0.95, **_DEBRIS),)),
+    MaterialRule("slope_scree", "scree", 0.85, (Factor(0.54, 0.98, **_DEBRIS),)),
     MaterialRule("alpine_rock", "rock", 0.9, (Factor(0.0, 300.0, **_ALPINE), Factor(0.55, 1.1, **_STONY))),
     MaterialRule("rock_face", "rock", 1.0, (Factor(0.8, 1.3, **_STONY),)),
     # Turf climbs ledges of soft beds up to somewhat above the tree line.

@@ -176,7 +176,8 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
         float own = dot(material.albedo, vec3(1.0)) / dot(means[layer], vec3(1.0));
 #endif
         material.albedo *= variety(layer, noise.wide, noise.middle, noise.small);
-        if (IS_BEDDED(layer)) add_beds(material, noise, n, planes, footprint);
+        // A loop, which CPU drivers skip where no pixel has beds.
+        for (int beds = IS_BEDDED(layer) ? 1 : 0; beds > 0; --beds) add_beds(material, noise, n, planes, footprint);
         float height = weight + material.height;
         if (k == 0) {
             all = material;

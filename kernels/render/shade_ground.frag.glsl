@@ -54,23 +54,48 @@ const float BELT = 900.0;                             // ... which they replace 
 const vec2 STEEP = vec2(0.75, 0.06);                  // upward normal below which crowns don't hide the ground; spread
 const float CANOPY_CONTRAST = 0.75;                   // of crowns over the texture's: leaves scatter light into gaps
 const float EDGE_SHADE = 0.45;                        // sunlight lost among the trunks and in the shadow of a forest's edge
-const float BED_SPAN = 700.0;  // m of height after which beds repeat
-const float FINER_BEDS = 3.7;  // fine beds per bed
-const float BED_BEND = 14.0;   // m, amplitude of the folds of beds
-const float LEDGE = 2.0;       // m, step of the finite difference of ledges
-const float LEDGE_SLOPE = 0.5; // slope of a ledge's edge
+const float MANY_PATCHES = 0.6;    // how much their shares, not their heights, determine the mean of many
+const vec2 PATCH = vec2(0.3, 2.0); // m, footprints of pixels with one patch of a material and with many
 
-// Hardness of the bed that a rock face cuts at a height (m), about -1 to 1: slightly bent bands.
-//   footprint  of a pixel, m: explicit mipmap level, as the control flow is not uniform
-float bed_hardness(float height, float bend, float footprint)
+// Beds as kernels/strata.clh has them, and joints across them.
+uniform vec4 strata;           // beds per m eastward, northward and upward; the eye's coordinate
+uniform vec4 joints;           // joints per m eastward and northward; the eye's coordinate; how open they are, 0 ... 1
+uniform float banding;         // how much the beds' colours differ, 0 ... 1
+const float FINER_BEDS = 3.7;  // fine beds a bed
+const float BED_BEND = 0.10;   // beds
+const uint FINE_SALT = 0x68E31DA4u;
+const float LEDGE = 0.02;      // beds, step of the finite difference of ledges
+const float LEDGE_SLOPE = 1.0; // slope of a ledge's edge
+const float JOINT_WIDTH = 0.05, JOINT_DEPTH = 0.55; // of the space between two; share of the light that it takes
+const float STREAK_WIDTH = 64.0, STREAK_LENGTH = 1024.0, STREAK_DEPTH = 0.5; // m, m, share of light
+const float LICHEN_SPAN = 16.0; // m
+
+uint mixed(uint h) // hash.clh
 {
-    float at = (height + eye.z + BED_BEND * bend) / BED_SPAN;
+    h = (h ^ h >> 16) * 0x7FEB352Du;
+    h = (h ^ h >> 15) * 0x846CA68Bu;
+    return h ^ h >> 16;
+}
+
+float hash_of(int n, uint salt) { return float(int(mixed(uint(n) + salt))) / 2147483648.0; }
+
+float hardness_at(float c, uint salt)
+{
+    float bed = floor(c);
+    return mix(hash_of(int(bed), salt), hash_of(int(bed) + 1, salt), smoothstep(0.3, 0.7, c - bed));
+}
+
+// Hardness of the bed at a coordinate across the strata, about -1 to 1.
+//   footprint  of a pixel, beds
+float bed_hardness(float c, float footprint)
+{
 #if MATERIALS == 1
-    return sin(40.0 * at) * 0.4 + 0.5 * sin(97.0 * at + 1.0);
+    return 0.4 * sin(4.0 * c) + 0.5 * sin(9.7 * c + 1.0);
 #else
-    float lod = log2(footprint * float(textureSize(noise_field, 0).y) / BED_SPAN);
-    return textureLod(noise_field, vec2(0.37, at), lod).z
-        + 0.6 * textureLod(noise_field, vec2(0.71, at * FINER_BEDS), lod + log2(FINER_BEDS)).z;
+    const vec3 finer = vec3(1.0, FINER_BEDS, FINER_BEDS * FINER_BEDS); // the last are layers of the beds
+    vec3 share = clamp(2.0 - 2.0 * finer * footprint, 0.0, 1.0) * vec3(1.0, 0.6, 0.4);
+    return share.x * hardness_at(c, 0u) + share.y * hardness_at(finer.y * c, FINE_SALT)
+        + share.z * hardness_at(finer.z * c, FINE_SALT);
 #endif
 }
 
@@ -104,16 +129,31 @@ StrongestMaterials select_materials(ivec2 at, Noise noise)
     return selected;
 }
 
-// Horizontal beds of a rock face: bands of colour, and ledges.
-void add_beds(inout MaterialSample rock, Noise noise, vec3 planes, float footprint)
+// Beds of a rock face: bands of colour and ledges, joints, streaks where water runs down, lichen on gentler faces.
+void add_beds(inout MaterialSample rock, Noise noise, vec3 n, vec3 planes, float footprint)
 {
-    float bend = noise.wide.w + 0.5 * noise.middle.x;
-    float bed = bed_hardness(position.z, bend, footprint);
+    float bed_footprint = footprint * length(strata.xyz);
+    float c = dot(position, strata.xyz) + strata.w + BED_BEND * (noise.wide.w + 0.5 * noise.middle.x);
+    float bed = bed_hardness(c, bed_footprint);
     vec3 banded = mix(vec3(0.66, 0.65, 0.65), vec3(1.20, 1.17, 1.10), smoothstep(-0.8, 0.8, bed));
-    rock.albedo *= mix(vec3(1.0), banded, 0.35 + 0.45 * trees.y);
+    rock.albedo *= mix(vec3(1.0), banded, banding);
 #if MATERIALS > 1 && DETAIL
     // Hard beds protrude: their upper edges face the sky.
-    rock.bump.z -= LEDGE_SLOPE * (1.0 - planes.z) * (bed_hardness(position.z + LEDGE, bend, footprint) - bed);
+    float steep = 1.0 - planes.z;
+    rock.bump.z -= LEDGE_SLOPE * steep * (bed_hardness(c + LEDGE, bed_footprint) - bed);
+    float joint = dot(position.xy, joints.xy) + joints.z + hash_of(int(floor(c)), 1u) + 0.15 * noise.small.x;
+    float width = max(JOINT_WIDTH, footprint * length(joints.xy));
+    float open = joints.w * smoothstep(-0.2, 0.6, hash_of(int(floor(joint)), 2u)) * JOINT_WIDTH / width;
+    rock.albedo *= 1.0 - JOINT_DEPTH * open * steep * (1.0 - smoothstep(0.0, width, abs(fract(joint) - 0.5)));
+    vec3 place = position + eye.xyz;
+    vec2 down = vec2(abs(n.x) > abs(n.y) ? place.y : place.x, place.z) / vec2(STREAK_WIDTH, STREAK_LENGTH);
+    float texel = footprint * float(textureSize(noise_field, 0).x);
+    float streak = smoothstep(0.1, 0.9, textureLod(noise_field, down, log2(texel / STREAK_WIDTH)).x + 0.4 * noise.middle.y);
+    rock.albedo *= 1.0 - STREAK_DEPTH * streak * steep * smoothstep(0.6, -0.4, bed);
+    vec4 patchy = textureLod(noise_field, (place.xy + place.z) / LICHEN_SPAN, log2(texel / LICHEN_SPAN));
+    vec2 lichen = smoothstep(vec2(0.0, 0.35), vec2(0.7, 0.8), patchy.xy + 0.5 * noise.middle.zw) * (1.0 - trees.y);
+    rock.albedo = mix(rock.albedo, vec3(0.062, 0.064, 0.052), 0.5 * lichen.x);
+    rock.albedo = mix(rock.albedo, vec3(0.125, 0.125, 0.055), 0.5 * lichen.y * smoothstep(0.2, 0.8, n.z));
 #endif
 }
 
@@ -136,6 +176,7 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
 #else
     int count = selected.weight.y < LEAST_SHARE ? 1 : MATERIALS == 2 || selected.weight.z < LEAST_SHARE ? 2 : 3;
 #endif
+    float total = selected.weight.x, many = MANY_PATCHES * smoothstep(PATCH.x, PATCH.y, footprint);
     for (int k = 0; k < count; ++k) {
         float weight = k == 0 ? selected.weight.x : k == 1 ? selected.weight.y : selected.weight.z;
         int layer = k == 0 ? selected.layer.x : k == 1 ? selected.layer.y : selected.layer.z;
@@ -148,7 +189,8 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
         float own = dot(material.albedo, vec3(1.0)) / dot(means[layer], vec3(1.0));
 #endif
         material.albedo *= variety(layer, noise.wide, noise.middle, noise.small);
-        if (IS_BEDDED(layer)) add_beds(material, noise, planes, footprint);
+        // A loop, which CPU drivers skip where no pixel has beds.
+        for (int beds = IS_BEDDED(layer) ? 1 : 0; beds > 0; --beds) add_beds(material, noise, n, planes, footprint);
         float height = weight + material.height;
         if (k == 0) {
             all = material;
@@ -158,7 +200,8 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
             grain = own;
 #endif
         } else {
-            float opacity = layer_share(all.height, material.height, weight);
+            total += weight;
+            float opacity = mix(layer_share(all.height, material.height, weight), weight / total, many);
             float below = all.height;
             all = mix_materials(all, material, opacity);
             all.height = mix(below, height, opacity);

@@ -11,7 +11,7 @@ from sketchterrain.errors import InputError, did_you_mean, format_value, unknown
 MAX_FACTORS = 4
 """The most factors of a rule."""
 
-MAX_INPUTS = 4
+MAX_INPUTS = 6
 """The most inputs of a factor."""
 
 _MAX_WEIGHT = 1e4
@@ -29,6 +29,7 @@ INPUTS: Mapping[str, Parameter] = parameter_table(
     _weight("above_sea", "1/m", "weight of the elevation above the sea; a rule with it needs a sea"),
     _weight("steepness", "", "weight of the slope, rise over run"),
     _weight("hollow", "", "weight of the curvature: change of slope over a cell, positive in hollows"),
+    _weight("bedding", "", "weight of the rock's beds, from -1 (soft, ledges) to 1 (hard, ribs)"),
     _weight("aridity", "", "weight of [climate] aridity"),
     _weight("water", "", "weight of water: 1 in the middle, 0.75 at its edge, 0 away from it"),
     _weight(
@@ -75,6 +76,7 @@ class Factor:
     above_sea: float = 0.0
     steepness: float = 0.0
     hollow: float = 0.0
+    bedding: float = 0.0
     aridity: float = 0.0
     water: float = 0.0
     wetness: float = 0.0
@@ -157,8 +159,9 @@ _DRY: Weights = {"aridity": 1.0, "mottle": 0.12, "wetness": -0.16, "water": -0.1
 # Grass thins out on crests and slopes, and holds in hollows, on valley floors and beside water.
 _BARE: Weights = {"mottle": 1.0, "hollow": -3.0, "steepness": 0.4, "wetness": -0.6}
 _ALPINE: Weights = {"above_tree_line": 1.0, "mottle": 90.0}
-# Noise frays the edges of rock; rock in mountains is harder, and gullies fill up.
-_STONY: Weights = {"steepness": 1.0, "mottle": 0.34, "mountain": 0.25, "hollow": -0.8}
+# Noise frays the edges of rock; rock in mountains is harder, gullies fill up, soft beds wear back to ledges.
+_STONY: Weights = {"steepness": 1.0, "mottle": 0.34, "mountain": 0.25, "hollow": -0.8, "bedding": 0.36}
+_DEBRIS: Weights = {"steepness": 1.0, "mottle": 0.36, "mountain": 0.15, "hollow": 0.8}
 _IN_MOUNTAINS = Factor(shape="straight", mountain=1.0)
 
 DEFAULT_RULES: tuple[MaterialRule, ...] = (
@@ -173,10 +176,22 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         1.0,
         (Factor(0.0, 0.8, "straight", forest=1.0), Factor(290.0, 40.0, **_ALPINE)),
     ),
+    # Aprons of debris thin out downhill into grass; rock comes out where it is steeper, or higher.
+    MaterialRule("slope_scree", "scree", 0.85, (Factor(0.54, 0.98, **_DEBRIS),)),
+    MaterialRule("alpine_rock", "rock", 0.9, (Factor(0.0, 300.0, **_ALPINE), Factor(0.55, 1.1, **_STONY))),
+    MaterialRule("rock_face", "rock", 1.0, (Factor(0.8, 1.3, **_STONY),)),
+    # Turf climbs ledges of soft beds up to somewhat above the tree line.
     MaterialRule(
-        "slope_scree", "scree", 0.85, (Factor(0.05, 0.45, mountain=1.0), Factor(0.64, 0.82, **_STONY))
+        "ledge_turf",
+        "grass",
+        0.85,
+        (
+            Factor(0.0, -0.45, bedding=1.0, mottle=0.3, hollow=-1.0),
+            Factor(0.65, 0.95, steepness=1.0, mountain=0.25),
+            Factor(1.9, 1.4, steepness=1.0, aridity=2.5),
+            Factor(250.0, 0.0, **_ALPINE),
+        ),
     ),
-    MaterialRule("rock_face", "rock", 1.0, (Factor(0.97, 1.17, **_STONY),)),
     # Debris from the faces collects in gullies and at their feet, at the angle of repose.
     MaterialRule(
         "scree_fan",
@@ -184,8 +199,8 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         0.9,
         (
             Factor(0.1, 0.35, mountain=1.0),
-            Factor(0.005, 0.045, hollow=1.0, mottle=0.04),
-            Factor(0.4, 0.52, steepness=1.0, mottle=0.12),
+            Factor(0.0, 0.11, hollow=1.0, mottle=0.05, bedding=-0.03),
+            Factor(0.34, 0.6, steepness=1.0, mottle=0.15),
             Factor(1.15, 0.85, steepness=1.0, mottle=-0.15),
         ),
     ),
@@ -201,7 +216,7 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         1.0,
         (
             Factor(0.0, 150.0, above_snow_line=1.0, mottle=150.0, hollow=380.0),
-            Factor(1.5, 0.9, steepness=1.0, mottle=0.4, hollow=-1.6),
+            Factor(1.5, 0.9, steepness=1.0, mottle=0.4, hollow=-1.6, bedding=0.3),
         ),
     ),
     # Along a shore mud, grass and bars of sand take turns.

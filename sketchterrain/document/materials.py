@@ -45,7 +45,8 @@ class Texture:
     arid_tint: Tint = _NEUTRAL  # at aridity 1, ...
     arid_from: float = 0.0  # ... from none at this aridity
     variations: tuple[Variation, ...] = ()
-    bedded: bool = False  # horizontal beds on its faces
+    bedded: bool = False  # beds on its faces
+    of_rock: float = 0.0  # how much of it has the colour of the sketch's rock
 
     @property
     def is_directed(self) -> bool:
@@ -92,7 +93,7 @@ class Material:
 
 _RED: Final = (1.35, 0.98, 0.72)  # tint of stone and soil in a desert
 _RED_FROM: Final = 0.4
-_STRATA: Final = Variation((0.80, 0.83, 0.87), (1.07, 1.02, 0.95), -0.7, 0.7, "wide.y + 0.5 * middle.z")
+_STRATA: Final = Variation((0.72, 0.75, 0.80), (1.16, 1.11, 1.03), -0.7, 0.7, "wide.y + 0.5 * middle.z")
 _MEADOWS: Final = (  # lush to dry; sedge
     Variation(
         *((1.04, 0.96, 1.04), (1.62, 1.22, 1.16), -0.2, 1.1),
@@ -126,7 +127,7 @@ _DECLARED: Final = (
     Material(
         "soil",
         "Bare soil",
-        Texture("soil", 5.0, 0.030, 0.95, 0.85, (0, 3), arid_tint=_RED, arid_from=_RED_FROM),
+        Texture("soil", 5.0, 0.030, 0.95, 0.85, (0, 3), arid_tint=_RED, arid_from=_RED_FROM, of_rock=0.3),
         tint=(228, 220, 190),
         colour=(130, 90, 50),
         spacing=1.5,
@@ -140,6 +141,7 @@ _DECLARED: Final = (
             *("rock", 8.0, 0.150, 0.90, 0.75, (0, 5), 0.0, _RED, _RED_FROM),
             variations=(_STRATA,),
             bedded=True,
+            of_rock=1.0,
         ),
         tint=(209, 204, 199),
         colour=(130, 130, 140),
@@ -156,6 +158,7 @@ _DECLARED: Final = (
             arid_tint=_RED,
             arid_from=_RED_FROM,
             variations=(_STRATA,),
+            of_rock=1.0,
         ),
         tint=(226, 218, 204),
         colour=(190, 180, 165),
@@ -188,7 +191,7 @@ _DECLARED: Final = (
     Material(
         "river_bed",
         "River bed",
-        Texture("river_bed", 5.0, 0.045, 0.60, 0.50, (0, 1)),
+        Texture("river_bed", 5.0, 0.045, 0.60, 0.50, (0, 1), of_rock=0.5),
         tint=(226, 226, 203),
         colour=(60, 110, 200),
         is_mapped=False,
@@ -210,7 +213,7 @@ _DECLARED: Final = (
     Material(
         "gravel",
         "Gravel",
-        Texture("gravel", 2.5, 0.035, 0.95, 0.80, (0, 2)),
+        Texture("gravel", 2.5, 0.035, 0.95, 0.80, (0, 2), of_rock=0.5),
         tint=(222, 217, 208),
         colour=(165, 150, 140),
         pen="rock",

@@ -10,6 +10,7 @@ from numbers import Integral, Real
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 
+from sketchterrain.document.geology import ROCKS
 from sketchterrain.errors import InputError, format_value, unknown_key
 
 Value: TypeAlias = int | float | str
@@ -169,6 +170,16 @@ GROUND: Mapping[str, Parameter] = parameter_table(
     ),
 )
 """Keys of ``[ground]``: the plain under and between the features."""
+
+GEOLOGY: Mapping[str, Parameter] = parameter_table(
+    Parameter(
+        *("rock", str, "gneiss", 1, 20, "", "its colour, and how it is bedded and jointed"),
+        choices=tuple(ROCKS),
+    ),
+    Parameter("dip", float, 16.0, 0.0, 90.0, "°", "slope of its beds; hard ones stand out as ribs"),
+    Parameter("dip_direction", float, 120.0, 0.0, 360.0, "°", "where its beds slope down to: 90 is east"),
+)
+"""Keys of ``[geology]``: the rock; it changes materials, but no heights."""
 
 CLIMATE: Mapping[str, Parameter] = parameter_table(
     Parameter(

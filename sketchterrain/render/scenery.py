@@ -13,6 +13,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.array_types import Bounds
+from sketchterrain.document.geology import Strata
 from sketchterrain.render.appearance import AppearanceTextures
 from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_HEIGHT
 from sketchterrain.render.built import BuiltScenery
@@ -75,7 +76,7 @@ class Scenery:
         self._quality = quality
         self._targets: dict[tuple[int, int], RenderTargets] = {}
         self._frame_block = FrameBlock(context)
-        self._aridity = _aridity(terrain)
+        self._aridity, self._strata = _aridity(terrain), Strata.from_settings(terrain.sketch.geology)
         self.appearance = AppearanceTextures(context, terrain, quality)
         self.labels = Labels(context, terrain)
         self._textures = textures
@@ -130,6 +131,7 @@ class Scenery:
             self._table,
             aridity=self._aridity,
             look=self._look,
+            strata=self._strata,
             clouds=self._cloudiness,
             appearance=self.appearance.defines,
         )
@@ -187,13 +189,14 @@ class Scenery:
 
     def _update_materials(self, terrain: TerrainSource) -> None:
         aridity, look = _aridity(terrain), terrain.sketch.looks
+        strata = Strata.from_settings(terrain.sketch.geology)
         if look != self._look:
             self._materials = MaterialTextures.for_sketch(
                 self._context, terrain.sketch, terrain.context.device, self._quality, folder=self._textures
             )
-        if (aridity, look) != (self._aridity, self._look):
-            self._aridity, self._look = aridity, look
-            self.shading.set_materials(aridity, look)
+        if (aridity, look, strata) != (self._aridity, self._look, self._strata):
+            self._aridity, self._look, self._strata = aridity, look, strata
+            self.shading.set_materials(aridity, look, strata)
 
     def relight(self, sun: Sun, weather: Weather) -> None:
         """Change sun and weather; shadows follow over the next frames.

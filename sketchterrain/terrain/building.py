@@ -12,6 +12,7 @@ import numpy as np
 from sketchterrain.array_types import Bounds, Float64Array, StructuredArray
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.geology import Strata
 from sketchterrain.document.material_rules import resolved_rules
 from sketchterrain.elevation.base import load_base
 from sketchterrain.hydrology.courses import RiverCourse
@@ -313,6 +314,7 @@ def plan_terrain(
         ),
         sketch.material_table,
         resolved_rules(sketch.material_rules),
+        strata=Strata.from_settings(sketch.geology),
     )
     checkpoint()
     points = replace(dry.points, painted=np.concatenate([painted.points, adopted.points]))

@@ -217,10 +217,10 @@ _REFUSED = [
     (f"{_RAMP}steepnes = 1", r"unknown key 'steepnes' = 1 in \[\[material_rule.factor\]\]: .*'steepness'"),
     (f"{_RAMP}start = 1\nwater = 1", "number 1: factor.full = 1.0: expected at least 0.0001 from start"),
     (f"{_RAMP}shape = 'round'\nwater = 1", "factor.shape = 'round': expected 'smooth' or 'straight'"),
-    (_RAMP, "number 1: factor: expected 1 to 4 of height, .*, got none"),
+    (_RAMP, "number 1: factor: expected 1 to 6 of height, .*, got none"),
     (
-        f"{_RAMP}height = 1\nwater = 1\ndune = 1\nforest = 1\nmottle = 1",
-        "got height, water, dune, forest, mo",
+        f"{_RAMP}height = 1\nsteepness = 1\nwater = 1\nwetness = 1\ndune = 1\nforest = 1\nmottle = 1",
+        "got height, steepness, water, wetness, dune",
     ),
     (_ROW + "[[material_rule.factor]]\nwater = 1\n" * 5, "number 1: 5 factors: expected at most 4"),
     (_ROW + '[[material_rule]]\nname = "a"', r"\[\[material_rule\]\] number 2: name = 'a': a new rule"),

@@ -39,7 +39,7 @@ out vec4 under;  // rgb: radiance of the ground at its foot; w: 1 if that is in 
 out vec4 veil;   // rgb: in-scattered light; w: transmittance of the air
 
 const float BLADE = 0.0026;     // m, half the width of a blade
-const float FLOWER_PART = 0.0030; // m, the same of flowers' parts
+const float FLOWER_PART = 0.0040; // m, the same of flowers' parts
 const float LEAST = 0.42;       // px, smallest half width of a blade
 const float LEAST_PART = 0.13;  // px, the same of flowers, whose heads are several times as wide
 const float LIVELY = 1.35;      // brightness of a blade over the ground's texture, which includes the gaps
@@ -96,10 +96,10 @@ void main()
     int layer = 0;
     MEADOW_KINDS
     vec3 colour = meadow_albedo(layer, wide, middle, small);
-    float tall, half_width = BLADE, least = LEAST, chance;
+    float tall = mix(0.10, 0.50, lush * sqrt(lush)) * sward, half_width = BLADE, least = LEAST, chance;
 #if KIND == MEADOW
     chance = max(meadow, 0.45 * wood * smoothstep(-0.2, 0.5, small.z));
-    tall = mix(0.05, 0.46, lush * sqrt(lush)) * (0.55 + 0.9 * a) * mix(0.5, 1.0, meadow) * sward;
+    tall *= (0.6 + 0.8 * a) * mix(0.5, 1.0, meadow);
     colour *= mix(vec3(1.25, 1.08, 1.0), vec3(1.0), meadow);
 #elif KIND == TALL
     chance = meadow * (0.02 + 0.98 * smoothstep(0.10, 0.55, 0.6 * small.w + 0.45 * fine.w + 0.35 * middle.x + 0.3 * tussocks.y));
@@ -112,8 +112,8 @@ void main()
     chance = max(chance, bunch);
 #elif KIND == FLOWER
     // In drifts of a kind, and in clumps within a drift.
-    chance = meadow * (0.004 + 0.996 * smoothstep(0.25, 0.60, 0.75 * small.z + 0.55 * fine.z + 0.3 * tussocks.z));
-    tall = mix(0.12, 0.38, lush) * (0.7 + 0.6 * a);
+    chance = meadow * (0.004 + 0.996 * smoothstep(0.05, 0.45, 0.7 * small.z + 0.5 * fine.z + 0.35 * tussocks.z));
+    tall = (tall + 0.08) * (0.8 + 0.5 * a);
     half_width = FLOWER_PART * (0.8 + 0.5 * c);
     least = LEAST_PART;
     vec4 kinds = textureLod(noise_field, world / 97.0 + 0.51, 0.0);

@@ -159,12 +159,13 @@ _DRY: Weights = {"aridity": 1.0, "mottle": 0.12, "wetness": -0.16, "water": -0.1
 # Grass is short and straw-coloured on sunny slopes, green on shaded ones and where water gathers.
 _SUNNY: Weights = {"mottle": 0.7, "northness": -1.6, "wetness": -0.9, "aridity": 1.0}
 # … and on crests and steep slopes, whose soils are thin.
-_THIN_SOIL: Weights = {"steepness": 0.9, "hollow": -6.0, "mottle": 0.4, "wetness": -0.5}
+_THIN_SOIL: Weights = {"steepness": 0.9, "hollow": -6.0, "northness": -0.7, "wetness": -0.5}
 # Dwarf shrubs and tall herbs grow in drifts where cattle rarely graze: on rough slopes, rather on shaded ones.
 _UNGRAZED: Weights = {"mottle": -0.75, "steepness": 0.5, "northness": 0.6, "wetness": -0.25}
 # Soil lies bare on eroding crests and slopes; grass holds on level ground, in hollows and on valley floors.
 _BARE: Weights = {"mottle": 0.45, "hollow": -4.0, "steepness": 0.9, "wetness": -0.6}
 _ALPINE: Weights = {"above_tree_line": 1.0, "mottle": 90.0}
+_DWARF: Weights = {"above_tree_line": 1.0, "mottle": -260.0}
 # Noise frays the edges of rock; rock in mountains is harder, and gullies fill up.
 _STONY: Weights = {"steepness": 1.0, "mottle": 0.34, "mountain": 0.25, "hollow": -0.8}
 _IN_MOUNTAINS = Factor(shape="straight", mountain=1.0)
@@ -178,7 +179,7 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         "alpine_heath",
         "heath",
         0.75,
-        (Factor(-260.0, -60.0, **_ALPINE), Factor(260.0, 90.0, **_ALPINE), Factor(0.55, -0.35, mottle=1.0)),
+        (Factor(-260.0, -60.0, **_DWARF), Factor(260.0, 90.0, **_ALPINE)),
     ),
     MaterialRule("dry_soil", "soil", 1.0, (Factor(0.3, 0.3 + 1 / 3, **_DRY),)),
     MaterialRule("patchy_soil", "soil", 0.6, (Factor(0.6, 1.0, **_BARE),)),

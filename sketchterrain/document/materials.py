@@ -103,14 +103,14 @@ _MEADOWS: Final = (  # lush to yellow; sedge; herbs
         *(_NEUTRAL, (0.62, 0.74, 0.84), 0.05, 0.8),
         "0.5 * wide.w + 0.8 * middle.x + 0.6 * small.y",
     ),
-    Variation(*((0.90, 0.92, 0.90), (1.16, 1.08, 1.02), -0.5, 0.5), "0.5 * middle.z + 0.9 * small.x"),
+    Variation(*((0.80, 0.85, 0.86), (1.20, 1.12, 1.02), -0.6, 0.6), "0.4 * middle.z + small.x"),
 )
 _TURF: Final = (  # olive to straw; grazed
     Variation(
         *((0.82, 0.96, 0.80), (1.30, 1.16, 1.18), -0.7, 0.8),
         "0.6 * wide.y + 0.7 * middle.w + 0.6 * small.x",
     ),
-    Variation(*((0.86, 0.88, 0.86), (1.14, 1.10, 1.08), -0.5, 0.5), "0.4 * middle.x + 0.9 * small.w"),
+    Variation(*((0.80, 0.84, 0.84), (1.18, 1.12, 1.06), -0.6, 0.6), "0.4 * middle.x + small.w"),
 )
 _HEATHER: Final = (  # heather to bracken
     Variation(
@@ -135,7 +135,7 @@ _DECLARED: Final = (
         colour=(90, 170, 60),
         spacing=0.5,
         meadow=1.0,
-        stones=Stones(middles=0.06),
+        stones=Stones(0.002, middles=0.06),
         tags="meadow grass grassland",
     ),
     Material(

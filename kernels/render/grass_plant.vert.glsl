@@ -95,14 +95,15 @@ void main()
     float pick = turf * smoothstep(-0.9, 0.9, 0.5 * small.x + 0.6 * fine.y + 0.6 * (a - 0.5)), sward = 1.0;
     int layer = 0;
     MEADOW_KINDS
-    vec3 colour = meadow_albedo(layer, wide, middle, small);
+    vec3 colour = meadow_albedo(layer, wide, middle, small)
+        * mix(vec3(1.22, 1.06, 0.92), vec3(0.78, 0.92, 0.96), smoothstep(-0.5, 0.5, tussocks.w));
     float tall = mix(0.10, 0.50, lush * sqrt(lush)) * sward, half_width = BLADE, least = LEAST, chance;
 #if KIND == MEADOW
     chance = max(meadow, 0.45 * wood * smoothstep(-0.2, 0.5, small.z));
     tall *= (0.6 + 0.8 * a) * mix(0.5, 1.0, meadow);
     colour *= mix(vec3(1.25, 1.08, 1.0), vec3(1.0), meadow);
 #elif KIND == TALL
-    chance = meadow * (0.02 + 0.98 * smoothstep(0.10, 0.55, 0.6 * small.w + 0.45 * fine.w + 0.35 * middle.x + 0.3 * tussocks.y));
+    chance = meadow * (0.02 + 0.98 * smoothstep(0.0, 0.5, 0.6 * small.w + 0.45 * fine.w + 0.35 * middle.x + 0.3 * tussocks.y));
     tall = mix(0.34, 0.80, lush) * (0.6 + 0.7 * a) * sqrt(sward);
     colour = mix(colour * vec3(1.12, 1.03, 0.95), HAY * 0.6, smoothstep(0.55, 1.0, b + 0.35 * fine.z) * 0.8); // last year's
     // In dry lands single bunches foot_height on sand and soil.

@@ -160,7 +160,7 @@ _DRY: Weights = {"aridity": 1.0, "mottle": 0.12, "wetness": -0.16, "water": -0.1
 _SUNNY: Weights = {"mottle": 0.7, "northness": -1.6, "wetness": -0.9, "aridity": 1.0}
 # … and on crests and steep slopes, whose soils are thin.
 _THIN_SOIL: Weights = {"steepness": 0.9, "hollow": -6.0, "northness": -0.7, "wetness": -0.5}
-# Dwarf shrubs and tall herbs grow in drifts where cattle rarely graze: on rough slopes, rather on shaded ones.
+# Dwarf shrubs and tall herbs grow in drifts where cattle rarely graze: on rough, shaded slopes.
 _UNGRAZED: Weights = {"mottle": -0.75, "steepness": 0.5, "northness": 0.6, "wetness": -0.25}
 # Soil lies bare on eroding crests and slopes; grass holds on level ground, in hollows and on valley floors.
 _BARE: Weights = {"mottle": 0.45, "hollow": -4.0, "steepness": 0.9, "wetness": -0.6}

@@ -96,7 +96,7 @@ void main()
     int layer = 0;
     MEADOW_KINDS
     vec3 colour = meadow_albedo(layer, wide, middle, small)
-        * mix(vec3(1.22, 1.06, 0.92), vec3(0.78, 0.92, 0.96), smoothstep(-0.5, 0.5, tussocks.w));
+        * mix(vec3(1.16, 1.05, 0.98), vec3(0.82, 0.92, 0.93), smoothstep(-0.5, 0.5, tussocks.w));
     float tall = mix(0.10, 0.50, lush * sqrt(lush)) * sward, half_width = BLADE, least = LEAST, chance;
 #if KIND == MEADOW
     chance = max(meadow, 0.45 * wood * smoothstep(-0.2, 0.5, small.z));

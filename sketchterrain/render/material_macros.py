@@ -68,7 +68,7 @@ def _variations(table: MaterialTable) -> str:
 
 
 def _meadow_kinds(table: MaterialTable) -> str:
-    """Return statements that set ``layer`` and ``sward`` of a tuft to those at ``pick`` of the meadows' shares."""
+    """Return statements that set a tuft's ``layer`` and ``sward`` to those at ``pick`` of the shares."""
     return " ".join(
         f"if (pick > 0.0) {{ layer = {index}; sward = {each.sward}; }} "
         f"pick -= {each.meadow} * {_weight(index, 'weights')};"

@@ -28,6 +28,7 @@ INPUTS: Mapping[str, Parameter] = parameter_table(
     _weight("above_tree_line", "1/m", "weight of the elevation above [climate] tree_line"),
     _weight("above_sea", "1/m", "weight of the elevation above the sea; a rule with it needs a sea"),
     _weight("steepness", "", "weight of the slope, rise over run"),
+    _weight("northness", "", "weight of the aspect: sine of the slope times cosine of its bearing, -1 to 1"),
     _weight("hollow", "", "weight of the curvature: change of slope over a cell, positive in hollows"),
     _weight("bedding", "", "weight of the rock's beds, from -1 (soft, ledges) to 1 (hard, ribs)"),
     _weight("aridity", "", "weight of [climate] aridity"),
@@ -75,6 +76,7 @@ class Factor:
     above_tree_line: float = 0.0
     above_sea: float = 0.0
     steepness: float = 0.0
+    northness: float = 0.0
     hollow: float = 0.0
     bedding: float = 0.0
     aridity: float = 0.0
@@ -150,23 +152,40 @@ class RuleChange:
         return {name: value for name in RULE if (value := getattr(self, name)) not in (None, "")}
 
 
-MAX_RULES = 32
+MAX_RULES = 36
 """The most rules of a sketch, those of the default table included."""
 
 Weights: TypeAlias = dict[str, Any]  # floats by input; Any, since mypy checks ** against every argument
 # Banks are green in deserts too, valley floors where there is some rain.
 _DRY: Weights = {"aridity": 1.0, "mottle": 0.12, "wetness": -0.16, "water": -0.15}
-# Grass thins out on crests and slopes, and holds in hollows, on valley floors and beside water.
-_BARE: Weights = {"mottle": 1.0, "hollow": -3.0, "steepness": 0.4, "wetness": -0.6}
+# Grass is short and straw-coloured on sunny slopes, green on shaded ones and where water gathers.
+_SUNNY: Weights = {"mottle": 0.7, "northness": -1.6, "wetness": -0.9, "aridity": 1.0}
+# … and on crests and steep slopes, whose soils are thin.
+_THIN_SOIL: Weights = {"steepness": 0.9, "hollow": -6.0, "northness": -0.7, "wetness": -0.5}
+# Dwarf shrubs and tall herbs grow in drifts where cattle rarely graze: on rough, shaded slopes.
+_UNGRAZED: Weights = {"mottle": -0.75, "steepness": 0.5, "northness": 0.6, "wetness": -0.25}
+# Soil lies bare on eroding crests and slopes; grass holds on level ground, in hollows and on valley floors.
+_BARE: Weights = {"mottle": 0.45, "hollow": -4.0, "steepness": 0.9, "wetness": -0.6}
 _ALPINE: Weights = {"above_tree_line": 1.0, "mottle": 90.0}
+_DWARF: Weights = {"above_tree_line": 1.0, "mottle": -260.0}
 # Noise frays the edges of rock; rock in mountains is harder, gullies fill up, soft beds wear back to ledges.
 _STONY: Weights = {"steepness": 1.0, "mottle": 0.34, "mountain": 0.25, "hollow": -0.8, "bedding": 0.36}
 _DEBRIS: Weights = {"steepness": 1.0, "mottle": 0.36, "mountain": 0.15, "hollow": 0.8}
 _IN_MOUNTAINS = Factor(shape="straight", mountain=1.0)
 
 DEFAULT_RULES: tuple[MaterialRule, ...] = (
+    MaterialRule("dry_meadow", "dry_grass", 0.9, (Factor(-0.25, 0.7, **_SUNNY),)),
+    MaterialRule("dry_crest", "dry_grass", 0.8, (Factor(0.15, 0.75, **_THIN_SOIL),)),
+    MaterialRule("heath", "heath", 0.85, (Factor(0.28, 0.55, **_UNGRAZED),)),
+    # Dwarf shrubs take over below the tree line and give way to alpine turf above it.
+    MaterialRule(
+        "alpine_heath",
+        "heath",
+        0.75,
+        (Factor(-260.0, -60.0, **_DWARF), Factor(260.0, 90.0, **_ALPINE)),
+    ),
     MaterialRule("dry_soil", "soil", 1.0, (Factor(0.3, 0.3 + 1 / 3, **_DRY),)),
-    MaterialRule("patchy_soil", "soil", 0.7, (Factor(0.56, 0.7, **_BARE),)),
+    MaterialRule("patchy_soil", "soil", 0.6, (Factor(0.6, 1.0, **_BARE),)),
     MaterialRule("desert_sand", "sand", 1.0, (Factor(0.62, 0.87, **_DRY),)),
     # Above the tree line grass thins out into bare stone.
     MaterialRule("alpine_scree", "scree", 0.8, (Factor(40.0, 290.0, **_ALPINE), _IN_MOUNTAINS)),

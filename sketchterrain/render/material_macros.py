@@ -14,12 +14,11 @@ def material_macros(table: MaterialTable) -> dict[str, int | str]:
         (index, layers.index(far.name)) for index, each in enumerate(materials) if (far := each.distant)
     ]
     bedded = [index for index, texture in enumerate(table.layers.values()) if texture.bedded]
-    meadow = max(materials, key=lambda material: material.meadow)
     return {
         "WEIGHT_WORDS": weight_words(len(table)),
         "LAYERS": len(layers),
         "BEDROCK": layers.index(BEDROCK),
-        "MEADOW_LAYER": layers.index(meadow.name),
+        "MEADOW_KINDS": _meadow_kinds(table),
         "IS_BEDDED(layer)": _is_any("layer", bedded),
         "DISTANT_LAYER(layer)": _choice("layer", distant),
         "VARIATIONS": _variations(table),
@@ -71,6 +70,16 @@ def _variations(table: MaterialTable) -> str:
         f"if ({_is_any('layer', layers)}) colour *= mix(vec3{each.low}, vec3{each.high}, "
         f"smoothstep({each.start}, {each.full}, {each.noise}));"
         for each, layers in varied.items()
+    )
+
+
+def _meadow_kinds(table: MaterialTable) -> str:
+    """Return statements that set a tuft's ``layer`` and ``sward`` to those at ``pick`` of the shares."""
+    return " ".join(
+        f"if (pick > 0.0) {{ layer = {index}; sward = {each.sward}; }} "
+        f"pick -= {each.meadow} * {_weight(index, 'weights')};"
+        for index, each in enumerate(table)
+        if each.meadow
     )
 
 

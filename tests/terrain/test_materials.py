@@ -49,8 +49,8 @@ __kernel void weights(RULE_ARGUMENTS, __global const REAL *values, __global cons
 {
     COLLECT_RULES
     const size_t i = get_global_id(0);
-    __global const REAL *v = values + 5 * i;
-    SurfaceInputs inputs = {v[0], v[1], v[2], v[3], v[4]};
+    __global const REAL *v = values + 6 * i;
+    SurfaceInputs inputs = {v[0], v[1], v[2], v[3], v[4], v[5]};
     for (int m = 0; m < MASKS; ++m) inputs.mask[m] = masks[MASKS * i + m];
     inputs.empty_masks = 0;
     REAL w[MATERIALS];
@@ -60,7 +60,7 @@ __kernel void weights(RULE_ARGUMENTS, __global const REAL *values, __global cons
 """
 
 
-NAMES = ("height", "steepness", "hollow", "mottle", "bedding", *MASKS)
+NAMES = ("height", "steepness", "hollow", "mottle", "northness", "bedding", *MASKS)
 Site = dict[str, np.ndarray]  # inputs of rules by name, arrays of one shape
 
 
@@ -124,8 +124,10 @@ def patch_weights(recipe: TerrainRecipe, x: np.ndarray, y: np.ndarray, cell_size
     hollow = (around - 4 * z[inner]) / (4 * cell_size)
     masks = [getattr(ground, name).reshape(x.shape)[inner] for name in MASKS]
     slopes = east / (2 * cell_size), north / (2 * cell_size)
+    steepness = np.hypot(*slopes)
+    northness = -slopes[1] / np.sqrt(1 + steepness**2)
     bedding = beds(recipe, x[inner], y[inner], z[inner], slopes, mottle, cell_size)
-    values = (z[inner], np.hypot(*slopes), hollow, mottle, bedding, *masks)
+    values = (z[inner], steepness, hollow, mottle, northness, bedding, *masks)
     weights = rule_weights(recipe.material_rules, recipe.climate, dict(zip(NAMES, values, strict=True)))
     covers = recipe[CoversLayer]
     fields = pack_fields([cover.shape for cover in covers.covers], recipe.extent)
@@ -145,7 +147,8 @@ def sites(count: int = 8_000, *, seed: int = 1, real: Any = np.float64) -> Site:
     masks = np.clip(rng.uniform(-0.5, 1.5, (len(MASKS), count)), 0, 1)
     heights, steepness = rng.uniform(-50, 1500, count), rng.gamma(1.5, 0.4, count)
     hollow, mottle = rng.normal(0, 0.3, count), rng.normal(0, 0.5, count)
-    values = (heights, steepness, hollow, mottle, rng.uniform(-1, 1, count), *masks)
+    northness = np.sin(np.arctan(steepness)) * np.cos(rng.uniform(0, 2 * np.pi, count))
+    values = (heights, steepness, hollow, mottle, northness, rng.uniform(-1, 1, count), *masks)
     return {name: value.astype(real) for name, value in zip(NAMES, values, strict=True)}
 
 
@@ -288,10 +291,18 @@ def test_default_rules_at_typical_sites() -> None:
     damp = BARE | {"aridity": 0.45}
     assert material_at("grass", damp, water=0.55) > material_at("grass", damp) + 0.3
     soil = partial(material_at, "soil", BARE | {"aridity": 0.2}, mottle=0.63)
+    assert soil() < 0.01, "level ground is not bare"
+    soil = partial(soil, steepness=0.55)
     assert soil(hollow=-0.05) > soil() + 0.1 > soil(hollow=0.05) + 0.12
-    assert soil(steepness=0.4) > soil() + 0.1
-    assert soil(water=0.5) < soil() - 0.08
+    assert soil(steepness=0.7) > soil() + 0.08
     assert soil(wetness=0.8) < 0.1 * soil(), "valley floors are green"
+    hill = partial(material_at, climate=BARE | {"aridity": 0.2}, steepness=0.4)
+    assert hill("dry_grass", northness=-0.37) > hill("dry_grass", northness=0.37) + 0.5, "sunny slopes"
+    assert hill("heath", northness=0.3, mottle=-0.3) > hill("heath", northness=-0.3, mottle=-0.3) + 0.2
+    assert hill("heath", mottle=-0.6) > hill("heath", mottle=0.6) + 0.5, "in drifts"
+    assert hill("grass", wetness=1.0, hollow=0.1) > 0.9, "lines of drainage are green"
+    mountain = partial(material_at, climate=COLD, height=380.0)
+    assert mountain("heath") > mountain("heath", height=800.0) + 0.3, "dwarf shrubs below the tree line"
     # The desert preset: slip faces are sand, flat open terrain is stony, hollows at feet have soil.
     for material, inputs in (
         ("sand", {"steepness": 1.3, "dune": 1.0}),

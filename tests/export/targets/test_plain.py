@@ -89,7 +89,7 @@ def test_plain_exports_round_trip(done, terrain):
 def weights(done):
     if done.sidecar["target"] == "npy":
         return np.asarray(np.load(done.paths("_materials.npy")[0]))
-    images = done.paths("_materials.png") + done.paths("_materials-2.png")
+    images = [path for part in ("", "-2", "-3") for path in done.paths(f"_materials{part}.png")]
     return np.concatenate([np.asarray(Image.open(path)) for path in images], axis=-1)
 
 

@@ -34,7 +34,7 @@ const float SOFT = 55.0;        // m over which a cloud's edge becomes dense
 const float BASE_RAGGED = 60.0; // m, unevenness of the condensation level
 const float SKY_DEPTH = 350.0;  // m below a cloud's top within which the light of the sky falls to 1/e
 const float CREVICE = 0.35;     // light of the sky that lumps keep from the seams between them
-const float LIPSCHITZ = 1.0;    // step over the distance to a smooth cloud, as that is approximate ...
+const float LIPSCHITZ = 1.0;    // step over the distance found to a smooth cloud ...
 const float LIPSCHITZ_LUMPS = 0.8; // ... and to its billows
 
 // Distance, m, from a place (m, relative to the eye) `rise` m over the base to the smooth surface of the next cloud,

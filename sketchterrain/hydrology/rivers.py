@@ -212,7 +212,7 @@ def lay_out_water(
     `checkpoint` is called between steps and may raise to cancel.
     """
     level = sea_level(sketch)
-    lakes = painted_lakes(sketch, ground, cache, sea_level=level)
+    lakes = painted_lakes(sketch, ground, cache, seed=seed, sea_level=level)
     checkpoint()
     drawn = lay_out_lines(sketch, seed=seed, ground=ground, cache=cache)
     painted = lay_out_painted(sketch, drawn, seed=seed, ground=ground, cache=cache)
@@ -249,7 +249,7 @@ def solve_water(
         to_sea = _end_in_sea(to_sea.courses, ground, level, sketch.extent, cache)
     courses, grounds = _shortened(sketch, to_sea, ground, cache)
     checkpoint()
-    lakes = painted_lakes(sketch, ground, cache, sea_level=level)
+    lakes = painted_lakes(sketch, ground, cache, seed=seed, sea_level=level)
     mouths = mouth_lakes(sketch, courses, seed=seed, at_sea=to_sea.at_sea)
     lakes, lake_orphans = apply_lake_edits([*lakes, *mouths], sketch.edits)
     checkpoint()

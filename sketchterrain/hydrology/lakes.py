@@ -53,8 +53,8 @@ _OCTAVES, _GAIN = 5, 0.58  # finer octaves, and their amplitude over that of twi
 _ROUNDING = 0.5  # shifts: standard deviation of the blur that rounds corners
 _SMOOTH_SHORES = 0.25  # share of the finer octaves where a shore is smoothest
 _TURN = (0.8, 0.6)  # cosine and sine by which each octave's lattice is turned: none follows the axes
-_SHELVING = (0.45, 1.45)  # distances are scaled by 0.45 … 1.9: shelving and steep shores, wide and narrow beaches
-_REACH = 0.8  # share of the margin outside, of the lake's greatest distance from the shore inside, that it reaches
+_SHELVING = (0.45, 1.45)  # distances are scaled by 0.45 … 1.9: shelving and steep shores
+_REACH = 0.8  # of the margin outside, and of the greatest distance inside, that all this reaches
 _MOUTH_CALM = (2.0, 8.0)  # px from rivers between which the shore starts to shift: they still end in the lake
 _FINE_SIDE = 400  # samples along the longer side that a field is refined to, at most
 _FINE_SPACING = 2.0  # m
@@ -141,8 +141,8 @@ def _river_positions(sketch: Sketch) -> cKDTree | None:
 
     row, column = np.nonzero(sketch.layers["river"])
     found = [np.column_stack([column + 0.5, sketch.height_px - row - 0.5]) * sketch.pixel_size]
-    for line in sketch.vectors["river"].shapes():
-        found.append(shapely.get_coordinates(shapely.segmentize(line, sketch.pixel_size)))
+    lines = shapely.segmentize(sketch.vectors["river"].shapes(), sketch.pixel_size)
+    found.append(shapely.get_coordinates(lines))
     positions = np.concatenate(found)
     return cKDTree(positions) if len(positions) else None
 
@@ -152,9 +152,8 @@ def natural_shore(
 ) -> ShapeField:
     """Return a shape's field with coves, headlands and shores of varying slope.
 
-    With d the distance inside, n noise and m > 0 smoother noise, it is (d + shift · n) m within a reach of the
-    border, fading to d: unchanged at the field's rim and in the middle. `pixel` and `shift` are in m; where
-    `rivers` are near the border stays.
+    With d the distance inside, n noise and m > 0 smoother noise, it is (d + shift · n) m near the border and
+    d at the field's rim and in the middle. `pixel` and `shift` are in m; near `rivers` the border stays.
     """
     most, margin = float(field.inside.max()), -float(field.inside[[0, -1]].max())
     shift = min(shift, _RAGGED_SHARE * most)
@@ -182,7 +181,7 @@ def natural_shore(
 
 
 def _shore_noise(at: Float64Array, shift: float, spacing: float, seed: int) -> Float64Array:
-    """Return noise about -1 … 1 at positions (n, 2; m), of octaves that samples `spacing` (m) apart resolve."""
+    """Return noise about -1 … 1 at positions (n, 2; m), of octaves that a `spacing` (m) resolves."""
     total, (x, y), share = np.zeros(len(at)), at.T / (_COVE * shift), 1.0
     rough = _SMOOTH_SHORES + (1.0 - _SMOOTH_SHORES) * value_noise(seed, "rough shore", 0.3 * x, 0.3 * y)
     resolved = int(np.log2(max(0.5 * _COVE * shift / spacing, 1.0)))

@@ -11,6 +11,8 @@ import numpy.typing as npt
 from scipy.ndimage import maximum_filter1d
 
 from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray
+from sketchterrain.hydrology.courses import arc_length
+from sketchterrain.hydrology.river_shape import bend_lean
 from sketchterrain.hydrology.splines import catmull_rom, cubics
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.feature_types import River
@@ -142,6 +144,14 @@ def nearest_on_arc(
     return foot, square * (chord**2).sum(axis=-1)
 
 
+def left_of_arc(chord: Float64Array, bend: Float64Array, offset: Float64Array) -> BoolArray:
+    """Return whether points are to the left of arcs; arguments as in `nearest_on_arc`."""
+    length2 = np.maximum((chord**2).sum(axis=-1), _POINT**2)
+    u = (offset * chord).sum(axis=-1) / length2
+    v = (chord[..., 0] * offset[..., 1] - chord[..., 1] * offset[..., 0]) / length2
+    return np.asarray(2.0 * bend * (u * u - u + v * v) + (1.0 - bend * bend) * v > 0.0)
+
+
 def arc_boxes(
     start: LatticeArray, chord: Float64Array, bend: Float64Array, radius: Float64Array, unit: float
 ) -> LatticeArray:
@@ -172,8 +182,8 @@ def valley_radius(river: River, ground: Float64Array) -> Float64Array:
 class ArcCentreline:
     """A river's centreline as arcs."""
 
-    # (k, 6), ends of the arcs, upstream first: x, y (m), water surface (m), half width (m), depth (m), valley
-    # radius (m).
+    # (k, 7), ends of the arcs, upstream first: x, y (m), water surface (m), half width (m), depth (m), valley
+    # radius (m), lean of the current (`bend_lean`).
     points: Float64Array
     bend: Float64Array  # (k - 1,), see `sketchterrain.terrain.centrelines.nearest_on_arc`
 
@@ -194,7 +204,7 @@ class PreparedCentreline:
     """What flattening a river's centreline needs at every cell size; see `prepare_centreline`."""
 
     river: River
-    line: Float64Array  # (n, 6), as `ArcCentreline.points`
+    line: Float64Array  # (n, 7), as `ArcCentreline.points`
     curve: Float64Array
     along: Float64Array
     anchors: BoolArray  # samples that are ends of arcs
@@ -222,7 +232,9 @@ def prepare_centreline(
 
 def _samples(river: River, radii: Float64Array) -> Float64Array:
     widths, depths = river.centreline_width / 2.0, river.centreline_depth.astype(np.float64)
-    return np.column_stack([river.centreline, widths, depths, radii])
+    line = river.centreline
+    lean = bend_lean(line[:, :2], arc_length(line), 2.0 * widths.astype(np.float64))
+    return np.column_stack([line, widths, depths, radii, lean])
 
 
 def _restored(river: River, radii: Float64Array, *rest: Any) -> PreparedCentreline:
@@ -279,7 +291,7 @@ def _profile_anchors(river: River, line: Float64Array, anchors: npt.NDArray[np.i
     tolerance = min(_WIDTH_SHARE * width, 0.5 * width * math.sqrt(_BED_TOLERANCE / depth))
     tolerance = max(tolerance, _MIN_TOLERANCE)
     # Levels must agree where waters meet; the valley radius only widens a blend.
-    profile = line[:, 2:] * np.array([20, 1, 20, 0.02]) / tolerance
+    profile = line[:, 2:6] * np.array([20, 0.4, 20, 0.02]) / tolerance
     steps = np.hypot(*np.diff(line[:, :2], axis=0).T)
     return _douglas_peucker(np.concatenate([[0.0], np.cumsum(steps)]), profile, anchors)
 

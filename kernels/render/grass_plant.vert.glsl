@@ -46,6 +46,10 @@ const float LIVELY = 1.35;      // brightness of a blade over the ground's textu
 const float SAME = 0.03;        // relative distance within which the picture at a foot is the ground there
 const float DRY = 0.45, VERY_DRY = 0.75; // aridity, see the sketch's [climate]
 const vec3 HAY = vec3(0.380, 0.268, 0.125); // albedo of dry bunches
+const vec2 REED_BED = vec2(0.05, 0.2); // share of a wet bed between which grass turns to reeds
+const vec2 REED_HEIGHT = vec2(0.9, 1.9); // m
+const float REED = 0.0055; // m, half the width of a leaf
+const vec3 REED_TINT = vec3(0.95, 0.92, 1.15); // over the meadow's
 const float CROP_TEXEL = 0.12;  // m, of what is painted about a plant
 const vec2 CROP = vec2(0.88, 0.94); // share that is painted, from which on it is a field (kernels/appearance.clh)
 const vec2 ROAD = vec2(0.965, 0.99); // … and a road
@@ -100,6 +104,11 @@ void main()
     chance = meadow * (0.05 + 0.95 * smoothstep(0.15, 0.62, 0.6 * small.w + 0.55 * fine.y + 0.35 * middle.x));
     tall = mix(0.38, 0.70, lush) * (0.7 + 0.5 * a);
     colour = mix(colour, colour * vec3(1.18, 1.04, 0.95), b);
+    float reeds = smoothstep(REED_BED.x, REED_BED.y, WET_SHARE(weights)) * smoothstep(0.15, 0.4, turf);
+    chance = max(chance, reeds * smoothstep(-0.5, 0.2, small.x + 0.6 * fine.w));
+    tall = mix(tall, mix(REED_HEIGHT.x, REED_HEIGHT.y, lush) * (0.7 + 0.4 * a), reeds);
+    half_width = mix(half_width, REED, reeds);
+    colour *= mix(vec3(1.0), REED_TINT, reeds);
     // In dry lands single bunches foot_height on sand and soil.
     float bunch = smoothstep(DRY, VERY_DRY, trees.y) * BUNCH_SHARE(weights) * 0.09 * smoothstep(-0.2, 0.7, 0.6 * small.w + 0.5 * fine.y);
     colour = bunch > chance ? HAY * mix(0.75, 1.2, b) : colour;

@@ -58,6 +58,10 @@ _BETWEEN, _IN_GROUP = 0.25, 7.0  # density between groups and in the centre of o
 _THIN, _THICK = 0.42, 0.86  # noise from which a group gets denser, and where it is densest
 _DRY_GAPS = 0.21  # widening of the gaps, in units of that noise, in a dry climate: few groups, but groups
 _RIPARIAN = 1.5  # increase on a bank
+_THICKET = 0.03  # shrubs per square metre in thickets of willow and alder along banks
+_THICKETS = (70.0, 17.0)  # m: wavelengths of these thickets, and of their ragged borders
+_THICKET_NOISE = (0.52, 0.68)  # noise from which a thicket begins, and is dense
+_THICKET_BANK = (0.4, 0.56)  # water mask between which they begin
 _ON_FLOORS = 0.8  # … and on the floors of valleys
 _BANK = (0.05, 0.5)  # water mask where a bank begins, and where the increase is full
 _MOIST = (0.3, 0.9)  # wetness where it begins and is full on the floors of valleys
@@ -221,6 +225,9 @@ class Woods:
         lone = self._lone(wide, narrow, dune, water, wet)
         beside = _FRINGE * np.maximum(self._mean_around(mask[:, 2]) - forest, 0)
         young = beside / (beside + lone + 1e-9) * (forest < OUTSIDE)
+        wide, narrow = (self._noise.over_blocks("thicket", width, x, y) for width in _THICKETS)
+        thickets = self._thickets(wide, narrow, water)
+        lone = lone + thickets
         density = lone + beside
         some = forest.any(axis=(1, 2))
         if some.any():
@@ -241,7 +248,8 @@ class Woods:
         draw = partial(self._noise.draw, x=sites.x, y=sites.y)
         at = partial(self._noise.at, x=sites.x, y=sites.y)
         wide, narrow = (at("group", width) for width in _GROUPS)
-        lone = self._lone(wide, narrow, sites.dune, sites.water, sites.wetness)
+        thickets = self._thickets(*(at("thicket", width) for width in _THICKETS), sites.water)
+        lone = self._lone(wide, narrow, sites.dune, sites.water, sites.wetness) + thickets
         # Plants in excess of isolated ones outside a forest have seeded themselves from it.
         young = (sites.forest < OUTSIDE) & (draw("seed") >= lone / density_of(spacing))
         ground = (
@@ -253,9 +261,15 @@ class Woods:
             young.astype(np.float64),
         )
         site = SpeciesInputs(sites.x, sites.y, at, *ground)
-        plants["species"] = species_mix(self._evaluator, site).draw_species(draw)
+        species = species_mix(self._evaluator, site).draw_species(draw)
+        plants["species"] = np.where(draw("thicket") * lone < thickets, SHRUB, species)
         above = sites.z - self._recipe.climate["tree_line"]
         plants["scale"] = tree_size(draw, sites.forest, above, young, plants["species"] == SHRUB)
+
+    def _thickets(self, wide: FloatArray, narrow: FloatArray, water: FloatArray) -> FloatArray:
+        """Return shrubs per square metre in thickets along banks: stretches of shore, others are bare."""
+        share = ramp(0.7 * wide + 0.3 * narrow, *_THICKET_NOISE) * ramp(water, *_THICKET_BANK)
+        return np.asarray(_THICKET * (1 - self._recipe.climate["aridity"] ** 2) * share)
 
     def _lone(
         self, wide: FloatArray, narrow: FloatArray, dune: FloatArray, water: FloatArray, wet: FloatArray

@@ -216,7 +216,7 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         "sand",
         0.8,
         (
-            Factor(0.64, 0.7, water=1.0, mottle=0.14),
+            Factor(0.62, 0.68, water=1.0, mottle=0.14),
             Factor(0.2, 0.5, mottle=1.0),
             Factor(0.4, 0.2, steepness=1.0),
         ),
@@ -225,7 +225,7 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         "gravel_bar",
         "river_bed",
         0.9,
-        (Factor(0.640625, 0.71875, water=1.0, mottle=0.125), Factor(0.1, 0.4, mottle=1.0)),
+        (Factor(0.640625, 0.71875, water=1.0, mottle=0.046875), Factor(0.1, 0.4, mottle=1.0)),
     ),
     MaterialRule("river_bed", "river_bed", 1.0, (Factor(0.6875, 0.75, water=1.0),)),
     # Reeds stand in shallow water off shores without bars.

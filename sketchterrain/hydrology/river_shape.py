@@ -25,8 +25,8 @@ _SPRING_WIDTH = 0.4  # of the label's width
 _BEND_ROUNDS, _BEND_REACH = 60, 4.0  # reach in widths
 _BANKS = (-1.6, -1.5, -1.0, 1.0, 1.5, 1.6)  # widths beside the river
 _MAX_WIDENING = 2.0  # times the label's width, at most, at confluences
-_SWING = 0.35  # greatest variation of the width along a course to either side, a share of it …
-_SWING_WIDTHS = 4.0  # … with swings over about twice so many widths
+_SWING, _MOST_SWING = 0.6, 0.3  # contrast and greatest variation of widths and banks, shares of the width …
+_SWING_WIDTHS = 3.0  # … with swings over about twice so many widths
 _BEND_WIDENING = 0.15  # of the width in the sharpest bends, whose bars narrow crossings lack
 _CHORD_WIDTHS = 1.5  # length of the chords by which a course's turn is measured
 _SHARP_TURN = 0.5  # sine of their angle in a bend as sharp as meanders have: a radius of 3 widths
@@ -69,19 +69,33 @@ def bend_lean(line: Float64Array, arc: Float64Array, width: Float64Array) -> Flo
     ends = [np.column_stack([np.interp(arc + far, arc, axis) for axis in line.T]) for far in (-reach, reach)]
     (bx, by), (ax, ay) = (line - ends[0]).T, (ends[1] - line).T
     turn = (bx * ay - by * ax) / np.maximum(np.hypot(bx, by) * np.hypot(ax, ay), 1e-12)
-    inside = smoothstep(np.minimum(arc, arc[-1] - arc) / (_END_WIDTHS * width))
-    return rounded(np.clip(-turn / _SHARP_TURN, -1.0, 1.0) * inside)
+    return rounded(np.clip(-turn / _SHARP_TURN, -1.0, 1.0) * _inside(arc, width))
 
 
 def width_swing(line: Float64Array, arc: Float64Array, width: Float64Array) -> Float64Array:
     """Return the ratio of a natural river's width to its mean `width` (m) along a course: wider in bends.
 
-    A function of the position, so that an edit changes no other reach; 1 at the course's ends.
+    1 at the course's ends.
     """
+    bends = _BEND_WIDENING * np.abs(bend_lean(line, arc, width))
+    return np.asarray(1.0 + _inside(arc, width) * (_swing("river width", line, width) + bends))
+
+
+def bank_sway(line: Float64Array, arc: Float64Array, width: Float64Array) -> Float64Array:
+    """Return how far both banks are shifted to the left along a course, in half widths."""
+    return rounded(_inside(arc, width) * _swing("river banks", line, width))
+
+
+def _swing(stream: str, line: Float64Array, width: Float64Array) -> Float64Array:
+    """Return noise at positions: an edit changes no other reach."""
     unit = _SWING_WIDTHS * math.ldexp(1.0, math.frexp(float(width.max()))[1])
-    noise = 2.0 * value_noise(0, "river width", *(line / unit).T) - 1.0
-    inside = smoothstep(np.minimum(arc, arc[-1] - arc) / (_END_WIDTHS * width))
-    return np.asarray(1.0 + inside * (_SWING * noise + _BEND_WIDENING * np.abs(bend_lean(line, arc, width))))
+    noise = _SWING * (2.0 * value_noise(0, stream, *(line / unit).T) - 1.0)
+    return np.asarray(np.clip(noise, -_MOST_SWING, _MOST_SWING))
+
+
+def _inside(arc: Float64Array, width: Float64Array) -> Float64Array:
+    """Return 0 at a course's ends and 1 between."""
+    return smoothstep(np.minimum(arc, arc[-1] - arc) / (_END_WIDTHS * width))
 
 
 def bank_height(depth: float) -> float:

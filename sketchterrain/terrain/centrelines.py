@@ -12,7 +12,7 @@ from scipy.ndimage import maximum_filter1d
 
 from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray
 from sketchterrain.hydrology.courses import arc_length
-from sketchterrain.hydrology.river_shape import bend_lean
+from sketchterrain.hydrology.river_shape import bank_sway, bend_lean
 from sketchterrain.hydrology.splines import catmull_rom, cubics
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.feature_types import River
@@ -182,8 +182,8 @@ def valley_radius(river: River, ground: Float64Array) -> Float64Array:
 class ArcCentreline:
     """A river's centreline as arcs."""
 
-    # (k, 7), ends of the arcs, upstream first: x, y (m), water surface (m), half width (m), depth (m), valley
-    # radius (m), lean of the current (`bend_lean`).
+    # (k, 8), ends of the arcs, upstream first: x, y (m), water surface (m), half width (m), depth (m), valley
+    # radius (m), lean of the current and sway of the banks (`bend_lean`, `bank_sway`).
     points: Float64Array
     bend: Float64Array  # (k - 1,), see `sketchterrain.terrain.centrelines.nearest_on_arc`
 
@@ -204,7 +204,7 @@ class PreparedCentreline:
     """What flattening a river's centreline needs at every cell size; see `prepare_centreline`."""
 
     river: River
-    line: Float64Array  # (n, 7), as `ArcCentreline.points`
+    line: Float64Array  # (n, 8), as `ArcCentreline.points`
     curve: Float64Array
     along: Float64Array
     anchors: BoolArray  # samples that are ends of arcs
@@ -233,8 +233,8 @@ def prepare_centreline(
 def _samples(river: River, radii: Float64Array) -> Float64Array:
     widths, depths = river.centreline_width / 2.0, river.centreline_depth.astype(np.float64)
     line = river.centreline
-    lean = bend_lean(line[:, :2], arc_length(line), 2.0 * widths.astype(np.float64))
-    return np.column_stack([line, widths, depths, radii, lean])
+    form = line[:, :2], arc_length(line), 2.0 * widths.astype(np.float64)
+    return np.column_stack([line, widths, depths, radii, bend_lean(*form), bank_sway(*form)])
 
 
 def _restored(river: River, radii: Float64Array, *rest: Any) -> PreparedCentreline:

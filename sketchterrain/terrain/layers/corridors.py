@@ -64,10 +64,10 @@ _NEARNESS, _WEIGHT_SCALE, _BANK_WIDTH, _BANK_RISE, _FLOODPLAIN_SLOPE, _CHANNEL_C
         "MATERIAL_CELLS",
     )
 )
-_THALWEG, _CUT_BANK, _BAR_WIDTH, _BARE_BANK, _INVERSE_FRINGE = kernel_constants(
-    _HEADER, "THALWEG", "CUT_BANK", "BAR_WIDTH", "BARE_BANK", "INVERSE_FRINGE"
+_POOL, _SHOAL, _CUT_BANK, _BAR_WIDTH, _BARE_BANK, _INVERSE_FRINGE = kernel_constants(
+    _HEADER, "POOL", "SHOAL", "CUT_BANK", "BAR_WIDTH", "BARE_BANK", "INVERSE_FRINGE"
 )
-_POOL = 1.12  # greatest depth in a bend over that in the middle, with the thalweg displaced by THALWEG
+_DEEPEST = (1 + _POOL) ** 2 / (4 * _POOL)  # greatest depth in a bend over that in the middle
 # Difference of the bed by arcs for a coarser cell: in cells along the banks' slope, and in widths along the
 # fall. Measured, not proven: blends of arcs shift where these are split differently.
 _ARC_SLOPES, _ARC_WIDTHS = 0.4, 0.8
@@ -153,7 +153,7 @@ class Course:
     def change(self) -> float:
         """Height (m) that a stream changes the ground by, at most."""
         radius, deep = float(self.valley_radius.max()), float(self.river.centreline_depth.max())
-        return (_POOL + _BANK_RISE) * deep + radius / VALLEY_RUN_PER_DEPTH
+        return (_DEEPEST + _BANK_RISE) * deep + radius / VALLEY_RUN_PER_DEPTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,8 +259,9 @@ class CorridorsLayer(TerrainLayer):
             "inverse_chord_square": 1 / np.where(valid, length2, 1),
             "arc_weight": weight,
             "arc_bend": np.concatenate([each.bend for each in courses]),
-            "lean_up": starts[:, 6],
-            "lean_down": ends[:, 6],
+            "arc_lean": 0.5 * (starts[:, 6] + ends[:, 6]),
+            "sway_up": starts[:, 7],
+            "sway_down": ends[:, 7],
         }.items():
             arc[:, ARC[name]] = values
         return PackedRivers(unit, start[valid], arc[valid], starts[valid, 2:6], ends[valid, 2:6])
@@ -306,7 +307,7 @@ class CorridorsLayer(TerrainLayer):
             off = _ARC_SLOPES * tolerance * slope + _ARC_WIDTHS * 2 * half_width * steep
             off[unchanged[member]] = 0
             np.maximum.at(moved, block, off)
-        state.bound += (_POOL + _BANK_RISE) * depth * lost + moved
+        state.bound += (_DEEPEST + _BANK_RISE) * depth * lost + moved
 
     def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:
         """Return the ground with rivers carved into it; in a lake a river builds no dam."""
@@ -361,7 +362,7 @@ def _carved(height: Float64Array, rivers: PackedRivers, site: HostSite) -> tuple
     """Return the carved heights, and the mask of water."""
     cell, unit = site.sampling.cell, site.sampling.unit
     weights, nearest = np.zeros(height.shape), np.full(height.shape, 1e30)
-    sums = np.zeros((5, *height.shape))
+    sums = np.zeros((6, *height.shape))
     for first in range(0, len(height), _POINTS_AT_ONCE):
         x, y = (each[first : first + _POINTS_AT_ONCE] for each in (site.x, site.y))
         # Beyond its box an arc adds exactly nothing.
@@ -370,9 +371,9 @@ def _carved(height: Float64Array, rivers: PackedRivers, site: HostSite) -> tuple
         away: Float64Array = np.asarray(offset * unit, np.float64)
         t, d2 = nearest_on_arc(rivers.chord[i], rivers.arc[i, ARC["arc_bend"]], away)
         here = (rivers.up[i] + (rivers.down[i] - rivers.up[i]) * t[:, None]).T
-        from_up, from_down = rivers.arc[i, ARC["lean_up"]], rivers.arc[i, ARC["lean_down"]]
-        left = left_of_arc(rivers.chord[i], rivers.arc[i, ARC["arc_bend"]], away)
-        lean = (from_up + (from_down - from_up) * t) * np.where(left, 1, -1)
+        lean, sway, end = (rivers.arc[i, ARC[name]] for name in ("arc_lean", "sway_up", "sway_down"))
+        side = np.where(left_of_arc(rivers.chord[i], rivers.arc[i, ARC["arc_bend"]], away), 1, -1)
+        here = np.concatenate([here, side * [lean, sway + (end - sway) * t]])
         width, radius = here[SECTION["half_width"]], here[SECTION["valley_radius"]]
         share2 = d2 / radius**2
         inside = np.maximum(1 - share2, 0)
@@ -380,18 +381,19 @@ def _carved(height: Float64Array, rivers: PackedRivers, site: HostSite) -> tuple
         contribution = rivers.arc[i, ARC["arc_weight"]] * inside**2 * near_by
         point += first
         np.add.at(weights, point, contribution)
-        for total, values in zip(sums, contribution * np.concatenate([here, lean[None]]), strict=True):
+        for total, values in zip(sums, contribution * here, strict=True):
             np.add.at(total, point, values)
         np.minimum.at(nearest, point, d2 / (width * np.maximum(inside * (1 + share2), 1e-6)))
     near = weights > 1e-30
-    surface, half_width, depth, radius, lean = sums[:, near] / weights[near]
+    surface, half_width, depth, radius, lean, sway = sums[:, near] / weights[near]
     d = np.sqrt(nearest[near] * half_width)
     ground = height[near]
 
     channel = smooth_rise(2 * half_width / cell, _CHANNEL_CELLS, _CHANNEL_CELLS)
     bank = _BANK_RISE * depth
+    half_width = half_width * (1 + sway)
     across = d / half_width
-    bed = -depth * np.maximum(1 - across**2, 0) * (1 + _THALWEG * lean * across)
+    bed = -depth * np.maximum(1 - across**2, 0) * (1 + lean * across**2 * np.where(lean > 0, _POOL, _SHOAL))
     rise = bank * smooth_rise(across, 1, _BANK_WIDTH * (1 - _CUT_BANK * lean))
     flat = _FLOODPLAIN_SLOPE * np.maximum(d - half_width, 0)
     enforced = surface + flat + bank + (rise + bed - bank) * channel

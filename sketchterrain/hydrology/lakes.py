@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Collection, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -56,6 +57,15 @@ _TURN = (0.8, 0.6)  # cosine and sine by which each octave's lattice is turned: 
 _SHELVING = (0.45, 1.45)  # distances are scaled by 0.45 … 1.9: shelving and steep shores
 _REACH = 0.8  # of the margin outside, and of the greatest distance inside, that all this reaches
 _MOUTH_CALM = (2.0, 8.0)  # px from rivers between which the shore starts to shift: they still end in the lake
+
+# Deltas: fans of sediment where rivers enter lakes.
+_DELTA_WIDTHS, _DELTA_EXTENT = (
+    9.0,
+    0.4,
+)  # radius, widths of the river; at most of the greatest distance inside
+_LEAST_DELTA = 2.0  # m, width of the river
+_FAN = (0.45, 0.5)  # land that it gains: of the radius, and at most of the way that the river runs inside
+_LOBES = 0.3  # of the radius: unit of the noise that parts a fan into lobes
 _FINE_SIDE = 400  # samples along the longer side that a field is refined to, at most
 _FINE_SPACING = 2.0  # m
 
@@ -191,6 +201,58 @@ def _shore_noise(at: Float64Array, shift: float, spacing: float, seed: int) -> F
         x, y = 2.0 * (_TURN[0] * x - _TURN[1] * y), 2.0 * (_TURN[1] * x + _TURN[0] * y)
         share *= _GAIN
     return total
+
+
+def with_deltas(
+    lakes: Sequence[Lake], courses: Sequence[RiverCourse], *, seed: int, cache: LRUCache
+) -> list[Lake]:
+    """Return lakes with deltas at the mouths of rivers."""
+    found = []
+    for lake in lakes:
+        mouths = _mouths(lake, courses)
+        if len(mouths):
+            key = ("deltas", IdentityKey(lake.shape), seed, mouths.tobytes())
+            lake = dataclasses.replace(
+                lake, shape=cache.get_or_compute(key, partial(_shape_with_fans, lake.shape, mouths, seed))
+            )
+        found.append(lake)
+    return found
+
+
+def _mouths(lake: Lake, courses: Sequence[RiverCourse]) -> Float64Array:
+    """Return where courses enter a lake: x, y, radius of the fan and the land that it gains (m), (n, 4)."""
+    found = []
+    for course in courses:
+        if course.width.max() < _LEAST_DELTA or not _meets(lake.shape, course.line):
+            continue
+        depth = distance_inside(lake.shape, course.line)
+        for first, last in index_runs(depth > 0.0):
+            if first > 0:
+                most = _DELTA_EXTENT * float(lake.shape.inside.max())
+                radius = min(_DELTA_WIDTHS * float(course.width[first]), most)
+                gained = min(_FAN[0] * radius, _FAN[1] * float(depth[first : last + 1].max()))
+                found.append([*course.line[first], radius, gained])
+    return np.array(found).reshape(-1, 4)
+
+
+def _shape_with_fans(field: ShapeField, mouths: Float64Array, seed: int) -> ShapeField:
+    """Return a field less g (1 - r²/R²)² n inside, n noise: land and shoals around each mouth."""
+    inside = field.inside.astype(np.float64)
+    for x, y, radius, gained in mouths:
+        row, column = (
+            np.arange(
+                max(int((at - radius) / field.spacing), 0), min(int((at + radius) / field.spacing), count)
+            )
+            for at, count in zip((y - field.south, x - field.west), inside.shape, strict=True)
+        )
+        east, north = np.meshgrid(field.west + column * field.spacing, field.south + row * field.spacing)
+        away = (np.square(east - x) + np.square(north - y)) / radius**2
+        unit = _LOBES * radius
+        lobes = value_noise(seed, "delta", east / unit, north / unit)
+        part = np.ix_(row, column)
+        within = smoothstep(inside[part] / (0.25 * gained) + 0.5)
+        inside[part] -= within * gained * np.square(np.maximum(1.0 - away, 0.0)) * (0.3 + 1.2 * lobes)
+    return dataclasses.replace(field, inside=rounded(inside).astype(np.float32))
 
 
 def _area_outlines(sketch: Sketch) -> list[_LakeOutline]:

@@ -22,7 +22,13 @@ from sketchterrain.hydrology.conflicts import (
     resolve_conflicts,
 )
 from sketchterrain.hydrology.courses import RiverCourse, course_through
-from sketchterrain.hydrology.lakes import GroundHeight, mouth_lakes, painted_lakes, solve_lake_levels
+from sketchterrain.hydrology.lakes import (
+    GroundHeight,
+    mouth_lakes,
+    painted_lakes,
+    solve_lake_levels,
+    with_deltas,
+)
 from sketchterrain.hydrology.layout import (
     heights_at,
     ranges_beyond_edge,
@@ -250,6 +256,7 @@ def solve_water(
     courses, grounds = _shortened(sketch, to_sea, ground, cache)
     checkpoint()
     lakes = painted_lakes(sketch, ground, cache, seed=seed, sea_level=level)
+    lakes = with_deltas(lakes, courses, seed=seed, cache=cache)
     mouths = mouth_lakes(sketch, courses, seed=seed, at_sea=to_sea.at_sea)
     lakes, lake_orphans = apply_lake_edits([*lakes, *mouths], sketch.edits)
     checkpoint()

@@ -59,8 +59,9 @@ _THIN, _THICK = 0.42, 0.86  # noise from which a group gets denser, and where it
 _DRY_GAPS = 0.21  # widening of the gaps, in units of that noise, in a dry climate: few groups, but groups
 _RIPARIAN = 1.5  # increase on a bank
 _THICKET = 0.03  # shrubs per square metre in thickets of willow and alder along banks
+_ALDERS = 0.3  # share of trees in them
 _THICKETS = (70.0, 17.0)  # m: wavelengths of these thickets, and of their ragged borders
-_THICKET_NOISE = (0.5, 0.66)  # noise from which a thicket begins, and is dense
+_THICKET_NOISE = (0.45, 0.62)  # noise from which a thicket begins, and is dense
 _THICKET_BANK = (0.15, 0.4)  # water mask between which they begin
 _ON_FLOORS = 0.8  # … and on the floors of valleys
 _BANK = (0.05, 0.5)  # water mask where a bank begins, and where the increase is full
@@ -262,7 +263,8 @@ class Woods:
         )
         site = SpeciesInputs(sites.x, sites.y, at, *ground)
         species = species_mix(self._evaluator, site).draw_species(draw)
-        plants["species"] = np.where(draw("thicket") * lone < thickets, SHRUB, species)
+        riparian = np.where(draw("alder") < _ALDERS, _BIRCH, SHRUB)
+        plants["species"] = np.where(draw("thicket") * lone < thickets, riparian, species)
         above = sites.z - self._recipe.climate["tree_line"]
         plants["scale"] = tree_size(draw, sites.forest, above, young, plants["species"] == SHRUB)
 

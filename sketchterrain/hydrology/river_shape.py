@@ -263,7 +263,7 @@ def build_network(
         if course.grows:
             widths[number] = river_widths(course.width, arcs[number], course.taper, tributaries)
     swings = [
-        width_swing(course.line, arc, width) if course.grows else np.ones(len(arc))
+        width_swing(course.line, arc, width) if course.grows and course.label else np.ones(len(arc))
         for course, arc, width in zip(courses, arcs, widths, strict=True)
     ]
     widths = [width * swing for width, swing in zip(widths, swings, strict=True)]

@@ -144,12 +144,14 @@ def nearest_on_arc(
     return foot, square * (chord**2).sum(axis=-1)
 
 
-def left_of_arc(chord: Float64Array, bend: Float64Array, offset: Float64Array) -> BoolArray:
-    """Return whether points are to the left of arcs; arguments as in `nearest_on_arc`."""
+def signed_square(chord: Float64Array, bend: Float64Array, offset: Float64Array) -> Float64Array:
+    """Return squared distances (m²) to arcs' whole circles, positive to the left; see `nearest_on_arc`."""
     length2 = np.maximum((chord**2).sum(axis=-1), _POINT**2)
     u = (offset * chord).sum(axis=-1) / length2
     v = (chord[..., 0] * offset[..., 1] - chord[..., 1] * offset[..., 0]) / length2
-    return np.asarray(2.0 * bend * (u * u - u + v * v) + (1.0 - bend * bend) * v > 0.0)
+    whole, g = 1.0 + bend * bend, 2.0 * bend * (u * u - u + v * v) + (1.0 - bend * bend) * v
+    off = 2.0 * g / (whole + np.sqrt(np.maximum(whole * whole + 8.0 * bend * g, 0.0)))
+    return np.asarray(off * np.abs(off) * length2)
 
 
 def arc_boxes(
@@ -234,7 +236,8 @@ def _samples(river: River, radii: Float64Array) -> Float64Array:
     widths, depths = river.centreline_width / 2.0, river.centreline_depth.astype(np.float64)
     line = river.centreline
     form = line[:, :2], arc_length(line), 2.0 * widths.astype(np.float64)
-    return np.column_stack([line, widths, depths, radii, bend_lean(*form), bank_sway(*form)])
+    sway = bank_sway(*form) if river.label else np.zeros(len(line))
+    return np.column_stack([line, widths, depths, radii, bend_lean(*form), sway])
 
 
 def _restored(river: River, radii: Float64Array, *rest: Any) -> PreparedCentreline:

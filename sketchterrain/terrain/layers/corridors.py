@@ -21,10 +21,10 @@ from sketchterrain.terrain.centrelines import (
     PreparedCentreline,
     arc_boxes,
     flatten_to_arcs,
-    left_of_arc,
     meetings_on,
     nearest_on_arc,
     prepare_centreline,
+    signed_square,
     tolerance_cell,
 )
 from sketchterrain.terrain.index import BoxIndex
@@ -64,10 +64,9 @@ _NEARNESS, _WEIGHT_SCALE, _BANK_WIDTH, _BANK_RISE, _FLOODPLAIN_SLOPE, _CHANNEL_C
         "MATERIAL_CELLS",
     )
 )
-_POOL, _SHOAL, _CUT_BANK, _BAR_WIDTH, _BARE_BANK, _INVERSE_FRINGE = kernel_constants(
-    _HEADER, "POOL", "SHOAL", "CUT_BANK", "BAR_WIDTH", "BARE_BANK", "INVERSE_FRINGE"
+_POOL, _SHOAL, _CUT_BANK, _POINT_BAR, _BAR_WIDTH, _BARE_BANK, _INVERSE_FRINGE = kernel_constants(
+    _HEADER, "POOL", "SHOAL", "CUT_BANK", "POINT_BAR", "BAR_WIDTH", "BARE_BANK", "INVERSE_FRINGE"
 )
-_DEEPEST = (1 + _POOL) ** 2 / (4 * _POOL)  # greatest depth in a bend over that in the middle
 # Difference of the bed by arcs for a coarser cell: in cells along the banks' slope, and in widths along the
 # fall. Measured, not proven: blends of arcs shift where these are split differently.
 _ARC_SLOPES, _ARC_WIDTHS = 0.4, 0.8
@@ -153,7 +152,7 @@ class Course:
     def change(self) -> float:
         """Height (m) that a stream changes the ground by, at most."""
         radius, deep = float(self.valley_radius.max()), float(self.river.centreline_depth.max())
-        return (_DEEPEST + _BANK_RISE) * deep + radius / VALLEY_RUN_PER_DEPTH
+        return (1 + _BANK_RISE) * deep + radius / VALLEY_RUN_PER_DEPTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,7 +306,7 @@ class CorridorsLayer(TerrainLayer):
             off = _ARC_SLOPES * tolerance * slope + _ARC_WIDTHS * 2 * half_width * steep
             off[unchanged[member]] = 0
             np.maximum.at(moved, block, off)
-        state.bound += (_DEEPEST + _BANK_RISE) * depth * lost + moved
+        state.bound += (1 + _BANK_RISE) * depth * lost + moved
 
     def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:
         """Return the ground with rivers carved into it; in a lake a river builds no dam."""
@@ -372,9 +371,10 @@ def _carved(height: Float64Array, rivers: PackedRivers, site: HostSite) -> tuple
         t, d2 = nearest_on_arc(rivers.chord[i], rivers.arc[i, ARC["arc_bend"]], away)
         here = (rivers.up[i] + (rivers.down[i] - rivers.up[i]) * t[:, None]).T
         lean, sway, end = (rivers.arc[i, ARC[name]] for name in ("arc_lean", "sway_up", "sway_down"))
-        side = np.where(left_of_arc(rivers.chord[i], rivers.arc[i, ARC["arc_bend"]], away), 1, -1)
-        here = np.concatenate([here, side * [lean, sway + (end - sway) * t]])
+        side = signed_square(rivers.chord[i], rivers.arc[i, ARC["arc_bend"]], away)
         width, radius = here[SECTION["half_width"]], here[SECTION["valley_radius"]]
+        side /= d2 + width**2 * _NEARNESS
+        here = np.concatenate([here, side * [lean, sway + (end - sway) * t]])
         share2 = d2 / radius**2
         inside = np.maximum(1 - share2, 0)
         near_by = (_WEIGHT_SCALE * width / (d2 + width**2 * _NEARNESS)) ** 4
@@ -391,21 +391,22 @@ def _carved(height: Float64Array, rivers: PackedRivers, site: HostSite) -> tuple
 
     channel = smooth_rise(2 * half_width / cell, _CHANNEL_CELLS, _CHANNEL_CELLS)
     bank = _BANK_RISE * depth
-    half_width = half_width * (1 + sway)
-    across = d / half_width
+    half_side = half_width * (1 + sway)
+    across = d / half_side
     bed = -depth * np.maximum(1 - across**2, 0) * (1 + lean * across**2 * np.where(lean > 0, _POOL, _SHOAL))
-    rise = bank * smooth_rise(across, 1, _BANK_WIDTH * (1 - _CUT_BANK * lean))
-    flat = _FLOODPLAIN_SLOPE * np.maximum(d - half_width, 0)
+    bank_width = (_BANK_WIDTH - sway) * (1 - _CUT_BANK * np.maximum(lean, 0))
+    bank_width += _POINT_BAR * np.maximum(-lean, 0)
+    rise = bank * smooth_rise(d / half_width, 1 + sway, bank_width)
+    flat = _FLOODPLAIN_SLOPE * np.maximum(d - half_side, 0)
     enforced = surface + flat + bank + (rise + bed - bank) * channel
     edge = (1 + _BANK_WIDTH) * half_width
     s = np.clip((d - edge) / np.maximum(radius - edge, edge), 0, 1)
     terrain = ground + np.maximum(surface + bank - ground, 0) * (1 - s**4) * (1 - s**2)
     carved, mask = height.copy(), np.zeros(height.shape)
     carved[near] = terrain + (enforced - terrain) * cubic(s)
-    outside = np.maximum(d / np.maximum(half_width, _MATERIAL_CELLS * cell) - 1, 0)
-    inside = 0.25 * np.maximum(1 - d / np.maximum(half_width, _MATERIAL_CELLS * cell), 0)
-    bar = np.clip(-2 * lean, 0, 1)
-    beside = 0.75 - 0.25 * outside + _BAR_WIDTH * bar * np.minimum(outside, 1)
+    off = d / np.maximum(half_side, _MATERIAL_CELLS * cell) - 1
+    outside, bar = np.maximum(off, 0), np.clip(-2 * lean, 0, 1)
+    beside = 0.75 - 0.25 * off + _BAR_WIDTH * bar * np.minimum(outside, 1)
     beside -= _BARE_BANK * (1 - bar) * np.minimum(outside * _INVERSE_FRINGE, 1)
-    mask[near] = np.maximum(beside + inside, 0)
+    mask[near] = np.maximum(beside, 0)
     return carved, mask

@@ -40,6 +40,7 @@ _BED_TOLERANCE = 0.004  # m
 _STEEP_DEPTHS = 0.2
 _STEEP_WIDTHS = 3.0
 _FLOODPLAIN_WIDTHS = 4.0
+_SWING_REACH = 10.0  # widths: standard deviation of the blur of a width
 _MIN_WIDTHS = 3.0  # takes precedence over _MAX_RADIUS
 _MIN_RADIUS = 30.0  # m
 VALLEY_RUN_PER_DEPTH = 1.7  # about 30° for the steepest part of a valley's side
@@ -172,9 +173,11 @@ def valley_radius(river: River, ground: Float64Array) -> Float64Array:
     """
     cut = np.maximum(ground - river.centreline[:, 2], 0)
     width = river.centreline_width.astype(np.float64)
-    floor = _MIN_WIDTHS * width if river.label == 0 else np.maximum(_FLOODPLAIN_WIDTHS * width, _MIN_RADIUS)
-    radius = floor + VALLEY_RUN_PER_DEPTH * cut
     step = float(np.median(np.hypot(*np.diff(river.centreline[:, :2], axis=0).T)))
+    # A valley does not follow the swings of its river's width.
+    mean = gaussian_filter(width, _SWING_REACH * float(np.median(width)) / max(step, 1e-3), mode="reflect")
+    floor = _MIN_WIDTHS * width if river.label == 0 else np.maximum(_FLOODPLAIN_WIDTHS * mean, _MIN_RADIUS)
+    radius = floor + VALLEY_RUN_PER_DEPTH * cut
     sigma = max(float(np.median(radius)) / max(step, 1e-3) / 2, 1.0)
     smooth = rounded(gaussian_filter(radius, sigma, mode="reflect"))
     return np.maximum(np.minimum(smooth, _MAX_RADIUS), _MIN_WIDTHS * width)
@@ -294,7 +297,7 @@ def _profile_anchors(river: River, line: Float64Array, anchors: npt.NDArray[np.i
     tolerance = min(_WIDTH_SHARE * width, 0.5 * width * math.sqrt(_BED_TOLERANCE / depth))
     tolerance = max(tolerance, _MIN_TOLERANCE)
     # Levels must agree where waters meet; the valley radius only widens a blend.
-    profile = line[:, 2:6] * np.array([20, 0.4, 20, 0.02]) / tolerance
+    profile = line[:, 2:6] * np.array([20, 0.03, 20, 0.02]) / tolerance
     steps = np.hypot(*np.diff(line[:, :2], axis=0).T)
     return _douglas_peucker(np.concatenate([[0.0], np.cumsum(steps)]), profile, anchors)
 

@@ -64,8 +64,20 @@ _NEARNESS, _WEIGHT_SCALE, _BANK_WIDTH, _BANK_RISE, _FLOODPLAIN_SLOPE, _CHANNEL_C
         "MATERIAL_CELLS",
     )
 )
-_POOL, _SHOAL, _CUT_BANK, _POINT_BAR, _BAR_WIDTH, _BARE_BANK, _INVERSE_FRINGE = kernel_constants(
-    _HEADER, "POOL", "SHOAL", "CUT_BANK", "POINT_BAR", "BAR_WIDTH", "BARE_BANK", "INVERSE_FRINGE"
+_POOL, _SHOAL, _CUT_BANK, _POINT_BAR, _SWAYED_BANK, _BAR_WIDTH, _BARE_BANK, _INVERSE_FRINGE = (
+    kernel_constants(
+        _HEADER,
+        *(
+            "POOL",
+            "SHOAL",
+            "CUT_BANK",
+            "POINT_BAR",
+            "SWAYED_BANK",
+            "BAR_WIDTH",
+            "BARE_BANK",
+            "INVERSE_FRINGE",
+        ),
+    )
 )
 # Difference of the bed by arcs for a coarser cell: in cells along the banks' slope, and in widths along the
 # fall. Measured, not proven: blends of arcs shift where these are split differently.
@@ -301,7 +313,7 @@ class CorridorsLayer(TerrainLayer):
             # The valley's sides, too, may be steep: through a plateau they are as high as it is.
             rise = np.maximum(state.high[block] - np.minimum(*water)[member], 0)
             side = _SIDE_SLOPE * rise / np.minimum(*radius)[member]
-            bank = 1.5 * _BANK_RISE / (_BANK_WIDTH * (1 - _CUT_BANK))  # of a cut bank, depths a half width
+            bank = 1.5 * _BANK_RISE / _BANK_WIDTH * (1 + _CUT_BANK)  # of a cut bank, depths a half width
             slope = np.maximum(max(bank, 2.0) * deep / half_width, side)
             off = _ARC_SLOPES * tolerance * slope + _ARC_WIDTHS * 2 * half_width * steep
             off[unchanged[member]] = 0
@@ -394,9 +406,8 @@ def _carved(height: Float64Array, rivers: PackedRivers, site: HostSite) -> tuple
     half_side = half_width * (1 + sway)
     across = d / half_side
     bed = -depth * np.maximum(1 - across**2, 0) * (1 + lean * across**2 * np.where(lean > 0, _POOL, _SHOAL))
-    bank_width = (_BANK_WIDTH - sway) * (1 - _CUT_BANK * np.maximum(lean, 0))
-    bank_width += _POINT_BAR * np.maximum(-lean, 0)
-    rise = bank * smooth_rise(d / half_width, 1 + sway, bank_width)
+    steep = 1 + _SWAYED_BANK * sway + lean * np.where(lean > 0, _CUT_BANK, _POINT_BAR)
+    rise = bank * smooth_rise((across - 1) * (1 + sway), 0, _BANK_WIDTH / steep)
     flat = _FLOODPLAIN_SLOPE * np.maximum(d - half_side, 0)
     enforced = surface + flat + bank + (rise + bed - bank) * channel
     edge = (1 + _BANK_WIDTH) * half_width

@@ -59,10 +59,8 @@ _REACH = 0.8  # of the margin outside, and of the greatest distance inside, that
 _MOUTH_CALM = (2.0, 8.0)  # px from rivers between which the shore starts to shift: they still end in the lake
 
 # Deltas: fans of sediment where rivers enter lakes.
-_DELTA_WIDTHS, _DELTA_EXTENT = (
-    9.0,
-    0.4,
-)  # radius, widths of the river; at most of the greatest distance inside
+_DELTA_WIDTHS = 9.0  # radius, widths of the river …
+_DELTA_SHARE = 0.4  # … and at most this share of the lake's greatest distance from the shore
 _LEAST_DELTA = 2.0  # m, width of the river
 _FAN = (0.45, 0.5)  # land that it gains: of the radius, and at most of the way that the river runs inside
 _LOBES = 0.3  # of the radius: unit of the noise that parts a fan into lobes
@@ -150,10 +148,9 @@ def _river_positions(sketch: Sketch) -> cKDTree | None:
     import shapely
 
     row, column = np.nonzero(sketch.layers["river"])
-    found = [np.column_stack([column + 0.5, sketch.height_px - row - 0.5]) * sketch.pixel_size]
+    painted = np.column_stack([column + 0.5, sketch.height_px - row - 0.5]) * sketch.pixel_size
     lines = shapely.segmentize(sketch.vectors["river"].shapes(), sketch.pixel_size)
-    found.append(shapely.get_coordinates(lines))
-    positions = np.concatenate(found)
+    positions = np.concatenate([painted, shapely.get_coordinates(lines)])
     return cKDTree(positions) if len(positions) else None
 
 
@@ -167,8 +164,8 @@ def natural_shore(
     """
     most, margin = float(field.inside.max()), -float(field.inside[[0, -1]].max())
     shift = min(shift, _RAGGED_SHARE * most)
-    longer = max(field.inside.shape)
-    finer = max(min(int(field.spacing / _FINE_SPACING), (_FINE_SIDE - 1) // (longer - 1)), 1)
+    finer = min(int(field.spacing / _FINE_SPACING), (_FINE_SIDE - 1) // (max(field.inside.shape) - 1))
+    finer = max(finer, 1)
     spacing, shape = field.spacing / finer, [(count - 1) * finer + 1 for count in field.inside.shape]
     mesh = spacing * -(-max(shape) // _FINE_SIDE)  # what meshes of lakes resolve
     zoom = [fine / count for fine, count in zip(shape, field.inside.shape, strict=True)]
@@ -210,48 +207,38 @@ def with_deltas(
     found = []
     for lake in lakes:
         mouths = _mouths(lake, courses)
-        if len(mouths):
-            key = ("deltas", IdentityKey(lake.shape), seed, mouths.tobytes())
-            lake = dataclasses.replace(
-                lake, shape=cache.get_or_compute(key, partial(_shape_with_fans, lake.shape, mouths, seed))
-            )
-        found.append(lake)
+        key = ("deltas", IdentityKey(lake.shape), seed, *map(tuple, mouths))
+        shape = cache.get_or_compute(key, partial(_with_fans, lake.shape, mouths, seed))
+        found.append(dataclasses.replace(lake, shape=shape) if mouths else lake)
     return found
 
 
-def _mouths(lake: Lake, courses: Sequence[RiverCourse]) -> Float64Array:
-    """Return where courses enter a lake: x, y, radius of the fan and the land that it gains (m), (n, 4)."""
-    found = []
+def _mouths(lake: Lake, courses: Sequence[RiverCourse]) -> list[list[float]]:
+    """Return where courses enter a lake: x, y, radius of the fan and the land that it gains (m)."""
+    found, most = [], _DELTA_SHARE * float(lake.shape.inside.max())
     for course in courses:
         if course.width.max() < _LEAST_DELTA or not _meets(lake.shape, course.line):
             continue
         depth = distance_inside(lake.shape, course.line)
         for first, last in index_runs(depth > 0.0):
+            radius = min(_DELTA_WIDTHS * float(course.width[first]), most)
+            gained = min(_FAN[0] * radius, _FAN[1] * float(depth[first : last + 1].max()))
             if first > 0:
-                most = _DELTA_EXTENT * float(lake.shape.inside.max())
-                radius = min(_DELTA_WIDTHS * float(course.width[first]), most)
-                gained = min(_FAN[0] * radius, _FAN[1] * float(depth[first : last + 1].max()))
-                found.append([*course.line[first], radius, gained])
-    return np.array(found).reshape(-1, 4)
+                found.append([*map(float, course.line[first]), radius, gained])
+    return found
 
 
-def _shape_with_fans(field: ShapeField, mouths: Float64Array, seed: int) -> ShapeField:
+def _with_fans(field: ShapeField, mouths: Sequence[Sequence[float]], seed: int) -> ShapeField:
     """Return a field less g (1 - r²/R²)² n inside, n noise: land and shoals around each mouth."""
     inside = field.inside.astype(np.float64)
+    north, east = field.spacing * np.indices(inside.shape)
+    east, north = east + field.west, north + field.south
     for x, y, radius, gained in mouths:
-        row, column = (
-            np.arange(
-                max(int((at - radius) / field.spacing), 0), min(int((at + radius) / field.spacing), count)
-            )
-            for at, count in zip((y - field.south, x - field.west), inside.shape, strict=True)
-        )
-        east, north = np.meshgrid(field.west + column * field.spacing, field.south + row * field.spacing)
-        away = (np.square(east - x) + np.square(north - y)) / radius**2
-        unit = _LOBES * radius
-        lobes = value_noise(seed, "delta", east / unit, north / unit)
-        part = np.ix_(row, column)
-        within = smoothstep(inside[part] / (0.25 * gained) + 0.5)
-        inside[part] -= within * gained * np.square(np.maximum(1.0 - away, 0.0)) * (0.3 + 1.2 * lobes)
+        near = np.maximum(1.0 - (np.square(east - x) + np.square(north - y)) / radius**2, 0.0)
+        fan = near > 0.0
+        lobes = value_noise(seed, "delta", east[fan] / (_LOBES * radius), north[fan] / (_LOBES * radius))
+        land = gained * np.square(near[fan]) * (0.3 + 1.2 * lobes)
+        inside[fan] -= land * smoothstep(4.0 * inside[fan] / gained + 0.5)
     return dataclasses.replace(field, inside=rounded(inside).astype(np.float32))
 
 

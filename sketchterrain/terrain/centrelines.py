@@ -131,28 +131,30 @@ def nearest_on_arc(
     ``chord`` runs from the arc's start to its end, ``offset`` from its start to the point (m). ``bend`` is
     the tangent of a quarter of the arc's angle, positive to the left; see ``kernels/spline_arcs.clh``.
     """
-    length2 = np.maximum((chord**2).sum(axis=-1), _POINT**2)
-    u = (offset * chord).sum(axis=-1) / length2
-    v = (chord[..., 0] * offset[..., 1] - chord[..., 1] * offset[..., 0]) / length2
-    cosine, whole = 1.0 - bend * bend, 1.0 + bend * bend
-    towards, beside = cosine + 4.0 * bend * v, u - 0.5
-    t = 0.5 + beside * cosine / np.maximum(towards, _CENTRE)
+    u, v, deviation, _ = _on_circle(chord, bend, offset)
+    towards, beside = 1.0 - bend * bend + 4.0 * bend * v, u - 0.5
+    t = 0.5 + beside * (1.0 - bend * bend) / np.maximum(towards, _CENTRE)
     t = np.where(towards < _CENTRE, np.where(beside < 0.0, -1.0, 2.0), t)
     foot = np.clip(t, 0.0, 1.0)
-    g = 2.0 * bend * (u * u - u + v * v) + cosine * v
-    deviation = 2.0 * g / (whole + np.sqrt(np.maximum(whole * whole + 8.0 * bend * g, 0.0)))
     square = np.where(foot == t, deviation * deviation, (u - foot) ** 2 + v * v)
     return foot, square * (chord**2).sum(axis=-1)
 
 
 def signed_square(chord: Float64Array, bend: Float64Array, offset: Float64Array) -> Float64Array:
     """Return squared distances (m²) to arcs' whole circles, positive to the left; see `nearest_on_arc`."""
+    *_, deviation, length2 = _on_circle(chord, bend, offset)
+    return deviation * np.abs(deviation) * length2
+
+
+def _on_circle(
+    chord: Float64Array, bend: Float64Array, offset: Float64Array
+) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
+    """Return coordinates along and left of chords, distances to arcs' circles (chords), squared chords."""
     length2 = np.maximum((chord**2).sum(axis=-1), _POINT**2)
     u = (offset * chord).sum(axis=-1) / length2
     v = (chord[..., 0] * offset[..., 1] - chord[..., 1] * offset[..., 0]) / length2
     whole, g = 1.0 + bend * bend, 2.0 * bend * (u * u - u + v * v) + (1.0 - bend * bend) * v
-    off = 2.0 * g / (whole + np.sqrt(np.maximum(whole * whole + 8.0 * bend * g, 0.0)))
-    return np.asarray(off * np.abs(off) * length2)
+    return u, v, 2.0 * g / (whole + np.sqrt(np.maximum(whole * whole + 8.0 * bend * g, 0.0))), length2
 
 
 def arc_boxes(
@@ -239,7 +241,7 @@ def _samples(river: River, radii: Float64Array) -> Float64Array:
     widths, depths = river.centreline_width / 2.0, river.centreline_depth.astype(np.float64)
     line = river.centreline
     form = line[:, :2], arc_length(line), 2.0 * widths.astype(np.float64)
-    sway = bank_sway(*form) if river.label else np.zeros(len(line))
+    sway = bank_sway(*form) * (river.label > 0)
     return np.column_stack([line, widths, depths, radii, bend_lean(*form), sway])
 
 

@@ -52,32 +52,13 @@ _HEADER: Final = "layers/corridors.clh"
 ARC: Final = kernel_columns(_HEADER, "ArcRow")
 SECTION: Final = kernel_columns(_HEADER, "SectionRow")
 """Columns of packed arcs of rivers, and of rivers at one end of an arc."""
+_CHANNEL_NAMES = "NEARNESS WEIGHT_SCALE BANK_WIDTH BANK_RISE FLOODPLAIN_SLOPE CHANNEL_CELLS MATERIAL_CELLS"
+_BANK_NAMES = "POOL SHOAL CUT_BANK POINT_BAR SWAYED_BANK BAR_WIDTH BARE_BANK INVERSE_FRINGE"
 _NEARNESS, _WEIGHT_SCALE, _BANK_WIDTH, _BANK_RISE, _FLOODPLAIN_SLOPE, _CHANNEL_CELLS, _MATERIAL_CELLS = (
-    kernel_constants(
-        _HEADER,
-        "NEARNESS",
-        "WEIGHT_SCALE",
-        "BANK_WIDTH",
-        "BANK_RISE",
-        "FLOODPLAIN_SLOPE",
-        "CHANNEL_CELLS",
-        "MATERIAL_CELLS",
-    )
+    kernel_constants(_HEADER, *_CHANNEL_NAMES.split())
 )
 _POOL, _SHOAL, _CUT_BANK, _POINT_BAR, _SWAYED_BANK, _BAR_WIDTH, _BARE_BANK, _INVERSE_FRINGE = (
-    kernel_constants(
-        _HEADER,
-        *(
-            "POOL",
-            "SHOAL",
-            "CUT_BANK",
-            "POINT_BAR",
-            "SWAYED_BANK",
-            "BAR_WIDTH",
-            "BARE_BANK",
-            "INVERSE_FRINGE",
-        ),
-    )
+    kernel_constants(_HEADER, *_BANK_NAMES.split())
 )
 # Difference of the bed by arcs for a coarser cell: in cells along the banks' slope, and in widths along the
 # fall. Measured, not proven: blends of arcs shift where these are split differently.

@@ -46,6 +46,10 @@ const float LIVELY = 1.35;      // brightness of a blade over the ground's textu
 const float SAME = 0.03;        // relative distance within which the picture at a foot is the ground there
 const float DRY = 0.45, VERY_DRY = 0.75; // aridity, see the sketch's [climate]
 const vec3 HAY = vec3(0.380, 0.268, 0.125); // albedo of dry bunches
+const vec2 REED_BED = vec2(0.05, 0.2); // share of a wet bed between which grass turns to reeds
+const vec2 REED_HEIGHT = vec2(0.9, 1.9); // m
+const float REED = 0.0055; // m, half the width of a leaf
+const vec3 REED_TINT = vec3(0.95, 0.92, 1.15); // over the meadow's
 const float CROP_TEXEL = 0.12;  // m, of what is painted about a plant
 const vec2 CROP = vec2(0.88, 0.94); // share that is painted, from which on it is a field (kernels/appearance.clh)
 const vec2 ROAD = vec2(0.965, 0.99); // … and a road
@@ -106,6 +110,11 @@ void main()
     chance = meadow * (0.02 + 0.98 * smoothstep(0.0, 0.5, 0.6 * small.w + 0.45 * fine.w + 0.35 * middle.x + 0.3 * tussocks.y));
     tall = mix(0.34, 0.80, lush) * (0.6 + 0.7 * a) * sqrt(sward);
     colour = mix(colour * vec3(1.12, 1.03, 0.95), HAY * 0.6, smoothstep(0.55, 1.0, b + 0.35 * fine.z) * 0.8); // last year's
+    float reeds = smoothstep(REED_BED.x, REED_BED.y, WET_SHARE(weights)) * smoothstep(0.15, 0.4, turf);
+    chance = max(chance, reeds * smoothstep(-0.5, 0.2, small.x + 0.6 * fine.w));
+    tall = mix(tall, mix(REED_HEIGHT.x, REED_HEIGHT.y, lush) * (0.7 + 0.4 * a), reeds);
+    half_width = mix(half_width, REED, reeds);
+    colour *= mix(vec3(1.0), REED_TINT, reeds);
     // In dry lands single bunches foot_height on sand and soil.
     float bunch = smoothstep(DRY, VERY_DRY, trees.y) * BUNCH_SHARE(weights) * 0.09 * smoothstep(-0.2, 0.7, 0.6 * small.w + 0.5 * fine.y);
     colour = bunch > chance ? HAY * mix(0.75, 1.2, b) : colour;

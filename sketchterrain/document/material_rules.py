@@ -238,20 +238,20 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
             Factor(1.5, 0.9, steepness=1.0, mottle=0.4, hollow=-1.6, bedding=0.3),
         ),
     ),
-    # Along a shore mud, grass and bars of sand take turns.
+    # Along a shore grass down to the water, mud and bars of gravel and sand take turns, in long stretches.
     MaterialRule(
         "muddy_bank",
         "soil",
         0.8,
-        (Factor(0.61, 0.69, water=1.0, mottle=-0.06), Factor(0.1, -0.3, mottle=1.0)),
+        (Factor(0.6, 0.68, water=1.0, mottle=-0.14), Factor(-0.1, -0.4, mottle=1.0)),
     ),
     MaterialRule(
         "beach",
         "sand",
         0.8,
         (
-            Factor(0.65, 0.71, water=1.0, mottle=0.1),
-            Factor(0.12, 0.42, mottle=1.0),
+            Factor(0.62, 0.68, water=1.0, mottle=0.14),
+            Factor(0.2, 0.5, mottle=1.0),
             Factor(0.4, 0.2, steepness=1.0),
         ),
     ),
@@ -259,9 +259,21 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         "gravel_bar",
         "river_bed",
         0.9,
-        (Factor(0.640625, 0.71875, water=1.0, mottle=0.03125), Factor(-0.05, 0.25, mottle=1.0)),
+        (Factor(0.640625, 0.71875, water=1.0, mottle=0.046875), Factor(0.1, 0.4, mottle=1.0)),
     ),
     MaterialRule("river_bed", "river_bed", 1.0, (Factor(0.6875, 0.75, water=1.0),)),
+    # Reeds stand in shallow water off shores without bars.
+    MaterialRule(
+        "reeds",
+        "grass",
+        0.75,
+        (
+            Factor(0.69, 0.73, water=1.0),
+            Factor(0.79, 0.765, water=1.0),
+            Factor(0.12, -0.08, mottle=1.0),
+            Factor(50.0, -150.0, above_tree_line=1.0),
+        ),
+    ),
     MaterialRule(
         "sea_sand",
         "sand",

@@ -81,6 +81,7 @@ class Material:
     meadow: float = 0.0  # share of it that is a meadow, with flowers and tall grass
     sward: float = 1.0  # height of its tufts over those of a meadow
     undergrowth: float = 0.0  # share of it with ferns
+    wet: float = 0.0  # share of it under water: grass that is mixed with it is reeds
     bunches: float = 0.0  # share of it with bunches of dry grass in arid terrain
     stones: Stones = Stones()
     tags: str = ""  # values of OpenStreetMap's tags that stand for it
@@ -211,6 +212,7 @@ _DECLARED: Final = (
         colour=(60, 110, 200),
         is_mapped=False,
         spacing=3.0,
+        wet=1.0,
         stones=Stones(0.75, colours=(0.3, 0.6), worn=True),
     ),
     Material(

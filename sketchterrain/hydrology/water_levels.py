@@ -126,10 +126,10 @@ def build_rivers(network: Network, levels: Sequence[Float64Array]) -> list[River
     """Return each reach with its bed: never rising, and the stem's own where a tributary ends."""
     beds: list[Float64Array] = []
     rivers = []
-    for number, (course, width, level) in enumerate(
-        zip(network.courses, network.widths, levels, strict=True)
+    for number, (course, width, swing, level) in enumerate(
+        zip(network.courses, network.widths, network.swings, levels, strict=True)
     ):
-        depth = course.depth * depth_ratio(np.minimum(width / course.width, _MAX_GROWTH))
+        depth = course.depth * depth_ratio(np.minimum(width / swing / course.width, _MAX_GROWTH))
         bed = np.minimum.accumulate(level - depth)
         parent, meeting = network.parents[number], network.confluences[number]
         if parent >= 0 and meeting is not None:

@@ -25,6 +25,7 @@ def material_macros(table: MaterialTable) -> dict[str, int | str]:
         "WOODED(w)": wooded_share(table),
         "MEADOW_SHARE(w)": _sum(table, lambda material: material.meadow),
         "UNDERGROWTH_SHARE(w)": _sum(table, lambda material: material.undergrowth),
+        "WET_SHARE(w)": _sum(table, lambda material: material.wet),
         "BUNCH_SHARE(w)": _sum(table, lambda material: material.bunches),
         "STONES_ANYWHERE(w)": _sum(table, lambda material: material.stones.anywhere),
         "STONES_IN_HEAPS(w)": _sum(table, lambda material: material.stones.heaps),

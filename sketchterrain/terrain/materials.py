@@ -20,8 +20,8 @@ from sketchterrain.terrain.recipe import TerrainRecipe
 _KERNEL_INPUTS = ("height", "steepness", "hollow", "mottle", "northness", "bedding", *MASKS)
 _ROUNDING = 1e-3
 # Ranges of a factor's inputs; the mottle's actual range is less than half of this.
-_RANGES = {"steepness": (0.0, np.inf), "mottle": (-4.0, 4.0), "northness": (-1.0, 1.0), "bedding": (-1.0, 1.0)}
-_RANGES |= dict.fromkeys(MASKS, (0.0, 1.0))
+_RANGES = {"steepness": (0.0, np.inf), "mottle": (-4.0, 4.0)}
+_RANGES |= dict.fromkeys(("northness", "bedding"), (-1.0, 1.0)) | dict.fromkeys(MASKS, (0.0, 1.0))
 
 
 def material_defines(table: MaterialTable) -> Defines:

@@ -73,6 +73,11 @@ _BETWEEN, _IN_GROUP = 0.25, 7.0  # density between groups and in the centre of o
 _THIN, _THICK = 0.42, 0.86  # noise from which a group gets denser, and where it is densest
 _DRY_GAPS = 0.21  # widening of the gaps, in units of that noise, in a dry climate: few groups, but groups
 _RIPARIAN = 1.5  # increase on a bank
+_THICKET = 0.03  # shrubs per square metre in thickets of willow and alder along banks
+_ALDERS = 0.3  # share of trees in them
+_THICKETS = (70.0, 17.0)  # m: wavelengths of these thickets, and of their ragged borders
+_THICKET_NOISE = (0.45, 0.62)  # noise from which a thicket begins, and is dense
+_THICKET_BANK = (0.15, 0.4)  # water mask between which they begin
 _ON_FLOORS = 0.8  # … and on the floors of valleys
 _BANK = (0.05, 0.5)  # water mask where a bank begins, and where the increase is full
 _MOIST = (0.3, 0.9)  # wetness where it begins and is full on the floors of valleys
@@ -264,6 +269,9 @@ class Woods:
             self._depths.store(self._block(column, row), block)
         beside = _FRINGE * np.maximum(mean - forest, 0)
         young = beside / (beside + lone + 1e-9) * (forest < OUTSIDE)
+        wide, narrow = (self._noise.over_blocks("thicket", width, x, y) for width in _THICKETS)
+        thickets = self._thickets(wide, narrow, water)
+        lone = lone + thickets
         density = lone + beside
         some = forest.any(axis=(1, 2))
         if some.any():
@@ -287,14 +295,17 @@ class Woods:
         draw = partial(self._noise.draw, x=sites.x, y=sites.y)
         at = cache(partial(self._noise.at, x=sites.x, y=sites.y))
         wide, narrow = (at("group", width) for width in _GROUPS)
-        lone = self._lone(wide, narrow, sites.dune, sites.water, sites.wetness)
+        thickets = self._thickets(*(at("thicket", width) for width in _THICKETS), sites.water)
+        lone = self._lone(wide, narrow, sites.dune, sites.water, sites.wetness) + thickets
         # Plants in excess of isolated ones outside a forest have seeded themselves from it.
         young = (sites.forest < OUTSIDE) & (draw("seed") >= lone / density_of(spacing))
         slopes = sites.steepness, -sites.slope_north
         masks = sites.forest, sites.water, sites.wetness, young.astype(np.float64)
         depth = self.depths(sites.x, sites.y)
         site = SpeciesInputs(sites.x, sites.y, at, sites.z, *slopes, depth, *masks)
-        plants["species"] = species_mix(self._evaluator, site).draw_species(draw)
+        species = species_mix(self._evaluator, site).draw_species(draw)
+        riparian = np.where(draw("alder") < _ALDERS, _BIRCH, SHRUB)
+        plants["species"] = np.where(draw("thicket") * lone < thickets, riparian, species)
         above = sites.z - self._recipe.climate["tree_line"]
         plants["scale"] = tree_size(draw, site, above, plants["species"] == SHRUB)
         # Neighbours are alike, more than trees at random.
@@ -324,6 +335,11 @@ class Woods:
     def _block(self, x: int, y: int) -> tuple[int, int]:
         """Return the column and row of the block with a south-west vertex (lattice units)."""
         return int(x) // (self.step * BLOCK), int(y) // (self.step * BLOCK)
+
+    def _thickets(self, wide: FloatArray, narrow: FloatArray, water: FloatArray) -> FloatArray:
+        """Return shrubs per square metre in thickets along banks: stretches of shore, others are bare."""
+        share = ramp(0.7 * wide + 0.3 * narrow, *_THICKET_NOISE) * ramp(water, *_THICKET_BANK)
+        return np.asarray(_THICKET * (1 - self._recipe.climate["aridity"] ** 2) * share)
 
     def _lone(
         self, wide: FloatArray, narrow: FloatArray, dune: FloatArray, water: FloatArray, wet: FloatArray

@@ -73,7 +73,7 @@ _BETWEEN, _IN_GROUP = 0.25, 7.0  # density between groups and in the centre of o
 _THIN, _THICK = 0.42, 0.86  # noise from which a group gets denser, and where it is densest
 _DRY_GAPS = 0.21  # widening of the gaps, in units of that noise, in a dry climate: few groups, but groups
 _RIPARIAN = 1.5  # increase on a bank
-_THICKET = 0.03  # shrubs per square metre in thickets of willow and alder along banks
+_BANK_SHRUBS = 0.03  # shrubs per square metre in thickets of willow and alder along banks
 _ALDERS = 0.3  # share of trees in them
 _THICKETS = (70.0, 17.0)  # m: wavelengths of these thickets, and of their ragged borders
 _THICKET_NOISE = (0.45, 0.62)  # noise from which a thicket begins, and is dense
@@ -339,7 +339,7 @@ class Woods:
     def _thickets(self, wide: FloatArray, narrow: FloatArray, water: FloatArray) -> FloatArray:
         """Return shrubs per square metre in thickets along banks: stretches of shore, others are bare."""
         share = ramp(0.7 * wide + 0.3 * narrow, *_THICKET_NOISE) * ramp(water, *_THICKET_BANK)
-        return np.asarray(_THICKET * (1 - self._recipe.climate["aridity"] ** 2) * share)
+        return np.asarray(_BANK_SHRUBS * (1 - self._recipe.climate["aridity"] ** 2) * share)
 
     def _lone(
         self, wide: FloatArray, narrow: FloatArray, dune: FloatArray, water: FloatArray, wet: FloatArray

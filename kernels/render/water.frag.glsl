@@ -25,16 +25,21 @@ in float coverage;
 out vec4 radiance;
 
 // Of lakes and of streams that carry a little silt, 1/m; pure water absorbs 0.28, 0.056, 0.009 (Pope & Fry 1997).
-const vec3 LAKE_ABSORPTION = vec3(0.46, 0.135, 0.150);
-const vec3 LAKE_BACKSCATTER = vec3(0.006, 0.014, 0.016);
-const vec3 STREAM_ABSORPTION = vec3(0.44, 0.17, 0.20);
-const vec3 STREAM_BACKSCATTER = vec3(0.007, 0.0135, 0.011);
+const vec3 LAKE_ABSORPTION = vec3(0.48, 0.19, 0.34);
+const vec3 LAKE_BACKSCATTER = vec3(0.006, 0.0085, 0.0078);
+const vec3 STREAM_ABSORPTION = vec3(0.46, 0.20, 0.32);
+const vec3 STREAM_BACKSCATTER = vec3(0.006, 0.0085, 0.0075);
 // Of a coast: clearer and bluer, with a little yellow substance and plankton.
 const vec3 SEA_ABSORPTION = vec3(0.33, 0.075, 0.048);
 const vec3 SEA_BACKSCATTER = vec3(0.0035, 0.0052, 0.0062);
 const float FOAM_ALBEDO = 0.62;
 const float SHELTER = 0.42;          // inland wind over that of open sea
-const float CALM = 0.0012;           // slope² of water without wind
+const float CALM = 0.0003;           // slope² of water without wind
+const float FETCH = 2.0;             // fetch of a wind from anywhere, over the distance from the shore
+const vec2 LANE = vec2(1100.0, 300.0); // m, period of ruffled and calm patches of a lake along and across the wind
+const float LANE_EDGE = 24.0;        // m over which their borders are soft
+const float RIPPLE = 0.12;           // longest ripple of a stream, over its half width
+const float ACROSS_VIEW = 0.8;       // exponent of the cosine by which a pixel's footprint on the water grows
 const float CLEAREST = 60.0;         // m of depth beyond which no bed is seen
 const float FOAM_TEXELS = 512.0;     // of the noise texture, each side
 const float FROTH = 9.3;             // frequency of froth over that of foam patches
@@ -47,10 +52,10 @@ const vec2 BLUR = vec2(0.03, 0.09);  // standard deviations of slope between whi
 const float UNSEEN = 0.9999999;      // depth buffer without ground
 
 // Slope² of waves under a wind (m/s), both axes together (Cox & Munk 1954).
-float wind_roughness(float speed) { return CALM + 0.00512 * speed; }
+float wind_roughness(float speed) { return 0.00512 * speed; }
 
 // Slope² of a stream's ripples: grows with speed and slope.
-float stream_roughness(float speed, float fall) { return 0.0025 + 0.0045 * speed + 0.03 * smoothstep(0.01, 0.1, fall); }
+float stream_roughness(float speed, float fall) { return 0.001 + 0.0045 * speed + 0.03 * smoothstep(0.01, 0.1, fall); }
 
 void main()
 {
@@ -61,14 +66,17 @@ void main()
     vec2 tilt = -stream.y * flow.zw; // of a sloping stream's surface
     float grazing = max(dot(to_eye, normalize(vec3(-tilt, 1.0))), 0.02);
     vec2 uv = gl_FragCoord.xy / view_range.zw;
-    float pixel = distance * trees.z * inversesqrt(grazing);
+    float pixel = distance * trees.z * pow(grazing, -ACROSS_VIEW);
     bool lake = stream.w <= 0.0, sea = stream.w < 0.0;
 
     // Gusts and slicks, elongated along a stream and advected by it.
     float across = flow.x / max(stream.w, 0.1);
     float speed = stream.x * (0.15 + 0.85 * stream_profile(across));
-    vec2 drift = lake ? (position.xy + eye.xy - wind * clock * 0.5) / 512.0 : vec2(flow.x / 24.0, (flow.y - stream.x * clock * 0.7) / 190.0);
-    vec4 patches = textureLod(noise_field, drift, log2(max(pixel * (lake ? 1.0 : 8.0), 0.01)));
+    vec2 downwind = wind / max(length(wind), 1e-3), adrift = position.xy + eye.xy - wind * clock * 0.5;
+    vec2 drift = sea ? adrift / 512.0
+        : lake ? vec2(dot(adrift, downwind), dot(adrift, vec2(-downwind.y, downwind.x))) / LANE
+               : vec2(flow.x / 24.0, (flow.y - stream.x * clock * 0.7) / 190.0);
+    vec4 patches = textureLod(noise_field, drift, log2(max(sea ? pixel : lake ? pixel + LANE_EDGE : 8.0 * pixel, 0.01)));
     float gust = smoothstep(-0.7, 0.9, patches.x);
     if (sea) {
         // Seen from high up the patches of a lake would repeat.
@@ -76,10 +84,18 @@ void main()
         float wide = textureLod(noise_field, wide_at, log2(max(pixel * 512.0 / GUSTS, 0.01))).x;
         gust = smoothstep(-0.9, 0.9, wide + 0.35 * patches.x / (1.0 + pixel / 4.0));
     }
-    float roughness = sea ? wind_roughness(length(wind)) * (0.6 + 0.8 * gust) : lake ? wind_roughness(SHELTER * length(wind)) * (0.25 + 1.5 * gust)
-                           : stream_roughness(speed, stream.y) * (0.45 + 1.1 * gust);
+    float inland = SHELTER * length(wind);
+    float longest = sea ? -1.0 : lake ? longest_wave(inland, FETCH * wet_room) : RIPPLE * stream.w;
+    float roughness = sea ? wind_roughness(length(wind)) * (0.6 + 0.8 * gust)
+        : lake ? CALM + wind_roughness(inland) * mix(0.04, 1.2, smoothstep(-0.8, 1.0, patches.x))
+               : stream_roughness(speed, stream.y) * (0.45 + 1.1 * gust);
     float time = clock / RENEWAL + 0.8 * patches.y;
-    Waves waves = waves_at(position.xy, flow.zw * speed, pixel, roughness, time, sea);
+    Waves waves = waves_at(position.xy, flow.zw * speed, pixel, roughness, time, longest);
+    // Facets that lean away from a low eye are hidden behind others: the least slope seen is softened.
+    vec2 to_eye_flat = to_eye.xy / max(length(to_eye.xy), 1e-4);
+    float steep = grazing * inversesqrt(1.0 - min(grazing * grazing, 0.99));
+    float met = dot(waves.slope, -to_eye_flat) + steep, resolved = max(0.5 * roughness - waves.variance, 0.0);
+    waves.slope -= to_eye_flat * (0.5 * (sqrt(met * met + 4.0 * resolved) - met));
 
     // The bed, where the refracted ray meets a level bed of the depth behind the pixel.
     float rise = nearer * abs(position.z);
@@ -117,7 +133,6 @@ void main()
 
     // Visible facets lean towards the eye, so rough water reflects higher parts of the sky.
     float spread = sqrt(waves.variance);
-    vec2 to_eye_flat = to_eye.xy / max(length(to_eye.xy), 1e-4);
     float lean = seen_slope(grazing, spread);
     vec2 slope = waves.slope + tilt;
     vec3 normal = normalize(vec3(-slope + to_eye_flat * lean, 1.0));
@@ -131,7 +146,9 @@ void main()
     float blur = sea ? smoothstep(BLUR.x, BLUR.y, spread) : 0.0;
 #endif
     vec3 glint = sun_light.rgb * min(glitter(to_eye, to_sun.xyz, slope, max(spread, 0.03)), 12.0) * sun;
-    vec3 surface = mix(body, mirrored(position, normalize(back), blur), share) + through_air(glint, position) - air;
+    back = normalize(back);
+    vec3 upright = 2.0 * seen_spread(grazing, spread, lean) * vec3(to_eye_flat * back.z, length(back.xy));
+    vec3 surface = mix(body, mirrored(position, back, upright, blur), share) + through_air(glint, position) - air;
 
     // Foam: streaks along a stream, lines along a shore; both made of froth.
     float beat = sin(6.2831853 * (clock / SWELL_PERIOD + patches.z + 0.7 * patches.w));

@@ -11,13 +11,22 @@ uniform sampler2D noise_field;
 
 in vec3 position;
 in float wet_room;
+in float bank;
+in vec2 lateral;
 in float visible;
 out vec4 radiance;
 
-const float WET = 0.5;        // albedo of wet over dry ground
+const float WET = 0.6;        // albedo of wet over dry ground
+const float ENDING = 0.8;     // share of the surface in the bank over which wetness fades out
 const float UNEVEN = 0.22;    // m, standard deviation of the noise
 const float SHEEN = 0.10;     // reflectance of the film over a full one
 const float FAR = 500.0;      // m, where the displayed ground is too coarse for it
+
+// Change of a quantity along a way on the surface, which is level.
+float change(float x, vec2 way)
+{
+    return dot(inverse(mat2(dFdx(position.xy), dFdy(position.xy))) * way, vec2(dFdx(x), dFdy(x)));
+}
 
 void main()
 {
@@ -30,7 +39,11 @@ void main()
     vec4 wide = texture(noise_field, at / 128.0);
     vec4 fine = texture(noise_field, at / 16.0);
     float uneven = UNEVEN * (wide.x + 0.7 * fine.y);
-    float wet = visible * wetness_beside(above, wet_room, uneven) * (1.0 - smoothstep(0.4 * FAR, FAR, length(ground)));
+    // Of the ground behind the surface.
+    vec2 way = ground.xy - position.xy;
+    float room = lateral.y > 0.0 ? lateral.y - abs(lateral.x + change(lateral.x, way)) : wet_room + change(wet_room, way);
+    float ended = smoothstep(0.0, ENDING, 1.0 + min(room, 0.0) / max(bank, 0.01));
+    float wet = visible * ended * wetness_beside(above, room, uneven) * (1.0 - smoothstep(0.4 * FAR, FAR, length(ground)));
     vec3 to_eye = -normalize(ground);
     float mirror = SHEEN * wet * schlick(vec3(0.02), dot(normal, to_eye)).r * smoothstep(-0.1, 0.1, above);
     vec3 clear = through_air(vec3(1.0), ground) - through_air(vec3(0.0), ground);

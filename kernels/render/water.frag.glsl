@@ -36,8 +36,7 @@ const float FOAM_ALBEDO = 0.62;
 const float SHELTER = 0.42;          // inland wind over that of open sea
 const float CALM = 0.0003;           // slope² of water without wind
 const float FETCH = 2.0;             // fetch of a wind from anywhere, over the distance from the shore
-const vec2 LANE = vec2(1100.0, 300.0); // m, period of ruffled and calm patches of a lake along and across the wind
-const float LANE_EDGE = 24.0;        // m over which their borders are soft
+const vec3 LANE = vec3(1100.0, 300.0, 24.0); // m, of ruffled patches: periods along and across the wind, soft borders
 const float RIPPLE = 0.12;           // longest ripple of a stream, over its half width
 const float ACROSS_VIEW = 0.8;       // exponent of the cosine by which a pixel's footprint on the water grows
 const float CLEAREST = 60.0;         // m of depth beyond which no bed is seen
@@ -74,9 +73,9 @@ void main()
     float speed = stream.x * (0.15 + 0.85 * stream_profile(across));
     vec2 downwind = wind / max(length(wind), 1e-3), adrift = position.xy + eye.xy - wind * clock * 0.5;
     vec2 drift = sea ? adrift / 512.0
-        : lake ? vec2(dot(adrift, downwind), dot(adrift, vec2(-downwind.y, downwind.x))) / LANE
+        : lake ? vec2(dot(adrift, downwind), dot(adrift, vec2(-downwind.y, downwind.x))) / LANE.xy
                : vec2(flow.x / 24.0, (flow.y - stream.x * clock * 0.7) / 190.0);
-    vec4 patches = textureLod(noise_field, drift, log2(max(sea ? pixel : lake ? pixel + LANE_EDGE : 8.0 * pixel, 0.01)));
+    vec4 patches = textureLod(noise_field, drift, log2(max(sea ? pixel : lake ? pixel + LANE.z : 8.0 * pixel, 0.01)));
     float gust = smoothstep(-0.7, 0.9, patches.x);
     if (sea) {
         // Seen from high up the patches of a lake would repeat.
@@ -86,16 +85,15 @@ void main()
     }
     float inland = SHELTER * length(wind);
     float longest = sea ? -1.0 : lake ? longest_wave(inland, FETCH * wet_room) : RIPPLE * stream.w;
-    float roughness = sea ? wind_roughness(length(wind)) * (0.6 + 0.8 * gust)
-        : lake ? CALM + wind_roughness(inland) * mix(0.04, 1.2, smoothstep(-0.8, 1.0, patches.x))
-               : stream_roughness(speed, stream.y) * (0.45 + 1.1 * gust);
+    float roughness = CALM + (sea ? wind_roughness(length(wind)) * (0.6 + 0.8 * gust)
+        : lake ? wind_roughness(inland) * mix(0.03, 1.5, smoothstep(-0.5, 0.7, patches.x))
+               : stream_roughness(speed, stream.y) * (0.45 + 1.1 * gust));
     float time = clock / RENEWAL + 0.8 * patches.y;
     Waves waves = waves_at(position.xy, flow.zw * speed, pixel, roughness, time, longest);
     // Facets that lean away from a low eye are hidden behind others: the least slope seen is softened.
     vec2 to_eye_flat = to_eye.xy / max(length(to_eye.xy), 1e-4);
-    float steep = grazing * inversesqrt(1.0 - min(grazing * grazing, 0.99));
-    float met = dot(waves.slope, -to_eye_flat) + steep, resolved = max(0.5 * roughness - waves.variance, 0.0);
-    waves.slope -= to_eye_flat * (0.5 * (sqrt(met * met + 4.0 * resolved) - met));
+    float met = grazing * inversesqrt(1.0 - min(grazing * grazing, 0.99)) - dot(waves.slope, to_eye_flat);
+    waves.slope -= to_eye_flat * (0.5 * (sqrt(met * met + 4.0 * waves.resolved) - met));
 
     // The bed, where the refracted ray meets a level bed of the depth behind the pixel.
     float rise = nearer * abs(position.z);
@@ -146,9 +144,8 @@ void main()
     float blur = sea ? smoothstep(BLUR.x, BLUR.y, spread) : 0.0;
 #endif
     vec3 glint = sun_light.rgb * min(glitter(to_eye, to_sun.xyz, slope, max(spread, 0.03)), 12.0) * sun;
-    back = normalize(back);
     vec3 upright = 2.0 * seen_spread(grazing, spread, lean) * vec3(to_eye_flat * back.z, length(back.xy));
-    vec3 surface = mix(body, mirrored(position, back, upright, blur), share) + through_air(glint, position) - air;
+    vec3 surface = mix(body, mirrored(position, normalize(back), upright, blur), share) + through_air(glint, position) - air;
 
     // Foam: streaks along a stream, lines along a shore; both made of froth.
     float beat = sin(6.2831853 * (clock / SWELL_PERIOD + patches.z + 0.7 * patches.w));

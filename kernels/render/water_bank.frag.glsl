@@ -10,9 +10,7 @@ uniform sampler2D gbuffer_normal;
 uniform sampler2D noise_field;
 
 in vec3 position;
-in float wet_room;
-in float bank;
-in vec2 lateral;
+in vec4 strip;
 in float visible;
 out vec4 radiance;
 
@@ -39,11 +37,9 @@ void main()
     vec4 wide = texture(noise_field, at / 128.0);
     vec4 fine = texture(noise_field, at / 16.0);
     float uneven = UNEVEN * (wide.x + 0.7 * fine.y);
-    // Of the ground behind the surface.
-    vec2 way = ground.xy - position.xy;
-    float room = lateral.y > 0.0 ? lateral.y - abs(lateral.x + change(lateral.x, way)) : wet_room + change(wet_room, way);
-    float ended = smoothstep(0.0, ENDING, 1.0 + min(room, 0.0) / max(bank, 0.01));
-    float wet = visible * ended * wetness_beside(above, room, uneven) * (1.0 - smoothstep(0.4 * FAR, FAR, length(ground)));
+    vec2 way = ground.xy - position.xy; // to the ground behind the surface
+    float room = strip.w > 0.0 ? strip.w - abs(strip.z + change(strip.z, way)) : strip.x + change(strip.x, way);
+    float wet = visible * smoothstep(0.0, ENDING, 1.0 + min(room, 0.0) / max(strip.y, 0.01)) * wetness_beside(above, room, uneven) * (1.0 - smoothstep(0.4 * FAR, FAR, length(ground)));
     vec3 to_eye = -normalize(ground);
     float mirror = SHEEN * wet * schlick(vec3(0.02), dot(normal, to_eye)).r * smoothstep(-0.1, 0.1, above);
     vec3 clear = through_air(vec3(1.0), ground) - through_air(vec3(0.0), ground);

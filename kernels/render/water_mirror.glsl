@@ -21,6 +21,7 @@ const float TAP = 0.6;          // distance of taps, standard deviations
 const float FIRST_STEP = 0.5;
 const int HALVINGS = 4;         // bisections of the step with the hit
 #endif
+const float OVERLOOKED = 100.0; // m, distance of ground over which taps see as far again
 const float MARCHED = 2700.0;   // m, length of a march
 const float SUNK = 0.4;         // m below the height map that count as a hit
 const float THICK = 2.0;        // m, smallest assumed thickness of depth buffer surfaces
@@ -68,7 +69,8 @@ float axial_depth(vec2 uv)
     return 1.0 / (from_clip[2].w * z + from_clip[3].w);
 }
 
-// The sky, and ground farther than rays are marched, read from the picture if visible, else with flat clouds as in sky.frag.glsl; `blur` 0 ... 1 by rough water.
+// Sky and ground beyond the march, from the picture if visible, else the sky with flat clouds as in sky.frag.glsl; `blur`
+// 0 ... 1 by rough water.
 vec3 mirrored_sky(vec3 direction, float blur)
 {
     vec3 clear = clear_sky(direction), sky = clear;
@@ -144,7 +146,6 @@ vec3 mirrored(vec3 from, vec3 direction, vec3 upright, float blur)
     if (seen_hit > 0.0) hit = far_end;
 #endif
     vec3 sky = through_air(mirrored_sky(direction, blur), from), mean = sky;
-    float away = hit < 0.0 ? FAR_OFF : hit;
     if (hit >= 0.0) {
         vec3 p = from + direction * hit;
         vec3 at = picture_place(p);
@@ -154,19 +155,18 @@ vec3 mirrored(vec3 from, vec3 direction, vec3 upright, float blur)
         mean = mix(beyond, textureLod(scene, at.xy, 0.0).rgb, known);
     }
 #if MATERIALS > 1
-    vec4 sum = vec4(mean, 1.0);
-    float range = length(from);
+    vec4 sum = vec4(0.0);
+    // In [-0.5, 0.5), or the taps would draw stripes (interleaved gradient noise, Jimenez 2014).
+    float between = fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(0.06711056, 0.00583715)))) - 0.5;
     for (int i = -TAPS; i <= TAPS; ++i) {
-        float s = TAP * float(i);
+        float s = TAP * (float(i) + between);
         vec3 towards = direction + s * upright;
-        vec3 at = picture_place(from + towards * away);
-        float behind = textureLod(scene_depth, at.xy, 0.0).r;
+        vec3 at = picture_place(from + towards * (hit < 0.0 ? FAR_OFF : s < 0.0 ? hit : hit + hit * hit / OVERLOOKED));
         // Not what stands before the water. What is unknown is taken to be as along the ray itself.
-        float known = i == 0 ? 0.0 : exp(-0.5 * s * s);
-        float seen = at.z * step(0.0, towards.z) * step(range, length(scene_position(at.xy)));
+        float seen = at.z * step(0.0, towards.z) * step(length(from), length(scene_position(at.xy)));
         vec3 bright = min(textureLod(scene, at.xy, 0.0).rgb, sky + BRIGHTEST * sun_light.rgb);
-        bright = mix(bright, sky, behind > 0.9999999 ? blur : 0.0);
-        sum += known * vec4(mix(mean, bright, seen), 1.0);
+        bright = mix(bright, sky, blur * step(0.9999999, textureLod(scene_depth, at.xy, 0.0).r));
+        sum += exp(-0.5 * s * s) * vec4(mix(mean, bright, seen), 1.0);
     }
     mean = sum.rgb / sum.w;
 #endif

@@ -41,8 +41,7 @@ float seen_slope(float cosine, float spread)
 // Standard deviation of those slopes, of their mean: their second moment is spread² (2 - a mean / spread).
 float seen_spread(float cosine, float spread, float mean)
 {
-    float sine = sqrt(max(1.0 - cosine * cosine, 0.0));
-    return sqrt(max(2.0 * spread * spread - cosine / max(sine, 1e-4) * mean - mean * mean, 0.0));
+    return sqrt(max(2.0 * spread * spread - mean * (mean + cosine * inversesqrt(max(1.0 - cosine * cosine, 1e-8))), 0.0));
 }
 
 // Radiance of the sun's glitter for an irradiance of 1 on a surface that faces it (Ross et al. 2005; Bruneton et al.

@@ -14,6 +14,7 @@ const vec2 BAND = vec2(3.0, 56.0); // longest and shortest waves, per period of 
 struct Waves {
     vec2 slope;
     float variance; // along one axis, of unresolved waves
+    float resolved; // and of the others
 };
 
 // Speed across a stream over that in its middle; `across` is 1 at the bank.
@@ -45,7 +46,7 @@ float longest_wave(float speed, float fetch) { return 0.00607 * pow(max(speed * 
 //   longest    wave, m: each layer has its share of octaves of shorter ones; negative at sea, whose shares are its own
 Waves waves_at(vec2 place, vec2 velocity, float pixel, float roughness, float time, float longest)
 {
-    Waves all = Waves(vec2(0.0), FINEST_WAVES);
+    Waves all = Waves(vec2(0.0), FINEST_WAVES, 0.0);
     float texels = float(textureSize(wave_slopes, 0).x);
     for (int i = 0; i < WAVES; ++i) {
         vec4 layer = wave_layers[i];
@@ -66,6 +67,7 @@ Waves waves_at(vec2 place, vec2 velocity, float pixel, float roughness, float ti
         vec2 axis = layer.xy / length(layer.xy);
         all.slope += height * (mat2(axis.x, axis.y, -axis.y, axis.x) * sum.xy);
         all.variance += 0.5 * height * height * sum.z;
+        all.resolved += 0.5 * height * height * max(1.0 - sum.z, 0.0);
     }
     return all;
 }

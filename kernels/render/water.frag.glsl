@@ -24,11 +24,9 @@ in float nearer;
 in float coverage;
 out vec4 radiance;
 
-// Of lakes and of streams that carry a little silt, 1/m; pure water absorbs 0.28, 0.056, 0.009 (Pope & Fry 1997).
-const vec3 LAKE_ABSORPTION = vec3(0.48, 0.19, 0.34);
-const vec3 LAKE_BACKSCATTER = vec3(0.006, 0.0085, 0.0078);
-const vec3 STREAM_ABSORPTION = vec3(0.46, 0.20, 0.32);
-const vec3 STREAM_BACKSCATTER = vec3(0.006, 0.0085, 0.0075);
+// Of lakes and streams with yellow substance and a little silt, 1/m; pure water absorbs 0.28, 0.056, 0.009 (Pope & Fry 1997).
+const vec3 FRESH_ABSORPTION = vec3(0.48, 0.19, 0.34);
+const vec3 FRESH_BACKSCATTER = vec3(0.006, 0.0085, 0.0078);
 // Of a coast: clearer and bluer, with a little yellow substance and plankton.
 const vec3 SEA_ABSORPTION = vec3(0.33, 0.075, 0.048);
 const vec3 SEA_BACKSCATTER = vec3(0.0035, 0.0052, 0.0062);
@@ -39,6 +37,8 @@ const float FETCH = 2.0;             // fetch of a wind from anywhere, over the 
 const vec3 LANE = vec3(1100.0, 300.0, 24.0); // m, of ruffled patches: periods along and across the wind, soft borders
 const float RIPPLE = 0.12;           // longest ripple of a stream, over its half width
 const float ACROSS_VIEW = 0.8;       // exponent of the cosine by which a pixel's footprint on the water grows
+const float UPWIND[4] = float[](40.0, 150.0, 500.0, 1600.0); // m, where land shelters the sea
+const float SHELTERED = 0.1;         // share of its slope² then
 const float CLEAREST = 60.0;         // m of depth beyond which no bed is seen
 const float FOAM_TEXELS = 512.0;     // of the noise texture, each side
 const float FROTH = 9.3;             // frequency of froth over that of foam patches
@@ -72,20 +72,20 @@ void main()
     float across = flow.x / max(stream.w, 0.1);
     float speed = stream.x * (0.15 + 0.85 * stream_profile(across));
     vec2 downwind = wind / max(length(wind), 1e-3), adrift = position.xy + eye.xy - wind * clock * 0.5;
-    vec2 drift = sea ? adrift / 512.0
-        : lake ? vec2(dot(adrift, downwind), dot(adrift, vec2(-downwind.y, downwind.x))) / LANE.xy
+    vec2 drift = sea ? adrift / 512.0 : lake ? vec2(dot(adrift, downwind), dot(adrift, vec2(-downwind.y, downwind.x))) / LANE.xy
                : vec2(flow.x / 24.0, (flow.y - stream.x * clock * 0.7) / 190.0);
     vec4 patches = textureLod(noise_field, drift, log2(max(sea ? pixel : lake ? pixel + LANE.z : 8.0 * pixel, 0.01)));
-    float gust = smoothstep(-0.7, 0.9, patches.x);
+    float gust = smoothstep(-0.7, 0.9, patches.x), exposed = 1.0;
     if (sea) {
         // Seen from high up the patches of a lake would repeat.
         vec2 wide_at = mat2(0.8, 0.6, -0.6, 0.8) * (position.xy + eye.xy - wind * clock) / GUSTS;
         float wide = textureLod(noise_field, wide_at, log2(max(pixel * 512.0 / GUSTS, 0.01))).x;
         gust = smoothstep(-0.9, 0.9, wide + 0.35 * patches.x / (1.0 + pixel / 4.0));
+        for (int i = 0; i < 4; ++i) exposed -= (1.0 - SHELTERED) / 4.0 * land_at(position - vec3(UPWIND[i] * downwind, 0.0));
     }
     float inland = SHELTER * length(wind);
     float longest = sea ? -1.0 : lake ? longest_wave(inland, FETCH * wet_room) : RIPPLE * stream.w;
-    float roughness = CALM + (sea ? wind_roughness(length(wind)) * (0.6 + 0.8 * gust)
+    float roughness = CALM + (sea ? wind_roughness(length(wind)) * (0.6 + 0.8 * gust) * exposed
         : lake ? wind_roughness(inland) * mix(0.03, 1.5, smoothstep(-0.5, 0.7, patches.x))
                : stream_roughness(speed, stream.y) * (0.45 + 1.1 * gust));
     float time = clock / RENEWAL + 0.8 * patches.y;
@@ -122,8 +122,8 @@ void main()
     sun *= tree_shade(position, vec3(0.0, 0.0, 1.0));
 #endif
     vec3 incoming = sun_light.rgb * max(to_sun.z, 0.0) * sun + sky_irradiance(vec3(0.0, 0.0, 1.0)) * light.g;
-    vec3 absorption = sea ? SEA_ABSORPTION : lake ? LAKE_ABSORPTION : STREAM_ABSORPTION;
-    vec3 backscatter = sea ? SEA_BACKSCATTER : lake ? LAKE_BACKSCATTER : STREAM_BACKSCATTER;
+    vec3 absorption = sea ? SEA_ABSORPTION : FRESH_ABSORPTION;
+    vec3 backscatter = sea ? SEA_BACKSCATTER : FRESH_BACKSCATTER;
     vec3 clear = let_through(absorption + backscatter, min(depth, CLEAREST), up, refracted_cosine(max(to_sun.z, 0.2)));
     vec3 air = through_air(vec3(0.0), position);
     vec3 body = through_air((1.0 - clear) * deep_colour(absorption, backscatter) * incoming / PI, position);

@@ -8,21 +8,21 @@ uniform sampler2D scene;        // radiance of the scene so far
 uniform sampler2D scene_depth;  // and its depth buffer
 uniform sampler2D near_heights; // m
 
-// Steps along a reflected ray, each longer by a factor: to 500 m, or 2700 m; the first one, m.
+// Steps along a reflected ray, each longer by a factor: to 500 m, or 2500 m; the first one, m.
 #if MATERIALS == 1
 const int MARCH = 5;
 const float STRIDE = 2.0;
 const float FIRST_STEP = 16.0;
 #else
-const int MARCH = 38;
-const float STRIDE = 1.2;
-const int TAPS = 3;             // to each side, of the picture along the spread of a mirrored point
-const float TAP = 0.6;          // distance of taps, standard deviations
+const int MARCH = 34;
+const float STRIDE = 1.23;
+const int TAPS = 4;             // to each side, of the picture along the spread of a mirrored point
+const float TAP = 0.45;         // distance of taps, standard deviations
 const float FIRST_STEP = 0.5;
 const int HALVINGS = 4;         // bisections of the step with the hit
 #endif
 const float OVERLOOKED = 100.0; // m, distance of ground over which taps see as far again
-const float MARCHED = 2700.0;   // m, length of a march
+const float MARCHED = 2500.0;   // m, length of a march
 const float SUNK = 0.4;         // m below the height map that count as a hit
 const float THICK = 2.0;        // m, smallest assumed thickness of depth buffer surfaces
 const float THICK_STEPS = 2.0;  // and in steps of the ray
@@ -43,6 +43,8 @@ float relief_at(vec2 place)
 {
     return textureLod(near_heights, (place - near_map.xy) * near_map.z, 0.0).r - eye.z;
 }
+
+float land_at(vec3 p) { return is_mapped(p.xy) ? smoothstep(-2.0, 2.0, relief_at(p.xy) - p.z) : 0.0; }
 
 vec3 scene_position(vec2 uv)
 {
@@ -151,13 +153,12 @@ vec3 mirrored(vec3 from, vec3 direction, vec3 upright, float blur)
         vec3 at = picture_place(p);
         float off = abs(length(scene_position(at.xy)) - length(p)) / length(p);
         float known = seen_hit > 0.0 ? at.z : at.z * (1.0 - smoothstep(0.05, 0.2, off));
-        vec3 beyond = seen_hit > 0.0 ? sky : guessed_ground(p);
-        mean = mix(beyond, textureLod(scene, at.xy, 0.0).rgb, known);
+        mean = mix(seen_hit > 0.0 ? sky : guessed_ground(p), textureLod(scene, at.xy, 0.0).rgb, known);
     }
 #if MATERIALS > 1
     vec4 sum = vec4(0.0);
     // In [-0.5, 0.5), or the taps would draw stripes (interleaved gradient noise, Jimenez 2014).
-    float between = fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(0.06711056, 0.00583715)))) - 0.5;
+    float between = fract(52.9829189 * fract(dot((clip_from.xy / clip_from.w * 0.5 + 0.5) * view_range.zw, vec2(0.06711056, 0.00583715)))) - 0.5;
     for (int i = -TAPS; i <= TAPS; ++i) {
         float s = TAP * (float(i) + between);
         vec3 towards = direction + s * upright;

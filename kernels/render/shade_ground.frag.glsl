@@ -69,9 +69,10 @@ const float LEDGE = 0.02;      // beds, step of the finite difference of ledges
 const float LEDGE_SLOPE = 1.0; // slope of a ledge's edge
 const float JOINT_WIDTH = 0.05, JOINT_DEPTH = 0.55; // of the space between two; share of the light that it takes
 // Gullies and ribs of a face, V-shaped where a noise changes its sign, of a wide range of widths.
-const float GULLY_SPAN = 512.0;                // m of the noise across the fall line; wavelengths of its half and less
-const float GULLY_STRETCH = 4.0;               // height over which it repeats, spans
-const float GULLY_DEPTH = 14.0;                // m a unit of the noise
+const float GULLY_SPAN = 1024.0;               // m of the noise across the fall line; wavelengths of its half and less
+const float GULLY_STRETCH = 3.5;               // height over which it repeats, spans
+const float GULLY_DEPTH = 24.0;                // m a unit of the noise
+const float GULLY_CREASE = 0.8;                // of what is V-shaped over what is round
 const float GULLY_BEND = 24.0;                 // m
 const vec2 GULLY_STEEP = vec2(0.93, 0.76);     // upward normals between which they set in
 const vec2 GULLY_FROM = vec2(0.03, 0.3);       // m, footprints of pixels: closer by, tiles and textures have the relief
@@ -135,7 +136,8 @@ Gullies gullies_at(vec3 n, Noise noise, float footprint)
 {
     Gullies g = Gullies(vec3(0.0), 0.0);
 #if MATERIALS > 1 && DETAIL
-    float steep = smoothstep(GULLY_STEEP.x, GULLY_STEEP.y, n.z) * smoothstep(GULLY_FROM.x, GULLY_FROM.y, footprint);
+    float steep = smoothstep(GULLY_STEEP.x, GULLY_STEEP.y, n.z) * smoothstep(GULLY_FROM.x, GULLY_FROM.y, footprint)
+        * mix(0.3, 1.2, smoothstep(-0.6, 0.6, noise.wide.z + 0.5 * noise.middle.x)); // some faces are smooth slabs
     float direction = atan(n.y, n.x) * 4.0 / PI;
     float upper = smoothstep(0.3, 0.7, fract(direction));
     int first = upper > 1.0 - LEAST_SHARE ? 1 : 0, last = steep == 0.0 ? -1 : upper < LEAST_SHARE ? 0 : 1;
@@ -147,10 +149,11 @@ Gullies gullies_at(vec3 n, Noise noise, float footprint)
         vec2 strike = vec2(turn == 0 ? 0.0 : turn == 1 ? -1.0 : 1.0, turn == 2 ? 0.0 : 1.0); // the noise's period stays
         vec3 place = position + eye.xyz;
         vec2 at = vec2(dot(place.xy, strike) + GULLY_BEND * noise.middle.y, place.z / GULLY_STRETCH) / GULLY_SPAN;
-        float here = abs(textureLod(noise_field, at, lod).z);
-        float beside = abs(textureLod(noise_field, at + vec2(pitch / GULLY_SPAN, 0.0), lod).z);
-        g.bump.xy -= weight * GULLY_DEPTH * (beside - here) / pitch * strike;
-        g.rib += weight * (min(2.0 * here, 1.0) - 0.5);
+        vec2 here = textureLod(noise_field, at, lod).xz;
+        vec2 beside = textureLod(noise_field, at + vec2(pitch / GULLY_SPAN, 0.0), lod).xz;
+        vec2 depth = vec2(here.y, beside.y) + GULLY_CREASE * abs(vec2(here.x, beside.x));
+        g.bump.xy -= weight * GULLY_DEPTH * (depth.y - depth.x) / pitch * strike;
+        g.rib += weight * clamp(depth.x - 0.3, -0.5, 0.5);
     }
 #endif
     return g;

@@ -63,14 +63,15 @@ uniform vec4 strata;           // beds per m eastward, northward and upward; the
 uniform vec4 joints;           // joints per m eastward and northward; the eye's coordinate; how open they are, 0 ... 1
 uniform float banding;         // how much the beds' colours differ, 0 ... 1
 const float FINER_BEDS = 3.7;  // fine beds a bed
+const float GROUPED = 0.7;     // hardness that a group's beds have in common
 const float BED_BEND = 0.10;   // beds
 const uint FINE_SALT = 0x68E31DA4u;
-const float LEDGE = 0.02;      // beds, step of the finite difference of ledges
+const float LEDGE = 0.02;      // beds, least step of the finite difference of ledges
 const float LEDGE_SLOPE = 1.0; // slope of a ledge's edge
 const float JOINT_WIDTH = 0.05, JOINT_DEPTH = 0.55; // of the space between two; share of the light that it takes
 // Gullies and ribs of a face, V-shaped where a noise changes its sign, of a wide range of widths.
 const float GULLY_SPAN = 1024.0;               // m of the noise across the fall line; wavelengths of its half and less
-const float GULLY_STRETCH = 3.5;               // height over which it repeats, spans
+const float GULLY_STRETCH = 3.0;               // height over which it repeats, spans
 const float GULLY_DEPTH = 24.0;                // m a unit of the noise
 const float GULLY_CREASE = 0.8;                // of what is V-shaped over what is round
 const float GULLY_BEND = 24.0;                 // m
@@ -104,8 +105,11 @@ float bed_hardness(float c, float footprint)
 #else
     const vec3 finer = vec3(1.0, FINER_BEDS, FINER_BEDS * FINER_BEDS); // the last are layers of the beds
     vec3 share = clamp(2.0 - 2.0 * finer * footprint, 0.0, 1.0) * vec3(1.0, 0.6, 0.4);
+    bool far = share.z == 0.0; // groups of beds take over from layers that are finer than a pixel
+    float third = far ? 1.0 / FINER_BEDS : finer.z;
+    share.z = far ? GROUPED * clamp(finer.z * footprint - 1.0, 0.0, 1.0) : share.z;
     return share.x * hardness_at(c, 0u) + share.y * hardness_at(finer.y * c, FINE_SALT)
-        + share.z * hardness_at(finer.z * c, FINE_SALT);
+        + share.z * hardness_at(third * c, FINE_SALT);
 #endif
 }
 
@@ -137,7 +141,7 @@ Gullies gullies_at(vec3 n, Noise noise, float footprint)
     Gullies g = Gullies(vec3(0.0), 0.0);
 #if MATERIALS > 1 && DETAIL
     float steep = smoothstep(GULLY_STEEP.x, GULLY_STEEP.y, n.z) * smoothstep(GULLY_FROM.x, GULLY_FROM.y, footprint)
-        * mix(0.3, 1.2, smoothstep(-0.6, 0.6, noise.wide.z + 0.5 * noise.middle.x)); // some faces are smooth slabs
+        * mix(0.2, 1.0, smoothstep(-0.6, 0.6, noise.wide.z + 0.5 * noise.middle.x)); // some faces are smooth slabs
     float direction = atan(n.y, n.x) * 4.0 / PI;
     float upper = smoothstep(0.3, 0.7, fract(direction));
     int first = upper > 1.0 - LEAST_SHARE ? 1 : 0, last = steep == 0.0 ? -1 : upper < LEAST_SHARE ? 0 : 1;
@@ -187,7 +191,7 @@ void add_beds(inout MaterialSample rock, Noise noise, vec3 n, vec3 planes, float
 #if MATERIALS > 1 && DETAIL
     // Hard beds protrude: their upper edges face the sky.
     float steep = 1.0 - planes.z;
-    rock.bump.z -= LEDGE_SLOPE * steep * (bed_hardness(c + LEDGE, bed_footprint) - bed);
+    rock.bump.z -= LEDGE_SLOPE * steep * (bed_hardness(c + max(LEDGE, 0.5 * bed_footprint), bed_footprint) - bed);
     float joint = dot(position.xy, joints.xy) + joints.z + hash_of(int(floor(c)), 1u) + 0.15 * noise.small.x;
     float width = max(JOINT_WIDTH, footprint * length(joints.xy));
     float open = joints.w * smoothstep(-0.2, 0.6, hash_of(int(floor(joint)), 2u)) * JOINT_WIDTH / width;

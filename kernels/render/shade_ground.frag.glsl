@@ -72,7 +72,8 @@ const float JOINT_WIDTH = 0.05, JOINT_DEPTH = 0.55; // of the space between two;
 // Gullies and ribs of a face, V-shaped where a noise changes its sign, of a wide range of widths.
 const float GULLY_SPAN = 1024.0;               // m of the noise across the fall line; wavelengths of its half and less
 const float GULLY_STRETCH = 3.0;               // height over which it repeats, spans
-const float GULLY_DEPTH = 24.0;                // m a unit of the noise
+const float GULLY_DEPTH = 25.0;                // m a unit of the noise
+const float GULLY_LEAST = 2.0;                 // pixels, half the width of the finest
 const float GULLY_CREASE = 0.8;                // of what is V-shaped over what is round
 const float GULLY_BEND = 24.0;                 // m
 const vec2 GULLY_STEEP = vec2(0.93, 0.76);     // upward normals between which they set in
@@ -145,8 +146,8 @@ Gullies gullies_at(vec3 n, Noise noise, float footprint)
     float direction = atan(n.y, n.x) * 4.0 / PI;
     float upper = smoothstep(0.3, 0.7, fract(direction));
     int first = upper > 1.0 - LEAST_SHARE ? 1 : 0, last = steep == 0.0 ? -1 : upper < LEAST_SHARE ? 0 : 1;
-    float pitch = max(footprint, GULLY_SPAN / float(textureSize(noise_field, 0).x));
-    float lod = log2(footprint / GULLY_SPAN * float(textureSize(noise_field, 0).x));
+    float texel = GULLY_SPAN / float(textureSize(noise_field, 0).x);
+    float pitch = max(GULLY_LEAST * footprint, texel), lod = log2(pitch / texel);
     for (int k = first; k <= last; ++k) {
         float weight = steep * (first == last ? 1.0 : k == 1 ? upper : 1.0 - upper);
         int turn = int(floor(direction)) + k & 3;
@@ -171,11 +172,11 @@ StrongestMaterials select_materials(ivec2 at, Noise noise, float rib)
     for (int k = 0; k < WEIGHT_WORDS; ++k) {
         vec4 weights = texelFetch(gbuffer_weights[k], at, 0);
         vec4 frayed = weights + (k % 2 == 0 ? fray : -fray) * weights * (1.0 - weights);
-        frayed -= GULLY_FRAY * rib * weights * (1.0 - weights);
-        for (int i = 0; i < 4; ++i) {
-            float w = weights[i] * (1.0 - weights[i]);
-            insert_material(frayed[i] + (IS_BEDDED(4 * k + i) ? 2.0 * GULLY_FRAY * rib * w : 0.0), 4 * k + i, selected);
-        }
+#if MATERIALS > 1 && DETAIL
+        vec4 fringe = GULLY_FRAY * rib * weights * (1.0 - weights);
+        for (int i = 0; i < 4; ++i) frayed[i] += IS_BEDDED(4 * k + i) ? fringe[i] : -fringe[i];
+#endif
+        for (int i = 0; i < 4; ++i) insert_material(frayed[i], 4 * k + i, selected);
     }
     return selected;
 }

@@ -299,10 +299,8 @@ def resolved_rules(changes: Iterable[RuleChange]) -> tuple[MaterialRule, ...]:
         old = next((rule for rule in rules if rule.name == change.name), None)
         if old is None and change.material is None:
             names = [rule.name for rule in rules]
-            raise InputError(
-                f"name = {format_value(change.name)}: a new rule needs a material; there are "
-                f"{', '.join(names)}{did_you_mean(change.name, names)}"
-            )
+            hint = did_you_mean(change.name, names) or f"; there are {', '.join(names)}"
+            raise InputError(f"name = {format_value(change.name)}: a new rule needs a material{hint}")
         at = len(rules) if old is None else rules.index(old)
         given = {key: getattr(change, key) for key in ("material", "cover", "factors")}
         given = {key: value for key, value in given.items() if value is not None}

@@ -66,6 +66,7 @@ _FAN = (0.45, 0.5)  # land that it gains: of the radius, and at most of the way 
 _LOBES = 0.3  # of the radius: unit of the noise that parts a fan into lobes
 _FINE_SIDE = 400  # samples along the longer side that a field is refined to, at most
 _FINE_SPACING = 2.0  # m
+_FIELD_STEP = 2.0**-7  # m, to which fields are rounded
 
 
 def painted_lakes(
@@ -184,7 +185,7 @@ def natural_shore(
     rounding = gaussian_filter(inside, _ROUNDING * shift / spacing, axes=(0, 1))[row, column] - d
     scale = 1.0 + (_SHELVING[0] + _SHELVING[1] * steep * steep - 1.0) * fade
     inside[row, column] = (d + free * (rounding + shift * _shore_noise(at, shift, mesh, seed))) * scale
-    return dataclasses.replace(field, spacing=spacing, inside=rounded(inside).astype(np.float32))
+    return dataclasses.replace(field, spacing=spacing, inside=rounded(inside, _FIELD_STEP).astype(np.float32))
 
 
 def _shore_noise(at: Float64Array, shift: float, spacing: float, seed: int) -> Float64Array:
@@ -239,7 +240,7 @@ def _with_fans(field: ShapeField, mouths: Sequence[Sequence[float]], seed: int) 
         lobes = value_noise(seed, "delta", east[fan] / (_LOBES * radius), north[fan] / (_LOBES * radius))
         land = gained * np.square(near[fan]) * (0.3 + 1.2 * lobes)
         inside[fan] -= land * smoothstep(4.0 * inside[fan] / gained + 0.5)
-    return dataclasses.replace(field, inside=rounded(inside).astype(np.float32))
+    return dataclasses.replace(field, inside=rounded(inside, _FIELD_STEP).astype(np.float32))
 
 
 def _area_outlines(sketch: Sketch) -> list[_LakeOutline]:

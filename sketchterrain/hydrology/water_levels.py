@@ -140,7 +140,7 @@ def build_rivers(network: Network, levels: Sequence[Float64Array]) -> list[River
         bed = _below_chord(bed, network.arcs[number], network.cuts[number])
         bed = np.minimum(bed, level - _MIN_DEPTH)
         beds.append(bed)
-        rivers.append(_create_river(course, width, level, level - bed))
+        rivers.append(_create_river(course, width, swing, level, level - bed))
     return rivers
 
 
@@ -156,7 +156,7 @@ def _level_bed(network: Network, number: int, bed: Float64Array) -> Float64Array
 
 
 def _create_river(
-    course: RiverCourse, width: Float64Array, level: Float64Array, depth: Float64Array
+    course: RiverCourse, width: Float64Array, swing: Float64Array, level: Float64Array, depth: Float64Array
 ) -> River:
     line = np.column_stack([course.line, level])
     widths, depths = width.astype(np.float32), depth.astype(np.float32)
@@ -169,4 +169,5 @@ def _create_river(
         centreline=line,
         centreline_width=widths,
         centreline_depth=depths,
+        mean_width=(width / swing).astype(np.float32)[course.controls] if (swing != 1.0).any() else None,
     )

@@ -241,7 +241,7 @@ def _samples(river: River, radii: Float64Array) -> Float64Array:
     widths, depths = river.centreline_width / 2.0, river.centreline_depth.astype(np.float64)
     line = river.centreline
     form = line[:, :2], arc_length(line), 2.0 * widths.astype(np.float64)
-    sway = bank_sway(*form) * (river.label > 0)
+    sway = bank_sway(*form) * (river.mean_width is not None)
     return np.column_stack([line, widths, depths, radii, bend_lean(*form), sway])
 
 

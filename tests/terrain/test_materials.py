@@ -162,7 +162,7 @@ def weigh(with_kernel) -> Callable[..., np.ndarray]:
         parts = [np.asarray(site[name], real) for name in NAMES]
         out = context.empty((len(parts[0]), len(MATERIALS)), real)
         table = (rules.form, rules.cover.astype(real), rules.ramp.astype(real))
-        given = (*table, np.stack(parts[:5], axis=-1), np.stack(parts[5:], axis=-1))
+        given = (*table, np.stack(parts[:6], axis=-1), np.stack(parts[6:], axis=-1))
         size, arrays = (len(parts[0]),), [context.upload(each) for each in given]
         context.launch("weights.cl", "weights", size, np.int32(rules.count), *arrays, out)
         return context.download(out, (len(parts[0]), len(MATERIALS)), real)
@@ -294,7 +294,8 @@ def test_default_rules_at_typical_sites() -> None:
     assert soil() < 0.01, "level ground is not bare"
     soil = partial(soil, steepness=0.55)
     assert soil(hollow=-0.05) > soil() + 0.1 > soil(hollow=0.05) + 0.12
-    assert soil(steepness=0.7) > soil() + 0.08
+    scree = partial(material_at, "scree", BARE | {"aridity": 0.2}, mottle=0.63)  # lies on steeper ground
+    assert scree(steepness=0.7) + soil(steepness=0.7) > scree(steepness=0.55) + soil() + 0.08
     assert soil(wetness=0.8) < 0.1 * soil(), "valley floors are green"
     hill = partial(material_at, climate=BARE | {"aridity": 0.2}, steepness=0.4)
     assert hill("dry_grass", northness=-0.37) > hill("dry_grass", northness=0.37) + 0.5, "sunny slopes"

@@ -218,9 +218,9 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         0.9,
         (
             Factor(0.1, 0.35, mountain=1.0),
-            Factor(0.0, 0.11, hollow=1.0, mottle=0.05, bedding=-0.03),
+            Factor(-0.05, 0.09, hollow=1.0, mottle=0.08, bedding=-0.03),
             Factor(0.34, 0.6, steepness=1.0, mottle=0.15),
-            Factor(1.15, 0.85, steepness=1.0, mottle=-0.15),
+            Factor(1.25, 0.85, steepness=1.0, mottle=-0.15),
         ),
     ),
     MaterialRule(

@@ -154,7 +154,7 @@ _DECLARED: Final = (
         "rock",
         "Rock",
         Texture(
-            *("rock", 8.0, 0.150, 0.90, 0.75, (0, 5), 0.0, _RED, _RED_FROM),
+            *("rock", 8.0, 0.150, 0.90, 0.75, (0, 2), 0.0, _RED, _RED_FROM),
             variations=(_STRATA,),
             bedded=True,
             of_rock=1.0,

@@ -11,8 +11,8 @@ from scipy.ndimage import maximum_filter, uniform_filter
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array
-from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River
 from sketchterrain.look.tree_species import HEIGHTS
+from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.scene import (
     HeightMap,
@@ -304,7 +304,7 @@ WATER_LIMIT: Final = 0.45
 HIGHEST_PEAK: Final = 0.32  # largest tangent of elevation of a skyline that fits into the picture
 MAX_TESTED: Final = 40  # best viewpoints that are tested for plants in front of the eye
 CLEAR: Final = 20.0  # m in front of the eye that must be free of plants
-ASIDE: Final = (0.0, 15.0, -15.0, 30.0, -30.0)  # m to the right of a viewpoint that are tried
+ASIDE: Final = {False: [0.0], True: [0.0, 15.0, -15.0, 30.0, -30.0]}  # m to the right of a viewpoint, tried
 
 
 class _Visibility(NamedTuple):
@@ -337,11 +337,12 @@ def eye_level_view(terrain: TerrainSource, light: LightScore, *, raised: bool) -
         score += RISE_WEIGHT * np.tanh(rise)[:, None]
     bearing = np.argmax(score, axis=1)
     best = score.max(axis=1)
-    # Take the best viewpoint without plants in front of the eye, beside them if need be, or the least obstructed one.
+    # Take the best viewpoint without plants in front of the eye, on a rise aside if need be, or the least
+    # obstructed one.
     longest, best_viewpoint, eye = -1.0, 0, eyes[0]
     for viewpoint in np.argsort(-best, kind="stable")[:MAX_TESTED].tolist():
         angle = float(bearings[bearing[viewpoint]])
-        aside = eyes[viewpoint] + np.outer(ASIDE, [np.cos(angle), -np.sin(angle), 0.0])
+        aside = eyes[viewpoint] + np.outer(ASIDE[raised], [np.cos(angle), -np.sin(angle), 0.0])
         aside = aside[[True, *_is_suitable(terrain, cover, aside[1:, :2])]]
         aside[:, 2] = surface_heights(terrain, aside[:, 0], aside[:, 1]).astype(np.float64) + EYE[raised]
         for place in aside:

@@ -35,6 +35,7 @@ def reference_table() -> str:
     about = {
         "density": "Features where nothing is painted; mountains and hills join to ranges.",
         "ground": "The drained ground between mountains and hills.",
+        "geology": "The rock; it changes materials, but no heights.",
         "climate": "Snow and vegetation.",
         "coast": "The sea's level and its shores ([sea](kernels/sea.md)).",
         "weather": "Lighting and air of pictures ([light.md](light.md)); it does not change the terrain.",

@@ -8,20 +8,24 @@ float scattered(float cosine, float g)
     return (1.0 - g * g) / (4.0 * PI * far * sqrt(far));
 }
 
+const vec3 ATTENUATED = vec3(1.0, 0.38, 0.38 * 0.38); // optical depth of the orders of scattering
+
 // In-scattered sunlight of a point in a cloud over its extinction: higher orders are attenuated less and less directional
-// (Wrenninge, Kulla & Lundqvist 2013). `depth`: optical, towards the sun; `cosine` to the sun.
-vec3 sunlit(float depth, float cosine)
+// (Wrenninge, Kulla & Lundqvist 2013). `cosine` to the sun; this is their phase functions, constant along a ray.
+vec3 cloud_phases(float cosine)
 {
-    float sum = 0.0, share = 1.0, thin = 1.0, sharp = 1.0;
+    vec3 phases;
+    float share = 1.0, sharp = 1.0;
     for (int i = 0; i < 3; ++i) {
-        float phase = mix(scattered(cosine, -0.15 * sharp), scattered(cosine, 0.75 * sharp), 0.6);
-        sum += share * phase * exp(-thin * depth);
+        phases[i] = share * mix(scattered(cosine, -0.15 * sharp), scattered(cosine, 0.75 * sharp), 0.6);
         share *= 0.62;
-        thin *= 0.38;
         sharp *= 0.45;
     }
-    return cloud_sun * sum;
+    return phases;
 }
+
+// `depth`: optical, towards the sun.
+vec3 sunlit(float depth, vec3 phases) { return cloud_sun * dot(phases, exp(-ATTENUATED * depth)); }
 
 const float SUN_GAIN = 1.75;   // over three orders of scattering
 const float CLOUD_GREY = 0.45; // share of ambient light from other clouds, colourless

@@ -1,19 +1,21 @@
-// A layer of cumulus, for the sky and for its shadows. CLOUDS: 0 none; 1 in a dome of all directions, 2 in the picture
-// (clouds.frag.glsl). GREY: whether an overcast layer blends in.
+// A layer of cumulus or stratocumulus, for the sky and for its shadows. CLOUDS: 0 none; 1 in a dome of all directions, 2 in the picture
+// (clouds.frag.glsl). GREY: whether an overcast layer blends in. CIRRUS: whether there are ice clouds.
 #ifndef CLOUDS
 #define CLOUDS 1
 #define GREY 1
+#define CIRRUS 1
 #endif
 #ifndef MATERIALS
 #define MATERIALS 2
 #endif
 uniform sampler2D noise_field;   // textures.py: tileable_noise
-uniform sampler2D cloud_field;   // r: coverage field, negative outside clouds (render/clouds.py)
+uniform sampler2D cloud_field;   // r: square of a cloud's height, km^2; outside: minus the distance to one, km (render/clouds.py)
 uniform vec2 cloud_drift;        // displacement by wind, m
 uniform float overcast;          // weight of the overcast layer, 0 … 1
 const float CLOUD_BASE = 1900.0; // m above the haze's base
-const float CLOUD_PERIOD = 16384.0; // m, period of the field
-const float SHADE = 0.52;        // sunlight absorbed by the thickest clouds
+const float CLOUD_PERIOD = 32768.0; // m, period of the field
+const float DENSE = 0.05;        // field value of a cloud that is opaque seen from below, km^2
+const float SHADE = 0.65;        // sunlight absorbed by the thickest clouds
 const float EARTH = 6360e3;      // m
 
 vec2 cloud_place(vec2 place) { return (place + eye.xy - cloud_drift) / CLOUD_PERIOD; }
@@ -24,7 +26,7 @@ float to_layer(float up, float rise) { return 2.0 * up / (rise + sqrt(rise * ris
 #if CLOUDS == 1
 uniform sampler2D cloud_view;     // the dome: premultiplied radiance, transmittance
 uniform vec3 cloud_origin;        // its origin relative to the eye, m
-const float CLOUD_MIDDLE = 300.0; // m over the base, of the layer whose parallax is corrected
+const float CLOUD_MIDDLE = 120.0; // m over the base, of the layer whose parallax is corrected
 
 // Clouds in a direction not below the horizon. Texels are directions in stereographic projection.
 vec4 dome_clouds(vec3 direction)
@@ -41,7 +43,7 @@ float cloud_density(vec2 place)
 #if CLOUDS == 0
     return 0.0;
 #else
-    return smoothstep(0.0, 0.7, texture(cloud_field, cloud_place(place)).r);
+    return smoothstep(0.0, DENSE, texture(cloud_field, cloud_place(place)).r);
 #endif
 }
 
@@ -53,6 +55,6 @@ float cloud_shadow(vec3 place)
 #else
     float up = CLOUD_BASE + view_range.y - eye.z - place.z;
     vec2 above = place.xy + to_sun.xy / max(to_sun.z, 0.05) * max(up, 0.0);
-    return 1.0 - SHADE * smoothstep(-0.12, 0.8, textureLod(cloud_field, cloud_place(above), 0.0).r);
+    return 1.0 - SHADE * smoothstep(-0.03, DENSE, textureLod(cloud_field, cloud_place(above), 0.0).r);
 #endif
 }

@@ -30,7 +30,13 @@ vec3 corner(uint number)
     uint word = (uint(slot) * uint(SIDE * SIDE) + number) * uint(VERTEX_WORDS);
     ground = uvec4(tile_words[word], tile_words[word + 1u], 0u, 0u);
     ivec2 at = ivec2(int(number) % SIDE, int(number) / SIDE);
-    return ground_position(at, parent_share(at));
+    float share = parent_share(at);
+    vec3 position = ground_position(at, share);
+    vec4 w[WEIGHT_WORDS];
+    for (uint k = 0u; k < uint(WEIGHT_WORDS); ++k)
+        w[k] = mix(unpackUnorm4x8(tile_words[word + 4u + k]), unpackUnorm4x8(tile_words[word + 4u + uint(WEIGHT_WORDS) + k]), share);
+    position.z += canopy_lift(WOODED(w), position);
+    return position;
 #endif
 }
 

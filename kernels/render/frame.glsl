@@ -9,7 +9,7 @@
 layout(std140) uniform Frame {
     mat4 to_clip;      // relative position → clip space
     mat4 from_clip;
-    vec4 eye;          // xy: m, modulo NOISE_PERIOD of render/targets.py; z: m above sea level; w: unused
+    vec4 eye;          // xy: m, modulo NOISE_PERIOD of render/targets.py; z: m above sea level; w: elevation of the tree line, m
     vec4 to_sun;       // xyz: unit vector; w: unused
     vec4 sun_light;    // rgb: irradiance on a surface facing the sun; w: share of air light lost in shadow
     vec4 sky_light[9]; // rgb: irradiance from sky and ground, spherical harmonics, cosine lobe folded in
@@ -25,7 +25,7 @@ layout(std140) uniform Frame {
     vec4 map_strength; // opacity 0..1 of the maps in their windows; x: near, y: far, z: close
     mat4 to_shade[4];  // relative position → clip space of the tree shadow maps: near, far, previous near, previous far
     vec4 shade_share;  // x: cross-fade 0..1 from the previous to the near map; y: the same of the far one
-    vec4 trees;        // x: distance beyond which forest floor is drawn as canopy, m; y: aridity 0..1; z: pixel, rad; w: unused
+    vec4 trees;        // x: distance beyond which forest floor is drawn as canopy, m; y: aridity 0..1; z: pixel, rad; w: draw distance of plants, m, or 0
 };
 
 uniform sampler2D sky_view;    // by direction: lower half in-scattered light, upper half sky (render/sky.py)

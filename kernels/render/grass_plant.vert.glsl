@@ -39,13 +39,17 @@ out vec4 under;  // rgb: radiance of the ground at its foot; w: 1 if that is in 
 out vec4 veil;   // rgb: in-scattered light; w: transmittance of the air
 
 const float BLADE = 0.0026;     // m, half the width of a blade
-const float FLOWER_PART = 0.0030; // m, the same of flowers' parts
+const float FLOWER_PART = 0.0040; // m, the same of flowers' parts
 const float LEAST = 0.42;       // px, smallest half width of a blade
 const float LEAST_PART = 0.13;  // px, the same of flowers, whose heads are several times as wide
 const float LIVELY = 1.35;      // brightness of a blade over the ground's texture, which includes the gaps
 const float SAME = 0.03;        // relative distance within which the picture at a foot is the ground there
 const float DRY = 0.45, VERY_DRY = 0.75; // aridity, see the sketch's [climate]
 const vec3 HAY = vec3(0.380, 0.268, 0.125); // albedo of dry bunches
+const vec2 REED_BED = vec2(0.05, 0.2); // share of a wet bed between which grass turns to reeds
+const vec2 REED_HEIGHT = vec2(0.9, 1.9); // m
+const float REED = 0.0055; // m, half the width of a leaf
+const vec3 REED_TINT = vec3(0.95, 0.92, 1.15); // over the meadow's
 const float CROP_TEXEL = 0.12;  // m, of what is painted about a plant
 const vec2 CROP = vec2(0.88, 0.94); // share that is painted, from which on it is a field (kernels/appearance.clh)
 const vec2 ROAD = vec2(0.965, 0.99); // … and a road
@@ -53,10 +57,10 @@ const float CROP_HEIGHT = 0.75; // m
 const float SUN_WARMTH = 0.5;   // of the height, where shadow maps are sampled
 
 // Mean of the ground's texture, so that tufts match the ground around them.
-vec3 meadow_albedo(vec4 wide, vec4 middle, vec4 small)
+vec3 meadow_albedo(int layer, vec4 wide, vec4 middle, vec4 small)
 {
-    vec3 mean = textureLod(material_colour, vec3(0.5, 0.5, float(MEADOW_LAYER)), 20.0).rgb;
-    return mean * mean * variety(MEADOW_LAYER, wide, middle, small);
+    vec3 mean = textureLod(material_colour, vec3(0.5, 0.5, float(layer)), 20.0).rgb;
+    return mean * mean * variety(layer, wide, middle, small);
 }
 
 // Of the kinds of flowers that foot_height in patches.
@@ -89,33 +93,45 @@ void main()
     float fray = 2.0 * (middle.x * 0.45 + small.x * 0.4) * turf * (1.0 - turf);
     float meadow = smoothstep(0.34, 0.62, turf + fray);
     float wood = smoothstep(0.35, 0.8, UNDERGROWTH_SHARE(weights));
-    float lush = smoothstep(-0.8, 0.9, 0.5 * small.y + 0.4 * middle.z + 0.75 * fine.x);
-    vec3 colour = meadow_albedo(wide, middle, small);
-    float tall, half_width = BLADE, least = LEAST, chance;
+    vec4 tussocks = textureLod(noise_field, world / 5.3 + 0.29, 0.0);
+    float lush = smoothstep(-0.9, 1.1, 0.5 * small.y + 0.35 * middle.z + 0.65 * fine.x + 0.55 * tussocks.x);
+    // Meadows of several materials stand in patches, and mix at their borders.
+    float pick = turf * smoothstep(-0.9, 0.9, 0.5 * small.x + 0.6 * fine.y + 0.6 * (a - 0.5)), sward = 1.0;
+    int layer = 0;
+    MEADOW_KINDS
+    vec3 colour = meadow_albedo(layer, wide, middle, small)
+        * mix(vec3(1.16, 1.05, 0.98), vec3(0.82, 0.92, 0.93), smoothstep(-0.5, 0.5, tussocks.w));
+    float tall = mix(0.10, 0.50, lush * sqrt(lush)) * sward, half_width = BLADE, least = LEAST, chance;
 #if KIND == MEADOW
     chance = max(meadow, 0.45 * wood * smoothstep(-0.2, 0.5, small.z));
-    tall = mix(0.07, 0.33, lush) * (0.7 + 0.6 * a) * mix(0.5, 1.0, meadow);
+    tall *= (0.6 + 0.8 * a) * mix(0.5, 1.0, meadow);
     colour *= mix(vec3(1.25, 1.08, 1.0), vec3(1.0), meadow);
 #elif KIND == TALL
-    chance = meadow * (0.05 + 0.95 * smoothstep(0.15, 0.62, 0.6 * small.w + 0.55 * fine.y + 0.35 * middle.x));
-    tall = mix(0.38, 0.70, lush) * (0.7 + 0.5 * a);
-    colour = mix(colour, colour * vec3(1.18, 1.04, 0.95), b);
+    chance = meadow * (0.02 + 0.98 * smoothstep(0.0, 0.5, 0.6 * small.w + 0.45 * fine.w + 0.35 * middle.x + 0.3 * tussocks.y));
+    tall = mix(0.34, 0.80, lush) * (0.6 + 0.7 * a) * sqrt(sward);
+    colour = mix(colour * vec3(1.12, 1.03, 0.95), HAY * 0.6, smoothstep(0.55, 1.0, b + 0.35 * fine.z) * 0.8); // last year's
+    float reeds = smoothstep(REED_BED.x, REED_BED.y, WET_SHARE(weights)) * smoothstep(0.15, 0.4, turf);
+    chance = max(chance, reeds * smoothstep(-0.5, 0.2, small.x + 0.6 * fine.w));
+    tall = mix(tall, mix(REED_HEIGHT.x, REED_HEIGHT.y, lush) * (0.7 + 0.4 * a), reeds);
+    half_width = mix(half_width, REED, reeds);
+    colour *= mix(vec3(1.0), REED_TINT, reeds);
     // In dry lands single bunches foot_height on sand and soil.
     float bunch = smoothstep(DRY, VERY_DRY, trees.y) * BUNCH_SHARE(weights) * 0.09 * smoothstep(-0.2, 0.7, 0.6 * small.w + 0.5 * fine.y);
     colour = bunch > chance ? HAY * mix(0.75, 1.2, b) : colour;
     tall = bunch > chance ? mix(0.22, 0.45, a) : tall;
     chance = max(chance, bunch);
 #elif KIND == FLOWER
-    chance = meadow * (0.015 + 0.985 * smoothstep(0.22, 0.65, 0.8 * fine.z + 0.5 * small.x + 0.2 * middle.y));
-    tall = mix(0.16, 0.34, lush) * (0.7 + 0.6 * a);
+    // In drifts of a kind, and in clumps within a drift.
+    chance = meadow * (0.004 + 0.996 * smoothstep(0.05, 0.45, 0.7 * small.z + 0.5 * fine.z + 0.35 * tussocks.z));
+    tall = (tall + 0.08) * (0.8 + 0.5 * a);
     half_width = FLOWER_PART * (0.8 + 0.5 * c);
     least = LEAST_PART;
-    vec4 kinds = textureLod(noise_field, world / 37.0 + 0.51, 0.0);
-    colour = petal_colour(0.5 + 0.55 * kinds.x + 0.25 * (a - 0.5));
+    vec4 kinds = textureLod(noise_field, world / 97.0 + 0.51, 0.0);
+    colour = petal_colour(0.5 + 0.65 * kinds.x + 0.10 * (a - 0.5));
 #else
     chance = wood * smoothstep(0.0, 0.5, small.z + 0.5 * fine.x);
     tall = mix(0.30, 0.62, lush) * (0.7 + 0.6 * a);
-    colour = vec3(0.050, 0.096, 0.024) * mix(vec3(0.8, 0.95, 1.0), vec3(1.35, 1.12, 0.8), b);
+    colour = vec3(0.048, 0.082, 0.026) * mix(vec3(0.8, 0.95, 1.0), vec3(1.35, 1.05, 0.8), b);
 #endif
 #if APPEARANCE
     // Crops stand close, and have their own colour; nothing grows on roads.

@@ -75,6 +75,20 @@ void clip_to_bounds(vec3 position)
 #endif
 }
 
+#ifndef WOODED
+#define WOODED(w) 0.0
+#endif
+const float CANOPY_HEIGHT = 11.0;        // m, of a full forest
+const vec2 CANOPY_RISES = vec2(0.75, 1.1); // of the plants' draw distance, where it rises as they vanish
+
+// Height (m) of a distant forest's canopy over the ground at a position, so that its outline and its edges stay.
+//   wooded  weight of the ground under trees
+float canopy_lift(float wooded, vec3 position)
+{
+    if (trees.w <= 0.0) return 0.0;
+    return CANOPY_HEIGHT * wooded * smoothstep(CANOPY_RISES.x, CANOPY_RISES.y, length(position) / trees.w);
+}
+
 #ifndef FETCHED
 vec3 ground_normal_at(float share)
 {
@@ -107,6 +121,7 @@ ivec2 emit_vertex()
     emit_weights(share);
     vec3 position = ground_position(place, share);
     clip_to_bounds(position);
+    position.z += canopy_lift(WOODED(material_weights), position);
     gl_Position = to_clip * vec4(position, 1.0);
     return place;
 }

@@ -17,6 +17,27 @@ Noise noise_at(vec3 position, float footprint)
 #endif
 }
 
+const float CROWN_FACING = 0.11; // share of the way to the eye that the visible leaves' normals lean
+const float CROWN_SUN = 0.8;     // sunlight on them over that on an even surface: they shade each other
+const float CROWN_WRAP = 0.5;    // wrap lighting, cosine: flanks that face a low sun, and light through leaves
+const vec3 CROWN_GLOW = vec3(0.14, 0.15, 0.04); // share of sunlight that leaves let through towards it ...
+const float CROWN_GLOW_POWER = 5.0; // ... and its exponent
+const float CROWN_SKY = 0.5;    // sky visibility among crowns
+const float CROWN_RELIEF = 0.8; // slopes of crowns over their texture's
+
+// Radiance of a forest's crowns from afar: of the visible leaves, which face the eye and scatter light evenly, without
+// an even surface's reflection at grazing angles. Uphill trees shade a slope. Calibrated with drawn trees
+// (tests/render/test_canopy.py).
+vec3 lit_canopy(MaterialSample crowns, vec3 position, vec3 n, vec3 to_eye, vec2 light)
+{
+    vec3 normal = normalize(n + CROWN_FACING * to_eye + CROWN_RELIEF * crowns.bump);
+    float wrap = CROWN_WRAP * clamp(dot(n, to_sun.xyz) / to_sun.z, 0.0, 1.0);
+    float facing = CROWN_SUN / (1.0 + CROWN_WRAP) * max(dot(normal, to_sun.xyz) + wrap, 0.0);
+    vec3 sun = facing + CROWN_GLOW * pow(max(-dot(to_eye, to_sun.xyz), 0.0), CROWN_GLOW_POWER);
+    sun *= light.x * cloud_shadow(position);
+    return crowns.albedo / PI * (sun_light.rgb * sun + sky_irradiance(normal) * (light.y * CROWN_SKY));
+}
+
 // Radiance of a material at a position (m from the eye).
 //   light  visibility of the sun and of the sky
 vec3 lit_material(MaterialSample material, vec3 position, vec3 n, vec3 to_eye, vec2 light)

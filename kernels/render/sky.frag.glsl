@@ -11,30 +11,42 @@ out vec4 radiance;
 uniform sampler2D cloud_view; // premultiplied radiance, transmittance (clouds.frag.glsl)
 #endif
 
-const float CIRRUS = 9500.0; // m above the haze's base
-const float VEIL = 0.30;     // opacity of the thickest cirrus
+#if CIRRUS
+uniform float cirrus;     // share of the sky
 
-// Thin ice clouds, in streaks.
+const float ICE = 9500.0; // m above the haze's base
+const float VEIL = 0.75;  // opacity of the thickest
+const float FEW = 0.3;    // share below which they become thinner, not fewer
+const float BEND = 0.07;  // of fibres, periods of the noise across the jet
+const float SMOOTHED = 4.8; // level of the noise that banks and bends follow
+
+// Thin ice clouds: banks of fibres that fall through wind shear, along a jet. Noise coordinates are whole multiples of the
+// eye's, which is passed modulo its period.
 vec3 with_cirrus(vec3 sky, vec3 direction)
 {
-    vec2 at = (direction.xy * to_layer(CIRRUS, direction.z) + eye.xy - 2.0 * cloud_drift) / 65536.0;
-    at = mat2(0.8, 0.6, -0.6, 0.8) * at;
-    float streaks = texture(noise_field, at * vec2(1.0, 3.0)).w;
-#if CLOUDS == 2
-    streaks += 0.6 * texture(noise_field, at * vec2(4.0, 10.0) + 0.5).x;
+    vec2 at = (direction.xy * to_layer(ICE, direction.z) + eye.xy - 2.0 * cloud_drift) / 65536.0;
+    vec2 jet = vec2(at.x + at.y, 2.0 * (at.y - at.x));
+    vec4 banks = textureLod(noise_field, jet, SMOOTHED);
+    vec2 bent = jet + vec2(0.0, BEND * banks.w);
+    float fibres = texture(noise_field, bent * vec2(2.0, 9.0)).x;
+#if CLOUDS == 0
+    fibres = 0.7 * fibres + 0.5 * texture(noise_field, bent * vec2(5.0, 31.0) + 0.5).y;
 #endif
-    float veil = VEIL * smoothstep(0.05, 1.5, streaks) * smoothstep(0.02, 0.2, direction.z) * (1.0 - overcast);
+    float edge = 0.7 - 2.0 * max(cirrus, FEW);
+    float thick = min(cirrus / FEW, 1.0) * smoothstep(edge, edge + 1.9, 1.1 * banks.z + 0.5 * banks.w + 0.45 * fibres);
+    float veil = VEIL * thick * (0.3 + 0.7 * smoothstep(-1.2, 1.2, fibres)) * smoothstep(0.02, 0.2, direction.z);
     vec3 lit = cloud_sun * (0.6 * scattered(dot(direction, to_sun.xyz), 0.7) + 0.045);
     return mix(sky, lit + sky_irradiance(vec3(0.0, 0.0, 1.0)) * 0.12, veil);
 }
+#endif
 
 #if GREY
 // Brightness variation of an overcast sky.
 float grey_structure(vec3 direction)
 {
     vec2 place = direction.xy * to_layer(1500.0, direction.z);
-    float waves = textureLod(noise_field, cloud_place(place) * 1.3, 2.0).x
-        + 0.5 * textureLod(noise_field, cloud_place(place) * vec2(3.1, 4.3), 1.0).y;
+    float waves = textureLod(noise_field, cloud_place(place) * 3.0, 2.0).x
+        + 0.5 * textureLod(noise_field, cloud_place(place) * vec2(6.0, 9.0), 1.0).y;
     return 1.0 + 0.22 * overcast * waves * smoothstep(0.0, 0.25, direction.z);
 }
 #endif
@@ -58,17 +70,21 @@ void main()
     vec3 sky = direction.z > 0.0 ? clear_sky(direction) : air_light(direction);
     float cosine = dot(direction, to_sun.xyz);
     sky += sun_light.rgb * sun_disc(cosine) * smoothstep(-0.002, 0.002, direction.z);
-#if CLOUDS > 0
     vec3 above = normalize(vec3(direction.xy, max(direction.z, 0.0)));
 #if GREY
     sky *= grey_structure(above);
 #endif
+#if CIRRUS
+    sky = with_cirrus(sky, above);
+#endif
 #if CLOUDS == 1
     vec4 clouds = dome_clouds(above);
-#else
-    vec4 clouds = texture(cloud_view, uv);
-#endif
-    sky = with_cirrus(sky, above) * clouds.a + clouds.rgb;
+    sky = sky * clouds.a + clouds.rgb;
+#elif CLOUDS == 2
+    vec2 texel = 0.5 / vec2(textureSize(cloud_view, 0)); // averages 2x2 rays, which start differently
+    vec4 clouds = 0.25 * (texture(cloud_view, uv + texel) + texture(cloud_view, uv - texel)
+        + texture(cloud_view, uv + vec2(texel.x, -texel.y)) + texture(cloud_view, uv + vec2(-texel.x, texel.y)));
+    sky = sky * clouds.a + clouds.rgb;
 #endif
     radiance = vec4(sky, 1e6);
 }

@@ -34,6 +34,7 @@ out vec4 leaf_normal; // w: 1 leaf, 0 wood
 out vec3 albedo;
 out vec3 light; // x: sun visibility of the ground; y: sky visibility among other plants; z: openness of the crown
 out vec3 spray; // xy: position on its spray, 0..1; z: alpha mask
+flat out uint spray_random;
 #endif
 
 const float DEEP_SHADE = 0.55;   // sky light absorbed by a dense forest at its floor
@@ -82,6 +83,7 @@ void main()
     albedo = own;
     light = vec3(sun, sky, vertex_colour.a);
     spray = leaf_uv.xyz;
+    spray_random = uint(dot(local_normal.xyz, 255.0 * vec3(37.0, 91.0, 151.0)) + 0.5) & 255u;
 #endif
     gl_Position = triangle_random(gl_VertexID / 3, appearance.z) < appearance.w ? to_clip * vec4(point, 1.0) : vec4(2.0, 2.0, 2.0, 1.0);
 }

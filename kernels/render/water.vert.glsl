@@ -20,7 +20,7 @@ out float wet_room; // m from the edge; no water below 0
 out float nearer;   // relative depth offset against the ground
 out float coverage; // of the drawn strip by water
 
-const float BANK = 1.0;       // m of bank over which clipping replaces the shore test
+const float BANK = 0.25;      // m of bank over which clipping replaces the shore test
 const float STEEPEST = 0.25;  // smallest horizontal share of a line of sight
 const float FLATTEST = 0.035; // tangent of the grazing angle without an offset
 const float OVER = 3e-5;      // relative depth offset of streams over lakes

@@ -8,22 +8,27 @@ uniform sampler2D scene;        // radiance of the scene so far
 uniform sampler2D scene_depth;  // and its depth buffer
 uniform sampler2D near_heights; // m
 
-// Steps along a reflected ray, each longer by a factor: to 500 m, or 1200 m; the first one, m.
+// Steps along a reflected ray, each longer by a factor: to 500 m, or 2500 m; the first one, m.
 #if MATERIALS == 1
 const int MARCH = 5;
 const float STRIDE = 2.0;
 const float FIRST_STEP = 16.0;
 #else
-const int MARCH = 44;
-const float STRIDE = 1.14;
+const int MARCH = 34;
+const float STRIDE = 1.23;
+const int TAPS = 4;             // to each side, of the picture along the spread of a mirrored point
+const float TAP = 0.45;         // distance of taps, standard deviations
 const float FIRST_STEP = 0.5;
 const int HALVINGS = 4;         // bisections of the step with the hit
 #endif
+const float OVERLOOKED = 100.0; // m, distance of ground over which taps see as far again
+const float MARCHED = 2500.0;   // m, length of a march
 const float SUNK = 0.4;         // m below the height map that count as a hit
 const float THICK = 2.0;        // m, smallest assumed thickness of depth buffer surfaces
 const float THICK_STEPS = 2.0;  // and in steps of the ray
 const float FAR_OFF = 1e5;      // m, distance of the sky
 const float BLURRED = 5.0;      // level of the cloud field that the roughest water mirrors
+const float SHADED = 14.0;      // optical depth towards the sun over a cloud's height, 1/km
 const float BRIGHTEST = 0.4;    // radiance of clouds over the sun's irradiance
 const vec3 GREEN = vec3(0.045, 0.055, 0.026); // albedos of ground outside the picture
 const vec3 STONY = vec3(0.20, 0.185, 0.165);
@@ -38,6 +43,8 @@ float relief_at(vec2 place)
 {
     return textureLod(near_heights, (place - near_map.xy) * near_map.z, 0.0).r - eye.z;
 }
+
+float land_at(vec3 p) { return is_mapped(p.xy) ? smoothstep(-2.0, 2.0, relief_at(p.xy) - p.z) : 0.0; }
 
 vec3 scene_position(vec2 uv)
 {
@@ -64,19 +71,22 @@ float axial_depth(vec2 uv)
     return 1.0 / (from_clip[2].w * z + from_clip[3].w);
 }
 
-// The sky read from the picture if visible, else with flat clouds as in sky.frag.glsl; `blur` 0 ... 1 by rough water.
+// Sky and ground beyond the march, from the picture if visible, else the sky with flat clouds as in sky.frag.glsl; `blur`
+// 0 ... 1 by rough water.
 vec3 mirrored_sky(vec3 direction, float blur)
 {
     vec3 clear = clear_sky(direction), sky = clear;
 #if CLOUDS > 0
     vec3 place = direction * to_layer(max(CLOUD_BASE + view_range.y - eye.z, 300.0), max(direction.z, 0.01));
-    float density = mix(cloud_density(place.xy), smoothstep(0.0, 0.7, textureLod(cloud_field, cloud_place(place.xy), BLURRED).r), blur);
-    vec3 lit = sunlit(3.0 * density, dot(direction, to_sun.xyz)) * SUN_GAIN + cloud_ambient(0.35);
+    float density = mix(cloud_density(place.xy), smoothstep(0.0, DENSE, textureLod(cloud_field, cloud_place(place.xy), BLURRED).r), blur);
+    float high = sqrt(max(textureLod(cloud_field, cloud_place(place.xy), 1.0).r, 0.0)); // km; thick clouds are dark below
+    vec3 lit = sunlit(0.5 + SHADED * high, cloud_phases(dot(direction, to_sun.xyz))) * SUN_GAIN + cloud_ambient(exp(-high / 0.35));
     sky = mix(sky, mix(sky, lit, clear_air(place)), density * (1.0 - overcast) * smoothstep(0.0, 0.1, direction.z));
 #endif
 #if MATERIALS > 1
     vec3 at = picture_place(direction * FAR_OFF);
-    float seen = (1.0 - blur) * at.z * step(0.9999999, textureLod(scene_depth, at.xy, 0.0).r);
+    float behind = textureLod(scene_depth, at.xy, 0.0).r;
+    float seen = (behind < 0.9999999 ? step(0.5 * MARCHED, length(scene_position(at.xy))) : 1.0 - blur) * at.z;
     // The sun's disc is left to the glitter.
     sky = mix(sky, min(textureLod(scene, at.xy, 0.0).rgb, clear + BRIGHTEST * sun_light.rgb), seen);
 #endif
@@ -97,8 +107,9 @@ vec3 guessed_ground(vec3 p)
     return through_air(albedo / PI * down, p);
 }
 
-// Radiance along a reflected ray, including aerial perspective; `blur` as for the sky.
-vec3 mirrored(vec3 from, vec3 direction, float blur)
+// Radiance along a reflected ray, including aerial perspective; `blur` as for the sky. Waves smaller than a pixel spread
+// it upwards: `upright` is a standard deviation of its direction, and the picture is averaged along it.
+vec3 mirrored(vec3 from, vec3 direction, vec3 upright, float blur)
 {
     float gone = FIRST_STEP, before = 0.0, hit = -1.0, seen_hit = -1.0;
     vec4 clip_from = to_clip * vec4(from, 1.0), clip_direction = to_clip * vec4(direction, 0.0);
@@ -136,12 +147,29 @@ vec3 mirrored(vec3 from, vec3 direction, float blur)
     }
     if (seen_hit > 0.0) hit = far_end;
 #endif
-    vec3 sky = through_air(mirrored_sky(direction, blur), from);
-    if (hit < 0.0) return sky;
-    vec3 p = from + direction * hit;
-    vec3 at = picture_place(p);
-    float off = abs(length(scene_position(at.xy)) - length(p)) / length(p);
-    float known = seen_hit > 0.0 ? at.z : at.z * (1.0 - smoothstep(0.05, 0.2, off));
-    vec3 beyond = seen_hit > 0.0 ? sky : guessed_ground(p);
-    return mix(beyond, textureLod(scene, at.xy, 0.0).rgb, known);
+    vec3 sky = through_air(mirrored_sky(direction, blur), from), mean = sky;
+    if (hit >= 0.0) {
+        vec3 p = from + direction * hit;
+        vec3 at = picture_place(p);
+        float off = abs(length(scene_position(at.xy)) - length(p)) / length(p);
+        float known = seen_hit > 0.0 ? at.z : at.z * (1.0 - smoothstep(0.05, 0.2, off));
+        mean = mix(seen_hit > 0.0 ? sky : guessed_ground(p), textureLod(scene, at.xy, 0.0).rgb, known);
+    }
+#if MATERIALS > 1
+    vec4 sum = vec4(0.0);
+    // In [-0.5, 0.5), or the taps would draw stripes (interleaved gradient noise, Jimenez 2014).
+    float between = fract(52.9829189 * fract(dot((clip_from.xy / clip_from.w * 0.5 + 0.5) * view_range.zw, vec2(0.06711056, 0.00583715)))) - 0.5;
+    for (int i = -TAPS; i <= TAPS; ++i) {
+        float s = TAP * (float(i) + between);
+        vec3 towards = direction + s * upright;
+        vec3 at = picture_place(from + towards * (hit < 0.0 ? FAR_OFF : s < 0.0 ? hit : hit + hit * hit / OVERLOOKED));
+        // Not what stands before the water. What is unknown is taken to be as along the ray itself.
+        float seen = at.z * step(0.0, towards.z) * step(length(from), length(scene_position(at.xy)));
+        vec3 bright = min(textureLod(scene, at.xy, 0.0).rgb, sky + BRIGHTEST * sun_light.rgb);
+        bright = mix(bright, sky, blur * step(0.9999999, textureLod(scene_depth, at.xy, 0.0).r));
+        sum += exp(-0.5 * s * s) * vec4(mix(mean, bright, seen), 1.0);
+    }
+    mean = sum.rgb / sum.w;
+#endif
+    return mean;
 }

@@ -38,6 +38,12 @@ float seen_slope(float cosine, float spread)
     return spread / (a + density / below);
 }
 
+// Standard deviation of those slopes, of their mean: their second moment is spread² (2 - a mean / spread).
+float seen_spread(float cosine, float spread, float mean)
+{
+    return sqrt(max(2.0 * spread * spread - mean * (mean + cosine * inversesqrt(max(1.0 - cosine * cosine, 1e-8))), 0.0));
+}
+
 // Radiance of the sun's glitter for an irradiance of 1 on a surface that faces it (Ross et al. 2005; Bruneton et al.
 // 2010, equation 8). Slopes are normally distributed about `slope`; directions point away from the surface.
 float glitter(vec3 to_eye, vec3 to_light, vec2 slope, float spread)

@@ -18,6 +18,7 @@ import typer
 
 from sketchterrain.app.console import Stages
 from sketchterrain.app.option_groups import reject_combination
+from sketchterrain.document.parameters import SKIES
 
 if TYPE_CHECKING:
     from sketchterrain.app.pictures import PictureOptions
@@ -202,6 +203,15 @@ Hour = Annotated[
         parser=_parse_hour,
         metavar="HH[:MM]",
         help="Local solar time; by default the sketch's, or the light that suits the view.",
+    ),
+]
+Sky = Annotated[
+    str | None,
+    typer.Option(
+        "--sky",
+        metavar="|".join(SKIES),
+        callback=_one_of(*SKIES),
+        help="Kind of clouds, in place of the sketch's.",
     ),
 ]
 Clouds = Annotated[
@@ -458,6 +468,7 @@ class PictureArguments:
     eye: Eye = None
     look_at: LookAt = None
     time: Hour = None
+    sky: Sky = None
     clouds: Clouds = None
     quality: Quality = None
     without: Without = None
@@ -483,6 +494,7 @@ class PictureArguments:
             look_at=self.look_at,
             view=self.view or "auto",
             hour=self.time,
+            sky=self.sky,
             clouds=self.clouds,
             quality=1.0 if self.quality is None else self.quality,
             without=tuple(self.without or ()),

@@ -108,6 +108,7 @@ def generate(
     preview: Annotated[bool, typer.Option("--preview/--no-preview", help="Render preview.png too.")] = True,
     view: args.ViewKind = None,
     time: args.Hour = None,
+    sky: args.Sky = None,
     clouds: args.Clouds = None,
     map_kind: args.MapKind = None,
     layer: args.LayerFiles = None,
@@ -117,7 +118,7 @@ def generate(
     if grass and foliage not in ("ply", "both"):
         raise USAGE_ERROR(f"--grass with --foliage {foliage}: expected --foliage ply or both")
     if not preview:
-        light = {"--view": view, "--time": time, "--clouds": clouds}
+        light = {"--view": view, "--time": time, "--sky": sky, "--clouds": clouds}
         reject_combination("--no-preview", light, "it is the preview's")
     with Stages() as stages:
         document = args.read_sketch(sketch, seed, stages, layer)
@@ -128,7 +129,7 @@ def generate(
 
             check_size(document, size)
             plants = FoliageOptions(foliage, grass)
-            options = app.GenerateOptions(size, plants, preview, view or "auto", time, clouds, map_kind)
+            options = app.GenerateOptions(size, plants, preview, view or "auto", time, sky, clouds, map_kind)
         done = app.generate(document, output, options, device=device, fast=fast, stages=stages)
     if as_json:
         print_json(done.report | {"folder": str(output)})
@@ -179,6 +180,7 @@ def fly(
     seconds: args.Seconds = None,
     fps: args.Fps = 30,
     time: args.Hour = None,
+    sky: args.Sky = None,
     clouds: args.Clouds = None,
     quality: args.Quality = None,
     without: args.Without = None,
@@ -203,7 +205,7 @@ def fly(
             check_overlays(overlay or ())
             flight = None if path is None else load_flight(path)
         options = app.FlightOptions(
-            *(size, fps, seconds, quality, real_time, tuple(overlay or ()), time, clouds),
+            *(size, fps, seconds, quality, real_time, tuple(overlay or ()), time, sky, clouds),
             without=tuple(without or ()),
             textures=textures,
             drape_method=drape_method or "auto",

@@ -140,7 +140,8 @@ class GenerateOptions:
     foliage: FoliageOptions = field(default_factory=FoliageOptions)
     preview: bool = True
     view: str = "auto"  # kind of view of the preview
-    hour: float | None = None  # in place of the sketch's, as clouds
+    hour: float | None = None  # in place of the sketch's, as sky and clouds
+    sky: str | None = None
     clouds: float | None = None
     map: str | None = None  # png or svg
 
@@ -179,7 +180,7 @@ def generate(
     failure of the device everything is computed again on a CPU device. `shared` replaces `device`, `fast`.
     """
     check_view(options.view)
-    weather = sketch_weather(sketch, options.hour, options.clouds)
+    weather = sketch_weather(sketch, options.hour, options.sky, options.clouds)
     use = shared or SharedResources(DeviceFallback(device, fast=fast))
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> GenerateResult:

@@ -39,7 +39,8 @@ class PictureOptions:
     eye: Point | None = None  # m; without it a view is found
     look_at: Point | None = None
     view: str = "auto"
-    hour: float | None = None  # in place of the sketch's, as clouds
+    hour: float | None = None  # in place of the sketch's, as sky and clouds
+    sky: str | None = None
     clouds: float | None = None
     quality: float = 1.0
     without: tuple[str, ...] = ()
@@ -49,9 +50,11 @@ class PictureOptions:
     top_down: bool = False  # a map
 
 
-def sketch_weather(sketch: scene.Sketch, hour: float | None, clouds: float | None) -> Weather:
-    """Return a sketch's weather, with another hour or clouds if given; raise InputError at night."""
-    weather = Weather.from_sketch(sketch, hour=hour, clouds=clouds)
+def sketch_weather(
+    sketch: scene.Sketch, hour: float | None = None, sky: str | None = None, clouds: float | None = None
+) -> Weather:
+    """Return a sketch's weather, with another hour, sky or clouds if given; raise InputError at night."""
+    weather = Weather.from_sketch(sketch, hour=hour, sky=sky, clouds=clouds)
     if weather.hour is not None:
         sun_at(weather.hour, weather.latitude)
     return weather
@@ -62,7 +65,7 @@ def render_to_file(
 ) -> list[LegendEntry]:
     """Render a sketch's terrain to a .png, or a map to an .svg too; return the legend of the overlays."""
     check_picture(options)
-    weather = sketch_weather(sketch, options.hour, options.clouds)
+    weather = sketch_weather(sketch, options.hour, options.sky, options.clouds)
 
     def work(context: ComputeContext, _: tuple[str, ...]) -> list[LegendEntry]:
         with stages.stage("features", "Placing features"):
@@ -138,6 +141,7 @@ class FlightOptions:
     real_time: bool = False  # draw frames within a time budget, as a viewer does
     overlays: tuple[str, ...] = ()
     hour: float | None = None
+    sky: str | None = None
     clouds: float | None = None
     without: tuple[str, ...] = ()
     textures: Path | None = None
@@ -156,7 +160,7 @@ def fly(
 ) -> dict[str, Any]:
     """Film a flight, by default a tour of the sketch, to a folder or file, if any; return the JSON report."""
     Quality(without=frozenset(options.without))  # refuses unknown parts before any work
-    weather = sketch_weather(sketch, options.hour, options.clouds)
+    weather = sketch_weather(sketch, options.hour, options.sky, options.clouds)
     seconds = options.seconds or (SECONDS if flight is None else None)
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> dict[str, Any]:

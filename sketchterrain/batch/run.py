@@ -313,7 +313,7 @@ def _export(
     sketch: Sketch, folder: Path, output: Output, target: str, shared: SharedResources, stages: Stages
 ) -> GenerateResult:
     check_view(output.view)
-    weather = sketch_weather(sketch, None, None)
+    weather = sketch_weather(sketch)
     export_plan = checked_plan(sketch, target, output.options or ExportOptions())
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> GenerateResult:

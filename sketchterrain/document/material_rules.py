@@ -11,7 +11,7 @@ from sketchterrain.errors import InputError, did_you_mean, format_value, unknown
 MAX_FACTORS = 4
 """The most factors of a rule."""
 
-MAX_INPUTS = 4
+MAX_INPUTS = 6
 """The most inputs of a factor."""
 
 _MAX_WEIGHT = 1e4
@@ -28,7 +28,9 @@ INPUTS: Mapping[str, Parameter] = parameter_table(
     _weight("above_tree_line", "1/m", "weight of the elevation above [climate] tree_line"),
     _weight("above_sea", "1/m", "weight of the elevation above the sea; a rule with it needs a sea"),
     _weight("steepness", "", "weight of the slope, rise over run"),
+    _weight("northness", "", "weight of the aspect: sine of the slope times cosine of its bearing, -1 to 1"),
     _weight("hollow", "", "weight of the curvature: change of slope over a cell, positive in hollows"),
+    _weight("bedding", "", "weight of the rock's beds, from -1 (soft, ledges) to 1 (hard, ribs)"),
     _weight("aridity", "", "weight of [climate] aridity"),
     _weight("water", "", "weight of water: 1 in the middle, 0.75 at its edge, 0 away from it"),
     _weight(
@@ -74,7 +76,9 @@ class Factor:
     above_tree_line: float = 0.0
     above_sea: float = 0.0
     steepness: float = 0.0
+    northness: float = 0.0
     hollow: float = 0.0
+    bedding: float = 0.0
     aridity: float = 0.0
     water: float = 0.0
     wetness: float = 0.0
@@ -148,22 +152,40 @@ class RuleChange:
         return {name: value for name in RULE if (value := getattr(self, name)) not in (None, "")}
 
 
-MAX_RULES = 32
+MAX_RULES = 36
 """The most rules of a sketch, those of the default table included."""
 
 Weights: TypeAlias = dict[str, Any]  # floats by input; Any, since mypy checks ** against every argument
 # Banks are green in deserts too, valley floors where there is some rain.
 _DRY: Weights = {"aridity": 1.0, "mottle": 0.12, "wetness": -0.16, "water": -0.15}
-# Grass thins out on crests and slopes, and holds in hollows, on valley floors and beside water.
-_BARE: Weights = {"mottle": 1.0, "hollow": -3.0, "steepness": 0.4, "wetness": -0.6}
+# Grass is short and straw-coloured on sunny slopes, green on shaded ones and where water gathers.
+_SUNNY: Weights = {"mottle": 0.7, "northness": -1.6, "wetness": -0.9, "aridity": 1.0}
+# … and on crests and steep slopes, whose soils are thin.
+_THIN_SOIL: Weights = {"steepness": 0.9, "hollow": -6.0, "northness": -0.7, "wetness": -0.5}
+# Dwarf shrubs and tall herbs grow in drifts where cattle rarely graze: on rough, shaded slopes.
+_UNGRAZED: Weights = {"mottle": -0.75, "steepness": 0.5, "northness": 0.6, "wetness": -0.25}
+# Soil lies bare on eroding crests and slopes; grass holds on level ground, in hollows and on valley floors.
+_BARE: Weights = {"mottle": 0.45, "hollow": -4.0, "steepness": 0.9, "wetness": -0.6}
 _ALPINE: Weights = {"above_tree_line": 1.0, "mottle": 90.0}
-# Noise frays the edges of rock; rock in mountains is harder, and gullies fill up.
-_STONY: Weights = {"steepness": 1.0, "mottle": 0.34, "mountain": 0.25, "hollow": -0.8}
+_DWARF: Weights = {"above_tree_line": 1.0, "mottle": -260.0}
+# Noise frays the edges of rock; rock in mountains is harder, gullies fill up, soft beds wear back to ledges.
+_STONY: Weights = {"steepness": 1.0, "mottle": 0.34, "mountain": 0.25, "hollow": -0.8, "bedding": 0.36}
+_DEBRIS: Weights = {"steepness": 1.0, "mottle": 0.36, "mountain": 0.15, "hollow": 0.8}
 _IN_MOUNTAINS = Factor(shape="straight", mountain=1.0)
 
 DEFAULT_RULES: tuple[MaterialRule, ...] = (
+    MaterialRule("dry_meadow", "dry_grass", 0.9, (Factor(-0.25, 0.7, **_SUNNY),)),
+    MaterialRule("dry_crest", "dry_grass", 0.8, (Factor(0.15, 0.75, **_THIN_SOIL),)),
+    MaterialRule("heath", "heath", 0.85, (Factor(0.28, 0.55, **_UNGRAZED),)),
+    # Dwarf shrubs take over below the tree line and give way to alpine turf above it.
+    MaterialRule(
+        "alpine_heath",
+        "heath",
+        0.75,
+        (Factor(-260.0, -60.0, **_DWARF), Factor(260.0, 90.0, **_ALPINE)),
+    ),
     MaterialRule("dry_soil", "soil", 1.0, (Factor(0.3, 0.3 + 1 / 3, **_DRY),)),
-    MaterialRule("patchy_soil", "soil", 0.7, (Factor(0.56, 0.7, **_BARE),)),
+    MaterialRule("patchy_soil", "soil", 0.6, (Factor(0.6, 1.0, **_BARE),)),
     MaterialRule("desert_sand", "sand", 1.0, (Factor(0.62, 0.87, **_DRY),)),
     # Above the tree line grass thins out into bare stone.
     MaterialRule("alpine_scree", "scree", 0.8, (Factor(40.0, 290.0, **_ALPINE), _IN_MOUNTAINS)),
@@ -173,10 +195,22 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         1.0,
         (Factor(0.0, 0.8, "straight", forest=1.0), Factor(290.0, 40.0, **_ALPINE)),
     ),
+    # Aprons of debris thin out downhill into grass; rock comes out where it is steeper, or higher.
+    MaterialRule("slope_scree", "scree", 0.85, (Factor(0.54, 0.98, **_DEBRIS),)),
+    MaterialRule("alpine_rock", "rock", 0.9, (Factor(0.0, 300.0, **_ALPINE), Factor(0.55, 1.1, **_STONY))),
+    MaterialRule("rock_face", "rock", 1.0, (Factor(0.8, 1.3, **_STONY),)),
+    # Turf climbs ledges of soft beds up to somewhat above the tree line.
     MaterialRule(
-        "slope_scree", "scree", 0.85, (Factor(0.05, 0.45, mountain=1.0), Factor(0.64, 0.82, **_STONY))
+        "ledge_turf",
+        "grass",
+        0.85,
+        (
+            Factor(0.0, -0.45, bedding=1.0, mottle=0.3, hollow=-1.0),
+            Factor(0.65, 0.95, steepness=1.0, mountain=0.25),
+            Factor(1.9, 1.4, steepness=1.0, aridity=2.5),
+            Factor(250.0, 0.0, **_ALPINE),
+        ),
     ),
-    MaterialRule("rock_face", "rock", 1.0, (Factor(0.97, 1.17, **_STONY),)),
     # Debris from the faces collects in gullies and at their feet, at the angle of repose.
     MaterialRule(
         "scree_fan",
@@ -184,9 +218,9 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         0.9,
         (
             Factor(0.1, 0.35, mountain=1.0),
-            Factor(0.005, 0.045, hollow=1.0, mottle=0.04),
-            Factor(0.4, 0.52, steepness=1.0, mottle=0.12),
-            Factor(1.15, 0.85, steepness=1.0, mottle=-0.15),
+            Factor(-0.05, 0.09, hollow=1.0, mottle=0.08, bedding=-0.03),
+            Factor(0.34, 0.6, steepness=1.0, mottle=0.15),
+            Factor(1.25, 0.85, steepness=1.0, mottle=-0.15),
         ),
     ),
     MaterialRule(
@@ -201,23 +235,23 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         1.0,
         (
             Factor(0.0, 150.0, above_snow_line=1.0, mottle=150.0, hollow=380.0),
-            Factor(1.5, 0.9, steepness=1.0, mottle=0.4, hollow=-1.6),
+            Factor(1.5, 0.9, steepness=1.0, mottle=0.4, hollow=-1.6, bedding=0.3),
         ),
     ),
-    # Along a shore mud, grass and bars of sand take turns.
+    # Along a shore grass down to the water, mud and bars of gravel and sand take turns, in long stretches.
     MaterialRule(
         "muddy_bank",
         "soil",
         0.8,
-        (Factor(0.61, 0.69, water=1.0, mottle=-0.06), Factor(0.1, -0.3, mottle=1.0)),
+        (Factor(0.6, 0.68, water=1.0, mottle=-0.14), Factor(-0.1, -0.4, mottle=1.0)),
     ),
     MaterialRule(
         "beach",
         "sand",
         0.8,
         (
-            Factor(0.65, 0.71, water=1.0, mottle=0.1),
-            Factor(0.12, 0.42, mottle=1.0),
+            Factor(0.62, 0.68, water=1.0, mottle=0.14),
+            Factor(0.2, 0.5, mottle=1.0),
             Factor(0.4, 0.2, steepness=1.0),
         ),
     ),
@@ -225,9 +259,21 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         "gravel_bar",
         "river_bed",
         0.9,
-        (Factor(0.640625, 0.71875, water=1.0, mottle=0.03125), Factor(-0.05, 0.25, mottle=1.0)),
+        (Factor(0.640625, 0.71875, water=1.0, mottle=0.046875), Factor(0.1, 0.4, mottle=1.0)),
     ),
     MaterialRule("river_bed", "river_bed", 1.0, (Factor(0.6875, 0.75, water=1.0),)),
+    # Reeds stand in shallow water off shores without bars.
+    MaterialRule(
+        "reeds",
+        "grass",
+        0.75,
+        (
+            Factor(0.69, 0.73, water=1.0),
+            Factor(0.79, 0.765, water=1.0),
+            Factor(0.12, -0.08, mottle=1.0),
+            Factor(50.0, -150.0, above_tree_line=1.0),
+        ),
+    ),
     MaterialRule(
         "sea_sand",
         "sand",
@@ -253,10 +299,8 @@ def resolved_rules(changes: Iterable[RuleChange]) -> tuple[MaterialRule, ...]:
         old = next((rule for rule in rules if rule.name == change.name), None)
         if old is None and change.material is None:
             names = [rule.name for rule in rules]
-            raise InputError(
-                f"name = {format_value(change.name)}: a new rule needs a material; there are "
-                f"{', '.join(names)}{did_you_mean(change.name, names)}"
-            )
+            hint = did_you_mean(change.name, names) or f"; there are {', '.join(names)}"
+            raise InputError(f"name = {format_value(change.name)}: a new rule needs a material{hint}")
         at = len(rules) if old is None else rules.index(old)
         given = {key: getattr(change, key) for key in ("material", "cover", "factors")}
         given = {key: value for key, value in given.items() if value is not None}

@@ -45,7 +45,8 @@ class Texture:
     arid_tint: Tint = _NEUTRAL  # at aridity 1, ...
     arid_from: float = 0.0  # ... from none at this aridity
     variations: tuple[Variation, ...] = ()
-    bedded: bool = False  # horizontal beds on its faces
+    bedded: bool = False  # beds on its faces
+    of_rock: float = 0.0  # how much of it has the colour of the sketch's rock
 
     @property
     def is_directed(self) -> bool:
@@ -78,7 +79,9 @@ class Material:
     pen: str = "ground"  # of contours: ground, rock or snow
     spacing: float | None = None  # m, least distance of tufts; None: nothing grows
     meadow: float = 0.0  # share of it that is a meadow, with flowers and tall grass
+    sward: float = 1.0  # height of its tufts over those of a meadow
     undergrowth: float = 0.0  # share of it with ferns
+    wet: float = 0.0  # share of it under water: grass that is mixed with it is reeds
     bunches: float = 0.0  # share of it with bunches of dry grass in arid terrain
     stones: Stones = Stones()
     tags: str = ""  # values of OpenStreetMap's tags that stand for it
@@ -92,19 +95,33 @@ class Material:
 
 _RED: Final = (1.35, 0.98, 0.72)  # tint of stone and soil in a desert
 _RED_FROM: Final = 0.4
-_STRATA: Final = Variation((0.80, 0.83, 0.87), (1.07, 1.02, 0.95), -0.7, 0.7, "wide.y + 0.5 * middle.z")
-_MEADOWS: Final = (  # lush to dry; sedge
+_STRATA: Final = Variation((0.72, 0.75, 0.80), (1.16, 1.11, 1.03), -0.7, 0.7, "wide.y + 0.5 * middle.z")
+_MEADOWS: Final = (  # lush to yellow; sedge; herbs
     Variation(
-        *((1.04, 0.96, 1.04), (1.62, 1.22, 1.16), -0.2, 1.1),
-        "0.9 * wide.x + 0.75 * middle.y + 0.45 * small.z",
+        *((0.96, 0.98, 1.06), (1.45, 1.22, 1.10), -0.5, 1.0),
+        "0.8 * wide.x + 0.75 * middle.y + 0.55 * small.z",
     ),
     Variation(
-        *(_NEUTRAL, (0.66, 0.74, 0.76), 0.1, 0.9),
+        *(_NEUTRAL, (0.62, 0.74, 0.84), 0.05, 0.8),
         "0.5 * wide.w + 0.8 * middle.x + 0.6 * small.y",
+    ),
+    Variation(*((0.80, 0.85, 0.86), (1.20, 1.12, 1.02), -0.6, 0.6), "0.4 * middle.z + small.x"),
+)
+_TURF: Final = (  # olive to straw; grazed
+    Variation(
+        *((0.82, 0.96, 0.80), (1.30, 1.16, 1.18), -0.7, 0.8),
+        "0.6 * wide.y + 0.7 * middle.w + 0.6 * small.x",
+    ),
+    Variation(*((0.80, 0.84, 0.84), (1.18, 1.12, 1.06), -0.6, 0.6), "0.4 * middle.x + small.w"),
+)
+_HEATHER: Final = (  # heather to bracken
+    Variation(
+        *((0.90, 0.84, 0.92), (1.18, 1.26, 0.95), -0.6, 0.6),
+        "0.5 * wide.z + 0.8 * middle.y + 0.5 * small.y",
     ),
 )
 _LITTER: Final = Variation((0.80, 0.92, 0.90), (1.15, 1.08, 1.05), -0.6, 0.8, "middle.y + 0.6 * small.z")
-_CROWNS: Final = Variation((0.75, 0.85, 0.85), (1.25, 1.12, 0.9), -0.6, 0.6, "middle.x")
+_CROWNS: Final = Variation((0.80, 0.86, 0.86), (1.15, 1.10, 0.96), -0.6, 0.6, "middle.x + 0.5 * small.x")
 _CANOPY: Final = Texture("canopy", 8.0, 0.060, 0.95, 0.85, (2, 2), variations=(_CROWNS,))
 
 _DECLARED: Final = (
@@ -120,13 +137,13 @@ _DECLARED: Final = (
         colour=(90, 170, 60),
         spacing=0.5,
         meadow=1.0,
-        stones=Stones(middles=0.06),
+        stones=Stones(0.002, middles=0.06),
         tags="meadow grass grassland",
     ),
     Material(
         "soil",
         "Bare soil",
-        Texture("soil", 5.0, 0.030, 0.95, 0.85, (0, 3), arid_tint=_RED, arid_from=_RED_FROM),
+        Texture("soil", 5.0, 0.030, 0.95, 0.85, (0, 3), arid_tint=_RED, arid_from=_RED_FROM, of_rock=0.3),
         tint=(228, 220, 190),
         colour=(130, 90, 50),
         spacing=1.5,
@@ -137,9 +154,10 @@ _DECLARED: Final = (
         "rock",
         "Rock",
         Texture(
-            *("rock", 8.0, 0.150, 0.90, 0.75, (0, 5), 0.0, _RED, _RED_FROM),
+            *("rock", 8.0, 0.150, 0.90, 0.75, (0, 2), 0.0, _RED, _RED_FROM),
             variations=(_STRATA,),
             bedded=True,
+            of_rock=1.0,
         ),
         tint=(209, 204, 199),
         colour=(130, 130, 140),
@@ -156,6 +174,7 @@ _DECLARED: Final = (
             arid_tint=_RED,
             arid_from=_RED_FROM,
             variations=(_STRATA,),
+            of_rock=1.0,
         ),
         tint=(226, 218, 204),
         colour=(190, 180, 165),
@@ -188,11 +207,12 @@ _DECLARED: Final = (
     Material(
         "river_bed",
         "River bed",
-        Texture("river_bed", 5.0, 0.045, 0.60, 0.50, (0, 1)),
+        Texture("river_bed", 5.0, 0.045, 0.60, 0.50, (0, 1), of_rock=0.5),
         tint=(226, 226, 203),
         colour=(60, 110, 200),
         is_mapped=False,
         spacing=3.0,
+        wet=1.0,
         stones=Stones(0.75, colours=(0.3, 0.6), worn=True),
     ),
     Material(
@@ -210,7 +230,7 @@ _DECLARED: Final = (
     Material(
         "gravel",
         "Gravel",
-        Texture("gravel", 2.5, 0.035, 0.95, 0.80, (0, 2)),
+        Texture("gravel", 2.5, 0.035, 0.95, 0.80, (0, 2), of_rock=0.5),
         tint=(222, 217, 208),
         colour=(165, 150, 140),
         pen="rock",
@@ -226,6 +246,34 @@ _DECLARED: Final = (
         colour=(60, 60, 70),
         tags="asphalt paved",
         is_paved=True,
+    ),
+    Material(
+        "dry_grass",
+        "Dry grass",
+        Texture(
+            *("dry_grass", 5.0, 0.008, 0.95, 0.85, (0, 2)),
+            arid_tint=(1.3, 1.1, 0.95),
+            variations=_TURF,
+        ),
+        tint=(234, 230, 194),
+        colour=(190, 175, 85),
+        spacing=0.6,
+        meadow=1.0,
+        sward=0.55,
+        stones=Stones(0.004, heaps=0.05),
+    ),
+    Material(
+        "heath",
+        "Heath",
+        Texture("heath", 5.0, 0.028, 0.95, 0.85, (0, 1), variations=_HEATHER),
+        tint=(218, 212, 184),
+        colour=(120, 105, 70),
+        spacing=0.9,
+        meadow=0.6,
+        sward=1.25,
+        undergrowth=0.55,
+        stones=Stones(0.004, heaps=0.08),
+        tags="heath fell",
     ),
 )
 

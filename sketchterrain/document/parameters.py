@@ -8,8 +8,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
 from types import MappingProxyType
-from typing import Any, NamedTuple, TypeAlias, TypeVar
+from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 
+from sketchterrain.document.geology import ROCKS
 from sketchterrain.errors import InputError, format_value, unknown_key
 
 Value: TypeAlias = int | float | str
@@ -162,8 +163,23 @@ GROUND: Mapping[str, Parameter] = parameter_table(
         "distance over which the relief is greater and less",
     ),
     Parameter("roughness", float, 0.45, 0.2, 0.7, "", "how uneven the uplift of unpainted ground is"),
+    Parameter(
+        *("surroundings", float, 1.0, 0.0, 3.0, ""),
+        "height of ranges far beyond the sketch, over that of its highest label; 0 leaves a plain",
+        soft_range=(0.0, 1.5),
+    ),
 )
 """Keys of ``[ground]``: the plain under and between the features."""
+
+GEOLOGY: Mapping[str, Parameter] = parameter_table(
+    Parameter(
+        *("rock", str, "gneiss", 1, 20, "", "its colour, and how it is bedded and jointed"),
+        choices=tuple(ROCKS),
+    ),
+    Parameter("dip", float, 16.0, 0.0, 90.0, "°", "slope of its beds; hard ones stand out as ribs"),
+    Parameter("dip_direction", float, 120.0, 0.0, 360.0, "°", "where its beds slope down to: 90 is east"),
+)
+"""Keys of ``[geology]``: the rock; it changes materials, but no heights."""
 
 CLIMATE: Mapping[str, Parameter] = parameter_table(
     Parameter(
@@ -206,6 +222,8 @@ COAST: Mapping[str, Parameter] = parameter_table(
 )
 """Keys of ``[coast]``: the sea's level and its shores."""
 
+SKIES: Final = ("cumulus", "stratocumulus", "stratus", "cirrus", "clear")
+
 WEATHER: Mapping[str, Parameter] = parameter_table(
     Parameter(
         *("hour", float, -1.0, -1.0, 24.0, "h"),
@@ -214,6 +232,11 @@ WEATHER: Mapping[str, Parameter] = parameter_table(
         soft_range=(0.0, 24.0),
     ),
     Parameter("latitude", float, 45.0, -90.0, 90.0, "°", "north of the equator; how high the sun climbs"),
+    Parameter(
+        *("sky", str, SKIES[0], 1, 13, "characters"),
+        "kind of clouds; stratus is a closed grey layer",
+        choices=SKIES,
+    ),
     Parameter("clouds", float, 0.35, 0.0, 1.0, "", "share of the sky that they cover; 1 is overcast"),
     Parameter("wind", float, 4.0, 0.0, 40.0, "m/s", "moves plants and clouds"),
     Parameter("wind_from", float, 245.0, 0.0, 360.0, "°", "where the wind blows from: 0 north, 90 east"),

@@ -38,6 +38,7 @@ from sketchterrain.document.parameters import (
     CLIMATE,
     COAST,
     FRAME,
+    GEOLOGY,
     GROUND,
     LOOK,
     SKETCH,
@@ -58,6 +59,7 @@ TABLES: Mapping[str, Mapping[str, Parameter]] = MappingProxyType(
     {
         "density": DENSITY,
         "ground": GROUND,
+        "geology": GEOLOGY,
         "climate": CLIMATE,
         "coast": COAST,
         "weather": WEATHER,
@@ -89,9 +91,9 @@ class Sketch:
         0 to 2⁶³ − 1.
     fidelity
         0 (a loose guideline) to 1 (exactly where it was painted).
-    density, ground, climate, coast, weather, frame, base
-        Settings by the names in `DENSITY`, `GROUND`, `CLIMATE`, `COAST`, `WEATHER`, `FRAME` and `BASE`;
-        missing ones have defaults.
+    density, ground, geology, climate, coast, weather, frame, base
+        Settings by the names in `DENSITY`, `GROUND`, `GEOLOGY`, `CLIMATE`, `COAST`, `WEATHER`, `FRAME` and
+        `BASE`; missing ones have defaults.
     layers
         Label images by the names in `PAINTED_LAYERS`: uint8, (height, width), 0 is empty. Missing layers are
         empty. The arrays of a sketch are read-only; a writeable array is copied.
@@ -124,6 +126,7 @@ class Sketch:
     fidelity: float = cast(float, SKETCH["fidelity"].default)
     density: Mapping[str, float] = field(default_factory=dict)
     ground: Mapping[str, float] = field(default_factory=dict)
+    geology: Mapping[str, Any] = field(default_factory=dict)
     climate: Mapping[str, float] = field(default_factory=dict)
     coast: Mapping[str, float] = field(default_factory=dict)
     weather: Mapping[str, float] = field(default_factory=dict)

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Collection, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.layers import id_of_vector
 from sketchterrain.hydrology.courses import RiverCourse, arc_length
-from sketchterrain.hydrology.river_shape import Network
+from sketchterrain.hydrology.river_shape import Network, smoothstep
 from sketchterrain.hydrology.water_levels import LakeReach, join_water_levels, solve_water_levels
 from sketchterrain.placement.covers import shape_field
 from sketchterrain.placement.feature_types import LAYER_CODES, Lake, ShapeField, distance_inside, lake_centre
-from sketchterrain.placement.hashing import rounded, value_noise
+from sketchterrain.placement.hashing import gaussian_filter, rounded, value_noise
 from sketchterrain.placement.shapes import label_shapes
 
 if TYPE_CHECKING:
@@ -44,12 +46,35 @@ _MIN_SIDE, _MAX_SIDE = 16, 512  # samples along the longer side of an area, with
 _LEAST_SPACING = 0.25  # m
 _BEYOND_BIT = 1 << 47  # in the ids of lakes that were not painted
 
+# Shorelines of painted lakes: octaves of noise in the distance field, finer than the sketch's pixels.
+_RAGGED = (0.5, 20.0)  # px: greatest shift of the shore at fidelity 1, and what is added at fidelity 0
+_RAGGED_SHARE = 0.25  # … and at most this share of the lake's greatest distance from the shore
+_COVE = 4.0  # shifts: unit of the coarsest octave of a fractal outline
+_OCTAVES, _GAIN = 5, 0.58  # finer octaves, and their amplitude over that of twice the unit
+_ROUNDING = 0.5  # shifts: standard deviation of the blur that rounds corners
+_SMOOTH_SHORES = 0.25  # share of the finer octaves where a shore is smoothest
+_TURN = (0.8, 0.6)  # cosine and sine by which each octave's lattice is turned: none follows the axes
+_SHELVING = (0.45, 1.45)  # distances are scaled by 0.45 … 1.9: shelving and steep shores
+_REACH = 0.8  # of the margin outside, and of the greatest distance inside, that all this reaches
+_MOUTH_CALM = (2.0, 8.0)  # px from rivers between which the shore starts to shift: they still end in the lake
+
+# Deltas: fans of sediment where rivers enter lakes.
+_DELTA_WIDTHS = 9.0  # radius, widths of the river …
+_DELTA_SHARE = 0.4  # … and at most this share of the lake's greatest distance from the shore
+_LEAST_DELTA = 2.0  # m, width of the river
+_FAN = (0.45, 0.5)  # land that it gains: of the radius, and at most of the way that the river runs inside
+_LOBES = 0.3  # of the radius: unit of the noise that parts a fan into lobes
+_FINE_SIDE = 400  # samples along the longer side that a field is refined to, at most
+_FINE_SPACING = 2.0  # m
+_FIELD_STEP = 2.0**-7  # m, to which fields are rounded
+
 
 def painted_lakes(
     sketch: Sketch,
     ground: GroundHeight,
     cache: LRUCache | None = None,
     *,
+    seed: int = 0,
     sea_level: float | None = None,
 ) -> list[Lake]:
     """Return the painted lakes in reading order, then those from vectors, as high as their low shores allow.
@@ -58,9 +83,11 @@ def painted_lakes(
     """
     cache = LRUCache() if cache is None else cache
     lowest = -np.inf if sea_level is None else sea_level + _ABOVE_SEA
-    image, areas = sketch.layers["lake"], sketch.vectors["lake"]
+    areas = sketch.vectors["lake"]
+    inputs = sketch.layers["lake"], sketch.layers["river"], sketch.vectors["river"]
     outlines: list[_LakeOutline] = cache.get_or_compute(
-        ("lakes", IdentityKey(image), sketch.extent, sketch.fidelity), lambda: _lake_outlines(sketch)
+        ("lakes", *map(IdentityKey, inputs), sketch.extent, sketch.fidelity, seed),
+        lambda: _lake_outlines(sketch, seed),
     )
     if len(areas):
         outlines = outlines + cache.get_or_compute(
@@ -99,14 +126,121 @@ class _LakeOutline(NamedTuple):
     depth: float | None = None  # m; None: its label's
 
 
-def _lake_outlines(sketch: Sketch) -> list[_LakeOutline]:
+def _lake_outlines(sketch: Sketch, seed: int) -> list[_LakeOutline]:
     margin = max(_MARGIN_PIXELS * sketch.pixel_size, _MARGIN)
+    shapes = label_shapes("lake", sketch.layers["lake"])
+    rivers = _river_positions(sketch) if shapes else None
     found = []
-    for shape in label_shapes("lake", sketch.layers["lake"]):
-        field = shape_field(sketch, shape, margin=margin)
+    for shape in shapes:
+        field = natural_shore(
+            shape_field(sketch, shape, margin=margin),
+            pixel=sketch.pixel_size,
+            shift=(_RAGGED[0] + _RAGGED[1] * (1.0 - sketch.fidelity)) * sketch.pixel_size,
+            seed=seed,
+            rivers=rivers,
+        )
         name = LAYER_CODES["lake"] << 48 | shape.id
         found.append(_LakeOutline(name, shape.label, field, shore_positions(field)))
     return found
+
+
+def _river_positions(sketch: Sketch) -> cKDTree | None:
+    """Return a tree of positions (m) along rivers, at most a pixel apart; None without rivers."""
+    import shapely
+
+    row, column = np.nonzero(sketch.layers["river"])
+    painted = np.column_stack([column + 0.5, sketch.height_px - row - 0.5]) * sketch.pixel_size
+    lines = shapely.segmentize(sketch.vectors["river"].shapes(), sketch.pixel_size)
+    positions = np.concatenate([painted, shapely.get_coordinates(lines)])
+    return cKDTree(positions) if len(positions) else None
+
+
+def natural_shore(
+    field: ShapeField, *, pixel: float, shift: float, seed: int, rivers: cKDTree | None = None
+) -> ShapeField:
+    """Return a shape's field with coves, headlands and shores of varying slope.
+
+    With d the distance inside, n noise and m > 0 smoother noise, it is (d + shift · n) m near the border and
+    d at the field's rim and in the middle. `pixel` and `shift` are in m; near `rivers` the border stays.
+    """
+    most, margin = float(field.inside.max()), -float(field.inside[[0, -1]].max())
+    shift = min(shift, _RAGGED_SHARE * most)
+    finer = min(int(field.spacing / _FINE_SPACING), (_FINE_SIDE - 1) // (max(field.inside.shape) - 1))
+    finer = max(finer, 1)
+    spacing, shape = field.spacing / finer, [(count - 1) * finer + 1 for count in field.inside.shape]
+    mesh = spacing * -(-max(shape) // _FINE_SIDE)  # what meshes of lakes resolve
+    zoom = [fine / count for fine, count in zip(shape, field.inside.shape, strict=True)]
+    inside = ndimage.zoom(field.inside.astype(np.float64), zoom, order=2, mode="nearest")
+    reach = _REACH * np.where(inside > 0.0, most, margin)
+    row, column = np.nonzero(np.abs(inside) < reach)
+    at = np.column_stack([field.west + column * spacing, field.south + row * spacing])
+    d = inside[row, column]
+    fade = (1.0 - np.square(d / reach[row, column])) ** 2
+    free = fade
+    if rivers is not None:
+        near, far = (each * pixel for each in _MOUTH_CALM)
+        away = np.asarray(rivers.query(at, distance_upper_bound=far)[0])
+        free = fade * smoothstep((np.minimum(away, far) - near) / (far - near))
+    steep = value_noise(seed, "shelving shore", *(at / (2.0 * _COVE * shift)).T)
+    rounding = gaussian_filter(inside, _ROUNDING * shift / spacing, axes=(0, 1))[row, column] - d
+    scale = 1.0 + (_SHELVING[0] + _SHELVING[1] * steep * steep - 1.0) * fade
+    inside[row, column] = (d + free * (rounding + shift * _shore_noise(at, shift, mesh, seed))) * scale
+    return dataclasses.replace(field, spacing=spacing, inside=rounded(inside, _FIELD_STEP).astype(np.float32))
+
+
+def _shore_noise(at: Float64Array, shift: float, spacing: float, seed: int) -> Float64Array:
+    """Return noise about -1 … 1 at positions (n, 2; m), of octaves that a `spacing` (m) resolves."""
+    total, (x, y), share = np.zeros(len(at)), at.T / (_COVE * shift), 1.0
+    rough = _SMOOTH_SHORES + (1.0 - _SMOOTH_SHORES) * value_noise(seed, "rough shore", 0.3 * x, 0.3 * y)
+    resolved = int(np.log2(max(0.5 * _COVE * shift / spacing, 1.0)))
+    for octave in range(min(_OCTAVES, resolved) + 1):
+        wave = 2.0 * value_noise(seed, f"shore {octave}", x, y) - 1.0
+        total += share * wave * (rough if octave else 1.0)
+        x, y = 2.0 * (_TURN[0] * x - _TURN[1] * y), 2.0 * (_TURN[1] * x + _TURN[0] * y)
+        share *= _GAIN
+    return total
+
+
+def with_deltas(
+    lakes: Sequence[Lake], courses: Sequence[RiverCourse], *, seed: int, cache: LRUCache
+) -> list[Lake]:
+    """Return lakes with deltas at the mouths of rivers."""
+    found = []
+    for lake in lakes:
+        mouths = _mouths(lake, courses)
+        key = ("deltas", IdentityKey(lake.shape), seed, *map(tuple, mouths))
+        shape = cache.get_or_compute(key, partial(_with_fans, lake.shape, mouths, seed))
+        found.append(dataclasses.replace(lake, shape=shape) if mouths else lake)
+    return found
+
+
+def _mouths(lake: Lake, courses: Sequence[RiverCourse]) -> list[list[float]]:
+    """Return where courses enter a lake: x, y, radius of the fan and the land that it gains (m)."""
+    found, most = [], _DELTA_SHARE * float(lake.shape.inside.max())
+    for course in courses:
+        if course.width.max() < _LEAST_DELTA or not _meets(lake.shape, course.line):
+            continue
+        depth = distance_inside(lake.shape, course.line)
+        for first, last in index_runs(depth > 0.0):
+            radius = min(_DELTA_WIDTHS * float(course.width[first]), most)
+            gained = min(_FAN[0] * radius, _FAN[1] * float(depth[first : last + 1].max()))
+            if first > 0:
+                found.append([*map(float, course.line[first]), radius, gained])
+    return found
+
+
+def _with_fans(field: ShapeField, mouths: Sequence[Sequence[float]], seed: int) -> ShapeField:
+    """Return a field less g (1 - r²/R²)² n inside, n noise: land and shoals around each mouth."""
+    inside = field.inside.astype(np.float64)
+    north, east = field.spacing * np.indices(inside.shape)
+    east, north = east + field.west, north + field.south
+    for x, y, radius, gained in mouths:
+        near = np.maximum(1.0 - (np.square(east - x) + np.square(north - y)) / radius**2, 0.0)
+        fan = near > 0.0
+        lobes = value_noise(seed, "delta", east[fan] / (_LOBES * radius), north[fan] / (_LOBES * radius))
+        land = gained * np.square(near[fan]) * (0.3 + 1.2 * lobes)
+        inside[fan] -= land * smoothstep(4.0 * inside[fan] / gained + 0.5)
+    return dataclasses.replace(field, inside=rounded(inside, _FIELD_STEP).astype(np.float32))
 
 
 def _area_outlines(sketch: Sketch) -> list[_LakeOutline]:

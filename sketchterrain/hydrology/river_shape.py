@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from sketchterrain.array_types import Float64Array
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.hydrology.courses import RiverCourse, arc_length, smoothed
-from sketchterrain.placement.hashing import rounded
+from sketchterrain.placement.hashing import rounded, value_noise
 
 MIN_GRADIENT = 1e-4
 """Least gradient of water, m per m."""
@@ -25,6 +25,13 @@ _SPRING_WIDTH = 0.4  # of the label's width
 _BEND_ROUNDS, _BEND_REACH = 60, 4.0  # reach in widths
 _BANKS = (-1.6, -1.5, -1.0, 1.0, 1.5, 1.6)  # widths beside the river
 _MAX_WIDENING = 2.0  # times the label's width, at most, at confluences
+_SWING, _MOST_SWING = 0.6, 0.3  # contrast and greatest variation of widths and banks, shares of the width …
+_SWING_WIDTHS = 3.0  # … with swings over about twice so many widths
+_BEND_WIDENING = 0.15  # of the width in the sharpest bends, whose bars narrow crossings lack
+_CHORD_WIDTHS = 1.5  # length of the chords by which a course's turn is measured
+_SHARP_TURN = 0.5  # sine of their angle in a bend as sharp as meanders have: a radius of 3 widths
+_WIDTH_STEP = 2.0**-8  # m
+_END_WIDTHS = 4.0  # from a course's ends over which it gets its bends' shape
 
 
 def smoothstep(t: Float64Array) -> Float64Array:
@@ -52,6 +59,44 @@ def river_widths(
         )
         width = width + (wider - width) * joined
     return width
+
+
+def bend_lean(line: Float64Array, arc: Float64Array, width: Float64Array) -> Float64Array:
+    """Return -1 … 1 along a course (n, 2; m): how far its current leans to the left, as in right bends.
+
+    Proportional to the curvature; none at the course's ends.
+    """
+    reach = _CHORD_WIDTHS * width
+    ends = [np.column_stack([np.interp(arc + far, arc, axis) for axis in line.T]) for far in (-reach, reach)]
+    (bx, by), (ax, ay) = (line - ends[0]).T, (ends[1] - line).T
+    turn = (bx * ay - by * ax) / np.maximum(np.hypot(bx, by) * np.hypot(ax, ay), 1e-12)
+    return rounded(np.clip(-turn / _SHARP_TURN, -1.0, 1.0) * _inside(arc, width))
+
+
+def width_swing(line: Float64Array, arc: Float64Array, width: Float64Array) -> Float64Array:
+    """Return the ratio of a natural river's width to its mean `width` (m) along a course: wider in bends.
+
+    1 at the course's ends.
+    """
+    bends = _BEND_WIDENING * np.abs(bend_lean(line, arc, width))
+    return np.asarray(1.0 + _inside(arc, width) * (_swing("river width", line, width) + bends))
+
+
+def bank_sway(line: Float64Array, arc: Float64Array, width: Float64Array) -> Float64Array:
+    """Return how far both banks are shifted to the left along a course, in half widths."""
+    return rounded(_inside(arc, width) * _swing("river banks", line, width))
+
+
+def _swing(stream: str, line: Float64Array, width: Float64Array) -> Float64Array:
+    """Return noise at positions: an edit changes no other reach."""
+    unit = _SWING_WIDTHS * math.ldexp(1.0, math.frexp(float(width.max()))[1])
+    noise = _SWING * (2.0 * value_noise(0, stream, *(line / unit).T) - 1.0)
+    return np.asarray(np.clip(noise, -_MOST_SWING, _MOST_SWING))
+
+
+def _inside(arc: Float64Array, width: Float64Array) -> Float64Array:
+    """Return 0 at a course's ends and 1 between."""
+    return smoothstep(np.minimum(arc, arc[-1] - arc) / (_END_WIDTHS * width))
 
 
 def bank_height(depth: float) -> float:
@@ -186,7 +231,8 @@ class Network:
     courses: Sequence[RiverCourse]  # parents first
     parents: Sequence[int]  # index of the course that each joins, -1 for none
     arcs: Sequence[Float64Array]  # (m,) each, m from the spring
-    widths: Sequence[Float64Array]  # (m,) each, m, with tributaries and neighbours accounted for
+    widths: Sequence[Float64Array]  # (m,) each, m, with tributaries, swings and neighbours accounted for
+    swings: Sequence[Float64Array]  # (m,) each, see `width_swing`; they do not change the depth
     confluences: Sequence[Confluence | None]
     bends: Sequence[Bends]
     # point runs (valleys through mountains) below the chord between the points before and after
@@ -217,6 +263,14 @@ def build_network(
         ]
         if course.grows:
             widths[number] = river_widths(course.width, arcs[number], course.taper, tributaries)
+    swings = [
+        width_swing(course.line, arc, width) if course.grows and course.label else np.ones(len(arc))
+        for course, arc, width in zip(courses, arcs, widths, strict=True)
+    ]
+    widths = [
+        rounded(width * swing, _WIDTH_STEP) if (swing != 1.0).any() else width
+        for width, swing in zip(widths, swings, strict=True)
+    ]
     confluences: list[Confluence | None] = [
         None
         if parent < 0
@@ -231,7 +285,7 @@ def build_network(
         )
         for course, arc, width in zip(courses, arcs, widths, strict=True)
     ]
-    return Network(courses, parents, arcs, widths, confluences, bends, cuts)
+    return Network(courses, parents, arcs, widths, swings, confluences, bends, cuts)
 
 
 def _bends(line: Float64Array, arc: Float64Array, width: Float64Array) -> Bends:

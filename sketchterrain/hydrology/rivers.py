@@ -22,7 +22,13 @@ from sketchterrain.hydrology.conflicts import (
     resolve_conflicts,
 )
 from sketchterrain.hydrology.courses import RiverCourse, course_through
-from sketchterrain.hydrology.lakes import GroundHeight, mouth_lakes, painted_lakes, solve_lake_levels
+from sketchterrain.hydrology.lakes import (
+    GroundHeight,
+    mouth_lakes,
+    painted_lakes,
+    solve_lake_levels,
+    with_deltas,
+)
 from sketchterrain.hydrology.layout import (
     heights_at,
     ranges_beyond_edge,
@@ -212,7 +218,7 @@ def lay_out_water(
     `checkpoint` is called between steps and may raise to cancel.
     """
     level = sea_level(sketch)
-    lakes = painted_lakes(sketch, ground, cache, sea_level=level)
+    lakes = painted_lakes(sketch, ground, cache, seed=seed, sea_level=level)
     checkpoint()
     drawn = lay_out_lines(sketch, seed=seed, ground=ground, cache=cache)
     painted = lay_out_painted(sketch, drawn, seed=seed, ground=ground, cache=cache)
@@ -249,7 +255,8 @@ def solve_water(
         to_sea = _end_in_sea(to_sea.courses, ground, level, sketch.extent, cache)
     courses, grounds = _shortened(sketch, to_sea, ground, cache)
     checkpoint()
-    lakes = painted_lakes(sketch, ground, cache, sea_level=level)
+    lakes = painted_lakes(sketch, ground, cache, seed=seed, sea_level=level)
+    lakes = with_deltas(lakes, courses, seed=seed, cache=cache)
     mouths = mouth_lakes(sketch, courses, seed=seed, at_sea=to_sea.at_sea)
     lakes, lake_orphans = apply_lake_edits([*lakes, *mouths], sketch.edits)
     checkpoint()

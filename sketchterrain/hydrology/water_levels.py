@@ -126,10 +126,10 @@ def build_rivers(network: Network, levels: Sequence[Float64Array]) -> list[River
     """Return each reach with its bed: never rising, and the stem's own where a tributary ends."""
     beds: list[Float64Array] = []
     rivers = []
-    for number, (course, width, level) in enumerate(
-        zip(network.courses, network.widths, levels, strict=True)
+    for number, (course, width, swing, level) in enumerate(
+        zip(network.courses, network.widths, network.swings, levels, strict=True)
     ):
-        depth = course.depth * depth_ratio(np.minimum(width / course.width, _MAX_GROWTH))
+        depth = course.depth * depth_ratio(np.minimum(width / swing / course.width, _MAX_GROWTH))
         bed = np.minimum.accumulate(level - depth)
         parent, meeting = network.parents[number], network.confluences[number]
         if parent >= 0 and meeting is not None:
@@ -140,7 +140,7 @@ def build_rivers(network: Network, levels: Sequence[Float64Array]) -> list[River
         bed = _below_chord(bed, network.arcs[number], network.cuts[number])
         bed = np.minimum(bed, level - _MIN_DEPTH)
         beds.append(bed)
-        rivers.append(_create_river(course, width, level, level - bed))
+        rivers.append(_create_river(course, width, swing, level, level - bed))
     return rivers
 
 
@@ -156,7 +156,7 @@ def _level_bed(network: Network, number: int, bed: Float64Array) -> Float64Array
 
 
 def _create_river(
-    course: RiverCourse, width: Float64Array, level: Float64Array, depth: Float64Array
+    course: RiverCourse, width: Float64Array, swing: Float64Array, level: Float64Array, depth: Float64Array
 ) -> River:
     line = np.column_stack([course.line, level])
     widths, depths = width.astype(np.float32), depth.astype(np.float32)
@@ -169,4 +169,5 @@ def _create_river(
         centreline=line,
         centreline_width=widths,
         centreline_depth=depths,
+        mean_width=(width / swing).astype(np.float32)[course.controls] if (swing != 1.0).any() else None,
     )

@@ -140,21 +140,42 @@ class PlantView(NamedTuple):
     colour: Float64Array
 
 
-def leaf_mask(across: Float64Array, along: Float64Array, mask: Float64Array) -> Float64Array:
+def leaf_mask(
+    across: Float64Array,
+    along: Float64Array,
+    mask: Float64Array,
+    spray: npt.NDArray[np.integer],
+    *,
+    wide: int = 1,
+) -> Float64Array:
     """Return a spray's leaf mask, positive inside leaves; the oracle of kernels/render/sprig.glsl."""
-    needles = mask > 0.5 * (BROAD + NEEDLES)
-    away = np.abs(across)
-    forward, count = np.where(needles, 0.5, 0.55), np.where(needles, 8.0, 5.0)
-    row = (along - 0.3 * forward * away) * count + np.where(across < 0.0, 0.5, 0.0)
-    up = np.clip(along - 0.3 * forward * away, 0.0, 1.0)
-    reach = np.sqrt(1.0 - up * up) * np.minimum(
-        np.where(needles, 6.0, 4.0) * up + np.where(needles, 0.5, 0.35), 1.0
-    )
-    grown = np.where(needles, 1.0, 0.7 + 0.3 * np.mod(np.floor(row) * 0.618034 + 0.37 * (across < 0.0), 1.0))
-    out = away / np.maximum(reach * grown, 1e-3)
-    full = np.where(needles, 0.36 * (1.0 - 0.5 * out), 0.94 * np.sqrt(np.maximum(out * (1.0 - out), 0.0)))
-    leaf = np.where(out < 1.0, full - np.abs(row - np.floor(row) - 0.5), -1.0)
-    return np.where(mask < 0.5 * BROAD, 1.0, np.maximum(leaf, 0.06 - away))
+    needles, clusters = mask > 0.5 * (BROAD + NEEDLES), wide > 1
+    rows, cells = np.where(needles, 14.0, 5.0), np.where(needles, 18.0, 6.0)
+    away, side = np.abs(across), np.where(across < 0.0, 1.0, 0.0)
+    inclined = along - np.where(needles, 0.24, 0.26) * away
+    row = inclined * rows + 0.5 * side + spray / 256.0
+    of_row = np.floor(row)
+    off = row - of_row - 0.5
+    merged = clusters & ~needles
+    half = np.where(merged, 0.0, off < 0.0)
+    out = np.where(merged, 0.5 + off, 2.0 * np.abs(off))
+    up = np.clip(inclined + 0.1, 0.0, 1.0)
+    grown = np.mod(of_row * 0.618034 + 0.37 * side + spray * 0.0911, 1.0)
+    reach = np.minimum(1.8 * np.sqrt(1.0 - up * up), 1.15) * np.minimum(5.0 * up + 0.1, 1.0)
+    reach *= 0.35 + 0.65 * grown
+    cell = away * cells / wide - np.where(needles, 2.0, 0.0 if clusters else 0.6) * out + 0.5 * half + 4.0
+    of_cell = np.floor(cell)
+    key = of_cell + 64.0 * (of_row + 32.0) + 4096.0 * (side + 2.0 * half)
+    hashed = (key.astype(np.uint32) + (np.asarray(spray, np.uint32) << 16)) * np.uint32(0x9E3779B9)
+    hashed = (hashed ^ hashed >> 15) * np.uint32(0x85EBCA6B)
+    hashed ^= hashed >> 13
+    size, chance = (hashed & 0xFFFF) / 65536.0, (hashed >> 16) / 65536.0
+    full = np.where(clusters, 1.0, 0.84 + 0.18 * size) * np.sqrt(np.maximum(out * (1.0 - out), 0.0))
+    full = np.where(needles, 2.0 * (0.67 - out) if clusters else 0.5 - 0.32 * out, full)
+    full -= np.where(needles & clusters, 0.0, np.abs(cell - of_cell - 0.5))
+    leaf = np.where((away < reach) & (chance < np.where(needles, 1.0, 0.98)), full, -1.0)
+    twig = np.maximum(0.025 - away, np.where(away < reach, 0.06 - np.abs(off), -1.0))
+    return np.where(mask < 0.5 * BROAD, 1.0, np.maximum(leaf, twig))
 
 
 def plant_view(triangles: Triangles, *, views: tuple[float, ...] = VIEWS, points: int = 60_000) -> PlantView:
@@ -175,7 +196,7 @@ def plant_view(triangles: Triangles, *, views: tuple[float, ...] = VIEWS, points
     u, v = np.where(fold, 1.0 - u, u), np.where(fold, 1.0 - v, v)
     weights = np.stack([1.0 - u - v, u, v], axis=1)[:, None]
     at = (weights @ triangles.leaf_uv[of])[:, 0]
-    inside = leaf_mask(at[:, 0], at[:, 1], triangles.mask[of]) > 0.0
+    inside = leaf_mask(at[:, 0], at[:, 1], triangles.mask[of], of & 255) > 0.0
     of, weights = of[inside], weights[inside]
     point = (weights @ position[of])[:, 0]
     light = (weights @ triangles.openness[of][..., None])[:, 0]

@@ -95,6 +95,8 @@ class River:
     centreline: npt.NDArray[np.float64]
     centreline_width: npt.NDArray[np.float32]  # (m,) m
     centreline_depth: npt.NDArray[np.float32]  # (m,) m
+    # (n,) at the control points, m, without natural variation; None for banks as painted
+    mean_width: npt.NDArray[np.float32] | None = None
 
 
 def move_edit(river: River, index: int, *, x: float, y: float) -> Edit:

@@ -35,9 +35,9 @@ def shape_height(properties: Properties, inradius: float, fidelity: float) -> Sh
     return ShapeHeight(asked, built_height(asked, inradius, fidelity, float(properties["height_limit"])))
 
 
-def unpainted_height(sketch: Sketch, layer: str) -> float:
-    """Return the height (m) of mountains or hills where nothing is painted: that of label 1."""
-    declared = float(sketch.properties(layer, 1)["height"])
+def unpainted_height(sketch: Sketch, layer: str, label: int = 1) -> float:
+    """Return the height (m) of a label of mountains, hills or plateaus where nothing is painted."""
+    declared = float(sketch.properties(layer, label)["height"])
     unset = LAYERS[layer].main.sentinel
     return unset.start if unset is not None and declared == unset.value else declared
 

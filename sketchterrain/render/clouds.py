@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import moderngl
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import distance_transform_edt
 
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
-from sketchterrain.render.sky import OVERCAST, SUN_IRRADIANCE
+from sketchterrain.render.sky import SUN_IRRADIANCE
 from sketchterrain.render.targets import bands, wrap_to_noise_period
 
 if TYPE_CHECKING:
@@ -20,16 +21,40 @@ if TYPE_CHECKING:
     from sketchterrain.render.sky import Sky, Weather
     from sketchterrain.render.targets import RenderTargets
 
-SIZE: Final = 512  # texels a side of the coverage field, 32 m each
+SIZE: Final = 512  # texels a side of the field, 64 m each
 BILLOW_SIZE: Final = 64  # texels a side of the billow noise
-PERIOD: Final = 16_384.0  # period of the field (m): CLOUD_PERIOD in kernels/render/clouds.glsl
+PERIOD: Final = 32_768.0  # period of the field (m): CLOUD_PERIOD in kernels/render/clouds.glsl
+CLEAR_BLOCK: Final = 4  # texels a side, between which distances to clouds are measured
 HEIGHT: Final = 2500.0  # m over the haze's base, at which clouds are lit
 REDUCED: Final = 2  # downscaling of the cloud pass, each axis
-SUN_STEPS: Final = 4  # steps towards the sun, each about twice as long as the last
+SUN_STEPS: Final = 3  # steps towards the sun, each some three times as long as the last
 DOME, PICTURE = 1, 2  # values of CLOUDS in kernels/render/clouds.glsl
+CIRRUS_OVER_CUMULUS: Final = 0.3  # share of the cover by cumulus
 BLOCKS: Final = 16  # parts of a dome along each axis
 PARALLAX: Final = (250.0, 1500.0)
 """m that the eye moves past the clouds of a dome until another one is computed, at once beyond the second."""
+
+
+class CloudKind(NamedTuple):
+    """Shape and arrangement of the clouds of a kind of sky."""
+
+    sizes: tuple[tuple[float, float], ...]  # of bands of noise: wavelength (km), rarity (standard deviations)
+    aspect: float  # height over half the width
+    highest: float  # km, that tops approach
+    streets: float  # standard deviations, of rows along the wind
+    clearings: float  # standard deviations
+    stretch: float = 1.0  # length along the wind over width
+
+
+KINDS: Final = {
+    # Numbers fall about as the diameter⁻² (Cahalan & Joseph 1989); stratocumulus are cells and rolls.
+    "cumulus": CloudKind(((3.4, 0.8), (1.7, 0.3), (0.9, 0.0), (0.48, 0.0)), 0.65, 1.2, 0.45, 0.3),
+    "stratocumulus": CloudKind(((2.2, 0.0), (1.1, 0.2)), 0.35, 0.35, 0.2, 0.3, 0.6),
+}
+# Wavelength (km), octaves that a band is wide, and length along the wind over width.
+STREETS: Final = (5.0, 0.6, 3.0)
+CLEARINGS: Final = (11.0, 0.6, 1.0)
+SPREAD: Final = 0.45  # octaves that the band of a size is wide
 
 
 class CloudDome:
@@ -92,7 +117,7 @@ class Clouds:
         defines: Mapping[str, int | str],
     ) -> None:
         self._context = context
-        self._cover: float | None = None
+        self._shape: tuple[object, ...] = ()  # what the field depends on
         self._march: moderngl.VertexArray | None = None
         self._view: moderngl.Texture | None = None
         self._domes: list[CloudDome] = []  # the displayed one and the next one
@@ -112,14 +137,16 @@ class Clouds:
         lit = sky.air.sunlight(np.array(HEIGHT), np.array(sky.sun.direction[2])) * SUN_IRRADIANCE
         self._uniforms: dict[str, object] = {
             "overcast": sky.overcast,
+            "cirrus": _cirrus(weather),
             "cloud_sun": tuple(((1.0 - sky.overcast) * lit).tolist()),
         }
         for dome in self._domes:
             dome.reset(None, np.zeros(3))
-        if weather.clouds == self._cover:
+        shape = (weather.sky, weather.clouds, weather.wind_from)
+        if shape == self._shape:
             return
-        self._cover = weather.clouds
-        field = cloud_field(weather.clouds)
+        self._shape = shape
+        field = cloud_field(weather)
         self._field = self._context.texture((SIZE, SIZE), 1, field.astype(np.float16).tobytes(), dtype="f2")
         self._field.build_mipmaps()
         self._field.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
@@ -198,45 +225,76 @@ def _cloud_texture(context: moderngl.Context, size: tuple[int, int]) -> moderngl
 
 def cloud_defines(quality: Quality, weather: Weather) -> dict[str, int]:
     """Return the macros of kernels/render/clouds.glsl."""
-    if not quality.includes("clouds") or weather.clouds == 0.0:
-        return {"CLOUDS": 0, "GREY": 0}
-    kind = DOME if quality.cloud_texels else PICTURE
-    return {"CLOUDS": kind, "GREY": int(weather.clouds > OVERCAST[0])}
+    if not quality.includes("clouds"):
+        return {"CLOUDS": 0, "GREY": 0, "CIRRUS": 0}
+    cumulus = weather.cover > 0.0 and weather.overcast < 1.0
+    return {
+        "CLOUDS": (DOME if quality.cloud_texels else PICTURE) if cumulus else 0,
+        "GREY": int(weather.overcast > 0.0),
+        "CIRRUS": int(_cirrus(weather) > 0.0),
+    }
 
 
-def cloud_field(cover: float, size: int = SIZE) -> Float32Array:
-    """Return the (size, size) coverage field on a torus of `PERIOD`, standard deviation 1.
+def _cirrus(weather: Weather) -> float:
+    """Return the share of the sky that cirrus covers: all of the clouds, or a little over cumulus."""
+    share = {"cirrus": 1.0, "cumulus": CIRRUS_OVER_CUMULUS}.get(weather.sky, 0.0)
+    return share * weather.clouds * (1.0 - weather.overcast)
 
-    It is positive inside clouds, on a share `cover` of the area; clouds are about 1 km wide, in groups.
+
+def cloud_field(weather: Weather, size: int = SIZE) -> Float32Array:
+    """Return the (size, size) height field of clouds with one condensation level, on a torus of `PERIOD`.
+
+    Positive inside clouds, on a share `weather.cover` of the area: their top's height over the base, squared
+    (km²), so that a paraboloid is a dome. Negative outside: at most the distance to a cloud (km). Clouds of
+    each size are the maxima of a band of noise over a threshold common to all, in streets along the wind.
     """
-    rng = np.random.default_rng(20261)
-    cycles = np.hypot(np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None, :]) * size
-    cycles[0, 0] = 1.0
-    wide = np.exp(-(((np.log2(cycles) - 1.3) / 0.8) ** 2))
-    lumps = np.exp(-(((np.log2(cycles) - 3.2) / 0.75) ** 2)) / cycles**0.5
-    fine = np.where(cycles > 10.0, cycles**-1.75, 0.0)
-    total = np.zeros((size, size))
-    for spectrum, amount in ((wide, 0.45), (lumps, 1.0), (fine, 0.42)):
-        layer = np.fft.irfft2(spectrum * np.fft.rfft2(rng.standard_normal((size, size))), s=(size, size))
-        layer /= layer.std()
-        # Where noise changes its sign billows meet: seams between round lumps.
-        total += amount * (layer if spectrum is not fine else np.abs(layer) * 1.6 - 1.2)
-    total /= total.std()
-    share = min(max(cover, 0.0), 1.0)
-    edge = np.quantile(total, 1.0 - share) if 0.0 < share < 1.0 else (1.0 - share) * 99.0 - 4.0
-    return np.asarray(total - edge, np.float32)
+    share = weather.cover
+    if share in (0.0, 1.0):
+        return np.full((size, size), -PERIOD / 1e3 if share == 0.0 else 1.0, np.float32)
+    kind, cell = KINDS[weather.sky], PERIOD / size / 1e3
+    noise = np.fft.rfft2(np.random.default_rng(20280).standard_normal((size, size), np.float32))
+    east = np.fft.rfftfreq(size, cell)[None, :].astype(np.float32)  # cycles/km
+    north = np.fft.fftfreq(size, cell)[:, None].astype(np.float32)
+    x, y = (np.float32(f(np.radians(weather.wind_from))) for f in (np.sin, np.cos))
+    along, across = (east * x + north * y) ** 2, (east * y - north * x) ** 2
+    along[0, 0] = 1e-9
+
+    def band(wavelength: float, octaves: float, stretch: float = 1.0) -> Float32Array:
+        off = np.log2(wavelength**2 * (along * stretch**2 + across)) / (2.0 * octaves)
+        layer = np.fft.irfft2(noise * np.exp(-(off**2)), s=(size, size))
+        return np.asarray(layer / layer.std(), np.float32)
+
+    groups = kind.streets * band(*STREETS) + kind.clearings * band(*CLEARINGS)
+    sizes = [(each, band(each, SPREAD, kind.stretch) + groups - rarity) for each, rarity in kind.sizes]
+    highest = np.maximum.reduce([layer for _, layer in sizes]).ravel()
+    rank = min(int((1.0 - share) * highest.size), highest.size - 1)
+    edge = np.partition(highest, rank)[rank]
+    # Near a maximum such noise falls by (π distance / wavelength)² of its value, which is about 2.
+    square = np.maximum.reduce([(kind.aspect * each / np.pi) ** 2 * (layer - edge) for each, layer in sizes])
+    dome = square / (1.0 + np.maximum(square, 0.0) / kind.highest**2)
+    outside = np.minimum(square, -_clearance(square > 0.0, cell))
+    return np.where(square > 0.0, dome, outside).astype(np.float32)
+
+
+def _clearance(inside: BoolArray, cell: float) -> Float32Array:
+    """Return a lower bound of the distance (km) to cloud on a torus, from blocks of `CLEAR_BLOCK` cells."""
+    n = len(inside) // CLEAR_BLOCK
+    blocks = inside.reshape(n, CLEAR_BLOCK, n, CLEAR_BLOCK).any(axis=(1, 3))
+    far = distance_transform_edt(~np.pad(blocks, n // 4, mode="wrap"))[n // 4 : -n // 4, n // 4 : -n // 4]
+    bound = np.maximum(far - 2.0**0.5, 0.0) * cell * CLEAR_BLOCK
+    return np.asarray(bound.repeat(CLEAR_BLOCK, 0).repeat(CLEAR_BLOCK, 1), np.float32)
 
 
 def billow_noise(size: int = BILLOW_SIZE) -> Float32Array:
     """Return (size, size, size) billow noise in [0, 1] on a torus: 1 inside round lumps, 0 in the seams."""
     rng = np.random.default_rng(20262)
-    axis, last = np.fft.fftfreq(size) * size, np.fft.rfftfreq(size) * size
+    axis, last = (np.float32(size) * f(size).astype(np.float32) for f in (np.fft.fftfreq, np.fft.rfftfreq))
     cycles = np.sqrt(axis[:, None, None] ** 2 + axis[None, :, None] ** 2 + last[None, None, :] ** 2)
     cycles[0, 0, 0] = 1.0
-    total = np.zeros((size, size, size))
+    total = np.zeros((size, size, size), np.float32)
     for octave in range(3):
         band = np.exp(-(((np.log2(cycles) - 2.0 - octave) / 0.45) ** 2))
-        spectrum = band * np.fft.rfftn(rng.standard_normal((size,) * 3))
+        spectrum = band * np.fft.rfftn(rng.standard_normal((size,) * 3, np.float32))
         noise = np.fft.irfftn(spectrum, s=(size,) * 3, axes=(0, 1, 2))
         total += 0.55**octave * np.abs(noise) / noise.std()
     low, high = np.quantile(total, [0.01, 0.99])

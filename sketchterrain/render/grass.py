@@ -231,9 +231,9 @@ def _joined(strips: list[_Strip]) -> Mesh:
 
 
 LAYERS: Final = {
-    "meadow": ScatterLayer(101, 85.0, 4.2, 110.0, 3.0, (4.5, 18.0)),
+    "meadow": ScatterLayer(101, 83.5, 4.2, 110.0, 3.0, (4.5, 18.0)),
     "tall": ScatterLayer(202, 7.0, 12.0, 80.0, 6.0, (6.0, 22.0)),
-    "flower": ScatterLayer(303, 3.0, 18.0, 80.0, 6.0, (5.0, 14.0)),
+    "flower": ScatterLayer(303, 4.5, 18.0, 80.0, 6.0, (5.0, 14.0)),
     "fern": ScatterLayer(404, 1.6, 22.0, 100.0, 8.0, (8.0, 26.0)),
 }
 """At the best quality."""

@@ -31,9 +31,10 @@ _MAX_UNITS: Final = 2**31 - 1  # largest lattice distance from the eye to a vert
 class TileRenderer:
     """Draws tiles of quads² cells from a buffer with (quads + 1)² vertices per slot.
 
-    Vertices have `words` of material weights (`surfaces.vertex_dtype`). `extent` is the width of a level-0
-    tile (m); nothing is drawn beyond `bounds` (W, S, E, N; m). `tiles` and `triangles` count those of the
-    last `set_tiles`, `capacity` is that of slots.
+    Vertices have `words` of material weights (`surfaces.vertex_dtype`), `wooded` is an expression of the
+    share of ground under trees in those, w (`material_macros.wooded_share`). `extent` is the width of a
+    level-0 tile (m); nothing is drawn beyond `bounds` (W, S, E, N; m). `tiles` and `triangles` count those
+    of the last `set_tiles`, `capacity` is that of slots.
     """
 
     def __init__(
@@ -43,6 +44,7 @@ class TileRenderer:
         vertices: moderngl.Buffer,
         words: int,
         *,
+        wooded: str = "0.0",
         quads: int = QUADS,
         bounds: tuple[float, float, float, float] | None = None,
     ) -> None:
@@ -51,6 +53,7 @@ class TileRenderer:
         self._unit = metres_per_unit(extent)
         self._quads = quads
         self.words = words
+        self._wooded = wooded
         self._bounds = bounds
         self._eye = np.zeros(2)
         self._vertices = vertices
@@ -83,7 +86,7 @@ class TileRenderer:
         self, vertex: str, fragment: str, *, macros: Mapping[str, int | str] = MappingProxyType({})
     ) -> moderngl.Program:
         """Build a program whose vertex shader includes ``render/ground.glsl``."""
-        defines = {"TILE_QUADS": self._quads, "WEIGHT_WORDS": self.words, **macros}
+        defines = {"TILE_QUADS": self._quads, "WEIGHT_WORDS": self.words, "WOODED(w)": self._wooded, **macros}
         if self._bounds is not None:
             defines["BOUNDED"] = 1
         return build_program(self._context, vertex, fragment, defines=defines)

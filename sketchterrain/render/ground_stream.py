@@ -14,6 +14,7 @@ from sketchterrain.document.materials import weight_words
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground import TileRenderer
+from sketchterrain.render.material_macros import wooded_share
 from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.quality import Quality, StreamStats, TerrainUpdateStats
 from sketchterrain.render.scene import BoundedTerrain, TileSource
@@ -97,7 +98,10 @@ class TerrainStream:
         )
         self._store = terrain.vertex_store(slots, quads=quads, memory=self.memory)
         self.tile_renderer = TileRenderer(
-            context, terrain.extent, self.memory.vertices, words, quads=quads, bounds=bounds
+            *(context, terrain.extent, self.memory.vertices, words),
+            wooded=wooded_share(terrain.sketch.material_table),
+            quads=quads,
+            bounds=bounds,
         )
         self._eye: npt.NDArray[np.float64] | None = None
         self._placed_eye: tuple[float, float, float] | None = None

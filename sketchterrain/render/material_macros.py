@@ -14,17 +14,18 @@ def material_macros(table: MaterialTable) -> dict[str, int | str]:
         (index, layers.index(far.name)) for index, each in enumerate(materials) if (far := each.distant)
     ]
     bedded = [index for index, texture in enumerate(table.layers.values()) if texture.bedded]
-    meadow = max(materials, key=lambda material: material.meadow)
     return {
         "WEIGHT_WORDS": weight_words(len(table)),
         "LAYERS": len(layers),
         "BEDROCK": layers.index(BEDROCK),
-        "MEADOW_LAYER": layers.index(meadow.name),
+        "MEADOW_KINDS": _meadow_kinds(table),
         "IS_BEDDED(layer)": _is_any("layer", bedded),
         "DISTANT_LAYER(layer)": _choice("layer", distant),
         "VARIATIONS": _variations(table),
+        "WOODED(w)": wooded_share(table),
         "MEADOW_SHARE(w)": _sum(table, lambda material: material.meadow),
         "UNDERGROWTH_SHARE(w)": _sum(table, lambda material: material.undergrowth),
+        "WET_SHARE(w)": _sum(table, lambda material: material.wet),
         "BUNCH_SHARE(w)": _sum(table, lambda material: material.bunches),
         "STONES_ANYWHERE(w)": _sum(table, lambda material: material.stones.anywhere),
         "STONES_IN_HEAPS(w)": _sum(table, lambda material: material.stones.heaps),
@@ -33,6 +34,11 @@ def material_macros(table: MaterialTable) -> dict[str, int | str]:
         "STONE_COLOURS": _stone_colours(table),
         "STONE_WEAR(w)": _stone_wear(table),
     }
+
+
+def wooded_share(table: MaterialTable) -> str:
+    """Return an expression of the weight of ground under trees, from the weights w."""
+    return _sum(table, lambda material: float(material.is_wooded))
 
 
 def _weight(index: int, name: str = "w") -> str:
@@ -65,6 +71,16 @@ def _variations(table: MaterialTable) -> str:
         f"if ({_is_any('layer', layers)}) colour *= mix(vec3{each.low}, vec3{each.high}, "
         f"smoothstep({each.start}, {each.full}, {each.noise}));"
         for each, layers in varied.items()
+    )
+
+
+def _meadow_kinds(table: MaterialTable) -> str:
+    """Return statements that set a tuft's ``layer`` and ``sward`` to those at ``pick`` of the shares."""
+    return " ".join(
+        f"if (pick > 0.0) {{ layer = {index}; sward = {each.sward}; }} "
+        f"pick -= {each.meadow} * {_weight(index, 'weights')};"
+        for index, each in enumerate(table)
+        if each.meadow
     )
 
 

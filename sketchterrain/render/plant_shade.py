@@ -224,7 +224,8 @@ class PlantShadows:
         if self._built:
             to_map = self._matrix(placement, tuple(self._built.origin.tolist()))
             middle = np.array(placement.centre) @ sun_axes(placement.sun)
-            self._built.draw_shadow(to_map, middle[:2], np.sqrt(2.0) * placement.half + MARGIN)
+            # The depth step moves the middle along the sun's rays.
+            self._built.draw_shadow(to_map, middle[:2], np.sqrt(2.0) * placement.half + MARGIN + DEPTH_STEP)
 
     def _draw(self, index: int, count: int) -> None:
         """Draw the next plants of a map; display it when all are drawn."""

@@ -28,6 +28,10 @@ class Sketch(Protocol):
         """Climate parameters by name."""
 
     @property
+    def geology(self) -> Mapping[str, Any]:
+        """Settings of the rock by name."""
+
+    @property
     def looks(self) -> Mapping[str, Mapping[str, Any]]:
         """Appearance of materials by name."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -12,6 +13,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.array_types import Bounds
+from sketchterrain.document.geology import Strata
 from sketchterrain.render.appearance import AppearanceTextures
 from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_HEIGHT
 from sketchterrain.render.built import BuiltScenery
@@ -74,7 +76,7 @@ class Scenery:
         self._quality = quality
         self._targets: dict[tuple[int, int], RenderTargets] = {}
         self._frame_block = FrameBlock(context)
-        self._aridity = _aridity(terrain)
+        self._aridity, self._strata = _aridity(terrain), Strata.from_settings(terrain.sketch.geology)
         self.appearance = AppearanceTextures(context, terrain, quality)
         self.labels = Labels(context, terrain)
         self._textures = textures
@@ -87,7 +89,9 @@ class Scenery:
             self._cloudiness = cloud_defines(quality, weather)
             self.shading, self._clouds = self._lighting()
         widest = QUAD * max(quality.tolerance / 2.0, 1.0)
-        metric = ScreenError(quality.tolerance, widest, finest=quality.finest_quad)
+        metric = ScreenError(
+            quality.tolerance, widest, finest=quality.finest_quad, extinction=self._extinction
+        )
         self.stream = TerrainStream(context, terrain, quality, metric=metric, resources=resources)
         self.lit = GroundLighting(
             context,
@@ -109,6 +113,11 @@ class Scenery:
             context, self._features, enabled=quality.includes("water"), defines=self.shading.defines
         )
 
+    @property
+    def _extinction(self) -> float:
+        """Extinction (1/m) by which far errors count less; 0 where quality leaves out the air."""
+        return self._sky.extinction if self._quality.includes("haze") else 0.0
+
     def _ground_cover(self) -> GroundCover:
         return GroundCover(
             self._context, quality=self._quality, shading=self.shading, appearance=self.appearance.defines
@@ -122,6 +131,7 @@ class Scenery:
             self._table,
             aridity=self._aridity,
             look=self._look,
+            strata=self._strata,
             clouds=self._cloudiness,
             appearance=self.appearance.defines,
         )
@@ -179,13 +189,14 @@ class Scenery:
 
     def _update_materials(self, terrain: TerrainSource) -> None:
         aridity, look = _aridity(terrain), terrain.sketch.looks
+        strata = Strata.from_settings(terrain.sketch.geology)
         if look != self._look:
             self._materials = MaterialTextures.for_sketch(
                 self._context, terrain.sketch, terrain.context.device, self._quality, folder=self._textures
             )
-        if (aridity, look) != (self._aridity, self._look):
-            self._aridity, self._look = aridity, look
-            self.shading.set_materials(aridity, look)
+        if (aridity, look, strata) != (self._aridity, self._look, self._strata):
+            self._aridity, self._look, self._strata = aridity, look, strata
+            self.shading.set_materials(aridity, look, strata)
 
     def relight(self, sun: Sun, weather: Weather) -> None:
         """Change sun and weather; shadows follow over the next frames.
@@ -197,6 +208,8 @@ class Scenery:
         sun_moved, cloudiness = sun != self._sun, cloud_defines(self._quality, weather)
         self._sun, self._weather = sun, weather
         self._sky = Sky(self._context, sun, weather, extent=self._extent)
+        tiles = self.stream.tiles
+        tiles.metric = replace(tiles.metric, extinction=self._extinction)
         if sun_moved:
             self.lit.relight(sun)
             self.forest.relight(sun)
@@ -278,7 +291,8 @@ class Scenery:
         hazy = float(self._quality.includes("haze"))
         frame["to_clip"] = to_clip
         frame["from_clip"] = np.linalg.inv(to_clip)
-        frame["eye"] = (wrap_to_noise_period(eye[0]), wrap_to_noise_period(eye[1]), eye[2])
+        tree_line = float(self.stream.terrain.sketch.climate.get("tree_line", _NO_TREE_LINE))
+        frame["eye"] = (wrap_to_noise_period(eye[0]), wrap_to_noise_period(eye[1]), eye[2], tree_line)
         frame["to_sun"] = self._sun.direction
         frame["sun_light"] = (*self._sky.sunlight, self._sky.shaded_air)
         frame["sky_light"] = self._sky.harmonics
@@ -290,7 +304,7 @@ class Scenery:
         frame["to_shade"] = self.forest.shadows.matrices(eye)
         frame["shade_share"] = self.forest.shadows.fade_shares
         canopy = min(self._quality.canopy_distance, self.forest.draw_distance)
-        frame["trees"] = (canopy, self._aridity, _pixel(camera, height))
+        frame["trees"] = (canopy, self._aridity, _pixel(camera, height), self.forest.draw_distance)
         frame.upload()
 
     def _bind(self, targets: RenderTargets) -> dict[str, object]:
@@ -329,6 +343,9 @@ def load_textures(
         lambda: MaterialTextures.for_sketch(context, sketch, device, quality, folder=folder),
     )
     return materials, resources.get_or_create("noise", None, lambda: noise_texture(context))
+
+
+_NO_TREE_LINE: Final = 1e4  # m
 
 
 def _aridity(terrain: TerrainSource) -> float:

@@ -2,17 +2,20 @@
 
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Final
 
 import moderngl
 import numpy as np
 
+from sketchterrain.document.geology import Rock, Strata
 from sketchterrain.document.materials import MaterialTable
 from sketchterrain.render.material_macros import material_macros
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.targets import RenderTargets, bands
 from sketchterrain.render.textures import OCTAVES, texture_phases, texture_uniforms, texture_widths
+
+_JOINTS: Final = 1.6  # across the beds, a bed's thickness along them
 
 
 class Shading:
@@ -31,6 +34,7 @@ class Shading:
         *,
         aridity: float,
         look: Mapping[str, Mapping[str, Any]],
+        strata: Strata,
         clouds: Mapping[str, int],
         appearance: Mapping[str, int | str] = MappingProxyType({"APPEARANCE": 0}),
     ) -> None:
@@ -51,7 +55,7 @@ class Shading:
             "SAMPLES": quality.samples,
         }
         self.set_appearance(appearance)
-        self.set_materials(aridity, look)
+        self.set_materials(aridity, look, strata)
         self._sky = fullscreen_pass(context, "sky.frag.glsl", defines=self.defines)
         self._upsample = (
             fullscreen_pass(context, "spread.frag.glsl", defines=self.defines)
@@ -70,16 +74,17 @@ class Shading:
         defines = {**self.defines, **self._appearance, "DRAPED": int(draped)}
         return fullscreen_pass(self._context, "shade_ground.frag.glsl", defines=defines)
 
-    def set_materials(self, aridity: float, look: Mapping[str, Mapping[str, Any]]) -> None:
-        """Set tints and texture sizes from the climate and the sketch's looks."""
-        self.tints = _climate_tints(self._table, aridity, look)
+    def set_materials(self, aridity: float, look: Mapping[str, Mapping[str, Any]], strata: Strata) -> None:
+        """Set tints and texture sizes from the climate, the rock and the sketch's looks."""
+        self._strata = strata
+        self.tints = _tints(self._table, aridity, look, strata.rock)
         self._widths = texture_widths(self._table, look)
         self._materials = self.tints | texture_uniforms(self._table, self._widths)
 
     def material_uniforms(self, eye: tuple[float, float, float]) -> dict[str, object]:
         """Return the uniforms of matter.glsl and variety.glsl for an eye (m)."""
         phases = [tuple(phase) for phase in texture_phases(self._table, eye, self._widths).tolist()]
-        return self._materials | {"phases": phases}
+        return self._materials | {"phases": phases} | _strata_uniforms(self._strata, eye)
 
     def shade_scene(
         self, targets: RenderTargets, eye: tuple[float, float, float], units: dict[str, object], *, parts: int
@@ -147,13 +152,24 @@ def _run(array: moderngl.VertexArray, uniforms: dict[str, object]) -> None:
     array.render(vertices=3)
 
 
-def _climate_tints(
-    table: MaterialTable, aridity: float, look: Mapping[str, Mapping[str, Any]]
+def _tints(
+    table: MaterialTable, aridity: float, look: Mapping[str, Mapping[str, Any]], rock: Rock
 ) -> dict[str, object]:
-    """Return the tint of each layer: arid terrain has straw and red stone."""
+    """Return the tint of each layer: stone has its rock's; arid terrain has straw and red stone."""
     tints = np.ones((len(table.layers), 3))
     for tint, (name, layer) in zip(tints, table.layers.items(), strict=True):
         if not look.get(name, {}).get("colour"):
             share = max(0.0, aridity - layer.arid_from) / (1.0 - layer.arid_from)
             tint += (np.array(layer.arid_tint) - 1.0) * share
+            tint *= np.array(rock.tint) ** layer.of_rock
     return {"tints": [tuple(row) for row in tints]}
+
+
+def _strata_uniforms(strata: Strata, eye: tuple[float, float, float]) -> dict[str, object]:
+    """Return the uniforms of beds and joints in kernels/render/shade_ground.frag.glsl for an eye (m)."""
+    along = tuple(_JOINTS / strata.rock.bed * each for each in strata.strike)
+    return {
+        "strata": (*strata.across, float(np.dot(strata.across, eye))),
+        "joints": (*along, float(np.dot(along, eye[:2])), strata.rock.joints),
+        "banding": strata.rock.banding,
+    }

@@ -5,18 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Final
+from typing import Any, Final
 
 import moderngl
 import numpy as np
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.document.parameters import SKIES
 from sketchterrain.errors import InputError
 from sketchterrain.render.atmosphere import (
     AEROSOL,
     AEROSOL_ABSORBED,
     AEROSOL_HEIGHT,
     GROUND_ALBEDO,
+    RAYLEIGH,
     Air,
     air_with_haze,
 )
@@ -29,6 +31,7 @@ class Weather:
     """Sky and wind over a terrain."""
 
     hour: float | None = None  # local solar time, 0 … 24; None: the sun that suits the view best
+    sky: str = SKIES[0]  # kind of clouds, one of `SKIES`
     clouds: float = 0.35  # cloud cover, 0 clear … 1 overcast
     wind: float = 4.0  # m/s
     wind_from: float = 245.0  # compass bearing that it blows from, degrees
@@ -36,6 +39,8 @@ class Weather:
     haze: float = 1.0  # aerosols: 0 none, 1 a clear day, 10 a murky one
 
     def __post_init__(self) -> None:
+        if self.sky not in SKIES:
+            raise InputError(f"expected a sky, one of {', '.join(SKIES)}, got {self.sky!r}")
         checks = (
             ("an hour", self.hour, 0.0, 24.0),
             ("a cloud cover", self.clouds, 0.0, 1.0),
@@ -49,6 +54,16 @@ class Weather:
                 raise InputError(f"expected {what} in [{low:g}, {high:g}], got {value:g}")
 
     @property
+    def cover(self) -> float:
+        """Share of the sky under clouds that cast shadows."""
+        return {"stratus": 1.0, "cirrus": 0.0, "clear": 0.0}.get(self.sky, self.clouds)
+
+    @property
+    def overcast(self) -> float:
+        """Weight of a closed grey layer over sky and sun."""
+        return _smooth(self.cover, *OVERCAST[self.sky == "stratocumulus"])
+
+    @property
     def drift(self) -> tuple[float, float]:
         """Wind vector, (east, north) m/s."""
         bearing = math.radians(self.wind_from)
@@ -60,15 +75,16 @@ class Weather:
         sketch: Sketch,
         *,
         hour: float | None = None,
+        sky: str | None = None,
         clouds: float | None = None,
         wind: float | None = None,
         haze: float | None = None,
     ) -> Weather:
         """Return a sketch's ``[weather]``, overridden by the values given."""
-        table = dict(sketch.weather)
+        table: dict[str, Any] = dict(sketch.weather)
         at = table.pop("hour", -1.0)
         weather = cls(hour=at if at >= 0.0 else None, **table)
-        given = {"hour": hour, "clouds": clouds, "wind": wind, "haze": haze}
+        given: dict[str, Any] = {"hour": hour, "sky": sky, "clouds": clouds, "wind": wind, "haze": haze}
         return replace(weather, **{name: value for name, value in given.items() if value is not None})
 
 
@@ -142,7 +158,8 @@ SMALL_WORLD: Final = 0.25
 SHADED_AIR: Final = 0.4
 """Share of in-scattered light removed in shadow: a little less than the single-scattered sunlight."""
 RISING: Final = (0.0, 3.0)  # degrees of elevation over which shadows in the air fade in
-OVERCAST: Final = (0.6, 1.0)  # cloud covers over which a uniform grey layer replaces sky and sun
+OVERCAST: Final = ((0.6, 1.0), (0.8, 1.0))
+"""Covers over which a uniform grey layer replaces sky and sun: by cumulus, by stratocumulus."""
 OVERCAST_CLEAR: Final = np.array([0.33, 0.34, 0.35])
 """Transmittance of a closed cloud layer for the light on level ground."""
 
@@ -186,7 +203,7 @@ class Sky:
     `view` is a 64×128 RGBA16F texture, see clear_sky and air_light in kernels/render/frame.glsl; `sunlight`
     (3,) the sun's irradiance on a surface facing it, at the ground; `harmonics` (9, 3), see
     `irradiance_harmonics`; `shaded_air` the share of the air's light missing over shadow; `haze` (3,) aerosol
-    extinction at its base (1/m).
+    extinction at its base (1/m); `extinction` that of the air on paths to mountains, green.
     """
 
     def __init__(
@@ -195,11 +212,12 @@ class Sky:
         self.sun = sun
         self.air = air_with_haze(weather.haze)
         self.haze = weather.haze * np.maximum(HAZE, SMALL_WORLD / extent)
+        self.extinction = float(RAYLEIGH[1] + 0.5 * self.haze[1])
         self._levels: dict[int, Float64Array] = {}
         ground = sky_table(self.air, sun, LEVELS[0])
         shone = self.air.sunlight(np.zeros(()), np.array(sun.direction[2])) * SUN_IRRADIANCE
         clear = irradiance_harmonics(ground[SIZE:], sun, shone)
-        self.overcast = _smooth(weather.clouds, *OVERCAST)
+        self.overcast = weather.overcast
         level = np.array([0.0, 0.0, 1.0])
         total = shone * max(sun.direction[2], 0.0) + sky_irradiance(clear, level)
         self._overcast_sky = overcast_table(OVERCAST_CLEAR * float(total.mean()))

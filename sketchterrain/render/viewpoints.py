@@ -11,6 +11,7 @@ from scipy.ndimage import maximum_filter, uniform_filter
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array
+from sketchterrain.look.tree_species import HEIGHTS
 from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.scene import (
@@ -41,7 +42,7 @@ def sun_preference(weather: Weather | None) -> LightScore:
         return np.zeros_like
     sun = sun_at(weather.hour, weather.latitude)
     # A sun overhead or behind clouds gives no light from the side.
-    weight = np.cos(np.radians(max(sun.elevation, 0.0))) * (1.0 - weather.clouds**2)
+    weight = np.cos(np.radians(max(sun.elevation, 0.0))) * (1.0 - weather.cover**2)
 
     def light(bearings: Float64Array) -> Float64Array:
         off = np.abs((np.degrees(bearings) - sun.azimuth + 180.0) % 360.0 - 180.0)
@@ -140,7 +141,8 @@ SEA_SHORES: Final = 200  # positions beside the sea
 STEEPEST: Final = 0.3
 AROUND: Final = 0.09  # window of the topographic position, in extents
 FOREST: Final = 3  # type code of forests
-OBSTRUCTION_ANGLE: Final = 0.6  # rad to each side of the view in which plants obstruct it
+OBSTRUCTION_ANGLE: Final = 0.62  # rad to each side of the view in which crowns obstruct it
+CROWN: Final = 0.47  # radius of the widest crowns, in heights
 OBSTRUCTION_RADIUS: Final = 5.0  # m around the eye in which any plant does
 
 
@@ -230,7 +232,8 @@ def unobstructed_distance(
     off = np.abs((np.arctan2(east, north) - bearing + np.pi) % (2.0 * np.pi) - np.pi)
     if (distance < OBSTRUCTION_RADIUS).any():
         return 0.0
-    ahead = distance[off < OBSTRUCTION_ANGLE]
+    crown = CROWN * np.array(HEIGHTS)[plants["species"]] * plants["scale"]
+    ahead = distance[off < OBSTRUCTION_ANGLE + np.arctan2(crown, distance)]
     return float(min(ahead.min(initial=max_distance), max_distance))
 
 
@@ -301,6 +304,7 @@ WATER_LIMIT: Final = 0.45
 HIGHEST_PEAK: Final = 0.32  # largest tangent of elevation of a skyline that fits into the picture
 MAX_TESTED: Final = 40  # best viewpoints that are tested for plants in front of the eye
 CLEAR: Final = 20.0  # m in front of the eye that must be free of plants
+ASIDE: Final = {False: [0.0], True: [0.0, 15.0, -15.0, 30.0, -30.0]}  # m to the right of a viewpoint, tried
 
 
 class _Visibility(NamedTuple):
@@ -333,17 +337,23 @@ def eye_level_view(terrain: TerrainSource, light: LightScore, *, raised: bool) -
         score += RISE_WEIGHT * np.tanh(rise)[:, None]
     bearing = np.argmax(score, axis=1)
     best = score.max(axis=1)
-    # Take the best viewpoint without plants in front of the eye, or the least obstructed one.
-    longest, best_viewpoint = -1.0, 0
+    # Take the best viewpoint without plants in front of the eye, on a rise aside if need be, or the least
+    # obstructed one.
+    longest, best_viewpoint, eye = -1.0, 0, eyes[0]
     for viewpoint in np.argsort(-best, kind="stable")[:MAX_TESTED].tolist():
-        distance = unobstructed_distance(
-            terrain, eyes[viewpoint], float(bearings[bearing[viewpoint]]), max_distance=CLEAR
-        )
-        if distance > longest:
-            longest, best_viewpoint = distance, viewpoint
-        if distance >= CLEAR:
+        angle = float(bearings[bearing[viewpoint]])
+        aside = eyes[viewpoint] + np.outer(ASIDE[raised], [np.cos(angle), -np.sin(angle), 0.0])
+        aside = aside[[True, *_is_suitable(terrain, cover, aside[1:, :2])]]
+        aside[:, 2] = surface_heights(terrain, aside[:, 0], aside[:, 1]).astype(np.float64) + EYE[raised]
+        for place in aside:
+            distance = unobstructed_distance(terrain, place, angle, max_distance=CLEAR)
+            if distance > longest:
+                longest, best_viewpoint, eye = distance, viewpoint, place
+            if distance >= CLEAR:
+                break
+        if longest >= CLEAR:
             break
-    x, y, z = eyes[best_viewpoint].tolist()
+    x, y, z = eye.tolist()
     skyline = neighbouring_bearings(visibility.horizon, IN_VIEW)[:, best_viewpoint, bearing[best_viewpoint]]
     angle = float(bearings[bearing[best_viewpoint]])
     return aim((x, y, z), angle, skyline, extent, fov=FOV[raised], horizon_at=HORIZON_AT)

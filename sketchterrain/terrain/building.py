@@ -12,6 +12,7 @@ import numpy as np
 from sketchterrain.array_types import Bounds, Float64Array, StructuredArray
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.geology import Strata
 from sketchterrain.document.material_rules import resolved_rules
 from sketchterrain.elevation.base import load_base
 from sketchterrain.hydrology.courses import RiverCourse
@@ -230,8 +231,8 @@ def draft_recipe(plan: TerrainPlan, before: TerrainPlan, recipe: TerrainRecipe) 
     """
     ground = recipe[ReliefLayer].painted
     old_base, base = before.region.base, plan.region.base
-    same = (plan.region.settings, base, plan.dry.world) == (
-        before.region.settings,
+    same = (plan.region.beyond, base, plan.dry.world) == (
+        before.region.beyond,
         old_base,
         before.dry.world,
     )
@@ -295,8 +296,9 @@ def plan_terrain(
     fill = Fill.from_sketch(sketch, painted.points, seed=sketch.seed, cache=memory)
     adopted = apply_fill_edits(fill, sketch.edits, size=sketch.size)
     world = WorldSettings(sketch.extent, sketch.seed, sketch.fidelity)
-    settings = UnpaintedSettings.from_sketch(sketch)
-    region = RegionSources(settings, memory, _base_ground(sketch, settings, memory))
+    beyond = UnpaintedSettings.from_sketch(sketch)
+    settings = beyond.painted
+    region = RegionSources(settings, memory, _base_ground(sketch, settings, memory), beyond)
     dry = TerrainRecipe(
         world,
         sketch.climate,
@@ -312,6 +314,7 @@ def plan_terrain(
         ),
         sketch.material_table,
         resolved_rules(sketch.material_rules),
+        strata=Strata.from_settings(sketch.geology),
     )
     checkpoint()
     points = replace(dry.points, painted=np.concatenate([painted.points, adopted.points]))
@@ -348,7 +351,7 @@ def _base_ground(sketch: Sketch, settings: UnpaintedSettings, memory: LRUCache) 
 
 
 def _relief(region: RegionSources, painted: DrainedRaster | None = None) -> ReliefLayer:
-    return ReliefLayer(UnpaintedNodes(region.settings), painted, region.base)
+    return ReliefLayer(UnpaintedNodes(region.beyond or region.settings), painted, region.base)
 
 
 def _painted_land(

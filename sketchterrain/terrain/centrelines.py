@@ -11,6 +11,8 @@ import numpy.typing as npt
 from scipy.ndimage import maximum_filter1d
 
 from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray
+from sketchterrain.hydrology.courses import arc_length
+from sketchterrain.hydrology.river_shape import bank_sway, bend_lean
 from sketchterrain.hydrology.splines import catmull_rom, cubics
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.feature_types import River
@@ -38,6 +40,7 @@ _BED_TOLERANCE = 0.004  # m
 _STEEP_DEPTHS = 0.2
 _STEEP_WIDTHS = 3.0
 _FLOODPLAIN_WIDTHS = 4.0
+_SWING_REACH = 10.0  # widths: standard deviation of the blur of a width
 _MIN_WIDTHS = 3.0  # takes precedence over _MAX_RADIUS
 _MIN_RADIUS = 30.0  # m
 VALLEY_RUN_PER_DEPTH = 1.7  # about 30° for the steepest part of a valley's side
@@ -128,18 +131,30 @@ def nearest_on_arc(
     ``chord`` runs from the arc's start to its end, ``offset`` from its start to the point (m). ``bend`` is
     the tangent of a quarter of the arc's angle, positive to the left; see ``kernels/spline_arcs.clh``.
     """
+    u, v, deviation, _ = _on_circle(chord, bend, offset)
+    towards, beside = 1.0 - bend * bend + 4.0 * bend * v, u - 0.5
+    t = 0.5 + beside * (1.0 - bend * bend) / np.maximum(towards, _CENTRE)
+    t = np.where(towards < _CENTRE, np.where(beside < 0.0, -1.0, 2.0), t)
+    foot = np.clip(t, 0.0, 1.0)
+    square = np.where(foot == t, deviation * deviation, (u - foot) ** 2 + v * v)
+    return foot, square * (chord**2).sum(axis=-1)
+
+
+def signed_square(chord: Float64Array, bend: Float64Array, offset: Float64Array) -> Float64Array:
+    """Return squared distances (m²) to arcs' whole circles, positive to the left; see `nearest_on_arc`."""
+    *_, deviation, length2 = _on_circle(chord, bend, offset)
+    return deviation * np.abs(deviation) * length2
+
+
+def _on_circle(
+    chord: Float64Array, bend: Float64Array, offset: Float64Array
+) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
+    """Return coordinates along and left of chords, distances to arcs' circles (chords), squared chords."""
     length2 = np.maximum((chord**2).sum(axis=-1), _POINT**2)
     u = (offset * chord).sum(axis=-1) / length2
     v = (chord[..., 0] * offset[..., 1] - chord[..., 1] * offset[..., 0]) / length2
-    cosine, whole = 1.0 - bend * bend, 1.0 + bend * bend
-    towards, beside = cosine + 4.0 * bend * v, u - 0.5
-    t = 0.5 + beside * cosine / np.maximum(towards, _CENTRE)
-    t = np.where(towards < _CENTRE, np.where(beside < 0.0, -1.0, 2.0), t)
-    foot = np.clip(t, 0.0, 1.0)
-    g = 2.0 * bend * (u * u - u + v * v) + cosine * v
-    deviation = 2.0 * g / (whole + np.sqrt(np.maximum(whole * whole + 8.0 * bend * g, 0.0)))
-    square = np.where(foot == t, deviation * deviation, (u - foot) ** 2 + v * v)
-    return foot, square * (chord**2).sum(axis=-1)
+    whole, g = 1.0 + bend * bend, 2.0 * bend * (u * u - u + v * v) + (1.0 - bend * bend) * v
+    return u, v, 2.0 * g / (whole + np.sqrt(np.maximum(whole * whole + 8.0 * bend * g, 0.0))), length2
 
 
 def arc_boxes(
@@ -160,9 +175,11 @@ def valley_radius(river: River, ground: Float64Array) -> Float64Array:
     """
     cut = np.maximum(ground - river.centreline[:, 2], 0)
     width = river.centreline_width.astype(np.float64)
-    floor = _MIN_WIDTHS * width if river.label == 0 else np.maximum(_FLOODPLAIN_WIDTHS * width, _MIN_RADIUS)
-    radius = floor + VALLEY_RUN_PER_DEPTH * cut
     step = float(np.median(np.hypot(*np.diff(river.centreline[:, :2], axis=0).T)))
+    # A valley does not follow the swings of its river's width.
+    mean = gaussian_filter(width, _SWING_REACH * float(np.median(width)) / max(step, 1e-3), mode="reflect")
+    floor = _MIN_WIDTHS * width if river.label == 0 else np.maximum(_FLOODPLAIN_WIDTHS * mean, _MIN_RADIUS)
+    radius = floor + VALLEY_RUN_PER_DEPTH * cut
     sigma = max(float(np.median(radius)) / max(step, 1e-3) / 2, 1.0)
     smooth = rounded(gaussian_filter(radius, sigma, mode="reflect"))
     return np.maximum(np.minimum(smooth, _MAX_RADIUS), _MIN_WIDTHS * width)
@@ -172,8 +189,8 @@ def valley_radius(river: River, ground: Float64Array) -> Float64Array:
 class ArcCentreline:
     """A river's centreline as arcs."""
 
-    # (k, 6), ends of the arcs, upstream first: x, y (m), water surface (m), half width (m), depth (m), valley
-    # radius (m).
+    # (k, 8), ends of the arcs, upstream first: x, y (m), water surface (m), half width (m), depth (m), valley
+    # radius (m), lean of the current and sway of the banks (`bend_lean`, `bank_sway`).
     points: Float64Array
     bend: Float64Array  # (k - 1,), see `sketchterrain.terrain.centrelines.nearest_on_arc`
 
@@ -194,7 +211,7 @@ class PreparedCentreline:
     """What flattening a river's centreline needs at every cell size; see `prepare_centreline`."""
 
     river: River
-    line: Float64Array  # (n, 6), as `ArcCentreline.points`
+    line: Float64Array  # (n, 8), as `ArcCentreline.points`
     curve: Float64Array
     along: Float64Array
     anchors: BoolArray  # samples that are ends of arcs
@@ -222,7 +239,10 @@ def prepare_centreline(
 
 def _samples(river: River, radii: Float64Array) -> Float64Array:
     widths, depths = river.centreline_width / 2.0, river.centreline_depth.astype(np.float64)
-    return np.column_stack([river.centreline, widths, depths, radii])
+    line = river.centreline
+    form = line[:, :2], arc_length(line), 2.0 * widths.astype(np.float64)
+    sway = bank_sway(*form) * (river.mean_width is not None)
+    return np.column_stack([line, widths, depths, radii, bend_lean(*form), sway])
 
 
 def _restored(river: River, radii: Float64Array, *rest: Any) -> PreparedCentreline:
@@ -279,7 +299,7 @@ def _profile_anchors(river: River, line: Float64Array, anchors: npt.NDArray[np.i
     tolerance = min(_WIDTH_SHARE * width, 0.5 * width * math.sqrt(_BED_TOLERANCE / depth))
     tolerance = max(tolerance, _MIN_TOLERANCE)
     # Levels must agree where waters meet; the valley radius only widens a blend.
-    profile = line[:, 2:] * np.array([20, 1, 20, 0.02]) / tolerance
+    profile = line[:, 2:6] * np.array([20, 0.03, 20, 0.02]) / tolerance
     steps = np.hypot(*np.diff(line[:, :2], axis=0).T)
     return _douglas_peucker(np.concatenate([[0.0], np.cumsum(steps)]), profile, anchors)
 

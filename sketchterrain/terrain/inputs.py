@@ -118,7 +118,9 @@ class KernelInputs:
 
 
 def _upload_rules(recipe: TerrainRecipe, context: ComputeContext) -> list[Any]:
-    """Return the arguments of ``RULE_ARGUMENTS`` in ``kernels/materials.clh``."""
-    rules = pack_rules(recipe)
+    """Return the arguments of ``RULE_ARGUMENTS`` and ``STRATA_ARGUMENTS`` in ``kernels``."""
+    rules, (east, north, up) = pack_rules(recipe), recipe.strata.across
+    unit, strength = recipe.world.unit, recipe.strata.rock.bedding
     arrays: dict[str, npt.NDArray[Any]] = {"form": rules.form, "cover": rules.cover, "ramp": rules.ramp}
+    arrays["strata"] = np.array([[east * unit, north * unit, up, strength], [east, north, 0.0, 0.0]])
     return [np.int32(rules.count), *upload_reals(context, arrays).values()]

@@ -17,10 +17,11 @@ from sketchterrain.io.resources import Defines
 from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.recipe import TerrainRecipe
 
-_KERNEL_INPUTS = ("height", "steepness", "hollow", "mottle", *MASKS)
+_KERNEL_INPUTS = ("height", "steepness", "hollow", "mottle", "northness", "bedding", *MASKS)
 _ROUNDING = 1e-3
 # Ranges of a factor's inputs; the mottle's actual range is less than half of this.
-_RANGES = {"steepness": (0.0, np.inf), "mottle": (-4.0, 4.0)} | dict.fromkeys(MASKS, (0.0, 1.0))
+_RANGES = {"steepness": (0.0, np.inf), "mottle": (-4.0, 4.0)}
+_RANGES |= dict.fromkeys(("northness", "bedding"), (-1.0, 1.0)) | dict.fromkeys(MASKS, (0.0, 1.0))
 
 
 def material_defines(table: MaterialTable) -> Defines:
@@ -36,7 +37,7 @@ class PackedRules:
     count: int
     form: npt.NDArray[np.int32]  # (rules, 4)
     cover: Float64Array  # (rules,)
-    ramp: Float64Array  # (factors, 7 + masks)
+    ramp: Float64Array  # (factors, 9 + masks)
 
 
 def pack_rules(recipe: TerrainRecipe) -> PackedRules:

@@ -31,6 +31,7 @@ _AVOIDANCE = 0.5  # share of the relief that valleys avoid
 _CEILING = 0.6  # greatest height of a vertex above the base level, over the relief upstream
 CAPTURES = 6  # edges across which a lower valley draws others down
 _CAPTURE_SLOPE = 0.06  # … rising with this slope over uplift
+_KEPT_FALL, _RISE_SLOPE = 0.75, 0.12  # of raised valleys: share of their fall, slope added to tributaries
 _REPAIRS = 4  # rounds of lifting sinks above their lowest neighbour
 
 _compiled = njit(cache=True, nogil=True, error_model="numpy")
@@ -158,7 +159,42 @@ def captured(mesh, diagonal, centre, height, relief, site_relief, power):
     """
     for _ in range(CAPTURES):
         height = _lowered(mesh, diagonal, centre, height, relief, site_relief, power)
-    return height, _lowest_neighbours(diagonal, height)
+    return height, lowest_neighbours(diagonal, height)
+
+
+@_compiled
+def raised(diagonal, centre, height, order, receiver, rise, metres):
+    """Return heights raised by at most `rise` (m), and final receivers; valleys fall along the old ones.
+
+    A valley that enters raised land from lower land is a gorge, from which tributaries rise at `_RISE_SLOPE`.
+
+    Parameters
+    ----------
+    order : flat indices of vertices, from the highest down
+    metres : in a mesh unit
+    """
+    columns = diagonal.shape[1]
+    flat, rise = height.ravel(), rise.ravel().copy()
+    below, most = np.full(order.size, -1, np.int64), np.zeros(order.size)
+    for at in order:
+        half = at & 1
+        j, i = (at >> 1) // columns, (at >> 1) % columns
+        side = receiver[j, i, half]
+        if side >= 0:
+            q, p, other = neighbour(diagonal, j, i, half, side)
+            to = ((q * columns + p) << 1) + other
+            dx = np.float64(centre[q, p, other, 0] - centre[j, i, half, 0])
+            dy = np.float64(centre[q, p, other, 1] - centre[j, i, half, 1])
+            below[at], most[at] = to, _RISE_SLOPE * metres * sqrt(dx * dx + dy * dy)
+            rise[to] = min(rise[to], rise[at] + _KEPT_FALL * (flat[at] - flat[to]))
+    result = flat.copy()
+    for k in range(order.size - 1, -1, -1):
+        at, to = order[k], below[order[k]]
+        if to >= 0:
+            rise[at] = min(rise[at], rise[to] + most[at])
+        result[at] = flat[at] + rise[at]
+    result = result.reshape(height.shape)
+    return result, lowest_neighbours(diagonal, result)
 
 
 @_compiled
@@ -186,7 +222,7 @@ def _lowered(mesh, diagonal, centre, height, relief, site_relief, power):
 
 
 @_compiled
-def _lowest_neighbours(diagonal, height):
+def lowest_neighbours(diagonal, height):
     """Return the side of each vertex's lowest neighbour, −1 where none is lower."""
     rows, columns = diagonal.shape
     receiver = np.full((rows, columns, 2), -1, np.int64)

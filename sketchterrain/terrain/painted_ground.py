@@ -77,6 +77,7 @@ class RegionSources:
     settings: UnpaintedSettings
     memory: LRUCache
     base: BaseGround | None = None
+    beyond: UnpaintedSettings | None = None  # of unpainted ground, with its surroundings
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,7 +337,7 @@ def _cached_levels(region: RegionSources) -> tuple[tuple[DrainageInput, ...], Fl
     """Return what levels of the painted region are drained from without paint, coarsest first; its rock."""
 
     def compute() -> tuple[tuple[DrainageInput, ...], Float32Array]:
-        source, rock = _region(region.settings)
+        source, rock = _region(region.beyond or region.settings)  # the same bits
         levels = [source]
         while len(levels) < len(BARE_ROUNDS):
             levels.append(coarsened(levels[-1]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Hashable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -12,8 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import StructuredArray
+from sketchterrain.document.geology import Strata
 from sketchterrain.document.material_rules import DEFAULT_RULES, MaterialRule
 from sketchterrain.document.materials import BUILT_IN, MaterialTable
+from sketchterrain.document.parameters import GEOLOGY, defaults
 from sketchterrain.landuse.areas import LandUse
 from sketchterrain.placement.feature_types import Lake, River
 from sketchterrain.roads.road_types import NO_ROADS, RoadNetwork
@@ -47,6 +49,8 @@ class TerrainRecipe:
         Extent (m), seed and fidelity.
     climate : mapping
         The sketch's [climate] parameters.
+    strata : Strata
+        The rock and its beds.
     layers : tuple of TerrainLayer
         What the heights are made of, in order; one of each kind.
     materials : MaterialTable
@@ -72,6 +76,7 @@ class TerrainRecipe:
     orphans: tuple[str, ...] = ()
     orthophotos: tuple[Orthophoto, ...] = ()
     network: RoadNetwork = NO_ROADS
+    strata: Strata = field(default_factory=lambda: Strata.from_settings(defaults(GEOLOGY)))
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields, with plain dicts."""
@@ -86,7 +91,8 @@ class TerrainRecipe:
     def key(self) -> Hashable:
         """Return everything that heights and materials depend on everywhere."""
         layers = tuple((layer.name, layer.key()) for layer in self.layers)
-        return self.world, tuple(sorted(self.climate.items())), self.materials, self.material_rules, layers
+        climate = tuple(sorted(self.climate.items()))
+        return self.world, climate, self.strata, self.materials, self.material_rules, layers
 
     def __getitem__(self, kind: type[_Layer]) -> _Layer:
         """Return the layer of a kind."""

@@ -1,13 +1,14 @@
 """Fields of relief of unpainted ground: gentle swells, ranges of mountains and hills by their density.
 
 Relief is what the ground shall rise above its valleys (m); uplift, which the solver of `drainage` takes, is
-proportional to it.
+proportional to it. Far beyond the sketch ranges rise in proportion to what is painted, so that the land goes
+on behind it: they raise valleys and ridges, from outside of all cells that meet the painted region.
 """
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, floor, pi, sqrt
 from statistics import NormalDist
 from typing import TYPE_CHECKING, NamedTuple
@@ -15,11 +16,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
+from sketchterrain.document.label_layers import labels_in
 from sketchterrain.placement.feature_types import TYPES
 from sketchterrain.placement.hashing import hash_keys, rounded
 from sketchterrain.placement.heights import unpainted_height
 from sketchterrain.terrain.hashed_noise import gradient_noise, value_noise_row
-from sketchterrain.terrain.mesh import SIDE, UNIT_BITS, base_level
+from sketchterrain.terrain.mesh import SIDE, SITE_BITS, UNIT_BITS, base_level
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -29,6 +31,13 @@ _STRETCH = 2.0  # length of ranges over their width
 _ARID, _PEDIMENTS = 0.5, 4.0  # aridity from which ground is more uneven and more level, and how fast
 _DEVIATION = 0.262  # of the noise of ranges
 _ACROSS = sqrt(0.75)
+# Ranges beyond the sketch: distances from its square where they begin and are as high as anywhere, their
+# width (L), and share of the land; how much of their height is relief, and how much their valleys rise.
+_RANGES_FROM, _RANGES_FULL, _RANGE_WIDTH, _RANGE_SHARE = 2.4, 6.5, 3.0, 0.5
+_RANGE_RELIEF, _RANGE_VALLEYS = 0.65, 0.45
+_LOW_RANGES, _LOW_SLOPE = 150.0, 0.03  # m, and over the extent: height around level sketches
+_RANGE_SLOPE = 0.12  # greatest height over the extent
+_SKETCH_SIDE = 256 >> SITE_BITS  # L
 
 _compiled = njit(cache=True, nogil=True, error_model="numpy")
 
@@ -47,12 +56,15 @@ class UnpaintedSettings:
     mountain_height: float = 600.0
     hill_height: float = 80.0
     pediments: float = 0.0  # 0 … 1: how much of the ground is nearly level
+    surroundings: float = 0.0  # height of ranges beyond the sketch
+    rocky_surroundings: bool = False  # whether they are mountains
 
     @classmethod
     def from_sketch(cls, sketch: Sketch) -> UnpaintedSettings:
         """Return the settings of a sketch: its ground, densities, and heights of the layers' label 1."""
         ground, density, aridity = sketch.ground, sketch.density, float(sketch.climate["aridity"])
         mountain, hill = (unpainted_height(sketch, name) for name in ("mountain", "hill"))
+        highest, rocky = _highest(sketch)
         return cls(
             sketch.extent,
             sketch.seed,
@@ -64,7 +76,14 @@ class UnpaintedSettings:
             mountain,
             hill,
             min(max(_PEDIMENTS * (aridity - _ARID), 0.0), 1.0),
+            min(float(ground["surroundings"]) * highest, _RANGE_SLOPE * sketch.extent),
+            rocky,
         )
+
+    @property
+    def painted(self) -> UnpaintedSettings:
+        """Settings of the painted region, which surroundings do not reach."""
+        return replace(self, surroundings=0.0, rocky_surroundings=False)
 
     @property
     def spacing(self) -> float:
@@ -75,6 +94,17 @@ class UnpaintedSettings:
     def ground_relief(self) -> float:
         """Relief of the ground (m): less where the whole sketch is smaller than its wavelength."""
         return self.relief * min(1.0, self.extent / self.wavelength)
+
+
+def _highest(sketch: Sketch) -> tuple[float, bool]:
+    """Return the greatest height (m) of painted labels, at least that of hills, and whether it is rock."""
+    hills = min(_LOW_RANGES, _LOW_SLOPE * sketch.extent), False
+    found = [
+        (unpainted_height(sketch, layer, label), layer != "hill")
+        for layer in ("mountain", "hill", "plateau")
+        for label in labels_in(sketch.layers[layer])
+    ]
+    return max((hills, *found))
 
 
 class UpliftFields(NamedTuple):
@@ -92,6 +122,9 @@ class UpliftFields(NamedTuple):
     hill_scale: float
     hill_threshold: float
     per_relief: float  # uplift per m of relief
+    range: float  # height (m) of ranges beyond the sketch
+    range_threshold: float
+    range_rock: float  # 0 … 1
 
 
 def _share(density: float, radius: float) -> float:
@@ -127,6 +160,9 @@ def uplift_fields(settings: UnpaintedSettings) -> UpliftFields:
         unit / (2.6 * small),
         _threshold(_share(settings.hill_density, small)),
         1.0 / (_KAPPA * settings.spacing),
+        settings.surroundings,
+        _threshold(_RANGE_SHARE),
+        float(settings.rocky_surroundings),
     )
 
 
@@ -161,6 +197,20 @@ def _smooth(t):
 
 
 @_compiled
+def range_at(fields, x, y):
+    """Return the height (m) of ranges beyond the sketch at a point (mesh units): 0 near its square."""
+    scale, half = 1.0 / (1 << UNIT_BITS), 0.5 * _SKETCH_SIDE
+    east, north = max(abs(x * scale - half) - half, 0.0), max(abs(y * scale - half) - half, 0.0)
+    far = (sqrt(east * east + north * north) - _RANGES_FROM) / (_RANGES_FULL - _RANGES_FROM)
+    if far <= 0.0 or fields.range <= 0.0:
+        return 0.0
+    u, v = x * (scale / _RANGE_WIDTH), y * (scale / _RANGE_WIDTH)
+    above = (range_noise(fields.key + np.uint64(3000), u, v) - fields.range_threshold) / _DEVIATION
+    height = 0.85 + 0.5 * gradient_noise(fields.key + np.uint64(15), 0.6 * u, 0.6 * v)
+    return _smooth(far) * _smooth(0.5 + 0.42 * above) * height * fields.range
+
+
+@_compiled
 def relief_at(fields, x, y):
     """Return the relief (m) of ground above its valleys at a point (mesh units), and the mountains' share."""
     key = fields.key
@@ -186,6 +236,10 @@ def relief_at(fields, x, y):
         above = (range_noise(key + np.uint64(2000), u, v) - fields.hill_threshold) / _DEVIATION
         height = _smooth(0.5 + 0.7 * above) * fields.hill
         square += height * height
+    beyond = range_at(fields, x, y)
+    if beyond > 0.0:
+        share = max(share, fields.range_rock * min(beyond / (0.6 * fields.range), 1.0))
+        square += _RANGE_RELIEF * beyond * _RANGE_RELIEF * beyond
     return sqrt(square), share
 
 
@@ -199,6 +253,19 @@ def vertex_relief(fields, centre):
             for half in range(2):
                 result[j, i, half], _ = relief_at(fields, centre[j, i, half, 0], centre[j, i, half, 1])
     return result
+
+
+@_compiled
+def valley_rise(fields, centre):
+    """Return what ranges beyond the sketch raise valleys by (m), at vertices (rows, columns, 2)."""
+    rows, columns = centre.shape[:2]
+    rise = np.empty((rows, columns, 2))
+    for j in range(rows):
+        for i in range(columns):
+            for half in range(2):
+                beyond = range_at(fields, centre[j, i, half, 0], centre[j, i, half, 1])
+                rise[j, i, half] = _RANGE_VALLEYS * beyond
+    return rise
 
 
 @_compiled
@@ -276,5 +343,7 @@ def mean_ground(mesh, fields, level, column, row, rows, columns):
         for i in range(columns):
             x, y = ((column + i) << level) * SIDE, ((row + j) << level) * SIDE
             relief, share[j, i] = relief_at(fields, x, y)
-            height[j, i] = base_level(mesh, x, y) + 0.85 * relief
+            height[j, i] = (
+                base_level(mesh, x, y) + 0.85 * relief + 0.6 * _RANGE_VALLEYS * range_at(fields, x, y)
+            )
     return height, share

@@ -211,7 +211,8 @@ class UnpaintedGround:
         count = size + 2 * margin
         x, y, diagonal = meshes.lattice_sites(self.mesh, *first, count, count)
         centre, probe = mesh_vertices.vertices(self.mesh, *first, x, y, diagonal)
-        relief = relief_fields.vertex_relief(self.fields, centre)
+        plain = relief_fields.uplift_fields(self.settings.painted)  # ranges beyond the sketch come last
+        relief = relief_fields.vertex_relief(plain, centre)
         level, course = mesh_vertices.receivers(self.mesh, diagonal, probe, relief)
         power = self.fields.per_relief, _SLOPE_CAP, self.settings.spacing / SIDE
         order = np.argsort(-level.ravel(), kind="stable")
@@ -225,10 +226,17 @@ class UnpaintedGround:
         low, receiver = mesh_vertices.captured(
             self.mesh,
             *(each[near, near] for each in (diagonal, centre, height, relief)),
-            relief_fields.site_relief(self.fields, *at_sites),
+            relief_fields.site_relief(plain, *at_sites),
             power,
         )
         core, inner = slice(margin, margin + size), slice(reach, reach + size)
+        if self.settings.surroundings > 0.0:
+            rise = relief_fields.valley_rise(self.fields, centre[near, near])
+            order = np.argsort(-low.ravel(), kind="stable")
+            metres = self.settings.spacing / SIDE
+            at_vertices = diagonal[near, near], centre[near, near]
+            low, receiver = mesh_vertices.raised(*at_vertices, low, order, receiver, rise, metres)
+            relief[core, core] = relief_fields.vertex_relief(self.fields, centre[core, core])
         return (
             low[inner, inner].copy(),
             receiver[inner, inner].copy(),

@@ -70,12 +70,14 @@ class ScreenError:
     δ is vertical, so it counts by the sine of the angle between the line of sight and the vertical. Normals
     and materials are stored at vertices too: quads are never wider than `quad` pixels. A cliff has a large δ
     however narrow its quads, yet is drawn as far off as one is wide: those narrower than `finest` are kept.
+    Both count by the contrast that the air leaves at their distance.
     """
 
     tolerance: float = 1.0  # τ, px, > 0
     quad: float = 32.0  # greatest width of a quad, px, > 0, seen head on
     finest: float = 0.0  # width of quads that are not split, px, seen head on
     neighbour_limit: float = 2.0  # beside a coarser neighbour a tile's children show the parent's surface
+    extinction: float = 0.0  # of the air, 1/m
 
     def __post_init__(self) -> None:
         if not (self.tolerance > 0 and self.quad > 0):
@@ -93,7 +95,8 @@ class ScreenError:
         seen = screen_errors(view, boxes, errors) / self.tolerance
         distance, _ = eye_distances(view, boxes)
         width = cells * view.pixels_per_radian / distance
-        return np.maximum(np.minimum(seen, width / max(self.finest, 1e-9)), width / self.quad)
+        contrast = np.exp(-self.extinction * distance)
+        return np.maximum(contrast * np.minimum(seen, width / max(self.finest, 1e-9)), width / self.quad)
 
     def relaxed(self, factor: float) -> Self:
         """Return the metric with `factor` times the tolerance."""

@@ -65,7 +65,8 @@ _DAMP = (0.05, 0.5)  # water mask from which grass is taller, and at which it is
 _MOIST = (0.3, 1.3)  # … and the same of the wetness
 _LOWER_UP = (-150.0, 200.0)  # m above the tree line, between which plants get lower
 _STEEPEST = 1.3  # rise over run at which tufts still hold
-_WATERSIDE = 0.72  # water mask from which it is too wet
+_WATERSIDE = (0.72, 0.8)  # water mask from which plants are reeds, and from which it is too wet
+_REEDS = 3.5  # height of reeds over that of the same plant on land
 _GRASS, _FLOWER, _FERN = (SPECIES.index(name) for name in ("grass", "flower", "fern"))
 
 LEVELS: Final = 3
@@ -120,7 +121,7 @@ class Meadow:
 
     def survives(self, sites: PlantSites) -> BoolArray:
         """Return which plants can grow at their exact positions."""
-        return np.asarray((sites.steepness < _STEEPEST) & (sites.water < _WATERSIDE))
+        return np.asarray((sites.steepness < _STEEPEST) & (sites.water < _WATERSIDE[1]))
 
     def assign_species(self, plants: npt.NDArray[Any], sites: PlantSites, spacing: FloatArray) -> None:
         """Write the species and scale of plants; neither depends on the spacing (m)."""
@@ -131,10 +132,12 @@ class Meadow:
         flowers = _FLOWERS[0] + (_FLOWERS[1] - _FLOWERS[0]) * bloom
         fern = self._noise.draw("fern", x, y) < ferns
         flower = self._noise.draw("flower", x, y) < flowers
+        flower &= sites.water < _WATERSIDE[0]
         plants["species"] = np.where(fern, _FERN, np.where(flower, _FLOWER, _GRASS))
         above = sites.z - self._climate["tree_line"]
         damp = np.maximum(ramp(sites.water, *_DAMP), ramp(sites.wetness, *_MOIST))
         lush = (1 + 0.5 * damp) * (1 - 0.4 * ramp(above, *_LOWER_UP)) * (1 - 0.35 * dry)
+        lush = np.where(sites.water > _WATERSIDE[0], _REEDS, lush)
         plants["scale"] = (0.6 + 0.7 * self._noise.draw("tuft scale", x, y)) * lush
 
 

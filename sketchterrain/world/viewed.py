@@ -427,7 +427,7 @@ def draw_world(
             prepare_folder(path.parent)
             (x, y), positions = world.corner, (still.eye, still.look_at)
             eye, look_at = (each and (each[0] - x, each[1] - y, each[2]) for each in positions)
-            weather = sketch_weather(world.sketch, still.hour, still.clouds)
+            weather = sketch_weather(world.sketch, still.hour, still.sky, still.clouds)
             legend = draw_picture(path, world, replace(still, eye=eye, look_at=look_at), weather)
         return legend, world.missing_parts
 

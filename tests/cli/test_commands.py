@@ -211,7 +211,18 @@ def test_render_camera_defaults_to_the_middle(call, sketch, tmp_path, pictures):
 
 
 def test_render_passes_options_on(call, sketch, tmp_path, pictures):
-    look = ["--view", "hill", "--time", "9:30", "--clouds", "0.2", "--quality", "0.5"]
+    look = [
+        "--view",
+        "hill",
+        "--time",
+        "9:30",
+        "--clouds",
+        "0.2",
+        "--sky",
+        "stratocumulus",
+        "--quality",
+        "0.5",
+    ]
     parts = ["--without", "trees", "--without", "haze", "--textures", tmp_path]
     done = call("render", sketch, "-o", tmp_path / "a.png", *look, *parts)
     assert done.code == 0, done.err
@@ -221,6 +232,7 @@ def test_render_passes_options_on(call, sketch, tmp_path, pictures):
         9.5,
         0.2,
     )
+    assert picture_options["weather"].sky == "stratocumulus"
     assert picture_options["quality"] == Quality.from_level(0.5, without=("trees", "haze"))
     assert (picture_options["textures"], picture_options["camera"]) == (tmp_path, None)
 

@@ -52,6 +52,7 @@ RENDER = [
     ("--without people", 3, ("expected a part of a picture",)),
     ("--time 9:75", 2, ("expected a time of day HH or HH:MM, up to 24, got '9:75'",)),
     ("--time 1", 3, ("expected an hour from",)),
+    ("--sky fog", 2, ("expected cumulus, stratocumulus, stratus, cirrus or clear, got 'fog'",)),
     ("--clouds 1.5", 2, ("'--clouds'",)),
     ("--textures nowhere", 2, ("expected a folder of textures, got 'nowhere'",)),
     ("--eye 1,2,3 --view air", 2, ("--view with --eye",)),

@@ -211,16 +211,16 @@ _REFUSED = [
     (f"{_ROW}covr = 3", r"number 1: unknown key 'covr' = 3: expected name, .*did you mean 'cover'"),
     (f'{_ROW}material = "mud"', "number 1: material = 'mud': expected grass, soil"),
     (f"{_ROW}cover = 1.5", "number 1: cover = 1.5: expected a number from 0 to 1"),
-    (f'{_ROW}before = "ice"', "number 1: before = 'ice': expected one of dry_soil, "),
-    (f'{_ROW}before = "snow"', "number 1: before = 'snow': expected one of dry_soil, "),
-    ('[[material_rule]]\nname = "rok_face"', "a new rule needs a material; .*did you mean 'rock_face'"),
+    (f'{_ROW}before = "ice"', "number 1: before = 'ice': expected one of dry_meadow, "),
+    (f'{_ROW}before = "snow"', "number 1: before = 'snow': expected one of dry_meadow, "),
+    ('[[material_rule]]\nname = "rok_face"', "a new rule needs a material; did you mean 'rock_face'"),
     (f"{_RAMP}steepnes = 1", r"unknown key 'steepnes' = 1 in \[\[material_rule.factor\]\]: .*'steepness'"),
     (f"{_RAMP}start = 1\nwater = 1", "number 1: factor.full = 1.0: expected at least 0.0001 from start"),
     (f"{_RAMP}shape = 'round'\nwater = 1", "factor.shape = 'round': expected 'smooth' or 'straight'"),
-    (_RAMP, "number 1: factor: expected 1 to 4 of height, .*, got none"),
+    (_RAMP, "number 1: factor: expected 1 to 6 of height, .*, got none"),
     (
-        f"{_RAMP}height = 1\nwater = 1\ndune = 1\nforest = 1\nmottle = 1",
-        "got height, water, dune, forest, mo",
+        f"{_RAMP}height = 1\nsteepness = 1\nwater = 1\nwetness = 1\ndune = 1\nforest = 1\nmottle = 1",
+        "got height, steepness, water, wetness, dune",
     ),
     (_ROW + "[[material_rule.factor]]\nwater = 1\n" * 5, "number 1: 5 factors: expected at most 4"),
     (_ROW + '[[material_rule]]\nname = "a"', r"\[\[material_rule\]\] number 2: name = 'a': a new rule"),
@@ -328,7 +328,7 @@ def test_changed_and_new_rules():
     assert [rule.name for rule in resolved_rules([top])] == [*_OLD, "moss"]
     names = [rule.name for rule in resolved_rules([below])]
     assert names[names.index("moss") + 1] == "snow"
-    moved = [rule.name for rule in resolved_rules([RuleChange("snow", before="dry_soil")])]
+    moved = [rule.name for rule in resolved_rules([RuleChange("snow", before="dry_meadow")])]
     assert moved == ["snow", *(name for name in _OLD if name != "snow")]
     twice = resolved_rules([top, RuleChange("moss", cover=0.5)])
     assert [rule.cover for rule in twice if rule.name == "moss"] == [0.5]

@@ -2,16 +2,21 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
+from sketchterrain.caching import LRUCache
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.hydrology.conflicts import label_mountains, mountain_crossings, resolve_conflicts
+from sketchterrain.hydrology.courses import RiverCourse, reversed_course
 from sketchterrain.hydrology.lakes import (
     distance_inside,
     lake_centre,
     lake_pixels,
     lake_reaches,
+    natural_shore,
     painted_lakes,
     runs_inside,
+    with_deltas,
 )
 from sketchterrain.placement.feature_types import Lake, River, ShapeField
 
@@ -49,6 +54,37 @@ def test_runs_in_lakes_and_their_rims():
     assert last == first - 1
     assert shore < 200 < last
     assert lake_reaches([lake], np.column_stack([x, np.full(400, 155.0)])) == []
+
+
+def test_natural_shores_keep_their_area_rim_and_middle():
+    shape = disc(1000, 1000, 200, margin=100.0).shape
+    shore = natural_shore(shape, pixel=2.0, shift=20.0, seed=3)
+    assert shore.spacing == 2.0
+    inside, before = shore.inside, shape.inside
+    np.testing.assert_allclose(inside[[0, -1]], before[[0, -1]], atol=0.002)
+    assert abs((inside > 0).sum() / (before > 0).sum() - 1) < 0.1
+    changed = (inside > 0) != (before > 0)
+    assert changed.any()
+    assert np.abs(before[changed]).max() < 25.0
+    assert (inside[before > 100] > 50).all()
+    river = cKDTree(np.array([[1200.0, 1000.0]]))
+    calm = natural_shore(shape, pixel=2.0, shift=20.0, seed=3, rivers=river)
+    mouth = np.array([[1199.0, 1000.0], [1201.0, 1000.0]])
+    assert (np.sign(distance_inside(calm, mouth)) == [1, -1]).all()
+
+
+def test_deltas_take_land_from_the_lake_beside_the_mouth():
+    lake = disc(500, 500, 200)
+    line = np.column_stack([np.arange(100.0, 500.0, 5.0), np.full(80, 500.0)])
+    width = np.full(80, 10.0)
+    course = RiverCourse(1, 1, None, -1, line, np.array([0, 79]), width, width, 0.0)
+    for each, grown in ((course, True), (reversed_course(course), False)):
+        (after,) = with_deltas([lake], [each], seed=1, cache=LRUCache())
+        lost = (lake.shape.inside > 0) & (after.shape.inside <= 0)
+        assert lost.any() == grown
+        row, column = np.nonzero(lost)
+        at = np.column_stack([column, row]) * 2.0 + [after.shape.west, after.shape.south]
+        assert (np.hypot(*(at - [300.0, 500.0]).T) < 81).all()
 
 
 def test_painted_lakes_are_below_the_low_parts_of_their_shores():

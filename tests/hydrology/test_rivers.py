@@ -6,8 +6,9 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
+from sketchterrain.hydrology.courses import arc_length
 from sketchterrain.hydrology.network import skeletons
-from sketchterrain.hydrology.river_shape import MIN_GRADIENT
+from sketchterrain.hydrology.river_shape import MIN_GRADIENT, bend_lean, width_swing
 from sketchterrain.hydrology.rivers import trace_rivers
 
 SIZE = 160
@@ -217,7 +218,9 @@ def test_rivers_extend_beyond_the_edge():
     assert river.centreline[0, 0] > 10 * SIZE + 200
     assert river.centreline[-1, 0] < -200
     entry = int(np.argmax(river.centreline[:, 0] < 10 * SIZE))
-    assert river.centreline_width[entry] > 0.9 * river.centreline_width[-1]
+    line = river.centreline
+    swing = width_swing(line[:, :2], arc_length(line), np.full(len(line), river.centreline_width[-1]))
+    assert river.centreline_width[entry] / swing[entry] > 0.9 * river.centreline_width[-1]
     assert river.centreline_width[0] == pytest.approx(0.4 * river.centreline_width[-1])
     # An end near the edge that runs along it stays inside.
     (river,) = trace(painted([(40, 156), (120, 156)], half=1.5))
@@ -264,3 +267,16 @@ def test_non_finite_terrain_raises():
     for ground in (lambda x, _: x * np.nan, lambda x, _: x[:1]):
         with pytest.raises(InputError, match="finite ground heights"):
             trace_rivers(sketch(picture), seed=1, ground=ground)
+
+
+def test_the_current_leans_outward_in_bends_and_widths_swing():
+    turn = np.linspace(0.0, np.pi, 200)
+    line = 300.0 * np.column_stack([np.sin(turn), np.cos(turn)])  # clockwise: a bend to the right
+    width = np.full(200, 40.0)
+    lean = bend_lean(line, arc_length(line), width)
+    np.testing.assert_allclose(lean[100], np.sin(60.0 / 300.0) / 0.5, rtol=0.02)
+    np.testing.assert_allclose(bend_lean(line[::-1], arc_length(line[::-1]), width), -lean[::-1], atol=2e-3)
+    assert lean[0] == lean[-1] == 0.0
+    swing = width_swing(line, arc_length(line), width)
+    assert swing[0] == swing[-1] == 1.0
+    assert 0.7 <= swing.min() < swing.max() <= 1.45

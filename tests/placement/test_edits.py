@@ -197,8 +197,8 @@ def _with_a_bow(start=None, stop=None):
 def test_a_river_takes_an_edited_width_and_its_tributary_remains_without_it(sketch):
     stem, tributary = _stem_and_tributary(_rivers(sketch)[0])
     after, _ = _rivers(sketch.with_edit(Edit("width", stem.id, width=60.0)))
-    middle = len(stem.centreline) // 2
-    assert after[stem.id].centreline_width[middle] > 3 * stem.centreline_width[middle]
+    middle = len(stem.points) // 2
+    assert after[stem.id].mean_width[middle] > 3 * stem.mean_width[middle]
     np.testing.assert_array_equal(after[stem.id].centreline[:, :2], stem.centreline[:, :2])
     np.testing.assert_array_equal(after[tributary.id].centreline[:, :2], tributary.centreline[:, :2])
 

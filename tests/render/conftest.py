@@ -28,7 +28,7 @@ class Waves:
     extent = 1000.0
     size = (1000.0, 1000.0)
     sketch = SimpleNamespace(
-        climate={"aridity": 0.2}, weather={}, looks={}, materials={}, material_table=BUILT_IN
+        climate={"aridity": 0.2}, geology={}, weather={}, looks={}, materials={}, material_table=BUILT_IN
     )
 
     def __init__(self, *, rivers=True, plants=True, sea_level=None):

@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+from sketchterrain.document.geology import Strata
 from sketchterrain.document.materials import BUILT_IN, weight_words
 from sketchterrain.errors import BuildError
 from sketchterrain.io.resources import source
@@ -97,7 +98,9 @@ def test_a_broken_program_names_its_files(gl, monkeypatch):
 def test_no_stage_exceeds_the_guaranteed_texture_units(gl):
     quality = Quality()
     clouds = cloud_defines(quality, Weather(clouds=0.8))
-    defines = Shading(gl, quality, BUILT_IN, aridity=0.2, look={}, clouds=clouds).defines
+    defines = Shading(
+        gl, quality, BUILT_IN, aridity=0.2, look={}, strata=Strata.from_settings({}), clouds=clouds
+    ).defines
     painted = {"APPEARANCE": 8, "APPEARANCE_LEVELS": 16}
     programs = [
         build_program(gl, "screen.vert.glsl", "shade_ground.frag.glsl", defines={**defines, **painted}),

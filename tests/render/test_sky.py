@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from sketchterrain.document.parameters import WEATHER
 from sketchterrain.document.sketch import Sketch
@@ -22,7 +23,7 @@ from sketchterrain.render.atmosphere import (
     Air,
 )
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.clouds import billow_noise, cloud_field
+from sketchterrain.render.clouds import PERIOD, billow_noise, cloud_defines, cloud_field
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.programs import FRAME_BINDING
 from sketchterrain.render.quality import Quality
@@ -330,20 +331,45 @@ def test_aerial_perspective_matches_integration(gl, elevation):
 
 def test_cloud_field_has_the_requested_cover_and_tiles():
     for cover in (0.05, 0.35, 0.8):
-        assert (cloud_field(cover) > 0.0).mean() == pytest.approx(cover, abs=2e-3)
-    assert (cloud_field(0.0) < 0.0).all()
-    assert (cloud_field(1.0) > 0.0).all()
-    assert (cloud_field(0.5) > cloud_field(0.3)).all()
+        for sky in ("cumulus", "stratocumulus"):
+            field = cloud_field(Weather(clouds=cover, sky=sky), 256)
+            assert (field > 0.0).mean() == pytest.approx(cover, abs=2e-3), (cover, sky)
+    assert (cloud_field(Weather(clouds=0.0)) < 0.0).all()
+    assert (cloud_field(Weather(sky="cirrus"), 64) < 0.0).all()
+    assert (cloud_field(Weather(clouds=1.0)) > 0.0).all()
+    assert (cloud_field(Weather(clouds=0.5)) >= cloud_field(Weather(clouds=0.3))).all()
 
-    field = cloud_field(0.4, 256)
-    inner = np.abs(np.diff(field, axis=0)).max()
-    assert np.abs(field[0] - field[-1]).max() <= inner
-    assert np.abs(field[:, 0] - field[:, -1]).max() <= 1.2 * np.abs(np.diff(field, axis=1)).max()
+    field = cloud_field(Weather(clouds=0.4), 256)
+    for axis in (0, 1):
+        inner = np.abs(np.diff(field, axis=axis)).max()
+        assert np.abs(np.take(field, 0, axis) - np.take(field, -1, axis)).max() <= inner
     billows = billow_noise(32)
     assert billows.min() == 0.0
     assert billows.max() == 1.0
     assert 0.3 < billows.mean() < 0.6
     assert np.abs(billows[0] - billows[-1]).mean() < 1.2 * np.abs(np.diff(billows, axis=0)).mean()
+
+
+def test_clouds_have_sizes_over_a_decade_domed_tops_and_streets_along_the_wind():
+    cell = PERIOD / 512
+    field = cloud_field(Weather(clouds=0.3, wind_from=90.0))
+    labels, count = ndimage.label(field > 0.0)
+    index = np.arange(1, count + 1)
+    diameter = cell * np.sqrt(4.0 / np.pi * ndimage.sum_labels(field > 0.0, labels, index))
+    number, _ = np.histogram(diameter, [200.0, 400.0, 800.0, 1600.0, 3200.0])
+    assert (number[1:] <= 0.8 * number[:-1]).all(), number  # ∝ D⁻² over sizes in octaves: half as many
+    assert diameter.max() > 2000.0
+    top = 1e3 * np.sqrt(ndimage.maximum(field, labels, index))
+    wide = diameter > 400.0
+    assert 0.15 < np.median(top[wide] / diameter[wide]) < 0.7
+    assert top.max() < 1200.0
+
+    # Outside: never more than the distance to the next cloud, measured on the torus.
+    away = ndimage.distance_transform_edt(np.pad(field <= 0.0, 256, mode="wrap"))[256:-256, 256:-256]
+    assert (-field[field <= 0.0] <= away[field <= 0.0] * cell / 1e3 + 1e-6).all()
+
+    spectrum = np.abs(np.fft.rfft2(field > 0.0)) ** 2
+    assert spectrum[3:10, 0].sum() > 2.0 * spectrum[0, 3:10].sum()  # the wind is along x
 
 
 @pytest.mark.gl
@@ -432,7 +458,22 @@ def test_weather_is_read_from_the_sketch_and_validated():
     assert Weather.from_sketch(Sketch()) == Weather()
     assert Weather.from_sketch(SimpleNamespace(weather={})) == Weather()
 
+    assert Weather.from_sketch(Sketch(weather={"sky": "cirrus"})).sky == "cirrus"
+    with pytest.raises(InputError, match=r"one of cumulus, stratocumulus, .* got 'fog'"):
+        Weather(sky="fog")
+    for sky, low_clouds, grey, ice in (
+        ("cumulus", 2, 0, 1),
+        ("stratocumulus", 2, 0, 0),
+        ("stratus", 0, 1, 0),
+        ("cirrus", 0, 0, 1),
+        ("clear", 0, 0, 0),
+    ):
+        defines = cloud_defines(Quality(), Weather(sky=sky))
+        assert defines == {"CLOUDS": low_clouds, "GREY": grey, "CIRRUS": ice}, sky
+
     for name, parameter in WEATHER.items():
+        if parameter.choices:
+            continue
         low = max(parameter.low, 0.0) if name == "hour" else parameter.low
         for value in (low, parameter.high):
             dataclasses.replace(Weather(), **{name: value})
@@ -453,7 +494,7 @@ def test_sun_follows_hour_or_view_and_drift_the_wind(waves):
 @pytest.mark.gl
 def test_a_cloud_dome_shows_the_clouds_of_the_picture_also_after_the_eye_and_the_wind_moved(gl):
     """Clouds are at least 1.9 km away: 200 m to the side turn them by 6° at most, which is corrected."""
-    size = (160, 90)
+    size = (480, 270)  # a dome is sharper than a small picture
     texture = gl.texture(size, 4)
     framebuffer = gl.framebuffer([texture])
     waves = Waves()
@@ -461,7 +502,7 @@ def test_a_cloud_dome_shows_the_clouds_of_the_picture_also_after_the_eye_and_the
     cameras = [Camera((500.0 + x, 500.0, 80.0), (500.0 + x, 900.0, 250.0), fov=50.0) for x in east]
     quality = replace(Quality.from_level(0.25), quads=64, map_texels=128, material_texels=128, cloud_steps=96)
 
-    def pictures(cloud_texels, *, clouds=0.5):
+    def pictures(cloud_texels, *, clouds=0.6):
         own = replace(quality, cloud_texels=cloud_texels)
         weather = Weather(clouds=clouds, wind=5.0)
         renderer = Renderer(gl, waves, sun=Sun(200.0, 40.0), weather=weather, quality=own)

@@ -90,17 +90,37 @@ def test_crowns_are_dark_inside():
 @pytest.mark.gl
 def test_shader_leaf_mask_matches_the_oracle(gl):
     rng = np.random.default_rng(4)
-    across, along = rng.uniform(-1, 1, 4000), rng.uniform(0, 1, 4000)
-    for kind in (SOLID, BROAD, NEEDLES):
-        rows = np.stack([across, along, np.full(4000, kind), np.zeros(4000)], axis=1).astype(np.float32)
-        got = evaluate(gl, ["render/sprig.glsl"], "vec4(leaf_mask(a.xy, a.z))", rows)[:, 0]
-        rows = rows.astype(np.float64)
-        edge = np.mod((rows[:, 1] - 0.3 * 0.55 * np.abs(rows[:, 0])) * 5.0 + 0.5 * (rows[:, 0] < 0.0), 1.0)
-        expected = leaf_mask(rows[:, 0], rows[:, 1], rows[:, 2])
-        inner = np.minimum(edge, 1.0 - edge) > 1e-4  # a leaf's neighbour begins there
-        assert np.abs(got - expected)[inner].max() < 1e-4, kind
+    across, along, spray = rng.uniform(-1, 1, 4000), rng.uniform(0, 1, 4000), rng.integers(0, 256, 4000)
+    for kind, wide in ((SOLID, 1), (BROAD, 1), (BROAD, 2), (NEEDLES, 1), (NEEDLES, 2)):
+        rows = np.stack([across, along, np.full(4000, kind), spray], axis=1).astype(np.float32)
+        call = f"vec4(leaf_mask(a.xy, a.z, uint(a.w), {wide:.1f}), 0.0, 0.0)"
+        got = evaluate(gl, ["render/sprig.glsl"], call, rows)[:, 0]
+        x, y, mask, _ = rows.astype(np.float64).T
+        expected, *beside = (
+            leaf_mask(x + 1e-5 * side, y + 1e-5 * up, mask, spray, wide=wide)
+            for side, up in ((0, 0), (1, 1), (-1, 1), (1, -1), (-1, -1))
+        )
+        inner = (np.abs(beside - expected) < 2e-3).all(axis=0)  # a leaf's neighbour begins elsewhere
+        assert inner.mean() > 0.97, (kind, wide)
+        assert np.abs(got - expected)[inner].max() < 1e-4, (kind, wide)
         covered = (expected > 0.0).mean()
         assert covered == 1.0 if kind == SOLID else 0.35 < covered < 0.75, kind
+
+
+def test_clusters_cover_the_same_as_their_leaves():
+    """A far spray keeps its mean cover."""
+    x, y = np.meshgrid(np.linspace(-1, 1, 200), np.linspace(0, 1, 200))
+    for kind in (BROAD, NEEDLES):
+        fine, far = (
+            np.mean(
+                [
+                    leaf_mask(x, y, np.full(x.shape, kind), np.full(x.shape, spray), wide=wide) > 0.0
+                    for spray in range(3, 256, 16)
+                ]
+            )
+            for wide in (1, 2)
+        )
+        assert far == pytest.approx(fine, rel=0.05)
 
 
 FILES = ["render/tree_wind.glsl"]

@@ -24,7 +24,16 @@ from sketchterrain.render.offscreen import render_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Sun
 from sketchterrain.render.targets import FrameBlock
-from sketchterrain.render.water import LAYERS, Water, wave_layers, wave_mipmaps, wave_phases, wave_slopes
+from sketchterrain.render.water import (
+    BAND,
+    GRAVITY,
+    LAYERS,
+    Water,
+    wave_layers,
+    wave_mipmaps,
+    wave_phases,
+    wave_slopes,
+)
 from sketchterrain.render.water_mesh import LEVELS, STATIONS, inland_mesh
 
 from .conftest import Waves
@@ -109,6 +118,10 @@ def test_rough_reflectance_slope_and_shadowing_match_integrals(gl):
         exact = spread / (a + np.exp(norm.logpdf(a) - norm.logcdf(a)))
         np.testing.assert_allclose(got, exact, rtol=2e-3, err_msg=f"spread {spread}")
         np.testing.assert_allclose(exact, [seen_mean(lambda s: s, c, spread) for c in cosine], rtol=2e-3)
+        call = f"vec4(seen_spread(a.x, {spread}, a.y))"
+        got = evaluate(gl, OPTICS, call, rows(cosine, exact))[:, 0]
+        squares = [seen_mean(lambda s: s * s, c, spread) for c in cosine]
+        np.testing.assert_allclose(got, np.sqrt(squares - exact**2), rtol=5e-3, err_msg=f"spread {spread}")
 
     spread = 0.15
     cosine = np.linspace(0.02, 0.9, 60)
@@ -168,6 +181,15 @@ def test_flow_phases_restart_at_zero_weight_and_profile_is_cubic(gl):
     got = evaluate(gl, WAVES, call, rows(across))[:, 0]
     np.testing.assert_allclose(got, np.maximum(1 - np.abs(across) ** 3, 0), atol=1e-6)
     assert got[np.abs(across) <= 1].mean() == pytest.approx(0.75, abs=0.03)
+
+
+@pytest.mark.gl
+def test_dominant_waves_are_those_of_jonswap(gl):
+    speed, fetch = map(np.ravel, np.meshgrid([0.5, 1.7, 6.0], [5.0, 200.0, 5000.0]))
+    got = evaluate(gl, WAVES, "vec4(longest_wave(a.x, a.y))", rows(speed, fetch))[:, 0]
+    frequency = 3.5 * GRAVITY / speed * (GRAVITY * fetch / speed**2) ** (-1 / 3)
+    np.testing.assert_allclose(got, GRAVITY / (2 * np.pi * frequency**2), rtol=3e-3)
+    assert f"BAND = vec2{BAND};" in source("render/water_waves.glsl")
 
 
 def straight(z=(0.0, 0.0), *, width=10.0, start=(0.0, 0.0), end=(1000.0, 0.0), count=101):

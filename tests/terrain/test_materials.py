@@ -1,6 +1,7 @@
 """Material weights: rules against their formulas, and kernels against NumPy float64."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 from sketchterrain.caching import LRUCache
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
+from sketchterrain.document.geology import ROCKS, Strata
 from sketchterrain.document.material_rules import (
     DEFAULT_RULES,
     INPUTS,
@@ -47,8 +49,8 @@ __kernel void weights(RULE_ARGUMENTS, __global const REAL *values, __global cons
 {
     COLLECT_RULES
     const size_t i = get_global_id(0);
-    __global const REAL *v = values + 4 * i;
-    SurfaceInputs inputs = {v[0], v[1], v[2], v[3]};
+    __global const REAL *v = values + 6 * i;
+    SurfaceInputs inputs = {v[0], v[1], v[2], v[3], v[4], v[5]};
     for (int m = 0; m < MASKS; ++m) inputs.mask[m] = masks[MASKS * i + m];
     inputs.empty_masks = 0;
     REAL w[MATERIALS];
@@ -58,7 +60,7 @@ __kernel void weights(RULE_ARGUMENTS, __global const REAL *values, __global cons
 """
 
 
-NAMES = ("height", "steepness", "hollow", "mottle", *MASKS)
+NAMES = ("height", "steepness", "hollow", "mottle", "northness", "bedding", *MASKS)
 Site = dict[str, np.ndarray]  # inputs of rules by name, arrays of one shape
 
 
@@ -85,6 +87,32 @@ def rule_weights(rules, climate, site: Site) -> np.ndarray:
     return weights
 
 
+def hardness(c: np.ndarray, salt: int) -> np.ndarray:
+    bed = np.floor(c)
+    ids = bed.astype(np.int64) + salt
+    low, high = (hash32(ids + k).view(np.int32) / 2.0**31 for k in (0, 1))
+    t = np.clip((c - bed - 0.3) * 2.5, 0, 1)
+    return low + (high - low) * t * t * (3 - 2 * t)
+
+
+def hash32(ids: np.ndarray) -> np.ndarray:
+    """Return ``mixed`` of kernels/hash.clh."""
+    h = (ids & 0xFFFFFFFF).astype(np.uint32)
+    for shift, factor in ((16, 0x7FEB352D), (15, 0x846CA68B)):
+        h = (h ^ h >> np.uint32(shift)) * np.uint32(factor)
+    return h ^ h >> np.uint32(16)
+
+
+def beds(recipe: TerrainRecipe, x, y, z, slopes, mottle, cell_size: float) -> np.ndarray:
+    """Return the bedding (kernels/strata.clh) at vertices of slopes eastward and northward."""
+    across, unit = np.array(recipe.strata.across), metres_per_unit(recipe.extent)
+    c = across[0] * unit * x + across[1] * unit * y + across[2] * z + 0.1 * mottle
+    climb = 2 * cell_size * np.max([abs(across[k] + across[2] * slopes[k]) for k in (0, 1)], axis=0)
+    coarse, fine = (np.clip(2 - 2 * finer * climb, 0, 1) for finer in (1, 3.7))
+    sum_of_beds = 0.65 * coarse * hardness(c, 0) + 0.35 * fine * hardness(3.7 * c, 0x68E31DA4)
+    return np.asarray(recipe.strata.rock.bedding * sum_of_beds)
+
+
 def patch_weights(recipe: TerrainRecipe, x: np.ndarray, y: np.ndarray, cell_size: float) -> np.ndarray:
     """Return weights in float64 at the vertices (rows, columns) of a patch inside its border."""
     ground = host_samples(recipe, x.ravel(), y.ravel(), cell_size=cell_size)
@@ -95,7 +123,11 @@ def patch_weights(recipe: TerrainRecipe, x: np.ndarray, y: np.ndarray, cell_size
     mottle = 2.2 * fbm(octaves, "mottle", x[inner], y[inner])
     hollow = (around - 4 * z[inner]) / (4 * cell_size)
     masks = [getattr(ground, name).reshape(x.shape)[inner] for name in MASKS]
-    values = (z[inner], np.hypot(east, north) / (2 * cell_size), hollow, mottle, *masks)
+    slopes = east / (2 * cell_size), north / (2 * cell_size)
+    steepness = np.hypot(*slopes)
+    northness = -slopes[1] / np.sqrt(1 + steepness**2)
+    bedding = beds(recipe, x[inner], y[inner], z[inner], slopes, mottle, cell_size)
+    values = (z[inner], steepness, hollow, mottle, northness, bedding, *masks)
     weights = rule_weights(recipe.material_rules, recipe.climate, dict(zip(NAMES, values, strict=True)))
     covers = recipe[CoversLayer]
     fields = pack_fields([cover.shape for cover in covers.covers], recipe.extent)
@@ -115,7 +147,8 @@ def sites(count: int = 8_000, *, seed: int = 1, real: Any = np.float64) -> Site:
     masks = np.clip(rng.uniform(-0.5, 1.5, (len(MASKS), count)), 0, 1)
     heights, steepness = rng.uniform(-50, 1500, count), rng.gamma(1.5, 0.4, count)
     hollow, mottle = rng.normal(0, 0.3, count), rng.normal(0, 0.5, count)
-    values = (heights, steepness, hollow, mottle, *masks)
+    northness = np.sin(np.arctan(steepness)) * np.cos(rng.uniform(0, 2 * np.pi, count))
+    values = (heights, steepness, hollow, mottle, northness, rng.uniform(-1, 1, count), *masks)
     return {name: value.astype(real) for name, value in zip(NAMES, values, strict=True)}
 
 
@@ -129,7 +162,7 @@ def weigh(with_kernel) -> Callable[..., np.ndarray]:
         parts = [np.asarray(site[name], real) for name in NAMES]
         out = context.empty((len(parts[0]), len(MATERIALS)), real)
         table = (rules.form, rules.cover.astype(real), rules.ramp.astype(real))
-        given = (*table, np.stack(parts[:4], axis=-1), np.stack(parts[4:], axis=-1))
+        given = (*table, np.stack(parts[:6], axis=-1), np.stack(parts[6:], axis=-1))
         size, arrays = (len(parts[0]),), [context.upload(each) for each in given]
         context.launch("weights.cl", "weights", size, np.int32(rules.count), *arrays, out)
         return context.download(out, (len(parts[0]), len(MATERIALS)), real)
@@ -258,10 +291,19 @@ def test_default_rules_at_typical_sites() -> None:
     damp = BARE | {"aridity": 0.45}
     assert material_at("grass", damp, water=0.55) > material_at("grass", damp) + 0.3
     soil = partial(material_at, "soil", BARE | {"aridity": 0.2}, mottle=0.63)
+    assert soil() < 0.01, "level ground is not bare"
+    soil = partial(soil, steepness=0.55)
     assert soil(hollow=-0.05) > soil() + 0.1 > soil(hollow=0.05) + 0.12
-    assert soil(steepness=0.4) > soil() + 0.1
-    assert soil(water=0.5) < soil() - 0.08
+    scree = partial(material_at, "scree", BARE | {"aridity": 0.2}, mottle=0.63)  # lies on steeper ground
+    assert scree(steepness=0.7) + soil(steepness=0.7) > scree(steepness=0.55) + soil() + 0.08
     assert soil(wetness=0.8) < 0.1 * soil(), "valley floors are green"
+    hill = partial(material_at, climate=BARE | {"aridity": 0.2}, steepness=0.4)
+    assert hill("dry_grass", northness=-0.37) > hill("dry_grass", northness=0.37) + 0.5, "sunny slopes"
+    assert hill("heath", northness=0.3, mottle=-0.3) > hill("heath", northness=-0.3, mottle=-0.3) + 0.2
+    assert hill("heath", mottle=-0.6) > hill("heath", mottle=0.6) + 0.5, "in drifts"
+    assert hill("grass", wetness=1.0, hollow=0.1) > 0.9, "lines of drainage are green"
+    mountain = partial(material_at, climate=COLD, height=380.0)
+    assert mountain("heath") > mountain("heath", height=800.0) + 0.3, "dwarf shrubs below the tree line"
     # The desert preset: slip faces are sand, flat open terrain is stony, hollows at feet have soil.
     for material, inputs in (
         ("sand", {"steepness": 1.3, "dune": 1.0}),
@@ -272,6 +314,19 @@ def test_default_rules_at_typical_sites() -> None:
             material_at(material, DESERT.climate, r, **inputs) for r in (DESERT_RULES, DEFAULT_RULES)
         )
         assert own > default + 0.3, material
+
+
+def test_strata_follow_dip_and_rock(make_recipe) -> None:
+    """Level beds depend on height alone, upright ones on the position across their strike."""
+    thickness = ROCKS["limestone"].bed
+    for dip, direction, across in ((0, 30, (0, 0, 1)), (90, 90, (1, 0, 0)), (90, 180, (0, -1, 0))):
+        strata = Strata.from_settings({"rock": "limestone", "dip": dip, "dip_direction": direction})
+        np.testing.assert_allclose(np.array(strata.across) * thickness, across, atol=1e-8)
+        assert np.dot(strata.across[:2], strata.strike) == 0
+    recipe = make_recipe()
+    assert changed_areas(recipe, replace(recipe, strata=strata)) == [EVERYWHERE]
+    ledge, rib = (material_at("grass", COLD, steepness=0.85, bedding=bedding) for bedding in (-0.8, 0.8))
+    assert ledge > rib + 0.4
 
 
 def test_a_sketch_overrides_the_table(context) -> None:

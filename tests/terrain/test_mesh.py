@@ -1,6 +1,7 @@
 """The mesh of drainage cells and unpainted ground: partition, bit equality of windows, valleys that fall."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -149,11 +150,14 @@ def test_threads_and_evicted_cells_change_no_bit(ground):
     assert np.array_equal(unpainted_ground(SETTINGS).window(1, 500, 500, 96, 96).height, expected.height)
 
 
-@pytest.mark.parametrize("densities", [(0.0, 0.0), (0.04, 0.2)])
+@pytest.mark.parametrize("densities", [(0.0, 0.0, 0.0), (0.04, 0.2, 0.0), (0.0, 0.0, 800.0)])
 def test_hardly_any_ground_lies_in_closed_hollows(densities):
     from skimage.morphology import reconstruction
 
-    settings = UnpaintedSettings(7680.0, 5, mountain_density=densities[0], hill_density=densities[1])
+    mountains, hills, surroundings = densities
+    settings = UnpaintedSettings(
+        7680.0, 5, mountain_density=mountains, hill_density=hills, surroundings=surroundings
+    )
     height = UnpaintedGround(settings).window(0, 700, -600, 192, 192).height
     seed = np.full_like(height, height.max())
     seed[[0, -1]], seed[:, [0, -1]] = height[[0, -1]], height[:, [0, -1]]
@@ -210,6 +214,30 @@ def test_border_of_the_painted_region_meets_the_cells_outside():
     assert np.array_equal(whole.height[border], region.border[border])
 
 
+def test_surroundings_change_nothing_of_the_painted_region():
+    settings = replace(SETTINGS, surroundings=900.0, rocky_surroundings=True)
+    plain, surrounded = UnpaintedGround(SETTINGS), UnpaintedGround(settings)
+    for level in range(4):
+        before, after = plain.painted_region(level), surrounded.painted_region(level)
+        assert np.array_equal(before.border, after.border, equal_nan=True)
+        at = (level, after.column, after.row, *after.inside.shape)
+        for one, other in zip(plain.window(*at), surrounded.window(*at), strict=True):
+            assert np.array_equal(one[after.inside], other[after.inside])
+
+
+@pytest.mark.parametrize("level", [0, 2, 4, 6])
+def test_surroundings_are_as_high_as_asked_at_every_level(level):
+    settings = UnpaintedSettings(7680.0, 3, relief=30.0)
+    ranges = replace(settings, surroundings=600.0, rocky_surroundings=True)
+    side = 768 >> level
+    at = (level, 640 >> level, -(384 >> level), side, side)  # 1.5 to 4.5 extents east of the sketch
+    plain, surrounded = (UnpaintedGround(each).window(*at) for each in (settings, ranges))
+    rise = surrounded.height - plain.height
+    assert 0.6 * 600.0 < np.percentile(rise, 99) < 1.4 * 600.0
+    assert np.percentile(rise, 10) < 0.2 * 600.0  # there are plains between them
+    assert plain.rock.max() == 0.0 < 0.1 < surrounded.rock.mean() < 0.7
+
+
 def test_valleys_between_cells_drain_what_lies_upstream(ground):
     nodes = ground.window(1, 600, 600, 200, 200)
     cell = (SETTINGS.extent / 4) ** 2
@@ -251,3 +279,11 @@ def test_settings_are_those_of_a_sketch():
     assert (settings.extent, settings.seed) == (5000.0, 6)
     assert settings.relief == sketch.ground["relief"]
     assert (settings.mountain_height, settings.hill_height) == (777.0, 80.0)  # automatic hills
+    assert (settings.surroundings, settings.rocky_surroundings) == (150.0, False)  # nothing is painted
+    image = np.zeros_like(sketch.layers["mountain"])
+    image[200:300, 200:300] = 1
+    painted = sketch.replace(layers={**sketch.layers, "mountain": image}, extent=7000.0)
+    settings = UnpaintedSettings.from_sketch(painted)
+    assert (settings.surroundings, settings.rocky_surroundings) == (777.0, True)
+    level = UnpaintedSettings.from_sketch(painted.replace(ground={**painted.ground, "surroundings": 0.0}))
+    assert level.surroundings == 0.0

@@ -152,11 +152,17 @@ def test_a_cover_has_its_weight(make_recipe, context) -> None:
 
 def test_sand_mud_and_grass_share_a_lakes_shore_and_its_bed_is_not_grass(make_recipe, context) -> None:
     weights, distance = materials(make_recipe(lakes=(lake(120, 10.0),)), context, 200.0)
-    shore = (distance > 121) & (distance < 127)
+    shore = (distance > 120.5) & (distance < 122.5)
     for material in ("sand", "soil", "grass"):
         assert weights[shore, MATERIALS.index(material)].max() > 0.6, material
         assert weights[shore, MATERIALS.index(material)].mean() < 0.6, material
-    assert weights[distance < 118, MATERIALS.index("river_bed")].min() > 0.9
+    grass = weights[..., MATERIALS.index("grass")]
+    meadow = grass + sum(weights[..., MATERIALS.index(name)] for name in ("dry_grass", "heath"))
+    assert meadow[(distance > 127) & (distance < 140)].mean() > 0.7  # plants grow close to the water
+    reeds = grass[(distance > 116) & (distance < 119)]
+    assert reeds.max() > 0.7
+    assert reeds.min() < 0.01
+    assert weights[distance < 100, MATERIALS.index("river_bed")].min() > 0.9
 
 
 RISE_M = 0.01

@@ -68,6 +68,8 @@ def test_metrics_count_distance_and_slant_in_units_of_their_limits():
     errors, cells = np.array([1.0]), np.array([8.0])
     assert ScreenError(2.5, quad=1e9).excess(view, far, errors, cells) == pytest.approx(1.0)
     assert ScreenError(1e9, quad=20.0).excess(view, far, errors, cells) == pytest.approx(1.0)
+    hazy = ScreenError(2.5, quad=1e9, extinction=0.01).excess(view, far, errors, cells)
+    assert hazy == pytest.approx(np.exp(-4.0))
     twice = ScreenError().relaxed(2.0).excess(view, far, errors, cells)
     assert twice == pytest.approx(ScreenError().excess(view, far, errors, cells) / 2)
     for option in ({"tolerance": 0}, {"quad": -1}):

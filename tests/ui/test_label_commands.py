@@ -78,7 +78,8 @@ def test_every_setting_can_be_set_and_reset_alone(sketch):
     for table in [WORLD, *TABLES]:
         for name, parameter in declared(table).items():
             texts = {"crs": "EPSG:25832", "vertical": "EPSG:5773"}
-            value = texts.get(name, "other") if parameter.kind is str else parameter.kind(parameter.high)
+            text = texts.get(name, parameter.choices[-1] if parameter.choices else "other")
+            value = text if parameter.kind is str else parameter.kind(parameter.high)
             if value == parameter.default:
                 value = parameter.kind(parameter.low)
             changed = set_setting(sketch, table, name, value)

@@ -175,14 +175,16 @@ def handles_of(placed: Placement, selection: Selection | None) -> tuple[Handle, 
 
 
 def _width_handle(river: River, selection: Selection) -> Handle:
-    """Return the width handle: on the left bank, halfway down the river between two control points."""
+    """Return the width handle: on the left, halfway down the river between two control points."""
     line = river.centreline[:, :2]
     half = len(river.points) // 2
     near = river.points[half - 1 : half + 1, :2]
     ends = [int(np.argmin(((line - point) ** 2).sum(axis=1))) for point in near]
     at = min(max(sum(ends) // 2, 1), len(line) - 2) if len(line) > 2 else 0
     east, north = line[min(at + 1, len(line) - 1)] - line[max(at - 1, 0)]
-    across = 0.5 * float(river.centreline_width[at]) / max(float(np.hypot(east, north)), 1e-9)
+    mean = river.mean_width
+    width = float(river.centreline_width[at] if mean is None else mean[half - 1 : half + 1].mean())
+    across = 0.5 * width / max(float(np.hypot(east, north)), 1e-9)
     x, y = (float(each) for each in line[at])
     return Handle("width", selection, x - across * float(north), y + across * float(east), x, y)
 

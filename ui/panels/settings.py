@@ -89,6 +89,7 @@ class SeedRow(QWidget):
 
 _GROUPS: Final = {
     "ground": "Ground between",
+    "geology": "Rock",
     "climate": "Climate",
     "coast": "Sea and coast",
     "density": "Unpainted land",

@@ -24,6 +24,7 @@ from sketchterrain.terrain.centrelines import (
     meetings_on,
     nearest_on_arc,
     prepare_centreline,
+    signed_square,
     tolerance_cell,
 )
 from sketchterrain.terrain.index import BoxIndex
@@ -51,17 +52,13 @@ _HEADER: Final = "layers/corridors.clh"
 ARC: Final = kernel_columns(_HEADER, "ArcRow")
 SECTION: Final = kernel_columns(_HEADER, "SectionRow")
 """Columns of packed arcs of rivers, and of rivers at one end of an arc."""
+_CHANNEL_NAMES = "NEARNESS WEIGHT_SCALE BANK_WIDTH BANK_RISE FLOODPLAIN_SLOPE CHANNEL_CELLS MATERIAL_CELLS"
+_BANK_NAMES = "POOL SHOAL CUT_BANK POINT_BAR SWAYED_BANK BAR_WIDTH BARE_BANK INVERSE_FRINGE"
 _NEARNESS, _WEIGHT_SCALE, _BANK_WIDTH, _BANK_RISE, _FLOODPLAIN_SLOPE, _CHANNEL_CELLS, _MATERIAL_CELLS = (
-    kernel_constants(
-        _HEADER,
-        "NEARNESS",
-        "WEIGHT_SCALE",
-        "BANK_WIDTH",
-        "BANK_RISE",
-        "FLOODPLAIN_SLOPE",
-        "CHANNEL_CELLS",
-        "MATERIAL_CELLS",
-    )
+    kernel_constants(_HEADER, *_CHANNEL_NAMES.split())
+)
+_POOL, _SHOAL, _CUT_BANK, _POINT_BAR, _SWAYED_BANK, _BAR_WIDTH, _BARE_BANK, _INVERSE_FRINGE = (
+    kernel_constants(_HEADER, *_BANK_NAMES.split())
 )
 # Difference of the bed by arcs for a coarser cell: in cells along the banks' slope, and in widths along the
 # fall. Measured, not proven: blends of arcs shift where these are split differently.
@@ -254,9 +251,12 @@ class CorridorsLayer(TerrainLayer):
             "inverse_chord_square": 1 / np.where(valid, length2, 1),
             "arc_weight": weight,
             "arc_bend": np.concatenate([each.bend for each in courses]),
+            "arc_lean": 0.5 * (starts[:, 6] + ends[:, 6]),
+            "sway_up": starts[:, 7],
+            "sway_down": ends[:, 7],
         }.items():
             arc[:, ARC[name]] = values
-        return PackedRivers(unit, start[valid], arc[valid], starts[valid, 2:], ends[valid, 2:])
+        return PackedRivers(unit, start[valid], arc[valid], starts[valid, 2:6], ends[valid, 2:6])
 
     def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
         """Return the water of blocks with rivers."""
@@ -294,7 +294,8 @@ class CorridorsLayer(TerrainLayer):
             # The valley's sides, too, may be steep: through a plateau they are as high as it is.
             rise = np.maximum(state.high[block] - np.minimum(*water)[member], 0)
             side = _SIDE_SLOPE * rise / np.minimum(*radius)[member]
-            slope = np.maximum(2 * deep / half_width, side)
+            bank = 1.5 * _BANK_RISE / _BANK_WIDTH * (1 + _CUT_BANK)  # of a cut bank, depths a half width
+            slope = np.maximum(max(bank, 2.0) * deep / half_width, side)
             off = _ARC_SLOPES * tolerance * slope + _ARC_WIDTHS * 2 * half_width * steep
             off[unchanged[member]] = 0
             np.maximum.at(moved, block, off)
@@ -353,7 +354,7 @@ def _carved(height: Float64Array, rivers: PackedRivers, site: HostSite) -> tuple
     """Return the carved heights, and the mask of water."""
     cell, unit = site.sampling.cell, site.sampling.unit
     weights, nearest = np.zeros(height.shape), np.full(height.shape, 1e30)
-    sums = np.zeros((4, *height.shape))
+    sums = np.zeros((6, *height.shape))
     for first in range(0, len(height), _POINTS_AT_ONCE):
         x, y = (each[first : first + _POINTS_AT_ONCE] for each in (site.x, site.y))
         # Beyond its box an arc adds exactly nothing.
@@ -362,7 +363,11 @@ def _carved(height: Float64Array, rivers: PackedRivers, site: HostSite) -> tuple
         away: Float64Array = np.asarray(offset * unit, np.float64)
         t, d2 = nearest_on_arc(rivers.chord[i], rivers.arc[i, ARC["arc_bend"]], away)
         here = (rivers.up[i] + (rivers.down[i] - rivers.up[i]) * t[:, None]).T
+        lean, sway, end = (rivers.arc[i, ARC[name]] for name in ("arc_lean", "sway_up", "sway_down"))
+        side = signed_square(rivers.chord[i], rivers.arc[i, ARC["arc_bend"]], away)
         width, radius = here[SECTION["half_width"]], here[SECTION["valley_radius"]]
+        side /= d2 + width**2 * _NEARNESS
+        here = np.concatenate([here, side * [lean, sway + (end - sway) * t]])
         share2 = d2 / radius**2
         inside = np.maximum(1 - share2, 0)
         near_by = (_WEIGHT_SCALE * width / (d2 + width**2 * _NEARNESS)) ** 4
@@ -373,21 +378,27 @@ def _carved(height: Float64Array, rivers: PackedRivers, site: HostSite) -> tuple
             np.add.at(total, point, values)
         np.minimum.at(nearest, point, d2 / (width * np.maximum(inside * (1 + share2), 1e-6)))
     near = weights > 1e-30
-    surface, half_width, depth, radius = sums[:, near] / weights[near]
+    surface, half_width, depth, radius, lean, sway = sums[:, near] / weights[near]
     d = np.sqrt(nearest[near] * half_width)
     ground = height[near]
 
     channel = smooth_rise(2 * half_width / cell, _CHANNEL_CELLS, _CHANNEL_CELLS)
     bank = _BANK_RISE * depth
-    across = d / half_width
-    bed = -depth * np.maximum(1 - across**2, 0)
-    rise = bank * smooth_rise(across, 1, _BANK_WIDTH)
-    flat = _FLOODPLAIN_SLOPE * np.maximum(d - half_width, 0)
+    half_side = half_width * (1 + sway)
+    across = d / half_side
+    bed = -depth * np.maximum(1 - across**2, 0) * (1 + lean * across**2 * np.where(lean > 0, _POOL, _SHOAL))
+    steep = 1 + _SWAYED_BANK * sway + lean * np.where(lean > 0, _CUT_BANK, _POINT_BAR)
+    rise = bank * smooth_rise((across - 1) * (1 + sway), 0, _BANK_WIDTH / steep)
+    flat = _FLOODPLAIN_SLOPE * np.maximum(d - half_side, 0)
     enforced = surface + flat + bank + (rise + bed - bank) * channel
     edge = (1 + _BANK_WIDTH) * half_width
     s = np.clip((d - edge) / np.maximum(radius - edge, edge), 0, 1)
     terrain = ground + np.maximum(surface + bank - ground, 0) * (1 - s**4) * (1 - s**2)
     carved, mask = height.copy(), np.zeros(height.shape)
     carved[near] = terrain + (enforced - terrain) * cubic(s)
-    mask[near] = np.maximum(1 - d / (4 * np.maximum(half_width, _MATERIAL_CELLS * cell)), 0)
+    off = d / np.maximum(half_side, _MATERIAL_CELLS * cell) - 1
+    outside, bar = np.maximum(off, 0), np.clip(-2 * lean, 0, 1)
+    beside = 0.75 - 0.25 * off + _BAR_WIDTH * bar * np.minimum(outside, 1)
+    beside -= _BARE_BANK * (1 - bar) * np.minimum(outside * _INVERSE_FRINGE, 1)
+    mask[near] = np.maximum(beside, 0)
     return carved, mask

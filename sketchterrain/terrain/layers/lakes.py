@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 _HEADER: Final = "layers/lakes.clh"
 LAKE: Final = kernel_columns(_HEADER, "LakeRow")
 """Columns of packed lakes."""
-_RIM, _BEACH, _WATERSIDE, _SHARPNESS, _SOFTNESS = kernel_constants(
-    _HEADER, "RIM", "BEACH", "WATERSIDE", "SHARPNESS", "SOFTNESS"
+_RIM, _BEACH, _WATERSIDE, _BARE_SHORE, _SHORE_FRINGE, _SHARPNESS, _SOFTNESS = kernel_constants(
+    _HEADER, "RIM", "BEACH", "WATERSIDE", "BARE_SHORE", "SHORE_FRINGE", "SHARPNESS", "SOFTNESS"
 )
 # Metres of shelf per metre of depth, if the lake is wide enough; slopes of the shore.
 _SHELF_RUN = 8.0
@@ -164,7 +164,8 @@ class LakesLayer(TerrainLayer):
         result, (water, lake) = height.copy(), np.zeros((2, *height.shape))
         terrain = below + visible * soft_positive(top - below, _SOFTNESS) * (1 - s**4) * (1 - s**2)
         result[near] = terrain + (own - terrain) * visible * cubic(np.maximum(s - _RIM, 0) / (1 - _RIM))
-        water[near] = visible * (0.75 * np.maximum(1 - _WATERSIDE * s, 0) + 0.25 * t)
+        beside = 0.75 * (1 - _WATERSIDE * s) - _BARE_SHORE * np.minimum(_SHORE_FRINGE * s, 1)
+        water[near] = visible * (np.maximum(beside, 0) + 0.25 * t)
         lake[near] = visible * cubic(s / _RIM)
         return replace(
             ground, height=result, water=np.maximum(ground.water, water), lake=np.maximum(ground.lake, lake)

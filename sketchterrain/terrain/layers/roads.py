@@ -15,7 +15,7 @@ from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, Latti
 from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.roads.road_types import GROUND, TUNNEL, Road, vertical_curve
-from sketchterrain.terrain.centrelines import arc_boxes, nearest_on_arc
+from sketchterrain.terrain.centrelines import arc_boxes, nearest_on_arc, signed_square
 from sketchterrain.terrain.index import BoxIndex
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.layers.earthworks import Strips, coverage, with_strips
@@ -217,10 +217,7 @@ class RoadsLayer(TerrainLayer):
         chord, bend = packed.row[piece, :2], packed["road_bend"][piece]
         offset: Float64Array = np.asarray((at - packed.at[piece]) * packed.unit, np.float64)
         t, square = nearest_on_arc(chord, bend, offset)
-        inverse = 1.0 / (chord**2).sum(axis=1)
-        u = (offset * chord).sum(axis=1) * inverse
-        v = (offset[:, 1] * chord[:, 0] - offset[:, 0] * chord[:, 1]) * inverse
-        left = 2.0 * bend * (u * u - u + v * v) + (1.0 - bend * bend) * v > 0.0
+        left = signed_square(chord, bend, offset) > 0.0
         feet = _Feet(point, piece, t, square, left)
         feet = feet.subset(square < packed.along("reach", piece, t) ** 2)
         key = feet.point * (int(packed.chain[-1]) + 1) + packed.chain[feet.piece]

@@ -1,0 +1,64 @@
+"""Distant woods: their ground has the colour of drawn trees."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from skimage.color import deltaE_ciede2000, rgb2lab
+
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.offscreen import render_picture
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.sky import Sun, Weather
+from sketchterrain.terrain.building import build
+
+SIZE = 480, 270
+EXTENT, PIXELS = 6000.0, 64
+EYE = 220.0  # m over the ground
+BAND = 950.0, 1350.0  # m from the eye, where woods are compared
+SUNS = [Sun(180.0, 25.0), Sun(90.0, 25.0), Sun(0.0, 55.0)]  # behind the eye, beside it, high in front of it
+MOST = 2.0  # CIEDE2000: just noticeable side by side
+MOST_OF_ONE = 3.0
+
+
+@pytest.fixture(scope="module")
+def wood():
+    forest = np.zeros((PIXELS, PIXELS), np.uint8)
+    forest[6:58, 6:58] = 1
+    return build(Sketch(extent=EXTENT, seed=5, layers={"forest": forest}, density={"forest": 0.0}))
+
+
+def view(terrain):
+    middle = EXTENT / 2
+    level = float(terrain.heights(np.array([middle]), np.array([middle]))[0])
+    return Camera((middle, middle - 1150.0, level + EYE), (middle, middle, level))
+
+
+def picture(terrain, sun, **changes):
+    quality = replace(Quality.for_still(SIZE), material_texels=256, **changes)
+    weather = Weather(clouds=0.0, wind=0.0)
+    return render_picture(terrain, size=SIZE, camera=view(terrain), sun=sun, weather=weather, quality=quality)
+
+
+def mean_colour(shown, camera):
+    """Return the CIELAB colour of the mean light of the band."""
+    pitch = np.radians(-camera.pitch)
+    down = [np.tan(pitch - np.arctan2(EYE, away)) / np.tan(np.radians(camera.fov / 2)) for away in BAND]
+    last, first = (round(SIZE[1] / 2 * (1 - each)) for each in down)
+    light = ((shown[first:last] / 255.0) ** 2.2).mean(axis=(0, 1))
+    return rgb2lab(light[None, None] ** (1 / 2.2))[0, 0]
+
+
+@pytest.mark.gl
+@pytest.mark.slow
+def test_a_distant_canopy_has_the_colour_of_drawn_trees(wood):
+    """Where trees turn into ground, neither a ring nor a step of brightness gives it away."""
+    camera, differences = view(wood), []
+    for sun in SUNS:
+        drawn = picture(wood, sun)
+        painted = picture(wood, sun, without=frozenset({"trees"}), canopy_distance=200.0)
+        colours = (mean_colour(each, camera) for each in (drawn, painted))
+        differences.append(float(deltaE_ciede2000(*colours)))
+    assert np.mean(differences) < MOST, differences
+    assert max(differences) < MOST_OF_ONE, differences

@@ -47,6 +47,8 @@ const float SAME = 0.03;        // relative distance within which the picture at
 const float DRY = 0.45, VERY_DRY = 0.75; // aridity, see the sketch's [climate]
 const vec3 HAY = vec3(0.380, 0.268, 0.125); // albedo of dry bunches
 const vec2 REED_BED = vec2(0.05, 0.2); // share of a wet bed between which grass turns to reeds
+const vec2 REED_FAR = vec2(40.0, 80.0); // m, between which reeds vanish
+const float WIDEST = 2.5; // of distant tufts, which stand for several, over near ones
 const vec2 REED_HEIGHT = vec2(0.9, 1.9); // m
 const float REED = 0.0055; // m, half the width of a leaf
 const vec3 REED_TINT = vec3(0.95, 0.92, 1.15); // over the meadow's
@@ -111,7 +113,8 @@ void main()
     tall = mix(0.34, 0.80, lush) * (0.6 + 0.7 * a) * sqrt(sward);
     colour = mix(colour * vec3(1.12, 1.03, 0.95), HAY * 0.6, smoothstep(0.55, 1.0, b + 0.35 * fine.z) * 0.8); // last year's
     float reeds = smoothstep(REED_BED.x, REED_BED.y, WET_SHARE(weights)) * smoothstep(0.15, 0.4, turf);
-    chance = max(chance, reeds * smoothstep(-0.5, 0.2, small.x + 0.6 * fine.w));
+    float near = 1.0 - smoothstep(REED_FAR.x, REED_FAR.y, away); // farther off they are specks on the water
+    chance = max(chance, near * reeds * smoothstep(-0.5, 0.2, small.x + 0.6 * fine.w));
     tall = mix(tall, mix(REED_HEIGHT.x, REED_HEIGHT.y, lush) * (0.7 + 0.4 * a), reeds);
     half_width = mix(half_width, REED, reeds);
     colour *= mix(vec3(1.0), REED_TINT, reeds);
@@ -157,7 +160,7 @@ void main()
     if (clip.w < -tall || abs(clip.x) > soft * 1.3 || abs(clip.y) > soft * 1.3) up = 0.0;
 
     float angle = 6.2831853 * c;
-    float wider = max(away / full, 1.0);
+    float wider = clamp(away / full, 1.0, WIDEST);
     float grown = min(up, 1.0);
     foot_height = vec4(foot - vec3(0.0, 0.0, 0.02 * tall), up > 0.0 ? tall : 0.0);
     turn = vec4(cos(angle), sin(angle), max(half_width * wider * spread, least * trees.z * away) * grown, away / draw_distance);

@@ -5,15 +5,19 @@ struct Noise {
     vec4 wide, middle, small;
 };
 
+const mat2 TURN = mat2(0.8, 0.6, -0.6, 0.8);
+const vec4 REPEATS = vec4(5.0, 0.6, 30.0, 3.5); // m, footprints between which noise of 100 and 10 m fades
 Noise noise_at(vec3 position, float footprint)
 {
 #if MATERIALS == 1
     vec4 middle = textureLod(noise_field, (position.xy + eye.xy) / 512.0 + 0.37, floor(log2(footprint) + 0.5));
     return Noise(middle.zxwy, middle, middle.yzxw);
 #else
-    return Noise(texture(noise_field, (position.xy + eye.xy) / 4096.0),
-        texture(noise_field, (position.xy + eye.xy) / 512.0 + 0.37),
-        texture(noise_field, (position.xy + eye.xy) / 64.0 + 0.71));
+    // Turned by an angle of whole periods, 90 in that of the eye, the second one hides the repetition of the first.
+    vec2 at = position.xy + eye.xy;
+    vec4 middle = texture(noise_field, at / 512.0 + 0.37) + texture(noise_field, TURN * at * (90.0 / 65536.0) + 0.11);
+    vec2 near = 1.0 - smoothstep(REPEATS.xy, REPEATS.zw, vec2(footprint)); // a pattern of many tiles is a weave
+    return Noise(texture(noise_field, at / 4096.0), 0.7071 * near.x * middle, near.y * texture(noise_field, at / 64.0 + 0.71));
 #endif
 }
 

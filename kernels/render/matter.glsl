@@ -21,6 +21,7 @@ uniform float max_rotations[LAYERS];       // of hexagons, rad
 const float RATIO = 3.7;         // width ratio of successive octaves
 const float FULL_SIZE = 26.0;    // m, distance up to which octave 0 is used
 const float OCTAVE_SLOPE = 0.93; // slope ratio of successive octaves
+const float WEAVE = 48.0;        // pixels of a texture below which its hexagons would show: it fades to its mean
 const float COARSEST_LOD = 16.0; // mipmap of one texel
 const float LEAST_SHARE = 0.02;  // weight below which a plane or octave is skipped
 
@@ -88,7 +89,7 @@ MaterialSample sample_octave(int layer, Plane p, int octave, float footprint)
     float width = texture_tiling[layer].x * pow(RATIO, float(octave));
     float angle = texture_tiling[layer].w * float(octave);
     vec2 uv = rotated(p.place, angle) / width + phases[(layer * 3 + p.axis) * OCTAVES + octave];
-    float lod = log2(footprint / width * float(textureSize(material_colour, 0).x));
+    float lod = log2(footprint / width * float(textureSize(material_colour, 0).x)) + max(log2(footprint / width * WEAVE), 0.0);
 #if HEXES == 1 || !DETAIL
     MaterialSample sum = sample_texel(layer, uv, angle, lod);
 #else

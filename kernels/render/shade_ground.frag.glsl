@@ -72,13 +72,13 @@ const float JOINT_WIDTH = 0.05, JOINT_DEPTH = 0.55; // of the space between two;
 // Gullies and ribs of a face, V-shaped where a noise changes its sign, of a wide range of widths.
 const float GULLY_SPAN = 1024.0;               // m of the noise across the fall line; wavelengths of its half and less
 const float GULLY_STRETCH = 3.0;               // height over which it repeats, spans
-const float GULLY_DEPTH = 25.0;                // m a unit of the noise
-const float GULLY_LEAST = 2.0;                 // pixels, half the width of the finest
+const float GULLY_DEPTH = 16.0;                // m a unit of the noise
+const float GULLY_LEAST = 4.0;                 // pixels, half the width of the finest
 const float GULLY_CREASE = 0.8;                // of what is V-shaped over what is round
 const float GULLY_BEND = 24.0;                 // m
 const vec2 GULLY_STEEP = vec2(0.93, 0.76);     // upward normals between which they set in
-const vec2 GULLY_FROM = vec2(0.03, 0.3);       // m, footprints of pixels: closer by, tiles and textures have the relief
-const float GULLY_FRAY = 1.6;                  // how much rock keeps to ribs, other materials to gullies
+const vec2 GULLY_FROM = vec2(0.2, 1.2);        // m, footprints of pixels: closer by, tiles and textures have the relief
+const float GULLY_FRAY = 1.0;                  // how much rock keeps to ribs, other materials to gullies
 const float STREAK_DEPTH = 0.5, GULLY_SHADE = 0.5; // shares of light that wet streaks and walls take
 const float LICHEN_SPAN = 16.0; // m
 

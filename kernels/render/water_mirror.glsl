@@ -46,9 +46,12 @@ float relief_at(vec2 place)
 
 float land_at(vec3 p) { return is_mapped(p.xy) ? smoothstep(-2.0, 2.0, relief_at(p.xy) - p.z) : 0.0; }
 
+// The nearest of the pixels that a colour is interpolated from.
 vec3 scene_position(vec2 uv)
 {
-    vec4 p = from_clip * vec4(vec3(uv, textureLod(scene_depth, uv, 0.0).r) * 2.0 - 1.0, 1.0);
+    vec4 around = textureGather(scene_depth, uv);
+    float nearest = min(min(around.x, around.y), min(around.z, around.w));
+    vec4 p = from_clip * vec4(vec3(uv, nearest) * 2.0 - 1.0, 1.0);
     return p.xyz / p.w;
 }
 
@@ -64,10 +67,10 @@ vec3 picture_place(vec4 clip)
 
 vec3 picture_place(vec3 p) { return picture_place(to_clip * vec4(p, 1.0)); }
 
-// Distance of the scene along the camera's axis, m.
+// Distance of the scene along the camera's axis, m. Between a leaf and what is far behind it there is nothing to hit.
 float axial_depth(vec2 uv)
 {
-    float z = textureLod(scene_depth, uv, 0.0).r * 2.0 - 1.0;
+    float z = texelFetch(scene_depth, ivec2(uv * vec2(textureSize(scene_depth, 0))), 0).r * 2.0 - 1.0;
     return 1.0 / (from_clip[2].w * z + from_clip[3].w);
 }
 
@@ -119,10 +122,12 @@ vec3 mirrored(vec3 from, vec3 direction, vec3 upright, float blur)
         vec4 clip = clip_from + gone * clip_direction;
         vec3 at = picture_place(clip);
         // Both are on one ray from the eye, so distances are as depths along the axis.
-        float behind = length(p) * (1.0 - axial_depth(at.xy) / clip.w);
+        float depth = axial_depth(at.xy);
+        float behind = length(p) * (1.0 - depth / clip.w);
         // Where the depth buffer is behind the ray it is unobstructed, whatever the coarser height map says.
         bool open = at.z > 0.0 && behind <= 0.0;
-        if (at.z > 0.0 && behind > 0.0 && behind < max(THICK, THICK_STEPS * (gone - before))) {
+        // What stands before the water hides what is behind it.
+        if (at.z > 0.0 && depth > clip_from.w && behind > 0.0 && behind < max(THICK, THICK_STEPS * (gone - before))) {
             seen_hit = gone;
             break;
         }

@@ -344,7 +344,7 @@ def write_trees(folder: Path) -> None:
 
 
 VIEWS: Final = ("ground", "hill", "air")
-LIGHTS: Final = {
+LIGHTS: Final[Mapping[str, Mapping[str, Any]]] = {
     "dawn": {"hour": 6.5, "clouds": 0.25},
     "noon": {"hour": 12.5, "clouds": 0.4},
     "overcast": {"hour": 10.0, "clouds": 1.0},

@@ -30,7 +30,7 @@ _SWING_WIDTHS = 3.0  # … with swings over about twice so many widths
 _BEND_WIDENING = 0.15  # of the width in the sharpest bends, whose bars narrow crossings lack
 _CHORD_WIDTHS = 1.5  # length of the chords by which a course's turn is measured
 _SHARP_TURN = 0.5  # sine of their angle in a bend as sharp as meanders have: a radius of 3 widths
-_WIDTH_STEP = 2.0**-8  # m
+_SWING_STEP = 2.0**-8  # to which ratios are rounded
 _END_WIDTHS = 4.0  # from a course's ends over which it gets its bends' shape
 
 
@@ -79,7 +79,8 @@ def width_swing(line: Float64Array, arc: Float64Array, width: Float64Array) -> F
     1 at the course's ends.
     """
     bends = _BEND_WIDENING * np.abs(bend_lean(line, arc, width))
-    return np.asarray(1.0 + _inside(arc, width) * (_swing("river width", line, width) + bends))
+    swing = 1.0 + _inside(arc, width) * (_swing("river width", line, width) + bends)
+    return rounded(swing, _SWING_STEP)
 
 
 def bank_sway(line: Float64Array, arc: Float64Array, width: Float64Array) -> Float64Array:
@@ -267,10 +268,7 @@ def build_network(
         width_swing(course.line, arc, width) if course.grows and course.label else np.ones(len(arc))
         for course, arc, width in zip(courses, arcs, widths, strict=True)
     ]
-    widths = [
-        rounded(width * swing, _WIDTH_STEP) if (swing != 1.0).any() else width
-        for width, swing in zip(widths, swings, strict=True)
-    ]
+    widths = [width * swing for width, swing in zip(widths, swings, strict=True)]
     confluences: list[Confluence | None] = [
         None
         if parent < 0

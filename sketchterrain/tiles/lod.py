@@ -96,7 +96,8 @@ class ScreenError:
         distance, _ = eye_distances(view, boxes)
         width = cells * view.pixels_per_radian / distance
         contrast = np.exp(-self.extinction * distance)
-        return np.maximum(contrast * np.minimum(seen, width / max(self.finest, 1e-9)), width / self.quad)
+        visible = contrast * np.minimum(seen, width / max(self.finest, 1e-9))
+        return np.asarray(np.maximum(visible, width / self.quad))
 
     def relaxed(self, factor: float) -> Self:
         """Return the metric with `factor` times the tolerance."""

@@ -295,7 +295,8 @@ class Woods:
         draw = partial(self._noise.draw, x=sites.x, y=sites.y)
         at = cache(partial(self._noise.at, x=sites.x, y=sites.y))
         wide, narrow = (at("group", width) for width in _GROUPS)
-        thickets = self._thickets(*(at("thicket", width) for width in _THICKETS), sites.water)
+        thicket, ragged = (at("thicket", width) for width in _THICKETS)
+        thickets = self._thickets(thicket, ragged, sites.water)
         lone = self._lone(wide, narrow, sites.dune, sites.water, sites.wetness) + thickets
         # Plants in excess of isolated ones outside a forest have seeded themselves from it.
         young = (sites.forest < OUTSIDE) & (draw("seed") >= lone / density_of(spacing))

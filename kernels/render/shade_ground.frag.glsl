@@ -56,6 +56,7 @@ const float CANOPY_CONTRAST = 0.75;                   // of crowns over the text
 const float EDGE_SHADE = 0.45;                        // sunlight lost among the trunks and in the shadow of a forest's edge
 const float MANY_PATCHES = 0.6;    // how much their shares, not their heights, determine the mean of many
 const float PATCH_FRAY = 0.2;      // of that mean's patches, which are wider than a pixel
+const float PATCH_EDGE = MATERIALS == 3 ? 0.2 : 0.5; // of shares, half the width of patches' edges
 const vec2 PATCH = vec2(0.3, 2.0); // m, footprints of pixels with one patch of a material and with many
 
 // Beds as kernels/strata.clh has them, and joints across them.
@@ -254,7 +255,7 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
         } else {
             total += weight;
             float patches = weight / total + PATCH_FRAY * (noise.middle.z - noise.small.z);
-            float opacity = mix(layer_share(all.height, material.height, weight), smoothstep(0.3, 0.7, patches), many);
+            float opacity = mix(layer_share(all.height, material.height, weight), smoothstep(0.5 - PATCH_EDGE, 0.5 + PATCH_EDGE, patches), many);
             float below = all.height;
             all = mix_materials(all, material, opacity);
             all.height = mix(below, height, opacity);

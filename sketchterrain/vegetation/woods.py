@@ -269,9 +269,10 @@ class Woods:
             self._depths.store(self._block(column, row), block)
         beside = _FRINGE * np.maximum(mean - forest, 0)
         young = beside / (beside + lone + 1e-9) * (forest < OUTSIDE)
-        wide, narrow = (self._noise.over_blocks("thicket", width, x, y) for width in _THICKETS)
-        thickets = self._thickets(wide, narrow, water)
-        lone = lone + thickets
+        banks = (water > _THICKET_BANK[0]).any(axis=(1, 2))
+        if banks.any():
+            noise = (self._noise.over_blocks("thicket", width, x[banks], y[banks]) for width in _THICKETS)
+            lone[banks] += self._thickets(*noise, water=water[banks])
         density = lone + beside
         some = forest.any(axis=(1, 2))
         if some.any():
@@ -295,8 +296,10 @@ class Woods:
         draw = partial(self._noise.draw, x=sites.x, y=sites.y)
         at = cache(partial(self._noise.at, x=sites.x, y=sites.y))
         wide, narrow = (at("group", width) for width in _GROUPS)
-        thicket, ragged = (at("thicket", width) for width in _THICKETS)
-        thickets = self._thickets(thicket, ragged, sites.water)
+        bank = sites.water > _THICKET_BANK[0]
+        noise = (self._noise.at("thicket", width, x=sites.x[bank], y=sites.y[bank]) for width in _THICKETS)
+        thickets = np.zeros(sites.x.shape)
+        thickets[bank] = self._thickets(*noise, water=sites.water[bank])
         lone = self._lone(wide, narrow, sites.dune, sites.water, sites.wetness) + thickets
         # Plants in excess of isolated ones outside a forest have seeded themselves from it.
         young = (sites.forest < OUTSIDE) & (draw("seed") >= lone / density_of(spacing))
@@ -322,16 +325,15 @@ class Woods:
         column, row = ((each + self.step // 2) // self.step for each in (x, y))
         blocks, inverse = np.unique(np.stack([column // BLOCK, row // BLOCK]), axis=1, return_inverse=True)
         along = self.step * np.arange(BLOCK, dtype=np.int64)
-        found = np.zeros(x.shape, np.float32)
+        found = np.zeros((blocks.shape[1], BLOCK, BLOCK), np.float32)
         for number, key in enumerate(zip(*blocks.tolist(), strict=True)):
             block = self._depths.get(key)
             if block is None:
                 corner = (self.step * BLOCK * np.array([[each]], np.int64) + along for each in key)
                 self.densities(*corner)
                 block = self._depths.get(key)
-            own = inverse.ravel() == number
-            found[own] = block[row[own] % BLOCK, column[own] % BLOCK]
-        return found
+            found[number] = block
+        return found[inverse.ravel(), row % BLOCK, column % BLOCK]
 
     def _block(self, x: int, y: int) -> tuple[int, int]:
         """Return the column and row of the block with a south-west vertex (lattice units)."""

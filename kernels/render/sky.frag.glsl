@@ -28,7 +28,11 @@ vec3 with_cirrus(vec3 sky, vec3 direction)
     vec2 jet = vec2(at.x + at.y, 2.0 * (at.y - at.x));
     vec4 banks = textureLod(noise_field, jet, SMOOTHED);
     vec2 bent = jet + vec2(0.0, BEND * banks.w);
+#if CLOUDS == 1
+    float fibres = banks.x;
+#else
     float fibres = texture(noise_field, bent * vec2(2.0, 9.0)).x;
+#endif
 #if CLOUDS == 0
     fibres = 0.7 * fibres + 0.5 * texture(noise_field, bent * vec2(5.0, 31.0) + 0.5).y;
 #endif

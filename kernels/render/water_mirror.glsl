@@ -83,7 +83,11 @@ vec3 mirrored_sky(vec3 direction, float blur)
     vec3 place = direction * to_layer(max(CLOUD_BASE + view_range.y - eye.z, 300.0), max(direction.z, 0.01));
     float density = mix(cloud_density(place.xy), smoothstep(0.0, DENSE, textureLod(cloud_field, cloud_place(place.xy), BLURRED).r), blur);
     float high = sqrt(max(textureLod(cloud_field, cloud_place(place.xy), 1.0).r, 0.0)); // km; thick clouds are dark below
+#if MATERIALS > 1
     vec3 lit = sunlit(0.5 + SHADED * high, cloud_phases(dot(direction, to_sun.xyz))) * SUN_GAIN + cloud_ambient(exp(-high / 0.35));
+#else
+    vec3 lit = mix(0.16, 0.05, min(high, 1.0)) * cloud_sun + cloud_ambient(0.5); // without the direction to the sun
+#endif
     sky = mix(sky, mix(sky, lit, clear_air(place)), density * (1.0 - overcast) * smoothstep(0.0, 0.1, direction.z));
 #endif
 #if MATERIALS > 1

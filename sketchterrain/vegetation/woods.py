@@ -271,8 +271,9 @@ class Woods:
         young = beside / (beside + lone + 1e-9) * (forest < OUTSIDE)
         banks = (water > _THICKET_BANK[0]).any(axis=(1, 2))
         if banks.any():
-            noise = (self._noise.over_blocks("thicket", width, x[banks], y[banks]) for width in _THICKETS)
-            lone[banks] += self._thickets(*noise, water=water[banks])
+            over = partial(self._noise.over_blocks, x=x[banks], y=y[banks])
+            wide, narrow = (over("thicket", width) for width in _THICKETS)
+            lone[banks] += self._thickets(wide, narrow, water[banks])
         density = lone + beside
         some = forest.any(axis=(1, 2))
         if some.any():
@@ -297,9 +298,10 @@ class Woods:
         at = cache(partial(self._noise.at, x=sites.x, y=sites.y))
         wide, narrow = (at("group", width) for width in _GROUPS)
         bank = sites.water > _THICKET_BANK[0]
-        noise = (self._noise.at("thicket", width, x=sites.x[bank], y=sites.y[bank]) for width in _THICKETS)
+        at_bank = partial(self._noise.at, x=sites.x[bank], y=sites.y[bank])
+        thicket, ragged = (at_bank("thicket", width) for width in _THICKETS)
         thickets = np.zeros(sites.x.shape)
-        thickets[bank] = self._thickets(*noise, water=sites.water[bank])
+        thickets[bank] = self._thickets(thicket, ragged, sites.water[bank])
         lone = self._lone(wide, narrow, sites.dune, sites.water, sites.wetness) + thickets
         # Plants in excess of isolated ones outside a forest have seeded themselves from it.
         young = (sites.forest < OUTSIDE) & (draw("seed") >= lone / density_of(spacing))

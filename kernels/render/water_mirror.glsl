@@ -46,12 +46,9 @@ float relief_at(vec2 place)
 
 float land_at(vec3 p) { return is_mapped(p.xy) ? smoothstep(-2.0, 2.0, relief_at(p.xy) - p.z) : 0.0; }
 
-// The nearest of the pixels that a colour is interpolated from.
 vec3 scene_position(vec2 uv)
 {
-    vec4 around = textureGather(scene_depth, uv);
-    float nearest = min(min(around.x, around.y), min(around.z, around.w));
-    vec4 p = from_clip * vec4(vec3(uv, nearest) * 2.0 - 1.0, 1.0);
+    vec4 p = from_clip * vec4(vec3(uv, textureLod(scene_depth, uv, 0.0).r) * 2.0 - 1.0, 1.0);
     return p.xyz / p.w;
 }
 
@@ -83,11 +80,7 @@ vec3 mirrored_sky(vec3 direction, float blur)
     vec3 place = direction * to_layer(max(CLOUD_BASE + view_range.y - eye.z, 300.0), max(direction.z, 0.01));
     float density = mix(cloud_density(place.xy), smoothstep(0.0, DENSE, textureLod(cloud_field, cloud_place(place.xy), BLURRED).r), blur);
     float high = sqrt(max(textureLod(cloud_field, cloud_place(place.xy), 1.0).r, 0.0)); // km; thick clouds are dark below
-#if MATERIALS > 1
     vec3 lit = sunlit(0.5 + SHADED * high, cloud_phases(dot(direction, to_sun.xyz))) * SUN_GAIN + cloud_ambient(exp(-high / 0.35));
-#else
-    vec3 lit = mix(0.16, 0.05, min(high, 1.0)) * cloud_sun + cloud_ambient(0.5); // without the direction to the sun
-#endif
     sky = mix(sky, mix(sky, lit, clear_air(place)), density * (1.0 - overcast) * smoothstep(0.0, 0.1, direction.z));
 #endif
 #if MATERIALS > 1

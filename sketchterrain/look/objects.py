@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 ACROSS: Final = 9  # vertices from bank to bank
 OVERLAP: Final = 1.7  # width of the mesh in widths of the water, so that it ends inside the banks
+OPEN_WATER: Final = 8  # quads along each side of one that stands for them far from the shore
 SHEET_CELLS: Final = 400  # largest number of quads along a lake's longer side
 ROUGHNESS: Final = 0.042  # Manning's n of a bed of gravel, s/m^(1/3)
 SHALLOWNESS: Final = 18.0  # width of a river over its hydraulic radius
@@ -162,7 +163,19 @@ def lake_surface(shape: ShapeField, level: float) -> WaterSurface:
     flow = np.stack([x, y, np.zeros(x.shape), np.ones(x.shape)], axis=-1)
     index = np.arange(x.size, dtype=np.uint32).reshape(x.shape)
     wet = np.maximum.reduce([inside[:-1, :-1], inside[:-1, 1:], inside[1:, :-1], inside[1:, 1:]])
-    used, triangles = np.unique(quads(index)[wet > -0.25 * shape.spacing], return_inverse=True)
+    cells = wet > -0.25 * shape.spacing
+    # In open water one quad stands for many: all lie in one plane.
+    many = tuple(count // OPEN_WATER * OPEN_WATER for count in cells.shape)
+    least = (
+        inside[: many[0], : many[1]]
+        .reshape(many[0] // OPEN_WATER, OPEN_WATER, -1, OPEN_WATER)
+        .min(axis=(1, 3))
+    )
+    far_out = least > 0.5 * OPEN_WATER * step * shape.spacing
+    cells[: many[0], : many[1]] &= ~far_out.repeat(OPEN_WATER, axis=0).repeat(OPEN_WATER, axis=1)
+    corners = index[: many[0] + 1 : OPEN_WATER, : many[1] + 1 : OPEN_WATER]
+    chosen = np.concatenate([quads(index)[cells], quads(corners)[far_out]])
+    used, triangles = np.unique(chosen, return_inverse=True)
     stream = np.tile([0.0, 0.0, 1.0, 0.0], (len(used), 1))
     return WaterSurface(
         position.reshape(-1, 3)[used],

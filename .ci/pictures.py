@@ -33,7 +33,7 @@ PICTURES: dict[str, tuple[str, float | None, list[str | tuple[float, ...]]]] = {
     "desert_mountains_far": ("desert_mountains", None, ["air"]),
     "island_coast": ("island_coast", None, ["ground"]),
     "island_coast_far": ("island_coast", None, ["air"]),
-    "mountain_pass": ("mountain_pass", None, [(3697.3, 2031, 1.7, 3790, 1992, -7.6)]),
+    "mountain_pass": ("mountain_pass", None, [(3773.5, 2021.0, 1.9, 3733.0, 2055.2, 1.5)]),
     "mountain_pass_far": ("mountain_pass", None, ["air"]),
     "rolling_hills": ("rolling_hills", None, ["ground"]),
     "rolling_hills_far": ("rolling_hills", None, ["air"]),
@@ -42,7 +42,7 @@ PICTURES: dict[str, tuple[str, float | None, list[str | tuple[float, ...]]]] = {
     "roads_hairpin": (
         "mountain_pass",
         None,
-        [(3905, 1900, 60, 3735, 2005, -7), (3697.3, 2031, 1.7, 3790, 1992, -7.6)],
+        [(3905, 1900, 60, 3735, 2005, -7), (3773.5, 2021.0, 1.9, 3733.0, 2055.2, 1.5)],
     ),
     "roads_bridge": (
         "mountain_pass",

@@ -110,7 +110,7 @@ vec3 direction_at(vec2 place)
 #else
 bool hidden() { return false; }
 
-float step_share(vec2 pixel) { return fract(52.9829189 * fract(dot(pixel, vec2(0.06711056, 0.00583715)))); } // Jimenez 2014
+float step_share(vec2 pixel) { return interleaved_noise(pixel); }
 
 // As `dome_clouds` reads it.
 vec3 direction_at(vec2 place)

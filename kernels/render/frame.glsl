@@ -28,6 +28,9 @@ layout(std140) uniform Frame {
     vec4 trees;        // x: distance beyond which forest floor is drawn as canopy, m; y: aridity 0..1; z: pixel, rad; w: draw distance of plants, m, or 0
 };
 
+// Interleaved gradient noise (Jimenez 2014) of a pixel, 0 ... 1: neighbours differ evenly.
+float interleaved_noise(vec2 pixel) { return fract(52.9829189 * fract(dot(pixel, vec2(0.06711056, 0.00583715)))); }
+
 uniform sampler2D sky_view;    // by direction: lower half in-scattered light, upper half sky (render/sky.py)
 uniform sampler2D near_light;  // r: sun visibility, g: sky visibility, b: terrain height, m, a: unused
 uniform sampler2D far_light;

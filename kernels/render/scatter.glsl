@@ -5,13 +5,7 @@ const uint FIRST_STEP = 3242174889u;  // 2³² over the plastic number …
 const uint SECOND_STEP = 2447445414u; // … and over its square: the sequence R2 (Roberts 2018)
 const float JITTER = 0.52;            // of the distance between neighbours, hides the lattice
 
-// Wellons' lowbias32.
-uint hash32(uint h)
-{
-    h = (h ^ (h >> 16)) * 0x7feb352du;
-    h = (h ^ (h >> 15)) * 0x846ca68bu;
-    return h ^ (h >> 16);
-}
+#include "render/hash.glsl"
 
 // 0..1, from the upper 24 bits.
 float unit_float(uint h) { return float(h >> 8) / 16777216.0; }

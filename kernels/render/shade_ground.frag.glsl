@@ -83,14 +83,9 @@ const float GULLY_FRAY = 1.0;                  // how much rock keeps to ribs, o
 const float STREAK_DEPTH = 0.5, GULLY_SHADE = 0.5; // shares of light that wet streaks and walls take
 const float LICHEN_SPAN = 16.0; // m
 
-uint mixed(uint h) // hash.clh
-{
-    h = (h ^ h >> 16) * 0x7FEB352Du;
-    h = (h ^ h >> 15) * 0x846CA68Bu;
-    return h ^ h >> 16;
-}
+#include "render/hash.glsl"
 
-float hash_of(int n, uint salt) { return float(int(mixed(uint(n) + salt))) / 2147483648.0; }
+float hash_of(int n, uint salt) { return float(int(hash32(uint(n) + salt))) / 2147483648.0; }
 
 float hardness_at(float c, uint salt)
 {

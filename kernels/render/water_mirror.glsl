@@ -67,7 +67,8 @@ vec3 picture_place(vec3 p) { return picture_place(to_clip * vec4(p, 1.0)); }
 // Distance of the scene along the camera's axis, m. Between a leaf and what is far behind it there is nothing to hit.
 float axial_depth(vec2 uv)
 {
-    float z = texelFetch(scene_depth, ivec2(uv * vec2(textureSize(scene_depth, 0))), 0).r * 2.0 - 1.0;
+    ivec2 size = textureSize(scene_depth, 0);
+    float z = texelFetch(scene_depth, clamp(ivec2(uv * vec2(size)), ivec2(0), size - 1), 0).r * 2.0 - 1.0;
     return 1.0 / (from_clip[2].w * z + from_clip[3].w);
 }
 
@@ -159,8 +160,8 @@ vec3 mirrored(vec3 from, vec3 direction, vec3 upright, float blur)
     }
 #if MATERIALS > 1
     vec4 sum = vec4(0.0);
-    // In [-0.5, 0.5), or the taps would draw stripes (interleaved gradient noise, Jimenez 2014).
-    float between = fract(52.9829189 * fract(dot((clip_from.xy / clip_from.w * 0.5 + 0.5) * view_range.zw, vec2(0.06711056, 0.00583715)))) - 0.5;
+    // In [-0.5, 0.5), or the taps would draw stripes.
+    float between = interleaved_noise((clip_from.xy / clip_from.w * 0.5 + 0.5) * view_range.zw) - 0.5;
     for (int i = -TAPS; i <= TAPS; ++i) {
         float s = TAP * (float(i) + between);
         vec3 towards = direction + s * upright;

@@ -165,12 +165,10 @@ def lake_surface(shape: ShapeField, level: float) -> WaterSurface:
     wet = np.maximum.reduce([inside[:-1, :-1], inside[:-1, 1:], inside[1:, :-1], inside[1:, 1:]])
     cells = wet > -0.25 * shape.spacing
     # In open water one quad stands for many: all lie in one plane.
-    many = tuple(count // OPEN_WATER * OPEN_WATER for count in cells.shape)
-    least = (
-        inside[: many[0], : many[1]]
-        .reshape(many[0] // OPEN_WATER, OPEN_WATER, -1, OPEN_WATER)
-        .min(axis=(1, 3))
-    )
+    across, along = (count // OPEN_WATER for count in cells.shape)
+    many = across * OPEN_WATER, along * OPEN_WATER
+    blocks = inside[: many[0], : many[1]].reshape(across, OPEN_WATER, along, OPEN_WATER)
+    least = blocks.min(axis=(1, 3))
     far_out = least > 0.5 * OPEN_WATER * step * shape.spacing
     cells[: many[0], : many[1]] &= ~far_out.repeat(OPEN_WATER, axis=0).repeat(OPEN_WATER, axis=1)
     corners = index[: many[0] + 1 : OPEN_WATER, : many[1] + 1 : OPEN_WATER]

@@ -342,10 +342,12 @@ def eye_level_view(terrain: TerrainSource, light: LightScore, *, raised: bool) -
     longest, best_viewpoint, eye = -1.0, 0, eyes[0]
     for viewpoint in np.argsort(-best, kind="stable")[:MAX_TESTED].tolist():
         angle = float(bearings[bearing[viewpoint]])
-        aside = eyes[viewpoint] + np.outer(ASIDE[raised], [np.cos(angle), -np.sin(angle), 0.0])
-        aside = aside[[True, *_is_suitable(terrain, cover, aside[1:, :2])]]
-        aside[:, 2] = surface_heights(terrain, aside[:, 0], aside[:, 1]).astype(np.float64) + EYE[raised]
-        for place in aside:
+        for step in ASIDE[raised]:
+            place = eyes[viewpoint] + step * np.array([np.cos(angle), -np.sin(angle), 0.0])
+            if step:
+                if not _is_suitable(terrain, cover, place[None, :2]).all():
+                    continue
+                place[2] = float(surface_heights(terrain, place[:1], place[1:2])[0]) + EYE[raised]
             distance = unobstructed_distance(terrain, place, angle, max_distance=CLEAR)
             if distance > longest:
                 longest, best_viewpoint, eye = distance, viewpoint, place

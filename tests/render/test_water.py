@@ -494,3 +494,13 @@ def test_levels_of_a_river_deviate_by_their_error_at_most_and_only_chunks_in_vie
     fine, coarse = (chunks.commands(ahead, 1.5, tolerance)["count"].sum() for tolerance in (0.0, 0.01))
     assert coarse - len(lake.triangles) < 0.1 * (fine - len(lake.triangles))
     assert len(chunks.commands(Camera((-500.0, 0.0, 60.0), (-1000.0, 0.0, 0.0)), 1.5, 0.0)) == 0
+
+
+def test_lakes_of_few_samples_have_a_mesh():
+    for count in (5, 8, 9, 12):
+        y, x = 2.0 * np.mgrid[:count, :count]
+        inside = (0.7 * count - np.hypot(x - count, y - count)).astype(np.float32)
+        assert (
+            len(lake_surface(SimpleNamespace(west=0.0, south=0.0, spacing=2.0, inside=inside), 1.0).triangles)
+            > 0
+        )

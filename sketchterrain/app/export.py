@@ -8,7 +8,7 @@ import sys
 import unicodedata
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -23,6 +23,7 @@ from sketchterrain.export.engines import requested_storeys
 from sketchterrain.export.files import move_files, prepare_folder, staging, stale_files
 from sketchterrain.export.planning import ExportPlan, checked_plan
 from sketchterrain.export.sampled import sample_terrain
+from sketchterrain.export.scene import SceneView
 from sketchterrain.export.sidecar import SIDECAR, write_sidecar
 from sketchterrain.export.target import Export, ExportOptions, ProgressStages
 from sketchterrain.io.files import check_disk, wrap_os_errors
@@ -145,7 +146,11 @@ def write_export(plan: ExportPlan, terrain: Terrain, folder: Path, *, stages: Pr
     name = file_name(terrain.sketch.name)
     found = noted_drapes(terrain) if terrain.sketch.drapes else None
     drapes = draped_shapes(found, terrain, plan.grid.bounds, max(plan.grid.spacing))
-    job = Export(terrain, name, plan.options, plan.grid, plan.tiling, sampled, folder, stages, drapes)
+    view = None
+    if plan.target.scene:
+        with stages.stage("view", "Choosing a view"):
+            view = scene_view(terrain)
+    job = Export(terrain, name, plan.options, plan.grid, plan.tiling, sampled, folder, stages, drapes, view)
     written = plan.target.write(job)
     options = plan.options
     for path in write_drapes(folder / f"{name}_drapes.gpkg", drapes, terrain, options.crs, options.origin):
@@ -155,6 +160,34 @@ def write_export(plan: ExportPlan, terrain: Terrain, folder: Path, *, stages: Pr
             os.fsync(stream.fileno())
     path, report = write_sidecar(job, written, plan.target.name)
     return ExportResult(report, (*written.files, path))
+
+
+def scene_view(terrain: TerrainSource) -> SceneView:
+    """Return the camera that `find_view` chooses and the light of the sketch's hour and weather."""
+    from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_HEIGHT
+    from sketchterrain.render.sky import SkyLight, Weather, sun_for_view
+    from sketchterrain.render.views import find_view
+
+    weather = Weather.from_sketch(terrain.sketch)
+    camera = find_view(terrain, weather=weather)
+    sun = sun_for_view(terrain, camera, weather)
+    light = SkyLight(sun, weather, extent=terrain.extent)
+    return SceneView(
+        eye=camera.eye,
+        target=camera.target,
+        fov=camera.fov,
+        sun_azimuth=sun.azimuth,
+        sun_elevation=sun.elevation,
+        sunlight=light.sunlight,
+        harmonics=light.harmonics,
+        sky=light.table(camera.eye[2]),
+        haze=light.haze,
+        haze_height=AEROSOL_HEIGHT,
+        air=RAYLEIGH,
+        air_height=RAYLEIGH_HEIGHT,
+        exposure=light.exposure(camera.heading),
+        weather=asdict(weather),
+    )
 
 
 def noted_drapes(terrain: TerrainSource) -> Drapes | None:

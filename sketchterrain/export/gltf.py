@@ -32,7 +32,12 @@ from sketchterrain.export.mesh import (
 from sketchterrain.export.sampled import SampleGrid, TerrainSamples, srgb_of
 from sketchterrain.export.target import Export
 from sketchterrain.io.files import atomic_file
-from sketchterrain.look.texture_levels import customized_levels, own_material_images, procedural_levels
+from sketchterrain.look.texture_levels import (
+    Levels,
+    customized_levels,
+    own_material_images,
+    procedural_levels,
+)
 from sketchterrain.look.texture_maker import linear_from_hex
 
 if TYPE_CHECKING:  # load OpenCL
@@ -256,8 +261,11 @@ class MaterialAppearance(NamedTuple):
     roughness: npt.NDArray[np.float64]  # (materials,): √α of the Trowbridge-Reitz distribution, as in glTF
 
 
-def material_appearance(terrain: Terrain) -> MaterialAppearance:
-    """Return the appearance of a terrain's materials, as changed by its sketch."""
+def material_levels(terrain: Terrain, texels: int) -> Levels:
+    """Return the textures of a terrain's materials as changed by its sketch, `texels` (2ⁿ) a side.
+
+    The finest level is the first; the first layers are the materials, those seen from afar follow.
+    """
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.compute.device import Device
 
@@ -266,10 +274,14 @@ def material_appearance(terrain: Terrain) -> MaterialAppearance:
     def open_context() -> ComputeContext:
         return ComputeContext(device if isinstance(device, Device) else None)
 
-    own = own_material_images(terrain.sketch.materials, _TEXELS)
-    levels = customized_levels(
-        procedural_levels(_TEXELS, open_context), terrain.materials, terrain.sketch.looks, own, open_context
-    )
+    own = own_material_images(terrain.sketch.materials, texels)
+    painted = procedural_levels(texels, open_context)
+    return customized_levels(painted, terrain.materials, terrain.sketch.looks, own, open_context)
+
+
+def material_appearance(terrain: Terrain) -> MaterialAppearance:
+    """Return the appearance of a terrain's materials, as changed by its sketch."""
+    levels = material_levels(terrain, _TEXELS)
     colour, relief = (part.reshape(-1, 4)[: len(terrain.materials)] / 255.0 for part in levels[-1])
     return MaterialAppearance(colour[:, :3] ** 2, relief[:, 2])
 

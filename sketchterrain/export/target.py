@@ -15,6 +15,7 @@ from sketchterrain.export.sampled import SampleGrid, TerrainSamples
 
 if TYPE_CHECKING:
     from sketchterrain.export.drapes import DrapedShapes
+    from sketchterrain.export.scene import SceneView
     from sketchterrain.terrain.terrain import Terrain
 
 
@@ -173,6 +174,7 @@ class Export:
     folder: Path  # a staging folder: all files are moved to their destination together
     stages: ProgressStages
     drapes: Sequence[DrapedShapes] = ()  # vectors on the ground
+    view: SceneView | None = None  # the preview's camera and light, for targets with a `scene`
 
 
 class ExportOutput(NamedTuple):
@@ -204,3 +206,4 @@ class Target:
     disk: float = 16.0  # upper bound, bytes per vertex of all files
     memory: float = 16.0  # upper bound, bytes per vertex of writing, besides the samples
     bytes_per_plant: float = 100.0  # upper bound, of all files
+    scene: bool = False  # whether it writes the preview's camera and light

@@ -197,18 +197,15 @@ AGAINST_LIGHT: Final = 0.5  # the same for a view whose horizon is brighter than
 VIEW: Final = 30.0  # degrees to the left and the right that count for it
 
 
-class Sky:
-    """Sky radiance by direction, and the irradiance of sun and sky on the ground.
+class SkyLight:
+    """Light of sun and sky on the ground.
 
-    `view` is a 64×128 RGBA16F texture, see clear_sky and air_light in kernels/render/frame.glsl; `sunlight`
-    (3,) the sun's irradiance on a surface facing it, at the ground; `harmonics` (9, 3), see
+    `sunlight` (3,) is the sun's irradiance on a surface facing it, at the ground; `harmonics` (9, 3), see
     `irradiance_harmonics`; `shaded_air` the share of the air's light missing over shadow; `haze` (3,) aerosol
     extinction at its base (1/m); `extinction` that of the air on paths to mountains, green.
     """
 
-    def __init__(
-        self, context: moderngl.Context, sun: Sun, weather: Weather, *, extent: float = np.inf
-    ) -> None:
+    def __init__(self, sun: Sun, weather: Weather, *, extent: float = np.inf) -> None:
         self.sun = sun
         self.air = air_with_haze(weather.haze)
         self.haze = weather.haze * np.maximum(HAZE, SMALL_WORLD / extent)
@@ -229,11 +226,6 @@ class Sky:
         # Ground of albedo `MIDDLE` becomes middle grey, less so where there is less light.
         light = float(self.sunlight.mean()) * (0.3 + 0.7 * max(sun.direction[2], 0.0)) + up
         self._exposure = float(0.18 / MIDDLE * np.pi / BRIGHT * (BRIGHT / light) ** ADAPTED)
-        self.view = context.texture((SIZE, 2 * SIZE), 4, dtype="f2")
-        self.view.repeat_x = self.view.repeat_y = False
-        self.view.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        self._height = -np.inf
-        self.set_height(0.0)
 
     def exposure(self, heading: float) -> float:
         """Return the exposure for a view's compass direction (degrees): lower against the light."""
@@ -244,17 +236,11 @@ class Sky:
         around = float(np.interp(np.linspace(0.0, np.pi, 91), azimuth, air).mean())
         return self._exposure * float(np.exp(AGAINST_LIGHT * (around - ahead)))
 
-    def set_height(self, height: float) -> None:
-        """Update `view` for a height over the haze's base (m)."""
-        height = float(np.clip(height, LEVELS[0], LEVELS[-1]))
-        if abs(height - self._height) <= 0.01 * max(height, 100.0):
-            return
-        self._height = height
-        table = np.ones((2 * SIZE, SIZE, 4), np.float16)
+    def table(self, height: float) -> Float64Array:
+        """Return the sky's radiance (128, 64, 3) at a height over the haze's base (m), as `sky_table`."""
         lower, share = level_weight(height)
         low, high = (self._level(number) for number in (lower, lower + 1))
-        table[..., :3] = low + share * (high - low)
-        self.view.write(table.tobytes())
+        return low + share * (high - low)
 
     def _level(self, number: int) -> Float64Array:
         """Return the table for a height of `LEVELS`, computed on first use."""
@@ -264,6 +250,33 @@ class Sky:
 
     def _with_overcast(self, table: Float64Array) -> Float64Array:
         return np.asarray(table + self.overcast * (self._overcast_sky - table))
+
+
+class Sky(SkyLight):
+    """Light of sun and sky, and the sky's radiance by direction for shaders.
+
+    `view` is a 64×128 RGBA16F texture, see clear_sky and air_light in kernels/render/frame.glsl.
+    """
+
+    def __init__(
+        self, context: moderngl.Context, sun: Sun, weather: Weather, *, extent: float = np.inf
+    ) -> None:
+        super().__init__(sun, weather, extent=extent)
+        self.view = context.texture((SIZE, 2 * SIZE), 4, dtype="f2")
+        self.view.repeat_x = self.view.repeat_y = False
+        self.view.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        self._height = -np.inf
+        self.set_height(0.0)
+
+    def set_height(self, height: float) -> None:
+        """Update `view` for a height over the haze's base (m)."""
+        height = float(np.clip(height, LEVELS[0], LEVELS[-1]))
+        if abs(height - self._height) <= 0.01 * max(height, 100.0):
+            return
+        self._height = height
+        table = np.ones((2 * SIZE, SIZE, 4), np.float16)
+        table[..., :3] = self.table(height)
+        self.view.write(table.tobytes())
 
 
 @lru_cache(maxsize=16)

@@ -48,8 +48,8 @@ class Strata:
     @classmethod
     def from_settings(cls, geology: Mapping[str, Any]) -> Strata:
         """Return the strata of the values of ``[geology]``."""
-        rock = ROCKS[geology.get("rock", _DECLARED[0].name)]
-        (rise, level), (east, north) = (_unit(geology.get(name, 0.0)) for name in ("dip", "dip_direction"))
+        rock = ROCKS[geology["rock"]]
+        (rise, level), (east, north) = (_unit(geology[name]) for name in ("dip", "dip_direction"))
         across = (rise * east / rock.bed, rise * north / rock.bed, level / rock.bed)
         return cls(rock, across, (north, -east))
 

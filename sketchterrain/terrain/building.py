@@ -298,7 +298,7 @@ def plan_terrain(
     world = WorldSettings(sketch.extent, sketch.seed, sketch.fidelity)
     beyond = UnpaintedSettings.from_sketch(sketch)
     settings = beyond.painted
-    region = RegionSources(settings, memory, _base_ground(sketch, settings, memory), beyond)
+    region = RegionSources(beyond, memory, _base_ground(sketch, settings, memory))
     dry = TerrainRecipe(
         world,
         sketch.climate,
@@ -351,7 +351,7 @@ def _base_ground(sketch: Sketch, settings: UnpaintedSettings, memory: LRUCache) 
 
 
 def _relief(region: RegionSources, painted: DrainedRaster | None = None) -> ReliefLayer:
-    return ReliefLayer(UnpaintedNodes(region.beyond or region.settings), painted, region.base)
+    return ReliefLayer(UnpaintedNodes(region.beyond), painted, region.base)
 
 
 def _painted_land(

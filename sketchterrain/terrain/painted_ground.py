@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from hashlib import blake2b
 
 import numpy as np
@@ -74,10 +74,14 @@ _NO_NODES = PaintedNodes(
 class RegionSources:
     """What the painted region is drained from, but for paint; and a cache of what was drained."""
 
-    settings: UnpaintedSettings
+    beyond: UnpaintedSettings  # of unpainted ground, with its surroundings
     memory: LRUCache
     base: BaseGround | None = None
-    beyond: UnpaintedSettings | None = None  # of unpainted ground, with its surroundings
+
+    @cached_property
+    def settings(self) -> UnpaintedSettings:
+        """The settings of unpainted ground where it is painted: without surroundings."""
+        return self.beyond.painted
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,7 +341,7 @@ def _cached_levels(region: RegionSources) -> tuple[tuple[DrainageInput, ...], Fl
     """Return what levels of the painted region are drained from without paint, coarsest first; its rock."""
 
     def compute() -> tuple[tuple[DrainageInput, ...], Float32Array]:
-        source, rock = _region(region.beyond or region.settings)  # the same bits
+        source, rock = _region(region.beyond)  # the same bits
         levels = [source]
         while len(levels) < len(BARE_ROUNDS):
             levels.append(coarsened(levels[-1]))

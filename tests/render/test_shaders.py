@@ -8,6 +8,7 @@ import pytest
 
 from sketchterrain.document.geology import Strata
 from sketchterrain.document.materials import BUILT_IN, weight_words
+from sketchterrain.document.parameters import GEOLOGY, defaults
 from sketchterrain.errors import BuildError
 from sketchterrain.io.resources import source
 from sketchterrain.look.texture_maker import filtered_roughness
@@ -99,7 +100,13 @@ def test_no_stage_exceeds_the_guaranteed_texture_units(gl):
     quality = Quality()
     clouds = cloud_defines(quality, Weather(clouds=0.8))
     defines = Shading(
-        gl, quality, BUILT_IN, aridity=0.2, look={}, strata=Strata.from_settings({}), clouds=clouds
+        gl,
+        quality,
+        BUILT_IN,
+        aridity=0.2,
+        look={},
+        strata=Strata.from_settings(defaults(GEOLOGY)),
+        clouds=clouds,
     ).defines
     painted = {"APPEARANCE": 8, "APPEARANCE_LEVELS": 16}
     programs = [

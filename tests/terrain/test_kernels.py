@@ -9,6 +9,7 @@ import pytest
 
 from sketchterrain.document.geology import Strata
 from sketchterrain.document.materials import MATERIALS
+from sketchterrain.document.parameters import GEOLOGY, defaults
 from sketchterrain.placement.feature_types import ShapeField
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_samples
@@ -275,7 +276,9 @@ def complete_recipe(make_recipe: Callable[..., TerrainRecipe], *names: str) -> T
         covers=(cover(1900.0, 2000.0, 60.0, 4, 0.8),),
         ground={"relief": 0.0},  # nodes do not shift by less than their spacing
     )
-    recipe = replace(recipe, strata=Strata.from_settings({"dip": 0.0}))  # beds that dip do not shift
+    recipe = replace(
+        recipe, strata=Strata.from_settings(defaults(GEOLOGY) | {"dip": 0.0})
+    )  # beds that dip do not shift
     assert metres_per_unit(recipe.extent) == UNIT
     network = make_network()
     ways = RoadsLayer(MATERIALS, network.roads), PadsLayer(MATERIALS, network.pads)

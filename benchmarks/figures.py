@@ -19,11 +19,11 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from sketchterrain.benchmarks.noise import BARE, open_ground
 from sketchterrain.benchmarks.plotting import BLUE, GREEN, INK, VERMILION, new_figure
 from sketchterrain.benchmarks.poisson_disk import PoissonDisk
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.materials import BUILT_IN
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.io.files import write_atomic
 from sketchterrain.io.resources import preset_names
@@ -326,7 +326,8 @@ class _PlantRow:
 
 def write_trees(folder: Path) -> None:
     """Write ``trees.jpg``: each species in two variants, a row per level of detail except the farthest."""
-    terrain: Any = _PlantRow(open_ground(BARE, ComputeContext()))
+    level = Sketch(ground={"relief": 4.0, "surroundings": 0.0})
+    terrain: Any = _PlantRow(build(level, device=ComputeContext()))
     ground = float(terrain.heights([MIDDLE[0]], [MIDDLE[1]])[0])
     eye = (MIDDLE[0], MIDDLE[1] - AWAY, ground + 0.55 * TALL)
     view = float(np.degrees(2.0 * np.arctan(0.64 * TALL / AWAY)))

@@ -39,6 +39,7 @@ PICTURES: dict[str, tuple[str, float | None, list[str | tuple[float, ...]]]] = {
     "rolling_hills_far": ("rolling_hills", None, ["air"]),
     "valley_river": ("valley_river", None, ["ground"]),
     "valley_river_far": ("valley_river", None, ["hill"]),
+    "near_ground": ("valley_river", None, [(3000, 900, 1.2, 2990, 940, 1.0)]),
     "roads_hairpin": (
         "mountain_pass",
         None,

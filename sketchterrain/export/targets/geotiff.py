@@ -46,10 +46,16 @@ _FIELDS = {
 }
 
 
-def _write(export: Export) -> ExportOutput:
+def export_georeference(export: Export) -> Georeference:
+    """Return the CRS of an export's files, and the sketch's south-west corner in it."""
     crs = local_metres() if export.options.crs is None else parse_metric_crs(export.options.crs)
-    origin = Origin(*export.options.origin or (0.0, 0.0))
-    georeference = Georeference(crs, *origin)
+    return Georeference(crs, *export.options.origin or (0.0, 0.0))
+
+
+def write_gis(export: Export) -> ExportOutput:
+    """Write rasters and vectors."""
+    georeference = export_georeference(export)
+    crs, origin = georeference.crs, Origin(georeference.east, georeference.north)
     with export.stages.stage("rasters", "Writing Cloud-Optimised GeoTIFF"):
         files = _write_rasters(export, georeference)
     vectors = export.folder / f"{export.name}.gpkg"
@@ -169,7 +175,7 @@ TARGETS = (
         name="geotiff",
         title="GIS",
         summary="Cloud-Optimised GeoTIFF; rivers, lakes, plants and features as GeoPackage",
-        write=_write,
+        write=write_gis,
         options=frozenset({"crs", "origin"}),
         disk=24.0,  # 17 bytes, a third more for overviews, and temporary files
         memory=20.0,  # copies of the materials, and a file

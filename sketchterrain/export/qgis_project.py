@@ -253,7 +253,7 @@ def write_project(
     layers = [layer for group in groups.values() for layer in group]
     terrain = {"layer": view.terrain.id, "layerName": view.terrain.title, "layerSource": view.terrain.source}
     text = f"""<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>
-<qgis version="3.22.0" projectname={quoteattr(title)}><title>{escape(title)}</title>
+<qgis version="3.22.16" projectname={quoteattr(title)}><title>{escape(title)}</title>
 <projectCrs>{reference}</projectCrs>
 <layer-tree-group>{"".join(_group(name, group) for name, group in groups.items())}</layer-tree-group>
 <mapcanvas name="theMapCanvas" annotationsVisible="1"><units>meters</units><extent>{extent}</extent>

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from rasterio.crs import CRS
 
 from sketchterrain.export.engines import requested_storeys
 from sketchterrain.export.landuse import FIELDS, land_layer
@@ -46,15 +47,18 @@ _FIELDS = {
 }
 
 
-def export_georeference(export: Export) -> Georeference:
-    """Return the CRS of an export's files, and the sketch's south-west corner in it."""
-    crs = local_metres() if export.options.crs is None else parse_metric_crs(export.options.crs)
+def _write(export: Export) -> ExportOutput:
+    return write_gis(export, export_georeference(export, local_metres()))
+
+
+def export_georeference(export: Export, local: CRS) -> Georeference:
+    """Return the CRS of an export's files, `local` if none is given, and the sketch's south-west corner in it."""
+    crs = local if export.options.crs is None else parse_metric_crs(export.options.crs)
     return Georeference(crs, *export.options.origin or (0.0, 0.0))
 
 
-def write_gis(export: Export) -> ExportOutput:
+def write_gis(export: Export, georeference: Georeference) -> ExportOutput:
     """Write rasters and vectors."""
-    georeference = export_georeference(export)
     crs, origin = georeference.crs, Origin(georeference.east, georeference.north)
     with export.stages.stage("rasters", "Writing Cloud-Optimised GeoTIFF"):
         files = _write_rasters(export, georeference)
@@ -175,7 +179,7 @@ TARGETS = (
         name="geotiff",
         title="GIS",
         summary="Cloud-Optimised GeoTIFF; rivers, lakes, plants and features as GeoPackage",
-        write=write_gis,
+        write=_write,
         options=frozenset({"crs", "origin"}),
         disk=24.0,  # 17 bytes, a third more for overviews, and temporary files
         memory=20.0,  # copies of the materials, and a file

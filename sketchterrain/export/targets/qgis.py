@@ -9,17 +9,25 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import shapely
+from rasterio.crs import CRS
 
 from sketchterrain.document.materials import Colour
 from sketchterrain.document.parameters import Properties
 from sketchterrain.export import qgis_project as qgis
 from sketchterrain.export.drapes import DrapedShapes, table_names
 from sketchterrain.export.qgis_project import Layer
-from sketchterrain.export.rasters import write_cloud_tiff
+from sketchterrain.export.rasters import Georeference, write_cloud_tiff
 from sketchterrain.export.sampled import srgb_of
 from sketchterrain.export.target import Export, ExportOutput, Target
 from sketchterrain.export.targets.geotiff import export_georeference, write_gis
 
+_LOCAL_METRES: Final = (
+    'PROJCS["sketch, metres from its south-west corner",GEOGCS["none",DATUM["none",SPHEROID["sphere",6371000,0]],'
+    'PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]],PROJECTION["Transverse_Mercator"],'
+    'PARAMETER["latitude_of_origin",0],PARAMETER["central_meridian",0],PARAMETER["scale_factor",1],'
+    'PARAMETER["false_easting",0],PARAMETER["false_northing",0],UNIT["metre",1],AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
+)
+"""A plane on a sphere: without one QGIS cannot draw in 3-D."""
 _EXPOSURE: Final = 2.5
 _PIXEL: Final = 0.000264583  # m on a screen of 96 dpi
 _WINDOW: Final = 0.2  # m of the longer side of a map on a screen
@@ -41,12 +49,13 @@ _PARTS: Final = {"marker": ((0, 4), "Point"), "line": ((1, 5), "LineString"), "f
 
 
 def _write(export: Export) -> ExportOutput:
-    output = write_gis(export)
+    georeference = export_georeference(export, CRS.from_wkt(_LOCAL_METRES))
+    output = write_gis(export, georeference)
     with export.stages.stage("project", "Writing the QGIS project"):
         groups = _vectors(export, output.facts["layers"])
-        terrain = _terrain(export, output.files)
+        terrain = _terrain(export, georeference, output.files)
         groups["Terrain"] = [*terrain[:2], *groups.pop("Land use"), *terrain[2:]]
-        path = _write_project(export, {name: layers for name, layers in groups.items() if layers})
+        path = _write_project(export, georeference, {name: layers for name, layers in groups.items() if layers})
     output.files[path] = "QGIS project with styles and a 3-D view"
     settings = {
         "program": "QGIS 3.22 or later",
@@ -56,9 +65,10 @@ def _write(export: Export) -> ExportOutput:
     return ExportOutput(output.files, settings, output.facts)
 
 
-def _write_project(export: Export, groups: dict[str, list[Layer]]) -> Path:
-    georeference, grid, view = export_georeference(export), export.grid, export.view
-    assert view is not None
+def _write_project(export: Export, georeference: Georeference, groups: dict[str, list[Layer]]) -> Path:
+    grid, view = export.grid, export.view
+    if view is None:
+        raise ValueError("expected a view")
     east, north = georeference.east, georeference.north
     bounds = east + grid.west, north + grid.south, east + grid.east, north + grid.north
     everything = [each for group in groups.values() for each in group]
@@ -89,7 +99,7 @@ def _write_project(export: Export, groups: dict[str, list[Layer]]) -> Path:
 _BASES: Final = ("Relief", "Materials")
 
 
-def _terrain(export: Export, files: dict[Path, str]) -> list[Layer]:
+def _terrain(export: Export, georeference: Georeference, files: dict[Path, str]) -> list[Layer]:
     """Return the rasters from the top down, and write the heaviest material of each vertex."""
     from sketchterrain.export.gltf import material_appearance
     from sketchterrain.export.map.features import FOREST, INDEX, PENS, WIDTHS, contour_interval
@@ -114,7 +124,6 @@ def _terrain(export: Export, files: dict[Path, str]) -> list[Layer]:
     material = samples.weights.argmax(axis=-1).astype(np.uint8)
     colours = [_colour(each) for each in material_appearance(terrain).albedo]
     classes = dict(zip((each.title for each in terrain.materials), colours, strict=True))
-    georeference = export_georeference(export)
     path = export.folder / f"{export.name}_material.tif"
     write_cloud_tiff(path, {"material": material}, grid=grid, georeference=georeference, classes=classes)
     files[path] = f"number of the heaviest material, from 0: {', '.join(classes)}"

@@ -47,6 +47,19 @@ class Layer(NamedTuple):
         return "gdal" if self.kind == "raster" else "ogr"
 
 
+class View(NamedTuple):
+    """A 3-D view of the terrain, painted with the theme `VIEW`; coordinates of the project's CRS (m)."""
+
+    terrain: Layer  # heights
+    layers: Sequence[Layer]
+    centre: tuple[float, float, float]  # in the middle of the picture
+    distance: float  # m from it to the camera
+    heading: float  # compass bearing, degrees
+    pitch: float  # degrees; 0 looks straight down
+    fov: float  # vertical, degrees
+    sun: tuple[float, float]  # azimuth and elevation, degrees
+
+
 def rgba(colour: Colour, opacity: float = 1.0) -> str:
     """Return a colour as QGIS writes it."""
     return ",".join(map(str, (*colour, round(255 * opacity))))
@@ -79,25 +92,29 @@ def symbol(kind: str, *drawings: str, name: str = "0", opacity: float = 1.0) -> 
     return f'<symbol type="{kind}" name="{name}" alpha="{opacity}">{"".join(drawings)}</symbol>'
 
 
-def drawing(kind: str, inner: str = "", *, order: int = 0, metres: str = "", **values: Any) -> str:
+def drawing(
+    kind: str, values: Mapping[str, Any], inner: str = "", *, metres: str = "", order: int = 0
+) -> str:
     """Return one drawing of a symbol; `metres` is an expression of its width that replaces a constant."""
     key = "size" if kind == "SimpleMarker" else "outlineWidth"
     width = _by_feature("data_defined_properties", {key: metres}) if metres else ""
     return f'<layer class="{kind}" enabled="1" pass="{order}">{_map(values)}{width}{inner}</layer>'
 
 
-def plain(colour: Colour | None, opacity: float = 1.0) -> str:
+def plain(colour: Colour, opacity: float = 1.0) -> str:
     """Return a drawing of areas in one colour."""
-    style = {"style": "solid" if colour else "no", "outline_style": "no"}
-    return drawing("SimpleFill", color=rgba(colour or (0, 0, 0), opacity), **style)
+    return drawing("SimpleFill", {"color": rgba(colour, opacity), "outline_style": "no"})
 
 
-def line(colour: Colour, width: float = 0.0, *, unit: str = "MM", dash: str = "", **values: Any) -> str:
-    """Return a drawing of lines; dashes are ``6;3``."""
-    units = {"line_width_unit": "MapUnit" if "metres" in values else unit, "customdash_unit": unit}
-    dashes = {"use_custom_dash": int(bool(dash)), "customdash": dash or "5;2"}
-    shape = {"capstyle": "flat" if dash else "round", "joinstyle": "round"} | dashes | values
-    return drawing("SimpleLine", line_color=rgba(colour), line_width=width, **units, **shape)
+def line(
+    colour: Colour, width: float = 0.0, *, metres: str = "", unit: str = "MM", dash: str = "", **shape: Any
+) -> str:
+    """Return a drawing of lines, see `drawing`; dashes are ``6;3``."""
+    order = shape.pop("order", 0)
+    values = {"line_color": rgba(colour), "line_width": width, "customdash_unit": unit}
+    values |= {"line_width_unit": "MapUnit" if metres else unit, "use_custom_dash": int(bool(dash))}
+    values |= {"customdash": dash or "5;2", "capstyle": "flat" if dash else "round", "joinstyle": "round"}
+    return drawing("SimpleLine", {**values, **shape}, metres=metres, order=order)
 
 
 def fill(colour: Colour, outline: Colour, width: float = 0.2, opacity: float = 1.0) -> str:
@@ -105,42 +122,31 @@ def fill(colour: Colour, outline: Colour, width: float = 0.2, opacity: float = 1
     return symbol("fill", plain(colour, opacity), line(outline, width))
 
 
-def marker(colour: Colour, diameter: float = 0.0, *, unit: str = "MM", metres: str = "") -> str:
+def marker(colour: Colour, diameter: float = 0.0, *, metres: str = "", unit: str = "MM") -> str:
     """Return a symbol of points: a disc."""
-    size = {"size": diameter, "size_unit": "MapUnit" if metres else unit, "metres": metres}
-    return symbol(
-        "marker", drawing("SimpleMarker", color=rgba(colour), name="circle", outline_style="no", **size)
-    )
-
-
-def _renderer(kind: str, content: str, symbols: Iterable[str], **values: Any) -> str:
-    numbered = (each.replace('name="0"', f'name="{number}"', 1) for number, each in enumerate(symbols))
-    return _tag("renderer-v2", {"type": kind, **values}, f"{content}<symbols>{''.join(numbered)}</symbols>")
+    values = {"name": "circle", "color": rgba(colour), "outline_style": "no", "size": diameter}
+    units = {"size_unit": "MapUnit" if metres else unit}
+    return symbol("marker", drawing("SimpleMarker", values | units, metres=metres))
 
 
 def single(each: str) -> str:
     """Return a renderer that draws all features alike."""
-    return _renderer("singleSymbol", "", [each])
+    return f'<renderer-v2 type="singleSymbol"><symbols>{each}</symbols></renderer-v2>'
 
 
-def categories(by: str, entries: Sequence[tuple[str, str, str]]) -> str:
-    """Return a renderer of the values of an expression: value, title and symbol of each."""
-    named = "".join(
-        _tag("category", {"value": value, "label": title, "symbol": number, "render": "true"})
-        for number, (value, title, _) in enumerate(entries)
-    )
-    symbols = (each for _, _, each in entries)
-    return _renderer("categorizedSymbol", f"<categories>{named}</categories>", symbols, attr=by)
+def classes(entries: Iterable[tuple[str, str, str]], by: str = "") -> str:
+    """Return a renderer of classes by the value of an expression, or by conditions: either, title and symbol.
 
-
-def rules(entries: Sequence[tuple[str, str, str]]) -> str:
-    """Return a renderer of rules, whose drawings are in order: condition, title and symbol of each."""
-    named = "".join(
-        _tag("rule", {"filter": condition, "label": title, "symbol": number, "key": number})
-        for number, (condition, title, _) in enumerate(entries)
-    )
-    symbols = (each for _, _, each in entries)
-    return _renderer("RuleRenderer", f'<rules key="all">{named}</rules>', symbols, symbollevels=1)
+    All of a drawing of conditions lies beneath all of the next.
+    """
+    named, symbols = [], []
+    for number, (value, title, symbol) in enumerate(entries):
+        which = {"value": value, "render": "true"} if by else {"filter": value, "key": number}
+        named.append(_tag("category" if by else "rule", which | {"label": title, "symbol": number}))
+        symbols.append(symbol.replace('name="0"', f'name="{number}"', 1))
+    kind = {"type": "categorizedSymbol", "attr": by} if by else {"type": "RuleRenderer", "symbollevels": 1}
+    listed = _tag("categories" if by else "rules", {} if by else {"key": "all"}, "".join(named))
+    return _tag("renderer-v2", kind, f"{listed}<symbols>{''.join(symbols)}</symbols>")
 
 
 def rules_3d(entries: Iterable[tuple[str, str]]) -> str:
@@ -173,26 +179,28 @@ def _material(colour: Colour) -> str:
     return f'<material ambient="{ambient}" diffuse="{rgba(colour)}" specular="0,0,0,255" shininess="1"/>'
 
 
-def raster(kind: str, content: str = "", *, brightness: int = 0, smooth: bool = True, **values: Any) -> str:
+def raster(
+    kind: str, values: Mapping[str, Any], content: str = "", *, brightness: int = 0, smooth: bool = True
+) -> str:
     """Return a renderer of a raster."""
-    renderer = _tag(
-        "rasterrenderer", {"type": kind, "band": 1, "alphaBand": -1, "opacity": 1} | values, content
-    )
+    own: dict[str, Any] = {"type": kind, "band": 1, "alphaBand": -1, "opacity": 1, **values}
     tone = f'<brightnesscontrast brightness="{brightness}" contrast="0" gamma="1"/>'
-    resampler = '<rasterresampler zoomedInResampler="bilinear" maxOversampling="2"/>' if smooth else ""
-    return f"<pipe>{renderer}{tone}{resampler}</pipe>"
+    methods = 'zoomedInResamplingMethod="cubic" zoomedOutResamplingMethod="average" maxOversampling="2"'
+    provider = f'<provider><resampling enabled="true" {methods}/></provider>' if smooth else ""
+    stage = f"<resamplingStage>{'provider' if smooth else 'resamplingFilter'}</resamplingStage>"
+    return f"<pipe>{provider}{_tag('rasterrenderer', own, content)}{tone}{stage}</pipe>"
 
 
-def palette(entries: Iterable[tuple[int, Colour, str]], **values: Any) -> str:
+def palette(entries: Iterable[tuple[int, Colour, str]], opacity: float = 1.0) -> str:
     """Return a renderer of classes, nothing elsewhere: value, colour and title of each."""
     named = "".join(
         _tag("paletteEntry", {"value": value, "color": _hex(colour), "label": title, "alpha": 255})
         for value, colour, title in entries
     )
-    return raster("paletted", f"<colorPalette>{named}</colorPalette>", smooth=False, **values)
+    return raster("paletted", {"opacity": opacity}, f"<colorPalette>{named}</colorPalette>", smooth=False)
 
 
-def ramp(stops: Sequence[tuple[float, Colour]], unit: str = "", **values: Any) -> str:
+def ramp(stops: Sequence[tuple[float, Colour]], unit: str = "", band: int = 1) -> str:
     """Return a renderer that interpolates colours of numbers, the lowest first."""
     items = "".join(
         _tag("item", {"value": value, "color": _hex(colour), "label": f"{value:.4g}{unit}", "alpha": 255})
@@ -202,7 +210,8 @@ def ramp(stops: Sequence[tuple[float, Colour]], unit: str = "", **values: Any) -
     legend = f'<rampLegendSettings useContinuousLegend="1" suffix="{unit}" orientation="2"/>'
     limits = {"colorRampType": "INTERPOLATED", "minimumValue": low, "maximumValue": high}
     shader = f"<rastershader>{_tag('colorrampshader', limits, items + legend)}</rastershader>"
-    return raster("singlebandpseudocolor", shader, classificationMin=low, classificationMax=high, **values)
+    ends = {"classificationMin": low, "classificationMax": high, "band": band}
+    return raster("singlebandpseudocolor", ends, shader)
 
 
 def _hex(colour: Colour) -> str:
@@ -216,55 +225,22 @@ def labels(field: str, size: float, colour: Colour) -> str:
     return f'<labeling type="simple"><settings>{_tag("text-style", style, halo)}</settings></labeling>'
 
 
-def spatial_reference(wkt: str) -> str:
-    """Return a coordinate reference system."""
-    return f"<spatialrefsys><wkt>{escape(wkt)}</wkt></spatialrefsys>"
-
-
-def view_3d(
-    terrain: Layer,
-    layers: Sequence[Layer],
-    reference: str,
-    *,
-    centre: tuple[float, float, float],
-    camera: Mapping[str, float],
-    sun: tuple[float, float],
-) -> str:
-    """Return a 3-D view on a point of the map, with the sun's azimuth and elevation (degrees).
-
-    A theme of the view's name paints the terrain. The `camera` has a ``fov`` and ``yaw``, ``pitch`` and ``dist``.
-    """
-    (x, y, z), (azimuth, elevation) = centre, map(math.radians, sun)
-    east, south = -math.sin(azimuth) * math.cos(elevation), math.cos(azimuth) * math.cos(elevation)
-    # From the origin, and since QGIS 3.42 in the project's CRS.
-    at = {"x": 0, "y": 0, "elev": z, "xMap": x, "yMap": y, "zMap": z}
-    shown = "".join(_tag("layer", {"id": each.id}) for each in layers)
-    return f"""<view name="{VIEW}" isOpen="1" area="2" floating="0" width="700" height="600"><qgis3d>
-<origin x="{x}" y="{y}" z="0"/><camera field-of-view="{camera["fov"]}" projection-type="1"/>
-<color background="214,228,240,255" selection="255,255,0,255"/><crs>{reference}</crs>
-<terrain exaggeration="1" texture-size="512" max-terrain-error="2" shading-enabled="1" map-theme="{VIEW}">
-<shading-material ambient="150,155,165,255" diffuse="255,255,255,255" specular="0,0,0,255" shininess="1"/>
-<layers>{shown}</layers><generator type="dem" layer="{terrain.id}" resolution="32" skirt-height="10"/>
-</terrain><point-lights/><directional-lights><directional-light x="{east}" y="{-math.sin(elevation)}"
-z="{south}" color="255,250,240,255" intensity="0.8"/></directional-lights></qgis3d>{_tag("camera", at | camera)}
-</view>"""
-
-
 def write_project(
     path: Path,
     title: str,
-    reference: str,
+    wkt: str,
     bounds: Bounds,
     groups: Mapping[str, Sequence[Layer]],
     themes: Mapping[str, Sequence[Layer]],
-    view: str,
+    view: View,
 ) -> Path:
     """Write a ``.qgz``: groups of layers and themes, from the top down, and a 3-D view; deterministic."""
+    reference = f"<spatialrefsys><wkt>{escape(wkt)}</wkt></spatialrefsys>"
     corners = dict(zip(("xmin", "ymin", "xmax", "ymax"), bounds, strict=True))
     extent = "".join(f"<{key}>{value}</{key}>" for key, value in corners.items())
     layers = [layer for group in groups.values() for layer in group]
     tree = (_tag("layer-tree-group", {"name": name}, _entries(group)) for name, group in groups.items())
-    presets = (_tag("visibility-preset", {"name": name}, _theme(each)) for name, each in themes.items())
+    presets = (_tag("visibility-preset", {"name": name}, _ids(each)) for name, each in themes.items())
     text = f"""<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>
 <qgis version="3.22.16" projectname={quoteattr(title)}><title>{escape(title)}</title>
 <projectCrs>{reference}</projectCrs><layer-tree-group>{"".join(tree)}</layer-tree-group>
@@ -274,7 +250,8 @@ def write_project(
 <properties><Measurement><DistanceUnits type="QString">meters</DistanceUnits></Measurement>
 <Paths><Absolute type="bool">false</Absolute></Paths>
 <SpatialRefSys><ProjectionsEnabled type="int">1</ProjectionsEnabled></SpatialRefSys></properties>
-<visibility-presets>{"".join(presets)}</visibility-presets><mapViewDocks3D>{view}</mapViewDocks3D>
+<visibility-presets>{"".join(presets)}</visibility-presets>
+<mapViewDocks3D>{_view(view, reference)}</mapViewDocks3D>
 <ProjectViewSettings>{_tag("DefaultViewExtent", corners, reference)}</ProjectViewSettings></qgis>
 """
     content = io.BytesIO()
@@ -288,21 +265,21 @@ def _entries(layers: Sequence[Layer]) -> str:
         _tag(
             "layer-tree-layer",
             {"id": each.id, "name": each.title, "source": each.source, "providerKey": each.provider}
-            | {"checked": "Qt::Checked" if each.visible else "Qt::Unchecked", "expanded": 0},
+            | {"checked": "Qt::Checked" if each.visible else "Qt::Unchecked"}
+            | {"expanded": int("</rules>" in each.style or "</categories>" in each.style)},
         )
         for each in layers
     )
 
 
-def _theme(layers: Sequence[Layer]) -> str:
-    return "".join(_tag("layer", {"id": each.id, "style": "default", "visible": 1}) for each in layers)
-
-
 def _layer(layer: Layer, reference: str) -> str:
-    values = {"type": "raster" if layer.kind == "raster" else "vector", "simplifyDrawingHints": 1}
+    values: dict[str, Any] = {
+        "type": "raster" if layer.kind == "raster" else "vector",
+        "simplifyDrawingHints": 1,
+    }
     values |= {"geometry": _GEOMETRY.get(layer.kind, ""), "labelsEnabled": int("<labeling" in layer.style)}
     values |= {"hasScaleBasedVisibilityFlag": int(layer.scales != ANY_SCALE)}
-    values |= dict(zip(("maxScale", "minScale"), layer.scales, strict=True))
+    values |= {"maxScale": layer.scales[0], "minScale": layer.scales[1]}
     return _tag(
         "maplayer",
         values,
@@ -311,3 +288,25 @@ def _layer(layer: Layer, reference: str) -> str:
         f'<provider encoding="UTF-8">{layer.provider}</provider>{layer.style}'
         f"<blendMode>{BLENDS[layer.blend]}</blendMode><layerOpacity>{layer.opacity}</layerOpacity>\n",
     )
+
+
+def _ids(layers: Iterable[Layer]) -> str:
+    return "".join(_tag("layer", {"id": each.id, "style": "default", "visible": 1}) for each in layers)
+
+
+def _view(view: View, reference: str) -> str:
+    (x, y, z), (azimuth, elevation) = view.centre, map(math.radians, view.sun)
+    light = {"x": -math.sin(azimuth) * math.cos(elevation), "y": -math.sin(elevation)}
+    light |= {"z": math.cos(azimuth) * math.cos(elevation)}  # where it goes: x east, y up, z south
+    # Where the camera looks: from the origin, and since QGIS 3.42 in the project's CRS.
+    camera = {"x": 0, "y": 0, "elev": z, "xMap": x, "yMap": y, "zMap": z}
+    camera |= {"dist": view.distance, "pitch": view.pitch, "yaw": -view.heading}
+    return f"""<view name="{VIEW}" isOpen="1" area="2" floating="0" width="700" height="600"><qgis3d>
+<origin x="{x}" y="{y}" z="0"/><camera field-of-view="{view.fov}" projection-type="1"/>
+<color background="214,228,240,255" selection="255,255,0,255"/><crs>{reference}</crs>
+<terrain exaggeration="1" texture-size="512" max-terrain-error="2" shading-enabled="1" map-theme="{VIEW}">
+<shading-material ambient="105,110,120,255" diffuse="255,255,255,255" specular="0,0,0,255" shininess="1"/>
+<layers>{_ids(view.layers)}</layers>
+<generator type="dem" layer="{view.terrain.id}" resolution="32" skirt-height="10"/></terrain><point-lights/>
+<directional-lights>{_tag("directional-light", light | {"color": "255,250,240,255", "intensity": 0.8})}
+</directional-lights></qgis3d>{_tag("camera", camera)}</view>"""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -255,8 +256,8 @@ def write_cloud_tiff(
     """Write named bands of one size and dtype as a Cloud-Optimised GeoTIFF, samples at vertices (Point).
 
     By GDAL's driver COG: deflated blocks of 256 × 256, overviews by averaging. Deterministic. Needs twice the
-    memory of the bands: for GDAL's copy and for the file. The numbers of a band may be `classes` with colours,
-    whose overviews are the commonest.
+    memory of the bands: for GDAL's copy and for the file. Numbers of a band may be `classes` with colours,
+    of which overviews have the commonest.
     """
     layout: dict[str, Any] = {
         "nodata": no_data,
@@ -267,8 +268,8 @@ def write_cloud_tiff(
         "statistics": "yes",
     }
     transform = georeference.transform(grid)
-    settings = {"unit": unit, "rgb": rgb, "classes": classes}
-    return _write_tiff(path, bands, "COG", georeference.crs, transform, **settings, **layout)
+    own = partial(_write_tiff, unit=unit, rgb=rgb, classes=classes)
+    return own(path, bands, "COG", georeference.crs, transform, **layout)
 
 
 def _write_tiff(

@@ -52,7 +52,7 @@ def _write(export: Export) -> ExportOutput:
 
 
 def export_georeference(export: Export, local: CRS) -> Georeference:
-    """Return the CRS of an export's files, `local` if none is given, and the sketch's south-west corner in it."""
+    """Return the CRS of an export, `local` if none is given, and the sketch's corner in it."""
     crs = local if export.options.crs is None else parse_metric_crs(export.options.crs)
     return Georeference(crs, *export.options.origin or (0.0, 0.0))
 

@@ -76,20 +76,22 @@ def _write_project(
     ground = [each for each in shown if each != rasters["Relief"]] + [rasters["Materials"]]
     flat = [each for each in ground if each.title not in ("Hillshade", "Contours", "Forest", "Plants")]
     ahead = np.subtract(view.target, view.eye)
-    reference = qgis.spatial_reference(place.crs.to_wkt())
     middle = float(export.samples.height[grid.rows // 2, grid.columns // 2])
-    view_3d = qgis.view_3d(
-        *(rasters["Relief"], layers, reference),
+    project_view = qgis.View(
+        terrain=rasters["Relief"],
+        layers=[each for each in layers if each in flat or each.title == "Plants"],
         centre=(west + 0.5 * east, south + 0.5 * north, middle),
-        camera={"fov": view.fov, "dist": 1.25 * max(east, north), "pitch": 58.0}
-        | {"yaw": -math.degrees(math.atan2(ahead[0], ahead[1]))},
+        distance=1.25 * max(east, north),
+        heading=math.degrees(math.atan2(ahead[0], ahead[1])),
+        pitch=58.0,
+        fov=view.fov,
         sun=(view.sun_azimuth, view.sun_elevation),
     )
     themes = {"Relief": shown, "Materials": ground, qgis.VIEW: flat}
     bounds = west, south, west + east, south + north
     title, path = export.terrain.sketch.name, export.folder / f"{export.name}.qgz"
     filled = {name: group for name, group in groups.items() if group}
-    return qgis.write_project(path, title, reference, bounds, filled, themes, view_3d)
+    return qgis.write_project(path, title, place.crs.to_wkt(), bounds, filled, themes, project_view)
 
 
 def _rasters(export: Export, place: Georeference, files: dict[Path, str]) -> dict[str, Layer]:
@@ -111,7 +113,7 @@ def _rasters(export: Export, place: Georeference, files: dict[Path, str]) -> dic
     interval = contour_interval(max(terrain.size) / _WINDOW, slope, height)
     heights = {"contour-interval": interval, "contour-index-interval": INDEX * interval, "downscale": 4}
     pens = "".join(
-        qgis.symbol("line", qgis.line(PENS["ground"], WIDTHS[index]), name=name, opacity=0.55)
+        qgis.symbol("line", qgis.line(PENS["ground"], WIDTHS[index]), name=name, opacity=0.75)
         for name, index in (("contour", False), ("index", True))
     )
     low, high = float(height.min()), float(height.max())
@@ -132,10 +134,10 @@ def _rasters(export: Export, place: Georeference, files: dict[Path, str]) -> dic
     bands = {"redBand": 1, "greenBand": 2, "blueBand": 3, "alphaBand": 4}
     wet = [(0.0, (255, 255, 255)), (1.0, (52, 110, 168))]
     layers = {
-        "Contours": ("height", qgis.raster("contour", f"<symbols>{pens}</symbols>", **heights)),
+        "Contours": ("height", qgis.raster("contour", heights, f"<symbols>{pens}</symbols>")),
         # Brighter, so that level ground keeps its colour.
-        "Hillshade": ("height", qgis.raster("hillshade", brightness=50, **light | {"opacity": 0.7})),
-        "Roads, land and drapes": ("appearance", qgis.raster("multibandcolor", **bands)),
+        "Hillshade": ("height", qgis.raster("hillshade", light, brightness=50)),
+        "Roads, land and drapes": ("appearance", qgis.raster("multibandcolor", bands)),
         "Forest": ("material", qgis.palette(woods, opacity=0.5)),
         "Materials": ("material", qgis.palette(used)),
         "Relief": ("height", qgis.ramp(tints, " m")),
@@ -184,12 +186,12 @@ def _vectors(export: Export, counts: dict[str, int]) -> dict[str, list[Layer]]:
     land = LAND_TINTS | {"forest": ("Forest", FOREST)}
     uses = [(name, title, area(colour, 0.8)) for name, (title, colour) in land.items()]
     water = qgis.area_3d(WATER, "0")
-    houses = qgis.categories('if("building" > 0, 1, 0)', pads) + qgis.area_3d(_BUILDING_3D, '"building"')
+    houses = qgis.classes(pads, 'if("building" > 0, 1, 0)') + qgis.area_3d(_BUILDING_3D, '"building"')
     decks = qgis.single(qgis.fill((255, 255, 255), INK, 0.3)) + qgis.area_3d(_BRIDGE_3D, "1")
     tables: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         "Roads and buildings": (
             ("pads", "Buildings and level ground", "fill", houses),
-            ("walls", "Walls and hedges", "line", qgis.categories("material", walls)),
+            ("walls", "Walls and hedges", "line", qgis.classes(walls, "material")),
             ("railways", "Railways", "line", _ways("railway")),
             ("roads", "Roads", "line", _ways("road")),
             ("paths", "Paths", "line", _ways("path")),
@@ -202,12 +204,12 @@ def _vectors(export: Export, counts: dict[str, int]) -> dict[str, list[Layer]]:
             ("grass", "Grass", "marker", _plants("grass")),
         ),
         "Water": (
-            ("rivers", "Rivers", "line", lines(qgis.drawing("GeometryGenerator", area(WATER), **taper))),
+            ("rivers", "Rivers", "line", lines(qgis.drawing("GeometryGenerator", taper, area(WATER)))),
             ("lakes", "Lakes", "fill", qgis.single(qgis.fill(WATER, DEEP)) + water),
             ("sea", "Sea", "fill", qgis.single(qgis.fill(WATER, DEEP, opacity=0.3)) + water),
             ("river_stations", "River stations", "marker", qgis.single(qgis.marker(DEEP, 0.6))),
         ),
-        "Land use": (("landuse", "Land use", "fill", qgis.categories("use", uses)),),
+        "Land use": (("landuse", "Land use", "fill", qgis.classes(uses, "use")),),
         "Sketch": (("features", "Landforms and groves", "marker", qgis.single(qgis.marker(_VIOLET, 1.2))),),
     }
     scales = {"plants": (0.0, _PLANTS_FROM), "grass": (0.0, _GRASS_FROM)}
@@ -246,7 +248,7 @@ def _ways(layer: str) -> str:
         wide = f'"width" + 2 * "shoulder" >= {way.least}'
         entries.append((f"{narrower} AND {wide}", way.title, qgis.symbol("line", *drawn)))
         narrower += f" AND NOT ({wide})"
-    return qgis.rules(entries)
+    return qgis.classes(entries)
 
 
 def _plants(storey: str) -> str:
@@ -265,7 +267,7 @@ def _plants(storey: str) -> str:
             own = f'"scale" > {least} AND "scale" <= {most} AND "level" >= 1 AND "species" = \'{name}\''
             crowns.append((own, qgis.crown_3d(colour, shape, share * height * scale, height * scale)))
     shown = f'if("level" >= if(@map_scale < {_ALL_FROM}, 0, 2), "species", NULL)'  # levels thin evenly
-    return qgis.categories(shown, discs) + (qgis.rules_3d(crowns) if crowns else "")
+    return qgis.classes(discs, shown) + (qgis.rules_3d(crowns) if crowns else "")
 
 
 def _parts(file: str, table: str, title: str, shapes: Any, drape: DrapedShapes | None = None) -> list[Layer]:
@@ -292,7 +294,7 @@ def _draped(layer: Layer, shapes: DrapedShapes) -> Layer:
     renderer = qgis.single(_drawn(layer.kind, style))
     if numbers := drape.class_numbers:
         classes = [(value, value, _drawn(layer.kind, drape.style_of(at))) for value, at in numbers.items()]
-        renderer = qgis.categories(drape["by"], [*classes, ("", "others", _drawn(layer.kind, style))])
+        renderer = qgis.classes([*classes, ("", "others", _drawn(layer.kind, style))], drape["by"])
     if style["label"]:
         renderer += qgis.labels(style["label"], style["label_size"], _from_hex(style["label_colour"]))
     scales = drape["finest"] / _PIXEL, drape["coarsest"] / _PIXEL or qgis.ANY_SCALE[1]
@@ -322,7 +324,7 @@ def _drawn(kind: str, style: Properties) -> str:
         angles = [
             style["hatch_angle"] + turn for turn in {"none": (), "lines": (0.0,), "cross": (0.0, 90.0)}[hatch]
         ]
-        hatched = [qgis.drawing("LinePatternFill", stroke, angle=angle, **gap) for angle in angles]
+        hatched = [qgis.drawing("LinePatternFill", gap | {"angle": angle}, stroke) for angle in angles]
         drawings = [*(hatched or [qgis.plain(inside, opacity)]), *drawings]
     return qgis.symbol(kind, *drawings)
 

@@ -46,6 +46,7 @@ _GROWTH: Final = ((0.0, 0.6, 0.4), (0.6, 1.0, 0.8), (1.0, 99.0, 1.2))
 """Classes of plants in 3-D: least and greatest scale, and the scale that they are drawn at."""
 _PARTS: Final = {"marker": ((0, 4), "Point"), "line": ((1, 5), "LineString"), "fill": ((3, 6), "Polygon")}
 """Shapely's type ids that symbols are for, and OGR's name of the geometry."""
+_HATCHES: Final = {"none": (), "lines": (0.0,), "cross": (0.0, 90.0)}  # degrees from the angle of the first
 _BUILDING_3D, _BRIDGE_3D, _VIOLET = (196, 176, 160), (186, 182, 176), (112, 72, 232)
 
 
@@ -104,12 +105,7 @@ def _rasters(export: Export, place: Georeference, files: dict[Path, str]) -> dic
     height, sea = samples.height, terrain.features.sea_level
     slope = np.hypot(*np.gradient(height, *samples.grid.spacing[::-1]))
     steep = STEEP / max(float(np.percentile(slope, 90.0)), 1e-6)
-    light = {
-        "azimuth": 315,
-        "angle": 45,
-        "zfactor": float(np.clip(steep, *EXAGGERATION)),
-        "multidirection": 1,
-    }
+    light = {"zfactor": float(np.clip(steep, *EXAGGERATION)), "azimuth": 315, "angle": 45}
     interval = contour_interval(max(terrain.size) / _WINDOW, slope, height)
     heights = {"contour-interval": interval, "contour-index-interval": INDEX * interval, "downscale": 4}
     pens = "".join(
@@ -136,7 +132,10 @@ def _rasters(export: Export, place: Georeference, files: dict[Path, str]) -> dic
     layers = {
         "Contours": ("height", qgis.raster("contour", heights, f"<symbols>{pens}</symbols>")),
         # Brighter, so that level ground keeps its colour.
-        "Hillshade": ("height", qgis.raster("hillshade", light, brightness=50)),
+        "Hillshade": (
+            "height",
+            qgis.raster("hillshade", light | {"multidirection": 1, "opacity": 0.7}, brightness=50),
+        ),
         "Roads, land and drapes": ("appearance", qgis.raster("multibandcolor", bands)),
         "Forest": ("material", qgis.palette(woods, opacity=0.5)),
         "Materials": ("material", qgis.palette(used)),
@@ -178,11 +177,8 @@ def _vectors(export: Export, counts: dict[str, int]) -> dict[str, list[Layer]]:
     course = f"tapered_buffer($geometry, {wide('width_spring')}, {wide('width_mouth')}, 8)"
     taper = {"SymbolType": "Fill", "geometryModifier": course, "units": "MapUnit"}
     pads = [("1", "Building", area(BUILDING)), ("0", "Level ground", area(YARD, 0.7))]
-    kinds = (("stone", "Wall", WALL), ("hedge", "Hedge", HEDGE))
-    walls = [
-        (name, title, qgis.symbol("line", qgis.line(each, metres=wide("width"))))
-        for name, title, each in kinds
-    ]
+    stone, hedge = (qgis.symbol("line", qgis.line(each, metres=wide("width"))) for each in (WALL, HEDGE))
+    walls = [("stone", "Wall", stone), ("hedge", "Hedge", hedge)]
     land = LAND_TINTS | {"forest": ("Forest", FOREST)}
     uses = [(name, title, area(colour, 0.8)) for name, (title, colour) in land.items()]
     water = qgis.area_3d(WATER, "0")
@@ -308,22 +304,18 @@ def _from_hex(colour: str) -> Colour:
 
 def _drawn(kind: str, style: Properties) -> str:
     """Return the symbol of a draped layer's style for points, lines or areas."""
-    colour, unit, hatch = style["colour"], {"m": "MapUnit", "px": "Pixel"}[style["unit"]], style["hatch"]
+    colour, unit = style["colour"], {"m": "MapUnit", "px": "Pixel"}[style["unit"]]
     if kind == "marker":
         return qgis.marker(_from_hex(colour or style["fill"] or "#808080"), style["width"], unit=unit)
-    shape = {
-        "dash": style["dash"].replace(" ", ";"),
-        "joinstyle": {"mitre": "miter"}.get(style["join"], style["join"]),
-    }
-    shape["capstyle"] = {"butt": "flat"}.get(style["cap"], style["cap"])
-    drawings = [qgis.line(_from_hex(colour), style["width"], unit=unit, **shape)] if colour else []
+    ends = {"butt": "flat", "mitre": "miter"}
+    shape = {f"{key}style": ends.get(style[key], style[key]) for key in ("cap", "join")}
+    shape |= {"dash": style["dash"].replace(" ", ";"), "line_style": "solid" if colour else "no"}
+    drawings = [qgis.line(_from_hex(colour or "#000000"), style["width"], unit=unit, **shape)]
     if kind == "fill" and style["fill"]:
         inside, opacity = _from_hex(style["fill"]), style["fill_opacity"]
         stroke = qgis.symbol("line", qgis.line(inside, style["width"], unit=unit), opacity=opacity)
         gap = {"distance": style["hatch_spacing"], "distance_unit": unit}
-        angles = [
-            style["hatch_angle"] + turn for turn in {"none": (), "lines": (0.0,), "cross": (0.0, 90.0)}[hatch]
-        ]
+        angles = [style["hatch_angle"] + turn for turn in _HATCHES[style["hatch"]]]
         hatched = [qgis.drawing("LinePatternFill", gap | {"angle": angle}, stroke) for angle in angles]
         drawings = [*(hatched or [qgis.plain(inside, opacity)]), *drawings]
     return qgis.symbol(kind, *drawings)

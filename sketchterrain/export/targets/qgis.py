@@ -308,7 +308,7 @@ def _drawn(kind: str, style: Properties) -> str:
     if kind == "marker":
         return qgis.marker(_from_hex(colour or style["fill"] or "#808080"), style["width"], unit=unit)
     ends = {"butt": "flat", "mitre": "miter"}
-    shape = {f"{key}style": ends.get(style[key], style[key]) for key in ("cap", "join")}
+    shape: dict[str, Any] = {f"{key}style": ends.get(style[key], style[key]) for key in ("cap", "join")}
     shape |= {"dash": style["dash"].replace(" ", ";"), "line_style": "solid" if colour else "no"}
     drawings = [qgis.line(_from_hex(colour or "#000000"), style["width"], unit=unit, **shape)]
     if kind == "fill" and style["fill"]:

@@ -13,6 +13,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from sketchterrain.array_types import Bounds
 from sketchterrain.document.materials import Colour
+from sketchterrain.export.scene import SceneView
 from sketchterrain.io.files import write_atomic
 
 BLENDS: Final = {"normal": 0, "screen": 2, "add": 4, "multiply": 6}
@@ -45,19 +46,6 @@ class Layer(NamedTuple):
     def provider(self) -> str:
         """QGIS's name of what reads it."""
         return "gdal" if self.kind == "raster" else "ogr"
-
-
-class View(NamedTuple):
-    """A 3-D view of the terrain, painted with the theme `VIEW`; coordinates of the project's CRS (m)."""
-
-    terrain: Layer  # heights
-    layers: Sequence[Layer]
-    centre: tuple[float, float, float]  # in the middle of the picture
-    distance: float  # m from it to the camera
-    heading: float  # compass bearing, degrees
-    pitch: float  # degrees; 0 looks straight down
-    fov: float  # vertical, degrees
-    sun: tuple[float, float]  # azimuth and elevation, degrees
 
 
 def rgba(colour: Colour, opacity: float = 1.0) -> str:
@@ -101,9 +89,10 @@ def drawing(
     return f'<layer class="{kind}" enabled="1" pass="{order}">{_map(values)}{width}{inner}</layer>'
 
 
-def plain(colour: Colour, opacity: float = 1.0) -> str:
-    """Return a drawing of areas in one colour."""
-    return drawing("SimpleFill", {"color": rgba(colour, opacity), "outline_style": "no"})
+def fill(colour: Colour, opacity: float = 1.0, *over: str) -> str:
+    """Return a symbol of areas in one colour, with drawings on top of it."""
+    values = {"color": rgba(colour, opacity), "outline_style": "no"}
+    return symbol("fill", drawing("SimpleFill", values), *over)
 
 
 def line(
@@ -115,11 +104,6 @@ def line(
     values |= {"line_width_unit": "MapUnit" if metres else unit, "use_custom_dash": int(bool(dash))}
     values |= {"customdash": dash or "5;2", "capstyle": "flat" if dash else "round", "joinstyle": "round"}
     return drawing("SimpleLine", {**values, **shape}, metres=metres, order=order)
-
-
-def fill(colour: Colour, outline: Colour, width: float = 0.2, opacity: float = 1.0) -> str:
-    """Return a symbol of areas with an outline (mm)."""
-    return symbol("fill", plain(colour, opacity), line(outline, width))
 
 
 def marker(colour: Colour, diameter: float = 0.0, *, metres: str = "", unit: str = "MM") -> str:
@@ -149,21 +133,16 @@ def classes(entries: Iterable[tuple[str, str, str]], by: str = "") -> str:
     return _tag("renderer-v2", kind, f"{listed}<symbols>{''.join(symbols)}</symbols>")
 
 
-def rules_3d(entries: Iterable[tuple[str, str]]) -> str:
-    """Return a 3-D renderer of rules: condition and 3-D symbol of each."""
-    rules = (_tag("rule", {"filter": entry[0], "key": key}, entry[1]) for key, entry in enumerate(entries))
+def crowns_3d(entries: Iterable[tuple[str, Colour, str, float, float]]) -> str:
+    """Return a 3-D renderer of points: condition, colour, ``cone`` or ``sphere``, radius and height (m)."""
+    unit, rules = _map({"bottomRadius": 0.5, "topRadius": 0, "length": 1, "radius": 0.5}), []
+    for key, (condition, colour, shape, radius, height) in enumerate(entries):
+        matrix = f"{2 * radius:g} 0 0 0 0 {height:g} 0 0 0 0 {2 * radius:g} 0 0 {height / 2:g} 0 1"
+        kind = {"type": "point", "shape": shape, "material_type": "phong"}
+        place = f'<data alt-clamping="terrain"/><transform matrix="{matrix}"/>'
+        each = _tag("symbol", kind, f"{place}{_material(colour)}<shape-properties>{unit}</shape-properties>")
+        rules.append(_tag("rule", {"filter": condition, "key": key}, each))
     return f'<renderer-3d type="rulebased"><rules key="all">{"".join(rules)}</rules></renderer-3d>'
-
-
-def crown_3d(colour: Colour, shape: str, radius: float, height: float) -> str:
-    """Return a 3-D symbol of points: a ``cone`` or ``sphere`` (m) on the ground."""
-    unit = _map({"bottomRadius": 0.5, "topRadius": 0, "length": 1, "radius": 0.5})
-    matrix = f"{2 * radius:g} 0 0 0 0 {height:g} 0 0 0 0 {2 * radius:g} 0 0 {height / 2:g} 0 1"
-    return (
-        f'<symbol type="point" shape="{shape}" material_type="phong"><data alt-clamping="terrain"/>'
-        f"{_material(colour)}<shape-properties>{unit}</shape-properties>"
-        f'<transform matrix="{matrix}"/></symbol>'
-    )
 
 
 def area_3d(colour: Colour, height: str) -> str:
@@ -232,10 +211,15 @@ def write_project(
     bounds: Bounds,
     groups: Mapping[str, Sequence[Layer]],
     themes: Mapping[str, Sequence[Layer]],
-    view: View,
+    terrain: Layer,
+    scene: SceneView,
 ) -> Path:
-    """Write a ``.qgz``: groups of layers and themes, from the top down, and a 3-D view; deterministic."""
+    """Write a ``.qgz``: groups of layers and themes, from the top down, and a 3-D view; deterministic.
+
+    The view shows the layers of the theme `VIEW` on the terrain, whose layer has heights.
+    """
     reference = f"<spatialrefsys><wkt>{escape(wkt)}</wkt></spatialrefsys>"
+    view = _view(terrain, themes[VIEW], scene, bounds, reference)
     corners = dict(zip(("xmin", "ymin", "xmax", "ymax"), bounds, strict=True))
     extent = "".join(f"<{key}>{value}</{key}>" for key, value in corners.items())
     layers = [layer for group in groups.values() for layer in group]
@@ -251,7 +235,7 @@ def write_project(
 <Paths><Absolute type="bool">false</Absolute></Paths>
 <SpatialRefSys><ProjectionsEnabled type="int">1</ProjectionsEnabled></SpatialRefSys></properties>
 <visibility-presets>{"".join(presets)}</visibility-presets>
-<mapViewDocks3D>{_view(view, reference)}</mapViewDocks3D>
+<mapViewDocks3D>{view}</mapViewDocks3D>
 <ProjectViewSettings>{_tag("DefaultViewExtent", corners, reference)}</ProjectViewSettings></qgis>
 """
     content = io.BytesIO()
@@ -294,19 +278,23 @@ def _ids(layers: Iterable[Layer]) -> str:
     return "".join(_tag("layer", {"id": each.id, "style": "default", "visible": 1}) for each in layers)
 
 
-def _view(view: View, reference: str) -> str:
-    (x, y, z), (azimuth, elevation) = view.centre, map(math.radians, view.sun)
+def _view(terrain: Layer, layers: Sequence[Layer], scene: SceneView, bounds: Bounds, reference: str) -> str:
+    """Return a bird's view of the whole map in the scene's direction, with its sun."""
+    west, south, east, north = bounds
+    x, y, z = 0.5 * (west + east), 0.5 * (south + north), scene.target[2]
+    azimuth, elevation = math.radians(scene.sun_azimuth), math.radians(scene.sun_elevation)
     light = {"x": -math.sin(azimuth) * math.cos(elevation), "y": -math.sin(elevation)}
     light |= {"z": math.cos(azimuth) * math.cos(elevation)}  # where it goes: x east, y up, z south
-    # Where the camera looks: from the origin, and since QGIS 3.42 in the project's CRS.
+    left = math.atan2(scene.eye[0] - scene.target[0], scene.target[1] - scene.eye[1])
+    # The middle of the picture: from the origin, and since QGIS 3.42 in the project's CRS.
     camera = {"x": 0, "y": 0, "elev": z, "xMap": x, "yMap": y, "zMap": z}
-    camera |= {"dist": view.distance, "pitch": view.pitch, "yaw": -view.heading}
+    camera |= {"dist": 1.25 * max(east - west, north - south), "pitch": 58, "yaw": math.degrees(left)}
     return f"""<view name="{VIEW}" isOpen="1" area="2" floating="0" width="700" height="600"><qgis3d>
-<origin x="{x}" y="{y}" z="0"/><camera field-of-view="{view.fov}" projection-type="1"/>
+<origin x="{x}" y="{y}" z="0"/><camera field-of-view="{scene.fov}" projection-type="1"/>
 <color background="214,228,240,255" selection="255,255,0,255"/><crs>{reference}</crs>
 <terrain exaggeration="1" texture-size="512" max-terrain-error="2" shading-enabled="1" map-theme="{VIEW}">
 <shading-material ambient="105,110,120,255" diffuse="255,255,255,255" specular="0,0,0,255" shininess="1"/>
-<layers>{_ids(view.layers)}</layers>
-<generator type="dem" layer="{view.terrain.id}" resolution="32" skirt-height="10"/></terrain><point-lights/>
+<layers>{_ids(layers)}</layers>
+<generator type="dem" layer="{terrain.id}" resolution="32" skirt-height="10"/></terrain><point-lights/>
 <directional-lights>{_tag("directional-light", light | {"color": "255,250,240,255", "intensity": 0.8})}
 </directional-lights></qgis3d>{_tag("camera", camera)}</view>"""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,10 +10,11 @@ import numpy.typing as npt
 import shapely
 from rasterio.crs import CRS
 
+from sketchterrain.document.drapes import STYLE, DrapedLayer
 from sketchterrain.document.materials import Colour
-from sketchterrain.document.parameters import Properties
+from sketchterrain.document.parameters import Properties, defaults
 from sketchterrain.export import qgis_project as qgis
-from sketchterrain.export.drapes import DrapedShapes, table_names
+from sketchterrain.export.drapes import table_names
 from sketchterrain.export.qgis_project import Layer
 from sketchterrain.export.rasters import Georeference, write_cloud_tiff
 from sketchterrain.export.sampled import srgb_of
@@ -46,7 +46,6 @@ _GROWTH: Final = ((0.0, 0.6, 0.4), (0.6, 1.0, 0.8), (1.0, 99.0, 1.2))
 """Classes of plants in 3-D: least and greatest scale, and the scale that they are drawn at."""
 _PARTS: Final = {"marker": ((0, 4), "Point"), "line": ((1, 5), "LineString"), "fill": ((3, 6), "Polygon")}
 """Shapely's type ids that symbols are for, and OGR's name of the geometry."""
-_HATCHES: Final = {"none": (), "lines": (0.0,), "cross": (0.0, 90.0)}  # degrees from the angle of the first
 _BUILDING_3D, _BRIDGE_3D, _VIOLET = (196, 176, 160), (186, 182, 176), (112, 72, 232)
 
 
@@ -67,32 +66,18 @@ def _write(export: Export) -> ExportOutput:
 def _write_project(
     export: Export, place: Georeference, groups: dict[str, list[Layer]], rasters: dict[str, Layer]
 ) -> Path:
-    grid, view = export.grid, export.view
-    if view is None:
+    grid, path = export.grid, export.folder / f"{export.name}.qgz"
+    if export.view is None:
         raise ValueError("expected a view")
-    east, north = grid.east - grid.west, grid.north - grid.south
-    west, south = place.east + grid.west, place.north + grid.south
-    layers = [each for group in groups.values() for each in group]
-    shown = [each for each in layers if each.visible]
+    shown = [each for group in groups.values() for each in group if each.visible]
     ground = [each for each in shown if each != rasters["Relief"]] + [rasters["Materials"]]
-    flat = [each for each in ground if each.title not in ("Hillshade", "Contours", "Forest", "Plants")]
-    ahead = np.subtract(view.target, view.eye)
-    middle = float(export.samples.height[grid.rows // 2, grid.columns // 2])
-    project_view = qgis.View(
-        terrain=rasters["Relief"],
-        layers=[each for each in layers if each in flat or each.title == "Plants"],
-        centre=(west + 0.5 * east, south + 0.5 * north, middle),
-        distance=1.25 * max(east, north),
-        heading=math.degrees(math.atan2(ahead[0], ahead[1])),
-        pitch=58.0,
-        fov=view.fov,
-        sun=(view.sun_azimuth, view.sun_elevation),
-    )
+    flat = [each for each in ground if each.title not in ("Hillshade", "Contours", "Forest")]
     themes = {"Relief": shown, "Materials": ground, qgis.VIEW: flat}
-    bounds = west, south, west + east, south + north
-    title, path = export.terrain.sketch.name, export.folder / f"{export.name}.qgz"
+    west, south = place.east + grid.west, place.north + grid.south
+    bounds = west, south, place.east + grid.east, place.north + grid.north
     filled = {name: group for name, group in groups.items() if group}
-    return qgis.write_project(path, title, place.crs.to_wkt(), bounds, filled, themes, project_view)
+    about = export.terrain.sketch.name, place.crs.to_wkt(), bounds
+    return qgis.write_project(path, *about, filled, themes, rasters["Relief"], export.view)
 
 
 def _rasters(export: Export, place: Georeference, files: dict[Path, str]) -> dict[str, Layer]:
@@ -171,19 +156,16 @@ def _vectors(export: Export, counts: dict[str, int]) -> dict[str, list[Layer]]:
     def lines(*drawings: str) -> str:
         return qgis.single(qgis.symbol("line", *drawings))
 
-    def area(colour: Colour, opacity: float = 1.0) -> str:
-        return qgis.symbol("fill", qgis.plain(colour, opacity))
-
     course = f"tapered_buffer($geometry, {wide('width_spring')}, {wide('width_mouth')}, 8)"
     taper = {"SymbolType": "Fill", "geometryModifier": course, "units": "MapUnit"}
-    pads = [("1", "Building", area(BUILDING)), ("0", "Level ground", area(YARD, 0.7))]
+    pads = [("1", "Building", qgis.fill(BUILDING)), ("0", "Level ground", qgis.fill(YARD, 0.7))]
     stone, hedge = (qgis.symbol("line", qgis.line(each, metres=wide("width"))) for each in (WALL, HEDGE))
     walls = [("stone", "Wall", stone), ("hedge", "Hedge", hedge)]
     land = LAND_TINTS | {"forest": ("Forest", FOREST)}
-    uses = [(name, title, area(colour, 0.8)) for name, (title, colour) in land.items()]
-    water = qgis.area_3d(WATER, "0")
+    uses = [(name, title, qgis.fill(colour, 0.8)) for name, (title, colour) in land.items()]
+    water, shore = qgis.area_3d(WATER, "0"), qgis.line(DEEP, 0.2)
     houses = qgis.classes(pads, 'if("building" > 0, 1, 0)') + qgis.area_3d(_BUILDING_3D, '"building"')
-    decks = qgis.single(qgis.fill((255, 255, 255), INK, 0.3)) + qgis.area_3d(_BRIDGE_3D, "1")
+    decks = qgis.single(qgis.fill((255, 255, 255), 1.0, qgis.line(INK, 0.3))) + qgis.area_3d(_BRIDGE_3D, "1")
     tables: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         "Roads and buildings": (
             ("pads", "Buildings and level ground", "fill", houses),
@@ -200,9 +182,9 @@ def _vectors(export: Export, counts: dict[str, int]) -> dict[str, list[Layer]]:
             ("grass", "Grass", "marker", _plants("grass")),
         ),
         "Water": (
-            ("rivers", "Rivers", "line", lines(qgis.drawing("GeometryGenerator", taper, area(WATER)))),
-            ("lakes", "Lakes", "fill", qgis.single(qgis.fill(WATER, DEEP)) + water),
-            ("sea", "Sea", "fill", qgis.single(qgis.fill(WATER, DEEP, opacity=0.3)) + water),
+            ("rivers", "Rivers", "line", lines(qgis.drawing("GeometryGenerator", taper, qgis.fill(WATER)))),
+            ("lakes", "Lakes", "fill", qgis.single(qgis.fill(WATER, 1.0, shore)) + water),
+            ("sea", "Sea", "fill", qgis.single(qgis.fill(WATER, 0.3, shore)) + water),
             ("river_stations", "River stations", "marker", qgis.single(qgis.marker(DEEP, 0.6))),
         ),
         "Land use": (("landuse", "Land use", "fill", qgis.classes(uses, "use")),),
@@ -212,7 +194,9 @@ def _vectors(export: Export, counts: dict[str, int]) -> dict[str, list[Layer]]:
     hidden = ("road_edges", "river_stations", "features")
     groups = {"Drapes": list[Layer]()}
     for each, table in zip(export.drapes, table_names(export.drapes), strict=True):
-        groups["Drapes"] += _parts(f"{export.name}_drapes", table, each.layer.title, each.geometry, each)
+        groups["Drapes"] += _parts(
+            f"{export.name}_drapes", table, each.layer.title, each.geometry, each.layer
+        )
     for group, rows in tables.items():
         groups[group] = [
             Layer(
@@ -261,32 +245,30 @@ def _plants(storey: str) -> str:
         discs.append((name, name.capitalize(), qgis.marker(colour, metres=width)))
         for least, most, scale in _GROWTH if woody else ():
             own = f'"scale" > {least} AND "scale" <= {most} AND "level" >= 1 AND "species" = \'{name}\''
-            crowns.append((own, qgis.crown_3d(colour, shape, share * height * scale, height * scale)))
+            crowns.append((own, colour, shape, share * height * scale, height * scale))
     shown = f'if("level" >= if(@map_scale < {_ALL_FROM}, 0, 2), "species", NULL)'  # levels thin evenly
-    return qgis.classes(discs, shown) + (qgis.rules_3d(crowns) if crowns else "")
+    return qgis.classes(discs, shown) + (qgis.crowns_3d(crowns) if crowns else "")
 
 
-def _parts(file: str, table: str, title: str, shapes: Any, drape: DrapedShapes | None = None) -> list[Layer]:
+def _parts(file: str, table: str, title: str, shapes: Any, drape: DrapedLayer | None = None) -> list[Layer]:
     """Return a layer for the points, the lines and the areas of a table; a sketch's own are hidden."""
     kinds = set(shapely.get_type_id(shapes).tolist())
     found = {kind: name for kind, (ids, name) in _PARTS.items() if kinds.intersection(ids)}
-    layers = []
+    source, own, layers = f"./{file}.gpkg|layername={table}", title, []
     for kind, name in found.items():
-        source, own = f"./{file}.gpkg|layername={table}", title
         if len(found) > 1:
-            source, own = f"{source}|geometrytype={name}", f"{title} ({name})"
+            source, own = f"./{file}.gpkg|layername={table}|geometrytype={name}", f"{title} ({name})"
         if drape is not None:
             layers.append(_draped(Layer(own, source, kind, ""), drape))
         else:
-            drawn = {"marker": qgis.marker(_VIOLET, 1.2), "fill": qgis.fill(_VIOLET, _VIOLET, opacity=0.2)}
-            style = drawn.get(kind) or qgis.symbol("line", qgis.line(_VIOLET, 0.3))
+            style = _drawn(kind, defaults(STYLE) | {"colour": "#7048e8", "fill_opacity": 0.1})
             layers.append(Layer(own, source, kind, qgis.single(style), visible=False))
     return layers
 
 
-def _draped(layer: Layer, shapes: DrapedShapes) -> Layer:
+def _draped(layer: Layer, drape: DrapedLayer) -> Layer:
     """Return a draped layer with its styles."""
-    drape, style = shapes.layer, shapes.layer.style_of(-1)
+    style = drape.style_of(-1)
     renderer = qgis.single(_drawn(layer.kind, style))
     if numbers := drape.class_numbers:
         classes = [(value, value, _drawn(layer.kind, drape.style_of(at))) for value, at in numbers.items()]
@@ -310,15 +292,17 @@ def _drawn(kind: str, style: Properties) -> str:
     ends = {"butt": "flat", "mitre": "miter"}
     shape: dict[str, Any] = {f"{key}style": ends.get(style[key], style[key]) for key in ("cap", "join")}
     shape |= {"dash": style["dash"].replace(" ", ";"), "line_style": "solid" if colour else "no"}
-    drawings = [qgis.line(_from_hex(colour or "#000000"), style["width"], unit=unit, **shape)]
-    if kind == "fill" and style["fill"]:
-        inside, opacity = _from_hex(style["fill"]), style["fill_opacity"]
-        stroke = qgis.symbol("line", qgis.line(inside, style["width"], unit=unit), opacity=opacity)
-        gap = {"distance": style["hatch_spacing"], "distance_unit": unit}
-        angles = [style["hatch_angle"] + turn for turn in _HATCHES[style["hatch"]]]
-        hatched = [qgis.drawing("LinePatternFill", gap | {"angle": angle}, stroke) for angle in angles]
-        drawings = [*(hatched or [qgis.plain(inside, opacity)]), *drawings]
-    return qgis.symbol(kind, *drawings)
+    outline = qgis.line(_from_hex(colour or "#000000"), style["width"], unit=unit, **shape)
+    if kind == "line" or not style["fill"]:
+        return qgis.symbol(kind, outline)
+    inside, opacity = _from_hex(style["fill"]), style["fill_opacity"]
+    if style["hatch"] == "none":
+        return qgis.fill(inside, opacity, outline)
+    stroke = qgis.symbol("line", qgis.line(inside, style["width"], unit=unit), opacity=opacity)
+    gap = {"distance": style["hatch_spacing"], "distance_unit": unit}
+    turns = (0.0,) if style["hatch"] == "lines" else (0.0, 90.0)
+    hatches = ({"angle": style["hatch_angle"] + turn} | gap for turn in turns)
+    return qgis.symbol("fill", *(qgis.drawing("LinePatternFill", each, stroke) for each in hatches), outline)
 
 
 TARGETS = (

@@ -15,11 +15,13 @@ import rasterio
 from PIL import Image
 
 import sketchterrain as st
+import sketchterrain.app.export
 from sketchterrain.app.console import Stages
 from sketchterrain.app.export import write_export
 from sketchterrain.document.drapes import DrapeClass, draped_layer
 from sketchterrain.errors import InputError
 from sketchterrain.export.planning import checked_plan
+from sketchterrain.export.scene import SceneView
 from sketchterrain.export.target import ExportOptions
 
 EAST, NORTH = 600_000.0, 5_270_000.0
@@ -90,7 +92,12 @@ def check_project(folder):
     return root
 
 
-def test_projects_are_relative_complete_and_deterministic(draped, tmp_path):
+def test_projects_are_relative_complete_and_deterministic(draped, tmp_path, monkeypatch):
+    scene = SceneView(**dict.fromkeys(SceneView._fields, 0.0))
+    scene = scene._replace(
+        eye=(500.0, 0.0, 90.0), target=(500.0, 9.0, 40.0), sun_azimuth=90.0, sun_elevation=60.0
+    )
+    monkeypatch.setattr(sketchterrain.app.export, "scene_view", lambda terrain: scene)
     done, terrain = export(draped, tmp_path / "a", size=33, plants=False)
     (tmp_path / "b").mkdir()
     plan = checked_plan(draped, "qgis", ExportOptions(size=33, plants=False))
@@ -104,6 +111,13 @@ def test_projects_are_relative_complete_and_deterministic(draped, tmp_path):
     assert {"Rivers", "Lakes", "Contours", "Hillshade", "Materials", "Relief", "Wetness"} <= set(titles)
     assert "25832" in root.findtext("projectCrs/spatialrefsys/wkt")
     assert root.findtext("title") == "Draped"
+    (light,) = root.iter("directional-light")
+    assert [float(light.get(axis)) for axis in "xyz"] == pytest.approx(
+        [-0.5, -(0.75**0.5), 0.0]
+    )  # westward, down
+    (camera,) = root.iterfind("mapViewDocks3D/view/camera")
+    assert float(camera.get("yaw")) == 0.0
+    assert [float(camera.get(axis)) for axis in ("xMap", "yMap", "zMap")] == [512.0, 512.0, 40.0]
 
 
 def test_material_raster_has_the_heaviest_materials_their_names_and_colours(exported, terrain):

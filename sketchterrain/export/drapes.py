@@ -83,16 +83,21 @@ def write_drapes(
         return ()
     if crs is None:
         crs, origin = georeference(terrain.sketch.frame, None, None)
-    taken = set[str]()
     with geopackage(path, (local_metres() if crs is None else parse_crs(crs)).to_wkt()) as file:
-        for each in layers:
-            file.add(_table(each, Origin(*origin or (0.0, 0.0)), taken))
+        for name, each in zip(table_names(layers), layers, strict=True):
+            file.add(_table(name, each, Origin(*origin or (0.0, 0.0))))
     return (path,)
 
 
-def _table(shapes: DrapedShapes, origin: Origin, taken: set[str]) -> VectorLayer:
-    """Return a layer of a GeoPackage, of a name that is not yet taken."""
-    name = distinct_name(re.sub(r"[^\w -]", "_", shapes.layer.title).strip() or "layer", taken)
+def table_names(layers: Sequence[DrapedShapes]) -> list[str]:
+    """Return the names of the layers' tables in their GeoPackage."""
+    taken = set[str]()
+    names = (re.sub(r"[^\w -]", "_", each.layer.title).strip() or "layer" for each in layers)
+    return [distinct_name(name, taken) for name in names]
+
+
+def _table(name: str, shapes: DrapedShapes, origin: Origin) -> VectorLayer:
+    """Return a layer of a GeoPackage."""
     fields: dict[str, npt.NDArray[Any]] = {"id": np.array(shapes.ids, np.int64)}
     used = {"fid", "geom", *fields}
     for key in dict.fromkeys(key for row in shapes.properties for key in row):

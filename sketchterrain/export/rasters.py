@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -250,22 +251,25 @@ def write_cloud_tiff(
     unit: str | None = None,
     no_data: float | None = None,
     rgb: bool = False,
+    classes: Mapping[str, tuple[int, int, int]] | None = None,
 ) -> Path:
     """Write named bands of one size and dtype as a Cloud-Optimised GeoTIFF, samples at vertices (Point).
 
     By GDAL's driver COG: deflated blocks of 256 × 256, overviews by averaging. Deterministic. Needs twice the
-    memory of the bands: for GDAL's copy and for the file.
+    memory of the bands: for GDAL's copy and for the file. Numbers of a band may be `classes` with colours,
+    of which overviews have the commonest.
     """
     layout: dict[str, Any] = {
         "nodata": no_data,
         "predictor": "yes",  # the one for its dtype: differences of floats or of integers
-        "overview_resampling": "average",
+        "overview_resampling": "average" if classes is None else "mode",
         "blocksize": _BLOCK,
         "num_threads": "all_cpus",
         "statistics": "yes",
     }
     transform = georeference.transform(grid)
-    return _write_tiff(path, bands, "COG", georeference.crs, transform, unit=unit, rgb=rgb, **layout)
+    own = partial(_write_tiff, unit=unit, rgb=rgb, classes=classes)
+    return own(path, bands, "COG", georeference.crs, transform, **layout)
 
 
 def _write_tiff(
@@ -277,6 +281,7 @@ def _write_tiff(
     *,
     unit: str | None = None,
     rgb: bool = False,
+    classes: Mapping[str, tuple[int, int, int]] | None = None,
     **layout: Any,
 ) -> Path:
     first = next(iter(bands.values()))
@@ -295,4 +300,7 @@ def _write_tiff(
                 if unit is not None:
                     file.set_band_unit(index, unit)
                 file.write(band, index)
+            if classes is not None:
+                file.write_colormap(1, dict(enumerate(classes.values())))
+                file.update_tags(1, **{f"CLASS_{number}": name for number, name in enumerate(classes)})
         return write_atomic(path, memory.getbuffer())

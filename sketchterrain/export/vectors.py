@@ -172,6 +172,7 @@ class GeoPackage:
                 crs=self._crs,
                 append=self._path.exists(),
                 layer_options={"GEOMETRY_NAME": "geom"},
+                dataset_options={} if self._path.exists() else {"VERSION": "1.2"},  # of GDAL before 3.7
             )
         indexed = int((~shapely.is_empty(layer.geometry)).sum())
         self.counts[layer.name] = self.counts.get(layer.name, 0) + len(layer.geometry)

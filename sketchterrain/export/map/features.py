@@ -40,14 +40,19 @@ class Contour:
 
 
 def choose_interval(samples: MapSamples) -> float:
-    """Return a round contour interval (m).
+    """Return a round contour interval (m)."""
+    return contour_interval(samples.frame.scale, samples.slope[2], samples.smooth)
+
+
+def contour_interval(scale: float, slope: Grid, height: Grid) -> float:
+    """Return a round contour interval (m) of a map of scale 1 : n, for slopes (rise over run) and heights.
 
     Imhof (Cartographic Relief Presentation, 1965, ch. C): A = n · log₁₀ n · tan α with n = √(scale/100 + 1)
     and α the slope of common steep terrain.
     """
-    n = np.sqrt(samples.frame.scale / 100.0 + 1.0)
-    slope = float(np.percentile(samples.slope[2], STEEP_SHARE))
-    return nearest_round(max(n * np.log10(n) * slope, float(np.ptp(samples.smooth)) / 100.0, 0.1))
+    n = np.sqrt(scale / 100.0 + 1.0)
+    steep = float(np.percentile(slope, STEEP_SHARE))
+    return nearest_round(max(n * np.log10(n) * steep, float(np.ptp(height)) / 100.0, 0.1))
 
 
 def trace_contours(samples: MapSamples, interval: float) -> list[Contour]:

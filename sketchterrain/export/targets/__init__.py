@@ -13,6 +13,7 @@ _MODULES = {
     "blender": "blender",
     "gltf": "gltf",
     "geotiff": "geotiff",
+    "qgis": "qgis",
     "raw": "plain",
     "png16": "plain",
     "exr": "plain",

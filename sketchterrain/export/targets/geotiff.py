@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from rasterio.crs import CRS
 
 from sketchterrain.export.engines import requested_storeys
 from sketchterrain.export.landuse import FIELDS, land_layer
@@ -47,9 +48,18 @@ _FIELDS = {
 
 
 def _write(export: Export) -> ExportOutput:
-    crs = local_metres() if export.options.crs is None else parse_metric_crs(export.options.crs)
-    origin = Origin(*export.options.origin or (0.0, 0.0))
-    georeference = Georeference(crs, *origin)
+    return write_gis(export, export_georeference(export, local_metres()))
+
+
+def export_georeference(export: Export, local: CRS) -> Georeference:
+    """Return the CRS of an export, `local` if none is given, and the sketch's corner in it."""
+    crs = local if export.options.crs is None else parse_metric_crs(export.options.crs)
+    return Georeference(crs, *export.options.origin or (0.0, 0.0))
+
+
+def write_gis(export: Export, georeference: Georeference) -> ExportOutput:
+    """Write rasters and vectors."""
+    crs, origin = georeference.crs, Origin(georeference.east, georeference.north)
     with export.stages.stage("rasters", "Writing Cloud-Optimised GeoTIFF"):
         files = _write_rasters(export, georeference)
     vectors = export.folder / f"{export.name}.gpkg"

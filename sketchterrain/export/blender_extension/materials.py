@@ -1,0 +1,345 @@
+"""Node trees: ground, objects, water, plants, sky, and the instances of plants."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+STATE = "sketchterrain_state"  # property: digest of a block as it was imported
+_IGNORED = {"name", "label", "select", "location", "width", "height", "parent", "is_active_output"}
+_SIMPLE = {"BOOLEAN", "INT", "FLOAT", "STRING", "ENUM"}
+_COLUMN, _ROW = 220.0, 190.0  # layout of nodes
+_SKY = 8.7  # irradiance of Blender's sky on level ground, times e / (e + 6°) for the sun's elevation e: a fit
+_WATER = (0.010, 0.050, 0.070, 1.0)
+
+Tile = dict[str, Any]
+
+
+def rebuild(block: Any, build: Callable[..., None], *arguments: Any) -> bool:
+    """Build a block unless it was changed since its import; return whether it was built."""
+    if STATE in block and block[STATE] != digest(block):
+        return False
+    build(block, *arguments)
+    block[STATE] = digest(block)
+    return True
+
+
+def digest(block: Any) -> str:
+    """Return a digest of a node tree, of what has one, or of an object and its light or camera."""
+    tree = block if isinstance(block, bpy.types.NodeTree) else getattr(block, "node_tree", None)
+    parts: list[Any] = []
+    if tree is not None:
+        for node in sorted(tree.nodes, key=lambda node: str(node.name)):
+            values = [
+                _plain(socket.default_value) for socket in node.inputs if hasattr(socket, "default_value")
+            ]
+            parts.append((node.name, node.bl_idname, list(_settings(node)), values))
+        ends = ((each.from_socket, each.to_socket) for each in tree.links)
+        parts += sorted(str([(end.node.name, end.identifier) for end in pair]) for pair in ends)
+    if isinstance(block, bpy.types.Object):
+        parts += [_plain(value) for value in (block.location, block.rotation_euler, block.scale)]
+        parts += list(_settings(block.data)) if block.type in {"CAMERA", "LIGHT"} else []
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+
+
+def _settings(block: Any) -> Iterator[tuple[str, Any]]:
+    for prop in block.bl_rna.properties:
+        if prop.type in _SIMPLE and not prop.is_readonly and prop.identifier not in _IGNORED:
+            yield prop.identifier, _plain(getattr(block, prop.identifier))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, bpy.types.ID):
+        return value.name
+    return (
+        value if isinstance(value, (int, float, str, bool, type(None))) else [_plain(each) for each in value]
+    )
+
+
+def _add(tree: Any, kind: str, *inputs: Any, **settings: Any) -> Any:
+    """Add a node; inputs are sockets, values, or None for the default."""
+    node = tree.nodes.new(kind)
+    named: Mapping[str, Any] = settings.pop("named", {})
+    for name, value in settings.items():
+        setattr(node, name, value)
+    enabled = [socket for socket in node.inputs if socket.enabled]
+    for socket, value in [
+        *zip(enabled, inputs, strict=False),
+        *((node.inputs[n], v) for n, v in named.items()),
+    ]:
+        if isinstance(value, bpy.types.NodeSocket):
+            tree.links.new(value, socket)
+        elif value is not None:
+            socket.default_value = value
+    return node
+
+
+def _math(tree: Any, operation: str, *inputs: Any) -> Any:
+    return _add(tree, "ShaderNodeMath", *inputs, operation=operation).outputs[0]
+
+
+def _vector(tree: Any, operation: str, *inputs: Any, **named: Any) -> Any:
+    kind = "ShaderNodeVectorMath"
+    return _add(tree, kind, *inputs, operation=operation, named=named).outputs[operation == "DISTANCE"]
+
+
+def _mix(tree: Any, factor: Any, first: Any, second: Any, blend: str = "MIX") -> Any:
+    settings = {"data_type": "RGBA", "blend_type": blend}
+    return _add(tree, "ShaderNodeMix", factor, first, second, **settings).outputs["Result"]
+
+
+def _image(tree: Any, image: Any, vector: Any, extension: str) -> Any:
+    return _add(tree, "ShaderNodeTexImage", vector, image=image, extension=extension)
+
+
+def _arrange(tree: Any) -> None:
+    """Place nodes in columns by their distance from the output."""
+    column = dict.fromkeys((node.name for node in tree.nodes), 0)
+    for _ in tree.nodes:
+        for link in tree.links:
+            start, end = link.from_node.name, link.to_node.name
+            column[start] = max(column[start], column[end] + 1)
+    rows = dict.fromkeys(column.values(), 0)
+    for node in tree.nodes:
+        node.location = (-_COLUMN * column[node.name], -_ROW * rows[column[node.name]])
+        rows[column[node.name]] += 1
+
+
+def _surface(material: Any) -> Any:
+    material.use_nodes = True
+    material.node_tree.nodes.clear()
+    return material.node_tree
+
+
+def _finish(tree: Any, shader: Any, air: Any) -> None:
+    if air is not None:
+        node = _add(tree, "ShaderNodeGroup", node_tree=air, label=air.name)
+        tree.links.new(shader, node.inputs[0])
+        shader = node.outputs[0]
+    _add(tree, "ShaderNodeOutputMaterial", shader)
+    _arrange(tree)
+
+
+def load_image(name: str, path: Path | bytes, *, is_data: bool = False) -> Any:
+    """Return the image of this name with the content of a file, or of bytes that are packed."""
+    image = bpy.data.images.get(name) or bpy.data.images.new(name, 1, 1)
+    if isinstance(path, bytes):
+        image.pack(data=path, data_len=len(path))
+    else:
+        if image.packed_file is not None:
+            image.unpack(method="REMOVE")
+        image.filepath = str(path)
+    image.source = "FILE"
+    image.alpha_mode = "CHANNEL_PACKED"
+    image.colorspace_settings.name = "Non-Color" if is_data else "sRGB"
+    image.reload()
+    return image
+
+
+def build_tile(tree: Any, tile: Tile, image: Any) -> None:
+    """Fill a node group with a material's repeating texture, as a function of the position (m)."""
+    tree.nodes.clear()
+    tree.interface.clear()
+    tree.interface.new_socket("Position", in_out="INPUT", socket_type="NodeSocketVector")
+    for output, kind in (("Colour", "Color"), ("Height", "Float"), ("Roughness", "Float")):
+        tree.interface.new_socket(output, in_out="OUTPUT", socket_type=f"NodeSocket{kind}")
+    position = _add(tree, "NodeGroupInput").outputs[0]
+    near = _image(tree, image, _vector(tree, "SCALE", position, Scale=1.0 / tile["width"]), "REPEAT")
+    # A second, coarser and rotated copy hides the repetition.
+    turned = _add(tree, "ShaderNodeVectorRotate", position, rotation_type="Z_AXIS", named={"Angle": 0.7})
+    wide = _vector(tree, "SCALE", turned.outputs[0], Scale=1.0 / (1.7 * tile["coarsest_width"]))
+    colour = _mix(tree, 0.5, near.outputs["Color"], _image(tree, image, wide, "REPEAT").outputs["Color"])
+    for number, (low, high) in enumerate(tile["tints"]):
+        moved = _vector(tree, "ADD", position, (7919.0 * number, 3571.0 * number, 0.0))
+        noise = {"Vector": moved, "Scale": 0.004, "Detail": 5.0, "Roughness": 0.6}
+        share = _add(tree, "ShaderNodeTexNoise", named=noise).outputs[0]
+        share = _add(tree, "ShaderNodeMapRange", share, 0.3, 0.7).outputs[0]
+        colour = _mix(tree, 1.0, colour, _mix(tree, share, (*low, 1.0), (*high, 1.0)), "MULTIPLY")
+    height = _math(tree, "MULTIPLY", near.outputs["Alpha"], tile["relief"])
+    roughness = _add(tree, "ShaderNodeValue")
+    roughness.outputs[0].default_value = tile["roughness"]
+    _add(tree, "NodeGroupOutput", colour, height, roughness.outputs[0])
+    _arrange(tree)
+
+
+def _group(tree: Any, group: Any, position: Any) -> Any:
+    node = _add(tree, "ShaderNodeGroup", node_tree=group, label=group.name)
+    tree.links.new(position, node.inputs[0])
+    return node.outputs
+
+
+def build_ground(
+    material: Any,
+    air: Any,
+    tiles: list[Tile],
+    groups: Mapping[str, Any],
+    weights: Mapping[str, Any],
+    painted: list[Any],
+) -> None:
+    """Mix the tiles by their weights, under the colour of roads and land use."""
+    tree = _surface(material)
+    place = _add(tree, "ShaderNodeTexCoord").outputs
+    channels = {}
+    for name, image in weights.items():
+        node = _image(tree, image, place["UV"], "EXTEND")
+        parts = _add(tree, "ShaderNodeSeparateColor", node.outputs["Color"]).outputs
+        channels[name] = [*parts, node.outputs["Alpha"]]
+    colour, height, roughness = (0.0, 0.0, 0.0), 0.0, 0.0
+    for tile in tiles:
+        weight = channels[tile["weights"]][tile["channel"]]
+        own = _group(tree, groups[tile["material"]], place["Object"])
+        colour = _vector(tree, "MULTIPLY_ADD", own["Colour"], weight, colour)
+        height = _math(tree, "MULTIPLY_ADD", own["Height"], weight, height)
+        roughness = _math(tree, "MULTIPLY_ADD", own["Roughness"], weight, roughness)
+    for image in painted:
+        node = _image(tree, image, place["UV"], "EXTEND")
+        colour = _mix(tree, node.outputs["Alpha"], colour, node.outputs["Color"])
+    bump = _add(tree, "ShaderNodeBump", 1.0, 1.0, height).outputs[0]
+    surface = {"Base Color": colour, "Roughness": roughness, "Normal": bump, "Specular IOR Level": 0.25}
+    _finish(tree, _add(tree, "ShaderNodeBsdfPrincipled", named=surface).outputs[0], air)
+
+
+def build_baked_ground(material: Any, air: Any, colour: Any, roughness: Any) -> None:
+    """Show the textures that a GLB holds."""
+    tree = _surface(material)
+    uv = _add(tree, "ShaderNodeTexCoord").outputs["UV"]
+    rough = _image(tree, roughness, uv, "EXTEND").outputs["Color"]
+    surface = {
+        "Base Color": _image(tree, colour, uv, "EXTEND").outputs["Color"],
+        "Roughness": _add(tree, "ShaderNodeSeparateColor", rough).outputs["Green"],
+    }
+    _finish(tree, _add(tree, "ShaderNodeBsdfPrincipled", named=surface).outputs[0], air)
+
+
+def build_solid(material: Any, air: Any, colour: tuple[float, ...], group: Any) -> None:
+    """Show a material of roads and buildings: the tile of the ground's material if there is one."""
+    tree = _surface(material)
+    named: dict[str, Any] = {"Base Color": colour, "Roughness": 0.85}
+    if group is not None:
+        own = _group(tree, group, _add(tree, "ShaderNodeTexCoord").outputs["Object"])
+        named = {"Base Color": own["Colour"], "Roughness": own["Roughness"]}
+    _finish(tree, _add(tree, "ShaderNodeBsdfPrincipled", named=named).outputs[0], air)
+
+
+def build_water(material: Any, air: Any) -> None:
+    """Reflect the sky on small waves over dark water."""
+    tree = _surface(material)
+    position = _add(tree, "ShaderNodeTexCoord").outputs["Object"]
+    height: Any = 0.0
+    for scale, rise in ((0.08, 0.12), (0.7, 0.02)):
+        noise = _add(tree, "ShaderNodeTexNoise", named={"Vector": position, "Scale": scale, "Detail": 3.0})
+        height = _math(tree, "MULTIPLY_ADD", noise.outputs[0], rise, height)
+    bump = _add(tree, "ShaderNodeBump", 1.0, 1.0, height).outputs[0]
+    surface = {
+        "Base Color": _WATER,
+        "Roughness": 0.03,
+        "IOR": 1.333,
+        "Normal": bump,
+        "Transmission Weight": 0.15,
+    }
+    _finish(tree, _add(tree, "ShaderNodeBsdfPrincipled", named=surface).outputs[0], air)
+
+
+def build_plants(material: Any, air: Any) -> None:
+    """Show the colours of leaves and wood, each plant a little lighter or darker."""
+    tree = _surface(material)
+    random = _add(tree, "ShaderNodeObjectInfo").outputs["Random"]
+    shade = _add(tree, "ShaderNodeMapRange", random, 0.0, 1.0, 0.8, 1.25).outputs[0]
+    own = _add(tree, "ShaderNodeVertexColor", layer_name="colour").outputs["Color"]
+    colour = _vector(tree, "SCALE", own, Scale=shade)
+    matt = _add(tree, "ShaderNodeBsdfDiffuse", colour).outputs[0]
+    through = _add(tree, "ShaderNodeBsdfTranslucent", colour).outputs[0]
+    _finish(tree, _add(tree, "ShaderNodeMixShader", 0.35, matt, through).outputs[0], air)
+
+
+def build_world(world: Any, scene: Mapping[str, Any], unit: float) -> None:
+    """Show the sky of the sun's place and its clouds; the sun itself is a lamp."""
+    world.use_nodes = True
+    tree, sun, weather = world.node_tree, scene["sun"], scene["weather"]
+    tree.nodes.clear()
+    sky = _add(tree, "ShaderNodeTexSky", sky_type="NISHITA", sun_disc=False)
+    sky.sun_elevation, sky.sun_rotation = math.radians(sun["elevation"]), math.radians(sun["azimuth"])
+    sky.dust_density, sky.altitude = 0.3 * weather["haze"], max(scene["camera"]["eye"][2], 0.0)
+    # The model has single scattering only: its strength gives level ground the sketch's light of the sky.
+    own = _SKY * max(sun["elevation"], 1.0) / (max(sun["elevation"], 1.0) + 6.0)
+    colour = _vector(tree, "SCALE", sky.outputs[0], Scale=unit * scene["skylight"][1] / own)
+    # Clouds in a plane; they are seen and reflected, but light nothing.
+    direction = _add(tree, "ShaderNodeTexCoord").outputs["Generated"]
+    up = _add(tree, "ShaderNodeSeparateXYZ", direction).outputs["Z"]
+    far = _math(tree, "DIVIDE", 1.0, _math(tree, "ADD", _math(tree, "MAXIMUM", up, 0.0), 0.06))
+    place = _vector(tree, "SCALE", direction, Scale=far)
+    noise = {"Vector": place, "Scale": 1.1, "Detail": 9.0, "Roughness": 0.55}
+    field = _add(tree, "ShaderNodeTexNoise", named=noise).outputs[0]
+    edge = 0.68 - 0.36 * weather["clouds"]
+    cover = _add(tree, "ShaderNodeMapRange", field, edge, edge + 0.12).outputs[0]
+    low = _add(tree, "ShaderNodeMapRange", up, 0.01, 0.12).outputs[0]
+    is_lit = _add(tree, "ShaderNodeLightPath").outputs["Is Diffuse Ray"]
+    cover = _math(tree, "MULTIPLY", _math(tree, "MULTIPLY", cover, low), _math(tree, "SUBTRACT", 1.0, is_lit))
+    thick = _add(tree, "ShaderNodeMapRange", field, edge, edge + 0.35).outputs[0]
+    bright = [unit * each / math.pi for each in scene["sunlight"]]
+    white, grey = ((*(share * each for each in bright), 1.0) for share in (0.8, 0.3))
+    colour = _mix(tree, cover, colour, _mix(tree, thick, white, grey))
+    _add(tree, "ShaderNodeOutputWorld", _add(tree, "ShaderNodeBackground", colour).outputs[0])
+    _arrange(tree)
+
+
+def build_air(tree: Any, air: Mapping[str, Any], unit: float) -> None:
+    """Fade a shader into the light of the air by its distance from the camera."""
+    tree.nodes.clear()
+    if not tree.interface.items_tree:
+        for direction in ("INPUT", "OUTPUT"):
+            tree.interface.new_socket("Shader", in_out=direction, socket_type="NodeSocketShader")
+    given = _add(tree, "NodeGroupInput").outputs[0]
+    distance = _add(tree, "ShaderNodeCameraData").outputs["View Distance"]
+    seen = _add(tree, "ShaderNodeLightPath").outputs["Is Camera Ray"]
+    lost = []
+    for extinction in air["extinction"]:
+        through = _math(tree, "EXPONENT", _math(tree, "MULTIPLY", distance, -extinction))
+        lost.append(_math(tree, "MULTIPLY", _math(tree, "SUBTRACT", 1.0, through), seen))
+    colour = [unit * each for each in air["radiance"]]
+    colour = _vector(tree, "MULTIPLY", _add(tree, "ShaderNodeCombineXYZ", *lost).outputs[0], colour)
+    light = _add(tree, "ShaderNodeEmission", colour).outputs[0]
+    faded = _add(tree, "ShaderNodeMixShader", lost[1], given).outputs[0]
+    _add(tree, "NodeGroupOutput", _add(tree, "ShaderNodeAddShader", faded, light).outputs[0])
+    _arrange(tree)
+
+
+def build_instances(tree: Any, near: float, far: float) -> None:
+    """Instance models on points: the finest nearer than `near` to the camera, the coarsest beyond `far`."""
+    tree.nodes.clear()
+    if not tree.interface.items_tree:  # modifiers refer to its sockets
+        sockets = (("Geometry", "Geometry"), ("Models", "Collection"), ("Near", "Float"), ("Far", "Float"))
+        for name, kind in sockets:
+            socket = tree.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{kind}")
+            if kind == "Float":
+                socket.default_value, socket.min_value = (near if name == "Near" else far), 0.0
+        tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    given = _add(tree, "NodeGroupInput").outputs
+    camera = _add(tree, "GeometryNodeInputActiveCamera").outputs[0]
+    eye = _add(tree, "GeometryNodeObjectInfo", camera, transform_space="RELATIVE").outputs["Location"]
+    distance = _vector(tree, "DISTANCE", _add(tree, "GeometryNodeInputPosition").outputs[0], eye)
+    attributes = {
+        name: _add(tree, "GeometryNodeInputNamedAttribute", name, data_type=kind).outputs[0]
+        for name, kind in (("model", "INT"), ("rotation", "FLOAT"), ("scale", "FLOAT"))
+    }
+    model = attributes["model"]
+    for limit in ("Near", "Far"):
+        model = _math(tree, "ADD", model, _math(tree, "GREATER_THAN", distance, given[limit]))
+    turn = _add(tree, "ShaderNodeCombineXYZ", 0.0, 0.0, attributes["rotation"]).outputs[0]
+    models = _add(tree, "GeometryNodeCollectionInfo", given["Models"], True, True).outputs[0]
+    instances = {
+        "Points": given["Geometry"],
+        "Instance": models,
+        "Pick Instance": True,
+        "Instance Index": model,
+        "Rotation": _add(tree, "FunctionNodeEulerToRotation", turn).outputs[0],
+        "Scale": attributes["scale"],
+    }
+    placed = _add(tree, "GeometryNodeInstanceOnPoints", named=instances).outputs[0]
+    _add(tree, "NodeGroupOutput", placed)
+    _arrange(tree)

@@ -79,6 +79,14 @@ def _add(tree: Any, kind: str, *inputs: Any, **settings: Any) -> Any:
     return node
 
 
+def _sockets(tree: Any, direction: str, **kinds: str) -> None:
+    """Add the sockets of a group, but those that it has: nodes and modifiers refer to them."""
+    there = {(each.in_out, each.name) for each in tree.interface.items_tree}
+    for name, kind in kinds.items():
+        if (direction, name) not in there:
+            tree.interface.new_socket(name, in_out=direction, socket_type=f"NodeSocket{kind}")
+
+
 def _math(tree: Any, operation: str, *inputs: Any) -> Any:
     return _add(tree, "ShaderNodeMath", *inputs, operation=operation).outputs[0]
 
@@ -144,10 +152,8 @@ def load_image(name: str, path: Path | bytes, *, is_data: bool = False) -> Any:
 def build_tile(tree: Any, tile: Tile, image: Any) -> None:
     """Fill a node group with a material's repeating texture, as a function of the position (m)."""
     tree.nodes.clear()
-    tree.interface.clear()
-    tree.interface.new_socket("Position", in_out="INPUT", socket_type="NodeSocketVector")
-    for output, kind in (("Colour", "Color"), ("Height", "Float"), ("Roughness", "Float")):
-        tree.interface.new_socket(output, in_out="OUTPUT", socket_type=f"NodeSocket{kind}")
+    _sockets(tree, "INPUT", Position="Vector")
+    _sockets(tree, "OUTPUT", Colour="Color", Height="Float", Roughness="Float")
     position = _add(tree, "NodeGroupInput").outputs[0]
     near = _image(tree, image, _vector(tree, "SCALE", position, Scale=1.0 / tile["width"]), "REPEAT")
     # A second, coarser and rotated copy hides the repetition.
@@ -275,7 +281,7 @@ def build_world(world: Any, scene: Mapping[str, Any], unit: float) -> None:
     place = _vector(tree, "SCALE", direction, Scale=far)
     noise = {"Vector": place, "Scale": 1.1, "Detail": 9.0, "Roughness": 0.55}
     field = _add(tree, "ShaderNodeTexNoise", named=noise).outputs[0]
-    edge = 0.68 - 0.36 * weather["clouds"]
+    edge = 0.65 - 0.36 * weather["clouds"]
     cover = _add(tree, "ShaderNodeMapRange", field, edge, edge + 0.12).outputs[0]
     low = _add(tree, "ShaderNodeMapRange", up, 0.01, 0.12).outputs[0]
     is_lit = _add(tree, "ShaderNodeLightPath").outputs["Is Diffuse Ray"]
@@ -291,9 +297,8 @@ def build_world(world: Any, scene: Mapping[str, Any], unit: float) -> None:
 def build_air(tree: Any, air: Mapping[str, Any], unit: float) -> None:
     """Fade a shader into the light of the air by its distance from the camera."""
     tree.nodes.clear()
-    if not tree.interface.items_tree:
-        for direction in ("INPUT", "OUTPUT"):
-            tree.interface.new_socket("Shader", in_out=direction, socket_type="NodeSocketShader")
+    for direction in ("INPUT", "OUTPUT"):
+        _sockets(tree, direction, Shader="Shader")
     given = _add(tree, "NodeGroupInput").outputs[0]
     distance = _add(tree, "ShaderNodeCameraData").outputs["View Distance"]
     seen = _add(tree, "ShaderNodeLightPath").outputs["Is Camera Ray"]
@@ -312,13 +317,11 @@ def build_air(tree: Any, air: Mapping[str, Any], unit: float) -> None:
 def build_instances(tree: Any, near: float, far: float) -> None:
     """Instance models on points: the finest nearer than `near` to the camera, the coarsest beyond `far`."""
     tree.nodes.clear()
-    if not tree.interface.items_tree:  # modifiers refer to its sockets
-        sockets = (("Geometry", "Geometry"), ("Models", "Collection"), ("Near", "Float"), ("Far", "Float"))
-        for name, kind in sockets:
-            socket = tree.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{kind}")
-            if kind == "Float":
-                socket.default_value, socket.min_value = (near if name == "Near" else far), 0.0
-        tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    _sockets(tree, "INPUT", Geometry="Geometry", Models="Collection", Near="Float", Far="Float")
+    _sockets(tree, "OUTPUT", Geometry="Geometry")
+    for socket in tree.interface.items_tree:
+        if socket.name in ("Near", "Far"):
+            socket.default_value, socket.min_value = (near if socket.name == "Near" else far), 0.0
     given = _add(tree, "NodeGroupInput").outputs
     camera = _add(tree, "GeometryNodeInputActiveCamera").outputs[0]
     eye = _add(tree, "GeometryNodeObjectInfo", camera, transform_space="RELATIVE").outputs["Location"]

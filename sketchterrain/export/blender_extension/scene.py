@@ -90,7 +90,7 @@ class _Builder:
         self.collection[FACTS] = "\n".join(self._facts())
 
     def set_scene(self) -> None:
-        """Set what belongs to the whole scene, at the import only: camera, world, exposure, units, clipping."""
+        """Set what belongs to the whole scene, only once: camera, world, exposure, units, clipping."""
         scene = self.context.scene
         scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", 1.0
         reach = 10.0 * self._extent()

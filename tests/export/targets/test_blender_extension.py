@@ -1,0 +1,254 @@
+"""The extension for Blender: its zip and reader, and with `bpy` or Blender itself what it builds."""
+
+import importlib.util
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+
+import sketchterrain as st
+import sketchterrain.export
+from sketchterrain.app.cli import main
+from sketchterrain.app.console import Stages
+from sketchterrain.app.export import write_export
+from sketchterrain.export.blender_package import write_extension
+from sketchterrain.export.planning import checked_plan
+from sketchterrain.export.target import ExportOptions
+
+PARENT = Path(sketchterrain.export.__file__).parent
+SIZE = 65
+
+
+def load_reader():
+    path = PARENT / "blender_extension" / "source.py"
+    spec = importlib.util.spec_from_file_location("blender_extension_source", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # for dataclasses
+    spec.loader.exec_module(module)
+    return module
+
+
+reader = load_reader()
+
+
+@pytest.fixture(scope="module")
+def blender(exported):
+    return exported("blender", size=SIZE)
+
+
+def test_zip_has_the_same_bytes_and_a_manifest(tmp_path, capsys):
+    first, second = tmp_path / "a.zip", tmp_path / "b.zip"
+    write_extension(first)
+    assert main(["blender-extension", "-o", str(second)]) == 0
+    assert str(second) in capsys.readouterr().out
+    assert first.read_bytes() == second.read_bytes()
+    with zipfile.ZipFile(first) as archive:
+        names = set(archive.namelist())
+        manifest = tomllib.loads(archive.read("blender_manifest.toml").decode())
+    assert names == {path.name for path in (PARENT / "blender_extension").iterdir() if path.is_file()}
+    assert (manifest["id"], manifest["version"]) == ("sketchterrain", version("sketchterrain"))
+    assert manifest["blender_version_min"] == "4.2.0"
+    assert main(["blender-extension", "-o", str(tmp_path)]) == 3
+    assert "expected the name of a .zip file" in capsys.readouterr().err
+
+
+def test_tiles_are_of_the_materials_with_weight(blender, terrain):
+    tiles = blender.sidecar["tiles_of_materials"]
+    weights = {
+        path.name: np.asarray(Image.open(path)) for path in blender.paths(".png") if "_materials" in path.name
+    }
+    present = [
+        name
+        for index, name in enumerate(terrain.material_names)
+        if list(weights.values())[index // 4][..., index % 4].any()
+    ]
+    assert [tile["material"] for tile in tiles] == present
+    assert len(present) in range(4, len(terrain.material_names))
+    for tile in tiles:
+        assert weights[tile["weights"]][..., tile["channel"]].any()
+        picture = np.asarray(Image.open(blender.folder / tile["file"]))
+        assert picture.shape == (512, 512, 4)
+        assert picture.std(axis=(0, 1)).min() > 1.0
+        assert tile["width"] == terrain.materials.layers[tile["material"]].width
+    scene = blender.sidecar["scene"]
+    assert scene["camera"]["eye"][2] > 0.0
+    assert 0.0 < scene["skylight"][1] < scene["sunlight"][1]
+    assert min(scene["air"]["extinction"]) > 0.0
+    assert max(scene["air"]["extinction"]) < 1e-3
+
+
+def test_reader_has_positions_of_ground_and_plants(blender, exported, terrain):
+    plants = terrain.foliage(0.0, 0.0, 1024.0, 1024.0)
+    for content, levels in ((blender, 3), (exported("gltf", size=SIZE), 1)):
+        source = reader.read_terrain(content.folder)
+        ground = source.ground
+        places = ground.position + ground.location
+        x, y = (each.ravel() for each in content.places())
+        assert np.abs(places[:, 0] - x).max() < 1e-3
+        assert np.abs(places[:, 2] - terrain.heights(x, y, cell_size=16.0)).max() < 1e-3
+        assert np.abs(ground.uv[0] - [0.5 / SIZE, 1.0 - 0.5 / SIZE]).max() < 1e-6  # north-west
+        assert {len(each.levels) for each in source.plants} == {levels}
+        found = np.concatenate([each.position for each in source.plants])
+        order, expected = np.lexsort(found[:, :2].round(2).T), np.stack([plants["x"], plants["y"]], axis=-1)
+        assert np.abs(found[order, :2] - expected[np.lexsort(expected.round(2).T)]).max() < 0.02
+        for each in source.plants:
+            sizes = [len(level.indices) for level in each.levels]
+            assert sizes == sorted(sizes, reverse=True)
+            assert all(level.position[:, 2].max() > 1.0 for level in each.levels)  # upright
+
+
+def bad_inputs(good, folder):
+    """Write bad exports, and return the text that each message contains."""
+    expected = {
+        "version": "format 2: this extension reads format 1",
+        "target": "an export for 'unity': expected --to blender or --to gltf",
+        "missing": "high_corner_tile_grass.png is missing",
+        "half": "no terrain.json: expected a folder of `sketchterrain export`",
+        "truncated": "truncated: ",
+        "damaged": "damaged: export it again",
+        "text": "not a sidecar of `sketchterrain export`",
+    }
+    for name in expected:
+        shutil.copytree(good, folder / name)
+    for name, key, value in (("version", "format", 2), ("target", "target", "unity")):
+        path = folder / name / "terrain.json"
+        path.write_text(
+            json.dumps(json.loads(path.read_text(encoding="utf-8")) | {key: value}), encoding="utf-8"
+        )
+    (folder / "missing" / "high_corner_tile_grass.png").unlink()
+    (folder / "half" / "terrain.json").unlink()
+    (folder / "text" / "terrain.json").write_text("[]", encoding="utf-8")
+    path = folder / "truncated" / "high_corner.glb"
+    path.write_bytes(path.read_bytes()[:-1000])
+    path = folder / "damaged" / "high_corner.glb"
+    path.write_bytes(path.read_bytes().replace(b'"POSITION"', b'"POSITIOM"', 1))
+    return expected
+
+
+def test_reader_refuses_bad_exports_in_one_line(blender, tmp_path):
+    for name, text in bad_inputs(blender.folder, tmp_path).items():
+        with pytest.raises(reader.SourceError) as caught:
+            reader.read_terrain(tmp_path / name)
+        assert text in str(caught.value)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(reader.SourceError, match="cannot be read"):
+        reader.read_terrain(tmp_path / "nowhere.glb")
+    alone = shutil.copy(blender.paths("corner.glb")[0], tmp_path / "alone.glb")
+    assert reader.read_terrain(alone).sidecar == {}
+
+
+def blender_command():
+    """Return the command that runs a script in Blender's Python, or skip."""
+    own = os.environ.get("SKETCHTERRAIN_BLENDER_PYTHON")
+    if own or importlib.util.find_spec("bpy"):
+        return [own or sys.executable]
+    if shutil.which("blender"):
+        return ["blender", "--background", "--factory-startup", "--python-exit-code", "1", "--python"]
+    pytest.skip("needs Blender ≥ 4.2: `blender` on PATH, or SKETCHTERRAIN_BLENDER_PYTHON, a Python with bpy")
+
+
+def run_blender(work, *steps):
+    script = Path(__file__).with_name("blender_program.py")
+    command = blender_command()
+    arguments = ["--"] if command[0] == "blender" else []
+    done = subprocess.run(
+        [*command, str(script), *arguments, str(PARENT), str(work), ",".join(steps)],
+        capture_output=True,
+        text=True,
+        timeout=500,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert "Traceback" not in done.stderr
+    return json.loads(next(line for line in done.stdout.splitlines() if line.startswith('{"')))
+
+
+def exr_heights(outcome):
+    with OpenEXR.File(str(outcome / "high_corner_height.exr"), separate_channels=True) as file:
+        return np.array(file.channels()["R"].pixels)
+
+
+def height_error(places, heights):
+    """Return the largest difference of vertices from a grid over 1024 m, row 0 north."""
+    last = len(heights) - 1
+    column, row = (
+        np.rint(each * last / 1024.0).astype(int) for each in (places[:, 0], 1024.0 - places[:, 1])
+    )
+    assert np.abs(places[:, 0] - column * 1024.0 / last).max() < 1e-3
+    assert len(places) == heights.size
+    return np.abs(places[:, 2] - heights[row, column]).max()
+
+
+@pytest.mark.soak
+def test_blender_builds_and_refreshes_a_terrain(blender, corner, tmp_path):
+    blender_command()
+    shutil.copytree(blender.folder, tmp_path / "first")
+    for name in ("second", "bad"):
+        (tmp_path / name).mkdir()
+    other = corner.replace(seed=6)
+    plan = checked_plan(other, "blender", ExportOptions(size=129))
+    second = write_export(plan, st.build(other), tmp_path / "second", stages=Stages()).report
+    expected = bad_inputs(blender.folder, tmp_path / "bad")
+    again = shutil.copytree(blender.folder, tmp_path / "bad" / "again")
+    expected[again.name] = "this file has the terrain 'High corner' already: use Refresh"
+    heights = exr_heights(tmp_path / "first")
+    facts = run_blender(tmp_path, "imported", "refused", "refreshed") | run_blender(tmp_path, "written")
+
+    found, sidecar = facts["imported"], blender.sidecar
+    assert height_error(np.load(tmp_path / "ground.npy"), heights) < 1e-3
+    tiles = sidecar["tiles_of_materials"]
+    assert found["ground_nodes"] == sorted(
+        f"High corner {each}" for each in ["air", *(t["title"] for t in tiles)]
+    )
+    assert len(found["images"]) >= len(tiles) + len({tile["weights"] for tile in tiles})
+    levels = found["instances"]["levels"]
+    assert sum(levels.values()) == sidecar["plants"]["count"]
+    plants = np.concatenate([each.position for each in reader.read_terrain(blender.folder).plants])
+    assert np.abs(np.sort(np.load(tmp_path / "plants.npy"), axis=0) - np.sort(plants, axis=0)).max() < 1e-3
+    assert set(levels) == {"1", "2", "3"}
+    assert found["instances"]["nearest"]["2"] >= 150.0
+    assert found["instances"]["nearest"]["3"] >= 500.0
+    box = np.array(found["model"])
+    assert 5.0 < box[:, 2].max() < 30.0
+    assert -1.0 < box[:, 2].min() <= 0.5
+    camera, scene = np.array(found["camera"]["matrix"]), sidecar["scene"]
+    eye, target = (np.array(scene["camera"][name]) for name in ("eye", "target"))
+    assert np.allclose(camera[:3, 3], eye, atol=1e-3)
+    assert np.allclose(-camera[:3, 2], (target - eye) / np.linalg.norm(target - eye), atol=1e-5)
+    assert np.degrees(found["camera"]["fov"]) == pytest.approx(scene["camera"]["vertical_fov"], abs=1e-3)
+    azimuth, elevation = (np.radians(scene["sun"][name]) for name in ("azimuth", "elevation"))
+    towards = [np.sin(azimuth) * np.cos(elevation), np.cos(azimuth) * np.cos(elevation), np.sin(elevation)]
+    assert np.allclose(found["sun"], towards, atol=1e-5)
+    assert found["undone"]
+    assert found["redone"]
+
+    assert facts["refused"].keys() == expected.keys()
+    for name, (line, is_unchanged) in facts["refused"].items():
+        assert expected[name] in line, name
+        assert line.count("\n") == 0
+        assert is_unchanged, name
+
+    found = facts["refreshed"]
+    assert found["same"]
+    assert height_error(np.load(tmp_path / "refreshed.npy"), exr_heights(tmp_path / "first")) < 1e-3
+    assert exr_heights(tmp_path / "first").shape == (129, 129)
+    assert "cabin" in found["objects"]
+    assert "sun" not in found["objects"]
+    assert found["modifiers"] == ["own"]
+    assert (found["strength"], found["lens"]) == (0.25, 21.0)
+    assert found["plants"] == second["plants"]["count"] == sum(found["instances"]["levels"].values())
+
+    assert (facts["written"]["code"], facts["written"]["bad"]) == (0, 1)
+    assert "ground" in facts["written"]["objects"]
+    assert "Cube" not in facts["written"]["objects"]
+    assert all(path.startswith("//") for path in facts["written"]["images"])

@@ -166,6 +166,14 @@ def build_tile(tree: Any, tile: Tile, image: Any) -> None:
         share = _add(tree, "ShaderNodeTexNoise", named=noise).outputs[0]
         share = _add(tree, "ShaderNodeMapRange", share, 0.3, 0.7).outputs[0]
         colour = _mix(tree, 1.0, colour, _mix(tree, share, (*low, 1.0), (*high, 1.0)), "MULTIPLY")
+    if tile["beds"]:  # bands of colour across the rock's beds
+        *across, banding = tile["beds"]
+        bed = _add(tree, "ShaderNodeVectorMath", position, across, operation="DOT_PRODUCT").outputs["Value"]
+        bands = {"W": bed, "Scale": 0.7, "Detail": 4.0, "Roughness": 0.7}
+        band = _add(tree, "ShaderNodeTexNoise", noise_dimensions="1D", named=bands).outputs[0]
+        low, high = 1.0 - 0.8 * banding, 1.0 + 0.6 * banding
+        share = _add(tree, "ShaderNodeMapRange", band, 0.35, 0.65, low, high).outputs[0]
+        colour = _vector(tree, "SCALE", colour, Scale=share)
     height = _math(tree, "MULTIPLY", near.outputs["Alpha"], tile["relief"])
     roughness = _add(tree, "ShaderNodeValue")
     roughness.outputs[0].default_value = tile["roughness"]
@@ -270,13 +278,17 @@ def build_world(world: Any, scene: Mapping[str, Any], unit: float) -> None:
     tree.nodes.clear()
     sky = _add(tree, "ShaderNodeTexSky", sky_type="NISHITA", sun_disc=False)
     sky.sun_elevation, sky.sun_rotation = math.radians(sun["elevation"]), math.radians(sun["azimuth"])
-    sky.dust_density, sky.altitude = 0.3 * weather["haze"], max(scene["camera"]["eye"][2], 0.0)
+    sky.dust_density, sky.altitude = 0.1 * weather["haze"], max(scene["camera"]["eye"][2], 0.0)
     # The model has single scattering only: its strength gives level ground the sketch's light of the sky.
     own = _SKY * max(sun["elevation"], 1.0) / (max(sun["elevation"], 1.0) + 6.0)
     colour = _vector(tree, "SCALE", sky.outputs[0], Scale=unit * scene["skylight"][1] / own)
     # Clouds in a plane; they are seen and reflected, but light nothing.
     direction = _add(tree, "ShaderNodeTexCoord").outputs["Generated"]
     up = _add(tree, "ShaderNodeSeparateXYZ", direction).outputs["Z"]
+    # Near the horizon the sky is the light of the air.
+    haze = _add(tree, "ShaderNodeMapRange", up, 0.0, 0.25, 0.85, 0.0, interpolation_type="SMOOTHSTEP")
+    light = (*(unit * each for each in scene["air"]["radiance"]), 1.0)
+    colour = _mix(tree, haze.outputs[0], colour, light)
     far = _math(tree, "DIVIDE", 1.0, _math(tree, "ADD", _math(tree, "MAXIMUM", up, 0.0), 0.06))
     place = _vector(tree, "SCALE", direction, Scale=far)
     noise = {"Vector": place, "Scale": 1.1, "Detail": 9.0, "Roughness": 0.55}

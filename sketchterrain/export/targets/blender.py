@@ -5,6 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from sketchterrain.document.geology import Strata
 from sketchterrain.export.engines import EngineAxes
 from sketchterrain.export.files import write_png
 from sketchterrain.export.gltf import AXES, GlbWriter, material_levels
@@ -15,9 +16,11 @@ from sketchterrain.export.sampled import CHANNELS, SampleGrid, appearance_pictur
 from sketchterrain.export.scene import SceneView
 from sketchterrain.export.target import Export, ExportOutput, Target
 from sketchterrain.export.targets.gltf import check_glb, terrain_scene, write_plant_points
+from sketchterrain.look.texture_levels import layer_tints
 
 _AXES: Final = EngineAxes("east", "north", "up")
 _TEXELS: Final = 512  # along a side of a material's tile
+_WHOLE: Final = 255.0
 _COARSER: Final = (FINEST + 1, FINEST + 2)  # levels of detail of plants, of about 170 and 30 triangles
 
 
@@ -45,7 +48,7 @@ def _write_blender(export: Export) -> ExportOutput:
         tiles, facts["tiles_of_materials"] = _write_tiles(export)
     files |= tiles
     if export.view is not None:
-        facts["scene"] = export.view.facts | _light_of_sky(export.view)
+        facts["scene"] = export.view.facts | _light_of_sky(export.view, float(export.samples.height.max()))
     facts["heights"] = {"numbers": "float32", "channels": "R = G = B", "metres": "value"}
     facts["axes"] = _AXES.metadata
     return ExportOutput(files, _settings(export.grid, heights.name, path.name), facts | plant_facts)
@@ -65,15 +68,16 @@ def _write_plants(export: Export) -> tuple[dict[Path, str], dict[str, Any]]:
     return files | write_plant_points(export, plants), facts
 
 
-def _light_of_sky(view: SceneView) -> dict[str, Any]:
-    """Return the sky's irradiance on level ground, and colour and extinction of the air along the view."""
+def _light_of_sky(view: SceneView, summit: float) -> dict[str, Any]:
+    """Return the sky's irradiance on level ground, and light and extinction of the air towards a summit."""
     c = view.harmonics
     heading = np.degrees(np.arctan2(view.target[0] - view.eye[0], view.target[1] - view.eye[1]))
     angle = abs((heading - view.sun_azimuth + 180.0) % 360.0 - 180.0)
     column = round(np.sqrt(angle / 180.0) * (view.sky.shape[1] - 1))
     level = len(view.sky) // 4  # rows of the air below and above the horizon, then rows of the sky
-    height = max(view.eye[2], 0.0)
-    extinction = view.haze * np.exp(-height / view.haze_height) + view.air * np.exp(-height / view.air_height)
+    heights = np.maximum(np.linspace(view.eye[2], max(summit, view.eye[2]), 16), 0.0)
+    thin_haze, thin_air = (np.exp(-heights / each).mean() for each in (view.haze_height, view.air_height))
+    extinction = view.haze * thin_haze + view.air * thin_air
     return {
         "skylight": (c[0] + c[2] + 2.0 * c[6]).tolist(),
         "air": {"radiance": view.sky[level, column].tolist(), "extinction": extinction.tolist()},
@@ -83,25 +87,33 @@ def _light_of_sky(view: SceneView) -> dict[str, Any]:
 def _write_tiles(export: Export) -> tuple[dict[Path, str], list[dict[str, Any]]]:
     """Write a repeating texture of each material that has weight; return the files and sidecar entries."""
     terrain, table = export.terrain, export.terrain.materials
-    (colour, relief), *_ = material_levels(terrain, _TEXELS)
+    (roots, relief), *_ = material_levels(terrain, _TEXELS)
+    strata = Strata.from_settings(terrain.sketch.geology)
+    aridity = float(terrain.sketch.climate.get("aridity", 0.0))
+    tints = layer_tints(table, aridity, terrain.sketch.looks, strata.rock)
     has_weight = export.samples.weights.max(axis=(0, 1)) > 0
     files, entries = dict[Path, str](), []
     for index, material in enumerate(table):
         if has_weight[index]:
             texture, look = material.texture, terrain.sketch.looks.get(material.name, {})
             path = export.folder / f"{export.name}_tile_{material.name}.png"
-            what = f"{material.title}: a tile of {texture.width:g} m, sRGB; height as opacity"
-            files[write_png(path, appearance_picture(colour[index, ::-1]))] = what
+            what = f"{material.title}: a tile to repeat, sRGB; height as opacity"
+            painted = roots[index, ::-1].astype(np.float64)  # √albedo and height
+            painted[..., :3] *= np.sqrt(tints[index])
+            picture = np.rint(np.minimum(painted, _WHOLE)).astype(np.uint8)
+            files[write_png(path, appearance_picture(picture))] = what
+            width = look.get("size") or texture.width
             entries.append(
                 {
                     "material": material.name,
                     "title": material.title,
                     "file": path.name,
-                    "width": texture.width,
-                    "coarsest_width": texture.width * 2 ** texture.octaves[1],
-                    "relief": texture.width * texture.bump * look.get("bump", 1.0),
-                    "roughness": round(float(relief[index, ..., 2].mean() / 255.0), 4),
+                    "width": width,
+                    "coarsest_width": width * 2 ** texture.octaves[1],
+                    "relief": width * texture.bump * look.get("bump", 1.0),
+                    "roughness": round(float(relief[index, ..., 2].mean() / _WHOLE), 4),
                     "tints": [[each.low, each.high] for each in texture.variations],
+                    "beds": [*strata.across, strata.rock.banding] if texture.bedded else [],
                     "weights": f"{export.name}_{weights_suffix(index)}.png",
                     "channel": index % len(CHANNELS),
                 }

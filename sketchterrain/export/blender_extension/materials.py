@@ -299,8 +299,8 @@ def build_world(world: Any, scene: Mapping[str, Any], unit: float) -> None:
     is_lit = _add(tree, "ShaderNodeLightPath").outputs["Is Diffuse Ray"]
     cover = _math(tree, "MULTIPLY", _math(tree, "MULTIPLY", cover, low), _math(tree, "SUBTRACT", 1.0, is_lit))
     thick = _add(tree, "ShaderNodeMapRange", field, edge, edge + 0.35).outputs[0]
-    bright = [unit * each / math.pi for each in scene["sunlight"]]
-    white, grey = ((*(share * each for each in bright), 1.0) for share in (0.8, 0.3))
+    bright = unit * scene["sunlight"][1] / math.pi
+    white, grey = ((share * bright, share * bright, share * bright, 1.0) for share in (0.6, 0.3))
     colour = _mix(tree, cover, colour, _mix(tree, thick, white, grey))
     _add(tree, "ShaderNodeOutputWorld", _add(tree, "ShaderNodeBackground", colour).outputs[0])
     _arrange(tree)

@@ -20,7 +20,7 @@ _KNOWN = "sketchterrain_known"  # and parts that were imported
 _PART = "sketchterrain_part"  # property of an object and its mesh: what it is in the export
 _NEAR, _FAR = 150.0, 500.0  # m from the camera, between levels of detail
 _WATTS = 8.0  # of Blender's physical sky (W/m²) in the sketch's unit of light
-_STOPS = 0.4  # that AgX is darker than the preview
+_STOPS = -0.3  # of the view transform, to be as bright as the preview
 _NAME = 30  # bytes of a sketch's name in names of data blocks, which have 63
 _IMAGE_NAME = 60  # characters of a file's name
 _SUN_ANGLE = math.radians(0.53)
@@ -101,7 +101,7 @@ class _Builder:
         if self._scene is not None:
             scene.camera = self._object("camera", "camera", None)
             scene.world = bpy.data.worlds[f"{self.stem} sky"]
-            scene.view_settings.view_transform, scene.view_settings.look = "AgX", "AgX - Punchy"
+            scene.view_settings.view_transform, scene.view_settings.look = "Khronos PBR Neutral", "None"
             scene.view_settings.exposure = _STOPS + math.log2(self._scene["exposure"] / _WATTS)
 
     def _facts(self) -> Iterator[str]:

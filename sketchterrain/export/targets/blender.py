@@ -89,7 +89,7 @@ def _write_tiles(export: Export) -> tuple[dict[Path, str], list[dict[str, Any]]]
     terrain, table = export.terrain, export.terrain.materials
     (roots, relief), *_ = material_levels(terrain, _TEXELS)
     strata = Strata.from_settings(terrain.sketch.geology)
-    aridity = float(terrain.sketch.climate.get("aridity", 0.0))
+    aridity = float(terrain.sketch.climate.get("aridity", 0.2))
     tints = layer_tints(table, aridity, terrain.sketch.looks, strata.rock)
     has_weight = export.samples.weights.max(axis=(0, 1)) > 0
     files, entries = dict[Path, str](), []

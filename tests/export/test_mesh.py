@@ -185,7 +185,9 @@ def found():
     features = SimpleNamespace(
         lakes=[lake(3, (250.0, 200.0), 90.0)], rivers=[river(7, line, 16.0)], sea_level=LEVEL - 5.0
     )
-    return {water.name.split()[0]: water for water in object_meshes(features, ground(LEVEL - 5.1, LEVEL - 3.0))}
+    return {
+        water.name.split()[0]: water for water in object_meshes(features, ground(LEVEL - 5.1, LEVEL - 3.0))
+    }
 
 
 def areas(water):

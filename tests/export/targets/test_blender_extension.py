@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
-from PIL import Image
+from PIL import Image, ImageFilter
 
 import sketchterrain as st
 import sketchterrain.export
@@ -252,3 +252,59 @@ def test_blender_builds_and_refreshes_a_terrain(blender, corner, tmp_path):
     assert "ground" in facts["written"]["objects"]
     assert "Cube" not in facts["written"]["objects"]
     assert all(path.startswith("//") for path in facts["written"]["images"])
+
+
+PICTURE = (480, 270)
+
+
+def picture(path):
+    return np.asarray(Image.open(path).convert("RGB")).astype(float)
+
+
+def blurred(values):
+    grey = Image.fromarray(np.rint(values).astype(np.uint8))
+    return np.asarray(grey.filter(ImageFilter.GaussianBlur(2))).astype(float)
+
+
+def skyline(pixels):
+    """Return the row of each column where blue drops most within 6 rows of the upper part."""
+    blue = blurred(pixels[..., 2])
+    return (blue[:-6] - blue[6:])[:170].argmax(axis=0) + 3
+
+
+def best_shift(first, second, reach=12):
+    """Return the shift of two pictures' edges, rows and columns, with the best correlation."""
+    a, b = (np.hypot(*np.gradient(blurred(each.mean(axis=-1)))) for each in (first, second))
+    inner = a[reach:-reach, reach:-reach].ravel()
+    shifts = [(y, x) for y in range(-reach, reach + 1) for x in range(-reach, reach + 1)]
+    rows, columns = a.shape
+    parts = [b[reach + y : rows - reach + y, reach + x : columns - reach + x].ravel() for y, x in shifts]
+    return shifts[int(np.argmax([np.corrcoef(inner, part)[0, 1] for part in parts]))]
+
+
+def lowest(mask):
+    """Return the lowest row of a mask in each column that has more than 3 pixels of it, else -1."""
+    return np.where(mask.sum(axis=0) > 3, len(mask) - 1 - mask[::-1].argmax(axis=0), -1)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("preset", ["valley_river", "alpine_range", "mountain_pass"])
+def test_cycles_picture_is_composed_as_the_still(preset, tmp_path):
+    blender_command()
+    assert main(["export", preset, "--to", "blender", "-o", str(tmp_path / "first")]) == 0
+    assert main(["render", preset, "-o", str(tmp_path / "still.png"), "--size", "480x270"]) == 0
+    run_blender(tmp_path, "imported", "rendered")
+    still, render = (picture(tmp_path / name) for name in ("still.png", "render.png"))
+    assert render.shape == (*PICTURE[::-1], 3)
+    assert np.abs(best_shift(still, render)).max() <= 2
+    apart = np.abs(skyline(still) - skyline(render))
+    assert np.median(apart) <= 2.0
+    assert (apart <= 5).mean() > 0.75
+    if preset == "valley_river":  # the lake is the blue below the middle
+        lakes = [(each[135:, :, 2] > 1.2 * each[135:, :, 0]) for each in (still, render)]
+        assert (lakes[0] & lakes[1]).sum() > 0.65 * (lakes[0] | lakes[1]).sum()
+    if preset == "alpine_range":
+        snow = [lowest(each[60:200].min(axis=-1) > 165.0) for each in (still, render)]
+        both = (snow[0] > 0) & (snow[1] > 0)
+        assert both.mean() > 0.6
+        assert abs(np.median((snow[0] - snow[1])[both])) <= 4.0

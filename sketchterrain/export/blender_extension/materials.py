@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,6 @@ import bpy
 
 STATE = "sketchterrain_state"  # property: digest of a block as it was imported
 _IGNORED = {"name", "label", "select", "location", "width", "height", "parent", "is_active_output"}
-_SIMPLE = {"BOOLEAN", "INT", "FLOAT", "STRING", "ENUM"}
 _COLUMN, _ROW = 220.0, 190.0  # layout of nodes
 _SKY = 8.7  # irradiance of Blender's sky on level ground, times e / (e + 6°) for the sun's elevation e: a fit
 _WATER = (0.010, 0.050, 0.070, 1.0)
@@ -33,48 +32,42 @@ def digest(block: Any) -> str:
     """Return a digest of a node tree, of what has one, or of an object and its light or camera."""
     tree = block if isinstance(block, bpy.types.NodeTree) else getattr(block, "node_tree", None)
     parts: list[Any] = []
-    if tree is not None:
-        for node in sorted(tree.nodes, key=lambda node: str(node.name)):
-            values = [
-                _plain(socket.default_value) for socket in node.inputs if hasattr(socket, "default_value")
-            ]
-            parts.append((node.name, node.bl_idname, list(_settings(node)), values))
-        ends = ((each.from_socket, each.to_socket) for each in tree.links)
-        parts += sorted(str([(end.node.name, end.identifier) for end in pair]) for pair in ends)
+    for node in () if tree is None else sorted(tree.nodes, key=lambda node: str(node.name)):
+        sockets = [getattr(each, "default_value", None) for each in (*node.inputs, *node.outputs)]
+        parts.append((node.name, node.bl_idname, _settings(node), _plain(sockets)))
+        for socket in node.inputs:
+            parts += [(node.name, socket.identifier, each.from_node.name) for each in socket.links]
     if isinstance(block, bpy.types.Object):
         parts += [_plain(value) for value in (block.location, block.rotation_euler, block.scale)]
-        parts += list(_settings(block.data)) if block.type in {"CAMERA", "LIGHT"} else []
+        parts += _settings(block.data) if block.type in {"CAMERA", "LIGHT"} else []
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
-def _settings(block: Any) -> Iterator[tuple[str, Any]]:
-    for prop in block.bl_rna.properties:
-        if prop.type in _SIMPLE and not prop.is_readonly and prop.identifier not in _IGNORED:
-            yield prop.identifier, _plain(getattr(block, prop.identifier))
+def _settings(block: Any) -> list[Any]:
+    names = [each.identifier for each in block.bl_rna.properties if not each.is_readonly]
+    values = ((name, getattr(block, name)) for name in names if name not in _IGNORED)
+    simple = (int, float, str, bpy.types.ID)
+    return [(name, _plain(value)) for name, value in values if isinstance(value, simple)]
 
 
 def _plain(value: Any) -> Any:
     if isinstance(value, bpy.types.ID):
         return value.name
     return (
-        value if isinstance(value, (int, float, str, bool, type(None))) else [_plain(each) for each in value]
+        value if value is None or isinstance(value, (int, float, str)) else [_plain(each) for each in value]
     )
 
 
-def _add(tree: Any, kind: str, *inputs: Any, **settings: Any) -> Any:
-    """Add a node; inputs are sockets, values, or None for the default."""
+def _add(tree: Any, kind: str, *inputs: Any, named: Mapping[str, Any] | None = None, **settings: Any) -> Any:
+    """Add a node; inputs are sockets or values, in order or by their names."""
     node = tree.nodes.new(kind)
-    named: Mapping[str, Any] = settings.pop("named", {})
     for name, value in settings.items():
         setattr(node, name, value)
-    enabled = [socket for socket in node.inputs if socket.enabled]
-    for socket, value in [
-        *zip(enabled, inputs, strict=False),
-        *((node.inputs[n], v) for n, v in named.items()),
-    ]:
+    values = dict(zip((socket for socket in node.inputs if socket.enabled), inputs, strict=False))
+    for socket, value in (values | {node.inputs[key]: value for key, value in (named or {}).items()}).items():
         if isinstance(value, bpy.types.NodeSocket):
             tree.links.new(value, socket)
-        elif value is not None:
+        else:
             socket.default_value = value
     return node
 
@@ -124,13 +117,19 @@ def _surface(material: Any) -> Any:
     return material.node_tree
 
 
+def _principled(tree: Any, colour: Any, roughness: Any, **named: Any) -> Any:
+    named = {"Base Color": colour, "Roughness": roughness} | named
+    return _add(tree, "ShaderNodeBsdfPrincipled", named=named).outputs[0]
+
+
 def _finish(tree: Any, shader: Any, air: Any) -> None:
-    if air is not None:
-        node = _add(tree, "ShaderNodeGroup", node_tree=air, label=air.name)
-        tree.links.new(shader, node.inputs[0])
-        shader = node.outputs[0]
-    _add(tree, "ShaderNodeOutputMaterial", shader)
+    faded = shader if air is None else _group(tree, air, shader)[0]
+    _add(tree, "ShaderNodeOutputMaterial", faded)
     _arrange(tree)
+
+
+def _group(tree: Any, group: Any, value: Any) -> Any:
+    return _add(tree, "ShaderNodeGroup", value, node_tree=group, label=group.name).outputs
 
 
 def load_image(name: str, path: Path | bytes, *, is_data: bool = False) -> Any:
@@ -181,18 +180,12 @@ def build_tile(tree: Any, tile: Tile, image: Any) -> None:
     _arrange(tree)
 
 
-def _group(tree: Any, group: Any, position: Any) -> Any:
-    node = _add(tree, "ShaderNodeGroup", node_tree=group, label=group.name)
-    tree.links.new(position, node.inputs[0])
-    return node.outputs
-
-
 def build_ground(
     material: Any,
     air: Any,
     tiles: list[Tile],
-    groups: Mapping[str, Any],
-    weights: Mapping[str, Any],
+    groups: dict[str, Any],
+    weights: dict[str, Any],
     painted: list[Any],
 ) -> None:
     """Mix the tiles by their weights, under the colour of roads and land use."""
@@ -214,30 +207,27 @@ def build_ground(
         node = _image(tree, image, place["UV"], "EXTEND")
         colour = _mix(tree, node.outputs["Alpha"], colour, node.outputs["Color"])
     bump = _add(tree, "ShaderNodeBump", 1.0, 1.0, height).outputs[0]
-    surface = {"Base Color": colour, "Roughness": roughness, "Normal": bump, "Specular IOR Level": 0.25}
-    _finish(tree, _add(tree, "ShaderNodeBsdfPrincipled", named=surface).outputs[0], air)
+    named = {"Normal": bump, "Specular IOR Level": 0.25}
+    _finish(tree, _principled(tree, colour, roughness, **named), air)
 
 
 def build_baked_ground(material: Any, air: Any, colour: Any, roughness: Any) -> None:
     """Show the textures that a GLB holds."""
     tree = _surface(material)
     uv = _add(tree, "ShaderNodeTexCoord").outputs["UV"]
-    rough = _image(tree, roughness, uv, "EXTEND").outputs["Color"]
-    surface = {
-        "Base Color": _image(tree, colour, uv, "EXTEND").outputs["Color"],
-        "Roughness": _add(tree, "ShaderNodeSeparateColor", rough).outputs["Green"],
-    }
-    _finish(tree, _add(tree, "ShaderNodeBsdfPrincipled", named=surface).outputs[0], air)
+    mean, rough = (_image(tree, each, uv, "EXTEND").outputs["Color"] for each in (colour, roughness))
+    rough = _add(tree, "ShaderNodeSeparateColor", rough).outputs["Green"]
+    _finish(tree, _principled(tree, mean, rough), air)
 
 
 def build_solid(material: Any, air: Any, colour: tuple[float, ...], group: Any) -> None:
     """Show a material of roads and buildings: the tile of the ground's material if there is one."""
     tree = _surface(material)
-    named: dict[str, Any] = {"Base Color": colour, "Roughness": 0.85}
+    look: Any = (colour, 0.85)
     if group is not None:
         own = _group(tree, group, _add(tree, "ShaderNodeTexCoord").outputs["Object"])
-        named = {"Base Color": own["Colour"], "Roughness": own["Roughness"]}
-    _finish(tree, _add(tree, "ShaderNodeBsdfPrincipled", named=named).outputs[0], air)
+        look = (own["Colour"], own["Roughness"])
+    _finish(tree, _principled(tree, *look), air)
 
 
 def build_water(material: Any, air: Any) -> None:
@@ -249,14 +239,8 @@ def build_water(material: Any, air: Any) -> None:
         noise = _add(tree, "ShaderNodeTexNoise", named={"Vector": position, "Scale": scale, "Detail": 3.0})
         height = _math(tree, "MULTIPLY_ADD", noise.outputs[0], rise, height)
     bump = _add(tree, "ShaderNodeBump", 1.0, 1.0, height).outputs[0]
-    surface = {
-        "Base Color": _WATER,
-        "Roughness": 0.03,
-        "IOR": 1.333,
-        "Normal": bump,
-        "Transmission Weight": 0.15,
-    }
-    _finish(tree, _add(tree, "ShaderNodeBsdfPrincipled", named=surface).outputs[0], air)
+    named = {"IOR": 1.333, "Normal": bump, "Transmission Weight": 0.15}
+    _finish(tree, _principled(tree, _WATER, 0.03, **named), air)
 
 
 def build_plants(material: Any, air: Any) -> None:
@@ -276,9 +260,13 @@ def build_world(world: Any, scene: Mapping[str, Any], unit: float) -> None:
     world.use_nodes = True
     tree, sun, weather = world.node_tree, scene["sun"], scene["weather"]
     tree.nodes.clear()
-    sky = _add(tree, "ShaderNodeTexSky", sky_type="NISHITA", sun_disc=False)
+    is_old = bpy.app.version < (5, 0, 0)  # before names changed
+    sky = _add(
+        tree, "ShaderNodeTexSky", sky_type="NISHITA" if is_old else "SINGLE_SCATTERING", sun_disc=False
+    )
     sky.sun_elevation, sky.sun_rotation = math.radians(sun["elevation"]), math.radians(sun["azimuth"])
-    sky.dust_density, sky.altitude = 0.1 * weather["haze"], max(scene["camera"]["eye"][2], 0.0)
+    sky.altitude = max(scene["camera"]["eye"][2], 0.0)
+    setattr(sky, "dust_density" if is_old else "aerosol_density", 0.1 * weather["haze"])
     # The model has single scattering only: its strength gives level ground the sketch's light of the sky.
     own = _SKY * max(sun["elevation"], 1.0) / (max(sun["elevation"], 1.0) + 6.0)
     colour = _vector(tree, "SCALE", sky.outputs[0], Scale=unit * scene["skylight"][1] / own)
@@ -347,14 +335,8 @@ def build_instances(tree: Any, near: float, far: float) -> None:
         model = _math(tree, "ADD", model, _math(tree, "GREATER_THAN", distance, given[limit]))
     turn = _add(tree, "ShaderNodeCombineXYZ", 0.0, 0.0, attributes["rotation"]).outputs[0]
     models = _add(tree, "GeometryNodeCollectionInfo", given["Models"], True, True).outputs[0]
-    instances = {
-        "Points": given["Geometry"],
-        "Instance": models,
-        "Pick Instance": True,
-        "Instance Index": model,
-        "Rotation": _add(tree, "FunctionNodeEulerToRotation", turn).outputs[0],
-        "Scale": attributes["scale"],
-    }
-    placed = _add(tree, "GeometryNodeInstanceOnPoints", named=instances).outputs[0]
+    upright = _add(tree, "FunctionNodeEulerToRotation", turn).outputs[0]
+    given = (given["Geometry"], True, models, True, model, upright, attributes["scale"])
+    placed = _add(tree, "GeometryNodeInstanceOnPoints", *given).outputs[0]
     _add(tree, "NodeGroupOutput", placed)
     _arrange(tree)

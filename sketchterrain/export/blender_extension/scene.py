@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from mathutils import Vector
+from mathutils import Euler, Vector
 
 from . import materials
 from .source import MeshSource, SourceError, TerrainSource
@@ -28,7 +28,7 @@ _SUN_ANGLE = math.radians(0.53)
 
 def imported_terrains() -> list[Any]:
     """Return the collections of imported terrains in this file."""
-    return [each for each in bpy.data.collections if SOURCE in each]
+    return [each for each in bpy.data.collections if SOURCE in each and each.users]
 
 
 def import_terrain(context: Any, source: TerrainSource) -> Any:
@@ -67,6 +67,7 @@ class _Builder:
     def __init__(self, context: Any, collection: Any, source: TerrainSource) -> None:
         self.context, self.collection, self.source = context, collection, source
         self.stem, self.kept = _stem(source), list[str]()
+        self._sky = f"{self.stem} sky"
         self._there = {each[_PART]: each for each in collection.all_objects if _PART in each}
         self._known = set(collection.get(_KNOWN, "").split("\n"))
         self._parts = set[str]()
@@ -79,9 +80,13 @@ class _Builder:
         if self.source.plants:
             self._plants(surfaces["plants"])
         if self._scene is not None:
-            self._camera(self._scene["camera"])
-            self._sun(self._scene["sun"], self._scene["sunlight"])
-            self._sky()
+            camera, sun = self._scene["camera"], self._scene["sun"]
+            lens, lamp = (f"{self.stem} {kind}" for kind in ("camera", "sun"))
+            self._equip("camera", lambda: bpy.data.cameras.new(lens), _set_camera, camera, self._reach())
+            light = (sun, self._scene["sunlight"], self.source.ground.location)
+            self._equip("sun", lambda: bpy.data.lights.new(lamp, "SUN"), _set_sun, *light)
+            world = bpy.data.worlds.get(self._sky) or bpy.data.worlds.new(self._sky)
+            self._rebuild(world, materials.build_world, self._scene, _WATTS)
         for part, left in self._there.items():
             if part not in self._parts:  # no longer in the export
                 bpy.data.objects.remove(left)
@@ -93,14 +98,11 @@ class _Builder:
         """Set what belongs to the whole scene, only once: camera, world, exposure, units, clipping."""
         scene = self.context.scene
         scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", 1.0
-        reach = 10.0 * self._extent()
-        for window in self.context.window_manager.windows:
-            for area in window.screen.areas:
-                if area.type == "VIEW_3D":
-                    area.spaces.active.clip_end = max(area.spaces.active.clip_end, reach)
+        areas = [area for window in self.context.window_manager.windows for area in window.screen.areas]
+        for view in (area.spaces.active for area in areas if area.type == "VIEW_3D"):
+            view.clip_end = max(view.clip_end, self._reach())
         if self._scene is not None:
-            scene.camera = self._object("camera", "camera", None)
-            scene.world = bpy.data.worlds[f"{self.stem} sky"]
+            scene.camera, scene.world = self._there["camera"], bpy.data.worlds[self._sky]
             scene.view_settings.view_transform, scene.view_settings.look = "Khronos PBR Neutral", "None"
             scene.view_settings.exposure = _STOPS + math.log2(self._scene["exposure"] / _WATTS)
 
@@ -112,26 +114,32 @@ class _Builder:
         yield f"objects: {len(self.source.meshes) - 1}, materials of the ground: {len(self._tiles)}"
         yield f"plants: {sum(len(each.position) for each in self.source.plants):,}"
 
-    def _extent(self) -> float:
-        return float(np.ptp(self.source.ground.position, axis=0).max())
+    def _reach(self) -> float:
+        return 10.0 * float(np.ptp(self.source.ground.position, axis=0).max())
 
     def _rebuild(self, block: Any, build: Callable[..., None], *arguments: Any) -> None:
         if not materials.rebuild(block, build, *arguments):
             self.kept.append(block.name)
 
-    def _object(self, part: str, name: str, data: Any, *, into: Any = None) -> Any:
+    def _object(self, part: str, name: str, data: Callable[[], Any], *, into: Any = None) -> Any:
         """Return the object of a part, a new one if the part is new, None if the artist deleted it."""
         self._parts.add(part)
         if part not in self._there:
             if part in self._known and into is None:
                 return None
-            self._there[part] = bpy.data.objects.new(name, data() if callable(data) else data)
+            self._there[part] = bpy.data.objects.new(name, data())
             self._there[part][_PART] = part
             (into or self.collection).objects.link(self._there[part])
         return self._there[part]
 
+    def _equip(self, part: str, data: Callable[[], Any], build: Callable[..., None], *arguments: Any) -> None:
+        found = self._object(part, part, data)
+        if found is not None:
+            self._rebuild(found, build, *arguments)
+
     def _mesh_object(self, source: MeshSource, material: Any) -> None:
-        part = f"{source.name} {source.material}"
+        kind = "" if source.indices.shape[1] == 3 else " lines" if len(source.indices) else " points"
+        part = f"{source.name} {source.material}{kind}"
         found = self._object(part, source.name, lambda: self._new_mesh(part, material))
         if found is not None:
             self._fill(found, part, source)
@@ -148,8 +156,8 @@ class _Builder:
         if found.data.get(_PART) != part:
             self.kept.append(found.name)
             return
-        is_smooth = source is self.source.ground and not _mesh_error(self.source)
-        fill_mesh(found.data, source, own_normals=not is_smooth)
+        is_whole = source is self.source.ground and not self.source.mesh_error
+        fill_mesh(found.data, source, own_normals=not is_whole)
 
     def _materials(self) -> dict[str, Any]:
         """Return the material of each name in the export, built unless it was changed."""
@@ -170,24 +178,18 @@ class _Builder:
 
     def _look(
         self, name: str, colour: tuple[float, ...], groups: dict[str, Any]
-    ) -> tuple[Callable[..., None], tuple[Any, ...]]:
+    ) -> tuple[Any, tuple[Any, ...]]:
         """Return the function that builds a material, and its arguments."""
         if name == "ground" and self._tiles:
-            weights = {
-                file: self._image(file, is_data=True) for file in {e["weights"]: 0 for e in self._tiles}
-            }
+            weights = {tile["weights"]: self._image(tile["weights"], is_data=True) for tile in self._tiles}
             files = [entry["file"] for entry in self.source.sidecar["files"]]
             painted = [self._image(file) for file in files if file.endswith("_appearance.png")]
             return materials.build_ground, (self._tiles, groups, weights, painted)
         if name == "ground":
-            baked = {"colour": False, "roughness": True}
-            images = [
-                materials.load_image(
-                    f"{self.stem} {part}", self.source.baked[f"ground {part}"], is_data=is_data
-                )
-                for part, is_data in baked.items()
-            ]
-            return materials.build_baked_ground, tuple(images)
+            baked, load = self.source.baked, materials.load_image
+            mean = load(f"{self.stem} colour", baked["ground colour"])
+            rough = load(f"{self.stem} roughness", baked["ground roughness"], is_data=True)
+            return materials.build_baked_ground, (mean, rough)
         if name in ("water", "plants"):
             return {"water": materials.build_water, "plants": materials.build_plants}[name], ()
         return materials.build_solid, (colour, groups.get(name))
@@ -207,86 +209,60 @@ class _Builder:
             self.collection.children.link(models)
             self.context.view_layer.update()
             _layer_of(self.context.view_layer.layer_collection, models).exclude = True
-        deepest = max(len(each.levels) for each in self.source.plants)
-        number = 0
-        for plant in self.source.plants:
+        plants, number = self.source.plants, 0
+        deepest = max(len(each.levels) for each in plants)
+        for plant in plants:
             for level in range(deepest):
                 part = f"model {plant.name} {level + 1}"
                 model = self._object(part, part, lambda p=part: self._new_mesh(p, material), into=models)
                 model.name = f"{number:03d} {plant.name} level {level + 1}"  # instances count by name
                 self._fill(model, part, plant.levels[min(level, len(plant.levels) - 1)])
                 number += 1
+        is_new = "plants" not in self._there
         points = self._object("plants", "plants", lambda: self._new_mesh("plants", material))
         if points is None:
             return
         centre = np.array(self.source.ground.location)
-        columns = [(each.position - centre, each.rotation, each.scale) for each in self.source.plants]
-        place, turn, scale = (np.concatenate(column) for column in zip(*columns, strict=True))
-        counts = [len(each.position) for each in self.source.plants]
-        model = np.repeat(deepest * np.arange(len(counts)), counts)
+        place = np.concatenate([each.position - centre for each in plants])
+        turn, scale = (
+            np.concatenate(each) for each in zip(*((p.rotation, p.scale) for p in plants), strict=True)
+        )
+        model = np.repeat(deepest * np.arange(len(plants)), [len(each.position) for each in plants])
         if points.data.get(_PART) == "plants":
             fill_points(points.data, place, {"rotation": turn, "scale": scale, "model": model})
         self._rebuild(points, _move, centre)
         tree = self._group("instances", "GeometryNodeTree")
-        is_new = materials.STATE not in tree
         self._rebuild(tree, materials.build_instances, _NEAR, _FAR)
         if is_new:
             modifier = points.modifiers.new("instances", "NODES")
             modifier.node_group = tree
-            sockets = {
-                each.name: each.identifier for each in tree.interface.items_tree if each.in_out == "INPUT"
-            }
+            sockets = {each.name: each.identifier for each in tree.interface.items_tree}
             modifier[sockets["Models"]] = models
-
-    def _camera(self, facts: dict[str, Any]) -> None:
-        camera = self._object("camera", "camera", lambda: bpy.data.cameras.new(f"{self.stem} camera"))
-        eye, target = Vector(facts["eye"]), Vector(facts["target"])
-
-        def build(found: Any) -> None:
-            found.location = eye
-            found.rotation_euler = (target - eye).to_track_quat("-Z", "Y").to_euler()
-            found.data.sensor_fit = "VERTICAL"
-            found.data.angle_y = math.radians(facts["vertical_fov"])
-            found.data.clip_start, found.data.clip_end = 0.5, 10.0 * self._extent()
-
-        if camera is not None:
-            self._rebuild(camera, build)
-
-    def _sun(self, facts: dict[str, float], light: list[float]) -> None:
-        sun = self._object("sun", "sun", lambda: bpy.data.lights.new(f"{self.stem} sun", "SUN"))
-        azimuth, elevation = math.radians(facts["azimuth"]), math.radians(facts["elevation"])
-        level = math.cos(elevation)
-        towards = Vector((math.sin(azimuth) * level, math.cos(azimuth) * level, math.sin(elevation)))
-
-        def build(found: Any) -> None:
-            found.location = self.source.ground.location
-            found.rotation_euler = towards.to_track_quat("Z", "Y").to_euler()
-            found.data.energy = _WATTS * max(light)
-            found.data.color = [each / max(light) for each in light] if max(light) else (1.0, 1.0, 1.0)
-            found.data.angle = _SUN_ANGLE
-
-        if sun is not None:
-            self._rebuild(sun, build)
-
-    def _sky(self) -> None:
-        name = f"{self.stem} sky"
-        world = bpy.data.worlds.get(name) or bpy.data.worlds.new(name)
-        self._rebuild(world, materials.build_world, self._scene, _WATTS)
 
 
 def _move(found: Any, location: Any) -> None:
     found.location = location
 
 
-def _mesh_error(source: TerrainSource) -> float:
-    return float(source.sidecar.get("mesh", {}).get("error_measured", 1.0))
+def _set_camera(camera: Any, facts: dict[str, Any], reach: float) -> None:
+    eye, target = Vector(facts["eye"]), Vector(facts["target"])
+    camera.location, camera.rotation_euler = eye, (target - eye).to_track_quat("-Z", "Y").to_euler()
+    camera.data.sensor_fit, camera.data.angle_y = "VERTICAL", math.radians(facts["vertical_fov"])
+    camera.data.clip_start, camera.data.clip_end = 0.5, reach
+
+
+def _set_sun(sun: Any, facts: dict[str, float], light: list[float], location: Any) -> None:
+    turn = Euler((math.radians(90.0 - facts["elevation"]), 0.0, math.radians(180.0 - facts["azimuth"])))
+    sun.location, sun.rotation_euler = location, turn
+    sun.data.energy, sun.data.angle = _WATTS * max(light), _SUN_ANGLE
+    sun.data.color = [each / max(*light, 1e-9) for each in light]
 
 
 def _layer_of(layer: Any, collection: Any) -> Any:
+    if layer.collection == collection:
+        return layer
     found = (_layer_of(child, collection) for child in layer.children)
-    return (
-        layer if layer.collection == collection else next((each for each in found if each is not None), None)
-    )
+    return next((each for each in found if each is not None), None)
 
 
 def fill_mesh(mesh: Any, source: MeshSource, *, own_normals: bool) -> None:

@@ -67,6 +67,11 @@ class TerrainSource:
     baked: dict[str, bytes] = field(default_factory=dict)  # PNGs in the GLB, "ground colour"
 
     @property
+    def mesh_error(self) -> float:
+        """Error of the ground (m), 0 for a mesh of all vertices."""
+        return float(self.sidecar.get("mesh", {}).get("error_measured", 1.0))
+
+    @property
     def ground(self) -> MeshSource:
         """The terrain's mesh."""
         return next(mesh for mesh in self.meshes if mesh.name == "ground")

@@ -133,6 +133,27 @@ def written():
     return {"code": code, "bad": bad, "objects": blocks()["objects"], "images": paths}
 
 
+def alone():
+    """Import a GLB without a sidecar, and a folder of --to gltf with an adaptive mesh."""
+    found = {}
+    for name in ("alone.glb", "gltf"):
+        assert run_import(WORK / name) == {"FINISHED"}
+        collection = extension.imported_terrains()[0]
+        graph = bpy.context.evaluated_depsgraph_get()
+        ground = bpy.data.objects["ground"]
+        images = sorted(tuple(each.size) for each in bpy.data.images if each.packed_file)
+        found[name] = {
+            "instances": sum(each.is_instance for each in graph.object_instances),
+            "vertices": len(ground.data.vertices),
+            "own_normals": ground.data.has_custom_normals,
+            "images": images,
+        }
+        for each in list(collection.all_objects):
+            bpy.data.objects.remove(each)
+        bpy.data.collections.remove(collection)
+    return found
+
+
 def rendered():
     """Render the scene's camera with Cycles."""
     scene = bpy.context.scene

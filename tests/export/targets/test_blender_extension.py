@@ -254,6 +254,22 @@ def test_blender_builds_and_refreshes_a_terrain(blender, corner, tmp_path):
     assert all(path.startswith("//") for path in facts["written"]["images"])
 
 
+@pytest.mark.soak
+def test_blender_builds_a_lone_glb_and_an_adaptive_mesh(exported, blender, tmp_path):
+    blender_command()
+    adaptive = exported("gltf", size=SIZE, error=2.0)
+    shutil.copy(exported("gltf", size=SIZE).paths("corner.glb")[0], tmp_path / "alone.glb")
+    shutil.copytree(adaptive.folder, tmp_path / "gltf")
+    facts = run_blender(tmp_path, "alone")["alone"]
+    count = blender.sidecar["plants"]["count"]
+    for content in facts.values():
+        assert content["instances"] == count
+        assert {tuple(size) for size in content["images"]} == {(SIZE, SIZE)}  # baked
+        assert content["own_normals"]
+    assert facts["alone.glb"]["vertices"] == SIZE * SIZE
+    assert facts["gltf"]["vertices"] == adaptive.sidecar["mesh"]["vertices"] < SIZE * SIZE
+
+
 PICTURE = (480, 270)
 
 

@@ -90,8 +90,9 @@ def _vector(tree: Any, operation: str, *inputs: Any, **named: Any) -> Any:
 
 
 def _mix(tree: Any, factor: Any, first: Any, second: Any, blend: str = "MIX") -> Any:
-    settings = {"data_type": "RGBA", "blend_type": blend}
-    return _add(tree, "ShaderNodeMix", factor, first, second, **settings).outputs["Result"]
+    inputs = (factor, first, second)
+    node = _add(tree, "ShaderNodeMix", *inputs, data_type="RGBA", blend_type=blend)
+    return node.outputs["Result"]
 
 
 def _image(tree: Any, image: Any, vector: Any, extension: str) -> Any:

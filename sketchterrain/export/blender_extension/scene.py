@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import bpy
@@ -92,6 +93,7 @@ class _Builder:
                 bpy.data.objects.remove(left)
         self.collection[_KNOWN] = "\n".join(sorted(self._known | self._parts))
         self.collection[SOURCE] = str(self.source.path)
+        self.collection.id_properties_ui(SOURCE).update(subtype="DIR_PATH")
         self.collection[FACTS] = "\n".join(self._facts())
 
     def set_scene(self) -> None:
@@ -140,7 +142,7 @@ class _Builder:
     def _mesh_object(self, source: MeshSource, material: Any) -> None:
         kind = "" if source.indices.shape[1] == 3 else " lines" if len(source.indices) else " points"
         part = f"{source.name} {source.material}{kind}"
-        found = self._object(part, source.name, lambda: self._new_mesh(part, material))
+        found = self._object(part, source.name, partial(self._new_mesh, part, material))
         if found is not None:
             self._fill(found, part, source)
             self._rebuild(found, _move, source.location)
@@ -214,12 +216,12 @@ class _Builder:
         for plant in plants:
             for level in range(deepest):
                 part = f"model {plant.name} {level + 1}"
-                model = self._object(part, part, lambda p=part: self._new_mesh(p, material), into=models)
+                model = self._object(part, part, partial(self._new_mesh, part, material), into=models)
                 model.name = f"{number:03d} {plant.name} level {level + 1}"  # instances count by name
                 self._fill(model, part, plant.levels[min(level, len(plant.levels) - 1)])
                 number += 1
         is_new = "plants" not in self._there
-        points = self._object("plants", "plants", lambda: self._new_mesh("plants", material))
+        points = self._object("plants", "plants", partial(self._new_mesh, "plants", material))
         if points is None:
             return
         centre = np.array(self.source.ground.location)

@@ -248,7 +248,8 @@ def build_plants(material: Any, air: Any) -> None:
     """Show the colours of leaves and wood, each plant a little lighter or darker."""
     tree = _surface(material)
     random = _add(tree, "ShaderNodeObjectInfo").outputs["Random"]
-    shade = _add(tree, "ShaderNodeMapRange", random, 0.0, 1.0, 0.8, 1.25).outputs[0]
+    # Lighter, as the shade inside crowns is in the colours and is cast again.
+    shade = _add(tree, "ShaderNodeMapRange", random, 0.0, 1.0, 1.2, 1.8).outputs[0]
     own = _add(tree, "ShaderNodeVertexColor", layer_name="colour").outputs["Color"]
     colour = _vector(tree, "SCALE", own, Scale=shade)
     matt = _add(tree, "ShaderNodeBsdfDiffuse", colour).outputs[0]

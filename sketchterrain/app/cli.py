@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sketchterrain.app import arguments as args
-from sketchterrain.app.commands.exports import batch, export, targets
+from sketchterrain.app.commands.exports import batch, blender_extension, export, targets
 from sketchterrain.app.commands.new import new
 from sketchterrain.app.commands.realism import realism
 from sketchterrain.app.commands.trace import trace
@@ -327,5 +327,5 @@ def presets(as_json: args.AsJson = False) -> None:
         print_lines(*preset_lines(entries))
 
 
-for _command in (batch, world, stats, view, export, targets, realism, trace):
+for _command in (batch, world, stats, view, export, targets, blender_extension, realism, trace):
     app.command()(_command)

@@ -106,10 +106,12 @@ class GlbWriter:
         source = _added(self.scene.images, image)
         return _added(self.scene.textures, pygltflib.Texture(sampler=0, source=source))
 
-    def node(self, name: str, **parts: Any) -> None:
-        """Add a node to the scene."""
+    def node(self, name: str, *, in_scene: bool = True, **parts: Any) -> int:
+        """Add a node, by default to the scene, and return its index."""
         number = _added(self.scene.nodes, pygltflib.Node(name=name, **parts))
-        self.scene.scenes[0].nodes.append(number)
+        if in_scene:
+            self.scene.scenes[0].nodes.append(number)
+        return number
 
     def mesh(self, name: str, attributes: Mapping[str, int], **parts: Any) -> int:
         """Add a mesh of one primitive, and return its index."""

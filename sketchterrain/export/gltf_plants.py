@@ -27,6 +27,7 @@ from sketchterrain.look.tree_species import HEIGHTS, SPECIES
 from sketchterrain.vegetation.plants import STOREYS
 
 INSTANCING: Final = "EXT_mesh_gpu_instancing"
+LEVELS: Final = "MSFT_lod"
 BYTES_PER_PLANT: Final = 40 + 24  # as an instance and as a point
 MAX_PLANTS: Final = 10_000_000  # of a scene, about 130 bytes of memory each
 
@@ -79,28 +80,27 @@ def collect_plants(export: Export, axes: EngineAxes) -> PlantInstances:
     return PlantInstances(position[order], scale[order], rotation[order], model[order], terrain.species_names)
 
 
-def add_instances(glb: GlbWriter, plants: PlantInstances) -> int:
+def add_instances(glb: GlbWriter, plants: PlantInstances, coarser: tuple[int, ...] = ()) -> int:
     """Add plants as instances of models, and return the models' level of detail.
 
-    A node is at its first plant, which programs without the extension show.
+    A node is at its first plant, which programs without the extension show. With `coarser` levels the first
+    is the finest, and models of woody plants at these levels are nodes outside the scene (MSFT_lod).
     """
-    detail = _level_of_detail(plants)
+    detail = FINEST if coarser else _level_of_detail(plants)
     if len(plants.model):
-        glb.scene.extensionsUsed.append(INSTANCING)
+        glb.scene.extensionsUsed += [INSTANCING, *([LEVELS] if coarser else [])]
         material = glb.material(
             "plants",
             doubleSided=True,
             pbrMetallicRoughness={"metallicFactor": 0.0, "roughnessFactor": 0.9},
         )
     for kind, some in plants.groups():
-        species, mesh = plants.species[kind // VARIANTS], _model_mesh(plants, kind, detail)
-        name = f"{species} {kind % VARIANTS + 1}" if species in SPECIES else species
-        attributes = {
-            "POSITION": glb.attribute(mesh.position, bounds=True),
-            "NORMAL": glb.attribute(mesh.normal),
-            "COLOR_0": glb.attribute(mesh.colour, normalized=True),
-        }
-        number = glb.mesh(name, attributes, material=material)
+        species, is_woody = plants.species[kind // VARIANTS], plants.species[kind // VARIANTS] in SPECIES
+        name = f"{species} {kind % VARIANTS + 1}" if is_woody else species
+        number, *others = (
+            _add_model(glb, name, _model_mesh(plants, kind, each), material)
+            for each in (detail, *(coarser if is_woody else ()))
+        )
         position, half = plants.position[some], 0.5 * plants.rotation[some].astype(np.float64)
         quaternion = np.zeros((len(position), 4), np.float32)
         quaternion[:, 1], quaternion[:, 3] = np.sin(half), np.cos(half)
@@ -109,9 +109,20 @@ def add_instances(glb: GlbWriter, plants: PlantInstances) -> int:
             "ROTATION": glb.attribute(quaternion, vertex=False),
             "SCALE": glb.attribute(np.repeat(plants.scale[some][:, None], 3, axis=1), vertex=False),
         }
-        extension = {INSTANCING: {"attributes": instances}}
-        glb.node(name, mesh=number, translation=position[0].tolist(), extensions=extension)
+        extensions: dict[str, Any] = {INSTANCING: {"attributes": instances}}
+        if others:
+            extensions[LEVELS] = {"ids": [glb.node(name, in_scene=False, mesh=each) for each in others]}
+        glb.node(name, mesh=number, translation=position[0].tolist(), extensions=extensions)
     return detail
+
+
+def _add_model(glb: GlbWriter, name: str, model: PlantModel, material: int) -> int:
+    attributes = {
+        "POSITION": glb.attribute(model.position, bounds=True),
+        "NORMAL": glb.attribute(model.normal),
+        "COLOR_0": glb.attribute(model.colour, normalized=True),
+    }
+    return glb.mesh(name, attributes, material=material)
 
 
 def add_points(glb: GlbWriter, plants: PlantInstances, centre: npt.NDArray[np.float64]) -> None:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float32Array, Float64Array, Int64Array
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import EngineAxes
-from sketchterrain.export.sampled import SampleGrid, TerrainSamples
+from sketchterrain.export.sampled import SampleGrid, TerrainSamples, interpolate_heights
 from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.terrain.surfaces import TerrainFeatures
 
@@ -207,6 +207,7 @@ MAX_TEXTURE_SIDE = 8192  # texels, of today's graphics cards
 
 _VERTICES_AT_ONCE = 1 << 20  # bounds the memory
 _MIN_RIVER_SHARE = 0.5  # of a river's triangle; with less it belongs to the lake or river it flows into
+_RIVER_RISE = 0.1  # m of a river over the ground, at least
 _RIVER_OFFSET = 0.3  # m that a river's end is lowered below those, against z-fighting
 
 
@@ -313,7 +314,11 @@ def object_meshes(features: TerrainFeatures, samples: TerrainSamples) -> Iterato
         visible = surface.stream[triangles, 2].mean(axis=1) >= _MIN_RIVER_SHARE
         position = surface.position.copy()
         np.clip(position[:, :2], (grid.west, grid.south), (grid.east, grid.north), out=position[:, :2])
-        position[:, 2] -= _RIVER_OFFSET * (1.0 - surface.stream[:, 2])
+        share = surface.stream[:, 2]
+        if each.kind == "river":  # a channel narrower than the grid's cells is not in its heights
+            ground = interpolate_heights(samples, *position[:, :2].T)
+            position[:, 2] += share * np.maximum(ground + _RIVER_RISE - position[:, 2], 0.0)
+        position[:, 2] -= _RIVER_OFFSET * (1.0 - share)
         (ax, ay), (bx, by), (cx, cy) = (position[triangles[:, k], :2].T for k in range(3))
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
         remaining = triangles[visible & inside[triangles].any(axis=1) & (area > 0.0)]

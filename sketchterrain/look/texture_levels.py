@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, UnidentifiedImageError
 
-from sketchterrain.array_types import UInt8Array
+from sketchterrain.array_types import Float64Array, UInt8Array
+from sketchterrain.document.geology import Rock
 from sketchterrain.document.materials import BUILT_IN, MaterialTable, Texture
 from sketchterrain.document.own_materials import picture_files
 from sketchterrain.errors import InputError, one_line
@@ -184,6 +185,19 @@ def _with_images(
     if "roughness" in images:
         relief[..., 2] = images["roughness"]
     return painted, relief
+
+
+def layer_tints(
+    table: MaterialTable, aridity: float, looks: Mapping[str, Mapping[str, Any]], rock: Rock
+) -> Float64Array:
+    """Return the tint of each layer, (layers, 3): stone has its rock's; arid land has straw and red stone."""
+    tints = np.ones((len(table.layers), 3))
+    for tint, (name, layer) in zip(tints, table.layers.items(), strict=True):
+        if not looks.get(name, {}).get("colour"):
+            share = max(0.0, aridity - layer.arid_from) / (1.0 - layer.arid_from)
+            tint += (np.array(layer.arid_tint) - 1.0) * share
+            tint *= np.array(rock.tint) ** layer.of_rock
+    return tints
 
 
 def _recolour(levels: list[UInt8Array], look: Mapping[str, Any]) -> None:

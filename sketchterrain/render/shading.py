@@ -7,8 +7,9 @@ from typing import Any, Final
 import moderngl
 import numpy as np
 
-from sketchterrain.document.geology import Rock, Strata
+from sketchterrain.document.geology import Strata
 from sketchterrain.document.materials import MaterialTable
+from sketchterrain.look.texture_levels import layer_tints
 from sketchterrain.render.material_macros import material_macros
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 from sketchterrain.render.quality import Quality
@@ -77,7 +78,8 @@ class Shading:
     def set_materials(self, aridity: float, look: Mapping[str, Mapping[str, Any]], strata: Strata) -> None:
         """Set tints and texture sizes from the climate, the rock and the sketch's looks."""
         self._strata = strata
-        self.tints = _tints(self._table, aridity, look, strata.rock)
+        tints = layer_tints(self._table, aridity, look, strata.rock)
+        self.tints: dict[str, object] = {"tints": [tuple(row) for row in tints]}
         self._widths = texture_widths(self._table, look)
         self._materials = self.tints | texture_uniforms(self._table, self._widths)
 
@@ -150,19 +152,6 @@ class Shading:
 def _run(array: moderngl.VertexArray, uniforms: dict[str, object]) -> None:
     set_uniforms(array.program, uniforms)
     array.render(vertices=3)
-
-
-def _tints(
-    table: MaterialTable, aridity: float, look: Mapping[str, Mapping[str, Any]], rock: Rock
-) -> dict[str, object]:
-    """Return the tint of each layer: stone has its rock's; arid terrain has straw and red stone."""
-    tints = np.ones((len(table.layers), 3))
-    for tint, (name, layer) in zip(tints, table.layers.items(), strict=True):
-        if not look.get(name, {}).get("colour"):
-            share = max(0.0, aridity - layer.arid_from) / (1.0 - layer.arid_from)
-            tint += (np.array(layer.arid_tint) - 1.0) * share
-            tint *= np.array(rock.tint) ** layer.of_rock
-    return {"tints": [tuple(row) for row in tints]}
 
 
 def _strata_uniforms(strata: Strata, eye: tuple[float, float, float]) -> dict[str, object]:

@@ -172,8 +172,8 @@ def lake(number, centre, radius):
     return SimpleNamespace(id=number, shape=field, level=LEVEL)
 
 
-def ground(low):
-    heights = np.full((GRID.rows, GRID.columns), 90.0, np.float32)
+def ground(low, height=90.0):
+    heights = np.full((GRID.rows, GRID.columns), height, np.float32)
     heights[0, 0] = low
     return SimpleNamespace(grid=GRID, height=heights)
 
@@ -185,7 +185,9 @@ def found():
     features = SimpleNamespace(
         lakes=[lake(3, (250.0, 200.0), 90.0)], rivers=[river(7, line, 16.0)], sea_level=LEVEL - 5.0
     )
-    return {water.name.split()[0]: water for water in object_meshes(features, ground(LEVEL - 5.1))}
+    return {
+        water.name.split()[0]: water for water in object_meshes(features, ground(LEVEL - 5.1, LEVEL - 3.0))
+    }
 
 
 def areas(water):
@@ -211,6 +213,15 @@ def test_water_meshes_face_up_are_clipped_and_never_coplanar(found):
     beside = np.stack([np.linspace(0.0, 300.0, 40), np.full(40, 900.0), np.full(40, 5.0)], axis=-1)
     features = SimpleNamespace(lakes=[], rivers=[river(1, beside, 8.0)], sea_level=None)
     assert not list(object_meshes(features, ground(0.0)))
+
+
+def test_river_that_a_coarse_grid_has_no_channel_of_is_on_its_ground():
+    line = np.stack([np.linspace(20.0, 280.0, 40), np.full(40, 200.0), np.full(40, 5.0)], axis=-1)
+    features = SimpleNamespace(lakes=[], rivers=[river(1, line, 8.0)], sea_level=None)
+    (water,) = object_meshes(features, ground(90.0))
+    middle = np.abs(water.position[:, 1] - 200.0) < 3.0
+    assert middle.any()
+    assert np.abs(water.position[middle, 2] - 90.1).max() < 1e-3
 
 
 def test_the_sea_is_a_rectangle_if_any_ground_is_below_it(found):

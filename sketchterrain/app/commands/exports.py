@@ -68,6 +68,19 @@ def targets(as_json: args.AsJson = False) -> None:
         print_lines(*(line for entry in entries for line in target_lines(entry)))
 
 
+def blender_extension(
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE.zip", help="The file to write.")
+    ] = Path("sketchterrain_blender.zip"),
+) -> None:
+    """Write the extension for Blender that imports exports for it: File, Import, Sketchterrain."""
+    from sketchterrain.export.blender_package import write_extension
+
+    print_lines(
+        f"{write_extension(output)}: drag it into Blender, or Preferences, Add-ons, Install from Disk"
+    )
+
+
 _MAX_JOBS = 64
 
 Seeds = Annotated[

@@ -1,25 +1,35 @@
-"""Blender: heights as an OpenEXR displacement, and the same terrain as a GLB."""
+"""Blender: heights as an OpenEXR displacement, and the same terrain as a GLB with tiles of its materials."""
 
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
+from sketchterrain.document.geology import Strata
 from sketchterrain.export.engines import EngineAxes
-from sketchterrain.export.gltf import AXES, GlbWriter
-from sketchterrain.export.gltf_plants import BYTES_PER_PLANT, add_instances, collect_plants
-from sketchterrain.export.rasters import write_exr, write_normals_and_weights
+from sketchterrain.export.files import write_png
+from sketchterrain.export.gltf import AXES, GlbWriter, material_levels
+from sketchterrain.export.gltf_plants import BYTES_PER_PLANT, FINEST, add_instances, collect_plants
+from sketchterrain.export.rasters import weights_suffix, write_exr, write_normals_and_weights
 from sketchterrain.export.roads import write_corridors
-from sketchterrain.export.sampled import SampleGrid
+from sketchterrain.export.sampled import CHANNELS, SampleGrid, appearance_picture
+from sketchterrain.export.scene import SceneView
 from sketchterrain.export.target import Export, ExportOutput, Target
-from sketchterrain.export.targets.gltf import check_glb, plant_metadata, terrain_scene, write_plant_points
+from sketchterrain.export.targets.gltf import check_glb, terrain_scene, write_plant_points
+from sketchterrain.look.texture_levels import layer_tints
 
 _AXES: Final = EngineAxes("east", "north", "up")
+_TEXELS: Final = 512  # along a side of a material's tile
+_WHOLE: Final = 255.0
+_COARSER: Final = (FINEST + 1, FINEST + 2)  # levels of detail of plants, of about 170 and 30 triangles
 
 
 def _write_blender(export: Export) -> ExportOutput:
     """Write an EXR with heights in metres for a Displace modifier or a shader, and a GLB with all the rest.
 
     Blender's manual, "Displace Modifier": a vertex moves by strength · (value − midlevel). Its glTF importer
-    converts y up to z up, so the GLB coincides with the displaced grid.
+    converts y up to z up, so the GLB coincides with the displaced grid. The extension for Blender reads
+    the GLBs, the tiles and the sidecar.
     """
     plants, plant_facts = _write_plants(export) if export.options.plants else ({}, {})
     heights = export.folder / f"{export.name}_height.exr"
@@ -34,6 +44,11 @@ def _write_blender(export: Export) -> ExportOutput:
     files |= write_normals_and_weights(
         export.folder / export.name, export.samples, export.terrain.material_names
     )
+    with export.stages.stage("tiles", "Material tiles"):
+        tiles, facts["tiles_of_materials"] = _write_tiles(export)
+    files |= tiles
+    if export.view is not None:
+        facts["scene"] = export.view.facts | _light_of_sky(export.view, float(export.samples.height.max()))
     facts["heights"] = {"numbers": "float32", "channels": "R = G = B", "metres": "value"}
     facts["axes"] = _AXES.metadata
     return ExportOutput(files, _settings(export.grid, heights.name, path.name), facts | plant_facts)
@@ -44,12 +59,66 @@ def _write_plants(export: Export) -> tuple[dict[Path, str], dict[str, Any]]:
     with export.stages.stage("plants", "Plants"):
         plants = collect_plants(export, AXES)
         scene = GlbWriter()
-        facts = {"plants": plant_metadata(plants, add_instances(scene, plants))}
+        add_instances(scene, plants, _COARSER)
+    facts = {"plants": {"count": len(plants.model), "levels_of_detail": [FINEST, *_COARSER]}}
     if not len(plants.model):
         return {}, facts
     path = scene.write(export.folder / f"{export.name}_plants.glb")
-    files = {path: "plants as instances, each of them an object in Blender"}
+    files = {path: "plants as instances of models at three levels of detail"}
     return files | write_plant_points(export, plants), facts
+
+
+def _light_of_sky(view: SceneView, summit: float) -> dict[str, Any]:
+    """Return the sky's irradiance on level ground, and light and extinction of the air towards a summit."""
+    c = view.harmonics
+    heading = np.degrees(np.arctan2(view.target[0] - view.eye[0], view.target[1] - view.eye[1]))
+    angle = abs((heading - view.sun_azimuth + 180.0) % 360.0 - 180.0)
+    column = round(np.sqrt(angle / 180.0) * (view.sky.shape[1] - 1))
+    level = len(view.sky) // 4  # rows of the air below and above the horizon, then rows of the sky
+    heights = np.maximum(np.linspace(view.eye[2], max(summit, view.eye[2]), 16), 0.0)
+    thin_haze, thin_air = (np.exp(-heights / each).mean() for each in (view.haze_height, view.air_height))
+    extinction = view.haze * thin_haze + view.air * thin_air
+    return {
+        "skylight": (c[0] + c[2] + 2.0 * c[6]).tolist(),
+        "air": {"radiance": view.sky[level, column].tolist(), "extinction": extinction.tolist()},
+    }
+
+
+def _write_tiles(export: Export) -> tuple[dict[Path, str], list[dict[str, Any]]]:
+    """Write a repeating texture of each material that has weight; return the files and sidecar entries."""
+    terrain, table = export.terrain, export.terrain.materials
+    (roots, relief), *_ = material_levels(terrain, _TEXELS)
+    strata = Strata.from_settings(terrain.sketch.geology)
+    aridity = float(terrain.sketch.climate.get("aridity", 0.2))
+    tints = layer_tints(table, aridity, terrain.sketch.looks, strata.rock)
+    has_weight = export.samples.weights.max(axis=(0, 1)) > 0
+    files, entries = dict[Path, str](), []
+    for index, material in enumerate(table):
+        if has_weight[index]:
+            texture, look = material.texture, terrain.sketch.looks.get(material.name, {})
+            path = export.folder / f"{export.name}_tile_{material.name}.png"
+            what = f"{material.title}: a tile to repeat, sRGB; height as opacity"
+            painted = roots[index, ::-1].astype(np.float64)  # √albedo and height
+            painted[..., :3] *= np.sqrt(tints[index])
+            picture = np.rint(np.minimum(painted, _WHOLE)).astype(np.uint8)
+            files[write_png(path, appearance_picture(picture))] = what
+            width = look.get("size") or texture.width
+            entries.append(
+                {
+                    "material": material.name,
+                    "title": material.title,
+                    "file": path.name,
+                    "width": width,
+                    "coarsest_width": width * 2 ** texture.octaves[1],
+                    "relief": width * texture.bump * look.get("bump", 1.0),
+                    "roughness": round(float(relief[index, ..., 2].mean() / _WHOLE), 4),
+                    "tints": [[each.low, each.high] for each in texture.variations],
+                    "beds": [*strata.across, strata.rock.banding] if texture.bedded else [],
+                    "weights": f"{export.name}_{weights_suffix(index)}.png",
+                    "channel": index % len(CHANNELS),
+                }
+            )
+    return files, entries
 
 
 def _settings(grid: SampleGrid, heights: str, scene: str) -> dict[str, Any]:
@@ -57,8 +126,8 @@ def _settings(grid: SampleGrid, heights: str, scene: str) -> dict[str, Any]:
     middle = {"x": 0.5 * (grid.west + grid.east), "y": 0.5 * (grid.south + grid.north), "z": 0.0}
     image = {"file": heights, "colour_space": "Non-Color", "extension": "Extend"}
     return {
-        "glb": {"file": scene, "how": "File, Import, glTF 2.0; location and scale unchanged"},
-        "plants": "each instance becomes an object; for many thousands use the points, with geometry nodes",
+        "extension": "File, Import, Sketchterrain: this folder; `sketchterrain blender-extension` writes it",
+        "glb": {"file": scene, "how": "without the extension: File, Import, glTF 2.0; unchanged"},
         "displace_modifier": {
             "grid": {
                 "x_subdivisions": grid.columns - 1,
@@ -92,12 +161,13 @@ TARGETS: Final = (
     Target(
         name="blender",
         title="Blender",
-        summary="heights as a float32 OpenEXR displacement, and a GLB with ground, water and plants",
+        summary="a GLB with ground, water and plants, material tiles, and heights as an OpenEXR displacement",
         write=_write_blender,
         options=frozenset({"error"}),
         check=check_glb,
         disk=92.0,
         memory=150.0,
         bytes_per_plant=BYTES_PER_PLANT,
+        scene=True,
     ),
 )

@@ -93,7 +93,7 @@ def add_instances(glb: GlbWriter, plants: PlantInstances) -> int:
             pbrMetallicRoughness={"metallicFactor": 0.0, "roughnessFactor": 0.9},
         )
     for kind, some in plants.groups():
-        species, mesh = plants.species[kind // VARIANTS], _model_mesh(plants, kind, detail)
+        species, mesh = plants.species[kind // VARIANTS], model_mesh(plants, kind, detail)
         name = f"{species} {kind % VARIANTS + 1}" if species in SPECIES else species
         attributes = {
             "POSITION": glb.attribute(mesh.position, bounds=True),
@@ -136,7 +136,7 @@ def _level_of_detail(plants: PlantInstances) -> int:
     """Return the finest level of detail within the budget of triangles."""
     for detail in range(FINEST, COARSEST):
         triangles = sum(
-            len(_model_mesh(plants, kind, detail).position) // 3 * (some.stop - some.start)
+            len(model_mesh(plants, kind, detail).position) // 3 * (some.stop - some.start)
             for kind, some in plants.groups()
         )
         if triangles <= _MAX_TRIANGLES:
@@ -144,7 +144,8 @@ def _level_of_detail(plants: PlantInstances) -> int:
     return COARSEST
 
 
-def _model_mesh(plants: PlantInstances, kind: int, detail: int) -> PlantModel:
+def model_mesh(plants: PlantInstances, kind: int, detail: int) -> PlantModel:
+    """Return the model of a group of plants."""
     species = plants.species[kind // VARIANTS]
     if species in STOREYS["woody"]:
         return woody_model(species, kind % VARIANTS, detail)

@@ -13,6 +13,7 @@ _MODULES = {
     "blender": "blender",
     "gltf": "gltf",
     "geotiff": "geotiff",
+    "web": "web",
     "raw": "plain",
     "png16": "plain",
     "exr": "plain",

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from importlib.resources import files
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import EngineAxes
@@ -27,50 +27,53 @@ from sketchterrain.export.web_data import (
 from sketchterrain.io.files import write_atomic
 from sketchterrain.io.resources import source
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # load SciPy
     from sketchterrain.export.gltf_plants import PlantInstances
     from sketchterrain.export.mesh import ObjectMesh
+    from sketchterrain.terrain.terrain import Terrain
 
+Arrays = dict[str, npt.NDArray[Any]]
 _AXES: Final = EngineAxes("east", "north", "up")
 _PAGE: Final = ("index.html", "viewer.js", "ground.js", "plants.js", "camera.js", "shaders.js")
-_KERNELS: Final = ("frame", "tone", "tree_light", "water_optics")  # shaders that the page has from the renderer
-_MAX_SIDE: Final = 4097  # vertices: textures of any graphics card
-_MAX_PLANTS: Final = 300_000  # 2.5 MB
-_CELLS: Final = 64  # of plants along a side, as in web/plants.js
+_KERNELS: Final = ("frame", "tone", "tree_light", "water_optics")  # the renderer's shaders that the page uses
+_MAX_SIDE: Final = 4097  # vertices, a texture of any graphics card
+_MAX_PLANTS: Final = 300_000  # 3 MB
+_CELLS: Final = 64  # of plants along a side, as in plants.js
 _TEXELS: Final = 256
-_RINGS, _AROUND, _REACH = 64, 512, 6.0  # vertices of the surroundings outward and around; size over the grid's
+_LEVELS_OF_PLANTS: Final = (0, 1, 3)  # after the finest: near, farther, shadows
+_RINGS, _AROUND, _REACH = 56, 384, 6.0  # vertices of the surroundings; their size over the grid's
 _STEPS: Final = 65535
-_CENTIMETRES: Final = 100.0
 
 
 def _check(options: ExportOptions) -> None:
     if (options.size or 0) > _MAX_SIDE:
-        raise InputError(f"size = {options.size}: expected at most {_MAX_SIDE} vertices along a side of a page")
+        raise InputError(f"size = {options.size}: expected at most {_MAX_SIDE} vertices along a page's side")
 
 
 def _write_web(export: Export) -> ExportOutput:
     scale = HeightQuantisation.from_heights(export.samples.height)
+    facts = _scene(export, scale)
     with export.stages.stage("page", "Web page"):
-        facts = _scene_facts(export, scale)
-        written = _ground(export, scale, facts) | _objects(export, facts) | _plants(export, facts)
-        written |= _surroundings(export, facts)
-        facts["files"] = [path.stem for path in written]
-        sky = np.asarray(facts.pop("sky"), np.float16).view(np.uint16)
-        scene = write_data(export.folder / "scene.js", {"sky": sky}, facts)
-        page = {name: files("sketchterrain.export").joinpath("web", name).read_bytes() for name in _PAGE}
-        shown = {write_atomic(export.folder / name, content): "the page" for name, content in page.items()}
-    shown[export.folder / "index.html"] = "the page: open it in a browser, or put the folder on a web server"
+        parts = _ground(export, scale, facts) | _meshes(export) | _plants(export, facts)
+        order = sorted(parts, key=lambda name: name in ("weights", f"heights{LEVELS}"))  # the largest last
+        written = {write_data(export.folder / f"{name}.js", parts[name], {}): "data" for name in order}
+        sky = {"sky": np.asarray(facts.pop("sky"), np.float16).view(np.uint16)}
+        written[write_data(export.folder / "scene.js", sky, facts | {"files": order})] = "camera, light, data"
+        for name in _PAGE:
+            content = files("sketchterrain.export").joinpath("web", name).read_bytes()
+            written[write_atomic(export.folder / name, content)] = "the page"
+    written[export.folder / "index.html"] = "open it in a browser, or put the folder on a web server"
     entries = {
         "heights": {"numbers": "uint16", **scale.metadata, "largest_error": 0.5 * scale.step},
         "axes": _AXES.metadata,
-        "view": None if export.view is None else export.view.facts,
         "plants": facts["plants"],
+        "view": export.view.facts if export.view else None,
     }
-    settings = {"open": "index.html, by double click or from any static web server", "network": "not needed"}
-    return ExportOutput(shown | {scene: "camera, light and list of the data"} | written, settings, entries)
+    settings = {"open": "index.html, by a double click or from any web server; no network is needed"}
+    return ExportOutput(written, settings, entries)
 
 
-def _scene_facts(export: Export, scale: HeightQuantisation) -> dict[str, Any]:
+def _scene(export: Export, scale: HeightQuantisation) -> dict[str, Any]:
     view, grid = export.view, export.grid
     if view is None:
         raise ValueError("a web page needs the preview's camera and light")
@@ -78,19 +81,13 @@ def _scene_facts(export: Export, scale: HeightQuantisation) -> dict[str, Any]:
     flat = math.cos(rise)
     return {
         "title": export.terrain.sketch.name,
-        "columns": grid.columns,
-        "rows": grid.rows,
-        "step": STEP,
-        "levels": LEVELS,
-        "west": grid.west,
-        "south": grid.south,
+        "grid": {"columns": grid.columns, "rows": grid.rows, "step": STEP, "levels": LEVELS},
+        "corner": [grid.west, grid.south],
         "size": [grid.east - grid.west, grid.north - grid.south],
         "low": scale.low,
         "metres": scale.step,
         "sea": export.terrain.sea_level,
-        "eye": view.eye,
-        "target": view.target,
-        "fov": view.fov,
+        "camera": {"eye": view.eye, "target": view.target, "fov": view.fov},
         "toSun": [flat * math.sin(bearing), flat * math.cos(bearing), math.sin(rise)],
         "sunlight": view.sunlight.tolist(),
         "harmonics": view.harmonics.tolist(),
@@ -103,167 +100,169 @@ def _scene_facts(export: Export, scale: HeightQuantisation) -> dict[str, Any]:
     }
 
 
-def _ground(export: Export, scale: HeightQuantisation, facts: dict[str, Any]) -> dict[Path, str]:
-    """Write heights level by level, weights of the materials that there are, and their textures."""
+def _ground(export: Export, scale: HeightQuantisation, facts: dict[str, Any]) -> dict[str, Arrays]:
+    """Return heights level by level, weights of the materials that occur, and their textures."""
     from sketchterrain.export.gltf import material_levels
 
     samples, terrain = export.samples, export.terrain
-    present = np.flatnonzero(samples.weights.reshape(-1, samples.weights.shape[-1]).any(axis=0))
-    weights = four_bit_weights(padded(samples.weights[..., present]))
-    coarsest, *finer = height_levels(padded(scale.encode(samples.height)))
-    layers = list(terrain.materials.layers.values())
-    levels = material_levels(terrain, _TEXELS)
+    present = np.flatnonzero(samples.weights.any(axis=(0, 1)))
+    textures = [list(terrain.materials.layers.values())[k] for k in present]
     facts["materials"] = [
         {
-            "name": layers[k].name,
-            "width": layers[k].width,
-            "bump": layers[k].bump,
-            "octaves": layers[k].octaves,
-            "roughness": float(levels[-1][1][k, 0, 0, 2]) / 255.0,
+            "width": texture.width,
+            "bump": texture.bump,
+            "coarsest": texture.octaves[1],
+            "variations": [
+                f"colour *= mix(vec3{each.low}, vec3{each.high}, "
+                f"smoothstep({each.start}, {each.full}, {each.noise}));"
+                for each in texture.variations
+            ],
         }
-        for k in present.tolist()
+        for texture in textures
     ]
-    folder = export.folder
-    coarse = {"heights": coarsest, "weights": weights[:, ::STEP, ::STEP]}
-    written = {write_data(folder / "coarse.js", coarse): "heights and materials, every eighth vertex"}
-    textures = {"webp": texture_strip(levels, present)}
-    written[write_data(folder / "textures.js", textures)] = "textures of the materials"
-    for number, rest in enumerate(finer[:-1], start=1):
-        written[write_data(folder / f"heights{number}.js", {"rest": rest})] = "heights, a finer level"
-    painted = {} if samples.appearance is None else {"painted": np.moveaxis(padded(samples.appearance), -1, 0)}
-    written[write_data(folder / "weights.js", {"weights": weights} | painted)] = "weights of the materials"
-    written[write_data(folder / f"heights{LEVELS}.js", {"rest": finer[-1]})] = "heights, the finest level"
-    return written
+    colour = material_levels(terrain, _TEXELS)[0][0][present]
+    weights = four_bit_weights(padded(samples.weights[..., present]))
+    coarsest, *finer = height_levels(padded(scale.encode(samples.height)))
+    painted = {} if samples.appearance is None else {"painted": padded(samples.appearance)}
+    return {
+        "coarse": {"heights": coarsest, "weights": weights[:, ::STEP, ::STEP]},
+        "textures": {"webp": texture_strip(colour, _tints(terrain)[present])},
+        **{f"heights{number}": {"rest": rest} for number, rest in enumerate(finer, start=1)},
+        "weights": {"weights": weights} | painted,
+    }
 
 
-def _objects(export: Export, facts: dict[str, Any]) -> dict[Path, str]:
-    """Write waters, and roads and what is built, as meshes in centimetres from the grid's corner."""
+def _tints(terrain: Terrain) -> npt.NDArray[np.float64]:
+    """Return the factors of the materials' albedos by climate and rock, as of the renderer."""
+    recipe, rows = terrain.recipe, []
+    for name, texture in terrain.materials.layers.items():
+        dry = max(0.0, terrain.sketch.climate["aridity"] - texture.arid_from) / (1.0 - texture.arid_from)
+        tint = 1.0 + (np.array(texture.arid_tint) - 1.0) * dry
+        own = terrain.sketch.looks.get(name, {}).get("colour")
+        rows.append(np.ones(3) if own else tint * np.array(recipe.strata.rock.tint) ** texture.of_rock)
+    return np.array(rows)
+
+
+def _meshes(export: Export) -> dict[str, Arrays]:
+    """Return the meshes of waters, roads and what is built, and of the ground around the grid."""
     from sketchterrain.export.gltf import object_colour
     from sketchterrain.export.mesh import built_meshes, object_meshes
 
     waters = list(object_meshes(export.terrain.features, export.samples))
     built = list(built_meshes(export.terrain, export.grid))
-    names = list(dict.fromkeys(each.material for each in built))
-    facts["colours"] = [object_colour(name, export.terrain) for name in names]
-    written = {}
-    for name, meshes, what in (("water", waters, "waters"), ("built", built, "roads and what is built")):
-        if meshes:
-            arrays = _mesh_arrays(meshes, export.grid)
-            if name == "built":
-                counts = [len(each.position) for each in meshes]
-                arrays["material"] = np.repeat([names.index(each.material) for each in meshes], counts)
-                arrays["material"] = arrays["material"].astype(np.uint8)
-            written[write_data(export.folder / f"{name}.js", arrays)] = what
-    return written
+    meshes = {"surroundings": _surroundings(export)}
+    if waters:
+        meshes["water"] = _mesh(waters, export.grid)
+    if built:
+        albedo = {name: object_colour(name, export.terrain) for name in {each.material for each in built}}
+        colours = np.repeat(
+            [albedo[each.material] for each in built], [len(each.position) for each in built], axis=0
+        )
+        meshes["built"] = _mesh(built, export.grid) | {"tint": _roots(colours)}
+    return meshes
 
 
-def _mesh_arrays(meshes: Iterable[ObjectMesh], grid: SampleGrid) -> dict[str, np.ndarray]:
-    first, triangles, places = 0, [], []
-    for each in meshes:
-        triangles.append(each.triangles.ravel() + np.uint32(first))
-        places.append(each.position - (grid.west, grid.south, 0.0))
-        first += len(each.position)
-    whole = np.rint(_CENTIMETRES * np.concatenate(places).T).astype(np.int32)
-    return {"x": whole[0], "y": whole[1], "z": whole[2], "triangles": np.concatenate(triangles)}
+def _mesh(meshes: Sequence[ObjectMesh], grid: SampleGrid) -> Arrays:
+    first = np.cumsum([0, *(len(each.position) for each in meshes)]).astype(np.uint32)
+    triangles = [each.triangles.ravel() + start for each, start in zip(meshes, first[:-1], strict=True)]
+    places = np.concatenate([each.position for each in meshes]) - (grid.west, grid.south, 0.0)
+    return _centimetres(places) | {"triangles": np.concatenate(triangles)}
 
 
-def _plants(export: Export, facts: dict[str, Any]) -> dict[Path, str]:
-    """Write plants by cells of the ground, within a cell by model, and their models at two levels of detail."""
+def _centimetres(places: npt.NDArray[np.float64]) -> Arrays:
+    return dict(zip("xyz", np.rint(100.0 * places.reshape(-1, 3).T).astype(np.int32), strict=True))
+
+
+def _roots(albedo: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
+    """Return √albedo (n, 3) as bytes, a colour after the other."""
+    return np.asarray(np.rint(255.0 * np.sqrt(np.clip(albedo, 0.0, 1.0))).T, np.uint8)
+
+
+def _surroundings(export: Export) -> Arrays:
+    """Return the ground beyond the grid as a mesh of rings ever farther apart, with the mean colours."""
+    from sketchterrain.export.gltf import bake_colour, material_appearance
+
+    grid, terrain = export.grid, export.terrain
+    half = 0.5 * np.array([grid.east - grid.west, grid.north - grid.south])
+    turn = np.linspace(0.0, 8.0, _AROUND, endpoint=False)  # counter-clockwise, 2 from corner to corner
+    square = np.stack(
+        [np.interp(turn, range(0, 9, 2), side) for side in ([1, -1, -1, 1, 1], [1, 1, -1, -1, 1])]
+    )
+    growth = 1.0 + (_REACH - 1.0) * np.expm1(np.linspace(0.0, 6.0, _RINGS)) / np.expm1(6.0)
+    place = half + growth[:, None, None] * square.T * half  # from the grid's corner
+    height = terrain.heights(grid.west + place[..., 0], grid.south + place[..., 1])
+    corner = np.array([grid.west, grid.south]) - (_REACH - 1.0) * half
+    far = corner + 2.0 * _REACH * half
+    wide = sample_terrain(terrain, SampleGrid(*corner, *far, 257, 257))
+    colour = bake_colour(wide, 1, material_appearance(terrain))
+    column, row = np.rint(128.0 + 128.0 / _REACH * (place / half - 1.0)).astype(int).transpose(2, 0, 1)
+    index = np.arange(_RINGS * _AROUND, dtype=np.uint32).reshape(_RINGS, _AROUND)
+    a, b = index[:-1], index[1:]
+    c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
+    tint = np.sqrt(((colour[256 - row, column] / 255.0 + 0.055) / 1.055) ** 2.4)
+    return _centimetres(np.concatenate([place, height[..., None]], axis=-1)) | {
+        "triangles": np.stack([a, b, c, a, c, d], axis=-1),
+        "tint": _roots(tint.reshape(-1, 3) ** 2),
+    }
+
+
+def _plants(export: Export, facts: dict[str, Any]) -> dict[str, Arrays]:
+    """Return plants by cells of the grid and in a cell by model, and the models.
+
+    Plants of a model in a cell are in random order: from far away only the first are drawn.
+    """
     facts["models"], facts["plants"] = [], {"count": 0, "of": 0}
     if not export.options.plants:
         return {}
     from sketchterrain.export.gltf_plants import collect_plants
 
-    plants = collect_plants(export, _AXES)
-    grid, count = export.grid, len(plants.model)
-    share = (plants.position[:, :2] - (grid.west, grid.south)) / (grid.east - grid.west, grid.north - grid.south)
+    plants, grid = collect_plants(export, _AXES), export.grid
+    if not len(plants.model):
+        return {}
+    share = (plants.position[:, :2] - (grid.west, grid.south)) / facts["size"]
     place = np.clip(np.rint(share * _STEPS), 0, _STEPS).astype(np.int64)
-    chance = (place[:, 0] * 40503 ^ place[:, 1] * 30011) & _STEPS  # the order in which distant plants are left out
+    chance = (place[:, 0] * 40503 ^ place[:, 1] * 30011) & _STEPS
     kinds, model = np.unique(plants.model, return_inverse=True)
     cell = place * _CELLS >> 16
-    order = np.lexsort((chance, model, cell[:, 0], cell[:, 1]))
-    order = order[np.sort(np.argsort(chance[order], kind="stable")[:_MAX_PLANTS])]
-    facts["plants"] = {"count": len(order), "of": count}
-    if not count:
-        return {}
+    kept = np.argsort(chance, kind="stable")[:_MAX_PLANTS]
+    order = kept[np.lexsort((chance[kept], model[kept], cell[kept, 0], cell[kept, 1]))]
     largest = float(plants.scale.max())
-    turns = np.mod(plants.rotation[order] / (2.0 * np.pi), 1.0)
-    arrays = {
+    facts["plants"] = {"count": len(order), "of": len(plants.model)}
+    facts["largestPlant"] = largest
+    turns = np.rint(256.0 / (2.0 * np.pi) * plants.rotation[order]).astype(np.int64) % 256
+    foliage = {
         "x": place[order, 0].astype(np.uint16),
         "y": place[order, 1].astype(np.uint16),
         "model": model[order].astype(np.uint8),
         "scale": np.rint(255.0 / largest * plants.scale[order]).astype(np.uint8),
-        "turn": (np.rint(256.0 * turns).astype(np.int64) % 256).astype(np.uint8),
+        "turn": turns.astype(np.uint8),
     }
-    facts["largestPlant"] = largest
-    models = _models(plants, kinds.tolist(), facts["models"])
-    return {
-        write_data(export.folder / "models.js", models): "models of plants",
-        write_data(export.folder / "foliage.js", arrays): "plants",
-    }
+    return {"models": _models(plants, kinds.tolist(), facts["models"]), "foliage": foliage}
 
 
-def _models(plants: PlantInstances, kinds: list[int], facts: list[dict[str, Any]]) -> dict[str, np.ndarray]:
+def _models(plants: PlantInstances, kinds: list[int], facts: list[dict[str, Any]]) -> Arrays:
     from sketchterrain.export.gltf_plants import FINEST, model_mesh
 
     parts = []
     for kind in kinds:
-        levels = [model_mesh(plants, kind, FINEST + level) for level in (0, 1)]
-        size = float(max(np.abs(each.position).max() for each in levels))
+        levels = [model_mesh(plants, kind, FINEST + level) for level in _LEVELS_OF_PLANTS]
+        size = max(float(np.abs(each.position).max()) for each in levels)
         facts.append({"size": size, "vertices": [len(each.position) for each in levels]})
         for each in levels:
-            east, up, south = each.position.T / size
-            normal = np.stack([each.normal[:, 0], -each.normal[:, 2], each.normal[:, 1]])
-            colour = np.sqrt(each.colour[:, :3].T / _STEPS)
-            parts.append(
-                (
-                    np.rint(32767.0 * np.stack([east, -south, up])).astype(np.int16),
-                    np.rint(127.0 * normal).astype(np.int8),
-                    np.rint(255.0 * colour).astype(np.uint8),
-                )
+            position, normal = (
+                values.T[[0, 2, 1]] * [[1], [-1], [1]] for values in (each.position / size, each.normal)
             )
-    names = ("position", "normal", "colour")
-    return {name: np.concatenate(column, axis=1) for name, column in zip(names, zip(*parts, strict=True), strict=True)}
-
-
-def _surroundings(export: Export, facts: dict[str, Any]) -> dict[Path, str]:
-    """Write the ground beyond the grid: rings around its border, ever farther apart, with their mean colour."""
-    from sketchterrain.export.gltf import bake_colour, material_appearance
-
-    grid, terrain = export.grid, export.terrain
-    middle = np.array([grid.west + grid.east, grid.south + grid.north]) / 2.0
-    half = np.array([grid.east - grid.west, grid.north - grid.south]) / 2.0
-    turn = np.linspace(0.0, 8.0, _AROUND, endpoint=False)
-    # Around a square from its north-east corner, counter-clockwise.
-    x = np.interp(turn, [0, 2, 4, 6, 8], [1, -1, -1, 1, 1])
-    y = np.interp(turn, [0, 2, 4, 6, 8], [1, 1, -1, -1, 1])
-    growth = 1.0 + (_REACH - 1.0) * np.expm1(6.0 * np.linspace(0.0, 1.0, _RINGS)) / np.expm1(6.0)
-    border = half * np.stack([x, y], axis=-1)
-    place = middle + growth[:, None, None] * border
-    height = terrain.heights(place[..., 0], place[..., 1])
-    corner, far = middle - _REACH * half, middle + _REACH * half
-    wide = SampleGrid(corner[0], corner[1], far[0], far[1], 257, 257)
-    samples = sample_terrain(terrain, wide)
-    colour = bake_colour(samples, 1, material_appearance(terrain))
-    column, row = (np.rint((place - corner) / (far - corner) * 256.0).astype(int)).transpose(2, 0, 1)
-    low, high = float(height.min()), float(height.max())
-    facts["surroundings"] = {
-        "rings": _RINGS,
-        "around": _AROUND,
-        "growth": np.round(growth, 6).tolist(),
-        "low": low,
-        "metres": (high - low) / _STEPS,
-    }
-    numbers = np.rint((height - low) / max(high - low, 1e-3) * _STEPS).astype(np.uint16)
-    arrays = {"height": numbers, "colour": np.moveaxis(colour[256 - row, column], -1, 0)}
-    return {write_data(export.folder / "surroundings.js", arrays): "ground beyond the page's"}
+            whole = np.rint(32767.0 * position).astype(np.int16), np.rint(127.0 * normal).astype(np.int8)
+            parts.append((*whole, _roots(each.colour[:, :3] / _STEPS)))
+    columns = (np.concatenate(column, axis=1) for column in zip(*parts, strict=True))
+    return dict(zip(("corner", "normal", "tint"), columns, strict=True))
 
 
 TARGETS: Final = (
     Target(
         name="web",
         title="Web page",
-        summary="a page for any browser: terrain, water, plants and light, without network or server",
+        summary="a page for any browser with terrain, water, plants and light, without server or network",
         write=_write_web,
         check=_check,
         disk=24.0,

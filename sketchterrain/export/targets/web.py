@@ -26,6 +26,7 @@ from sketchterrain.export.web_data import (
 )
 from sketchterrain.io.files import write_atomic
 from sketchterrain.io.resources import source
+from sketchterrain.look.texture_maker import srgb_to_linear
 
 if TYPE_CHECKING:  # load SciPy
     from sketchterrain.export.gltf_plants import PlantInstances
@@ -42,6 +43,7 @@ _CELLS: Final = 64  # of plants along a side, as in plants.js
 _TEXELS: Final = 256
 _LEVELS_OF_PLANTS: Final = (0, 1, 3)  # after the finest: near, farther, shadows
 _RINGS, _AROUND, _REACH = 56, 384, 6.0  # vertices of the surroundings; their size over the grid's
+_CORNERS: Final = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])  # counter-clockwise
 _STEPS: Final = 65535
 
 
@@ -146,9 +148,16 @@ def _tints(terrain: Terrain) -> npt.NDArray[np.float64]:
 def _meshes(export: Export) -> dict[str, Arrays]:
     """Return the meshes of waters, roads and what is built, and of the ground around the grid."""
     from sketchterrain.export.gltf import object_colour
-    from sketchterrain.export.mesh import built_meshes, object_meshes
+    from sketchterrain.export.mesh import WATER, ObjectMesh, built_meshes, object_meshes
 
     waters = list(object_meshes(export.terrain.features, export.samples))
+    if (level := export.terrain.sea_level) is not None:  # beyond the grid
+        middle, half = _square(export.grid)
+        x, y = (middle + half * _CORNERS * np.array([[[1.0]], [[_REACH]]])).reshape(-1, 2).T
+        inner, outer = np.arange(4), np.arange(4, 8)
+        sides = np.stack([inner, outer, np.roll(outer, -1), inner, np.roll(outer, -1), np.roll(inner, -1)])
+        place = np.stack([x, y, np.full(8, level)], axis=-1)
+        waters.append(ObjectMesh("sea", WATER, place, np.zeros((8, 3)), sides.T.astype(np.uint32)))
     built = list(built_meshes(export.terrain, export.grid))
     meshes = {"surroundings": _surroundings(export)}
     if waters:
@@ -178,31 +187,34 @@ def _roots(albedo: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
     return np.asarray(np.rint(255.0 * np.sqrt(np.clip(albedo, 0.0, 1.0))).T, np.uint8)
 
 
+def _square(grid: SampleGrid) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Return the middle of a grid and its halves' sizes."""
+    low, high = np.array([grid.west, grid.south]), np.array([grid.east, grid.north])
+    return 0.5 * (low + high), 0.5 * (high - low)
+
+
 def _surroundings(export: Export) -> Arrays:
     """Return the ground beyond the grid as a mesh of rings ever farther apart, with the mean colours."""
     from sketchterrain.export.gltf import bake_colour, material_appearance
 
-    grid, terrain = export.grid, export.terrain
-    half = 0.5 * np.array([grid.east - grid.west, grid.north - grid.south])
-    turn = np.linspace(0.0, 8.0, _AROUND, endpoint=False)  # counter-clockwise, 2 from corner to corner
-    square = np.stack(
-        [np.interp(turn, range(0, 9, 2), side) for side in ([1, -1, -1, 1, 1], [1, 1, -1, -1, 1])]
-    )
+    grid, terrain, (middle, half) = export.grid, export.terrain, _square(export.grid)
+    share = np.arange(_AROUND // 4)[:, None] / (_AROUND // 4)
+    sides = zip(_CORNERS, np.roll(_CORNERS, -1, 0), strict=True)
+    border = np.concatenate([first + share * (last - first) for first, last in sides])
     growth = 1.0 + (_REACH - 1.0) * np.expm1(np.linspace(0.0, 6.0, _RINGS)) / np.expm1(6.0)
-    place = half + growth[:, None, None] * square.T * half  # from the grid's corner
-    height = terrain.heights(grid.west + place[..., 0], grid.south + place[..., 1])
-    corner = np.array([grid.west, grid.south]) - (_REACH - 1.0) * half
-    far = corner + 2.0 * _REACH * half
-    wide = sample_terrain(terrain, SampleGrid(*corner, *far, 257, 257))
-    colour = bake_colour(wide, 1, material_appearance(terrain))
-    column, row = np.rint(128.0 + 128.0 / _REACH * (place / half - 1.0)).astype(int).transpose(2, 0, 1)
+    rings = growth[:, None, None] * border
+    x, y = (middle + half * rings).transpose(2, 0, 1)
+    (west, south), (east, north) = (middle - _REACH * half).tolist(), (middle + _REACH * half).tolist()
+    wide = sample_terrain(terrain, SampleGrid(west, south, east, north, 257, 257))
+    colour = bake_colour(wide, 1, material_appearance(terrain)) / 255.0
+    column, row = np.rint(128.0 + 128.0 / _REACH * rings).astype(int).transpose(2, 0, 1)
     index = np.arange(_RINGS * _AROUND, dtype=np.uint32).reshape(_RINGS, _AROUND)
     a, b = index[:-1], index[1:]
     c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
-    tint = np.sqrt(((colour[256 - row, column] / 255.0 + 0.055) / 1.055) ** 2.4)
-    return _centimetres(np.concatenate([place, height[..., None]], axis=-1)) | {
+    place = np.stack([x - grid.west, y - grid.south, terrain.heights(x, y)], axis=-1)
+    return _centimetres(place) | {
         "triangles": np.stack([a, b, c, a, c, d], axis=-1),
-        "tint": _roots(tint.reshape(-1, 3) ** 2),
+        "tint": _roots(srgb_to_linear(colour[256 - row, column].reshape(-1, 3))),
     }
 
 

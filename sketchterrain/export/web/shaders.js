@@ -47,14 +47,14 @@ function shaderSources({ kernels, exposure, materials, weather }, software) {
 
     float cloud_noise(vec2 at) { return dot(noise_at(at).xy, vec2(0.7, 0.3)) + dot(noise_at(at * 3.7).zw, vec2(0.4, 0.3)); }
 
-    // The sky with a flat layer of clouds, darker where they are denser towards the sun.
-    vec3 cloudy_sky(vec3 direction) {
+    // The sky with a flat layer of more or less soft clouds, darker where they are denser towards the sun.
+    vec3 cloudy_sky(vec3 direction, float soft) {
       vec3 up = normalize(vec3(direction.xy, max(direction.z, 0.0)));
       vec3 sky = clear_sky(up);
       float amount = ${floats(cover)};
       if (amount == 0.0 || up.z < 0.01) return sky;
       vec2 at = (up.xy / (up.z + 0.03) * 1700.0 + eye.xy + clock * vec2(4.0, 2.0)) / 9000.0;
-      float here = cloud_noise(at) - 1.15 + 1.6 * amount, thick = smoothstep(0.0, 0.5, here);
+      float here = cloud_noise(at) - 1.15 + 1.6 * amount, thick = smoothstep(-soft, 0.4 + soft, here);
       float shade = smoothstep(-0.5, 1.1, cloud_noise(at + 0.02 * to_sun.xy) - 1.15 + 1.6 * amount);
       vec3 lit = sun_light.rgb * mix(0.36, 0.08, shade) + sky_irradiance(vec3(0.0, 0.0, 1.0)) * 0.25;
       return mix(sky, lit, 0.95 * thick * smoothstep(0.01, 0.13, up.z));
@@ -91,7 +91,7 @@ function shaderSources({ kernels, exposure, materials, weather }, software) {
         vec3 n = vec3(texture(surface, uv).xy * 2.0 - 1.0, 0.0);
         n.z = sqrt(max(1.0 - dot(n.xy, n.xy), 0.01));
         float pixel = length(position) * trees.z, covered = cover_at(world);
-        vec4 wide = noise_at(world / 4096.0), middle = noise_at(world / 512.0 + 0.37), small = noise_at(world / 61.0);
+        vec4 wide = noise_at(world / 4096.0), middle = 0.7 * noise_at(world / 512.0 + 0.37), small = 0.7 * noise_at(world / 61.0);
         // Steep ground has its textures from the side that it faces.
         vec2 at = world, side = abs(n.xy) + 0.06 * small.xy;
         if (n.z + 0.05 * small.z < 0.74) at = vec2(side.x > side.y ? world.y : world.x, position.z + eye.z);
@@ -106,7 +106,7 @@ function shaderSources({ kernels, exposure, materials, weather }, software) {
           float weight = four[i & 3];
           if (weight < 0.04) continue;
           // Two octaves, turned, of a size that hides that they repeat.
-          float octave = clamp(log2(pixel * 300.0 / SIZES[i].x), -1.5, SIZES[i].y + 2.5), part = smoothstep(${software ? "0.49, 0.51" : "0.2, 0.8"}, fract(octave));
+          float octave = clamp(log2(pixel * 200.0 / SIZES[i].x), -1.5, SIZES[i].y + 2.5), part = smoothstep(${software ? "0.49, 0.51" : "0.2, 0.8"}, fract(octave));
           vec4 tint = vec4(0.0);
           vec2 bumps = vec2(0.0);
           for (int k = 0; k < 2; ++k) {
@@ -237,7 +237,8 @@ function shaderSources({ kernels, exposure, materials, weather }, software) {
 
       void main() {
         vec2 world = position.xy + eye.xy;
-        float away = length(position), pixel = away * trees.z, depth = position.z + eye.z - texture(heights, texel_at(world)).r;
+        float away = length(position), pixel = away * trees.z, depth = 30.0;
+        if (clamp(world, vec2(0.0), lattice.zw) == world) depth = position.z + eye.z - texture(heights, texel_at(world)).r;
         float gust = 0.5 + 0.5 * smoothstep(-0.6, 0.6, noise_at(world / 1900.0 + 0.002 * clock).x);
         vec2 slope = gust * (0.003 * wave(world / 230.0, vec2(0.004, 0.003)) + 0.006 * wave(world / 53.0, vec2(0.012, -0.009)));
         slope += gust * 0.015 * wave(world / 13.0, vec2(-0.03, 0.04));
@@ -257,7 +258,7 @@ function shaderSources({ kernels, exposure, materials, weather }, software) {
         vec3 glint = sun_light.rgb * (sun * min(glitter(to_eye, to_sun.xyz, slope, spread + 0.02), 10.0));
         float opaque = 1.0 - exp(-0.8 * max(depth, 0.0) / max(to_eye.z, 0.25)), opacity = share + opaque * (1.0 - share);
         vec3 body = mix(vec3(0.02, 0.07, 0.065), vec3(0.006, 0.022, 0.03), opaque) / PI * light;
-        vec3 radiance = mix(body, mix(cloudy_sky(back), shore, hidden), share / max(opacity, 1e-3)) + glint;
+        vec3 radiance = mix(body, mix(cloudy_sky(normalize(back + vec3(0.0, 0.0, 0.12)), 0.8), shore, hidden), share / max(opacity, 1e-3)) + glint;
         show(radiance, position, opacity * smoothstep(-0.4, 0.1, depth));
       }`,
   };
@@ -273,7 +274,7 @@ function shaderSources({ kernels, exposure, materials, weather }, software) {
       in vec3 ray;
       void main() {
         vec3 direction = normalize(ray), disc = sun_light.rgb * 60.0;
-        vec3 radiance = direction.z > 0.0 ? cloudy_sky(direction) : air_light(direction);
+        vec3 radiance = direction.z > 0.0 ? cloudy_sky(direction, 0.1) : air_light(direction);
         float off = distance(direction, to_sun.xyz) / 0.00466;
         show(radiance + disc * (1.0 - smoothstep(0.8, 1.15, off)) * step(0.0, direction.z), vec3(0.0, 0.0, 1e-3), 1.0);
       }`,

@@ -24,7 +24,9 @@ class Chromium:
     """A browser with one page; what the page writes to its console and requests is kept."""
 
     def __init__(self, profile: Path, size: tuple[int, int] = (960, 540)) -> None:
-        program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+        program = (
+            shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+        )
         if program is None:
             pytest.skip("needs Chromium (apt install chromium)")
         to_browser, self._write = os.pipe()
@@ -49,7 +51,10 @@ class Chromium:
             self.call(f"{domain}.enable")
         self.call(
             "Emulation.setDeviceMetricsOverride",
-            width=size[0], height=size[1], deviceScaleFactor=1, mobile=False,
+            width=size[0],
+            height=size[1],
+            deviceScaleFactor=1,
+            mobile=False,
         )
 
     def __enter__(self) -> "Chromium":

@@ -166,8 +166,10 @@ function shaderSources({ kernels, exposure, materials, weather }, software) {
       return turn;
     }`;
   const plantVertex = (matrix) => `${plantHead}
+    out vec3 leaf; // place in the triangle, across -1 … 1 and along 0 … 1; 1 for leaves, 0 for bark
     void main() {
       mat2 turn = turned();
+      leaf = vec3(vec2[](vec2(-1.0, 0.0), vec2(1.0, 0.0), vec2(0.0, 1.0))[gl_VertexID % 3], step(1.1 * tint.r, tint.g));
       position += model.x * growth.x * vec3(turn * corner.xy, corner.z);
       gl_Position = ${matrix} * vec4(position, 1.0);
     }`;
@@ -180,8 +182,12 @@ function shaderSources({ kernels, exposure, materials, weather }, software) {
   const plants = {
     vertex: plantVertex("to_clip"),
     fragment: `${leaves}
-      in vec3 position, facing, albedo;
-      void main() { show_leaves(albedo, facing, position); }`,
+      in vec3 position, facing, albedo, leaf;
+      void main() {
+        // Cut into sprays.
+        if (abs(leaf.x) > (1.0 - leaf.y) * (0.4 + 0.6 * abs(fract(leaf.y * 4.0) * 2.0 - 1.0)) && leaf.z > 0.5) discard;
+        show_leaves(albedo, facing, position);
+      }`,
   };
   const shadow = { vertex: plantVertex("to_shade[0]"), fragment: "#version 300 es\nvoid main() {}" };
   // Distant plants: pictures that face the eye, 1.3 sizes wide and high, of a model each in five columns.

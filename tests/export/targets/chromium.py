@@ -29,10 +29,10 @@ class Chromium:
         )
         if program is None:
             pytest.skip("needs Chromium (apt install chromium)")
-        to_browser, self._write = os.pipe()
+        to_browser, self._write = os.pipe()  # bash gives them the numbers that Chromium expects
         self._read, from_browser = os.pipe()
 
-        command = ["sh", "-c", f'exec "$0" "$@" 3<&{to_browser} 4>&{from_browser}', program, *_ARGUMENTS]
+        command = ["bash", "-c", f'exec "$0" "$@" 3<&{to_browser} 4>&{from_browser}', program, *_ARGUMENTS]
         self._process = subprocess.Popen(
             [*command, f"--user-data-dir={profile}", f"--window-size={size[0]},{size[1]}", "about:blank"],
             pass_fds=(to_browser, from_browser),

@@ -15,8 +15,8 @@ async function unpack([name, kind, size, differences, text]) {
   const stream = new Blob([deflated]).stream().pipeThrough(new DecompressionStream("deflate"));
   const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
   const Kind = { u1: Uint8Array, i1: Int8Array, u2: Uint16Array, i2: Int16Array, u4: Uint32Array, i4: Int32Array }[kind];
-  const values = Kind === Uint8Array ? bytes : new Kind(size);
-  if (values !== bytes) for (let k = 0; k < bytes.length; k++) values[k % size] |= bytes[k] << (8 * Math.floor(k / size));
+  const values = new Kind(size);
+  for (let at = 0, plane = 0; at < bytes.length; plane += 8) for (let k = 0; k < size; k++) values[k] |= bytes[at++] << plane;
   if (differences) for (let k = 1; k < size; k++) values[k] += values[k - 1];
   return [name, values];
 }
@@ -92,7 +92,7 @@ class Page {
     this.smoothHeights = gl.getExtension("OES_texture_float_linear") ? gl.LINEAR : gl.NEAREST;
     this.programs = Object.fromEntries(Object.entries(shaderSources(scene, software)).map(([name, source]) => [name, new Program(gl, source)]));
     this.textures.sky_view = this.texture(gl.TEXTURE_2D, gl.RGB16F, [64, 128], sky, { filter: gl.LINEAR });
-    this.textures.noise = this.texture(gl.TEXTURE_2D, gl.RGBA8, [256, 256], smoothNoise(256), { filter: gl.LINEAR_MIPMAP_LINEAR, wrap: gl.REPEAT });
+    this.textures.noise = this.texture(gl.TEXTURE_2D, gl.RGBA8, [128, 128], smoothNoise(128), { filter: gl.LINEAR_MIPMAP_LINEAR, wrap: gl.REPEAT });
     for (const name of ["cover", "painted"]) this.textures[name] = this.texture(gl.TEXTURE_2D, gl.RGBA8, [1, 1], new Uint8Array(4), {});
     this.textures.shadows = this.noShadows = this.texture(gl.TEXTURE_2D, gl.DEPTH_COMPONENT24, [1, 1], null, { compare: true });
     const [corners, triangles] = tileMesh();
@@ -333,7 +333,8 @@ async function show() {
   const paint = (now) => {
     scheduled = false;
     if (!page.ground) return;
-    const size = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.max(Math.round(side * Math.min(devicePixelRatio, 2)), 1));
+    const ratio = Math.min(devicePixelRatio, 2) * (page.software ? 0.6 : 1);
+    const size = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.max(Math.round(side * ratio), 1));
     if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
     const start = performance.now();
     const moving = camera.step(Math.min((now - before) / 1000, 0.1));

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Final
@@ -59,7 +58,7 @@ def _write_web(export: Export) -> ExportOutput:
         parts = _ground(export, scale, facts) | _meshes(export) | _plants(export, facts)
         order = sorted(parts, key=lambda name: name in ("weights", f"heights{LEVELS}"))  # the largest last
         written = {write_data(export.folder / f"{name}.js", parts[name], {}): "data" for name in order}
-        sky = {"sky": np.asarray(facts.pop("sky"), np.float16).view(np.uint16)}
+        sky = {"sky": np.asarray(export.view.sky if export.view else (), np.float16).view(np.uint16)}
         written[write_data(export.folder / "scene.js", sky, facts | {"files": order})] = "camera, light, data"
         for name in _PAGE:
             content = files("sketchterrain.export").joinpath("web", name).read_bytes()
@@ -76,11 +75,11 @@ def _write_web(export: Export) -> ExportOutput:
 
 
 def _scene(export: Export, scale: HeightQuantisation) -> dict[str, Any]:
+    """Return what the page needs before all else; numbers of the view as they are."""
     view, grid = export.view, export.grid
     if view is None:
         raise ValueError("a web page needs the preview's camera and light")
-    bearing, rise = math.radians(view.sun_azimuth), math.radians(view.sun_elevation)
-    flat = math.cos(rise)
+    given = {name: value for name, value in view._asdict().items() if name not in ("sky", "weather")}
     return {
         "title": export.terrain.sketch.name,
         "grid": {"columns": grid.columns, "rows": grid.rows, "step": STEP, "levels": LEVELS},
@@ -89,14 +88,7 @@ def _scene(export: Export, scale: HeightQuantisation) -> dict[str, Any]:
         "low": scale.low,
         "metres": scale.step,
         "sea": export.terrain.sea_level,
-        "camera": {"eye": view.eye, "target": view.target, "fov": view.fov},
-        "toSun": [flat * math.sin(bearing), flat * math.cos(bearing), math.sin(rise)],
-        "sunlight": view.sunlight.tolist(),
-        "harmonics": view.harmonics.tolist(),
-        "sky": view.sky,
-        "haze": [*view.haze.tolist(), view.haze_height],
-        "air": [*view.air.tolist(), view.air_height],
-        "exposure": view.exposure,
+        "view": {name: np.asarray(value).tolist() for name, value in given.items()},
         "weather": view.weather,
         "kernels": {name: source(f"render/{name}.glsl") for name in _KERNELS},
     }
@@ -227,6 +219,8 @@ def _plants(export: Export, facts: dict[str, Any]) -> dict[str, Arrays]:
     if not export.options.plants:
         return {}
     from sketchterrain.export.gltf_plants import collect_plants
+    from sketchterrain.look.tree_levels import VARIANTS
+    from sketchterrain.vegetation.plants import STOREYS
 
     plants, grid = collect_plants(export, _AXES), export.grid
     if not len(plants.model):
@@ -236,7 +230,8 @@ def _plants(export: Export, facts: dict[str, Any]) -> dict[str, Arrays]:
     chance = (place[:, 0] * 40503 ^ place[:, 1] * 30011) & _STEPS
     kinds, model = np.unique(plants.model, return_inverse=True)
     cell = place * _CELLS >> 16
-    kept = np.argsort(chance, kind="stable")[:_MAX_PLANTS]
+    grass = np.array([plants.species[kind // VARIANTS] not in STOREYS["woody"] for kind in kinds])
+    kept = np.lexsort((chance, grass[model]))[:_MAX_PLANTS]  # trees and shrubs first
     order = kept[np.lexsort((chance[kept], model[kept], cell[kept, 0], cell[kept, 1]))]
     largest = float(plants.scale.max())
     facts["plants"] = {"count": len(order), "of": len(plants.model)}

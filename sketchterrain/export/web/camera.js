@@ -5,8 +5,8 @@ const EYE = 1.7; // m above the ground, walking
 
 class Camera {
   constructor(scene, canvas, change) {
-    Object.assign(this, { scene, change, keys: new Set(), tall: Math.tan((scene.camera.fov * Math.PI) / 360) });
-    const [eye, target] = [scene.camera.eye, scene.camera.target].map(([x, y, z]) => [x - scene.corner[0], y - scene.corner[1], z]);
+    Object.assign(this, { scene, change, keys: new Set(), tall: Math.tan((scene.view.fov * Math.PI) / 360) });
+    const [eye, target] = [scene.view.eye, scene.view.target].map(([x, y, z]) => [x - scene.corner[0], y - scene.corner[1], z]);
     const way = target.map((value, k) => value - eye[k]);
     const distance = Math.hypot(...way);
     this.first = { mode: "orbit", eye, yaw: Math.atan2(way[0], way[1]), pitch: Math.asin(way[2] / distance), distance };

@@ -2,7 +2,7 @@
 // Shaders. Sky, air, tone curve, leaves and water are the renderer's own, which scene.js brings along; as there, positions
 // are metres from the eye, x east, y north, z up, and `world` is metres from the grid's south-west corner.
 
-function shaderSources({ kernels, exposure, materials, weather }, software) {
+function shaderSources({ kernels, view, materials, weather }, software) {
   const cover = { clear: 0, cirrus: 0.15, stratus: 1 }[weather.sky] ?? weather.clouds;
   const floats = (...values) => values.map((value) => value.toExponential(8)).join(", ");
   const head = `#version 300 es
@@ -25,7 +25,7 @@ function shaderSources({ kernels, exposure, materials, weather }, software) {
     float cover_at(vec2 world) { return texture(cover, from_north(world) / lattice.zw).r; }
 
     void show(vec3 radiance, vec3 position, float opacity) {
-      vec3 seen = film(through_air(radiance, position) * ${floats(exposure)});
+      vec3 seen = film(through_air(radiance, position) * ${floats(view.exposure)});
       shown = vec4(seen + (interleaved_noise(gl_FragCoord.xy) - 0.5) / 255.0, opacity);
     }
 

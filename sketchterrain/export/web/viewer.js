@@ -21,16 +21,15 @@ async function unpack([name, kind, size, differences, text]) {
   return [name, values];
 }
 
-// The facts and arrays of a data script.
+// The facts and arrays of a data script; index.html reports missing files.
 async function load(name) {
-  await new Promise((resolve, reject) => {
-    const missing = () => reject(new Error(`The file ${name}.js is missing: export the page again.`));
-    document.head.append(Object.assign(document.createElement("script"), { src: `${name}.js`, onload: resolve, onerror: missing }));
+  await new Promise((onload, onerror) => document.head.append(Object.assign(document.createElement("script"), { src: `${name}.js`, onload, onerror })));
+  const { format, facts, entries } = arrived.get(name) ?? {};
+  if (format !== undefined && format !== FORMAT) throw new Error(`The file ${name}.js has format ${format}, expected ${FORMAT}: export the page again.`);
+  const arrays = await Promise.all((entries ?? [null]).map(unpack)).catch(() => {
+    throw new Error(`The file ${name}.js is incomplete: export the page again.`);
   });
-  const data = arrived.get(name);
-  if (!data) throw new Error(`The file ${name}.js is incomplete: export the page again.`);
-  if (data.format !== FORMAT) throw new Error(`The file ${name}.js has format ${data.format}, expected ${FORMAT}: export the page again.`);
-  return { facts: data.facts, ...Object.fromEntries(await Promise.all(data.entries.map(unpack))) };
+  return { facts, ...Object.fromEntries(arrays) };
 }
 
 // Values of an array in planes, side by side.
@@ -216,12 +215,12 @@ class Page {
 
   // What kernels/render/frame.glsl declares; shaders.js says what its maps carry.
   updateFrame(camera) {
-    const { gl, scene } = this;
+    const { gl, scene, scene: { view } } = this;
     const { width, height } = gl.canvas;
     const values = new Float32Array(192);
     const parts = {
-      0: camera.matrix, 16: camera.rays, 32: camera.eye, 36: scene.toSun, 40: scene.sunlight, 44: scene.harmonics.flatMap((row) => [...row, 0]),
-      80: scene.haze, 84: scene.air, 88: [3.4 * Math.max(...scene.size), 0, width, height], 92: [this.clock], 96: [...this.ground.cell, ...scene.size],
+      0: camera.matrix, 16: camera.rays, 32: camera.eye, 36: scene.toSun, 40: view.sunlight, 44: view.harmonics.flatMap((row) => [...row, 0]),
+      80: view.haze, 83: [view.haze_height], 84: view.air, 87: [view.air_height], 88: [3.4 * Math.max(...scene.size), 0, width, height], 92: [this.clock], 96: [...this.ground.cell, ...scene.size],
       120: this.shadowMatrix(camera.eye), 190: [1 / camera.pixelsPerRadian],
     };
     for (const [at, part] of Object.entries(parts)) values.set(part, at);
@@ -325,6 +324,8 @@ async function show() {
   if (!gl) throw new Error("This browser has no WebGL 2, which the page needs.");
   const { facts: scene, sky } = await load("scene");
   document.title = element("title").textContent = scene.title;
+  const [azimuth, rise] = [scene.view.sun_azimuth, scene.view.sun_elevation].map((degrees) => (degrees * Math.PI) / 180);
+  scene.toSun = [Math.sin(azimuth) * Math.cos(rise), Math.cos(azimuth) * Math.cos(rise), Math.sin(rise)];
   const coming = Object.fromEntries(scene.files.map((name) => [name, load(name)]));
   for (const promise of Object.values(coming)) promise.catch(() => {}); // raised where it is awaited
   const page = new Page(gl, scene, sky);
@@ -354,6 +355,7 @@ async function show() {
   camera.readHash(location.hash);
   controls(camera, element);
   new ResizeObserver(change).observe(canvas);
+  canvas.addEventListener("webglcontextlost", () => tell("The graphics card was reset: reload the page."));
 
   const side = (count) => Math.ceil((count - 1) / scene.grid.step) + 1;
   let level = { columns: side(scene.grid.columns), rows: side(scene.grid.rows), numbers: (await coming.coarse).heights };
@@ -391,4 +393,4 @@ async function show() {
 
 globalThis.sketchterrain = { stats: {} };
 sketchterrain.ready = show();
-sketchterrain.ready.catch((error) => Object.assign(document.getElementById("message"), { hidden: false, textContent: error.message }));
+sketchterrain.ready.catch((error) => error instanceof Error && tell(error.message));

@@ -238,7 +238,7 @@ def test_water_walking_and_the_hash(browser, page, tmp_path):
         browser.run("dispatchEvent(new KeyboardEvent('keydown', { code: 'KeyW' }))")
         browser.run(_NEXT)
         browser.run("dispatchEvent(new KeyboardEvent('keyup', { code: 'KeyW' }))")
-        above = "(({ eye }, ground) => eye[2] - ground.heightAt(...eye))(sketchterrain.camera, sketchterrain.page.ground)"
+        above = "(({ camera: { eye }, page }) => eye[2] - page.ground.heightAt(...eye))(sketchterrain)"
         assert browser.run(above) == pytest.approx(1.7, abs=1e-6)
     assert browser.run("sketchterrain.camera.eye[1]") > 180.0
     browser.run("document.getElementById('share').click()")
@@ -282,6 +282,10 @@ def test_bad_folders_get_one_line(browser, page, tmp_path):
             folder / "foliage.js"
         ).unlink(),
         "The file scene.js is missing: export the page again.": lambda folder: (folder / "scene.js").unlink(),
+        "The file ground.js is missing: export the page again.": lambda folder: (
+            folder / "ground.js"
+        ).unlink(),
+        "The file water.js is incomplete: export the page again.": rewritten("water.js", '"eJ', '"eeJ'),
         "The file heights3.js is incomplete: export the page again.": half,
         "The file scene.js has format 2, expected 1: export the page again.": rewritten(
             "scene.js", "(1", "(2"

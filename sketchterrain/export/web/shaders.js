@@ -23,12 +23,10 @@ function shaderSources({ kernels, view, materials, weather }, software) {
     out vec4 shown;
     vec4 noise_at(vec2 at) { return texture(noise, at) * 4.0 - 2.0; }
     float cover_at(vec2 world) { return texture(cover, from_north(world) / lattice.zw).r; }
-
     void show(vec3 radiance, vec3 position, float opacity) {
       vec3 seen = film(through_air(radiance, position) * ${floats(view.exposure)});
       shown = vec4(seen + (interleaved_noise(gl_FragCoord.xy) - 0.5) / 255.0, opacity);
     }
-
     // Share of the sun that the terrain and plants let through: near plants by their shadows, others by their cover.
     float sun_at(vec3 position, float covered) {
       float sun = texture(surface, texel_at(position.xy + eye.xy)).z;
@@ -40,13 +38,10 @@ function shaderSources({ kernels, view, materials, weather }, software) {
         lit += texture(shadows, vec3(at.xy + vec2((i & 1) * 2 - 1, (i & 2) - 1) / 2700.0, at.z - 0.0008)) / 4.0;
       return sun * mix(1.0 - 0.8 * covered, lit, near);
     }
-
     vec3 diffuse(vec3 albedo, vec3 n, float sun, float sky) {
       return albedo / PI * (sun_light.rgb * (max(dot(n, to_sun.xyz), 0.0) * sun) + sky_irradiance(n) * sky);
     }
-
     float cloud_noise(vec2 at) { return dot(noise_at(at).xy, vec2(0.7, 0.3)) + dot(noise_at(at * 3.7).zw, vec2(0.4, 0.3)); }
-
     // The sky with a flat layer of more or less soft clouds, darker where they are denser towards the sun.
     vec3 cloudy_sky(vec3 direction, float soft) {
       vec3 up = normalize(vec3(direction.xy, max(direction.z, 0.0)));
@@ -79,13 +74,11 @@ function shaderSources({ kernels, view, materials, weather }, software) {
       in vec3 position;
       const vec3 SIZES[] = vec3[](${materials.map((each) => `vec3(${floats(each.width, each.coarsest, each.bump)})`)}); // m, coarsest octave
       const mat2 TURN = mat2(0.8, 0.6, -0.6, 0.8);
-
       vec3 varied(int layer, vec3 colour, vec4 wide, vec4 middle, vec4 small) {
         colour *= 1.0 + 0.13 * middle.w + 0.10 * small.w;
         ${materials.map(({ variations }, k) => (variations.length ? `if (layer == ${k}) { ${variations.join(" ")} }` : "")).join("\n")}
         return colour;
       }
-
       void main() {
         vec2 world = position.xy + eye.xy, uv = texel_at(world);
         vec3 n = vec3(texture(surface, uv).xy * 2.0 - 1.0, 0.0);
@@ -136,8 +129,7 @@ function shaderSources({ kernels, view, materials, weather }, software) {
         position = place - eye.xyz;
         facing = normal;
         albedo = tint * tint;
-        gl_Position = to_clip * vec4(position, 1.0);
-        gl_Position.z -= 2e-5 * gl_Position.w; // over the ground beneath
+        gl_Position = to_clip * vec4(position, 1.0) - vec4(0.0, 0.0, 2e-5 * length(position), 0.0); // over the ground beneath
       }`;
   const mesh = {
     vertex: meshVertex,
@@ -240,7 +232,6 @@ function shaderSources({ kernels, view, materials, weather }, software) {
       ${kernels.water_optics}
       in vec3 position;
       vec2 wave(vec2 at, vec2 drift) { return noise_at(at + clock * drift).xy + noise_at(mat2(0.8, 0.6, -0.6, 0.8) * at * 1.37 - clock * drift).zw; }
-
       void main() {
         vec2 world = position.xy + eye.xy;
         float away = length(position), pixel = away * trees.z, depth = 30.0;
@@ -264,7 +255,9 @@ function shaderSources({ kernels, view, materials, weather }, software) {
         vec3 glint = sun_light.rgb * (sun * min(glitter(to_eye, to_sun.xyz, slope, spread + 0.02), 10.0));
         float opaque = 1.0 - exp(-0.8 * max(depth, 0.0) / max(to_eye.z, 0.25)), opacity = share + opaque * (1.0 - share);
         vec3 body = mix(vec3(0.02, 0.07, 0.065), vec3(0.006, 0.022, 0.03), opaque) / PI * light;
-        vec3 radiance = mix(body, mix(cloudy_sky(normalize(back + vec3(0.0, 0.0, 0.12)), 0.8), shore, hidden), share / max(opacity, 1e-3)) + glint;
+        vec3 above = normalize(back + vec3(0.0, 0.0, 0.12)); // waves blur the clouds
+        vec3 mirrored = mix(mix(clear_sky(back), cloudy_sky(above, 1.6), 0.45), shore, hidden);
+        vec3 radiance = mix(body, mirrored, share / max(opacity, 1e-3)) + glint;
         show(radiance, position, opacity * smoothstep(-0.4, 0.1, depth));
       }`,
   };

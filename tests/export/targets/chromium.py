@@ -80,6 +80,13 @@ class Chromium:
                 return reply["result"]
             self._note(reply)
 
+    def cpu_seconds(self) -> float:
+        """Return the time that all processes of the browser have used."""
+        session, self._session = self._session, None
+        processes = self.call("SystemInfo.getProcessInfo")["processInfo"]
+        self._session = session
+        return sum(each["cpuTime"] for each in processes)
+
     def open(self, address: str) -> None:
         """Open a page, forgetting what the last one wrote."""
         self.console, self.requests = [], []

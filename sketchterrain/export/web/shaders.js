@@ -20,12 +20,10 @@ function shaderSources({ kernels, view, materials, weather }, software) {
     uniform sampler2D surface; // of the ground: normal east and north, visible share of the sun
     uniform sampler2D cover;   // share of the ground under plants
     uniform sampler2DShadow shadows; // of plants around the eye
-    out vec4 shown;
     vec4 noise_at(vec2 at) { return texture(noise, at) * 4.0 - 2.0; }
     float cover_at(vec2 world) { return texture(cover, from_north(world) / lattice.zw).r; }
-    void show(vec3 radiance, vec3 position, float opacity) {
-      vec3 seen = film(through_air(radiance, position) * ${floats(view.exposure)});
-      shown = vec4(seen + (interleaved_noise(gl_FragCoord.xy) - 0.5) / 255.0, opacity);
+    vec4 developed(vec3 radiance, float opacity, vec2 pixel) {
+      return vec4(film(radiance * ${floats(view.exposure)}) + (interleaved_noise(pixel) - 0.5) / 255.0, opacity);
     }
     // Share of the sun that the terrain and plants let through: near plants by their shadows, others by their cover.
     float sun_at(vec3 position, float covered) {
@@ -55,6 +53,11 @@ function shaderSources({ kernels, view, materials, weather }, software) {
       return mix(sky, lit, 0.95 * thick * smoothstep(0.01, 0.13, up.z));
     }`;
 
+  const fragment = `${light}
+    out vec4 shown;
+    void show(vec3 radiance, vec3 position, float opacity) {
+      shown = developed(through_air(radiance, position), opacity, gl_FragCoord.xy);
+    }`;
   const ground = {
     vertex: `${head}
       in vec3 corner; // column and row in its tile; 1 at the foot of its skirt
@@ -66,7 +69,7 @@ function shaderSources({ kernels, view, materials, weather }, software) {
         position = vec3(from_north(min(vec2(at) * lattice.xy, lattice.zw)), height) - eye.xyz;
         gl_Position = to_clip * vec4(position, 1.0);
       }`,
-    fragment: `${light}
+    fragment: `${fragment}
       uniform sampler2DArray weights; // four materials a layer
       uniform sampler2DArray colours; // of the materials: albedo, height
       uniform sampler2DArray slopes;  // east and north, halved
@@ -133,7 +136,7 @@ function shaderSources({ kernels, view, materials, weather }, software) {
       }`;
   const mesh = {
     vertex: meshVertex,
-    fragment: `${light}
+    fragment: `${fragment}
       in vec3 position, facing, albedo;
       void main() {
         vec2 world = position.xy + eye.xy, within = step(vec2(0.0), world) * step(world, lattice.zw);
@@ -143,12 +146,18 @@ function shaderSources({ kernels, view, materials, weather }, software) {
       }`,
   };
 
-  const plantHead = `${head}
+  const plantHead = `${light}
     in vec3 corner, normal, tint; // of the model, sizes; √albedo
     in vec3 place;                // of the plant, shares of the grid and of the heights
     in vec2 growth;               // scale and turn
     uniform vec4 model;           // size at scale 1, m; lowest height and their range, m; number
-    out vec3 position, facing, albedo;
+    out vec3 position, facing, albedo, clear, glow; // of the air before the plant: transmittance and light
+    out float sun;
+    void light_plant() {
+      glow = through_air(vec3(0.0), position);
+      clear = through_air(vec3(1.0), position) - glow;
+      sun = sun_at(position + 0.7 * to_sun.xyz, 0.0);
+    }
     mat2 turned() {
       float angle = 6.2831853 * growth.y * 255.0 / 256.0, varied = fract(place.x * 7919.0 + place.y * 3571.0);
       mat2 turn = mat2(cos(angle), sin(angle), -sin(angle), cos(angle));
@@ -157,31 +166,35 @@ function shaderSources({ kernels, view, materials, weather }, software) {
       albedo = tint * tint * mix(vec3(0.75, 0.82, 0.85), vec3(1.1, 1.02, 0.95), varied);
       return turn;
     }`;
-  const plantVertex = (matrix) => `${plantHead}
+  const plantVertex = (matrix, lit) => `${plantHead}
     out vec3 leaf; // place in the triangle, across -1 … 1 and along 0 … 1; 1 for leaves, 0 for bark
     void main() {
       mat2 turn = turned();
       leaf = vec3(vec2[](vec2(-1.0, 0.0), vec2(1.0, 0.0), vec2(0.0, 1.0))[gl_VertexID % 3], step(1.1 * tint.r, tint.g));
       position += model.x * growth.x * vec3(turn * corner.xy, corner.z);
+      ${lit}
       gl_Position = ${matrix} * vec4(position, 1.0);
     }`;
   const leaves = `${light}
     ${kernels.tree_light}
-    void show_leaves(vec3 albedo, vec3 n, vec3 position) {
-      float sun = sun_at(position + 0.7 * to_sun.xyz, 0.0);
-      show(leaf_light(albedo, normalize(n), 1.0, normalize(position), sun, 0.85, 0.8), position, 1.0);
+    in vec3 position, albedo, clear, glow;
+    in float sun;
+    out vec4 shown;
+    void show_leaves(vec3 tint, vec3 n) {
+      vec3 lit = leaf_light(albedo * tint, normalize(n), 1.0, normalize(position), sun, 0.85, 0.8);
+      shown = developed(lit * clear + glow, 1.0, gl_FragCoord.xy);
     }`;
   const plants = {
-    vertex: plantVertex("to_clip"),
+    vertex: plantVertex("to_clip", "light_plant();"),
     fragment: `${leaves}
-      in vec3 position, facing, albedo, leaf;
+      in vec3 facing, leaf;
       void main() {
         // Cut into sprays.
         if (abs(leaf.x) > (1.0 - leaf.y) * (0.4 + 0.6 * abs(fract(leaf.y * 4.0) * 2.0 - 1.0)) && leaf.z > 0.5) discard;
-        show_leaves(albedo, facing, position);
+        show_leaves(vec3(1.0), facing);
       }`,
   };
-  const shadow = { vertex: plantVertex("to_shade[0]"), fragment: "#version 300 es\nvoid main() {}" };
+  const shadow = { vertex: plantVertex("to_shade[0]", ""), fragment: "#version 300 es\nvoid main() {}" };
   // Distant plants: pictures that face the eye, 1.3 sizes wide and high, of a model each in five columns.
   const impostors = {
     vertex: `${plantHead}
@@ -189,6 +202,7 @@ function shaderSources({ kernels, view, materials, weather }, software) {
       out mat3 axes;
       void main() {
         turned();
+        light_plant();
         vec3 ahead = normalize(position), right = normalize(vec3(ahead.y, -ahead.x, 1e-5));
         vec3 up = normalize(mix(vec3(0.0, 0.0, 1.0), cross(right, ahead), 0.6));
         position += 1.3 * model.x * growth.x * (right * (corner.x - 0.5) + up * (corner.y - 0.09));
@@ -199,14 +213,13 @@ function shaderSources({ kernels, view, materials, weather }, software) {
       }`,
     fragment: `${leaves}
       uniform sampler2D pictures, normals;
-      in vec3 position, albedo;
       in vec2 at;
       in mat3 axes;
       void main() {
         vec4 seen = texture(pictures, at);
         float texels = length(fwidth(at)) * float(textureSize(pictures, 0).x);
         if (seen.a * (1.0 + 0.35 * max(log2(texels), 0.0)) < 0.45) discard;
-        show_leaves(seen.rgb * seen.rgb * albedo, axes * (texture(normals, at).xyz * 2.0 - 1.0), position);
+        show_leaves(seen.rgb * seen.rgb, axes * (texture(normals, at).xyz * 2.0 - 1.0));
       }`,
   };
   const picture = {
@@ -228,7 +241,7 @@ function shaderSources({ kernels, view, materials, weather }, software) {
 
   const water = {
     vertex: meshVertex,
-    fragment: `${light}
+    fragment: `${fragment}
       ${kernels.water_optics}
       in vec3 position;
       vec2 wave(vec2 at, vec2 drift) { return noise_at(at + clock * drift).xy + noise_at(mat2(0.8, 0.6, -0.6, 0.8) * at * 1.37 - clock * drift).zw; }
@@ -269,7 +282,7 @@ function shaderSources({ kernels, view, materials, weather }, software) {
         ray = rays * vec3(at, 1.0);
         gl_Position = vec4(at, 1.0, 1.0);
       }`,
-    fragment: `${light}
+    fragment: `${fragment}
       in vec3 ray;
       void main() {
         vec3 direction = normalize(ray), disc = sun_light.rgb * 60.0;

@@ -110,7 +110,7 @@ class Chromium:
 
     def _message(self) -> Any:
         while b"\0" not in self._buffer:
-            ready, _, _ = select.select([self._read], [], [], 120.0)
+            ready, _, _ = select.select([self._read], [], [], 300.0)
             assert ready, "Chromium does not answer"
             part = os.read(self._read, 1 << 20)
             assert part, "Chromium has ended"

@@ -125,17 +125,20 @@ function shaderSources({ kernels, view, materials, weather }, software) {
         show(diffuse(albedo, n, sun_at(position, covered), 1.0 - 0.6 * covered), position, 1.0);
       }`,
   };
-  const meshVertex = `${head}
+  const meshVertex = (nearer) => `${head}
       in vec3 place, normal, tint;
       out vec3 position, facing, albedo;
       void main() {
         position = place - eye.xyz;
         facing = normal;
         albedo = tint * tint;
-        gl_Position = to_clip * vec4(position, 1.0) - vec4(0.0, 0.0, 2e-5 * length(position), 0.0); // over the ground beneath
+        gl_Position = to_clip * vec4(position, 1.0);
+        // Drawn over ground that is less far in front of it.
+        vec4 close = to_clip * vec4(position * (1.0 - min(${nearer} / length(position), 0.5)), 1.0);
+        gl_Position.z = close.z / close.w * gl_Position.w;
       }`;
   const mesh = {
-    vertex: meshVertex,
+    vertex: meshVertex("0.5 * lattice.x"),
     fragment: `${fragment}
       in vec3 position, facing, albedo;
       void main() {
@@ -240,7 +243,7 @@ function shaderSources({ kernels, view, materials, weather }, software) {
   };
 
   const water = {
-    vertex: meshVertex,
+    vertex: meshVertex("0.2"),
     fragment: `${fragment}
       ${kernels.water_optics}
       in vec3 position;

@@ -232,6 +232,11 @@ def test_water_walking_and_the_hash(browser, page, tmp_path):
     browser.run(_READY)
     browser.run(_NEXT)
     assert browser.run("sketchterrain.camera.eye.map(Math.round).join()") == "160,180,120"
+    decoded_there = browser.run(
+        "(({ height, columns }) => [[...height], columns])(sketchterrain.page.ground)"
+    )
+    found = np.array(decoded_there[0]).reshape(-1, decoded_there[1])[:100, :100]
+    assert np.abs(found - heights_of(page.folder)).max() < 1e-3
     wet = pixels(browser, tmp_path / "wet.png")[150:210, 290:350].mean(axis=(0, 1))
     browser.run("void (sketchterrain.page.meshes.water = null)")
     browser.run(_NEXT)

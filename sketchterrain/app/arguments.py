@@ -39,7 +39,7 @@ _MAPS = ("png", "svg")
 _LAYER_OPTION = re.compile(r"(.+),([a-z_]+)=([^,]*)", re.S)
 # Those of sketchterrain.export.targets, which is not loaded for --help; a test compares them.
 TARGETS = (
-    *("unity", "unreal", "godot", "blender", "gltf", "geotiff", "qgis"),
+    *("unity", "unreal", "godot", "blender", "gltf", "web", "geotiff", "qgis"),
     *("raw", "png16", "exr", "npy", "obj", "stl"),
 )
 DRAPE_METHODS = ("auto", "tiles", "two-step", "geometry")  # of sketchterrain.render.draped, likewise

@@ -98,7 +98,7 @@ def add_instances(glb: GlbWriter, plants: PlantInstances, coarser: tuple[int, ..
         species, is_woody = plants.species[kind // VARIANTS], plants.species[kind // VARIANTS] in SPECIES
         name = f"{species} {kind % VARIANTS + 1}" if is_woody else species
         number, *others = (
-            _add_model(glb, name, _model_mesh(plants, kind, each), material)
+            _add_model(glb, name, model_mesh(plants, kind, each), material)
             for each in (detail, *(coarser if is_woody else ()))
         )
         position, half = plants.position[some], 0.5 * plants.rotation[some].astype(np.float64)
@@ -147,7 +147,7 @@ def _level_of_detail(plants: PlantInstances) -> int:
     """Return the finest level of detail within the budget of triangles."""
     for detail in range(FINEST, COARSEST):
         triangles = sum(
-            len(_model_mesh(plants, kind, detail).position) // 3 * (some.stop - some.start)
+            len(model_mesh(plants, kind, detail).position) // 3 * (some.stop - some.start)
             for kind, some in plants.groups()
         )
         if triangles <= _MAX_TRIANGLES:
@@ -155,7 +155,8 @@ def _level_of_detail(plants: PlantInstances) -> int:
     return COARSEST
 
 
-def _model_mesh(plants: PlantInstances, kind: int, detail: int) -> PlantModel:
+def model_mesh(plants: PlantInstances, kind: int, detail: int) -> PlantModel:
+    """Return the model of a group of plants."""
     species = plants.species[kind // VARIANTS]
     if species in STOREYS["woody"]:
         return woody_model(species, kind % VARIANTS, detail)

@@ -12,6 +12,7 @@ _MODULES = {
     "godot": "godot",
     "blender": "blender",
     "gltf": "gltf",
+    "web": "web",
     "geotiff": "geotiff",
     "qgis": "qgis",
     "raw": "plain",

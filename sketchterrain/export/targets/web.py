@@ -1,0 +1,272 @@
+"""Web page: a folder that any browser shows, from a server or by a double click."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.errors import InputError
+from sketchterrain.export.engines import EngineAxes
+from sketchterrain.export.planning import HeightQuantisation
+from sketchterrain.export.sampled import SampleGrid, sample_terrain
+from sketchterrain.export.target import Export, ExportOptions, ExportOutput, Target
+from sketchterrain.export.web_data import (
+    LEVELS,
+    STEP,
+    four_bit_weights,
+    height_levels,
+    padded,
+    texture_strip,
+    write_data,
+)
+from sketchterrain.io.files import write_atomic
+from sketchterrain.io.resources import source
+from sketchterrain.look.texture_levels import layer_tints
+from sketchterrain.look.texture_maker import srgb_to_linear
+
+if TYPE_CHECKING:  # load SciPy
+    from sketchterrain.export.gltf_plants import PlantInstances
+    from sketchterrain.export.mesh import ObjectMesh
+
+Arrays = dict[str, npt.NDArray[Any]]
+_AXES: Final = EngineAxes("east", "north", "up")
+_PAGE: Final = ("index.html", "viewer.js", "ground.js", "plants.js", "camera.js", "shaders.js")
+_KERNELS: Final = ("frame", "tone", "tree_light", "water_optics")  # the renderer's shaders that the page uses
+_MAX_SIDE: Final = 4097  # vertices, a texture of any graphics card
+_MAX_PLANTS: Final = 300_000  # 3 MB
+_CELLS: Final = 64  # of plants along a side, as in plants.js
+_TEXELS: Final = 256
+_LEVELS_OF_PLANTS: Final = (0, 1, 3)  # after the finest: near, farther, shadows
+_RINGS, _AROUND, _REACH = 56, 384, 6.0  # vertices of the surroundings; their size over the grid's
+_CORNERS: Final = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])  # counter-clockwise
+_STEPS: Final = 65535
+
+
+def _check(options: ExportOptions) -> None:
+    if (options.size or 0) > _MAX_SIDE:
+        raise InputError(f"size = {options.size}: expected at most {_MAX_SIDE} vertices along a page's side")
+
+
+def _write_web(export: Export) -> ExportOutput:
+    scale = HeightQuantisation.from_heights(export.samples.height)
+    facts = _scene(export, scale)
+    with export.stages.stage("page", "Web page"):
+        parts = _ground(export, scale, facts) | _meshes(export) | _plants(export, facts)
+        order = sorted(parts, key=lambda name: name in ("weights", f"heights{LEVELS}"))  # the largest last
+        written = {write_data(export.folder / f"{name}.js", parts[name], {}): "data" for name in order}
+        sky = {"sky": np.asarray(export.view.sky if export.view else (), np.float16).view(np.uint16)}
+        written[write_data(export.folder / "scene.js", sky, facts | {"files": order})] = "camera, light, data"
+        for name in _PAGE:
+            content = files("sketchterrain.export").joinpath("web", name).read_bytes()
+            written[write_atomic(export.folder / name, content)] = "the page"
+    written[export.folder / "index.html"] = "open it in a browser, or put the folder on a web server"
+    entries = {
+        "heights": {"numbers": "uint16", **scale.metadata, "largest_error": 0.5 * scale.step},
+        "axes": _AXES.metadata,
+        "plants": facts["plants"],
+        "view": export.view.facts if export.view else None,
+    }
+    settings = {"open": "index.html, by a double click or from any web server; no network is needed"}
+    return ExportOutput(written, settings, entries)
+
+
+def _scene(export: Export, scale: HeightQuantisation) -> dict[str, Any]:
+    """Return what the page needs before all else; numbers of the view as they are."""
+    view, grid = export.view, export.grid
+    if view is None:
+        raise ValueError("a web page needs the preview's camera and light")
+    given = {name: value for name, value in view._asdict().items() if name not in ("sky", "weather")}
+    return {
+        "title": export.terrain.sketch.name,
+        "grid": {"columns": grid.columns, "rows": grid.rows, "step": STEP, "levels": LEVELS},
+        "corner": [grid.west, grid.south],
+        "size": [grid.east - grid.west, grid.north - grid.south],
+        "low": scale.low,
+        "metres": scale.step,
+        "sea": export.terrain.sea_level,
+        "view": {name: np.asarray(value).tolist() for name, value in given.items()},
+        "weather": view.weather,
+        "kernels": {name: source(f"render/{name}.glsl") for name in _KERNELS},
+    }
+
+
+def _ground(export: Export, scale: HeightQuantisation, facts: dict[str, Any]) -> dict[str, Arrays]:
+    """Return heights level by level, weights of the materials that occur, and their textures."""
+    from sketchterrain.export.gltf import material_levels
+
+    samples, terrain = export.samples, export.terrain
+    present = np.flatnonzero(samples.weights.any(axis=(0, 1)))
+    textures = [list(terrain.materials.layers.values())[k] for k in present]
+    facts["materials"] = [
+        {
+            "width": texture.width,
+            "bump": texture.bump,
+            "coarsest": texture.octaves[1],
+            "variations": [
+                f"colour *= mix(vec3{each.low}, vec3{each.high}, "
+                f"smoothstep({each.start}, {each.full}, {each.noise}));"
+                for each in texture.variations
+            ],
+        }
+        for texture in textures
+    ]
+    colour = material_levels(terrain, _TEXELS)[0][0][present]
+    tints = layer_tints(
+        terrain.materials, terrain.sketch.climate["aridity"], terrain.sketch.looks, terrain.recipe.strata.rock
+    )
+    weights = four_bit_weights(padded(samples.weights[..., present]))
+    coarsest, *finer = height_levels(padded(scale.encode(samples.height)))
+    painted = {} if samples.appearance is None else {"painted": padded(samples.appearance)}
+    return {
+        "coarse": {"heights": coarsest, "weights": weights[:, ::STEP, ::STEP]},
+        "textures": {"webp": texture_strip(colour, tints[present])},
+        **{f"heights{number}": {"rest": rest} for number, rest in enumerate(finer, start=1)},
+        "weights": {"weights": weights} | painted,
+    }
+
+
+def _meshes(export: Export) -> dict[str, Arrays]:
+    """Return the meshes of waters, roads and what is built, and of the ground around the grid."""
+    from sketchterrain.export.gltf import object_colour
+    from sketchterrain.export.mesh import WATER, ObjectMesh, built_meshes, object_meshes
+
+    waters = list(object_meshes(export.terrain.features, export.samples))
+    if (level := export.terrain.sea_level) is not None:  # beyond the grid
+        middle, half = _square(export.grid)
+        x, y = (middle + half * _CORNERS * np.array([[[1.0]], [[_REACH]]])).reshape(-1, 2).T
+        inner, outer = np.arange(4), np.arange(4, 8)
+        sides = np.stack([inner, outer, np.roll(outer, -1), inner, np.roll(outer, -1), np.roll(inner, -1)])
+        place = np.stack([x, y, np.full(8, level)], axis=-1)
+        waters.append(ObjectMesh("sea", WATER, place, np.zeros((8, 3)), sides.T.astype(np.uint32)))
+    built = list(built_meshes(export.terrain, export.grid))
+    meshes = {"surroundings": _surroundings(export)}
+    if waters:
+        meshes["water"] = _mesh(waters, export.grid)
+    if built:
+        albedo = {name: object_colour(name, export.terrain) for name in {each.material for each in built}}
+        colours = np.repeat(
+            [albedo[each.material] for each in built], [len(each.position) for each in built], axis=0
+        )
+        meshes["built"] = _mesh(built, export.grid) | {"tint": _roots(colours)}
+    return meshes
+
+
+def _mesh(meshes: Sequence[ObjectMesh], grid: SampleGrid) -> Arrays:
+    first = np.cumsum([0, *(len(each.position) for each in meshes)]).astype(np.uint32)
+    triangles = [each.triangles.ravel() + start for each, start in zip(meshes, first[:-1], strict=True)]
+    places = np.concatenate([each.position for each in meshes]) - (grid.west, grid.south, 0.0)
+    return _centimetres(places) | {"triangles": np.concatenate(triangles)}
+
+
+def _centimetres(places: npt.NDArray[np.float64]) -> Arrays:
+    return dict(zip("xyz", np.rint(100.0 * places.reshape(-1, 3).T).astype(np.int32), strict=True))
+
+
+def _roots(albedo: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
+    """Return √albedo (n, 3) as bytes, a colour after the other."""
+    return np.asarray(np.rint(255.0 * np.sqrt(np.clip(albedo, 0.0, 1.0))).T, np.uint8)
+
+
+def _square(grid: SampleGrid) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Return the middle of a grid and its halves' sizes."""
+    low, high = np.array([grid.west, grid.south]), np.array([grid.east, grid.north])
+    return 0.5 * (low + high), 0.5 * (high - low)
+
+
+def _surroundings(export: Export) -> Arrays:
+    """Return the ground beyond the grid as a mesh of rings ever farther apart, with the mean colours."""
+    from sketchterrain.export.gltf import bake_colour, material_appearance
+
+    grid, terrain, (middle, half) = export.grid, export.terrain, _square(export.grid)
+    share = np.arange(_AROUND // 4)[:, None] / (_AROUND // 4)
+    sides = zip(_CORNERS, np.roll(_CORNERS, -1, 0), strict=True)
+    border = np.concatenate([first + share * (last - first) for first, last in sides])
+    growth = 1.0 + (_REACH - 1.0) * np.expm1(np.linspace(0.0, 6.0, _RINGS)) / np.expm1(6.0)
+    rings = growth[:, None, None] * border
+    x, y = (middle + half * rings).transpose(2, 0, 1)
+    (west, south), (east, north) = (middle - _REACH * half).tolist(), (middle + _REACH * half).tolist()
+    wide = sample_terrain(terrain, SampleGrid(west, south, east, north, 257, 257))
+    colour = bake_colour(wide, 1, material_appearance(terrain)) / 255.0
+    column, row = np.rint(128.0 + 128.0 / _REACH * rings).astype(int).transpose(2, 0, 1)
+    index = np.arange(_RINGS * _AROUND, dtype=np.uint32).reshape(_RINGS, _AROUND)
+    a, b = index[:-1], index[1:]
+    c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
+    place = np.stack([x - grid.west, y - grid.south, terrain.heights(x, y)], axis=-1)
+    return _centimetres(place) | {
+        "triangles": np.stack([a, b, c, a, c, d], axis=-1),
+        "tint": _roots(srgb_to_linear(colour[256 - row, column].reshape(-1, 3))),
+    }
+
+
+def _plants(export: Export, facts: dict[str, Any]) -> dict[str, Arrays]:
+    """Return plants by cells of the grid and in a cell by model, and the models.
+
+    Plants of a model in a cell are in random order: from far away only the first are drawn.
+    """
+    facts["models"], facts["plants"] = [], {"count": 0, "of": 0}
+    if not export.options.plants:
+        return {}
+    from sketchterrain.export.gltf_plants import collect_plants
+    from sketchterrain.look.tree_levels import VARIANTS
+    from sketchterrain.vegetation.plants import STOREYS
+
+    plants, grid = collect_plants(export, _AXES), export.grid
+    if not len(plants.model):
+        return {}
+    share = (plants.position[:, :2] - (grid.west, grid.south)) / facts["size"]
+    place = np.clip(np.rint(share * _STEPS), 0, _STEPS).astype(np.int64)
+    chance = (place[:, 0] * 40503 ^ place[:, 1] * 30011) & _STEPS
+    kinds, model = np.unique(plants.model, return_inverse=True)
+    cell = place * _CELLS >> 16
+    grass = np.array([plants.species[kind // VARIANTS] not in STOREYS["woody"] for kind in kinds])
+    kept = np.lexsort((chance, grass[model]))[:_MAX_PLANTS]  # trees and shrubs first
+    order = kept[np.lexsort((chance[kept], model[kept], cell[kept, 0], cell[kept, 1]))]
+    largest = float(plants.scale.max())
+    facts["plants"] = {"count": len(order), "of": len(plants.model)}
+    facts["largestPlant"] = largest
+    turns = np.rint(256.0 / (2.0 * np.pi) * plants.rotation[order]).astype(np.int64) % 256
+    foliage = {
+        "x": place[order, 0].astype(np.uint16),
+        "y": place[order, 1].astype(np.uint16),
+        "model": model[order].astype(np.uint8),
+        "scale": np.rint(255.0 / largest * plants.scale[order]).astype(np.uint8),
+        "turn": turns.astype(np.uint8),
+    }
+    return {"models": _models(plants, kinds.tolist(), facts["models"]), "foliage": foliage}
+
+
+def _models(plants: PlantInstances, kinds: list[int], facts: list[dict[str, Any]]) -> Arrays:
+    from sketchterrain.export.gltf_plants import FINEST, model_mesh
+
+    parts = []
+    for kind in kinds:
+        levels = [model_mesh(plants, kind, FINEST + level) for level in _LEVELS_OF_PLANTS]
+        size = max(float(np.abs(each.position).max()) for each in levels)
+        facts.append({"size": size, "vertices": [len(each.position) for each in levels]})
+        for each in levels:
+            position, normal = (
+                values.T[[0, 2, 1]] * [[1], [-1], [1]] for values in (each.position / size, each.normal)
+            )
+            whole = np.rint(32767.0 * position).astype(np.int16), np.rint(127.0 * normal).astype(np.int8)
+            parts.append((*whole, _roots(each.colour[:, :3] / _STEPS)))
+    columns = (np.concatenate(column, axis=1) for column in zip(*parts, strict=True))
+    return dict(zip(("corner", "normal", "tint"), columns, strict=True))
+
+
+TARGETS: Final = (
+    Target(
+        name="web",
+        title="Web page",
+        summary="a page for any browser with terrain, water, plants and light, without server or network",
+        write=_write_web,
+        check=_check,
+        disk=24.0,
+        memory=100.0,
+        bytes_per_plant=16.0,
+        scene=True,
+    ),
+)

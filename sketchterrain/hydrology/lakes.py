@@ -66,7 +66,7 @@ _FAN = (0.45, 0.5)  # land that it gains: of the radius, and at most of the way 
 _LOBES = 0.3  # of the radius: unit of the noise that parts a fan into lobes
 _FINE_SIDE = 400  # samples along the longer side that a field is refined to, at most
 _FINE_SPACING = 2.0  # m
-_FIELD_STEP = 2.0**-8  # m, to which fields are rounded
+_FIELD_STEP = 2.0**-9  # m, to which fields are rounded
 
 
 def painted_lakes(

@@ -6,6 +6,7 @@ import pytest
 
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.materials import BUILT_IN
+from sketchterrain.document.parameters import GEOLOGY, defaults
 from sketchterrain.placement.feature_types import FEATURE
 from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.terrain.surfaces import VertexStore
@@ -28,7 +29,12 @@ class Waves:
     extent = 1000.0
     size = (1000.0, 1000.0)
     sketch = SimpleNamespace(
-        climate={"aridity": 0.2}, geology={}, weather={}, looks={}, materials={}, material_table=BUILT_IN
+        climate={"aridity": 0.2},
+        geology=defaults(GEOLOGY) | {"dip": 0.0},
+        weather={},
+        looks={},
+        materials={},
+        material_table=BUILT_IN,
     )
 
     def __init__(self, *, rivers=True, plants=True, sea_level=None):

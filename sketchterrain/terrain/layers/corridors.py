@@ -26,6 +26,7 @@ from sketchterrain.terrain.centrelines import (
     prepare_centreline,
     signed_square,
     tolerance_cell,
+    typical_half_width,
 )
 from sketchterrain.terrain.index import BoxIndex
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
@@ -210,9 +211,7 @@ class CorridorsLayer(TerrainLayer):
     def arcs(self, extent: float, cell_size: float = FINEST_CELL) -> PackedRivers:
         """Return the rivers' centrelines as arcs, within 1 % of the cell size of their splines.
 
-        Where rivers meet, both have the same point. An arc's weight in a blend is its length, but at most
-        half a width: otherwise a straight river would dominate a winding one beside it. Streams that the
-        cells do not show are left out.
+        Where rivers meet, both have the same point. Streams that the cells do not show are left out.
         """
         cell = tolerance_cell(cell_size)
         key = extent, cell
@@ -226,12 +225,14 @@ class CorridorsLayer(TerrainLayer):
 
     def _flattened(self, extent: float, cell: float) -> PackedRivers:
         unit = metres_per_unit(extent)
-        courses, anchors = [], []
+        courses, anchors, typical = [], [], []
         for course in self.courses:
             if course.is_hidden(cell):
                 continue
             courses.append(flatten_to_arcs(course.line, cell_size=cell, least=unit))
-            anchors.append(np.tile(course.anchor, (len(courses[-1].bend), 1)))
+            arcs = len(courses[-1].bend)
+            anchors.append(np.tile(course.anchor, (arcs, 1)))
+            typical.append(np.full(arcs, typical_half_width(course.river)))
         if not courses:
             empty = np.zeros((0, 4))
             return PackedRivers(unit, np.zeros((0, 2), np.int64), np.zeros((0, 8)), empty, empty)
@@ -243,13 +244,12 @@ class CorridorsLayer(TerrainLayer):
         vector = (end - start) * unit
         length2 = np.sum(vector**2, axis=1)
         valid = length2 > 0
-        weight = np.minimum(np.sqrt(length2), 0.5 * (starts[:, 3] + ends[:, 3]))
         arc = np.zeros((len(start), 8))
         for name, values in {
             "chord_east": vector[:, 0],
             "chord_north": vector[:, 1],
             "inverse_chord_square": 1 / np.where(valid, length2, 1),
-            "arc_weight": weight,
+            "typical_half_width": np.concatenate(typical),
             "arc_bend": np.concatenate([each.bend for each in courses]),
             "arc_lean": 0.5 * (starts[:, 6] + ends[:, 6]),
             "sway_up": starts[:, 7],
@@ -316,7 +316,11 @@ def _pieces(anchor: LatticeArray, line: PreparedCentreline, unit: float) -> Stru
     first, last = _spans(line)
     samples = np.column_stack([line.along, line.line, line.anchors, line.steep])
     widest = float(line.river.centreline_width.max())
-    whole = anchor.tobytes() + bytes(widest > 2.0 * cell for cell in TOLERANCE_CELLS)
+    whole = (
+        anchor.tobytes()
+        + np.float64(typical_half_width(line.river)).tobytes()
+        + bytes(widest > 2.0 * cell for cell in TOLERANCE_CELLS)
+    )
     boxes = _boxes(line, first, last, margin=MAX_TOLERANCE + 3.0 * unit) / unit + np.tile(anchor, 2)
     contents = [
         (whole, line.curve[number].tobytes(), samples[first[number] : last[number] + 1].tobytes())
@@ -354,7 +358,8 @@ def _carved(height: Float64Array, rivers: PackedRivers, site: HostSite) -> tuple
     """Return the carved heights, and the mask of water."""
     cell, unit = site.sampling.cell, site.sampling.unit
     weights, nearest = np.zeros(height.shape), np.full(height.shape, 1e30)
-    sums = np.zeros((6, *height.shape))
+    length = np.hypot(*rivers.chord.T)
+    sums = np.zeros((7, *height.shape))
     for first in range(0, len(height), _POINTS_AT_ONCE):
         x, y = (each[first : first + _POINTS_AT_ONCE] for each in (site.x, site.y))
         # Beyond its box an arc adds exactly nothing.
@@ -366,20 +371,22 @@ def _carved(height: Float64Array, rivers: PackedRivers, site: HostSite) -> tuple
         lean, sway, end = (rivers.arc[i, ARC[name]] for name in ("arc_lean", "sway_up", "sway_down"))
         side = signed_square(rivers.chord[i], rivers.arc[i, ARC["arc_bend"]], away)
         width, radius = here[SECTION["half_width"]], here[SECTION["valley_radius"]]
-        side /= d2 + width**2 * _NEARNESS
-        here = np.concatenate([here, side * [lean, sway + (end - sway) * t]])
+        near2 = d2 + width**2 * _NEARNESS
+        side /= near2
+        measure = rivers.arc[i, ARC["typical_half_width"]]
+        here = np.concatenate([here, side * [lean, sway + (end - sway) * t], [measure]])
         share2 = d2 / radius**2
         inside = np.maximum(1 - share2, 0)
-        near_by = (_WEIGHT_SCALE * width / (d2 + width**2 * _NEARNESS)) ** 4
-        contribution = rivers.arc[i, ARC["arc_weight"]] * inside**2 * near_by
+        near_by = (_WEIGHT_SCALE * width / near2) ** 4
+        contribution = np.minimum(length[i], np.sqrt(near2)) * inside**2 * near_by
         point += first
         np.add.at(weights, point, contribution)
         for total, values in zip(sums, contribution * here, strict=True):
             np.add.at(total, point, values)
-        np.minimum.at(nearest, point, d2 / (width * np.maximum(inside * (1 + share2), 1e-6)))
+        np.minimum.at(nearest, point, d2 / (measure * np.maximum(inside * (1 + share2), 1e-6)))
     near = weights > 1e-30
-    surface, half_width, depth, radius, lean, sway = sums[:, near] / weights[near]
-    d = np.sqrt(nearest[near] * half_width)
+    surface, half_width, depth, radius, lean, sway, typical = sums[:, near] / weights[near]
+    d = np.sqrt(nearest[near] * typical)
     ground = height[near]
 
     channel = smooth_rise(2 * half_width / cell, _CHANNEL_CELLS, _CHANNEL_CELLS)

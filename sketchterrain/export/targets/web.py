@@ -41,7 +41,7 @@ _MAX_PLANTS: Final = 300_000  # 3 MB
 _CELLS: Final = 64  # of plants along a side, as in plants.js
 _TEXELS: Final = 256
 _LEVELS_OF_PLANTS: Final = (0, 1, 3)  # after the finest: near, farther, shadows
-_RINGS, _AROUND, _REACH = 56, 384, 6.0  # vertices of the surroundings; their size over the grid's
+_RINGS, _BAND, _AROUND, _REACH = 56, 11, 384, 6.0  # vertices of the surroundings; their size over the grid's
 _CORNERS: Final = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])  # counter-clockwise
 _STEPS: Final = 65535
 
@@ -195,7 +195,11 @@ def _surroundings(export: Export) -> Arrays:
     index = np.arange(_RINGS * _AROUND, dtype=np.uint32).reshape(_RINGS, _AROUND)
     a, b = index[:-1], index[1:]
     c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
-    place = np.stack([x - grid.west, y - grid.south, terrain.heights(x, y)], axis=-1)
+    # No finer than the rings show; at the grid's border as it is.
+    apart = [max(grid.spacing), *(8.0 * float(half.max()) / _AROUND * growth[1:])]
+    bands = [slice(0, 1), *(slice(first, first + _BAND) for first in range(1, _RINGS, _BAND))]
+    z = [terrain.heights(x[band], y[band], cell_size=apart[band.start]) for band in bands]
+    place = np.stack([x - grid.west, y - grid.south, np.concatenate(z)], axis=-1)
     return _centimetres(place) | {
         "triangles": np.stack([a, b, c, a, c, d], axis=-1),
         "tint": _roots(srgb_to_linear(colour[256 - row, column].reshape(-1, 3))),

@@ -326,8 +326,8 @@ class _PlantRow:
 
 def write_trees(folder: Path) -> None:
     """Write ``trees.jpg``: each species in two variants, a row per level of detail except the farthest."""
-    level = Sketch(ground={"relief": 4.0, "surroundings": 0.0})
-    terrain: Any = _PlantRow(build(level, device=ComputeContext()))
+    plain = Sketch(ground={"relief": 4.0, "surroundings": 0.0})
+    terrain: Any = _PlantRow(build(plain, device=ComputeContext()))
     ground = float(terrain.heights([MIDDLE[0]], [MIDDLE[1]])[0])
     eye = (MIDDLE[0], MIDDLE[1] - AWAY, ground + 0.55 * TALL)
     view = float(np.degrees(2.0 * np.arctan(0.64 * TALL / AWAY)))

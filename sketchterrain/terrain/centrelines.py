@@ -191,7 +191,7 @@ def typical_half_width(river: River) -> float:
     One of all of the river, without natural variation, that hardly changes when the river is edited.
     """
     widths = river.width if river.mean_width is None else river.mean_width
-    return 0.5 * 2.0 ** (round(4.0 * math.log2(float(np.median(widths)))) / 4.0)
+    return 0.5 * math.exp2(round(4.0 * math.log2(float(np.median(widths)))) / 4.0)
 
 
 @dataclass(frozen=True)

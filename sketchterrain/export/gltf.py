@@ -17,7 +17,8 @@ import pygltflib
 import shapely
 from PIL import Image
 
-from sketchterrain.array_types import UInt8Array
+from sketchterrain.array_types import Float64Array, UInt8Array
+from sketchterrain.document.geology import Strata
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import EngineAxes
 from sketchterrain.export.mesh import (
@@ -35,6 +36,7 @@ from sketchterrain.io.files import atomic_file
 from sketchterrain.look.texture_levels import (
     Levels,
     customized_levels,
+    layer_tints,
     own_material_images,
     procedural_levels,
 )
@@ -279,6 +281,13 @@ def material_levels(terrain: Terrain, texels: int) -> Levels:
     own = own_material_images(terrain.sketch.materials, texels)
     painted = procedural_levels(texels, open_context)
     return customized_levels(painted, terrain.materials, terrain.sketch.looks, own, open_context)
+
+
+def material_tints(terrain: Terrain) -> Float64Array:
+    """Return the factors (layers, 3) of the textures' albedos by climate and rock, as pictures have them."""
+    sketch = terrain.sketch
+    rock = Strata.from_settings(sketch.geology).rock
+    return layer_tints(terrain.materials, sketch.climate["aridity"], sketch.looks, rock)
 
 
 def material_appearance(terrain: Terrain) -> MaterialAppearance:

@@ -285,10 +285,9 @@ def _view(terrain: Layer, layers: Sequence[Layer], scene: SceneView, bounds: Bou
     azimuth, elevation = math.radians(scene.sun_azimuth), math.radians(scene.sun_elevation)
     light = {"x": -math.sin(azimuth) * math.cos(elevation), "y": -math.sin(elevation)}
     light |= {"z": math.cos(azimuth) * math.cos(elevation)}  # where it goes: x east, y up, z south
-    left = math.atan2(scene.eye[0] - scene.target[0], scene.target[1] - scene.eye[1])
     # The middle of the picture: from the origin, and since QGIS 3.42 in the project's CRS.
     camera = {"x": 0, "y": 0, "elev": z, "xMap": x, "yMap": y, "zMap": z}
-    camera |= {"dist": 1.25 * max(east - west, north - south), "pitch": 58, "yaw": math.degrees(left)}
+    camera |= {"dist": 1.25 * max(east - west, north - south), "pitch": 58, "yaw": -scene.heading}
     return f"""<view name="{VIEW}" isOpen="1" area="2" floating="0" width="700" height="600"><qgis3d>
 <origin x="{x}" y="{y}" z="0"/><camera field-of-view="{scene.fov}" projection-type="1"/>
 <color background="214,228,240,255" selection="255,255,0,255"/><crs>{reference}</crs>

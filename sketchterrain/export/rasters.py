@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -268,8 +267,8 @@ def write_cloud_tiff(
         "statistics": "yes",
     }
     transform = georeference.transform(grid)
-    own = partial(_write_tiff, unit=unit, rgb=rgb, classes=classes)
-    return own(path, bands, "COG", georeference.crs, transform, **layout)
+    layout |= {"unit": unit, "rgb": rgb, "classes": classes}
+    return _write_tiff(path, bands, "COG", georeference.crs, transform, **layout)
 
 
 def _write_tiff(

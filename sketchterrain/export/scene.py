@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 from sketchterrain.array_types import Float64Array
@@ -24,6 +25,11 @@ class SceneView(NamedTuple):
     air_height: float  # m
     exposure: float  # factor of radiance before tone mapping
     weather: dict[str, Any]  # settings of the sketch's ``[weather]``
+
+    @property
+    def heading(self) -> float:
+        """Compass bearing of the view, degrees, −180 … 180."""
+        return math.degrees(math.atan2(self.target[0] - self.eye[0], self.target[1] - self.eye[1]))
 
     @property
     def facts(self) -> dict[str, Any]:

@@ -176,6 +176,13 @@ class Export:
     drapes: Sequence[DrapedShapes] = ()  # vectors on the ground
     view: SceneView | None = None  # the preview's camera and light, for targets with a `scene`
 
+    @property
+    def scene_view(self) -> SceneView:
+        """The view of a target with a `scene`."""
+        if self.view is None:
+            raise ValueError("expected the preview's camera and light, got none")
+        return self.view
+
 
 class ExportOutput(NamedTuple):
     """Files of a target, and their entries in the sidecar."""

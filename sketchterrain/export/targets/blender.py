@@ -8,7 +8,7 @@ import numpy as np
 from sketchterrain.document.geology import Strata
 from sketchterrain.export.engines import EngineAxes
 from sketchterrain.export.files import write_png
-from sketchterrain.export.gltf import AXES, GlbWriter, material_levels
+from sketchterrain.export.gltf import AXES, GlbWriter, material_levels, material_tints
 from sketchterrain.export.gltf_plants import BYTES_PER_PLANT, FINEST, add_instances, collect_plants
 from sketchterrain.export.rasters import weights_suffix, write_exr, write_normals_and_weights
 from sketchterrain.export.roads import write_corridors
@@ -16,7 +16,6 @@ from sketchterrain.export.sampled import CHANNELS, SampleGrid, appearance_pictur
 from sketchterrain.export.scene import SceneView
 from sketchterrain.export.target import Export, ExportOutput, Target
 from sketchterrain.export.targets.gltf import check_glb, terrain_scene, write_plant_points
-from sketchterrain.look.texture_levels import layer_tints
 
 _AXES: Final = EngineAxes("east", "north", "up")
 _TEXELS: Final = 512  # along a side of a material's tile
@@ -47,8 +46,8 @@ def _write_blender(export: Export) -> ExportOutput:
     with export.stages.stage("tiles", "Material tiles"):
         tiles, facts["tiles_of_materials"] = _write_tiles(export)
     files |= tiles
-    if export.view is not None:
-        facts["scene"] = export.view.facts | _light_of_sky(export.view, float(export.samples.height.max()))
+    view = export.scene_view
+    facts["scene"] = view.facts | _light_of_sky(view, float(export.samples.height.max()))
     facts["heights"] = {"numbers": "float32", "channels": "R = G = B", "metres": "value"}
     facts["axes"] = _AXES.metadata
     return ExportOutput(files, _settings(export.grid, heights.name, path.name), facts | plant_facts)
@@ -71,8 +70,7 @@ def _write_plants(export: Export) -> tuple[dict[Path, str], dict[str, Any]]:
 def _light_of_sky(view: SceneView, summit: float) -> dict[str, Any]:
     """Return the sky's irradiance on level ground, and light and extinction of the air towards a summit."""
     c = view.harmonics
-    heading = np.degrees(np.arctan2(view.target[0] - view.eye[0], view.target[1] - view.eye[1]))
-    angle = abs((heading - view.sun_azimuth + 180.0) % 360.0 - 180.0)
+    angle = abs((view.heading - view.sun_azimuth + 180.0) % 360.0 - 180.0)
     column = round(np.sqrt(angle / 180.0) * (view.sky.shape[1] - 1))
     level = len(view.sky) // 4  # rows of the air below and above the horizon, then rows of the sky
     heights = np.maximum(np.linspace(view.eye[2], max(summit, view.eye[2]), 16), 0.0)
@@ -88,9 +86,7 @@ def _write_tiles(export: Export) -> tuple[dict[Path, str], list[dict[str, Any]]]
     """Write a repeating texture of each material that has weight; return the files and sidecar entries."""
     terrain, table = export.terrain, export.terrain.materials
     (roots, relief), *_ = material_levels(terrain, _TEXELS)
-    strata = Strata.from_settings(terrain.sketch.geology)
-    aridity = float(terrain.sketch.climate.get("aridity", 0.2))
-    tints = layer_tints(table, aridity, terrain.sketch.looks, strata.rock)
+    strata, tints = Strata.from_settings(terrain.sketch.geology), material_tints(terrain)
     has_weight = export.samples.weights.max(axis=(0, 1)) > 0
     files, entries = dict[Path, str](), []
     for index, material in enumerate(table):

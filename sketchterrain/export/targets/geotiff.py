@@ -174,15 +174,15 @@ def _large_chunks(chunks: Iterator[npt.NDArray[np.void]]) -> Iterator[npt.NDArra
         yield np.concatenate(pending)
 
 
-TARGETS = (
-    Target(
-        name="geotiff",
-        title="GIS",
-        summary="Cloud-Optimised GeoTIFF; rivers, lakes, plants and features as GeoPackage",
-        write=_write,
-        options=frozenset({"crs", "origin"}),
-        disk=24.0,  # 17 bytes, a third more for overviews, and temporary files
-        memory=20.0,  # copies of the materials, and a file
-        bytes_per_plant=160.0,
-    ),
+GEOTIFF = Target(
+    name="geotiff",
+    title="GIS",
+    summary="Cloud-Optimised GeoTIFF; rivers, lakes, plants and features as GeoPackage",
+    write=_write,
+    options=frozenset({"crs", "origin"}),
+    disk=24.0,  # 17 bytes, a third more for overviews, and temporary files
+    memory=20.0,  # copies of the materials, and a file
+    bytes_per_plant=160.0,
 )
+
+TARGETS = (GEOTIFF,)

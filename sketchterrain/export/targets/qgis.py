@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,8 +19,8 @@ from sketchterrain.export.drapes import table_names
 from sketchterrain.export.qgis_project import Layer
 from sketchterrain.export.rasters import Georeference, write_cloud_tiff
 from sketchterrain.export.sampled import srgb_of
-from sketchterrain.export.target import Export, ExportOutput, Target
-from sketchterrain.export.targets.geotiff import export_georeference, write_gis
+from sketchterrain.export.target import Export, ExportOutput
+from sketchterrain.export.targets.geotiff import GEOTIFF, export_georeference, write_gis
 
 _LOCAL_METRES: Final = (
     'PROJCS["sketch, metres from its south-west corner",GEOGCS["none",DATUM["none",SPHEROID["sphere",6371000,'
@@ -67,8 +68,6 @@ def _write_project(
     export: Export, place: Georeference, groups: dict[str, list[Layer]], rasters: dict[str, Layer]
 ) -> Path:
     grid, path = export.grid, export.folder / f"{export.name}.qgz"
-    if export.view is None:
-        raise ValueError("expected a view")
     shown = [each for group in groups.values() for each in group if each.visible]
     ground = [each for each in shown if each != rasters["Relief"]] + [rasters["Materials"]]
     flat = [each for each in ground if each.title not in ("Hillshade", "Contours", "Forest")]
@@ -77,7 +76,7 @@ def _write_project(
     bounds = west, south, place.east + grid.east, place.north + grid.north
     filled = {name: group for name, group in groups.items() if group}
     about = export.terrain.sketch.name, place.crs.to_wkt(), bounds
-    return qgis.write_project(path, *about, filled, themes, rasters["Relief"], export.view)
+    return qgis.write_project(path, *about, filled, themes, rasters["Relief"], export.scene_view)
 
 
 def _rasters(export: Export, place: Georeference, files: dict[Path, str]) -> dict[str, Layer]:
@@ -306,15 +305,14 @@ def _drawn(kind: str, style: Properties) -> str:
 
 
 TARGETS = (
-    Target(
+    replace(
+        GEOTIFF,
         name="qgis",
         title="QGIS",
         summary="a project with styles, legend and a 3-D view, on the files of geotiff",
         write=_write,
-        options=frozenset({"crs", "origin"}),
-        disk=26.0,  # as for GIS, and a byte with overviews
-        memory=22.0,
-        bytes_per_plant=160.0,
+        disk=GEOTIFF.disk + 2.0,  # a byte with overviews
+        memory=GEOTIFF.memory + 2.0,
         scene=True,
     ),
 )

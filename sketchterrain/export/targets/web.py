@@ -25,7 +25,6 @@ from sketchterrain.export.web_data import (
 )
 from sketchterrain.io.files import write_atomic
 from sketchterrain.io.resources import source
-from sketchterrain.look.texture_levels import layer_tints
 from sketchterrain.look.texture_maker import srgb_to_linear
 
 if TYPE_CHECKING:  # load SciPy
@@ -58,7 +57,7 @@ def _write_web(export: Export) -> ExportOutput:
         parts = _ground(export, scale, facts) | _meshes(export) | _plants(export, facts)
         order = sorted(parts, key=lambda name: name in ("weights", f"heights{LEVELS}"))  # the largest last
         written = {write_data(export.folder / f"{name}.js", parts[name], {}): "data" for name in order}
-        sky = {"sky": np.asarray(export.view.sky if export.view else (), np.float16).view(np.uint16)}
+        sky = {"sky": export.scene_view.sky.astype(np.float16).view(np.uint16)}
         written[write_data(export.folder / "scene.js", sky, facts | {"files": order})] = "camera, light, data"
         for name in _PAGE:
             content = files("sketchterrain.export").joinpath("web", name).read_bytes()
@@ -68,7 +67,7 @@ def _write_web(export: Export) -> ExportOutput:
         "heights": {"numbers": "uint16", **scale.metadata, "largest_error": 0.5 * scale.step},
         "axes": _AXES.metadata,
         "plants": facts["plants"],
-        "view": export.view.facts if export.view else None,
+        "view": export.scene_view.facts,
     }
     settings = {"open": "index.html, by a double click or from any web server; no network is needed"}
     return ExportOutput(written, settings, entries)
@@ -76,9 +75,7 @@ def _write_web(export: Export) -> ExportOutput:
 
 def _scene(export: Export, scale: HeightQuantisation) -> dict[str, Any]:
     """Return what the page needs before all else; numbers of the view as they are."""
-    view, grid = export.view, export.grid
-    if view is None:
-        raise ValueError("a web page needs the preview's camera and light")
+    view, grid = export.scene_view, export.grid
     given = {name: value for name, value in view._asdict().items() if name not in ("sky", "weather")}
     return {
         "title": export.terrain.sketch.name,
@@ -96,7 +93,7 @@ def _scene(export: Export, scale: HeightQuantisation) -> dict[str, Any]:
 
 def _ground(export: Export, scale: HeightQuantisation, facts: dict[str, Any]) -> dict[str, Arrays]:
     """Return heights level by level, weights of the materials that occur, and their textures."""
-    from sketchterrain.export.gltf import material_levels
+    from sketchterrain.export.gltf import material_levels, material_tints
 
     samples, terrain = export.samples, export.terrain
     present = np.flatnonzero(samples.weights.any(axis=(0, 1)))
@@ -115,15 +112,12 @@ def _ground(export: Export, scale: HeightQuantisation, facts: dict[str, Any]) ->
         for texture in textures
     ]
     colour = material_levels(terrain, _TEXELS)[0][0][present]
-    tints = layer_tints(
-        terrain.materials, terrain.sketch.climate["aridity"], terrain.sketch.looks, terrain.recipe.strata.rock
-    )
     weights = four_bit_weights(padded(samples.weights[..., present]))
     coarsest, *finer = height_levels(padded(scale.encode(samples.height)))
     painted = {} if samples.appearance is None else {"painted": padded(samples.appearance)}
     return {
         "coarse": {"heights": coarsest, "weights": weights[:, ::STEP, ::STEP]},
-        "textures": {"webp": texture_strip(colour, tints[present])},
+        "textures": {"webp": texture_strip(colour, material_tints(terrain)[present])},
         **{f"heights{number}": {"rest": rest} for number, rest in enumerate(finer, start=1)},
         "weights": {"weights": weights} | painted,
     }

@@ -1,8 +1,9 @@
 """Mutants of the program: small faults, drawn with a fixed seed, that the tests must detect.
 
-``python .ci/mutants.py draw`` writes ``.ci/mutants.json``. ``run [NUMBER …] -- COMMAND …`` applies each
-mutant to this checkout in turn, runs the command (a test run that stops at its first failure) and prints
-whether it failed, that is, whether the mutant was killed. The checkout must be clean.
+``python .ci/mutants.py draw SEED`` adds 24 to ``.ci/mutants.json``. ``run [NUMBER …] -- COMMAND …`` applies
+each mutant to this checkout in turn, runs the command (a test run that stops at its first failure) and prints
+whether it failed, that is, whether the mutant was killed. ``{rooms}`` in the command stands for the test
+folders of the mutant's package and of those that use it. The checkout must be clean.
 """
 
 from __future__ import annotations
@@ -19,15 +20,9 @@ from typing import Final, NamedTuple
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 LIST: Final = Path(__file__).with_suffix(".json")
-SEED: Final = 20261122
-REPLACED: Final[dict[tuple[str, int], str]] = {  # draws that change nothing that a caller could see, and why
-    ("sketchterrain/terrain/*.py", 1): "a cache holds one entry more",
-    ("sketchterrain/terrain/*.py", 3): "nothing assigns to a frozen instance",
-    ("sketchterrain/export/**/*.py", 1): "rows at once change no value",
-    ("sketchterrain/importing/*.py", 1): "a limit on vertices is one higher",
-    ("sketchterrain/importing/*.py", 2): "one row or column broadcasts into none",
-    ("sketchterrain/world/*.py", 1): "a check of equal lengths that hold",
-    ("ui/**/*.py", 1): "how long a benchmark sleeps at a time",
+REPLACED: Final[dict[tuple[int, str, int], str]] = {  # draws (seed, room, turn) without a visible effect
+    (20261128, "sketchterrain/importing/*.py", 1): "nothing assigns to a frozen instance",
+    (20261128, "sketchterrain/export/**/*.py", 1): "the indentation of a JSON file",
 }
 ROOMS: Final = {  # folder or file pattern: mutants drawn from it
     "kernels/*.cl*": 4,
@@ -58,22 +53,25 @@ SWAPS: Final = {
 
 
 class Mutant(NamedTuple):
-    """A fault: the text ``before`` at a line and column (both from 1) becomes ``after``."""
+    """A fault: ``before`` at a column (from 1) of the first line with this text becomes ``after``."""
 
     file: str
-    line: int
+    text: str
     column: int
     before: str
     after: str
 
+    def __str__(self) -> str:
+        return f"{self.file}: {self.before} → {self.after} in {self.text.strip()!r}"
+
     def applied(self) -> str:
         """Return the file's text with the fault."""
-        lines = (ROOT / self.file).read_text(encoding="utf-8").splitlines(keepends=True)
-        text, at = lines[self.line - 1], self.column - 1
-        if not text.startswith(self.before, at):
-            raise SystemExit(f"{self.file}:{self.line}:{self.column}: expected {self.before!r}: {text!r}")
-        lines[self.line - 1] = text[:at] + self.after + text[at + len(self.before) :]
-        return "".join(lines)
+        lines = (ROOT / self.file).read_text(encoding="utf-8").split("\n")
+        if self.text not in lines:
+            raise SystemExit(f"{self.file}: expected a line {self.text!r}; draw a mutant instead")
+        start = self.column - 1
+        lines[lines.index(self.text)] = self.text[:start] + self.after + self.text[start + len(self.before) :]
+        return "\n".join(lines)
 
 
 def _between(lines: list[str], left: ast.AST, right: ast.AST, file: str) -> list[Mutant]:
@@ -83,7 +81,7 @@ def _between(lines: list[str], left: ast.AST, right: ast.AST, file: str) -> list
     gap = lines[left.end_lineno - 1].encode()[left.end_col_offset : right.col_offset].decode()
     word = gap.strip(" ()")
     start = len(lines[left.end_lineno - 1].encode()[: left.end_col_offset].decode()) + gap.find(word)
-    return [Mutant(file, right.lineno, start + 1, word, SWAPS[word])] if word in SWAPS else []
+    return [Mutant(file, lines[right.lineno - 1], start + 1, word, SWAPS[word])] if word in SWAPS else []
 
 
 def of_python(file: str, text: str) -> list[Mutant]:
@@ -101,32 +99,32 @@ def of_python(file: str, text: str) -> list[Mutant]:
                 after = SWAPS.get(source) or (
                     f"{source} + 1" if isinstance(value, int) else f"({source} * 1.25)"
                 )
-                found.append(Mutant(file, node.lineno, column, source, after))
+                found.append(Mutant(file, lines[node.lineno - 1], column, source, after))
             case ast.Call(func=ast.Name(id="min" | "max" as name)):
                 column = len(lines[node.lineno - 1].encode()[: node.col_offset].decode()) + 1
-                found.append(Mutant(file, node.lineno, column, name, SWAPS[name]))
+                found.append(Mutant(file, lines[node.lineno - 1], column, name, SWAPS[name]))
     return found
 
 
 def of_kernel(file: str, text: str) -> list[Mutant]:
     """Return all faults that can be planted in OpenCL or GLSL text."""
     found = []
-    for number, line in enumerate(text.splitlines(), 1):
+    for line in text.splitlines():
         code = line.split("//")[0]
         if code.lstrip().startswith(("#", "*", "/*")):
             continue
         for match in re.finditer(
             r"(?<= )(<=|>=|<<|>>|==|!=|&&|\|\||[-+*/<>])(?= )|\breal_(?:min|max)\b", code
         ):
-            found.append(Mutant(file, number, match.start() + 1, match[0], SWAPS[match[0]]))  # noqa: PERF401
+            found.append(Mutant(file, line, match.start() + 1, match[0], SWAPS[match[0]]))  # noqa: PERF401
         for match in re.finditer(r"\bR\((\d+\.\d+)\)|(?<![\w.])(\d+\.\d+)(?![\w.])", code):
             number_text = match[1] or match[2]
             column = match.start(1 if match[1] else 2) + 1
-            found.append(Mutant(file, number, column, number_text, f"{float(number_text) * 1.25 + 0.01:g}"))
+            found.append(Mutant(file, line, column, number_text, f"{float(number_text) * 1.25 + 0.01:g}"))
     return found
 
 
-def draw() -> list[Mutant]:
+def draw(seed: int) -> list[Mutant]:
     """Draw the mutants: for each room files by their length, then a place in the file."""
     drawn = []
     for pattern, count in ROOMS.items():
@@ -135,11 +133,11 @@ def draw() -> list[Mutant]:
         wanted, turn = len(drawn) + count, 0
         while len(drawn) < wanted:
             turn += 1
-            chance = random.Random(f"{SEED} {pattern} {turn}")
+            chance = random.Random(f"{seed} {pattern} {turn}")
             (index,) = chance.choices(range(len(files)), [len(text) for text in texts])
             name = files[index].relative_to(ROOT).as_posix()
             places = (of_python if name.endswith(".py") else of_kernel)(name, texts[index])
-            if places and (pattern, turn) not in REPLACED:
+            if places and (seed, pattern, turn) not in REPLACED:
                 drawn.append(chance.choice(places))
     return drawn
 
@@ -147,6 +145,29 @@ def draw() -> list[Mutant]:
 def read() -> list[Mutant]:
     """Return the committed list."""
     return [Mutant(**mutant) for mutant in json.loads(LIST.read_text(encoding="utf-8"))]
+
+
+USERS: Final = {  # test folders of packages whose name they do not have, and of packages that use them
+    "kernels/render": ["render"],
+    "kernels": ["terrain", "frozen", "drape", "render"],
+    "sketchterrain/app": ["cli"],
+    "sketchterrain/document": ["document", "ui/test_panels.py", "ui/test_document.py"],
+    "sketchterrain/placement": ["placement", "landforms", "frozen", "terrain", "hydrology"],
+    "sketchterrain/hydrology": ["hydrology", "frozen", "terrain"],
+    "sketchterrain/compute": ["compute", "render/test_vertex_memory.py", "gl_sharing"],
+    "sketchterrain/terrain": ["terrain", "frozen", "elevation", "landforms", "batch"],
+    "sketchterrain/look": ["render"],
+    "sketchterrain/tiles": ["tiles", "render", "drape"],
+    "ui": ["ui", "window"],
+}
+
+
+def rooms_of(mutant: Mutant) -> list[str]:
+    """Return the test folders of a mutant's package."""
+    parts = mutant.file.split("/")
+    names = ["/".join(parts[:count]) for count in range(len(parts) - 1, 0, -1)]
+    folders = next((USERS[name] for name in names if name in USERS), [parts[1]])
+    return [f"tests/{folder}" for folder in folders]
 
 
 def run(numbers: list[int], command: list[str]) -> None:
@@ -160,7 +181,10 @@ def run(numbers: list[int], command: list[str]) -> None:
         original, start = path.read_bytes(), time.monotonic()
         path.write_text(mutant.applied(), encoding="utf-8")
         try:
-            done = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True)
+            words = [
+                word for given in command for word in (rooms_of(mutant) if given == "{rooms}" else [given])
+            ]
+            done = subprocess.run(words, cwd=ROOT, check=False, capture_output=True, text=True)
         finally:
             path.write_bytes(original)
         failed = next((line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))), "")
@@ -171,8 +195,9 @@ def run(numbers: list[int], command: list[str]) -> None:
 def main() -> None:
     """Run the command line."""
     match sys.argv[1:]:
-        case ["draw"]:
-            LIST.write_text(json.dumps([m._asdict() for m in draw()], indent=1) + "\n", encoding="utf-8")
+        case ["draw", seed]:
+            mutants = [mutant._asdict() for mutant in read() + draw(int(seed))]
+            LIST.write_text(json.dumps(mutants, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         case ["run", *arguments] if "--" in arguments:
             split = arguments.index("--")
             run([int(number) for number in arguments[:split]], arguments[split + 1 :])

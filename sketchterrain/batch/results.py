@@ -17,16 +17,15 @@ from rich.progress import TaskID
 
 from sketchterrain.app.console import progress_bars
 from sketchterrain.app.estimates import check_size, memory_needed, plant_bytes
-from sketchterrain.document.label_layers import image_digest
-from sketchterrain.document.rasters import content_digests
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.toml_format import settings_text
+from sketchterrain.document.store import sketch_digests
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.planning import memory_needed as export_memory
 from sketchterrain.export.rasters import write_picture
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.io.files import hash_file, write_atomic
+from sketchterrain.io.resources import code_digest
 
 MANIFEST = "manifest.json"
 # Names of a manifest must not lead outside the batch's folder.
@@ -157,12 +156,12 @@ def estimate_needs(sketch: Sketch, output: Output) -> Needs:
 
 def fingerprint(sketch: Sketch, output: Output) -> str:
     """Return a hash of everything that determines a terrain's files, which the device does not."""
-    layers = {name: image_digest(image) for name, image in sketch.layers.items()}
-    whole = {"version": version("sketchterrain"), "output": msgspec.to_builtins(output)}
-    vectors = {name: layer.digest for name, layer in sketch.vectors.items() if len(layer)}
-    whole |= {"layers": layers, "settings": settings_text(sketch)} | ({"vectors": vectors} if vectors else {})
-    if sketch.elevation_rasters:
-        whole["elevation"] = content_digests(sketch.elevation_rasters)
+    whole = {
+        "version": version("sketchterrain"),
+        "code": code_digest(),
+        "sketch": sketch_digests(sketch),
+        "output": msgspec.to_builtins(output),
+    }
     return sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
 
 

@@ -11,13 +11,16 @@ from contextlib import contextmanager
 from functools import partial
 from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.drapes import relocated_drapes
-from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer
+from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer, image_digest
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
-from sketchterrain.document.own_materials import relative_folders, resolved_folders
+from sketchterrain.document.own_materials import picture_files, relative_folders, resolved_folders
 from sketchterrain.document.rasters import (
+    RasterSource,
+    content_digests,
     embedded_files,
     is_embedded_name,
     relative_rasters,
@@ -361,6 +364,21 @@ def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None)
                 vectors[name] = decode_vectors(contents[f"{name}{SUFFIX}"], name, sketch.frame)
     with _prefix_errors(place):
         return sketch.replace(vectors=vectors) if vectors else sketch
+
+
+def sketch_digests(sketch: Sketch) -> dict[str, Any]:
+    """Return digests of a sketch, and of the files that results show: all but pictures beneath the paint."""
+    paths = [layer.path for layer in sketch.drapes]
+    for name, values in sketch.materials.items():
+        if values.get("folder"):
+            paths += map(str, picture_files(values["folder"], name).values())
+    rasters = [source for source in sketch.rasters if source.role != "picture"]
+    return {
+        "settings": settings_text(sketch),
+        "painted": {name: image_digest(image) for name, image in sketch.layers.items()},
+        "vectors": {name: layer.digest for name, layer in sketch.vectors.items()},
+        "files": content_digests([*rasters, *map(RasterSource, paths)]),
+    }
 
 
 def _check_same_size(images: Mapping[str, LabelImage], name: str) -> None:

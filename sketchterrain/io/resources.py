@@ -1,12 +1,13 @@
-"""Kernel and shader sources with the constants and layouts that they define, and presets."""
+"""Kernel and shader sources with the constants and layouts that they define, digests of code, and presets."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
-from typing import TypeAlias
+from pathlib import Path
+from typing import Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +17,10 @@ from sketchterrain.errors import InputError
 _CONSTANT = re.compile(r"^#define[ \t]+(\w+)[ \t]+(?:R\()?(-?(?:0x[0-9A-F]+|[\d.e-]+))", re.MULTILINE)
 _BASELINES = "baselines/"
 _INCLUDE = re.compile(r'^[ \t]*#include[ \t]+"([^"]+)"[ \t]*$', re.MULTILINE)
-
+# The last three are of files that exports copy.
+_SOURCES: Final = (".py", ".cl", ".clh", ".c", ".h", ".glsl", ".json", ".js", ".html", ".toml")
+# No file that is written depends on the window or measurements; presets are inputs, as other sketches.
+_WITHOUT_RESULTS: Final = frozenset({"benchmarks", "presets", "ui"})
 
 Defines: TypeAlias = tuple[tuple[str, int | str], ...]
 """Macros and their values."""
@@ -40,14 +44,34 @@ def source(name: str, defines: Defines = ()) -> str:
 @cache
 def kernels_digest() -> str:
     """Return the SHA-256 of all OpenCL sources of ``kernels/``."""
+    return _digest(name for name in _sources() if name.endswith((".cl", ".clh")))
+
+
+@cache
+def code_digest() -> str:
+    """Return the SHA-256 of all sources that results depend on, the same installed and in a checkout."""
+    return _digest(_sources())
+
+
+def _digest(names: Iterable[str]) -> str:
     digest = sha256()
-    kernels = files("sketchterrain.kernels")
-    for folder in (kernels, kernels.joinpath("layers")):
-        for file in sorted(folder.iterdir(), key=lambda file: file.name):
-            if file.name.endswith((".cl", ".clh")):
-                digest.update(f"{file.name}\n".encode())
-                digest.update(file.read_bytes())
+    for name in names:
+        digest.update(f"{name}\n".encode())
+        digest.update(_sources()[name].read_bytes())
     return digest.hexdigest()
+
+
+@cache
+def _sources() -> dict[str, Path]:
+    """Return the sources that results depend on, by name; a checkout has its kernels beside the package."""
+    found = {}
+    for package in ("sketchterrain", "sketchterrain.kernels"):
+        root = Path(str(files(package)))
+        for path in (path for path in root.rglob("*.*") if path.suffix in _SOURCES):
+            parts = *package.split("."), *path.relative_to(root).parts
+            if parts[1] not in _WITHOUT_RESULTS:
+                found["/".join(parts)] = path
+    return dict(sorted(found.items()))
 
 
 def _inline(name: str, seen: set[str]) -> str:

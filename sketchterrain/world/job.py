@@ -7,10 +7,9 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from hashlib import sha256
 from importlib.metadata import version
-from importlib.resources import files
 from importlib.util import find_spec
 from itertools import product
 from math import prod
@@ -23,14 +22,13 @@ from rasterio import Affine
 from rasterio.crs import CRS
 from rasterio.enums import WktVersion
 
-from sketchterrain.document.label_layers import image_digest
-from sketchterrain.document.rasters import content_digests
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.toml_format import settings_text
+from sketchterrain.document.store import sketch_digests
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.export.rasters import local_metres
 from sketchterrain.io.crs import parse_metric_crs
 from sketchterrain.io.files import hash_file, wrap_os_errors, wrap_read_errors, write_atomic
+from sketchterrain.io.resources import code_digest
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.world.grid import SHARD, LayerSpec, Level, Shard, World, layer_specs
 
@@ -46,19 +44,6 @@ Form = Literal["zarr", "tiles", "tif"]
 ENDINGS: Final[dict[str, str]] = {"zarr": ".zarr", "tiles": "", "tif": ".tif"}
 """File name extension of each form."""
 PlantsForm = Literal["none", "parquet", "flatgeobuf"]
-_ROOMS: Final = (
-    "document",
-    "elevation",
-    "placement",
-    "hydrology",
-    "compute",
-    "terrain",
-    "vegetation",
-    "export",
-    "world",
-    "kernels",
-)
-_SOURCES: Final = (".py", ".cl", ".clh")
 _LIBRARIES: Final = {
     "zarr": ("zarr", "numcodecs"),
     "tiles": ("rasterio",),
@@ -102,28 +87,13 @@ def fingerprint(job: Job) -> str:
     whole = {
         "version": version("sketchterrain"),
         "code": code_digest(),
-        "settings": settings_text(job.sketch),
-        "painted": {name: image_digest(image) for name, image in job.sketch.layers.items()},
+        "sketch": sketch_digests(job.sketch),
         "world": asdict(job.world),
         "layers": sorted(job.layers),
         **{name: getattr(job, name) for name in ("form", "plants", "grass", "crs", "origin", "step", "fast")},
         "libraries": {name: version(name) for name in (*_LIBRARIES[job.form], *_LIBRARIES[job.plants])},
     }
-    if job.sketch.elevation_rasters:
-        whole["elevation"] = content_digests(job.sketch.elevation_rasters)
     return sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
-
-
-@cache
-def code_digest() -> str:
-    """Return the SHA-256 of the code and kernels that determine a world's bytes."""
-    digest = sha256()
-    for room in _ROOMS:
-        for each in sorted(files(f"sketchterrain.{room}").iterdir(), key=lambda found: found.name):
-            if each.name.endswith(_SOURCES) and each.is_file():
-                digest.update(f"{room}/{each.name}\n".encode())
-                digest.update(each.read_bytes())
-    return digest.hexdigest()
 
 
 class Task(NamedTuple):

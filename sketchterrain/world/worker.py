@@ -21,8 +21,9 @@ from distributed.utils import sync
 
 from sketchterrain.app.console import DEBUG
 from sketchterrain.errors import DeviceError, SketchterrainError, one_line
+from sketchterrain.io.resources import code_digest
 from sketchterrain.world.grid import Shard
-from sketchterrain.world.job import Task, TaskResult, code_digest
+from sketchterrain.world.job import Task, TaskResult
 
 _VISIBLE = 5.0  # s until a network file system shows a new file
 _SLOTS = {"GPU": 8}  # most tasks at once: a GPU evaluates faster than a core compresses

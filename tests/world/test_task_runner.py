@@ -1,18 +1,15 @@
-"""Shards are the terrain at the vertices of the grid; fingerprints."""
+"""Shards are the terrain at the vertices of the grid."""
 
 from dataclasses import replace
 from hashlib import sha256
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.rasters import RasterSource
 from sketchterrain.export.sampled import quantise_normals, quantise_weights
-from sketchterrain.world import job as jobs
-from sketchterrain.world.grid import SHARD, Shard, World
-from sketchterrain.world.job import Task, fingerprint, iter_tasks, shard_store
+from sketchterrain.world.grid import SHARD, Shard
+from sketchterrain.world.job import Task, iter_tasks, shard_store
 from sketchterrain.world.task_runner import TaskRunner, round_heights
 
 
@@ -74,55 +71,6 @@ def test_heights_are_rounded_to_multiples_of_a_step() -> None:
         assert np.abs(found - height).max() <= step / 2
         assert (np.mod(found.astype(np.float64), step) == 0).all()
         assert not np.signbit(round_heights(np.float32([-step / 4]), step)).any()
-
-
-def test_fingerprint_depends_on_everything_that_changes_bytes(small_job, monkeypatch, tmp_path) -> None:
-    others = {
-        "sketch": replace(small_job.sketch, seed=5),
-        "world": World(0.0, 0.0, 8.0, 8.0, 1.0),
-        "layers": ("height",),
-        "crs": "EPSG:25832",
-        "origin": (1.0, 0.0),
-        "step": 0.5,
-        "fast": True,
-    }
-    found = {fingerprint(replace(small_job, **{name: value})) for name, value in others.items()}
-    assert len(found | {fingerprint(small_job)}) == len(others) + 1
-    elsewhere = replace(small_job, output=small_job.output.with_name("elsewhere.zarr"))
-    assert fingerprint(elsewhere) == fingerprint(small_job)
-    painted = {name: image.copy() for name, image in small_job.sketch.layers.items()}
-    painted["forest"][0, 0] = 1
-    assert fingerprint(replace(small_job, sketch=replace(small_job.sketch, layers=painted))) not in found
-    dem = tmp_path / "dem.tif"
-    on_dem = replace(
-        small_job, sketch=small_job.sketch.replace(rasters=(RasterSource(str(dem), "elevation"),))
-    )
-    missing = fingerprint(on_dem)
-    dem.write_bytes(b"heights")
-    assert len({missing, fingerprint(on_dem), fingerprint(small_job)}) == 3
-    before = fingerprint(small_job)
-    monkeypatch.setattr("sketchterrain.world.job.version", lambda _: "0.0")
-    assert fingerprint(small_job) != before
-    monkeypatch.undo()
-    monkeypatch.setattr("sketchterrain.world.job.code_digest", lambda: "other code")
-    assert fingerprint(small_job) != before
-
-
-def test_code_digest_covers_code_and_kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for room in jobs._ROOMS:
-        (tmp_path / room).mkdir()
-    kernel, page = tmp_path / "kernels" / "noise.clh", tmp_path / "kernels" / "noise.md"
-    kernel.write_text("1")
-    monkeypatch.setattr(jobs, "files", lambda name: Path(tmp_path, name.rpartition(".")[2]))
-    found = jobs.code_digest.__wrapped__
-    before = found()
-    page.write_text("what it is")
-    assert found() == before
-    kernel.write_text("2")
-    assert found() != before
-    kernel.rename(kernel.with_name("other.clh"))
-    kernel.with_name("other.clh").write_text("1")
-    assert found() != before
 
 
 def test_tasks_are_unique_and_coarse_first(small_job) -> None:

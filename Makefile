@@ -1,23 +1,23 @@
-# `make demo` shows what the program does, `make test` checks it in minutes. `make test-slow` adds benchmarks, golden
-# pictures and repeated runs; `make soak` compares 10,000 random tiles on each device with their neighbours and parents
-# and lets every single call of OpenCL fail once. `make gpu` runs tests and benchmarks on a machine with a GPU.
-# `make upgrade` renews the versions that the development environment is set up with.
+# `make demo` shows what the program does, `make test` tests it in minutes. `make check` runs linter and type check,
+# `make test-slow` benchmarks, golden pictures and repeated runs; `make soak` compares 10,000 random tiles on each device
+# with their neighbours and parents and lets every single call of OpenCL fail once. `make gpu` runs tests and benchmarks
+# on a machine with a GPU. `make upgrade` renews the versions that the development environment is set up with.
 VENV := .venv
 PYTHON := $(VENV)/bin/python
-PYTEST := $(PYTHON) -m pytest -n auto --dist worksteal
+PYTEST := $(PYTHON) -m pytest -n auto --dist loadgroup
 OUT := out
-.PHONY: demo test test-slow soak gpu upgrade clean
+.PHONY: demo check test test-slow soak gpu upgrade clean
 
 demo: $(VENV)/demo.stamp
 	@$(VENV)/bin/sketchterrain generate valley_river -o $(OUT)/valley_river
 
-# The type check runs beside the tests; its report comes last.
-test: $(VENV)/test.stamp
+check: $(VENV)/test.stamp
 	$(PYTHON) -m ruff check .
 	$(PYTHON) -m ruff format --check .
-	@mkdir -p build; bash .ci/typecheck >build/types.log 2>&1 & types=$$!; \
-		$(PYTEST); tests=$$?; \
-		wait $$types; types=$$?; cat build/types.log; exit $$((tests + types > 0))
+	@bash .ci/typecheck
+
+test: $(VENV)/test.stamp
+	$(PYTEST)
 
 test-slow: $(VENV)/test.stamp
 	$(PYTEST) -m slow
@@ -37,6 +37,7 @@ $(VENV)/demo.stamp: pyproject.toml .ci/setup .ci/constraints.txt
 
 $(VENV)/test.stamp: pyproject.toml .ci/setup .ci/constraints.txt
 	@bash .ci/setup $(VENV) cpu,dev
+	@$(PYTHON) tests/warm_up.py
 	@touch $@ $(VENV)/demo.stamp
 
 # Stores the frozen results anew: docs/testing.md says when that is allowed.

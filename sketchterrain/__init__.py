@@ -5,10 +5,16 @@
 >>> terrain.heights(1000.0, 2000.0)  # doctest: +SKIP
 """
 
+import atexit
 import importlib
+import os
+import shutil
+import tempfile
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from sketchterrain.document.materials import MATERIALS
+from sketchterrain.io.files import cache_folder
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -41,6 +47,23 @@ __all__ = [
     "new_sketch",
     "save_sketch",
 ]
+
+
+def _ensure_writable_cache() -> None:
+    """Set ``XDG_CACHE_HOME`` to a temporary folder where the user's cannot be written.
+
+    numba and pyopencl raise there. Child processes inherit the variable; this process deletes the folder.
+    """
+    with suppress(OSError, RuntimeError):  # RuntimeError: no home folder
+        folder = cache_folder().parent
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return
+    temporary = os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="sketchterrain-cache-")
+    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+
+
+_ensure_writable_cache()
 
 
 def __getattr__(name: str) -> Any:

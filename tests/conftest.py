@@ -2,20 +2,30 @@
 
 import os
 import resource
-import shutil
 import tempfile
 from collections import Counter
-from hashlib import sha256
 from pathlib import Path
 
 import hypothesis
 import pytest
 
 from sketchterrain.errors import DeviceError
+from tests.warm_up import cache_of_sources, warm_up
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = {".py", ".cl", ".clh", ".glsl", ".c", ".h", ".json", ".txt"}
 TIERS = ("slow", "soak")
+ONE_WORKER = {
+    "terrain",
+    "render",
+    "drape",
+    "ui",
+    "cli",
+    "export",
+    "world",
+    "tiles",
+    "benchmarks",
+    "landforms",
+}
 COUNTS = pytest.StashKey[Counter[tuple[str, str]]]()
 
 # Deadlines measure the machine's load, not the code.
@@ -32,34 +42,17 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
-    # xdist's workers get the environment of the process that starts them.
-    if not hasattr(config, "workerinput"):
-        os.environ["XDG_CACHE_HOME"] = str(cache_of_sources(config))
-        os.environ["SKETCHTERRAIN_TWIN_DEVICE"] = "1"
-
-
-def cache_of_sources(config) -> Path:
-    """Return the cache folder of this state of the sources, which later sessions find again.
-
-    A checkout that cannot be written gets a folder for one session.
-    """
-    digest = sha256()
-    for folder in ("sketchterrain", "kernels", "ui", "benchmarks", ".ci"):
-        for path in sorted((ROOT / folder).rglob("*")):
-            if path.suffix in SOURCES:
-                digest.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
-    caches = ROOT / "build" / "test-cache"
-    folder = caches / digest.hexdigest()[:16]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
+    if hasattr(config, "workerinput"):
+        return  # xdist's workers get the environment of the process that starts them
+    cache = cache_of_sources()
+    if cache is None:
         temporary = tempfile.TemporaryDirectory(prefix="sketchterrain-cache-", ignore_cleanup_errors=True)
         config.add_cleanup(temporary.cleanup)
-        return Path(temporary.name)
-    for stale in sorted(caches.iterdir(), key=lambda path: path.stat().st_mtime)[:-3]:
-        shutil.rmtree(stale, ignore_errors=True)
-    os.utime(folder)
-    return folder
+        cache = Path(temporary.name)
+    elif config.option.numprocesses and not config.option.collectonly:
+        warm_up(cache)
+    os.environ["XDG_CACHE_HOME"] = str(cache)
+    os.environ["SKETCHTERRAIN_TWIN_DEVICE"] = "1"
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -68,7 +61,10 @@ def pytest_collection_modifyitems(config, items):
     counts = config.stash.setdefault(COUNTS, Counter())
     for item in items:
         tier = next((tier for tier in TIERS if item.get_closest_marker(tier)), "default")
-        counts[tier, folder_of(item.nodeid)] += 1
+        folder = folder_of(item.nodeid)
+        counts[tier, folder] += 1
+        if folder in ONE_WORKER:
+            item.add_marker(pytest.mark.xdist_group(folder))
 
 
 def folder_of(node: str) -> str:

@@ -99,7 +99,7 @@ class PreferencesDialog(QDialog):
 
 _SUMMARY = "Paint a rough sketch, get a seamless terrain that follows it."
 _PAPERS = (
-    "R. Zaaijer, Semi-procedural terrain from sketches, thesis, 2013",
+    "S. Zaaijer, Semi-procedural terrain from sketches, thesis, 2013",
     "E. Bruneton, F. Neyret, Real-time rendering and editing of vector-based terrains, 2008",
     "K. Perlin, Noise hardware (simplex noise), 2001",
     "F. Losasso, H. Hoppe, Geometry clipmaps, 2004",

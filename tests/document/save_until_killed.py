@@ -1,14 +1,15 @@
-"""Children that save numbered sketches without end are killed; what they leave must be a whole sketch.
+"""Children that save numbered sketches without end kill themselves; what they leave must be a whole sketch.
 
-Vectors and stored rasters appear and disappear between saves. A child reports each finished save: the sketch
-on disk is that one or the next. Arguments: place, kills, seed.
+Each dies at a random call of a Python or C function. Vectors and stored rasters appear and disappear between
+saves. A child reports each finished save: the sketch on disk is that one or the next. Arguments: place,
+kills, seed.
 """
 
 import os
 import random
 import signal
 import sys
-import time
+from collections.abc import Callable
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -22,7 +23,7 @@ from sketchterrain.document.store import JOURNAL, load_sketch, save_sketch
 from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from tests.document.conftest import same
 
-SAVES = 5.0  # most saves until a kill, by the time of one
+SAVES = 5  # most saves until a kill, by the calls of one
 SQUARE = np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 50.0], [0.0, 50.0]])
 
 
@@ -51,6 +52,30 @@ def _layer(name: str, number: int) -> VectorLayer:
     return VectorLayer(name).edited(add=[feature])
 
 
+def count_calls(act: Callable[[], None]) -> int:
+    """Return how many calls and returns of functions an act takes."""
+    count = 0
+
+    def profile(*_: object) -> None:
+        nonlocal count
+        count += 1
+
+    sys.setprofile(profile)
+    act()
+    sys.setprofile(None)
+    return count
+
+
+def die_after(calls: int) -> None:
+    def profile(*_: object) -> None:
+        nonlocal calls
+        calls -= 1
+        if calls == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    sys.setprofile(profile)
+
+
 def save_without_end(place: Path, number: int, pipe: int) -> None:
     while True:
         number += 1
@@ -61,17 +86,15 @@ def save_without_end(place: Path, number: int, pipe: int) -> None:
 def main(place: Path, kills: int, seed: int) -> None:
     dice, number, saves, cut_off = random.Random(seed), 2, 0, 0
     save_sketch(numbered_sketch(number - 1), place)  # loads libraries
-    start = time.monotonic()
-    save_sketch(numbered_sketch(number), place)
-    longest = SAVES * (time.monotonic() - start)
+    most = SAVES * count_calls(lambda: save_sketch(numbered_sketch(number), place))
     for _ in range(kills):
+        calls = dice.randint(1, most)
         ours, theirs = os.pipe()
         child = os.fork()
         if child == 0:
+            die_after(calls)
             save_without_end(place, number, theirs)
         os.close(theirs)
-        time.sleep(dice.uniform(0.0, longest))
-        os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         with os.fdopen(ours, "rb") as stream:
             reported = np.frombuffer(stream.read(), "<u8").tolist()

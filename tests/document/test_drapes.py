@@ -21,7 +21,7 @@ from sketchterrain.document.drapes import (
 from sketchterrain.document.history import History
 from sketchterrain.document.parameters import defaults
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.store import load_sketch, save_sketch
+from sketchterrain.document.store import SETTINGS, file_limit, load_sketch, save_sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.building import make_recipe
@@ -115,10 +115,13 @@ def test_edits_have_plain_geometries_and_scale_with_the_sketch():
 
 
 def test_edits_are_limited_so_that_the_sketch_can_be_loaded(tmp_path, monkeypatch):
+    share = 20
+    monkeypatch.setattr(drapes, "MAX_EDIT_BYTES", drapes.MAX_EDIT_BYTES // share)
     vertices = np.random.default_rng(1).uniform(-1e6, 1e6, (drapes.MAX_EDIT_BYTES // 16 - 99, 2))
     longest = FeatureEdit(1, shapely.to_wkb(shapely.LineString(vertices)))
     sketch = Sketch(drapes=(DrapedLayer("/a", edits={1: longest}),))
     save_sketch(sketch, tmp_path / "valley")
+    assert share * (tmp_path / "valley/sketch.toml").stat().st_size < file_limit(SETTINGS)
     same(load_sketch(tmp_path / "valley"), sketch)
     with pytest.raises(InputError, match="edits of draped layers that are not yet saved"):
         Sketch(drapes=(DrapedLayer("/a", edits={1: longest}),) * 2)

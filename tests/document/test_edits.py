@@ -2,7 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sketchterrain.document.edits import ACTIONS, ADDED_BIT, MAX_EDITS, Edit
@@ -33,6 +33,7 @@ def _edits(action):
     return st.builds(lambda feature, given: Edit(action, feature, **given), st.integers(0, 2**64 - 1), values)
 
 
+@settings(max_examples=40)
 @given(st.lists(st.sampled_from(list(ACTIONS)).flatmap(_edits), max_size=6))
 def test_edits_round_trip_through_the_settings(edits):
     sketch = Sketch(edits=tuple(edits))

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import time
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +43,7 @@ def _painted():
     return Sketch(name='A "valley"', extent=1234.5, seed=2**63 - 1, layers=layers, labels=labels)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=15, deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=8)
 @given(
     images=_IMAGES,
     name=st.text(st.characters(exclude_categories=["Cs"]), max_size=20),
@@ -329,7 +328,7 @@ def interrupted_at(monkeypatch, moment, act):
     return False
 
 
-@pytest.mark.parametrize("stride", [3, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("stride", [7, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("before", ["nothing", "a sketch", "an unfinished save"])
 def test_killed_save_leaves_the_old_or_the_new_sketch(tmp_path, monkeypatch, before, stride):
     seen = set()
@@ -368,8 +367,9 @@ def test_killed_save_leaves_the_old_or_the_new_sketch(tmp_path, monkeypatch, bef
 def test_image_modified_after_the_crash_wins(tmp_path, monkeypatch):
     save_sketch(numbered_sketch(1), tmp_path)
     assert interrupted_at(monkeypatch, JOURNALLED, lambda: save_sketch(numbered_sketch(2), tmp_path))
-    time.sleep(0.02)
-    (tmp_path / "hill.png").write_bytes(encode_layer(np.full((20, 30), 9, dtype=np.uint8), (0, 0, 0)))
+    hill = tmp_path / "hill.png"
+    hill.write_bytes(encode_layer(np.full((20, 30), 9, dtype=np.uint8), (0, 0, 0)))
+    os.utime(hill, ns=(later := (tmp_path / JOURNAL).stat().st_mtime_ns + 10**9, later))
     sketch = load_sketch(tmp_path)
     assert sketch.seed == 2
     assert {name: int(image.max()) for name, image in sketch.layers.items()} == {
@@ -387,11 +387,10 @@ def test_unfinished_first_save_precedes_a_preset(tmp_path, monkeypatch):
 
 def test_unchanged_files_are_not_written(tmp_path):
     save_sketch(numbered_sketch(1), tmp_path)
-    times = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
-    time.sleep(0.02)
+    for path in tmp_path.iterdir():
+        os.utime(path, (1.0, 1.0))
     save_sketch(numbered_sketch(1).replace(seed=9), tmp_path)
-    changed = {path.name for path in tmp_path.iterdir() if path.stat().st_mtime_ns != times[path.name]}
-    assert changed == {"sketch.toml"}
+    assert [path.name for path in tmp_path.iterdir() if path.stat().st_mtime != 1.0] == ["sketch.toml"]
 
 
 def test_stale_temporary_files_are_removed(tmp_path, monkeypatch):
@@ -402,6 +401,6 @@ def test_stale_temporary_files_are_removed(tmp_path, monkeypatch):
     save_sketch(numbered_sketch(3), tmp_path)
     assert set(left) <= set(tmp_path.iterdir())  # they may be in use
     for path in left:
-        os.utime(path, (time.time() - 100, time.time() - 100))
+        os.utime(path, (1.0, 1.0))
     save_sketch(numbered_sketch(3), tmp_path)
     assert {path.name for path in tmp_path.glob(".*")} == {".notes.tmp"}

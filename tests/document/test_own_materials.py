@@ -30,7 +30,7 @@ def paved(materials, **changes):
     )
 
 
-@pytest.mark.parametrize("count", [1, MAX_MATERIALS - len(BUILT_IN)])
+@pytest.mark.parametrize("count", [pytest.param(1, marks=pytest.mark.slow), MAX_MATERIALS - len(BUILT_IN)])
 def test_own_materials_have_weights(count):
     materials = {f"paving_{number}": {"colour": "#804020"} for number in range(count)}
     last = list(materials)[-1]

@@ -22,7 +22,7 @@ def contents(path: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize(
-    ("first", "count"), [(0, 8), pytest.param(8, 992, marks=pytest.mark.soak)], ids=["few", "soak"]
+    ("first", "count"), [(0, 4), pytest.param(4, 996, marks=pytest.mark.soak)], ids=["few", "soak"]
 )
 def test_random_documents_are_loaded_as_saved_and_saved_as_loaded(tmp_path, first, count):
     for seed in range(first, first + count):
@@ -40,7 +40,9 @@ def test_random_documents_are_loaded_as_saved_and_saved_as_loaded(tmp_path, firs
 
 
 @pytest.mark.parametrize("name", ["valley", "valley.sketch"])
-@pytest.mark.parametrize("kills", [5, pytest.param(1000, marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    "kills", [pytest.param(5, marks=pytest.mark.slow), pytest.param(1000, marks=pytest.mark.soak)]
+)
 def test_kills_while_saving_lose_nothing_older_than_the_last_save(tmp_path, name, kills):
     # A process of its own: it forks, which one with threads may not.
     command = [sys.executable, "-m", PROGRAM, str(tmp_path / name), str(kills), "1"]

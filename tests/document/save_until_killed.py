@@ -1,10 +1,12 @@
 """Children that save numbered sketches without end kill themselves; what they leave must be a whole sketch.
 
-Each dies at a random call of a Python or C function. Vectors and stored rasters appear and disappear between
+Each dies at a random call of the operating system. Vectors and stored rasters appear and disappear between
 saves. A child reports each finished save: the sketch on disk is that one or the next. Arguments: place,
 kills, seed.
 """
 
+import io
+import itertools
 import os
 import random
 import signal
@@ -52,31 +54,21 @@ def _layer(name: str, number: int) -> VectorLayer:
     return VectorLayer(name).edited(add=[feature])
 
 
-def count_calls(act: Callable[[], None]) -> int:
-    """Return how many calls and returns of functions an act takes."""
-    count = 0
+def count_calls(on_call: Callable[[], None]) -> None:
+    """Call a function before and after each call of the operating system."""
 
-    def profile(*_: object) -> None:
-        nonlocal count
-        count += 1
-
-    sys.setprofile(profile)
-    act()
-    sys.setprofile(None)
-    return count
-
-
-def die_after(calls: int) -> None:
-    def profile(*_: object) -> None:
-        nonlocal calls
-        calls -= 1
-        if calls == 0:
-            os.kill(os.getpid(), signal.SIGKILL)
+    def profile(_: object, event: str, function: object) -> None:
+        if event in ("c_call", "c_return") and (
+            function.__module__ == os.name or isinstance(function.__self__, io.IOBase)
+        ):
+            on_call()
 
     sys.setprofile(profile)
 
 
-def save_without_end(place: Path, number: int, pipe: int) -> None:
+def save_until_killed(place: Path, number: int, pipe: int, moment: int) -> None:
+    calls = itertools.count()
+    count_calls(lambda: next(calls) == moment and os.kill(os.getpid(), signal.SIGKILL))
     while True:
         number += 1
         save_sketch(numbered_sketch(number), place)
@@ -86,14 +78,17 @@ def save_without_end(place: Path, number: int, pipe: int) -> None:
 def main(place: Path, kills: int, seed: int) -> None:
     dice, number, saves, cut_off = random.Random(seed), 2, 0, 0
     save_sketch(numbered_sketch(number - 1), place)  # loads libraries
-    most = SAVES * count_calls(lambda: save_sketch(numbered_sketch(number), place))
+    calls = itertools.count()
+    count_calls(lambda: next(calls))
+    save_sketch(numbered_sketch(number), place)
+    sys.setprofile(None)
+    most = SAVES * next(calls)
     for _ in range(kills):
-        calls = dice.randint(1, most)
+        moment = dice.randrange(most)
         ours, theirs = os.pipe()
         child = os.fork()
         if child == 0:
-            die_after(calls)
-            save_without_end(place, number, theirs)
+            save_until_killed(place, number, theirs, moment)
         os.close(theirs)
         os.waitpid(child, 0)
         with os.fdopen(ours, "rb") as stream:

@@ -11,7 +11,7 @@ from sketchterrain.array_types import Bounds
 from sketchterrain.terrain.terrain import Terrain
 
 _CELLS = (0.0, 1 / 100)  # of the extent
-_POINTS = ((0.5, 0.5, 1.3, 800), (-30.0, 20.0, 0.1, 50))  # x, y and width of squares in extents; how many
+_POINTS = ((0.5, 0.5, 1.3, 120), (-30.0, 20.0, 0.1, 12))  # x, y and width of squares in extents; how many
 _QUADS = 32
 # From far to near, parents before children: level, and position in extents.
 _TILES = (

@@ -1,16 +1,21 @@
 """A small sketch on disk, and the command line called in this process."""
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import sketchterrain.app.generate
 from sketchterrain.app.cli import main
+from sketchterrain.caching import LRUCache
+from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import save_sketch
+from sketchterrain.terrain import building
+from sketchterrain.terrain.terrain import Terrain
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,22 @@ def small_sketch() -> Sketch:
         layers={"mountain": mountain, "river": river, "forest": forest},
         labels={("mountain", 1): {"height": 250.0}},
     )
+
+
+PLACED = LRUCache()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def placement_cache() -> Iterator[None]:
+    """Let all commands share one cache of placed features, as the terrains of a batch do."""
+
+    def build(sketch: Sketch, *, device: ComputeContext, memory: LRUCache) -> Terrain:
+        return building.build(sketch, device=device)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(building, "LRUCache", lambda: PLACED)
+        patch.setattr(sketchterrain.app.generate, "build", build)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -35,15 +35,15 @@ def manifest(folder: Path) -> Any:
 
 @pytest.mark.slow
 def test_files_equal_those_of_generate(call, sketch, tmp_path):
-    done = call("batch", sketch, "-o", tmp_path / "all", "--seeds", "3,1-2", *QUICK)
-    assert (done.code, done.err.count("\n")) == (0, 3)
-    assert "3 terrains written in" in done.out
-    for seed in (1, 2, 3):
+    done = call("batch", sketch, "-o", tmp_path / "all", "--seeds", "2,1", *QUICK)
+    assert (done.code, done.err.count("\n")) == (0, 2)
+    assert "2 terrains written in" in done.out
+    for seed in (1, 2):
         alone = tmp_path / f"alone-{seed}"
         assert call("generate", sketch, "-o", alone, "--seed", seed, *QUICK).code == 0
         assert comparable(tmp_path / "all" / "north_east" / f"seed-00{seed}") == comparable(alone)
     data = manifest(tmp_path / "all")
-    assert [item["name"] for item in data["items"]] == [f"north_east/seed-00{seed}" for seed in (3, 1, 2)]
+    assert [item["name"] for item in data["items"]] == [f"north_east/seed-00{seed}" for seed in (2, 1)]
     assert all(item["state"] == "done" for item in data["items"])
     assert data["items"][0]["adherence"]["layers"]["mountain"]["shapes"] == 1
     assert data["items"][0]["timings"]["ground"] > 0
@@ -70,7 +70,20 @@ def test_options_override_the_sweep_file(call, sketch, tmp_path):
     file.write_text(
         f'sketches = "{sketch}"\nseeds = "1-50"\nsize = 33\npreview = false\n[set]\nfidelity = [0, 1]\n'
     )
-    done = call("batch", "--sweep", file, "-o", tmp_path / "out", "--seeds", 2, "--size", 17, "--json")
+    done = call(
+        "batch",
+        "--sweep",
+        file,
+        "-o",
+        tmp_path / "out",
+        "--seeds",
+        2,
+        "--size",
+        17,
+        "--foliage",
+        "none",
+        "--json",
+    )
     data = json.loads(done.out)
     assert (done.code, data["made"]) == (0, 2)
     assert [item["settings"] for item in data["items"]] == [{"fidelity": 0.0}, {"fidelity": 1.0}]
@@ -113,19 +126,19 @@ def test_failed_items_are_listed_in_a_table(call, sketch, tmp_path):
 
 def test_a_dry_run_writes_nothing(call, sketch, tmp_path):
     out = tmp_path / "out"
-    arguments = ("batch", sketch, "-o", out, "--seeds", "1-3", *QUICK, "--dry-run")
+    arguments = ("batch", sketch, "-o", out, "--seeds", "1-2", *QUICK, "--dry-run")
     done = call(*arguments)
     assert (done.code, done.err) == (0, "")
     lines = done.out.splitlines()
-    assert lines[:3] == [f"north_east/seed-00{seed}  to make" for seed in (1, 2, 3)]
-    assert [line.split(":")[0] for line in lines[4:]] == ["disk", "memory"]
+    assert lines[:2] == [f"north_east/seed-00{seed}  to make" for seed in (1, 2)]
+    assert [line.split(":")[0] for line in lines[3:]] == ["disk", "memory"]
     assert not out.exists()
     data = json.loads(call(*arguments, "--json").out)
-    assert [item["vertices"] for item in data["items"]] == [17 * 13] * 3
+    assert [item["vertices"] for item in data["items"]] == [17 * 13] * 2
     assert data["disk"]["needed"] < data["disk"]["left"]
-    call("batch", sketch, "-o", out, "--seeds", "1-2", *QUICK)
+    call("batch", sketch, "-o", out, "--seeds", "1", *QUICK)
     data = json.loads(call(*arguments, "--json", "--resume").out)
-    assert [item["state"] for item in data["items"]] == ["there", "there", "to make"]
+    assert [item["state"] for item in data["items"]] == ["there", "to make"]
     assert call(*arguments).code == 3  # as without --dry-run
     (tmp_path / "file").write_text("mine")
     there = call("batch", sketch, "-o", tmp_path / "file" / "x", *QUICK, "--dry-run")

@@ -10,7 +10,6 @@ from sketchterrain.compute.device import list_devices
 from sketchterrain.document.material_rules import DEFAULT_RULES
 from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.store import load_sketch
 from sketchterrain.elevation.base import BaseElevation, BaseGrid
 from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid
@@ -22,7 +21,6 @@ from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.plateaus import Plateau, layer_top
 from sketchterrain.placement.sea import Sea
 from sketchterrain.terrain.base_ground import BaseGround
-from sketchterrain.terrain.building import build
 from sketchterrain.terrain.layers import layer_stack
 from sketchterrain.terrain.layers.layer import WorldSettings
 from sketchterrain.terrain.layers.relief import ReliefLayer
@@ -31,6 +29,7 @@ from sketchterrain.terrain.noise import corner_table
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.terrain.unpainted import Nodes
+from tests import terrains
 
 if not list_devices():
     pytest.skip("no OpenCL device", allow_module_level=True)
@@ -140,7 +139,7 @@ def assert_same(one, other, *, parents=False) -> None:
 
 @pytest.fixture(scope="session")
 def context() -> ComputeContext:
-    return ComputeContext()
+    return terrains.context()
 
 
 @pytest.fixture(scope="session")
@@ -152,13 +151,13 @@ def double_context() -> ComputeContext:
 
 
 @pytest.fixture(scope="session")
-def valley(context) -> Terrain:
-    return build(load_sketch("valley_river"), device=context)
+def valley() -> Terrain:
+    return terrains.preset("valley_river")
 
 
 @pytest.fixture(scope="session")
-def desert(context) -> Terrain:
-    return build(load_sketch("desert_mountains"), device=context)
+def desert() -> Terrain:
+    return terrains.preset("desert_mountains")
 
 
 def feature(kind, x, y, radius, strength, **more) -> np.ndarray[Any, Any]:

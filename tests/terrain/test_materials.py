@@ -33,6 +33,7 @@ from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.materials import pack_rules
 from sketchterrain.terrain.noise import fbm
 from sketchterrain.terrain.recipe import TerrainRecipe
+from tests import terrains
 
 from .conftest import CASES, LAKES, cover, straight_river
 
@@ -329,14 +330,13 @@ def test_strata_follow_dip_and_rock(make_recipe) -> None:
     assert ledge > rib + 0.4
 
 
-def test_a_sketch_overrides_the_table(context) -> None:
-    sketch = load_sketch("desert_mountains")
-    bare = sketch.replace(material_rules=())
-    snowy = bare.replace(material_rules=(RuleChange("frost", "snow", 0.25, factors=()),))
-    before, after = (build(each, device=context) for each in (bare, snowy))
-    old, new = (terrain.raster(65).materials for terrain in (before, after))
-    expected = 0.75 * old
+def test_a_sketch_overrides_the_table() -> None:
+    before = terrains.painted()
+    frost = (RuleChange("frost", "snow", 0.25, factors=()),)
+    after = build(before.sketch.replace(material_rules=frost), device=before.context)
+    old, new = (terrain.raster(65) for terrain in (before, after))
+    expected = 0.75 * old.materials
     expected[..., MATERIALS.index("snow")] += 0.25
-    np.testing.assert_allclose(new, expected, atol=1e-6)
+    np.testing.assert_allclose(new.materials, expected, atol=1e-6)
     assert changed_areas(before.recipe, after.recipe) == [EVERYWHERE]
-    np.testing.assert_array_equal(before.raster(65).height, after.raster(65).height)
+    np.testing.assert_array_equal(old.height, new.height)

@@ -1,7 +1,6 @@
 """Tiles, rasters, single heights, culling, and bounds of omitted detail."""
 
 import itertools
-from functools import cache
 
 import numpy as np
 import pytest
@@ -10,11 +9,9 @@ import sketchterrain as st
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
 from sketchterrain.document.materials import MATERIALS
-from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.io.resources import preset_names
 from sketchterrain.placement.differences import row_difference
-from sketchterrain.terrain.building import build
 from sketchterrain.terrain.index import BoxIndex
 from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.lattice import QUADS
@@ -22,6 +19,7 @@ from sketchterrain.terrain.layers.points import PointFinder
 from sketchterrain.terrain.noise import NOISE_PEAK, UNSKEW
 from sketchterrain.terrain.patches import tile_patches
 from sketchterrain.terrain.terrain import Terrain
+from tests import terrains
 
 from .conftest import CASES, LAKES, PLATEAUS, SEAS, assert_same, half_sums, launches, straight_river, tiers
 
@@ -34,17 +32,20 @@ def vertices(tile: st.Tile) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_heights_at_vertices_are_those_of_tiles_and_rasters(valley) -> None:
-    for level in (-3, 0, 3, 6, 9, 12, 16, 18):
+    for level in (-3, 0, 6, 12, 18):
         tile = valley.tile(level, int(0.55 * 2.0**level), int(0.47 * 2.0**level))
-        heights = valley.heights(*vertices(tile), cell_size=tile.cell_size)
-        np.testing.assert_array_equal(heights, tile.height, err_msg=str(level))
-    for size in (2, 3, 64, 65, 66, 100, 130):
+        some = slice(None, None, 4)
+        x, y = (each[some, some] for each in vertices(tile))
+        heights = valley.heights(x, y, cell_size=tile.cell_size)
+        np.testing.assert_array_equal(heights, tile.height[some, some], err_msg=str(level))
+    for size in (2, 65, 66, 100):
         raster = valley.raster(size)
         assert raster.height.shape == (size, size)
         x = np.linspace(0, valley.size[0], size)
         y = np.linspace(valley.size[1], 0, size)
-        heights = valley.heights(x, y[:, None], cell_size=valley.extent / (size - 1))
-        np.testing.assert_array_equal(raster.height, heights, err_msg=str(size))
+        some = slice(None, None, size // 16 + 1)  # of every patch
+        heights = valley.heights(x[some], y[some, None], cell_size=valley.extent / (size - 1))
+        np.testing.assert_array_equal(raster.height[some, some], heights, err_msg=str(size))
 
 
 def test_culling_changes_no_bit(valley, monkeypatch) -> None:
@@ -73,7 +74,7 @@ def test_tiles_alone_together_and_rasters_have_the_same_bits(valley) -> None:
 
 def test_normals_are_the_slopes_of_the_heights_and_weights_sum_to_one(valley, desert) -> None:
     for terrain in (valley, desert):
-        raster = terrain.raster(513)
+        raster = terrain.raster(257)
         np.testing.assert_allclose(np.linalg.norm(raster.normal, axis=-1), 1, atol=1e-6)
         assert (raster.normal[..., 2] > 0).all()
         np.testing.assert_allclose(raster.materials.sum(axis=-1), 1, atol=1e-5)
@@ -85,7 +86,7 @@ def test_normals_are_the_slopes_of_the_heights_and_weights_sum_to_one(valley, de
         expected = np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1)
         expected /= np.linalg.norm(expected, axis=-1, keepdims=True)
         cosine = (expected * raster.normal[1:-1, 1:-1]).sum(axis=-1)
-        # float32 heights of 500 m step by 3e-5 m, over spans of 24 m.
+        # float32 heights of 500 m step by 3e-5 m, over spans of 48 m.
         assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 0.05
 
 
@@ -216,9 +217,11 @@ FAR = 1e7  # m
 AT_ONCE = 96
 
 
-@cache
 def opened(device: int, preset: str) -> Terrain:
-    return build(load_sketch(preset), device=ComputeContext(list_devices()[device]))
+    terrain = terrains.preset(preset)
+    return (
+        Terrain(terrain.sketch, terrain.recipe, ComputeContext(list_devices()[device])) if device else terrain
+    )
 
 
 def random_tiles(
@@ -248,19 +251,22 @@ def check(tile: st.Tile, beside: st.Tile, over: st.Tile) -> None:
     assert_parent(tile, over)
 
 
-@tiers(("tiles", "devices"), [(96, 1)], [(192, None)], [(10_000, None)])
-@pytest.mark.parametrize("preset", preset_names())
-def test_tiles_agree_with_their_neighbours_and_parents(tiles, devices, preset) -> None:
-    """So many tiles a device, over all presets and levels."""
+@tiers(
+    ("preset", "tiles", "devices"),
+    [("valley_river", 1, 1)],
+    [(name, 1, 1) for name in preset_names()],
+    [(name, 100, None) for name in preset_names()],
+)
+def test_tiles_agree_with_their_neighbours_and_parents(preset, tiles, devices) -> None:
+    """So many tiles of each level on a device."""
     for device in range(devices or len(list_devices())):
         check_tiles(opened(device, preset), preset, tiles)
 
 
 def check_tiles(terrain: Terrain, preset: str, tiles: int) -> None:
     rng = np.random.default_rng([list(preset_names()).index(preset), 4])
-    each = -(-tiles // (len(preset_names()) * len(DRAWN_LEVELS)))
     for level in DRAWN_LEVELS:
-        keys = random_tiles(terrain, level, each, rng)
+        keys = random_tiles(terrain, level, tiles, rng)
         for first in range(0, len(keys), 3 * AT_ONCE):
             found = terrain.tiles(keys[first : first + 3 * AT_ONCE])
             for number in range(0, len(found), 3):
@@ -397,17 +403,17 @@ def omitted_detail(terrain: Terrain, tile: st.Tile, rng: np.random.Generator) ->
     return float(np.abs(full - coarse).max())
 
 
-@tiers("preset", ["valley_river"], preset_names())
+@tiers("preset", ["valley_river"], ["canyon_mesa", "island_coast", "andorra"], ["alpine_range"])
 def test_omitted_detail_is_within_the_bound(preset) -> None:
     terrain = opened(0, preset)
     rng = np.random.default_rng(8)
     rivers = [river.centreline[:, :2] for river in terrain.recipe.rivers]
-    for level in BOUND_LEVELS[::2] if preset == "valley_river" else BOUND_LEVELS:
+    for level in BOUND_LEVELS[::4]:
         width = terrain.extent / 2.0**level
-        place = rng.uniform(-0.2, 1.2, (9, 2)) * np.array(terrain.size)
+        place = rng.uniform(-0.2, 1.2, (7, 2)) * np.array(terrain.size)
         if rivers:
             line = np.concatenate(rivers)
-            place[6:] = line[rng.integers(len(line), size=3)]
+            place[4:] = line[rng.integers(len(line), size=3)]
         keys = [(level, int(column), int(row)) for column, row in np.floor(place / width)]
         tiles = terrain.tiles(keys)
         found = np.array([omitted_detail(terrain, tile, rng) for tile in tiles])
@@ -418,7 +424,7 @@ def test_omitted_detail_is_within_the_bound(preset) -> None:
             assert np.median(ratio) < (MAX_CLIFF_RATIO if preset in CLIFFS else MAX_RATIO), level
 
 
-@tiers("name", ["eroded", "river", "sea", "plateau", "everything"], CASES)
+@tiers("name", ["sea", "everything"], CASES)
 def test_each_kind_of_feature_is_within_the_bound(name, make_recipe, valley) -> None:
     features = [one for kind in CASES for one in CASES[kind]] if name == "everything" else CASES[name]
     rivers = (straight_river(), straight_river(900, width=6)) if name in ("river", "everything") else ()
@@ -427,7 +433,7 @@ def test_each_kind_of_feature_is_within_the_bound(name, make_recipe, valley) -> 
     recipe = make_recipe(*features, rivers=rivers, lakes=lakes, plateaus=plateaus, sea=SEAS.get(name))
     terrain = Terrain(valley.sketch, recipe, valley.context)
     rng = np.random.default_rng(3)
-    for level in range(-2, 12):
+    for level in range(-2, 12, 2):
         span = 4096.0 / 2.0**level
         places = rng.uniform(400, 3600, (6, 2)) // span
         for tile in terrain.tiles([(level, int(column), int(row)) for column, row in places]):

@@ -3,10 +3,12 @@
 import io
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+import typer.main
 
 import sketchterrain.app.generate
 from sketchterrain.app.cli import main
@@ -54,13 +56,14 @@ PLACED = LRUCache()
 
 
 @pytest.fixture(scope="module", autouse=True)
-def placement_cache() -> Iterator[None]:
-    """Let all commands share one cache of placed features, as the terrains of a batch do."""
+def shared_between_commands() -> Iterator[None]:
+    """Let commands share the parser and one cache of placed features, as the terrains of a batch do."""
 
     def build(sketch: Sketch, *, device: ComputeContext, memory: LRUCache) -> Terrain:
         return building.build(sketch, device=device)
 
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.main, "get_command", cache(typer.main.get_command))
         patch.setattr(building, "LRUCache", lambda: PLACED)
         patch.setattr(sketchterrain.app.generate, "build", build)
         yield

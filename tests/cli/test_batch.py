@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.device import list_devices
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import DeviceFailedError
+from tests.devices import needs_known_device
 
 QUICK = ("--size", 17, "--no-preview")
 MEASURED = ("timings", "rendering", "writing", "peak_memory")
@@ -161,7 +161,7 @@ def test_previews_equal_those_of_generate_on_a_contact_sheet(call, sketch, tmp_p
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(len([each for each in list_devices() if each.known]) < 2, reason="there is one device")
+@needs_known_device
 def test_failed_device_is_replaced_for_all_items(call, sketch, tmp_path, monkeypatch):
     assert call("batch", sketch, "-o", tmp_path / "whole", "--seeds", "1-3", *QUICK).code == 0
     launch, used = ComputeContext.launch, []

@@ -11,15 +11,13 @@ import pytest
 
 import sketchterrain.app.export
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.device import list_devices
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import save_sketch
 from sketchterrain.errors import DeviceFailedError
 from sketchterrain.terrain.self_test import Verdict, self_test
+from tests.devices import KNOWN, needs_known_device
 
-DEVICES = [device for device in list_devices() if device.known]
-two_devices = pytest.mark.skipif(len(DEVICES) < 2, reason="there is no other device to restart on")
-pytestmark = pytest.mark.skipif(not DEVICES, reason="no OpenCL device")
+pytestmark = needs_known_device
 
 
 def status(code: int) -> cl.Error:
@@ -77,12 +75,11 @@ def report(folder: Path) -> Any:
     return json.loads((folder / "report.json").read_text(encoding="utf-8"))
 
 
-@two_devices
 @pytest.mark.parametrize(
     "every", [pytest.param(0, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.soak)]
 )
 def test_failure_at_any_call_restarts_on_another_device(call, tiny, tmp_path, monkeypatch, every):
-    first, spare = DEVICES[0], next(device for device in DEVICES if device != DEVICES[0])
+    first, spare = KNOWN[:2]
     assert self_test(first, compare=False).bits == "same"
     failing = Failing(monkeypatch, first)
     options = ("--device", first.index, "--foliage", "both")
@@ -111,11 +108,11 @@ def test_failure_at_any_call_restarts_on_another_device(call, tiny, tmp_path, mo
 def test_without_another_device_nothing_is_written(call, tiny, tmp_path, monkeypatch, number):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "height.tif").write_text("old")
-    device = DEVICES[0]
+    device = KNOWN[0]
     self_test(device, compare=False)
     failing = Failing(monkeypatch, device)
     assert generate(call, tiny, tmp_path / "whole", "--device", device.index).code == 0
-    monkeypatch.setattr(sketchterrain.app.export, "fallback_device", lambda failed: None)
+    monkeypatch.setattr("sketchterrain.compute.device.list_devices", lambda: (device,))
     failing.at_call(range(len(failing.calls))[number])
     done = generate(call, tiny, tmp_path / "out", "--device", device.index)
     assert done.code == 4
@@ -124,7 +121,6 @@ def test_without_another_device_nothing_is_written(call, tiny, tmp_path, monkeyp
     assert [(file.name, file.read_text()) for file in (tmp_path / "out").iterdir()] == [("height.tif", "old")]
 
 
-@two_devices
 @pytest.mark.slow
 @pytest.mark.parametrize("foliage", ["none", "csv"])
 def test_nonfinite_values_restart_on_another_device(call, tiny, tmp_path, monkeypatch, foliage):
@@ -132,10 +128,10 @@ def test_nonfinite_values_restart_on_another_device(call, tiny, tmp_path, monkey
 
     def download_into(context: ComputeContext, buffer: object, array: Any) -> None:
         real(context, buffer, array)
-        if context.device == DEVICES[0] and array.ndim >= 3 and array.dtype == np.float32:
+        if context.device == KNOWN[0] and array.ndim >= 3 and array.dtype == np.float32:
             array.flat[0] = np.nan
 
-    options = ("--device", DEVICES[0].index, "--foliage", foliage)
+    options = ("--device", KNOWN[0].index, "--foliage", foliage)
     assert generate(call, tiny, tmp_path / "whole", *options).code == 0
     monkeypatch.setattr(ComputeContext, "download_into", download_into)
     assert generate(call, tiny, tmp_path / "out", *options).code == 0
@@ -145,21 +141,20 @@ def test_nonfinite_values_restart_on_another_device(call, tiny, tmp_path, monkey
 
 
 @pytest.mark.slow
-@two_devices
 def test_failure_in_the_preview_restarts(call, tiny, tmp_path, monkeypatch):
     def picture(terrain: Any, **_: object) -> Any:
-        if terrain.context.device == DEVICES[0]:
+        if terrain.context.device == KNOWN[0]:
             raise DeviceFailedError("it broke")
         return np.zeros((4, 4, 3), np.uint8)
 
     monkeypatch.setattr("sketchterrain.app.generate._picture_taker", lambda *_: picture)
     monkeypatch.setattr("sketchterrain.app.pictures.render_picture", picture)
-    size = ["--size", 9, "--device", DEVICES[0].index]
+    size = ["--size", 9, "--device", KNOWN[0].index]
     assert call("generate", tiny, "-o", tmp_path, *size).code == 0
     data = report(tmp_path)
     assert data["restarts"][0].startswith("it broke; restarted on ")
     assert "preview.png" in data["files"]
-    done = call("render", tiny, "-o", tmp_path / "a.png", "--device", DEVICES[0].index)
+    done = call("render", tiny, "-o", tmp_path / "a.png", "--device", KNOWN[0].index)
     assert (done.code, done.out) == (0, f"{tmp_path / 'a.png'}\n")
     assert done.err.count("it broke") == 1
 
@@ -203,16 +198,17 @@ def test_fast_is_reported_and_close(call, tiny, tmp_path):
     np.testing.assert_allclose(*heights, atol=1e-3, rtol=0)
 
 
-@two_devices
 def test_a_device_that_fails_its_self_test_is_replaced(call, tiny, tmp_path, monkeypatch):
+    failing = KNOWN[-1]
+
     def verdict(device: object, *, compare: bool) -> Verdict:
-        if device == DEVICES[0]:
+        if device == failing:
             return Verdict("failed", "the self-test crashed (SIGSEGV)")
         return Verdict("same", "")
 
     monkeypatch.setattr(sketchterrain.app.export, "self_test", verdict)
-    done = generate(call, tiny, tmp_path, "--device", DEVICES[0].index)
+    done = generate(call, tiny, tmp_path, "--device", failing.index)
     assert done.code == 0
     (restart,) = report(tmp_path)["restarts"]
-    assert f"{DEVICES[0].name} ({DEVICES[0].platform}) failed: the self-test crashed (SIGSEGV)" in restart
-    assert report(tmp_path)["device"]["platform"] != DEVICES[0].platform
+    assert f"{failing.name} ({failing.platform}) failed: the self-test crashed (SIGSEGV)" in restart
+    assert report(tmp_path)["device"]["platform"] != failing.platform

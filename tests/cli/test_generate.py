@@ -21,6 +21,7 @@ FILES = {
     *("materials-3.png", "materials.json", "foliage.csv", "features.json", "report.json"),
     *("drainage.tif", "wetness.png"),
 }
+BARE = FILES - {"foliage.csv"}
 SIZE = 65
 
 
@@ -123,13 +124,13 @@ def test_stale_files_of_the_previous_run_are_removed(call, sketch, tmp_path):
     data = report(tmp_path)
     data["files"] += ["preview.png", "../" + sketch.name, "mine/../mine.txt"]
     (tmp_path / "report.json").write_text(json.dumps(data))
-    assert call(*command, "--seed", 6).code == 0
-    assert names(tmp_path) == FILES | {"mine.txt"}
+    assert call(*command, "--seed", 6, "--foliage", "none").code == 0
+    assert names(tmp_path) == BARE | {"mine.txt"}
     assert sketch.exists()
     (tmp_path / "report.json").write_text("{")
     (tmp_path / "preview.png").write_bytes(b"whose?")
-    assert call(*command).code == 0
-    assert names(tmp_path) == FILES | {"mine.txt", "preview.png"}
+    assert call(*command, "--foliage", "none").code == 0
+    assert names(tmp_path) == BARE | {"mine.txt", "preview.png"}
 
 
 def test_json_and_text_output(call, sketch, tmp_path):
@@ -138,14 +139,15 @@ def test_json_and_text_output(call, sketch, tmp_path):
     assert (data["folder"], set(data["files"])) == (str(tmp_path), FILES)
     assert data["timings"]["total"] > 0
     out = tmp_path / "new" / "out"
-    done = call(*command, out)
+    done = call(*command, out, "--foliage", "none")
     assert done.code == 0
     assert all(part in done.out for part in (str(out), report(out)["device"]["name"]))
     assert "preview:" not in done.out
 
 
 def test_smallest_size_empty_and_full_sketches(call, sketch, tmp_path):
-    assert call("generate", sketch, "-o", tmp_path / "two", "--size", 2, "--no-preview").code == 0
+    bare = ("--no-preview", "--foliage", "none")
+    assert call("generate", sketch, "-o", tmp_path / "two", "--size", 2, *bare).code == 0
     assert heights(tmp_path / "two").shape == (2, 2)
     (tmp_path / "empty").mkdir()
     (tmp_path / "empty" / "sketch.toml").write_text("format = 1\nextent = 300.0\n[density]\nhill = 20.0\n")
@@ -162,10 +164,10 @@ def test_without_opengl_only_the_preview_is_missing(call, sketch, tmp_path, monk
         raise DeviceError("no OpenGL 4.3 through EGL")
 
     monkeypatch.setattr(sketchterrain.app.generate, "_picture_taker", lambda *_: refuse)
-    done = call("generate", sketch, "-o", tmp_path, "--size", 9)
+    done = call("generate", sketch, "-o", tmp_path, "--size", 9, "--foliage", "none")
     assert done.code == 5
     assert done.error == "no preview, all other files are written: no OpenGL 4.3 through EGL"
-    assert names(tmp_path) == FILES
+    assert names(tmp_path) == BARE
 
 
 def test_write_error_leaves_old_files(call, sketch, tmp_path, monkeypatch):
@@ -175,7 +177,7 @@ def test_write_error_leaves_old_files(call, sketch, tmp_path, monkeypatch):
         raise OSError(28, "No space left on device", "normal.png")
 
     monkeypatch.setattr(sketchterrain.app.generate, "write_normal_png", full)
-    done = call("generate", sketch, "-o", tmp_path, "--size", 9, "--no-preview")
+    done = call("generate", sketch, "-o", tmp_path, "--size", 9, "--no-preview", "--foliage", "none")
     assert (done.code, done.error) == (1, "normal.png: No space left on device")
     assert (tmp_path / "report.json").read_text() == "old"
     assert not list(tmp_path.glob(".*"))
@@ -186,7 +188,7 @@ def test_plant_file_formats(call, generated, sketch, tmp_path, kind):
     done = call("generate", sketch, "-o", tmp_path, "--size", 9, "--no-preview", "--foliage", kind)
     assert done.code == 0, done.err
     added = {"both": {"foliage.ply", "foliage.csv"}, "none": set[str]()}[kind]
-    assert names(tmp_path) == (FILES - {"foliage.csv"}) | added
+    assert names(tmp_path) == BARE | added
     data = report(tmp_path)
     assert set(data["files"]) == names(tmp_path)
     assert (" plants" in done.out.splitlines()[0]) == (kind != "none")

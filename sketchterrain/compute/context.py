@@ -102,7 +102,7 @@ class ComputeContext:
         self.fast = fast
         self.real_dtype = np.dtype(np.float64 if real == "double" else np.float32)
         self.gl = gl
-        self._context = self._call("opening", _opened, self.device, gl)
+        self._context = self._call("opening", _opened, self.device.twin_of or self.device, gl)
         profiling = cl.command_queue_properties.PROFILING_ENABLE
         self._queue = self._call("opening", cl.CommandQueue, self._context, properties=profiling)
         self._kernels: dict[tuple[str, str, Defines], Any] = {}

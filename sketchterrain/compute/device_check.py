@@ -26,6 +26,7 @@ from sketchterrain.io.system import ChildFailedError, ChildTimedOutError, module
 if TYPE_CHECKING:
     from sketchterrain.compute.device import Device
 
+TWIN_VARIABLE: Final = "SKETCHTERRAIN_TWIN_DEVICE"  # adds a second entry of a working device to the list
 _MODULE: Final = "sketchterrain.compute.arithmetic"
 _TIMEOUT: Final = 60.0  # s
 _LOG = logging.getLogger("sketchterrain")
@@ -41,11 +42,13 @@ class DeviceCheck:
 
 @cache
 def check_device(device: Device) -> DeviceCheck:
-    """Run the self-test on a device, in a child process the first time."""
+    """Run the self-test on a device, in a child process the first time; a twin's is that of its device."""
+    if device.twin_of is not None:
+        return check_device(device.twin_of)
 
     def check() -> dict[str, Any]:
-        # PoCL's cache would hide a missing linker.
-        environment = os.environ | {"POCL_KERNEL_CACHE": "0"}
+        # PoCL's cache would hide a missing linker; a list with a twin would need this check.
+        environment = os.environ | {"POCL_KERNEL_CACHE": "0", TWIN_VARIABLE: ""}
         try:
             result = module_result(
                 _MODULE, str(device.index), name="the self-test", timeout=_TIMEOUT, environment=environment
@@ -86,11 +89,12 @@ def cached_on_disk(
     """Return a test's cached JSON result for a device, or run the test and store the result.
 
     `devices` is the tested device, then those it is compared with. A change of `sources`, of a driver's
-    version or of the linker in the PATH makes the stored result stale. A test that raises, as on a timeout,
-    is not stored.
+    version, of PoCL's settings or of the linker in the PATH makes the stored result stale. A test that
+    raises, as on a timeout, is not stored.
     """
     drivers = [(device.platform, device.name, device.driver, device.version) for device in devices]
-    key = _digest([drivers, shutil.which("ld"), *sources])
+    settings = sorted(setting for setting in os.environ.items() if setting[0].startswith("POCL_"))
+    key = _digest([drivers, settings, shutil.which("ld"), *sources])
     try:
         path = cache_folder() / f"device-{test}-{_digest(drivers[0])[:16]}.json"
     except RuntimeError:  # no home folder

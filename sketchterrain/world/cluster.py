@@ -269,6 +269,6 @@ async def _kind_of(address: str) -> str:
 
 def _threads(workers: int) -> int:
     """Return the concurrent tasks of each local worker; a CPU device uses all cores for one."""
-    if all(device.type != "GPU" for device in list_devices()):
+    if not any(device.type == "GPU" and is_usable(device) for device in list_devices()):
         return 1
     return max(1, min(8, (os.cpu_count() or 1) // workers))

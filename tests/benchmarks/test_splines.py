@@ -16,9 +16,9 @@ from sketchterrain.benchmarks.spline_methods import (
 )
 from sketchterrain.benchmarks.splines import CELL_SIZES, failures
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.device import list_devices
 from sketchterrain.hydrology.splines import catmull_rom, cubics
 from sketchterrain.terrain.centrelines import flatten, nearest_on_arc, position
+from tests.devices import DEVICES
 
 COUNT, EACH = 20, 64
 NEVER_WRONG = ("all roots", SEGMENTS, ARCS)
@@ -98,7 +98,7 @@ def bounded_distance(curve: np.ndarray, place: np.ndarray, *, gap: float) -> tup
 
 
 def test_in_double_all_roots_are_the_reference():
-    with_double = [device for device in list_devices() if device.has_double]
+    with_double = [device for device in DEVICES if device.has_double]
     if not with_double:
         pytest.skip("no device with 64-bit floats")
     drawn = [splines_and_places(kind, 6, each=EACH, seed=8) for kind in KINDS]

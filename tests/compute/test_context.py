@@ -10,15 +10,14 @@ import pytest
 from sketchterrain.compute.arithmetic import failed_operations
 from sketchterrain.compute.buffers import StagingBuffer
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.device import list_devices
 from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.errors import BuildError, DeviceMemoryError
 from sketchterrain.io import resources
 from sketchterrain.look import texture_maker
 from sketchterrain.terrain.materials import material_defines
+from tests.devices import each_device, needs_device
 
-pytestmark = pytest.mark.skipif(not list_devices(), reason="no OpenCL device")
-on_each_device = pytest.mark.parametrize("device", list_devices(), ids=lambda d: d.platform)
+pytestmark = needs_device
 ADD = """
 __kernel void add(__global const float *a, float b, __global float *sum)
 {
@@ -66,7 +65,7 @@ def test_kernels_use_double_only_if_supported():
 
 
 @pytest.mark.parametrize("real", ["float", pytest.param("double", marks=pytest.mark.slow)])
-@on_each_device
+@each_device
 def test_every_kernel_builds_on_every_device(device, real):
     if real == "double" and not device.has_double:
         pytest.skip("no 64-bit floats")
@@ -79,7 +78,7 @@ def test_every_kernel_builds_on_every_device(device, real):
             assert context._build(file, defines).all_kernels(), file
 
 
-@on_each_device
+@each_device
 def test_arithmetic_is_ieee_and_contraction_is_detected(device, monkeypatch):
     assert failed_operations(ComputeContext(device)) == ()
     if device.known:  # these compilers fuse where they may
@@ -108,7 +107,7 @@ def test_a_planted_wrong_operation_is_named(monkeypatch, right, wrong, name):
     assert failed_operations(ComputeContext()) == (() if name is None else (name,))
 
 
-@on_each_device
+@each_device
 def test_staged_arrays_round_trip(device):
     context, draw = ComputeContext(device), np.random.default_rng(3)
     staging = StagingBuffer(context)

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from sketchterrain.compute import device_check
 from sketchterrain.compute.device import Device, choose_device, list_devices
-from sketchterrain.compute.device_check import DeviceCheck
+from sketchterrain.compute.device_check import DeviceCheck, is_usable
 from sketchterrain.errors import DeviceError
-
-DEVICES = list_devices()
-needs_device = pytest.mark.skipif(not DEVICES, reason="no OpenCL device")
+from tests.devices import DEVICES, TWIN, USABLE, needs_device
 
 
 def in_fresh_process(code, **environment):
@@ -24,12 +23,13 @@ def in_fresh_process(code, **environment):
 @needs_device
 def test_devices_are_sorted_and_selected_by_index_and_name():
     order = {"GPU": 0, "CPU": 1}
-    kinds = [order.get(device.type, 2) for device in DEVICES]
+    listed = list_devices()
+    kinds = [order.get(device.type, 2) for device in listed if device != TWIN]
     assert kinds == sorted(kinds)
-    assert [device.index for device in DEVICES] == list(range(len(DEVICES)))
+    assert [device.index for device in listed] == list(range(len(listed)))
     assert choose_device() == DEVICES[0] or "PYOPENCL_CTX" in os.environ
 
-    for device in DEVICES:
+    for device in USABLE:
         assert choose_device(str(device.index)) == device
         assert choose_device(device.platform.upper()).platform == device.platform
 
@@ -61,6 +61,24 @@ def test_selectors_match_types_then_platforms_then_vendors_then_names(monkeypatc
         ) as no:
             choose_device(selector)
         assert all(f"{d.index}: {d.name} ({d.platform}, {d.type})" in str(no.value) for d in devices)
+
+
+@needs_device
+def test_a_twin_is_a_second_entry_of_a_working_device_for_tests_alone(monkeypatch):
+    code = (
+        "from sketchterrain.compute.device import list_devices; print([d.platform for d in list_devices()])"
+    )
+    names = [device.platform for device in list_devices()]
+    assert in_fresh_process(code) == str(names)
+    assert in_fresh_process(code, SKETCHTERRAIN_TWIN_DEVICE="") == str(names[:-1] if TWIN else names)
+    if TWIN is not None:
+        assert (TWIN.platform, TWIN.name) == (
+            f"{TWIN.twin_of.platform} (twin)",
+            f"Twin of {TWIN.twin_of.name}",
+        )
+        assert TWIN.known == TWIN.twin_of.known
+        monkeypatch.setattr(device_check, "module_result", None)
+        assert is_usable(TWIN)  # without a check of its own
 
 
 @needs_device
@@ -107,6 +125,7 @@ def test_drivers_of_ocl_icd_vendors_are_found_and_the_setting_is_restored(tmp_pa
         "import os; from sketchterrain.compute.device import list_devices; "
         "print(os.environ['OCL_ICD_VENDORS'], sum('Intel' in d.platform for d in list_devices()))",
         OCL_ICD_VENDORS=str(tmp_path),
+        SKETCHTERRAIN_TWIN_DEVICE="",
     )
     assert done == f"{tmp_path} 1"
 

@@ -9,7 +9,6 @@ import pytest
 import shapely
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.device import list_devices
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.drape.drapes import Drapes, LayerStyle
@@ -25,9 +24,9 @@ from sketchterrain.render.sky import Sun
 from sketchterrain.terrain.appearance import SIDE
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.terrain import Terrain
+from tests.devices import DEVICES, needs_device
 
-if not list_devices():
-    pytest.skip("no OpenCL device", allow_module_level=True)
+pytestmark = needs_device
 
 EXTENT = 1900.0  # m: texels of 10 m at level 0
 SOLID = {"unit": "m", "colour": "#ffffff", "fill": "", "fill_opacity": 1.0, "cap": "butt"}
@@ -91,7 +90,7 @@ def painted(parts, *, real="float", below=None, layers=None, **style):
     """Return the appearance of items in one layer, or of some by layer."""
     layers = [layer(**style)] if layers is None else layers
     parts = {0: parts} if isinstance(parts, Items) else parts
-    context = ComputeContext(list_devices()[0], real=real)
+    context = ComputeContext(DEVICES[0], real=real)
     return DrapedAppearance(FakeDrapes(layers, parts), context, EXTENT, below)
 
 
@@ -146,7 +145,7 @@ def test_shares_of_areas_are_exact():
     """Of a star with a hole, at every level, in tiles inside, cut and touched, in floats and doubles."""
     shape = shapely.difference(star(1, (960.0, 940.0), 800.0), star(2, (960.0, 940.0), 90.0))
     items = items_of(*rings(1, shape))
-    for real in ("float", "double")[: 1 + list_devices()[0].has_double]:
+    for real in ("float", "double")[: 1 + DEVICES[0].has_double]:
         paint = painted(items, fill="#ffffff", colour="", real=real)
         for key in ((0, 0, 0), (-1, 0, 0), (1, 0, 1), (3, 4, 4), (4, 7, 8), (6, 33, 32)):
             assert np.abs(shares(paint, key) - exact(shape, key)).max() < 1.2 / 255.0, key
@@ -200,7 +199,7 @@ def test_lines_thinner_than_a_texel_keep_their_share():
 
 
 def test_floats_are_as_good_as_doubles():
-    if not list_devices()[0].has_double:
+    if not DEVICES[0].has_double:
         pytest.skip("no 64-bit floats")
     items = items_of(
         *rings(1, star(3, (700.0, 700.0), 250.0)),
@@ -422,7 +421,7 @@ def test_blend_modes_and_their_order():
 def test_rasters_lie_between_layers_of_vectors():
     area = items_of(*rings(1, shapely.box(0.0, 0.0, 1900.0, 1900.0)))
     layers = [layer(0, fill="#ff0000"), DrapedLayer("a.tif", {"opacity": 0.5}), layer(2, fill="#0000ff")]
-    context = ComputeContext(list_devices()[0])
+    context = ComputeContext(DEVICES[0])
     for order, expected in (((0, 1), [0.4 + 0.275, 0.275, 0.275]), ((1, 2), [0.0, 0.0, 0.8])):
         chosen = [layers[number] for number in order]
         vectors = {place: area for place, number in enumerate(order) if number != 1}

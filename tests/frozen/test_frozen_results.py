@@ -8,8 +8,8 @@ import pytest
 from numpy._core import _multiarray_umath
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.device import list_devices
 from sketchterrain.terrain.self_test import self_test
+from tests.devices import device_params, needs_device
 
 from . import frozen_results as frozen
 
@@ -31,21 +31,21 @@ def check(sketches: dict[str, tuple[int, ...] | None], context: ComputeContext) 
     assert not lines, "\n".join(["", *lines, frozen.HOW_TO_REGENERATE])
 
 
-@pytest.mark.skipif(not list_devices(), reason="no OpenCL device")
+@needs_device
 def test_a_slice_of_the_frozen_results_holds() -> None:
     check(SLICE, ComputeContext())
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("device", list_devices(), ids=lambda device: device.platform)
+@pytest.mark.parametrize("device", device_params(lambda device: device.type == "CPU"))
 def test_all_frozen_results_hold_on_every_cpu_driver(device) -> None:
-    if device.type != "CPU" or self_test(device).bits != "same":
+    if self_test(device).bits != "same":
         pytest.skip("not a CPU driver that computes the same bits")
     check(dict.fromkeys(frozen.sketches()), ComputeContext(device))
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not list_devices(), reason="no OpenCL device")
+@needs_device
 def test_all_frozen_results_hold_without_avx512() -> None:
     features, dispatched = _multiarray_umath.__cpu_features__, _multiarray_umath.__cpu_dispatch__
     avx512 = [name for name in dispatched if name.startswith(("AVX512", "X86_V4")) and features[name]]

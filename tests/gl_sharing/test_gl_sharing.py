@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sketchterrain.compute.device import list_devices
 from sketchterrain.errors import DeviceError
 from sketchterrain.render.programs import close_context, open_context
+from tests.devices import DEVICES, device_params
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-CPUS = [device for device in list_devices() if device.type == "CPU"]
+CPUS = [device for device in DEVICES if device.type == "CPU"]
 pytestmark = [
     pytest.mark.gl,
     pytest.mark.slow,
     pytest.mark.skipif(not CPUS, reason="the layer is for CPU drivers, and there is none"),
 ]
-PLATFORMS = pytest.mark.parametrize("index", [d.index for d in CPUS], ids=[d.platform for d in CPUS])
+each_cpu = pytest.mark.parametrize("device", device_params(lambda device: device.type == "CPU"))
 RENDER_TESTS = Path(__file__).parents[1] / "render"
 
 
@@ -162,25 +162,26 @@ MISUSES = [
 ]
 
 
-@PLATFORMS
-def test_the_layer_is_strict(layer, index):
+@each_cpu
+def test_the_layer_is_strict(layer, device):
     """Bytes owned by the other API are poisoned, and exactly the planted misuses are reported."""
-    layer.run("-c", OPENED + STRICT, str(index))
+    layer.run("-c", OPENED + STRICT, str(device.index))
     assert layer.misuses == []
-    layer.run("-c", OPENED + MISUSE, str(index))
+    layer.run("-c", OPENED + MISUSE, str(device.index))
     assert layer.misuses == MISUSES
 
 
 def test_vertex_memory_is_shared_by_the_specification(layer):
     """The probe selects the extension, and all methods yield the same bytes."""
     code = """
+import sys
 from sketchterrain.compute.device import list_devices
 from sketchterrain.render.sharing_probe import probe_sharing
-for device in list_devices():
-    if device.type == "CPU":
-        print(device.gl_sharing, probe_sharing(device))
+for index in map(int, sys.argv[1:]):
+    device = list_devices()[index]
+    print(device.gl_sharing, probe_sharing(device))
 """
-    output = layer.run("-c", code).splitlines()
+    output = layer.run("-c", code, *(str(device.index) for device in CPUS)).splitlines()
     assert output == ["extension Sharing(kind='extension', reason='')"] * len(CPUS)
     probed = layer.acquired
     assert probed >= len(CPUS)
@@ -214,13 +215,13 @@ print(*kinds)
 """
 
 
-@PLATFORMS
-def test_images_equal_those_of_copied_vertices(layer, tmp_path, index):
+@each_cpu
+def test_images_equal_those_of_copied_vertices(layer, tmp_path, device):
     shared, copied = tmp_path / "shared.npy", tmp_path / "copied.npy"
-    assert layer.run("-c", PICTURE, str(index), "best", str(shared)).split() == ["extension"]
+    assert layer.run("-c", PICTURE, str(device.index), "best", str(shared)).split() == ["extension"]
     assert layer.acquired > 0
     assert layer.misuses == []
-    output = run_python("-c", PICTURE, str(index), "copy", str(copied), environment={})
+    output = run_python("-c", PICTURE, str(device.index), "copy", str(copied), environment={})
     assert output.split() == ["copy"]
     picture = np.load(shared)
     np.testing.assert_array_equal(picture, np.load(copied))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.device import list_devices
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.io.resources import preset_names
@@ -19,6 +18,7 @@ from sketchterrain.render.sky import Sun, Weather
 from sketchterrain.terrain.building import build
 from sketchterrain.tiles.lod import ScreenError
 from sketchterrain.world.viewed import StoredTerrain
+from tests.devices import DEVICES, NO_DEVICE
 
 from ..world.grown import InMemoryWorld
 from .ground_model import (
@@ -120,8 +120,8 @@ def is_below_ground(view, stream, camera, ground, reach):
 
 @pytest.fixture(scope="module", params=preset_names())
 def terrain(request):
-    if not list_devices():
-        pytest.skip("no OpenCL device")
+    if not DEVICES:
+        pytest.skip(NO_DEVICE)
     return build(load_sketch(request.param), device=ComputeContext())
 
 

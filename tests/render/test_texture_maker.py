@@ -7,7 +7,6 @@ import pytest
 from PIL import Image
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.device import list_devices
 from sketchterrain.document.materials import BUILT_IN, Texture
 from sketchterrain.errors import InputError
 from sketchterrain.io.disk_cache import cached_bytes
@@ -38,11 +37,11 @@ from sketchterrain.render.textures import (
     texture_widths,
     tileable_noise,
 )
+from tests.devices import DEVICES, each_other_device, needs_device
 
 from .test_shaders import evaluate
 
-if not list_devices():
-    pytest.skip("no OpenCL device", allow_module_level=True)
+pytestmark = needs_device
 SIDE = 64
 
 
@@ -57,7 +56,7 @@ def painted(context):
 
 
 def test_float_build_matches_double(painted):
-    with_double = [device for device in list_devices() if device.has_double]
+    with_double = [device for device in DEVICES if device.has_double]
     if not with_double:
         pytest.skip("no device with 64-bit floats")
     double = ComputeContext(with_double[0], real="double")
@@ -68,16 +67,13 @@ def test_float_build_matches_double(painted):
         assert off.mean() < 1e-3, name
 
 
-def test_devices_are_bit_equal(painted):
-    devices = list_devices()
-    if len(devices) < 2:
-        pytest.skip("one device has nothing to differ from")
-    for device in devices[1:]:
-        other = ComputeContext(device)
-        for mine, layer in zip(painted, BUILT_IN.layers.values(), strict=True):
-            theirs = paint_layer(other, layer.name, SIDE)
-            np.testing.assert_array_equal(mine, theirs, err_msg=f"{layer.name} on {device.platform}")
-            assert (emboss(ComputeContext(), mine, layer) == emboss(other, mine, layer)).all()
+@each_other_device
+def test_devices_are_bit_equal(painted, other):
+    context = ComputeContext(other)
+    for mine, layer in zip(painted, BUILT_IN.layers.values(), strict=True):
+        theirs = paint_layer(context, layer.name, SIDE)
+        np.testing.assert_array_equal(mine, theirs, err_msg=f"{layer.name} on {other.platform}")
+        assert (emboss(ComputeContext(), mine, layer) == emboss(context, mine, layer)).all()
 
 
 def test_textures_tile(context):

@@ -9,7 +9,6 @@ import pytest
 
 from sketchterrain.compute import gl_interop
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.gl_interop import GLHandles, current_handles, sharing_methods
 from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.sketch import Sketch
@@ -20,10 +19,11 @@ from sketchterrain.render.sharing_probe import Sharing, open_device, probe_shari
 from sketchterrain.render.vertex_memory import open_vertex_memory
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.surfaces import vertex_dtype
+from tests.devices import DEVICES, device_params
 
 pytestmark = pytest.mark.gl
 
-DEVICES = list_devices()
+CPUS = [device for device in DEVICES if device.type == "CPU"]
 KEYS = [(5, 15, 15), (6, 30, 30), (6, 31, 30), (6, 31, 31)]
 SLOTS, PARENTS = [4, 0, 1, 5], [-1, 4, 4, 4]
 COUNT = 7
@@ -51,7 +51,7 @@ void main() { pixel = vec4(value, 1.0); }
 """
 
 
-@pytest.fixture(scope="module", params=[d for d in DEVICES if d.type == "CPU"], ids=lambda d: d.platform)
+@pytest.fixture(scope="module", params=device_params(lambda device: device.type == "CPU"))
 def terrain(request, gl):
     """A terrain on a device that shares buffers with OpenGL if its driver can."""
     return build(load_sketch("valley_river"), device=open_device(request.param))
@@ -120,8 +120,13 @@ def test_unavailable_methods_report_the_reason(terrain, gl, monkeypatch):
         terrain.vertex_store(2, memory=memory)
 
 
-CPUS = [device for device in DEVICES if device.type == "CPU"]
-MAPPED = replace(CPUS[0], gl_sharing="mapped")  # as for drivers without cl_khr_gl_sharing
+@pytest.fixture
+def mapped():
+    """A CPU device as of a driver without cl_khr_gl_sharing."""
+    if not CPUS:
+        pytest.skip("needs a CPU driver")
+    return replace(CPUS[0], gl_sharing="mapped")
+
 
 PROBE_FOR_EXTENSION = """
 import sys
@@ -149,13 +154,7 @@ def probe_for_extension(name, monkeypatch):
     monkeypatch.setattr(sharing_probe, "_command", command)
 
 
-def first_by_default(devices):
-    """Parameters: the first device in the default tier, others in the slow one."""
-    first, *others = (pytest.param(device, id=device.platform) for device in devices)
-    return [first, *(pytest.param(*other.values, id=other.id, marks=pytest.mark.slow) for other in others)]
-
-
-@pytest.mark.parametrize("device", first_by_default(DEVICES))
+@pytest.mark.parametrize("device", device_params(others=pytest.mark.slow))
 def test_the_best_working_method_is_selected(gl, device):
     found = probe_sharing(device)
     if device.gl_sharing == "extension":
@@ -176,8 +175,8 @@ FAILURES = {
 }
 
 
-def test_a_failed_probe_falls_back_to_copies_with_a_reason(monkeypatch):
-    device = replace(CPUS[0], type="GPU", gl_sharing="extension")
+def test_a_failed_probe_falls_back_to_copies_with_a_reason(mapped, monkeypatch):
+    device = replace(mapped, type="GPU", gl_sharing="extension")
     for name, (code, reason) in FAILURES.items():
 
         def command(device, kind, code=code):
@@ -189,11 +188,11 @@ def test_a_failed_probe_falls_back_to_copies_with_a_reason(monkeypatch):
     monkeypatch.setattr(
         sharing_probe, "_command", lambda *_: [sys.executable, "-c", "raise SystemExit('no OpenGL 4.3')"]
     )
-    assert probe_sharing(MAPPED) == Sharing("none", "mapped: no OpenGL 4.3; copy: no OpenGL 4.3")
+    assert probe_sharing(mapped) == Sharing("none", "mapped: no OpenGL 4.3; copy: no OpenGL 4.3")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("device", first_by_default(CPUS))
+@pytest.mark.parametrize("device", device_params(lambda device: device.type == "CPU"))
 def test_drivers_without_the_extension_are_not_called(gl, device, monkeypatch):
     """PoCL would end the process."""
     handles = current_handles()
@@ -209,13 +208,13 @@ def test_drivers_without_the_extension_are_not_called(gl, device, monkeypatch):
     assert "no cl_none_sharing" in found.reason
 
 
-def test_a_terrain_moves_to_a_sharing_context_if_there_is_one(monkeypatch):
+def test_a_terrain_moves_to_a_sharing_context_if_there_is_one(mapped, monkeypatch):
     mountain = np.zeros((32, 32), np.uint8)
     mountain[8:20, 8:20] = 1
     sketch = Sketch(extent=1024.0, layers={"mountain": mountain})
-    terrain = build(sketch, device=ComputeContext(MAPPED))
+    terrain = build(sketch, device=ComputeContext(mapped))
     assert shared_with_gl(terrain) is terrain
-    other = ComputeContext(MAPPED)
+    other = ComputeContext(mapped)
     monkeypatch.setattr(sharing_probe, "open_device", lambda *_, **__: other)
     assert shared_with_gl(terrain) is terrain
     other.gl = GLHandles("EGL", 5, 7)

@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from sketchterrain.compute.device import list_devices
 from sketchterrain.errors import DeviceFailedError, InputError, SketchterrainError
 from sketchterrain.terrain.self_test import Verdict
 from sketchterrain.world import task_runner
@@ -16,9 +15,8 @@ from sketchterrain.world.job import Task, TaskResult
 from sketchterrain.world.journal import BrokenFile
 from sketchterrain.world.run import ProgressReporter, run_world
 from sketchterrain.world.task_runner import SerialExecutor, TaskRunner, deviating_device
+from tests.devices import KNOWN, needs_known_device
 
-KNOWN = [device for device in list_devices() if device.known]
-two_devices = pytest.mark.skipif(len(KNOWN) < 2, reason="needs two CPU drivers")
 OTHER = Verdict("other", "its bits are its own")
 
 
@@ -37,7 +35,7 @@ def failing(monkeypatch, after):
     return begun
 
 
-@two_devices
+@needs_known_device
 def test_replacement_device_gives_equal_bytes(job, reporter, finished_world, tree, monkeypatch) -> None:
     begun = failing(monkeypatch, 5)
     run_world(job, device=str(KNOWN[0].index), reporter=reporter)
@@ -47,7 +45,7 @@ def test_replacement_device_gives_equal_bytes(job, reporter, finished_world, tre
     assert tree(job.output) == tree(finished_world)
 
 
-@two_devices
+@needs_known_device
 def test_deviating_device_is_not_replaced(job, reporter, monkeypatch) -> None:
     monkeypatch.setattr(task_runner, "deviating_device", lambda device, *, fast: device.platform)
     monkeypatch.setattr(task_runner, "self_test", lambda *_, **__: OTHER)
@@ -62,7 +60,7 @@ def test_deviating_device_is_not_replaced(job, reporter, monkeypatch) -> None:
     assert again.counts[0][1] == len(reporter.done) > 0
 
 
-@pytest.mark.skipif(not KNOWN, reason="needs a CPU driver")
+@needs_known_device
 def test_fast_devices_deviate(job, reporter) -> None:
     assert deviating_device(KNOWN[0], fast=False) == ""
     assert deviating_device(KNOWN[0], fast=True).endswith("with --fast")
@@ -71,7 +69,7 @@ def test_fast_devices_deviate(job, reporter) -> None:
     assert not job.output.exists()
 
 
-@pytest.mark.skipif(not KNOWN, reason="needs a CPU driver")
+@needs_known_device
 def test_deviating_device_is_reported_and_used(job, reporter, monkeypatch) -> None:
     monkeypatch.setattr(task_runner, "self_test", lambda *_, **__: OTHER)
     assert deviating_device(KNOWN[0], fast=False).startswith(KNOWN[0].name)
@@ -82,7 +80,7 @@ def test_deviating_device_is_reported_and_used(job, reporter, monkeypatch) -> No
     ]
 
 
-@two_devices
+@needs_known_device
 def test_device_crashing_in_self_test_is_replaced(job, monkeypatch) -> None:
     crashed, same = Verdict("failed", "the self-test crashed (SIGSEGV)"), Verdict("same", "")
     monkeypatch.setattr(task_runner, "self_test", lambda device, **_: crashed if device == KNOWN[0] else same)

@@ -8,6 +8,9 @@ from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.parameters import GEOLOGY, defaults
 from sketchterrain.placement.feature_types import FEATURE
+from sketchterrain.render.offscreen import read_picture
+from sketchterrain.render.programs import ResourceCache
+from sketchterrain.render.renderer import Renderer
 from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.terrain.surfaces import VertexStore
 from sketchterrain.vegetation.plants import PLANT
@@ -97,3 +100,55 @@ class Waves:
 @pytest.fixture
 def waves():
     return Waves()
+
+
+class SharedTextures(ResourceCache):
+    """Material textures and noise of the shared context; other resources are each renderer's own."""
+
+    def __init__(self, shared):
+        super().__init__()
+        self._shared = shared
+
+    def get_or_create(self, kind, key, create, *, close=None):
+        if kind not in ("materials", "noise"):
+            return super().get_or_create(kind, key, create, close=close)
+        if (kind, key) not in self._shared:
+            self._shared[kind, key] = create()
+        return self._shared[kind, key]
+
+
+@pytest.fixture(scope="session")
+def loaded_textures():
+    return {}
+
+
+@pytest.fixture(scope="module")
+def gl(gl):
+    """The shared context, made current: another module may have left its own."""
+    gl.__enter__()
+    return gl
+
+
+@pytest.fixture(scope="module")
+def open_renderer(gl, loaded_textures):
+    """Return a function that opens a renderer in the shared context."""
+
+    def open_renderer(terrain, **options):
+        gl.__enter__()
+        return Renderer(gl, terrain, resources=SharedTextures(loaded_textures), **options)
+
+    return open_renderer
+
+
+@pytest.fixture(scope="module")
+def draw(gl, open_renderer):
+    """Return a function that draws a still, as `render_picture` does, in the shared context."""
+
+    def draw(terrain, camera, *, size, clock=0.0, **options):
+        renderer = open_renderer(terrain, **options)
+        texture = gl.texture(size, 4)
+        renderer.prepare(camera, size)
+        renderer.draw(camera, gl.framebuffer([texture]), clock=clock)
+        return read_picture(texture).astype(int)
+
+    return draw

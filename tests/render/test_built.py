@@ -10,9 +10,8 @@ from sketchterrain.look.built_meshes import MOUTH, joined_parts, triangulated
 from sketchterrain.look.road_meshes import built_objects, road_surfaces
 from sketchterrain.render.built import BuiltScenery
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.offscreen import canvas, read_picture, render_picture
+from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
 from sketchterrain.roads.road_types import BRIDGE, TUNNEL, Pad, RoadNetwork
 from tests.sample_roads import WORKS, curved_road, make_network, make_road
@@ -20,10 +19,14 @@ from tests.sample_roads import WORKS, curved_road, make_network, make_road
 from .conftest import Waves
 
 SUN = Sun(200.0, 40.0)
-QUALITY = replace(
-    Quality.from_level(0.0, without=("clouds", "haze")), quads=64, tolerance=1.0, finest_quad=1.0
-)
 SIZE = (240, 160)
+
+
+def quality_of(level, *without):
+    small = {"quads": 64, "map_texels": 128, "material_texels": 64, "tile_memory": 32 << 20}
+    return replace(Quality.from_level(level, without=("clouds", "haze", *without)), **small)
+
+
 ROAD = make_road([(100, 250, 0), (900, 250, 0)], crossfall=np.zeros((2, 2)), shoulder=0.0)
 
 
@@ -37,10 +40,6 @@ class Flat(Waves):
     def heights(self, x, y, *, cell_size=0.0):
         x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
         return (60.0 * np.exp(-(((y - 500.0) / 30.0) ** 2))).astype(np.float32)
-
-
-def picture(network, camera, quality=QUALITY):
-    return render_picture(Flat(network), size=SIZE, camera=camera, sun=SUN, quality=quality).astype(int)
 
 
 def seen(camera, x, y, size=SIZE, z=0.0):
@@ -98,35 +97,35 @@ def test_triangulation_covers_a_concave_outline_once():
 
 
 @pytest.mark.gl
-def test_a_tunnel_is_dark_inside_and_a_house_throws_a_shadow():
+def test_a_tunnel_is_dark_inside_and_a_house_throws_a_shadow(draw):
     tunnel = make_road([(500, 430, 0), (500, 570, 0)], layer="railway", structure=TUNNEL, vector=3, part=1)
     front = make_road([(500, 300, 0), (500, 430, 0)], layer="railway", vector=3)
-    quality = replace(Quality.from_level(0.5, without=("clouds", "haze", "grass", "rocks")), quads=64)
+    options = {"size": SIZE, "sun": SUN, "quality": quality_of(0.5, "grass", "rocks")}
     camera = Camera((500.0, 400.0, 3.0), (500.0, 430.0, 2.5), near=0.5, far=30_000.0)
     network = RoadNetwork((front, tunnel))
     assert any(part.material == MOUTH for part in built_objects(network)[0].parts(np.zeros(0)))
-    shown = picture(network, camera, quality)
-    bare = picture(RoadNetwork((front,)), camera, quality)
+    shown = draw(Flat(network), camera, **options)
+    bare = draw(Flat(RoadNetwork((front,))), camera, **options)
     column, row = (round(each) for each in seen(camera, 500.0, 430.0, z=3.0))
     assert shown[row - 4 : row + 4, column - 4 : column + 4].mean() < 25
     assert bare[row - 4 : row + 4, column - 4 : column + 4].mean() > 60
     outline = np.array([[490.0, 240.0], [510.0, 240.0], [510.0, 252.0], [490.0, 252.0]])
     house = Pad(id_of_vector("pad", 5), outline, level=0.0, reach=8.0, building=8.0, works=WORKS)
     camera = Camera((500.0, 300.0, 90.0), (500.0, 250.0, 0.0), near=1.0, far=30_000.0)  # from the north
-    shown, bare = (picture(RoadNetwork(pads=pads), camera, quality) for pads in ((house,), ()))
+    shown, bare = (draw(Flat(RoadNetwork(pads=pads)), camera, **options) for pads in ((house,), ()))
     column, row = (round(each) for each in seen(camera, 500.0, 256.0))
     assert shown[row, column].sum() < 0.8 * bare[row, column].sum()
 
 
 @pytest.mark.gl
-def test_marks_of_a_deck_continue_those_of_the_ground():
+def test_marks_of_a_deck_continue_those_of_the_ground(draw):
     """Dashes of 3 m begin at multiples of 9 m from the leg's start; edge lines do not end."""
     deck = make_road(
         [(440, 250, 12), (560, 250, 12)], structure=BRIDGE, crossfall=np.zeros((2, 2)), start=4.0
     )
     camera = Camera((500.0, 249.0, 42.0), (500.0, 250.0, 12.0), near=1.0, far=30_000.0)
-    quality = replace(Quality.from_level(0.0, without=("clouds", "haze", "shadows")), quads=64)
-    shown = picture(RoadNetwork((deck,)), camera, quality)[..., 1]
+    quality = quality_of(0.0, "shadows")
+    shown = draw(Flat(RoadNetwork((deck,))), camera, size=SIZE, sun=SUN, quality=quality)[..., 1]
     across = {y: round(seen(camera, 500.0, y, z=12.0)[1] - 0.5) for y in (250.0, 251.4, 252.75)}
     columns = np.arange(20, 220)
     along = 500.0 + (columns + 0.5 - seen(camera, 500.0, 250.0, z=12.0)[0]) * (
@@ -140,21 +139,22 @@ def test_marks_of_a_deck_continue_those_of_the_ground():
 
 
 @pytest.mark.gl
-def test_a_picture_in_parts_is_bit_equal():
-    camera = Camera((300.0, 60.0, 90.0), (450.0, 250.0, 30.0), near=1.0, far=30_000.0)
-    quality = replace(Quality.from_level(0.5), quads=64)
+def test_a_picture_in_parts_is_bit_equal(gl, open_renderer):
+    camera, size = Camera((300.0, 60.0, 90.0), (450.0, 250.0, 30.0), near=1.0, far=30_000.0), (120, 80)
+    quality = replace(quality_of(0.5), without=frozenset())
     pictures = []
-    with canvas(SIZE) as (context, texture, framebuffer):
-        for refined in (False, True):
-            renderer = Renderer(context, Flat(make_network()), sun=SUN, quality=quality)
-            if refined:
-                for _ in renderer.refined(camera, framebuffer):
-                    pass
-            else:
-                renderer.prepare(camera, SIZE)
-                renderer.draw(camera, framebuffer)
-            assert renderer.scenery.built.triangles > 1000
-            pictures.append(read_picture(texture))
+    for refined in (False, True):
+        texture = gl.texture(size, 4)
+        framebuffer = gl.framebuffer([texture])
+        renderer = open_renderer(Flat(make_network()), sun=SUN, quality=quality)
+        if refined:
+            for _ in renderer.refined(camera, framebuffer):
+                pass
+        else:
+            renderer.prepare(camera, size)
+            renderer.draw(camera, framebuffer)
+        assert renderer.scenery.built.triangles > 1000
+        pictures.append(read_picture(texture))
     assert np.array_equal(*pictures)
 
 

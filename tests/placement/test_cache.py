@@ -107,9 +107,9 @@ def painted(sketch, rng):
     name = str(rng.choice(["mountain", "hill", "dune", "forest", "river", "lake", "material"]))
     image = np.array(sketch.layers[name])
     rows, columns = np.ogrid[: image.shape[0], : image.shape[1]]
-    at, radius = rng.uniform(0, (128, 160)), 1.5 if name == "river" else rng.uniform(0.6, 14)
+    at, radius = rng.uniform(0, image.shape), 1.5 if name == "river" else rng.uniform(0.6, 7)
     ahead, label = rng.normal(0, 1, 2), rng.integers(0, 3)
-    for step in range(30 if name == "river" else 1):
+    for step in range(20 if name == "river" else 1):
         row, column = at + step * ahead
         image[(rows - row) ** 2 + (columns - column) ** 2 <= radius**2] = label
     return sketch.replace(layers={**sketch.layers, name: image})
@@ -118,8 +118,8 @@ def painted(sketch, rng):
 def painted_often(rng, strokes, **changes):
     density = {"mountain": 0.01, "hill": 0.2, "forest": 0.1, "dune": 0.01}
     labels = {("mountain", 1): {"multitude": 4}, ("river", 2): {"width": 0.0}, ("hill", 1): {"multitude": 5}}
-    layers = {"hill": np.zeros((128, 160), np.uint8)}
-    sketches = [Sketch(layers=layers, extent=8192.0, density=density, labels=labels).replace(**changes)]
+    layers = {"hill": np.zeros((32, 80), np.uint8)}
+    sketches = [Sketch(layers=layers, extent=1600.0, density=density, labels=labels).replace(**changes)]
     for _ in range(strokes):
         sketches.append(painted(sketches[-1], rng))
     return sketches
@@ -135,20 +135,22 @@ def recipe_bits(recipe):
     return [*bits, repr((recipe.resolutions, recipe.orphans)).encode()]
 
 
-LATER = [(1, 0.0), (2, 0.4), (3, 0.8), (5, 1.0)]
-
-
 @pytest.mark.parametrize(
-    ("seed", "fidelity"), [(0, 0.8), *(pytest.param(*case, marks=pytest.mark.slow) for case in LATER)]
+    ("seed", "fidelity", "turns"),
+    [
+        (0, 0.8, 4),
+        pytest.param(5, 1.0, 12, marks=pytest.mark.slow),
+        *(pytest.param(*case, 12, marks=pytest.mark.soak) for case in ((1, 0.0), (2, 0.4), (3, 0.8))),
+    ],
 )
-def test_random_strokes_give_the_bits_of_fresh_placements_and_recipes(seed, fidelity):
+def test_random_strokes_give_the_bits_of_fresh_placements_and_recipes(seed, fidelity, turns):
     rng, cache, features = np.random.default_rng(seed), LRUCache(), LRUCache()
-    sketch = painted_often(rng, 20, fidelity=fidelity)[-1]
+    sketch = painted_often(rng, 16, fidelity=fidelity)[-1]
     seen = [sketch]
-    for turn in range(12):
-        if turn % 5 == 4:
+    for turn in range(turns):
+        if turn % 5 == 2:
             sketch = seen[int(rng.integers(len(seen)))]  # an undo
-        elif turn == 7:
+        elif turn == 1:
             sketch = sketch.replace(fidelity=0.3)
         else:
             sketch = painted(sketch, rng)

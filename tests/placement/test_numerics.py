@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from sketchterrain.document.store import load_sketch
 from sketchterrain.placement.density import DensityField, PaintedDistance, cubic
 from sketchterrain.placement.feature_types import (
     VISIBLE_SHARE,
@@ -14,7 +13,6 @@ from sketchterrain.placement.feature_types import (
     visible_radius,
 )
 from sketchterrain.placement.hashing import STEP, gaussian_filter, hash_keys, hash_unit, rounded, value_noise
-from sketchterrain.terrain.building import make_recipe
 
 
 def test_hashes_depend_on_every_key_and_are_uniform_uncorrelated_and_smooth():
@@ -133,16 +131,3 @@ def test_the_blur_equals_scipys():
         expected = ndimage.gaussian_filter1d(values, sigma, axis=0, mode="reflect", truncate=3.0)
         blurred = gaussian_filter(values, sigma, axes=(0,), mode="reflect", truncate=3.0)
         np.testing.assert_allclose(blurred, expected, atol=1e-10)
-
-
-def test_control_points_of_rivers_are_rounded():
-    recipe = make_recipe(load_sketch("valley_river"))
-    assert recipe.rivers
-    ends = {river.centreline[-1, :2].tobytes() for river in recipe.rivers}
-    for river in recipe.rivers:
-        # Beyond the sketch a river may be cut between two control points.
-        cut = river.points[[0, -1], :2]
-        cut = cut[((cut < 0) | (cut > recipe.extent)).any(axis=1)]
-        left_out = ends | {point.tobytes() for point in cut}
-        own = np.array([point for point in river.points[:, :2] if point.tobytes() not in left_out])
-        np.testing.assert_array_equal(rounded(own), own)

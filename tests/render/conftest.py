@@ -131,11 +131,13 @@ def gl(gl):
 
 @pytest.fixture(scope="module")
 def open_renderer(gl, loaded_textures):
-    """Return a function that opens a renderer in the shared context."""
+    """Return a function that opens a renderer in the shared context; time stands still unless given."""
 
-    def open_renderer(terrain, **options):
+    def open_renderer(terrain, *, timer=lambda: 0.0, **options):
         gl.__enter__()
-        return Renderer(gl, terrain, resources=SharedTextures(loaded_textures), **options)
+        renderer = Renderer(gl, terrain, resources=SharedTextures(loaded_textures), timer=timer, **options)
+        renderer.stream._timer = timer
+        return renderer
 
     return open_renderer
 

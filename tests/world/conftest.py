@@ -12,10 +12,11 @@ import pytest
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.terrain.building import make_recipe
-from sketchterrain.world.grid import World
+from sketchterrain.world.grid import Shard, ShardData, World
 from sketchterrain.world.job import Job, TaskResult
 from sketchterrain.world.journal import BrokenFile
 from sketchterrain.world.run import ProgressReporter, run_world
+from sketchterrain.world.task_runner import TaskRunner
 
 
 class RecordingReporter(ProgressReporter):
@@ -80,6 +81,26 @@ def finished_world(small_job: Job, tmp_path_factory: pytest.TempPathFactory) -> 
 def job(small_job: Job, tmp_path: Path) -> Job:
     """The same job with an output in the test's folder."""
     return replace(small_job, output=tmp_path / "world.zarr")
+
+
+_SHARDS: dict[tuple[object, ...], ShardData] = {}
+
+
+@pytest.fixture
+def evaluated_once() -> Iterator[dict[tuple[object, ...], ShardData]]:
+    """Evaluate each shard once in all tests that use this; they are of the files. Return the shards."""
+    compute = TaskRunner.compute_shard
+
+    def remembered(runner: TaskRunner, shard: Shard) -> ShardData:
+        job = runner.job
+        key = (id(job.recipe), job.world, job.layers, job.step, shard)
+        if key not in _SHARDS:
+            _SHARDS[key] = compute(runner, shard)
+        return _SHARDS[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(TaskRunner, "compute_shard", remembered)
+        yield _SHARDS
 
 
 @pytest.fixture(scope="session")

@@ -17,7 +17,7 @@ from types import SimpleNamespace
 import pytest
 
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.world.grid import World
+from sketchterrain.world.grid import DEFAULT_LAYERS, World
 from sketchterrain.world.job import Job, fingerprint, shard_store, task_count
 from sketchterrain.world.journal import (
     Header,
@@ -29,11 +29,26 @@ from sketchterrain.world.journal import (
     load_ledger,
     remove_partial_files,
 )
-from sketchterrain.world.run import run_world
+from sketchterrain.world.run import ProgressReporter, run_world
+
+pytestmark = pytest.mark.usefixtures("evaluated_once")
 
 TASKS = 9
 HEIGHT, NORMAL = "0/height/c/0/1", "0/normal/c/0/0/2"
 FORMS = {"zarr": "world.zarr", "tiles": "world", "tif": "world.tif"}
+
+
+@pytest.fixture(scope="module")
+def small_job(small_job) -> Job:
+    """The job without materials, whose files take longest."""
+    return replace(small_job, layers=("height", "normal"))
+
+
+@pytest.fixture(scope="module")
+def finished_world(small_job, tmp_path_factory) -> Path:
+    output = tmp_path_factory.mktemp("whole") / "world.zarr"
+    run_world(replace(small_job, output=output), reporter=ProgressReporter(show=lambda *_: None))
+    return output
 
 
 @pytest.fixture
@@ -69,7 +84,8 @@ def checked(world):
     return [(*each,) for each in check_world(world, progress=lambda _: None)]
 
 
-def test_run_computes_each_task_once(job, reporter, finished_world, tree) -> None:
+def test_run_computes_each_task_once(job, reporter, finished_world, tree, evaluated_once) -> None:
+    evaluated_once.clear()
     done = run_world(job, reporter=reporter)
     assert reporter.counts == [(TASKS, 0)]
     assert len({made.task for made in reporter.done}) == len(reporter.done) == TASKS
@@ -135,7 +151,12 @@ DAMAGES = {
 }
 
 
-@pytest.mark.parametrize("how", DAMAGES)
+LATER = ("a shard cut off", "other metadata")
+
+
+@pytest.mark.parametrize(
+    "how", [pytest.param(how, marks=pytest.mark.slow) if how in LATER else how for how in DAMAGES]
+)
 def test_broken_files_are_reported_and_rewritten(how, job, copied, reporter, finished_world, tree) -> None:
     names = DAMAGES[how](copied)
     found = {file for file, _ in checked(copied)}
@@ -229,7 +250,7 @@ def test_full_disk_is_reported_and_resumed(at, job, reporter, finished_world, tr
     assert tree(job.output) == tree(finished_world)
 
 
-@pytest.mark.parametrize("way", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("way", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM])
 def test_signal_finishes_current_shards(way, job, reporter, finished_world, tree) -> None:
     def made(result):
         reporter.done.append(result)
@@ -265,7 +286,7 @@ def test_signal_interrupts_verifying_and_joining(step, job, reporter, tree) -> N
     run_world(job, resume=True, reporter=type(reporter)())
     if before:
         assert tree(job.output.parent) == before
-    names = (".ledger.jsonl", ".tif", "_materials.tif", "_normal.tif")
+    names = (".ledger.jsonl", ".tif", "_normal.tif")
     assert sorted(tree(job.output.parent)) == [f"world{name}" for name in names]
 
 
@@ -294,7 +315,8 @@ USER_FILES = [
 
 @pytest.mark.parametrize(("form", "name"), USER_FILES)
 def test_user_files_are_refused_and_unchanged(form, name, small_job, tmp_path, reporter, tree) -> None:
-    job = replace(small_job, output=tmp_path / FORMS[form], form=form, plants="parquet")
+    changes = {"form": form, "plants": "parquet", "layers": DEFAULT_LAYERS}
+    job = replace(small_job, output=tmp_path / FORMS[form], **changes)
     path = tmp_path / name
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text('{"zarr_format": 3, "node_type": "group"}')

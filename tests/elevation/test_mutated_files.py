@@ -3,7 +3,6 @@
 import re
 import zipfile
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 import pytest
@@ -94,14 +93,14 @@ def mutated(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("first", "count", "longest"),  # s; other tests may run beside the first ones
+    ("first", "count"),
     [
-        (0, 30, 10.0),
-        pytest.param(30, 300, 2.0, marks=pytest.mark.slow),
-        pytest.param(330, 100_000, 2.0, marks=pytest.mark.soak),
+        (0, 30),
+        pytest.param(30, 300, marks=pytest.mark.slow),
+        pytest.param(330, 100_000, marks=pytest.mark.soak),
     ],
 )
-def test_mutated_files_are_grids_or_one_line(tmp_path: Path, first: int, count: int, longest: float) -> None:
+def test_mutated_files_are_grids_or_one_line(tmp_path: Path, first: int, count: int) -> None:
     files = originals(tmp_path)
     large = [name for name in files if "hgt" in name]  # a tenth of the cases
     names = 6 * [name for name in files if name not in large] + large
@@ -110,12 +109,11 @@ def test_mutated_files_are_grids_or_one_line(tmp_path: Path, first: int, count: 
     folder = tmp_path / "mutated"
     folder.mkdir()
     (folder / "tiled.tif").write_bytes(files["tiled.tif"])  # the mosaic's
-    grids, lines, slowest = 0, [], (0.0, 0)
+    grids, lines = 0, []
     for seed in range(first, first + count):
         name = names[seed % len(names)]
         path = folder / (f"a{name}" if name == "tiled.tif" else name)
         path.write_bytes(mutated(files[name], np.random.default_rng(seed)))
-        start = perf_counter()
         try:
             grid = read_grid(path, FRAME)
             if grid.samples.size < 100_000:
@@ -125,7 +123,5 @@ def test_mutated_files_are_grids_or_one_line(tmp_path: Path, first: int, count: 
             lines.append(str(error))
         except Exception as error:
             raise AssertionError(f"case {seed}, {name}") from error
-        slowest = max(slowest, (perf_counter() - start, seed))
     assert [line for line in lines if not line.isprintable() or len(line) >= 400] == []
-    assert slowest[0] < longest, slowest
     assert 0.05 * count < grids < 0.95 * count

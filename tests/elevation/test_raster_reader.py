@@ -2,10 +2,10 @@
 
 import os
 import signal
+import socket
 import threading
 import zipfile
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -121,18 +121,14 @@ def test_a_hang_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     read_grid(tmp_path / "a.tif", FRAME)
     monkeypatch.setattr(raster_reader, "_WAITING", -0.5)
     os.mkfifo(tmp_path / "pipe.tif")  # opening it waits for a writer
-    start = perf_counter()
     assert "no such file" in one_line_of(tmp_path / "pipe.tif")
     assert "too long" in one_line_of(vrt(tmp_path / "a.vrt", "pipe.tif"))
-    assert perf_counter() - start < 5.0
 
 
 def test_endless_work_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(raster_reader, "_SECONDS", 0.1)
     write(tmp_path / "a.tif", np.zeros((500, 500), np.float32))
-    start = perf_counter()
     assert "too long" in one_line_of(vrt(tmp_path / "a.vrt", "a.tif", (500, 500), "KernelFilteredSource"))
-    assert perf_counter() - start < 10.0
 
 
 def test_too_much_memory_is_one_line(tmp_path: Path) -> None:
@@ -161,11 +157,14 @@ def test_too_much_memory_is_one_line(tmp_path: Path) -> None:
 
 def test_addresses_are_not_opened_from_nested_files(tmp_path: Path) -> None:
     nested = tmp_path / "nested.tif"
-    for address in ("/vsicurl/http://127.0.0.1:9/a.tif", "http://127.0.0.1:9/a.tif", "/vsis3/a/b.tif"):
-        vrt(nested, address)
-        start = perf_counter()
-        one_line_of(vrt(tmp_path / "outer.vrt", "nested.tif"))
-        assert perf_counter() - start < 2.0
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.setblocking(False)
+        host = f"http://127.0.0.1:{server.getsockname()[1]}"
+        for address in (f"/vsicurl/{host}/a.tif", f"{host}/a.tif", "/vsis3/a/b.tif"):
+            vrt(nested, address)
+            one_line_of(vrt(tmp_path / "outer.vrt", "nested.tif"))
+        with pytest.raises(BlockingIOError):
+            server.accept()  # nobody has connected
     one_line_of(vrt(tmp_path / "own.vrt", "own.vrt"))
     one_line_of(vrt(tmp_path / "missing.vrt", "missing.tif"))
 

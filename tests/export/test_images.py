@@ -126,7 +126,7 @@ def test_material_files_hold_the_weights_padded_with_zeros(tmp_path, terrain, ra
 
 
 @given(some.lists(some.lists(some.floats(0, 1, width=32), min_size=8, max_size=8), min_size=1, max_size=9))
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_quantised_weights_sum_to_255_with_errors_below_one(rows):
     weights = np.array([rows], np.float32)
     weights[weights.sum(axis=-1) == 0, 0] = 1
@@ -191,7 +191,6 @@ def test_control_map_values_are_finite_floats():
 METRES = some.floats(-12_000.0, 12_000.0, width=32)
 
 
-@settings(deadline=None)
 @given(some.lists(METRES, min_size=1, max_size=9))
 def test_heights_round_trip_within_half_a_step(heights):
     height = np.array([heights], np.float32)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as some
 
 from sketchterrain.document.sketch import Sketch
@@ -61,7 +61,6 @@ def test_grids_follow_extent_tiles_and_spacing():
     assert grid_of(WIDE.replace(extent=1025.0), regions).columns == 1280
 
 
-@settings(deadline=None)
 @given(some.integers(1, 6), some.integers(1, 6), some.sampled_from([WIDE, HIGH]))
 def test_square_tiles_cover_the_sketch_with_square_quads(columns, rows, sketch):
     plan = plan_export(sketch, SQUARE, ExportOptions(tiles=(columns, rows)))
@@ -105,7 +104,6 @@ def test_tiles_are_numbered_and_named():
     assert names == ["a_02_1", "a_02_2", "a_01_1", "a_01_2"]
 
 
-@settings(deadline=None)
 @given(COUNTS, COUNTS, some.integers(0, 5), some.integers(1, 9))
 def test_tiles_cover_the_grid(columns, rows, overlap, step):
     side = max(step + overlap, 2)
@@ -123,7 +121,6 @@ def test_tiles_cover_the_grid(columns, rows, overlap, step):
         assert (seen == 1).all()
 
 
-@settings(deadline=None)
 @given(some.integers(2, 200), some.integers(1, 9), some.integers(0, 5))
 def test_nearest_sizes_are_valid_and_nearest(vertices, tiles, overlap):
     tiling = Tiling(tiles, tiles, overlap=overlap)
@@ -194,7 +191,6 @@ OPTIONS = some.builds(
 )
 
 
-@settings(deadline=None)
 @given(some.sampled_from(TARGET_NAMES), OPTIONS)
 def test_arbitrary_options_give_a_plan_or_an_input_error(name, options):
     target = target_named(name)

@@ -2,13 +2,12 @@
 
 import io
 import struct
-import time
 import zipfile
 import zlib
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageFile
 
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.errors import InputError
@@ -162,14 +161,13 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
-def test_bombs_are_refused_before_they_unpack() -> None:
+def test_bombs_are_refused_before_they_unpack(monkeypatch) -> None:
+    monkeypatch.setattr(ImageFile.ImageFile, "load", lambda _: pytest.fail("unpacked"))
     for side in [(100_000, 100_000), (40_000, 10), (30_000, 30_000), (0, 10)]:
         head = _chunk(b"IHDR", struct.pack(">IIBBBBB", *side, 8, 2, 0, 0, 0))
         body = _chunk(b"IDAT", zlib.compress(bytes(10_000_000), 9))
-        start = time.perf_counter()
         with pytest.raises(InputError, match=r"expected (sides|at most|a whole PNG)"):
             decode_picture(b"\x89PNG\r\n\x1a\n" + head + body + _chunk(b"IEND", b""), "bomb.png")
-        assert time.perf_counter() - start < 1.0, side
 
 
 DEFAULTS = TraceOptions()

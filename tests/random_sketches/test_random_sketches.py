@@ -298,7 +298,7 @@ def tiny_sketches(draw: st.DrawFn) -> Sketch:
 
 @pytest.mark.parametrize("examples", [25, pytest.param(120, marks=pytest.mark.slow)])
 def test_tiny_sketches_keep_their_shapes_and_are_finite(examples) -> None:
-    settings(max_examples=examples, deadline=None, derandomize=True)(given(tiny_sketches())(check_tiny))()
+    settings(max_examples=examples, derandomize=True)(given(tiny_sketches())(check_tiny))()
 
 
 def rolling(x: np.ndarray, y: np.ndarray) -> np.ndarray:

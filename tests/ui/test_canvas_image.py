@@ -27,7 +27,7 @@ from sketchterrain.ui.look.layer_colours import HATCHES, hatch, hatch_period, la
 from sketchterrain.ui.models.document import Document
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     scale=st.floats(0.02, 64.0),
     left=st.integers(-4000, 900),

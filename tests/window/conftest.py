@@ -27,7 +27,7 @@ def display():
     assert number, "Xvfb did not start"
     yield f":{number}"
     server.terminate()
-    server.wait(timeout=10)
+    server.wait(timeout=300)
 
 
 @pytest.fixture

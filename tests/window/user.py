@@ -49,7 +49,7 @@ class User:
         self._program.stdin.write(expression.replace("\n", " ") + "\n")
         self._program.stdin.flush()
         line = self._program.stdout.readline()
-        assert line, f"the program ended with code {self._program.wait(timeout=10)}"
+        assert line, f"the program ended with code {self._program.wait(timeout=300)}"
         answer = json.loads(line)
         assert "error" not in answer, f"{expression}: {answer['error']}"
         return answer["value"]
@@ -109,7 +109,7 @@ class User:
         document = "window._document"
         saved = f"{document}.mark_saved({document}.state, {document}.path)"
         self.evaluate(f"{saved}, QTimer.singleShot(0, window.close)")
-        code = self._program.wait(timeout=30)
+        code = self._program.wait(timeout=300)
         self._end()
         return code
 
@@ -122,7 +122,7 @@ class User:
         if self._program is not None:
             self._program.stdin.close()
             self._program.stdout.close()
-            self._program.wait(timeout=30)
+            self._program.wait(timeout=300)
             self._program = None
 
 

@@ -5,12 +5,14 @@ import os
 import pickle
 import random
 import signal
+import socket
 import subprocess
 import sys
 import time
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -96,8 +98,8 @@ def worker(scheduler, folder, name, *, preload=""):
 
 
 def wait_for_workers(address, count):
-    with distributed.Client(address, timeout=20, set_as_default=False) as client:
-        client.wait_for_workers(count, timeout=60)
+    with distributed.Client(address, timeout=300, set_as_default=False) as client:
+        client.wait_for_workers(count, timeout=300)
 
 
 def workers_of(pid):
@@ -153,7 +155,8 @@ def test_worker_with_failing_device_is_refused(job, finished_world, reporter, tr
     def failing(runner, task):
         if distributed.get_worker().name == 0:
             raise DeviceFailedError("it gave up")
-        time.sleep(0.2)  # the run looks at its workers once a second
+        while not reporter.notes:  # the run looks at its workers once a second
+            time.sleep(0.01)
         return evaluate(runner, task)
 
     monkeypatch.setattr(TaskRunner, "evaluate", failing)
@@ -164,14 +167,15 @@ def test_worker_with_failing_device_is_refused(job, finished_world, reporter, tr
     assert tree(job.output) == tree(finished_world)
 
 
-def test_missing_scheduler_is_reported_without_retries() -> None:
+def test_missing_scheduler_is_reported_without_retries(monkeypatch) -> None:
     for word in ("", "localhost", "localhost:8786", "http://a:1", "tcp://a", "tcp://a:99999", "tcp://:1"):
         with pytest.raises(InputError, match=r"^expected a scheduler's address such as tcp://HOST:8786, got"):
             check_scheduler(word)
-    start = time.perf_counter()
+    connect = Mock(wraps=socket.create_connection)
+    monkeypatch.setattr(socket, "create_connection", connect)
     with pytest.raises(SketchterrainError, match=r"^scheduler tcp://127.0.0.1:9 cannot be reached: "):
         check_scheduler("tcp://127.0.0.1:9")
-    assert time.perf_counter() - start < 5
+    assert connect.call_count == 1
 
 
 def test_worker_without_output_folder_is_refused(tmp_path, monkeypatch) -> None:
@@ -252,6 +256,6 @@ def test_workers_exit_with_killed_run(job, finished_world, reporter, tree, tmp_p
         workers = workers_of(started.pid)
         started.kill()
     assert len(workers) == 2
-    assert psutil.wait_procs(workers, timeout=20)[1] == []
+    assert psutil.wait_procs(workers, timeout=300)[1] == []
     run_world(job, resume=True, reporter=reporter)
     assert tree(job.output) == tree(finished_world)

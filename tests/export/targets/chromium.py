@@ -62,7 +62,7 @@ class Chromium:
 
     def __exit__(self, *_: object) -> None:
         self._process.terminate()
-        self._process.wait(20)
+        self._process.wait(300)
         os.close(self._read)
         os.close(self._write)
 
@@ -80,18 +80,11 @@ class Chromium:
                 return reply["result"]
             self._note(reply)
 
-    def cpu_seconds(self) -> float:
-        """Return the time that all processes of the browser have used."""
-        session, self._session = self._session, None
-        processes = self.call("SystemInfo.getProcessInfo")["processInfo"]
-        self._session = session
-        return sum(each["cpuTime"] for each in processes)
-
     def open(self, address: str) -> None:
         """Open a page, forgetting what the last one wrote."""
         self.console, self.requests = [], []
         self.call("Page.navigate", url=address)
-        deadline = time.monotonic() + 30.0
+        deadline = time.monotonic() + 300.0
         while self.run("document.readyState") != "complete":
             assert time.monotonic() < deadline, "the page does not load"
             time.sleep(0.05)

@@ -183,13 +183,9 @@ def pixels(browser, path):
 @pytest.mark.soak
 def test_page_shows_the_terrain(browser, page, server, tmp_path):
     for origin in (page.folder.as_uri(), server):
-        before = browser.cpu_seconds()
         browser.open(f"{origin}/index.html")
         stats = browser.run(_READY)
         assert stats["first"] < stats["complete"]
-        assert (
-            min(stats["complete"] / 1000.0, browser.cpu_seconds() - before) < 5.0
-        )  # tests share their cores
         browser.run(_NEXT)
         assert browser.console == []
         assert all(each.startswith((origin, "data:", "blob:")) for each in browser.requests)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.device import list_devices
 from sketchterrain.document.material_rules import DEFAULT_RULES
 from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.sketch import Sketch
@@ -30,10 +29,7 @@ from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.terrain.unpainted import Nodes
 from tests import terrains
-
-if not list_devices():
-    pytest.skip("no OpenCL device", allow_module_level=True)
-
+from tests.devices import DEVICES, NO_DEVICE
 
 NO_FILL = Fill.from_sketch(Sketch(), np.zeros(0, FEATURE), seed=0)
 """Unpainted areas without features."""
@@ -137,6 +133,12 @@ def assert_same(one, other, *, parents=False) -> None:
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def usable_device() -> None:
+    if not DEVICES:
+        pytest.skip(NO_DEVICE)
+
+
 @pytest.fixture(scope="session")
 def context() -> ComputeContext:
     return terrains.context()
@@ -144,7 +146,7 @@ def context() -> ComputeContext:
 
 @pytest.fixture(scope="session")
 def double_context() -> ComputeContext:
-    with_double = [device for device in list_devices() if device.has_double]
+    with_double = [device for device in DEVICES if device.has_double]
     if not with_double:
         pytest.skip("no device with 64-bit floats")
     return ComputeContext(with_double[0], real="double")

@@ -10,7 +10,6 @@ import shapely
 
 from sketchterrain.caching import LRUCache
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.device import list_devices
 from sketchterrain.document.layers import CROPS
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.landuse.areas import BUILT_UP, FIELD, FOREST, MEADOW, LandUse
@@ -25,6 +24,7 @@ from sketchterrain.terrain.layers.layer import MASKS, WorldSettings
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.vegetation.foliage import FoliageSampler
 from sketchterrain.vegetation.plants import SPECIES
+from tests.devices import each_other_device
 from tests.sample_roads import sketch_with
 
 EXTENT, UNIT = 4096.0, 4096.0 / 2**24
@@ -230,17 +230,15 @@ def test_culling_and_parts_of_blocks_change_no_bit(bare, context, monkeypatch) -
     assert np.array_equal(found.materials, expected.materials)
 
 
-def test_both_drivers_compute_the_same_bits(bare) -> None:
-    devices = list({device.platform: device for device in list_devices() if device.known}.values())
-    if len(devices) < 2:
-        pytest.skip("one OpenCL driver")
+@each_other_device
+def test_all_devices_compute_the_same_bits(bare, context, other) -> None:
     recipe, (x, y) = with_land(bare, SCENE), grid(950, 950, 700)
-    results = [Evaluator(recipe, ComputeContext(device)) for device in devices]
+    results = [Evaluator(recipe, each) for each in (context, ComputeContext(other))]
     for cell in CELLS:
-        masks = [each.points(x, y, cell_size=cell)[1] for each in results]
-        assert all(np.array_equal(masks[0], other) for other in masks[1:]), cell
-    tiles = [each.tiles([(16, 16), (20, 18)], 6)[0].materials for each in results]
-    assert all(np.array_equal(tiles[0], other) for other in tiles[1:])
+        one, two = (each.points(x, y, cell_size=cell)[1] for each in results)
+        assert np.array_equal(one, two), cell
+    one, two = (each.tiles([(16, 16), (20, 18)], 6)[0].materials for each in results)
+    assert np.array_equal(one, two)
 
 
 def test_no_height_changes_and_no_bit_beyond_areas(bare, context) -> None:

@@ -10,7 +10,6 @@ import pytest
 
 from sketchterrain.caching import LRUCache
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.device import list_devices
 from sketchterrain.document.geology import ROCKS, Strata
 from sketchterrain.document.material_rules import (
     DEFAULT_RULES,
@@ -34,6 +33,7 @@ from sketchterrain.terrain.materials import pack_rules
 from sketchterrain.terrain.noise import fbm
 from sketchterrain.terrain.recipe import TerrainRecipe
 from tests import terrains
+from tests.devices import each_other_device
 
 from .conftest import CASES, LAKES, cover, straight_river
 
@@ -211,17 +211,12 @@ def test_rules_have_the_weights_of_numpy(make_recipe, context, double_context, w
     assert all(most[MATERIALS.index(name)] > 0.7 for name in named)  # the sites reach every material
 
 
-def test_all_devices_have_the_same_weights(make_recipe, weigh) -> None:
-    devices = list_devices()
-    if len(devices) < 2:
-        pytest.skip("one device has nothing to differ from")
+@each_other_device
+def test_all_devices_have_the_same_weights(make_recipe, weigh, context, other) -> None:
     for rules in (DEFAULT_RULES, some_rules()):
-        first, *others = (
-            weigh(make_recipe(material_rules=rules), sites(real=np.float32), ComputeContext(device))
-            for device in devices
-        )
-        for other in others:
-            np.testing.assert_array_equal(first, other)
+        recipe, places = make_recipe(material_rules=rules), sites(real=np.float32)
+        one, two = (weigh(recipe, places, each) for each in (context, ComputeContext(other)))
+        np.testing.assert_array_equal(one, two)
 
 
 def patch(recipe: TerrainRecipe, cell: float, west: float, north: float, side: int = 67) -> Any:

@@ -1,6 +1,5 @@
 """Self-test of a device, smaller batches when memory is short, and non-finite values."""
 
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -12,18 +11,17 @@ import pytest
 import sketchterrain.terrain.self_test as verdicts
 from sketchterrain.compute import device_check
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import DeviceCheck, check_device, clear_check_results
 from sketchterrain.errors import DeviceFailedError, DeviceMemoryError
 from sketchterrain.io.system import ChildFailedError
-from sketchterrain.terrain.building import build
 from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.patches import Batches
 from sketchterrain.terrain.self_test import self_test
+from sketchterrain.terrain.terrain import Terrain
+from tests.devices import DEVICES, KNOWN, device_params, needs_known_device
 
 from .conftest import tiers
 
-KNOWN = [device for device in list_devices() if device.known]
 KEYS = [(3, 1, 2), *((4, 2 + i, 4 + j) for i in (0, 1) for j in (0, 1))]
 CACHED = (self_test, check_device, verdicts._probe_in_child)
 
@@ -57,18 +55,16 @@ def right_arithmetic(fresh, monkeypatch) -> None:
 @pytest.fixture(scope="module")
 def probe() -> Any:
     """The small terrain of a device with the right bits."""
-    return verdicts._probe(list_devices()[0])
+    return verdicts._probe(DEVICES[0])
 
 
-@tiers("device", KNOWN[:1], KNOWN[1:])
+@pytest.mark.parametrize("device", device_params(lambda device: device.known, others=pytest.mark.slow))
 def test_known_devices_pass_and_the_verdict_is_cached(device) -> None:
     for compare in (True, False):
         verdict = self_test(device, compare=compare)
         assert verdict.bits == "same", verdict.line
         assert verdict.line.startswith("same bits (")
-        start = time.perf_counter()
         assert self_test(device, compare=compare) is verdict
-        assert time.perf_counter() - start < 0.01
 
 
 def test_the_small_terrain_contains_every_kind_of_feature(probe) -> None:
@@ -83,7 +79,7 @@ def test_the_small_terrain_contains_every_kind_of_feature(probe) -> None:
 def test_without_another_driver_heights_are_compared_with_float64(
     right_arithmetic, probe, monkeypatch
 ) -> None:
-    device = list_devices()[0]
+    device = DEVICES[0]
     monkeypatch.setattr(verdicts, "list_devices", lambda: (device,))
     monkeypatch.setattr(verdicts, "_probe_in_child", lambda _: probe)
     verdict = self_test(device)
@@ -91,20 +87,21 @@ def test_without_another_driver_heights_are_compared_with_float64(
     assert "mm from float64" in verdict.detail
 
 
-@pytest.mark.skipif(len(KNOWN) < 2, reason="one driver has nothing to differ from")
+@needs_known_device
 def test_other_bits_are_measured(right_arithmetic, probe, monkeypatch) -> None:
-    device = KNOWN[0]
+    device, other = KNOWN[:2]
     height = probe.height.copy()
     height[99] += 0.25
-    results = {device: replace(probe, height=height), KNOWN[1]: probe}
+    results = {device: replace(probe, height=height), other: probe}
+    monkeypatch.setattr(verdicts, "list_devices", lambda: (device, other))
     monkeypatch.setattr(verdicts, "_probe_in_child", results.__getitem__)
     verdict = self_test(device)
     assert verdict.bits == "other"
-    assert f"off by up to 250 mm from {KNOWN[1].platform}" in verdict.line
+    assert f"off by up to 250 mm from {other.platform}" in verdict.line
 
 
 def test_wrong_arithmetic_is_other_bits(right_arithmetic, probe, monkeypatch) -> None:
-    device = list_devices()[0]
+    device = DEVICES[0]
     monkeypatch.setattr(
         verdicts, "check_device", lambda d: DeviceCheck("", ("cubic",) if d == device else ())
     )
@@ -114,6 +111,7 @@ def test_wrong_arithmetic_is_other_bits(right_arithmetic, probe, monkeypatch) ->
         assert self_test(device, compare=compare).bits == "other"
 
 
+@needs_known_device
 def test_a_device_that_fails_its_self_test(right_arithmetic, probe, monkeypatch) -> None:
     """In its arithmetic or in the terrain; other devices that fail are skipped."""
     device = KNOWN[0]
@@ -128,7 +126,7 @@ def test_a_device_that_fails_its_self_test(right_arithmetic, probe, monkeypatch)
     assert self_test(device).line == "failed: the self-test crashed (SIGSEGV)"
     clear_check_results()
     self_test.cache_clear()
-    failing = set(list_devices()) - {device}
+    failing = set(verdicts.list_devices()) - {device}
     assert "no other driver to compare with" in self_test(device).line
     self_test.cache_clear()
     monkeypatch.setattr(verdicts, "check_device", lambda _: DeviceCheck("it is gone"))
@@ -157,16 +155,21 @@ def test_batches_are_halved_until_they_fit() -> None:
         Batches(64).run(5, lambda _: work(slice(0, 999)))
 
 
+def new_terrain(context: ComputeContext) -> Terrain:
+    """Return the small terrain without anything on the device."""
+    return Terrain(verdicts.probe_terrain(), verdicts._probe_recipe(), context)
+
+
 def evaluations(context: ComputeContext, x: np.ndarray) -> list[np.ndarray]:
     """A raster, tiles and single heights of the small terrain."""
-    terrain = build(verdicts.probe_terrain(), device=context)
+    terrain = new_terrain(context)
     raster, tiles = terrain.raster(257), terrain.tiles([(4, 3 + i, 5) for i in range(9)])
     found = [part for tile in tiles for part in (tile.height, tile.parent_normal)]
     return [raster.height, raster.normal, raster.materials, *found, terrain.heights(x, x)]
 
 
 def packed_vertices(context: ComputeContext) -> list[np.ndarray]:
-    terrain = build(verdicts.probe_terrain(), device=context)
+    terrain = new_terrain(context)
     store = terrain.vertex_store(5)
     return [terrain.write_tiles(KEYS, range(5), [-1, 0, 0, 0, 0], store), store.download()]
 
@@ -227,7 +230,7 @@ def test_one_failed_allocation_changes_no_value(which, context, monkeypatch) -> 
 
 
 def test_non_finite_values_are_errors(context, monkeypatch) -> None:
-    terrain = build(verdicts.probe_terrain(), device=context)
+    terrain = new_terrain(context)
     real = ComputeContext.download_into
     for value in (np.nan, np.inf):
 

@@ -7,7 +7,6 @@ import pytest
 
 import sketchterrain as st
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.device import list_devices
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.errors import InputError
 from sketchterrain.io.resources import preset_names
@@ -20,6 +19,7 @@ from sketchterrain.terrain.noise import NOISE_PEAK, UNSKEW
 from sketchterrain.terrain.patches import tile_patches
 from sketchterrain.terrain.terrain import Terrain
 from tests import terrains
+from tests.devices import DEVICES
 
 from .conftest import CASES, LAKES, PLATEAUS, SEAS, assert_same, half_sums, launches, straight_river, tiers
 
@@ -219,9 +219,7 @@ AT_ONCE = 96
 
 def opened(device: int, preset: str) -> Terrain:
     terrain = terrains.preset(preset)
-    return (
-        Terrain(terrain.sketch, terrain.recipe, ComputeContext(list_devices()[device])) if device else terrain
-    )
+    return Terrain(terrain.sketch, terrain.recipe, ComputeContext(DEVICES[device])) if device else terrain
 
 
 def random_tiles(
@@ -259,7 +257,7 @@ def check(tile: st.Tile, beside: st.Tile, over: st.Tile) -> None:
 )
 def test_tiles_agree_with_their_neighbours_and_parents(preset, tiles, devices) -> None:
     """So many tiles of each level on a device."""
-    for device in range(devices or len(list_devices())):
+    for device in range(devices or len(DEVICES)):
         check_tiles(opened(device, preset), preset, tiles)
 
 

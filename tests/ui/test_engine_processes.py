@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.device import list_devices
 from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceFailedError, InputError
@@ -25,6 +24,7 @@ from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.engine.link import EngineLink, ViewSource
 from sketchterrain.ui.engine.placer import CancellationPolicy, Placer, Superseded
 from sketchterrain.ui.engine.terrain_session import TerrainSession
+from tests.devices import KNOWN, needs_known_device
 
 
 def test_a_shared_frame_is_copied_pixel_for_pixel(qapp):
@@ -187,9 +187,9 @@ def test_a_missing_device_is_reported_and_the_engine_runs_on():
     harness.close()
 
 
-def test_a_failed_device_is_replaced(harness, monkeypatch):
-    if sum(device.type == "CPU" for device in list_devices()) < 2:
-        pytest.skip("needs two devices")
+@needs_known_device
+def test_a_failed_device_is_replaced(monkeypatch):
+    harness = engine_harness(str(KNOWN[-1].index))
     harness.send_recipe(20)
     first, _ = harness.answer(msg.Relief)
     failed = harness.session.device
@@ -206,6 +206,7 @@ def test_a_failed_device_is_replaced(harness, monkeypatch):
     assert np.array_equal(again.height, first.height)
     harness.window.send(msg.Pick(2, 0.5, 0.6))
     assert harness.answer(msg.PickResult)[0].place is not None
+    harness.close()
 
 
 class FailingPacer:

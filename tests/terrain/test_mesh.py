@@ -126,7 +126,7 @@ def _pairs(count, level, seed):
 
 @pytest.mark.parametrize("level", [0, 1, 2, 3, 4, 5, 7])
 def test_overlapping_windows_are_bit_equal(level, ground):
-    for one, other in _pairs(15, level, level):
+    for one, other in _pairs(5, level, level):
         a = ground.window(level, *one)
         b = UnpaintedGround(SETTINGS).window(level, *other)
         west, south = max(one[0], other[0]), max(one[1], other[1])
@@ -225,7 +225,7 @@ def test_surroundings_change_nothing_of_the_painted_region():
             assert np.array_equal(one[after.inside], other[after.inside])
 
 
-@pytest.mark.parametrize("level", [0, 2, 4, 6])
+@pytest.mark.parametrize("level", [1, 3, 6])
 def test_surroundings_are_as_high_as_asked_at_every_level(level):
     settings = UnpaintedSettings(7680.0, 3, relief=30.0)
     ranges = replace(settings, surroundings=600.0, rocky_surroundings=True)
@@ -265,7 +265,7 @@ def test_flat_ground_without_features_is_flat():
 def test_more_mountains_raise_more_ground():
     share = [
         UnpaintedGround(UnpaintedSettings(7680.0, 2, mountain_density=density))
-        .window(5, -200, -200, 400, 400)
+        .window(5, -100, -100, 200, 200)
         .rock.mean()
         for density in (0.0, 0.02, 0.1)
     ]

@@ -190,9 +190,8 @@ def overlapping_windows(pairs: int, far: int, seed: int):
     return found
 
 
-@tiers("pairs", [30], [1000])
-@pytest.mark.parametrize("has_paint", [False, True])
-def test_overlapping_windows_have_the_same_nodes(pairs, has_paint) -> None:
+@tiers(("has_paint", "pairs"), [(True, 12)], [(True, 100), (False, 100)], [(True, 1000), (False, 1000)])
+def test_overlapping_windows_have_the_same_nodes(has_paint, pairs) -> None:
     """In any order, from any thread, with small caches, 10⁶ m away: of all levels."""
     layers = {name: np.zeros((64, 64), np.uint8) for name in ("mountain", "hill", "river")}
     layers["mountain"][20:44, 10:30], layers["hill"][8:20, 40:60], layers["river"][30:, 40:42] = 1, 1, 1
@@ -220,7 +219,7 @@ def test_overlapping_windows_have_the_same_nodes(pairs, has_paint) -> None:
     assert compared > 100 * pairs
 
 
-@tiers("seed", [0, 3], range(16))
+@tiers("seed", [3], [0, 4, 5, 8], [1, 2, 6, 7, *range(9, 16)])
 def test_heights_are_finite(seed, context) -> None:
     """Near and 10⁶ m away, in small and large worlds, with the least and greatest densities and relief."""
     rng = np.random.default_rng(seed)
@@ -243,7 +242,7 @@ def test_scattered_points_ask_for_few_nodes(context) -> None:
     """Of each place those around it, not of the area between; the same heights as alone."""
     layers = {"mountain": np.zeros((32, 32), np.uint8)}
     terrain = build(Sketch(extent=2000.0, layers=layers, density={"mountain": 0.1}), device=context)
-    x, y = np.random.default_rng(2).uniform(-1e7, 1e7, (2, 12))
+    x, y = np.random.default_rng(2).uniform(-1e7, 1e7, (2, 5))
     together = terrain.heights(x, y)
     alone = [float(terrain.heights(*place)) for place in zip(x, y, strict=True)]
     np.testing.assert_array_equal(together, np.array(alone, np.float32))

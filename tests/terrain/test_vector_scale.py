@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import shapely
@@ -21,6 +19,8 @@ from sketchterrain.terrain.index import BoxIndex
 from sketchterrain.terrain.lattice import LATTICE_BITS
 from sketchterrain.terrain.layers.landuse import LandUseLayer
 
+from .conftest import tiers
+
 EXTENT, LEVEL = 4096.0, 4
 WIDTH = EXTENT / 2**LEVEL
 
@@ -35,14 +35,14 @@ def assert_same_views(one, other, level: int, place: tuple[int, int]) -> None:
         np.testing.assert_array_equal(a, np.sort(b), err_msg=f"tile {number} of level {level}")
 
 
-@pytest.mark.parametrize("capacity", [1 << 13, 300])
+@tiers("capacity", [300], [1 << 13])
 def test_a_clipped_tree_finds_what_the_index_of_boxes_finds(boxes, capacity, monkeypatch) -> None:
     """Before and after edits, also where quads are dropped and made again."""
     monkeypatch.setattr("sketchterrain.terrain.index._FEW_ITEMS", 64)
     plain, tree = BoxRival(boxes), TreeRival(boxes)
     tree.tree = ClippedTree(boxes, capacity=capacity)
     rng = np.random.default_rng(2)
-    for _ in range(60):
+    for _ in range(15):
         numbers, moved = random_edit(plain.index, rng)
         before, was = tree.tree, tree.tree.pieces(6, 32, 32)
         for rival in (plain, tree):
@@ -112,18 +112,22 @@ def test_fields_of_the_synthetic_country_share_their_borders() -> None:
     assert around == pytest.approx(shapely.length(union), rel=1e-9)
 
 
+def dry_land(side: int) -> Sketch:
+    """Return fields without roads and without streams."""
+    sketch = synthetic_land(side)
+    return sketch.replace(
+        vectors={"landuse": sketch.vectors["landuse"]}, climate={**sketch.climate, "aridity": 1.0}
+    )
+
+
 def test_a_smaller_country_is_the_middle_of_a_larger_one(context) -> None:
-    small, large = (synthetic_land(side) for side in (10, 20))
+    small, large = (dry_land(side) for side in (6, 12))
     one, other = (land_use(sketch) for sketch in (small, large))
     place = np.searchsorted(other.ids, one.ids)
     np.testing.assert_array_equal(other.ids[place], one.ids)
     np.testing.assert_array_equal(other.edges[other.edges_of(place)[1]], one.edges)
     keys = [(10, 511, 511), (10, 512, 511), (13, 4096, 4096)]
-    terrains = [
-        build(sketch.replace(vectors={"landuse": sketch.vectors["landuse"]}), device=context)
-        for sketch in (small, large)
-    ]
-    assert_same_tiles(*terrains, keys)
+    assert_same_tiles(*(build(sketch, device=context) for sketch in (small, large)), keys)
 
 
 def assert_same_tiles(one, other, keys) -> None:
@@ -135,12 +139,13 @@ def assert_same_tiles(one, other, keys) -> None:
 
 def sketch_of(shapes, ids=None, **columns) -> Sketch:
     layer = VectorLayer.from_shapes("landuse", np.array(shapes, object), ids=ids, columns=columns)
-    return Sketch(extent=EXTENT, seed=3, vectors={"landuse": layer})
+    return Sketch(extent=EXTENT, seed=3, vectors={"landuse": layer}, climate={"aridity": 1.0})
 
 
-def test_a_tile_of_a_hundred_thousand_curves_is_that_of_the_fields_near_it(context) -> None:
-    """224 × 224 fields of 1.1 m in one quad have 100,800 curves."""
-    count, corner = 224, np.array([8.0, 8.0]) * WIDTH
+@tiers("count", [64], [224])
+def test_a_tile_of_many_curves_is_that_of_the_fields_near_it(count, context) -> None:
+    """224 × 224 fields in one quad have 100,800 curves."""
+    corner = np.array([8.0, 8.0]) * WIDTH
     x, y = (each.ravel() for each in np.meshgrid(np.arange(count), np.arange(count)))
     step = WIDTH / count
     fields = shapely.box(
@@ -148,11 +153,11 @@ def test_a_tile_of_a_hundred_thousand_curves_is_that_of_the_fields_near_it(conte
     )
     uses = tuple(np.array(["field", "meadow", "forest"])[(x + 2 * y) % 3].tolist())
     whole = build(sketch_of(fields, use=uses), device=context)
-    near = np.flatnonzero((x < 60) & (y < 60))
+    near = np.flatnonzero((x < 0.27 * count) & (y < 0.27 * count))
     part = build(sketch_of(fields[near], near + 1, use=tuple(np.array(uses)[near].tolist())), device=context)
     assert_same_tiles(whole, part, [(LEVEL + 3, 64, 64), (LEVEL + 6, 512, 514), (LEVEL + 9, 4096, 4097)])
     (tile,) = whole.appearance.tiles([(LEVEL, 8, 8)])
-    assert tile[4:-4, 4:-4, 3].min() > 0  # covered everywhere
+    assert count < 224 or tile[4:-4, 4:-4, 3].min() > 0  # covered everywhere
 
 
 def test_an_area_cut_into_many_parts_by_a_quad_is_that_of_its_parts(context) -> None:
@@ -174,18 +179,16 @@ def test_an_area_cut_into_many_parts_by_a_quad_is_that_of_its_parts(context) -> 
     assert (np.diff((shares[0][1, 90] > 20).astype(int)) == 1).sum() > 10  # teeth are seen one by one
 
 
-def test_undoing_a_thousand_times_leaves_the_terrain_as_it_was(context) -> None:
+def test_undoing_a_hundred_times_leaves_the_terrain_as_it_was(context) -> None:
     memory = LRUCache()
-    sketch = synthetic_land(18)
+    sketch = dry_land(18)
     layer = sketch.vectors["landuse"]
     node = tuple(layer.vertices[len(layer.vertices) // 2].tolist())
-    moved = sketch.replace(
-        vectors={**sketch.vectors, "landuse": move_node(layer, node, (node[0] + 9.0, node[1] - 7.0))}
-    )
+    moved = sketch.replace(vectors={"landuse": move_node(layer, node, (node[0] + 9.0, node[1] - 7.0))})
     first = terrain = build(sketch, device=context, memory=memory)
     key = [(9, *(int(each // (sketch.extent / 2**9)) for each in node))]
     first.tiles(key)
-    for turn in range(2000):
+    for turn in range(200):
         terrain, areas = rebuild(terrain, moved if turn % 2 == 0 else sketch)
         assert 0 < len(areas) <= 3
     index = terrain.recipe[LandUseLayer].index(terrain.recipe.world).boxes
@@ -215,10 +218,7 @@ def test_land_use_at_the_edge_of_the_world_is_as_near_the_origin(context) -> Non
 
 
 def test_land_use_leaves_tiles_a_million_kilometres_away_as_they_are(context) -> None:
-    sketch = synthetic_land(8)
-    with_land, without = (
-        build(each, device=context)
-        for each in (sketch, replace(sketch, vectors={"road": sketch.vectors["road"]}))
-    )
+    sketch = dry_land(8)
+    with_land, without = (build(each, device=context) for each in (sketch, sketch.replace(vectors={})))
     column = int(1e9 / (sketch.extent / 2**9))
     assert_same_tiles(with_land, without, [(9, column, 256), (12, 8 * column, 2048)])

@@ -11,11 +11,9 @@ from scipy.spatial import cKDTree
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.store import load_sketch
 from sketchterrain.hydrology.splines import catmull_rom
 from sketchterrain.placement.feature_types import Cover, Lake, River, ShapeField, distance_inside
 from sketchterrain.terrain.building import build
-from sketchterrain.terrain.building import make_recipe as recipe_of
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS, nearest_on_arc, tolerance_cell
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
@@ -23,6 +21,7 @@ from sketchterrain.terrain.layers.corridors import ARC, CorridorsLayer
 from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
+from tests import terrains
 
 from .conftest import lake as round_lake
 from .conftest import river_of, round_field, tiers
@@ -280,21 +279,21 @@ def random_sketch(seed: int) -> Sketch:
     )
 
 
-@tiers("name", ["valley_river"], ["alpine_range", "rolling_hills"])
-def test_in_the_presets_no_bed_rises_and_every_bank_holds(name, context) -> None:
-    terrain = build(load_sketch(name), device=context)
+@tiers("name", ["valley_river"], ["alpine_range"])
+def test_in_the_presets_no_bed_rises_and_every_bank_holds(name) -> None:
+    terrain = terrains.preset(name)
     assert terrain.recipe.rivers
     assert_water_stays(terrain)
 
 
 # Regressions: beds at joints and in sharp bends, water beside lakes and in sharp bends.
-@tiers("seed", [0, 100, 205], [*range(40), 115, 130, 172, 175, 287])
+@tiers("seed", [100, 205], [0, 115, 130, 172, 175, 287], range(1, 40))
 def test_no_bed_rises_and_every_bank_holds(seed, context) -> None:
     terrain = build(random_sketch(seed), device=context)
     assert_water_stays(terrain)
 
 
-@tiers("poses", [range(4)], [range(4, 100)])
+@tiers("poses", [range(1)], [range(1, 12)], [range(12, 100)])
 def test_a_river_across_a_mountain_runs_below_the_straight_line(poses, context) -> None:
     """In random poses: the bed on the mountain is not above the line between its ends."""
     for pose in poses:
@@ -444,10 +443,10 @@ def test_a_river_has_no_gaps_at_wide_cells(make_recipe, context) -> None:
 @tiers(
     ("name", "samples"),
     [("valley_river", 10)],
-    [("valley_river", 40), ("alpine_range", 40), ("rolling_hills", 40)],
+    [("alpine_range", 40)],
 )
 def test_arcs_stay_within_a_hundredth_of_a_cell_of_the_spline(name, samples) -> None:
-    recipe = recipe_of(load_sketch(name))
+    recipe = terrains.preset(name).recipe
     unit = metres_per_unit(recipe.extent)
     courses = sorted(
         recipe[CorridorsLayer].courses, key=lambda each: (not each.river.label, len(each.pieces))

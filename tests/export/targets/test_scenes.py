@@ -299,7 +299,7 @@ def test_stl_is_a_closed_binary_solid(exported, terrain):
 
 @pytest.fixture(scope="module")
 def blender(exported):
-    return exported("blender", size=SIZE, plants=False)
+    return exported("blender", size=SIZE)
 
 
 @pytest.fixture(scope="module")
@@ -342,10 +342,9 @@ def test_displaced_grid_and_glb_match_the_terrain(blender, image, terrain):
     assert np.abs(by_place(glb) - by_place(grid)).max() < 1e-3
 
 
-def test_blender_plants_are_separate_instances_and_points(exported):
-    content = exported("blender", size=SIZE)
-    names = [path.name for path in content.paths(".glb")]
+def test_blender_plants_are_separate_instances_and_points(blender):
+    names = [path.name for path in blender.paths(".glb")]
     assert sorted(names) == ["high_corner.glb", "high_corner_plant_points.glb", "high_corner_plants.glb"]
-    scene = trimesh.load(content.paths("corner.glb")[0], process=False)
+    scene = trimesh.load(blender.paths("corner.glb")[0], process=False)
     assert {name.split()[0] for name in scene.geometry} == {"ground", "river", "lake"}
-    assert content.sidecar["plants"]["count"] > 500
+    assert blender.sidecar["plants"]["count"] > 500

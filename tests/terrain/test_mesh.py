@@ -126,9 +126,10 @@ def _pairs(count, level, seed):
 
 @pytest.mark.parametrize("level", [0, 1, 2, 3, 4, 5, 7])
 def test_overlapping_windows_are_bit_equal(level, ground):
+    second = UnpaintedGround(SETTINGS)
     for one, other in _pairs(5, level, level):
         a = ground.window(level, *one)
-        b = UnpaintedGround(SETTINGS).window(level, *other)
+        b = second.window(level, *other)
         west, south = max(one[0], other[0]), max(one[1], other[1])
         east, north = min(one[0] + one[3], other[0] + other[3]), min(one[1] + one[2], other[1] + other[2])
         if west >= east or south >= north:
@@ -187,7 +188,7 @@ def test_the_painted_region_covers_the_sketch_and_no_more_than_its_cells():
 def test_valleys_lead_away_from_the_painted_region():
     """What leads into it, in numbers of vertices upstream, is little beside what leads out of it."""
     entering = leaving = 0
-    for seed in range(12):
+    for seed in range(6):
         ground = UnpaintedGround(UnpaintedSettings(7680.0, seed))
         painted, table = set(ground.painted_sites), ground.table(-4, -4, 12, 12)
 

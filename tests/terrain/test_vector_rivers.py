@@ -29,12 +29,15 @@ def area(*rings, **properties):
     )
 
 
-def sketch(*rivers, lakes=(), **settings):
+DRY = {"aridity": 1.0}  # hardly any streams
+
+
+def sketch(*rivers, lakes=(), climate=DRY, **settings):
     vectors = {
         "river": VectorLayer("river").edited(add=rivers),
         "lake": VectorLayer("lake").edited(add=lakes),
     }
-    return Sketch(vectors=vectors, **settings)
+    return Sketch(vectors=vectors, climate=climate, **settings)
 
 
 def slope(x, y):
@@ -58,10 +61,9 @@ def distance_between(one, other):
     return max(to.max(), shapely.distance(shapely.points(shapely.get_coordinates(b)), a).max())
 
 
-@pytest.mark.parametrize("smooth", [0, 1])
-@pytest.mark.parametrize("fidelity", [0.0, 0.8, 1.0])
+@pytest.mark.parametrize(("fidelity", "smooth"), [(0.0, 1), (0.8, 0), (1.0, 0), (1.0, 1)])
 def test_courses_follow_their_lines(fidelity, smooth):
-    of = sketch(line(*zigzag(40), smooth=smooth, directed=1), fidelity=fidelity)
+    of = sketch(line(*zigzag(20), smooth=smooth, directed=1), fidelity=fidelity)
     (course,) = courses(of)
     farthest = distance_between(line_path(of.vectors["river"], 0), course.line)
     assert farthest <= line_tolerance(of) + 0.01
@@ -81,8 +83,8 @@ def test_round_corners_stay_within_their_tolerance(angle, shorter):
 
 def test_built_rivers_are_within_half_a_metre_at_fidelity_1(context):
     of = sketch(
-        line(*zigzag(40), directed=1, width=14.0),
-        line([300.0, 600.0], [900.0, 1500.0], zigzag(40)[20], smooth=1, directed=1),
+        line(*zigzag(20), directed=1, width=14.0),
+        line([300.0, 600.0], [900.0, 1500.0], zigzag(20)[10], smooth=1, directed=1),
         fidelity=1.0,
     )
     measured = measure_adherence(st.build(of, device=context)).rivers
@@ -264,11 +266,13 @@ def random_vectors(rng):
     return rivers, lakes
 
 
-@tiers("seed", [0, 9], range(12))
+@tiers("seed", [9], range(12))
 def test_rivers_of_random_vectors_never_rise(seed):
     rng = np.random.default_rng([7, seed])
     rivers, lakes = random_vectors(rng)
-    of = sketch(*rivers, lakes=lakes, fidelity=float(rng.choice([0.0, 0.8, 1.0])), density={"hill": 1.0})
+    of = sketch(
+        *rivers, lakes=lakes, fidelity=float(rng.choice([0.0, 0.8, 1.0])), density={"hill": 1.0}, climate={}
+    )
     recipe = make_recipe(of)
     assert len({each.id for each in recipe.rivers}) == len(recipe.rivers)
     for each in recipe.rivers:

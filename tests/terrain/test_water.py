@@ -287,7 +287,7 @@ def test_in_the_presets_no_bed_rises_and_every_bank_holds(name) -> None:
 
 
 # Regressions: beds at joints and in sharp bends, water beside lakes and in sharp bends.
-@tiers("seed", [100, 205], [0, 115, 130, 172, 175, 287], range(1, 40))
+@tiers("seed", [205], [0, 100, 115, 130, 172, 175, 287], range(1, 40))
 def test_no_bed_rises_and_every_bank_holds(seed, context) -> None:
     terrain = build(random_sketch(seed), device=context)
     assert_water_stays(terrain)
@@ -307,7 +307,8 @@ def test_a_river_across_a_mountain_runs_below_the_straight_line(poses, context) 
         mountain = (np.hypot(COLUMN - centre[0], ROW - centre[1]) < radius).astype(np.uint8)
         layers, height = {"river": river, "mountain": mountain}, float(rng.uniform(100, 700))
         labels = {("mountain", 1): {"height": height}}
-        sketch = Sketch(extent=6000.0, seed=pose, layers=layers, labels=labels)
+        dry = {"aridity": 1.0}  # hardly any streams
+        sketch = Sketch(extent=6000.0, seed=pose, layers=layers, labels=labels, climate=dry)
         terrain = build(sketch, device=context)
         (found,) = (river for river in terrain.recipe.rivers if river.label)
         # The line from the point of the centreline before the mountain to that after it.

@@ -92,17 +92,17 @@ def test_there_is_no_step_where_the_data_end(recipe, context, base) -> None:
     assert np.array_equal(one, two)
 
 
-@pytest.mark.parametrize("level", [1, 3, 5])
-def test_bounds_hold_of_what_a_cell_size_omits(recipe, context, level) -> None:
-    keys = [(column, row) for column in range(1 << min(level, 3)) for row in range(1 << min(level, 3))]
+def test_bounds_hold_of_what_a_cell_size_omits(recipe, context) -> None:
     evaluator = Evaluator(recipe, context)
-    surface, bounds = evaluator.tiles(keys, level)
-    side = (1 << 24) >> level
-    step = np.arange(65) * (side >> 6)
-    for (column, row), own, bound in zip(keys, surface.height, bounds, strict=True):
-        x, y = (each.ravel() for each in np.meshgrid(column * side + step, row * side + step[::-1]))
-        full, _ = evaluator.points(x, y, cell_size=0.0)
-        assert np.abs(own.ravel() - full).max() <= bound + 1e-3
+    for level, wide in ((1, 2), (3, 6), (5, 4)):
+        keys = [(column, row) for column in range(wide) for row in range(wide)]
+        surface, bounds = evaluator.tiles(keys, level)
+        side = (1 << 24) >> level
+        step = np.arange(65) * (side >> 6)
+        for (column, row), own, bound in zip(keys, surface.height, bounds, strict=True):
+            x, y = (each.ravel() for each in np.meshgrid(column * side + step, row * side + step[::-1]))
+            full, _ = evaluator.points(x, y, cell_size=0.0)
+            assert np.abs(own.ravel() - full).max() <= bound + 1e-3, (level, column, row)
 
 
 def test_other_data_change_everything(recipe, base) -> None:

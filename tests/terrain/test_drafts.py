@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from sketchterrain.caching import LRUCache
-from sketchterrain.document.store import load_sketch
 from sketchterrain.terrain.building import draft_recipe, plan_terrain, recipe_of_plan
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.terrain import Terrain
@@ -18,10 +16,8 @@ def stroke(sketch, layer, row, column, radius):
 
 
 @pytest.fixture(scope="module")
-def built():
-    sketch, memory = load_sketch("valley_river"), LRUCache()
-    plan = plan_terrain(sketch, memory)
-    return sketch, memory, plan, recipe_of_plan(sketch, plan, memory)
+def built(valley):
+    return valley.sketch, valley.memory, plan_terrain(valley.sketch, valley.memory), valley.recipe
 
 
 def test_a_draft_has_the_new_mountain_and_the_rest_of_the_old_ground(built, context):

@@ -1,6 +1,5 @@
 """Plants: species, density, spacing by the terrain, independence of the queried area, and edits."""
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -35,13 +34,14 @@ def grown(recipe, context, *area, storey: str = "woody") -> np.ndarray:
 def test_forests_grow_where_they_are_painted(valley, desert) -> None:
     assert len(desert.foliage(2000, 2000, 4000, 4000)) < 40
     forest = valley.sketch.layers["forest"] > 0
-    plants = valley.foliage(0, 0, *valley.size)
+    area = (*(0.5 * side for side in valley.size), *valley.size)  # the north-east
+    plants = valley.foliage(*area)
     column = (plants["x"] / valley.sketch.pixel_size).astype(int)
     row = valley.sketch.height_px - 1 - (plants["y"] / valley.sketch.pixel_size).astype(int)
     inside = forest[row, column].mean()
     assert inside > 0.6  # groves of the fill and isolated trees are elsewhere
-    assert inside > 5 * forest.mean()
-    assert len(plants) <= valley.foliage_estimate(0, 0, *valley.size)[0] <= 2 * len(plants)
+    assert inside > 5 * forest[: forest.shape[0] // 2, forest.shape[1] // 2 :].mean()
+    assert len(plants) <= valley.foliage_estimate(*area)[0] <= 2 * len(plants)
 
 
 def test_a_forest_has_the_share_of_conifers_of_its_label(make_recipe, context) -> None:
@@ -66,7 +66,7 @@ def per_cell(x: np.ndarray, y: np.ndarray, width: float, weights: np.ndarray | N
 
 def test_species_grow_in_stands(make_recipe, context) -> None:
     for share, first, second in ((1.0, "spruce", "pine"), (0.0, "oak", "birch")):
-        plants = grown(make_recipe(wide_forest(share)), context, 1500, 1500, 2500, 2500)
+        plants = grown(make_recipe(wide_forest(share)), context, 1600, 1600, 2400, 2400)
         pair = [SPECIES.index(first), SPECIES.index(second)]
         plants = plants[np.isin(plants["species"], pair)]
         is_first = (plants["species"] == pair[0]).astype(float)
@@ -98,8 +98,8 @@ def test_undergrowth_grows_at_a_forests_edge(make_recipe, context) -> None:
 
 
 def test_isolated_plants_form_loose_groups(make_recipe, context) -> None:
-    plants = grown(make_recipe(), context, 0, 0, 4000, 4000)
-    assert 2000 < len(plants) < 12000
+    plants = grown(make_recipe(), context, 0, 0, 2000, 4000)
+    assert 1000 < len(plants) < 6000
     many = per_cell(plants["x"], plants["y"], 100.0)
     assert many.var() > 2.0 * many.mean()  # a Poisson process would have equal ones
 
@@ -217,7 +217,11 @@ def square(place: tuple[float, float], storey: str) -> tuple[float, float, float
     return west, south, west + SIDES[storey], south + SIDES[storey]
 
 
-@tiers(("storey", "place"), [("woody", PLACES[0]), ("grass", PLACES[3])], itertools.product(STOREYS, PLACES))
+@tiers(
+    ("storey", "place"),
+    [("woody", PLACES[0]), ("grass", PLACES[3])],
+    [("grass", PLACES[1]), ("woody", PLACES[2])],
+)
 def test_plants_are_a_function_of_the_world(valley, place, storey) -> None:
     """One rectangle, or sixteen in shuffled order from a new sampler: the same bits."""
     west, south, east, north = square(place, storey)
@@ -236,7 +240,7 @@ def test_plants_are_a_function_of_the_world(valley, place, storey) -> None:
 @tiers(
     ("storey", "place"),
     [("grass", PLACES[2])],
-    [("woody", PLACES[0]), ("grass", PLACES[0]), ("woody", PLACES[2])],
+    [("woody", PLACES[0]), ("woody", PLACES[2])],
 )
 def test_plants_keep_the_distance_of_the_raster(valley, place, storey) -> None:
     """At every level, by a tree of all pairs that could be too near."""
@@ -299,7 +303,7 @@ def test_every_field_of_a_plant_is_set(valley, storey) -> None:
 @pytest.mark.parametrize("storey", STOREYS)
 def test_pieces_join_to_the_whole(valley, storey, monkeypatch) -> None:
     west, south, east, north = square(PLACES[0], storey)
-    width = {"woody": 3000.0, "grass": 300.0}[storey]
+    width = {"woody": 1200.0, "grass": 120.0}[storey]
     area = (west - width, south - 100.0, east, north)
     whole = valley.foliage(*area, storey=storey)
     monkeypatch.setattr(foliage, "_MAX_PER_PIECE", 1)
@@ -309,7 +313,7 @@ def test_pieces_join_to_the_whole(valley, storey, monkeypatch) -> None:
 
 
 def test_an_estimate_is_a_close_upper_bound(valley) -> None:
-    for storey, place in itertools.product(STOREYS, PLACES[:3]):
+    for storey, place in (("woody", PLACES[0]), ("woody", PLACES[1]), ("grass", PLACES[2])):
         area = square(place, storey)
         most, size = valley.foliage_estimate(*area, storey=storey)
         there = len(valley.foliage(*area, storey=storey))

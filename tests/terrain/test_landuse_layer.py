@@ -365,7 +365,7 @@ def test_updates_equal_new_terrains_and_change_their_areas_only(bare, context) -
     old = Evaluator(with_land(bare, areas(*scene)), context)
     keys = [(c, r) for c in range(15, 24, 2) for r in range(15, 24, 2)]
     old.tiles(keys, 6)
-    for number in range(15):
+    for number in range(10):
         scene = edited(rng, scene, number)
         recipe = with_land(bare, areas(*scene))
         new, boxes = old.updated(recipe)

@@ -1,6 +1,5 @@
 """Edits of draped features, and the files that they are saved in."""
 
-import signal
 import subprocess
 import sys
 from contextlib import suppress
@@ -24,7 +23,7 @@ from sketchterrain.drape.feature_edits import (
     set_properties,
 )
 from sketchterrain.errors import InputError
-from tests.drape.test_vector_sources import ALL, opened, random_shapes, write, write_as_is
+from tests.drape.test_vector_sources import opened, random_shapes, write, write_as_is
 
 HOLED = shapely.Polygon([(0, 0), (40, 0), (40, 40), (0, 40)], [[(10, 10), (20, 10), (20, 20), (10, 20)]])
 SEVERAL = shapely.MultiPolygon([HOLED, shapely.box(60, 0, 90, 30)])
@@ -206,39 +205,49 @@ def test_a_layer_that_cannot_be_saved_leaves_every_file_as_it_was(tmp_path) -> N
         save_layer(drapes, 0, path)
 
 
-SAVE = """
+SAVES = """
 import itertools, os, signal, sys
 from pathlib import Path
+import numpy as np
 from sketchterrain.document.drapes import draped_layer
 from sketchterrain.drape import feature_edits
 from tests.document.save_until_killed import count_calls
-from tests.drape.test_vector_sources import opened
-path, moment, calls = Path(sys.argv[1]), int(sys.argv[2]), itertools.count()
-feature_edits._BATCH = 1000
-drapes = opened(draped_layer(path))
-layer = feature_edits.move_feature(drapes.layers[0], drapes.feature(0, 0), 1.0, 0.0)
-drapes = drapes.updated([layer])
-count_calls(lambda: next(calls) == moment and os.kill(os.getpid(), signal.SIGKILL))
-feature_edits.save_layer(drapes, 0, path)
-sys.setprofile(None)
-print(next(calls))
+from tests.drape.test_vector_sources import ALL, opened
+path, content = Path(sys.argv[1]), Path(sys.argv[1]).read_bytes()
+feature_edits._BATCH = 100
+
+def save(moment):
+    # Return the status of a save that is killed at a call, and the number of calls of one that is not.
+    path.write_bytes(content)
+    read, write = os.pipe()
+    if child := os.fork():
+        os.close(write)
+        status = os.waitpid(child, 0)[1]
+        with open(read) as stream:
+            count = stream.read()
+        return status, count
+    drapes, calls = opened(draped_layer(path)), itertools.count()
+    layer = feature_edits.move_feature(drapes.layers[0], drapes.feature(0, 0), 1.0, 0.0)
+    drapes = drapes.updated([layer])
+    count_calls(lambda: next(calls) == moment and os.kill(os.getpid(), signal.SIGKILL))
+    feature_edits.save_layer(drapes, 0, path)
+    sys.setprofile(None)
+    os.write(write, str(next(calls)).encode())
+    os._exit(0)
+
+for moment in np.linspace(0, int(save(-1)[1]) - 1, 25).astype(int).tolist():
+    status, _ = save(moment)
+    whole = len(opened(draped_layer(path)).features(0, ALL)) == 300
+    print(status == signal.SIGKILL, whole, path.read_bytes() == content)
 """
 
 
 @pytest.mark.slow
 def test_a_save_that_is_killed_leaves_the_old_or_the_new_file(tmp_path) -> None:
-    path = write(tmp_path / "map.gpkg", random_shapes(3000))
-    content, old = path.read_bytes(), []
-
-    def save(moment: int) -> subprocess.CompletedProcess[str]:
-        path.write_bytes(content)
-        command = [sys.executable, "-c", SAVE, str(path), str(moment)]
-        return subprocess.run(command, capture_output=True, text=True, check=False)
-
-    calls = int(save(-1).stdout)
-    for moment in np.linspace(0, calls - 1, 9).astype(int).tolist():
-        assert save(moment).returncode == -signal.SIGKILL, moment
-        assert len(opened(draped_layer(path)).features(0, ALL)) == 3000, moment
-        old.append(path.read_bytes() == content)
-    assert old == sorted(old, reverse=True)
-    assert set(old) == {True, False}
+    path = write(tmp_path / "map.gpkg", random_shapes(300))
+    run = subprocess.run([sys.executable, "-c", SAVES, str(path)], capture_output=True, text=True, check=True)
+    killed, whole, old = zip(*(line.split() for line in run.stdout.splitlines()), strict=True)
+    assert len(killed) == 25
+    assert {*killed, *whole} == {"True"}
+    assert list(old) == sorted(old, reverse=True)
+    assert set(old) == {"True", "False"}

@@ -11,7 +11,6 @@ import shapely
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.drapes import DrapedLayer
-from sketchterrain.document.sketch import Sketch
 from sketchterrain.drape.drapes import Drapes, LayerStyle
 from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE, Items
 from sketchterrain.drape.painting import TEXEL_PIXELS, WHITE, DrapedAppearance
@@ -23,7 +22,6 @@ from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
 from sketchterrain.terrain.appearance import SIDE
-from sketchterrain.terrain.building import build
 from sketchterrain.terrain.terrain import Terrain
 from tests import terrains
 from tests.devices import DEVICES, needs_device
@@ -533,13 +531,14 @@ def test_pictures_show_changed_layers_whatever_way_they_came(tmp_path):
     quality = Quality.from_level(
         0.0, without=("clouds", "haze", "grass", "rocks", "detail", "shadows", "trees")
     )
-    quality, size = replace(quality, quads=64), (200, 140)
-    camera = Camera((900.0, 200.0, 500.0), (1000.0, 900.0, 0.0), near=1.0, far=30_000.0)
-    shapes = star(1, (900.0, 900.0), 500.0), shapely.box(950.0, 500.0, 1500.0, 1300.0)
+    quality = replace(quality, quads=64, map_texels=128, material_texels=128)
+    size = (200, 140)
+    camera = Camera((450.0, 100.0, 250.0), (500.0, 450.0, 0.0), near=1.0, far=30_000.0)
+    shapes = star(1, (450.0, 450.0), 250.0), shapely.box(475.0, 250.0, 750.0, 650.0)
     layers = write_areas(tmp_path, *shapes)
     layers = [layers[0].replace(fill="#3355ff"), layers[1].replace(fill="#ff8080", blend="multiply")]
-    sketch = Sketch()
-    terrain = build(sketch)
+    terrain = terrains.plain()
+    sketch = terrain.sketch
     drapes = Drapes.open(layers, sketch.frame, sketch.size, sketch.extent)
     assert not drapes.problems
 

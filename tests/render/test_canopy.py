@@ -8,7 +8,6 @@ from skimage.color import deltaE_ciede2000, rgb2lab
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.offscreen import render_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Sun, Weather
 from sketchterrain.terrain.building import build
@@ -35,10 +34,10 @@ def view(terrain):
     return Camera((middle, middle - 1150.0, level + EYE), (middle, middle, level))
 
 
-def picture(terrain, sun, **changes):
+def picture(draw, terrain, sun, **changes):
     quality = replace(Quality.for_still(SIZE), material_texels=256, **changes)
     weather = Weather(clouds=0.0, wind=0.0)
-    return render_picture(terrain, size=SIZE, camera=view(terrain), sun=sun, weather=weather, quality=quality)
+    return draw(terrain, view(terrain), size=SIZE, sun=sun, weather=weather, quality=quality)
 
 
 def mean_colour(shown, camera):
@@ -52,12 +51,12 @@ def mean_colour(shown, camera):
 
 @pytest.mark.gl
 @pytest.mark.slow
-def test_a_distant_canopy_has_the_colour_of_drawn_trees(wood):
+def test_a_distant_canopy_has_the_colour_of_drawn_trees(draw, wood):
     """Where trees turn into ground, neither a ring nor a step of brightness gives it away."""
     camera, differences = view(wood), []
     for sun in SUNS:
-        drawn = picture(wood, sun)
-        painted = picture(wood, sun, without=frozenset({"trees"}), canopy_distance=200.0)
+        drawn = picture(draw, wood, sun)
+        painted = picture(draw, wood, sun, without=frozenset({"trees"}), canopy_distance=200.0)
         colours = (mean_colour(each, camera) for each in (drawn, painted))
         differences.append(float(deltaE_ciede2000(*colours)))
     assert np.mean(differences) < MOST, differences

@@ -5,7 +5,6 @@ They are llvmpipe's: other drivers round differently. ``pytest tests/render/test
 amplified (8×) difference.
 """
 
-from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,11 +12,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import sketchterrain as st
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.offscreen import render_picture
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.sky import Weather
+from sketchterrain.render.sky import Weather, sun_for_view
+from tests import terrains
 
 pytestmark = [pytest.mark.gl, pytest.mark.xdist_group("goldens")]
 
@@ -64,24 +62,17 @@ DEFAULT = ("desert_mountains-air", "valley_river-air")
 """Scenes of the default tier, which are cheap under an overcast sky."""
 
 
-@lru_cache(maxsize=1)
-def terrain_of(preset):
-    return st.build(st.load_sketch(preset))
-
-
-def drawn(name):
+def drawn(name, draw):
     scene = SCENES[name]
-    terrain = terrain_of(name.partition("-")[0])
+    terrain = terrains.preset(name.partition("-")[0])
     x, y, above = scene.eye
     z = float(terrain.heights(x, y)) + above
     target = (*scene.target[:2], z + scene.target[2])
-    return render_picture(
-        terrain,
-        size=SIZE,
-        camera=Camera((x, y, z), target, fov=scene.fov),
-        weather=Weather.from_sketch(terrain.sketch, hour=scene.hour, clouds=scene.clouds),
-        quality=Quality.from_level(scene.quality),
-    )
+    camera = Camera((x, y, z), target, fov=scene.fov)
+    weather = Weather.from_sketch(terrain.sketch, hour=scene.hour, clouds=scene.clouds)
+    sun = sun_for_view(terrain, camera, weather)
+    quality = Quality.from_level(scene.quality)
+    return draw(terrain, camera, size=SIZE, sun=sun, weather=weather, quality=quality).astype(np.uint8)
 
 
 def compare(golden, picture):
@@ -93,10 +84,10 @@ def compare(golden, picture):
 @pytest.mark.parametrize(
     "name", [name if name in DEFAULT else pytest.param(name, marks=pytest.mark.slow) for name in SCENES]
 )
-def test_pictures_match_their_goldens(name, gl, request, tmp_path):
+def test_pictures_match_their_goldens(name, gl, draw, request, tmp_path):
     if "llvmpipe" not in gl.info["GL_RENDERER"]:
         pytest.skip("golden pictures are llvmpipe's")
-    picture = drawn(name)
+    picture = drawn(name, draw)
     path = GOLDENS / f"{name}.png"
     if request.config.getoption("--regenerate-goldens"):
         GOLDENS.mkdir(exist_ok=True)

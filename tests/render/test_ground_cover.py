@@ -12,7 +12,6 @@ from sketchterrain.render.ground import NEAR_WIDTH
 from sketchterrain.render.ground_cover import DETAILS as ROCK_DETAILS
 from sketchterrain.render.ground_cover import SHAPES, Rocks, rock_mesh, sorted_by_mesh
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.scatter import (
     BAND,
     ScatterLayer,
@@ -67,8 +66,8 @@ def camera_at(x, y, *, above=1.7, heading=(0.3, 1.0, -0.15)):
 
 
 class Scene:
-    def __init__(self, gl, *, quality=QUALITY, weather=None):
-        self.renderer = Renderer(gl, Meadow(), sun=Sun(200.0, 35.0), weather=weather, quality=quality)
+    def __init__(self, gl, open_renderer, *, weather=None):
+        self.renderer = open_renderer(Meadow(), sun=Sun(200.0, 35.0), weather=weather, quality=QUALITY)
         self.texture = gl.texture(SIZE, 4)
         self.target = gl.framebuffer([self.texture])
 
@@ -87,8 +86,8 @@ class Scene:
 
 
 @pytest.fixture(scope="module")
-def scene(gl):
-    return Scene(gl)
+def scene(gl, open_renderer):
+    return Scene(gl, open_renderer)
 
 
 @pytest.mark.slow
@@ -155,9 +154,9 @@ def test_grass_and_stones_follow_the_materials(scene, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.gl
-def test_grass_moves_only_in_the_wind(gl):
+def test_grass_moves_only_in_the_wind(gl, open_renderer):
     camera = camera_at(600.0, 300.0)
-    calm, windy = (Scene(gl, weather=Weather(wind=wind)) for wind in (0.0, 9.0))
+    calm, windy = (Scene(gl, open_renderer, weather=Weather(wind=wind)) for wind in (0.0, 9.0))
     assert (calm.see(camera, clock=0.0) == calm.see(camera, clock=7.3)).all()
     assert (windy.see(camera, clock=0.0) != windy.see(camera, clock=7.3)).any()
 

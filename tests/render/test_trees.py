@@ -2,7 +2,6 @@
 
 import itertools
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ import pytest
 from sketchterrain.look.tree_levels import DETAILS, VARIANTS, leaf_mask, level, plant_mesh, plant_view
 from sketchterrain.look.tree_species import BROAD, HEIGHTS, NEEDLES, SOLID, SPECIES
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.offscreen import canvas, read_picture
+from sketchterrain.render.offscreen import canvas
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun, Weather
@@ -212,21 +211,20 @@ class Woods(Waves):
 CHEAP = Quality(materials=1, planes=1, octaves=1, hexes=1, material_texels=128, map_texels=128, samples=1)
 
 
-@cache
-def picture(*, without=STILL, clock=0.0, wind=0.0, camera=CAMERA, **changes):
-    maps = {"light_maps": 2, "surface_texels": 256, "shade_texels": 512, "tile_memory": 64 << 20}
-    quality = replace(CHEAP, without=frozenset(without), **maps, **changes)
-    with canvas(SIZE) as (context, texture, framebuffer):
-        weather = Weather(wind=wind, clouds=0.0)
-        renderer = Renderer(context, Woods(rivers=False), sun=SUN, weather=weather, quality=quality)
-        renderer.prepare(camera, SIZE)
-        renderer.draw(camera, framebuffer, clock=clock)
-        return read_picture(texture).astype(int)
+@pytest.fixture(scope="module")
+def picture(draw):
+    def picture(*, without=STILL, clock=0.0, wind=0.0, **changes):
+        maps = {"light_maps": 2, "surface_texels": 256, "shade_texels": 512, "tile_memory": 64 << 20}
+        quality = replace(CHEAP, without=frozenset(without), **maps, **changes)
+        given = {"sun": SUN, "weather": Weather(wind=wind, clouds=0.0), "quality": quality, "clock": clock}
+        return draw(Woods(rivers=False), CAMERA, size=SIZE, **given)
+
+    return picture
 
 
 @pytest.mark.gl
 @pytest.mark.slow
-def test_trees_cast_shadows_and_move_only_in_wind():
+def test_trees_cast_shadows_and_move_only_in_wind(picture):
     bare, planted = picture(without=(*STILL, "trees")), picture()
     changed = np.abs(planted - bare).max(axis=2) > 12
     assert 0.02 < changed.mean() < 0.5
@@ -246,12 +244,12 @@ def test_trees_cast_shadows_and_move_only_in_wind():
 @pytest.mark.gl
 @pytest.mark.slow
 @pytest.mark.parametrize("maps", [0, 2])
-def test_vertex_lighting_matches_pixel_lighting(monkeypatch, maps):
+def test_vertex_lighting_matches_pixel_lighting(picture, monkeypatch, maps):
     bare = picture(without=(*STILL, "trees"), shade_maps=maps)
     coarse = {"plant_lod_scale": 0.03, "shade_maps": maps}  # all of them coarse
     at_vertices = picture(**coarse)
     monkeypatch.setattr("sketchterrain.render.forest.VERTEX_LIT", DETAILS)
-    at_pixels = picture.__wrapped__(**coarse)
+    at_pixels = picture(**coarse)
     changed = [np.abs(each - bare).max(axis=2) > 20 for each in (at_vertices, at_pixels)]
     both = changed[0] & changed[1]
     assert both.sum() > 200

@@ -20,7 +20,6 @@ from sketchterrain.look.objects import (
 )
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.navigation import intersect_terrain
-from sketchterrain.render.offscreen import render_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Sun
 from sketchterrain.render.targets import FrameBlock
@@ -349,14 +348,16 @@ def test_surf_breaks_in_shallow_water_and_whitecaps_need_wind(gl):
 
 
 @pytest.mark.gl
-def test_the_sea_covers_ground_below_its_level_and_nothing_else():
+def test_the_sea_covers_ground_below_its_level_and_nothing_else(draw):
     """Rays that meet the ground under the level see water; those above it the same as before."""
     size, level = (96, 64), 10.0
     camera = Camera((500.0, -60.0, 120.0), (500.0, 420.0, 0.0), fov=50.0, near=5.0, far=30_000.0)
-    quality = replace(Quality.from_level(0.0), quads=64, material_texels=64, map_texels=64)
-    given = {"size": size, "camera": camera, "quality": quality, "sun": Sun(200.0, 40.0)}
+    quality = replace(
+        Quality.from_level(0.0), quads=64, material_texels=64, map_texels=64, tile_memory=32 << 20
+    )
+    given = {"size": size, "quality": quality, "sun": Sun(200.0, 40.0)}
     dry, wet = (
-        render_picture(Waves(rivers=False, plants=False, sea_level=sea), **given).astype(float)
+        draw(Waves(rivers=False, plants=False, sea_level=sea), camera, **given).astype(float)
         for sea in (None, level)
     )
     rows_, columns_ = (axis.ravel() for axis in np.mgrid[1 : size[1] : 3, 1 : size[0] : 3])

@@ -9,7 +9,7 @@ from sketchterrain.ui.actions import COMMANDS
 from sketchterrain.ui.look.theme import DARK, ICONS, LIGHT, active_theme, apply_theme, icon, theme
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def light_after(qapp):
     yield
     apply_theme(qapp, "system")
@@ -35,7 +35,7 @@ def test_all_named_icons_exist_and_fit_their_square(qapp):
         icon("nonsense")
 
 
-def test_icons_render_at_device_pixels_in_the_palette_colour(qapp):
+def test_icons_render_at_device_pixels_in_the_palette_colour(qapp, light_after):
     for size, dpr in [(16, 1.0), (20, 1.25), (20, 2.0), (32, 1.5)]:
         picture = icon("brush").pixmap(QSize(size, size), dpr)
         assert (picture.width(), picture.height()) == (round(size * dpr), round(size * dpr)), (size, dpr)
@@ -73,7 +73,7 @@ def test_text_contrast_meets_wcag():
         assert contrast(each.on_accent, each.accent) >= 4.5, each
 
 
-def test_themes_set_the_palette_and_unknown_themes_raise(qapp, qtbot):
+def test_themes_set_the_palette_and_unknown_themes_raise(qapp, qtbot, light_after):
     for choice, expected in (("light", LIGHT), ("dark", DARK)):
         with qtbot.waitSignal(active_theme.changed):
             apply_theme(qapp, choice)

@@ -258,7 +258,7 @@ def test_only_boxes_wholly_behind_nearer_terrain_are_occluded():
         assert occluded(view, boxes(*ground)).tolist() == hidden, name
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(1, 6))])
 def test_no_ray_reaches_an_occluded_box(seed):
     """Rays from the eye to the tops of occluded columns on a grid all pass through another column."""
     rng = np.random.default_rng(seed)

@@ -53,8 +53,15 @@ def test_larger_tolerances_are_met_with_fewer_tiles(toy):
     assert (np.diff(counts[:3]) < 0).all()
 
 
-@pytest.mark.parametrize("eye", [EYES[0], *(pytest.param(eye, marks=pytest.mark.slow) for eye in EYES[1:])])
-def test_no_cracks_and_no_popping_in_flight(toy, eye):
+@pytest.mark.parametrize(
+    ("eye", "frames"),
+    [
+        (EYES[0], 60),
+        pytest.param(EYES[1], 100, marks=pytest.mark.slow),
+        pytest.param(EYES[2], 60, marks=pytest.mark.slow),
+    ],
+)
+def test_no_cracks_and_no_popping_in_flight(toy, eye, frames):
     rng = np.random.default_rng(3)
     stream = toy.limited(toy.new_stream(metric=ScreenError(6.0, quad=1e9)), 9)
     eye = np.array(eye)
@@ -66,12 +73,12 @@ def test_no_cracks_and_no_popping_in_flight(toy, eye):
         stream.mark_generated(batch, toy.generate(batch), seconds=0.1)
     stream.mark_generated(batch, toy.generate(batch), seconds=0.1)
     stream.jump(first)
-    near = rng.normal(0, 300.0, (30, 2)) + eye[:2]
+    near = rng.normal(0, 300.0, (16, 2)) + eye[:2]
     x, y = (near * (toy.LATTICE / toy.EXTENT)).T
     before, levels = None, set()
-    for frame in range(100):
+    for frame in range(frames):
         # Still, in flight, still.
-        if 30 <= frame < 65:
+        if 0.3 * frames <= frame < 0.65 * frames:
             eye += np.array([9.0, 4.0, 0.0])
         view = toy.view_from(eye)
         draws = toy.go(stream, view, tiles=9)
@@ -229,7 +236,7 @@ def test_only_tiles_hidden_by_nearer_terrain_are_culled(toy):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("step", "steps"),
-    [((390.0, 0.0, 0.0), 60), ((130.0, 0.0, 0.0), 260), ((-90.0, 140.0, 0.0), 260)],
+    [((390.0, 0.0, 0.0), 60), ((-90.0, 140.0, 0.0), 130)],
 )
 def test_a_long_walk_with_a_short_view_ends_with_the_tiles_of_a_still_camera(toy, step, steps):
     """Tiles out of view are not balanced, and must not keep those in view from refinement."""

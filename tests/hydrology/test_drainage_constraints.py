@@ -17,6 +17,7 @@ from sketchterrain.io.resources import preset_names
 from sketchterrain.placement.sea import create_sea
 from sketchterrain.terrain.drainage import DrainageInput, drain
 from tests.landforms.sketches import SKETCHES
+from tests.terrain.conftest import tiers
 
 
 def raster_of(sketch, level):
@@ -83,7 +84,7 @@ def test_tributaries_drain_to_their_stem_and_stems_to_the_border():
     assert divmod(at, 40) == (0, 20)
 
 
-@pytest.mark.parametrize("name", [*preset_names(), *SKETCHES])
+@tiers("name", ["valley_river", "island_coast", "range_across"], [*preset_names(), *SKETCHES])
 def test_drained_ground_falls_along_courses_and_lakes_are_level(name):
     sketch = load_sketch(name) if name in preset_names() else SKETCHES[name](0)
 

@@ -33,7 +33,10 @@ def painted(*shapes: Any, rivers: Any = None, labels: Any = (), **settings: Any)
     if rivers is not None:
         layers["river"] = rivers.astype(np.uint8)
     properties = {("plateau", label): each for label, each in enumerate(labels, 1)}
-    return Sketch(extent=2048.0, seed=3, layers=layers, labels=properties, ground=FLAT, **settings)
+    dry = {"aridity": 1.0}  # hardly any streams
+    return Sketch(
+        extent=2048.0, seed=3, layers=layers, labels=properties, ground=FLAT, climate=dry, **settings
+    )
 
 
 def disc(x: float, y: float, radius: float) -> Any:

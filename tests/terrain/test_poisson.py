@@ -84,11 +84,11 @@ def nearest(points: np.ndarray) -> float:
 
 
 def test_points_keep_their_distance_and_fill_the_area(context) -> None:
-    side = 150 * RADIUS
+    side = 100 * RADIUS
     for origin in PLACES:
         points = poisson_disk(context, (origin, -origin, origin + side, side - origin), RADIUS, seed=1)
         assert nearest(points) >= RADIUS, origin
-        assert len(points) / 150**2 > 0.9 * GREATEST_DENSITY, origin
+        assert len(points) / 100**2 > 0.9 * GREATEST_DENSITY, origin
     points = poisson_disk(context, (-200, -200, 200, 200), 2, seed=1)
     assert len(points) > 1000
     assert nearest(points) >= 2
@@ -99,10 +99,10 @@ def test_points_keep_their_distance_and_fill_the_area(context) -> None:
         assert nearest(selected) >= RADIUS * 2**level
         fill = len(selected) * 4**level / 200**2 / GREATEST_DENSITY
         assert fill > (0.9 if level < 3 else 0.85)  # few points at the coarsest, and a border
-    side = 200 * RADIUS
+    side = 100 * RADIUS
     many = [len(poisson_disk(context, (0, 0, side, side), RADIUS, seed=4, trials=k)) for k in (1, 4, 8, 16)]
     assert many == sorted(many)
-    assert many[-1] / 200**2 > 0.88 * GREATEST_DENSITY
+    assert many[-1] / 100**2 > 0.88 * GREATEST_DENSITY
 
 
 @pytest.mark.slow
@@ -124,7 +124,7 @@ def shuffled_tiles(origin: int, side: int, cuts: int) -> list[Area]:
     return tiles
 
 
-@tiers(("origin", "cuts"), [(PLACES[1], 4), (FAR, 16)], itertools.product(PLACES, (1, 4, 16)))
+@tiers(("origin", "cuts"), [(FAR, 4)], itertools.product(PLACES, (1, 4, 16)))
 def test_points_are_a_function_of_the_world(origin, cuts, context) -> None:
     """One rectangle, or 1, 16 and 256 tiles in shuffled order: the same points."""
     side = 96 * RADIUS + 13
@@ -247,7 +247,7 @@ def test_graded_points_keep_the_mean_of_their_distances(field, origin, levels, c
 
 @tiers(
     ("origin", "cuts", "levels"),
-    [(FAR_OFF, 4, 1), (CORNERS[1], 4, 2)],
+    [(FAR_OFF, 4, 2)],
     [(origin, *case) for origin in CORNERS for case in ((4, 0), (4, 1), (16, 2))],
 )
 def test_graded_points_are_a_function_of_the_world(origin, cuts, levels, context) -> None:
@@ -335,7 +335,7 @@ def test_sparse_areas_have_fewer_levels_and_beyond_the_range_no_points(context) 
 
 
 def test_the_raster_is_read_no_farther_than_the_halo(context) -> None:
-    for metres, levels in ((0, 0), (1, 3), (90, 1), (3000, 3)):
+    for metres, levels in ((0, 0), (1, 3), (90, 1), (900, 3)):
         queried = []
 
         def recorded(west, south, east, north, queried=queried) -> SpacingRaster:

@@ -25,6 +25,7 @@ from .conftest import CASES, Waves, feature, winding_sea
 EXTENT, COAST = 4096.0, 2048.0
 LEVEL, SHELF, DEPTH, BEACH, REACH = 2.0, 700.0, 30.0, 40.0, 320.0
 SLOPE = 0.05
+DRY = {"aridity": 1.0}  # hardly any streams
 
 
 def straight_sea() -> Sea:
@@ -123,7 +124,7 @@ def square_sketch(**changes: Any) -> Sketch:
     """A square island of half the sketch's width."""
     image = np.ones((64, 64), np.uint8)
     image[16:48, 16:48] = 0
-    return Sketch(extent=EXTENT, **({"layers": {"sea": image}, "fidelity": 1.0} | changes))
+    return Sketch(extent=EXTENT, **({"layers": {"sea": image}, "fidelity": 1.0, "climate": DRY} | changes))
 
 
 def test_paint_is_the_coast_at_fidelity_1(context) -> None:
@@ -140,14 +141,14 @@ def test_paint_is_the_coast_at_fidelity_1(context) -> None:
 
 
 def test_below_fidelity_1_coasts_are_ragged_near_the_paint(context) -> None:
-    x, y = np.meshgrid(*[np.linspace(900, 3200, 460)] * 2)
+    x, y = np.meshgrid(*[np.linspace(900, 3200, 231)] * 2)
     assert raggedness(0.8, 64.0) == pytest.approx(5 * 64.0)
     wet, loose = (
         build(square_sketch(fidelity=value), device=context).heights(x, y) < 0 for value in (1.0, 0.8)
     )
     moved = ndimage.distance_transform_edt(wet == wet[0, 0]), ndimage.distance_transform_edt(wet != wet[0, 0])
     away = np.maximum(*moved)[wet != loose]
-    assert away.max() * 5 < 5 * 64.0 + 2 * 64.0
+    assert away.max() * 10 < 5 * 64.0 + 2 * 64.0
     assert (wet != loose).mean() > 0.02
 
 
@@ -180,15 +181,15 @@ def test_a_stroke_changes_only_what_is_near_it() -> None:
 
 
 def test_sand_covers_beaches_and_the_bed(context) -> None:
-    terrain = build(square_sketch(ground={"relief": 4.0}), device=context)
+    terrain = build(square_sketch(ground={"relief": 4.0}, climate={}), device=context)
     tile = terrain.tile(3, 2, 4)
     share = tile.materials[..., MATERIALS.index("sand")]
     near = (tile.height > -3) & (tile.height < 0.3)
     assert near.any()
     assert share[near].mean() > 0.95
-    dry = build(square_sketch(layers={"sea": np.zeros((64, 64), np.uint8)}), device=context)
-    assert dry.features.sea_level is None
-    assert dry.tile(3, 2, 4).materials[..., MATERIALS.index("sand")].max() < 1e-6
+    inland = build(square_sketch(layers={"sea": np.zeros((64, 64), np.uint8)}, climate={}), device=context)
+    assert inland.features.sea_level is None
+    assert inland.tile(3, 2, 4).materials[..., MATERIALS.index("sand")].max() < 1e-6
 
 
 def test_unpainted_features_keep_off_the_sea(context) -> None:
@@ -205,15 +206,15 @@ def test_coasts_continue_beyond_the_sketch(context) -> None:
     image[:, 30:] = 1
     terrain = build(square_sketch(layers={"sea": image}), device=context)
     north = np.arange(2, 7) * EXTENT
-    across = np.arange(-2000.0, 6000.0, 20.0)
+    across = np.arange(-2000.0, 6000.0, 40.0)
     coasts = [across[np.argmax(terrain.heights(across, np.full(across.size, y)) < 0)] for y in north]
     assert np.ptp(coasts) > 150
     for key in ((2, 1, 5), (2, 7, -900), (1, 3_000_000, 5), (4, -70_000_000, 70_000_000)):
         tile = terrain.tile(*key)
         west, _, _, top = tile.bounds
-        at = tile.cell_size * np.arange(0, tile.height.shape[0], 13)
+        at = tile.cell_size * np.arange(0, tile.height.shape[0], 16)
         x, y = np.meshgrid(west + at, top - at)
         found = terrain.heights(x, y, cell_size=tile.cell_size)
-        np.testing.assert_array_equal(found, tile.height[::13, ::13])
+        np.testing.assert_array_equal(found, tile.height[::16, ::16])
     assert terrain.tile(1, 3_000_000, 5).height.max() < 0
     assert terrain.tile(1, -3_000_000, 5).height.min() > 0

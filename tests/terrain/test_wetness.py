@@ -3,11 +3,11 @@
 import numpy as np
 
 from sketchterrain.document.store import load_sketch
-from sketchterrain.terrain.building import make_recipe
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.relief_fields import UnpaintedSettings
 from sketchterrain.terrain.unpainted import unpainted_ground
 from sketchterrain.terrain.wetness import wetness
+from tests import terrains
 
 CELL = 20.0
 
@@ -67,7 +67,7 @@ def test_levels_of_unpainted_ground_are_as_wet() -> None:
 
 
 def test_painted_rivers_are_wet_and_mountains_dry() -> None:
-    recipe = make_recipe(load_sketch("valley_river"))
+    recipe = terrains.preset("valley_river").recipe
     nodes = recipe[ReliefLayer].painted.levels[0]
     spacing = recipe.extent / 256
     line = np.concatenate([river.centreline[:, :2] for river in recipe.rivers])

@@ -107,8 +107,8 @@ def test_there_is_none_at_strength_0_on_level_ground_and_where_nothing_was_lost(
 def test_detail_has_the_rms_that_was_lost_at_any_resolution() -> None:
     """Whatever the octaves' wavelengths are: on slopes where the square amplitude is 1."""
     detail = BaseDetail(replace(LAW, shape=(1.0, 1.0, 1.0)))
-    x, y, z, _ = points(20000)
-    z = ValueSlope(z.value, np.full(20000, 0.3), np.full(20000, -0.4))
+    x, y, z, _ = points(10000)
+    z = ValueSlope(z.value, np.full(10000, 0.3), np.full(10000, -0.4))
     site = HostSite(sampling_of(detail, FINEST_CELL), x, y)
     for step in (30.0, 36.0, 43.0, 52.0):
         law = replace(detail.law, step=step, lost=1.5)
@@ -143,7 +143,7 @@ def test_longer_waves_than_the_resolution_are_left_to_the_data() -> None:
     step = np.arange(64) * (LAW.resolution / 16) / WORLD.unit
     rng = np.random.default_rng(4)
     means, values = [], []
-    for corner in rng.integers(0, 1 << 24, (40, 2)):
+    for corner in rng.integers(0, 1 << 24, (20, 2)):
         x, y = (each.ravel().astype(np.int64) for each in np.meshgrid(corner[0] + step, corner[1] + step))
         z = ValueSlope(0.0 * x, np.full(x.shape, 0.3), np.full(x.shape, 0.2))
         found = detail.heights(HostSite(sampling_of(detail, 2.0), x, y), z, scale)

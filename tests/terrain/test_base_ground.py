@@ -69,6 +69,7 @@ class Built:
     y: np.ndarray
     zone: np.ndarray
     land: PaintedLand
+    memory: LRUCache
 
     @property
     def change(self) -> np.ndarray:
@@ -101,6 +102,7 @@ def region_of(base, memory=None):
 
 
 def build(sketch, base=None, water=DRY, memory=None, data=False):
+    memory = memory or LRUCache()
     region = region_of(base or Waves(), memory)
     heights = grounds.data_heights(region, water) if data else None
     land = land_of(sketch, heights)
@@ -111,7 +113,7 @@ def build(sketch, base=None, water=DRY, memory=None, data=False):
     nodes, where = raster.levels[0], flow.raster
     x, y = where.positions().T.reshape(2, *where.shape)
     before = blended[-1].flow.height
-    return Built(nodes, flow.height, before, blended[-1].weight, x, y, uplift.zone, land)
+    return Built(nodes, flow.height, before, blended[-1].weight, x, y, uplift.zone, land, memory)
 
 
 def read(nodes):
@@ -134,6 +136,12 @@ def mountain():
     return build(painted(*shapes, labels=labels))
 
 
+@pytest.fixture(scope="module")
+def beside():
+    """Nothing painted, and data east of a rim."""
+    return build(painted(), Waves(rim=5000.0))
+
+
 def test_nothing_is_added_to_data_where_nothing_is_painted():
     built = build(painted())
     inside = ~np.isnan(built.nodes.height)
@@ -141,14 +149,12 @@ def test_nothing_is_added_to_data_where_nothing_is_painted():
     assert np.array_equal(built.total, built.before, equal_nan=True)
 
 
-def test_towards_the_rim_of_data_nodes_hold_the_share_of_procedural_ground():
-    memory = LRUCache()
-    built = build(painted(), Waves(rim=5000.0), memory=memory)
-    bare = grounds.painted_ground(region_of(None, memory), built.land, DRY).levels[0].height
-    at = 0, built.nodes.column, built.nodes.row, *bare.shape
+def test_towards_the_rim_of_data_nodes_hold_the_share_of_procedural_ground(beside):
+    bare = grounds.painted_ground(region_of(None, beside.memory), beside.land, DRY).levels[0].height
+    at = 0, beside.nodes.column, beside.nodes.row, *bare.shape
     bare = bare + region_of(Waves(rim=5000.0)).base.window(*at).around
-    assert np.nanmax(np.abs(built.nodes.height[built.weight == 1.0])) == 0.0
-    assert np.allclose(built.nodes.height, (1.0 - built.weight) * bare, atol=1e-3, equal_nan=True)
+    assert np.nanmax(np.abs(beside.nodes.height[beside.weight == 1.0])) == 0.0
+    assert np.allclose(beside.nodes.height, (1.0 - beside.weight) * bare, atol=1e-3, equal_nan=True)
 
 
 def test_features_add_nothing_outside_of_their_zones_and_take_nothing_away(mountain):
@@ -224,7 +230,8 @@ def test_a_river_through_a_mountain_stays_on_the_data():
 
 
 def test_relief_without_a_layer_is_the_data_and_the_other_layer(mountain):
-    region, features, nodes = region_of(Waves()), mountain.land.features, mountain.nodes.height
+    region, nodes = region_of(Waves(), mountain.memory), mountain.nodes.height
+    features = mountain.land.features
     for removed in (features.is_rock, ~features.is_rock):
         left = grounds.ground_without(region, mountain.land, DRY, removed).levels[0].height
         own, others = (
@@ -252,21 +259,16 @@ def test_ground_has_the_same_bits_whatever_was_built_before_and_wherever_data_en
     assert again.nodes.wetness.tobytes() == mountain.nodes.wetness.tobytes()
 
 
-def test_streams_are_barred_by_data_and_rock_is_theirs_under_painted_rock(mountain):
-    flow = grounds.painted_flow(region_of(Waves(rim=5000.0)), land_of(painted()), DRY)
+def test_streams_are_barred_by_data_and_rock_is_theirs_under_painted_rock(mountain, beside):
+    flow = grounds.painted_flow(region_of(Waves(rim=5000.0), beside.memory), beside.land, DRY)
     x = flow.raster.positions()[:, 0].reshape(flow.raster.shape)
     assert np.array_equal(flow.barred, x > 5000.0)
     core = np.hypot(mountain.x - MIDDLE[0], mountain.y - MIDDLE[1]) < 0.5 * RADIUS
     assert mountain.nodes.rock[core].min() == 255
 
 
-def test_drafts_show_coarse_changes_over_data():
-    region = region_of(Waves())
-    one, other = (
-        painted(),
-        painted(("mountain", 1, MIDDLE, RADIUS), labels={("mountain", 1): {"height": 500.0}}),
-    )
-    lands = land_of(one), land_of(other)
+def test_drafts_show_coarse_changes_over_data(mountain):
+    region, lands = region_of(Waves(), mountain.memory), (land_of(painted()), mountain.land)
     coarse = [grounds.painted_ground(region, land, DRY, coarse=True) for land in lands]
     full = [grounds.painted_ground(region, land, DRY) for land in lands]
     draft = (
@@ -280,10 +282,10 @@ def test_drafts_show_coarse_changes_over_data():
     assert np.abs(shown - aimed)[aimed == 0.0].mean() < 1.0
 
 
-def test_coarser_nodes_fit_their_own_weights_of_the_data():
-    base, memory = Waves(rim=5000.0), LRUCache()
-    raster = grounds.painted_ground(region_of(base, memory), build(painted(), base, memory=memory).land, DRY)
-    other = region_of(base, memory).base
+def test_coarser_nodes_fit_their_own_weights_of_the_data(beside):
+    region = region_of(Waves(rim=5000.0), beside.memory)
+    raster = grounds.painted_ground(region, beside.land, DRY)
+    other = region.base
     for level, nodes in enumerate(raster.levels[:5]):
         data = other.window(level, nodes.column, nodes.row, *nodes.height.shape)
         assert np.nanmax(np.abs(nodes.height[data.weight == 1.0]), initial=0.0) < 1e-6

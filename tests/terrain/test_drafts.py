@@ -50,7 +50,7 @@ def test_a_draft_of_the_same_ground_is_none(built):
     sketch, memory, before, recipe = built
     river = plan_terrain(stroke(sketch, "river", 20, 20, 4), memory)
     assert draft_recipe(river, before, recipe) is None
-    for setting in ({"seed": 9}, {"fidelity": 0.5}, {"extent": 2.0 * sketch.extent}):
+    for setting in ({"fidelity": 0.5}, {"extent": 2.0 * sketch.extent}):
         other = stroke(sketch, "mountain", 20, 20, 9).replace(**setting)
         assert draft_recipe(plan_terrain(other, memory), before, recipe) is None
 

@@ -186,46 +186,51 @@ for index in map(int, sys.argv[1:]):
     probed = layer.acquired
     assert probed >= len(CPUS)
     files = [str(RENDER_TESTS / "test_vertex_memory.py")]
-    layer.run("-m", "pytest", "-q", "-p", "no:cacheprovider", *files)
+    layer.run("-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *files)
     assert layer.acquired > probed
     assert layer.misuses == []
 
 
-PICTURE = """
+PICTURES = """
 import sys
 from dataclasses import replace
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.render import vertex_memory
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.offscreen import render_picture
-from sketchterrain.document.store import load_sketch
 from sketchterrain.terrain.building import build
 import numpy as np
 
-sharing_methods, kinds = vertex_memory.sharing_methods, []
+folder, method, *indices = sys.argv[1:]
+sharing_methods = vertex_memory.sharing_methods
 def only_kind(context):
-    kinds.append(sys.argv[2] if sys.argv[2] != "best" else sharing_methods(context)[0])
-    return kinds[-1:]
+    kind = method if method != "best" else sharing_methods(context)[0]
+    print(kind)
+    return [kind]
 vertex_memory.sharing_methods = only_kind
-terrain = build(load_sketch("valley_river"), device=ComputeContext(list_devices()[int(sys.argv[1])]))
-quality = replace(Quality.from_level(0.0), tile_memory=32 << 20)
-np.save(sys.argv[3], render_picture(terrain, size=(320, 180), quality=quality))
-print(*kinds)
+mountain = np.zeros((32, 32), np.uint8)
+mountain[8:20, 8:20] = 1
+sketch = Sketch(extent=1024.0, layers={"mountain": mountain})
+quality = replace(Quality.from_level(0.0, without=["trees"]), tile_memory=32 << 20)
+for index in indices:
+    terrain = build(sketch, device=ComputeContext(list_devices()[int(index)]))
+    np.save(f"{folder}/{method} {index}.npy", render_picture(terrain, size=(160, 90), quality=quality))
 """
 
 
-@each_cpu
-def test_images_equal_those_of_copied_vertices(layer, tmp_path, device):
-    shared, copied = tmp_path / "shared.npy", tmp_path / "copied.npy"
-    assert layer.run("-c", PICTURE, str(device.index), "best", str(shared)).split() == ["extension"]
+def test_images_equal_those_of_copied_vertices(layer, tmp_path):
+    indices = [str(device.index) for device in CPUS]
+    assert layer.run("-c", PICTURES, str(tmp_path), "best", *indices).split() == ["extension"] * len(CPUS)
     assert layer.acquired > 0
     assert layer.misuses == []
-    output = run_python("-c", PICTURE, str(device.index), "copy", str(copied), environment={})
-    assert output.split() == ["copy"]
-    picture = np.load(shared)
-    np.testing.assert_array_equal(picture, np.load(copied))
-    assert picture.std() > 10.0
+    output = run_python("-c", PICTURES, str(tmp_path), "copy", *indices, environment={})
+    assert output.split() == ["copy"] * len(CPUS)
+    for index in indices:
+        shared, copied = (np.load(tmp_path / f"{method} {index}.npy") for method in ("best", "copy"))
+        np.testing.assert_array_equal(shared, copied)
+        assert shared.std() > 10.0
 
 
 PROBE = """

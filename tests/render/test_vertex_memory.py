@@ -12,7 +12,6 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.gl_interop import GLHandles, current_handles, sharing_methods
 from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceError, InputError
 from sketchterrain.render import sharing_probe
 from sketchterrain.render.sharing_probe import Sharing, open_device, probe_sharing, shared_with_gl
@@ -27,6 +26,9 @@ CPUS = [device for device in DEVICES if device.type == "CPU"]
 KEYS = [(5, 15, 15), (6, 30, 30), (6, 31, 30), (6, 31, 31)]
 SLOTS, PARENTS = [4, 0, 1, 5], [-1, 4, 4, 4]
 COUNT = 7
+MOUNTAIN = np.zeros((32, 32), np.uint8)
+MOUNTAIN[8:20, 8:20] = 1
+SKETCH = Sketch(extent=1024.0, layers={"mountain": MOUNTAIN})
 VERTEX_BYTES = vertex_dtype(len(BUILT_IN)).itemsize
 
 DRAWN = """
@@ -54,7 +56,7 @@ void main() { pixel = vec4(value, 1.0); }
 @pytest.fixture(scope="module", params=device_params(lambda device: device.type == "CPU"))
 def terrain(request, gl):
     """A terrain on a device that shares buffers with OpenGL if its driver can."""
-    return build(load_sketch("valley_river"), device=open_device(request.param))
+    return build(SKETCH, device=open_device(request.param))
 
 
 def write(terrain, gl, kind):
@@ -208,10 +210,7 @@ def test_drivers_without_the_extension_are_not_called(gl, device, monkeypatch):
 
 
 def test_a_terrain_moves_to_a_sharing_context_if_there_is_one(mapped, monkeypatch):
-    mountain = np.zeros((32, 32), np.uint8)
-    mountain[8:20, 8:20] = 1
-    sketch = Sketch(extent=1024.0, layers={"mountain": mountain})
-    terrain = build(sketch, device=ComputeContext(mapped))
+    terrain = build(SKETCH, device=ComputeContext(mapped))
     assert shared_with_gl(terrain) is terrain
     other = ComputeContext(mapped)
     monkeypatch.setattr(sharing_probe, "open_device", lambda *_, **__: other)

@@ -16,7 +16,6 @@ from . import frozen_results as frozen
 SLICE = {
     "presets/valley_river": (4,),
     "random/010": None,
-    "random/030": None,
 }
 """Frozen sketches of the default suite, and their tile levels."""
 

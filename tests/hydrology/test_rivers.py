@@ -10,6 +10,7 @@ from sketchterrain.hydrology.courses import arc_length
 from sketchterrain.hydrology.network import skeletons
 from sketchterrain.hydrology.river_shape import MIN_GRADIENT, bend_lean, width_swing
 from sketchterrain.hydrology.rivers import trace_rivers
+from tests.terrain.conftest import tiers
 
 SIZE = 160
 ROW, COLUMN = np.mgrid[:SIZE, :SIZE]
@@ -112,7 +113,7 @@ def test_rivers_join_over_small_gaps_only():
     assert tributary.centreline[-2, 2] > tributary.centreline[-1, 2]
 
     stem = painted([(80, 20), (80, 140)])
-    for gap in (1, 2, 3):
+    for gap in (1, 3):
         side = painted([(20, 70), (110, 70)])
         side[:, 80 - 2 - gap :] = 0
         rivers = trace(stem | side, southward)
@@ -129,9 +130,7 @@ def test_rivers_join_over_small_gaps_only():
     assert len(trace(painted([(80, 20), (80, 70)]) | painted([(80, 78), (80, 140)]), southward)) == 2
 
 
-@pytest.mark.parametrize(
-    "seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 2, 3, 4, 5))]
-)
+@tiers("seed", [1], range(6))
 def test_confluences_meet_on_any_terrain(seed):
     rng = np.random.default_rng(seed)
     phase = rng.random(4) * 6
@@ -147,7 +146,7 @@ def test_confluences_meet_on_any_terrain(seed):
     assert joined(rivers) == len(rivers) - 1
 
 
-@pytest.mark.parametrize("half", [1.0, 4.0])
+@tiers("half", [4.0], [1.0, 2.5])
 def test_self_crossing_rivers_fall_all_the_way(half):
     turn, bow = np.linspace(0, 2 * np.pi, 160), np.linspace(-1.3, 1.3, 100)
     eight = [(80 + 50 * np.sin(2 * a), 80 + 60 * np.sin(a)) for a in turn]

@@ -5,7 +5,6 @@ import pytest
 
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.edits import Edit
-from sketchterrain.document.sketch import Sketch
 from sketchterrain.hydrology.courses import arc_length, course_through
 from sketchterrain.hydrology.drainage_constraints import NodeRaster
 from sketchterrain.hydrology.streams import Flow, is_stream, stream_courses
@@ -158,9 +157,3 @@ def test_streams_can_be_edited(recipe):
     left = {river.id: river for river in after.rivers}
     assert deleted.id not in left
     assert np.hypot(left[moved.id].points[:, 0] - x - 15.0, left[moved.id].points[:, 1] - y).min() < 0.1
-
-
-def test_sketches_without_paint_or_rain_have_few_streams():
-    dry = Sketch(extent=4096.0, climate={"aridity": 1.0})
-    wet = Sketch(extent=4096.0, climate={"aridity": 0.0})
-    assert len(make_recipe(dry).rivers) <= len(make_recipe(wet).rivers)

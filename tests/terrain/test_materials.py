@@ -21,7 +21,7 @@ from sketchterrain.document.material_rules import (
 )
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.store import load_sketch
-from sketchterrain.terrain.building import build
+from sketchterrain.terrain.building import rebuild
 from sketchterrain.terrain.changes import EVERYWHERE, changed_areas
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_samples
@@ -328,10 +328,10 @@ def test_strata_follow_dip_and_rock(make_recipe) -> None:
 def test_a_sketch_overrides_the_table() -> None:
     before = terrains.painted()
     frost = (RuleChange("frost", "snow", 0.25, factors=()),)
-    after = build(before.sketch.replace(material_rules=frost), device=before.context)
+    after, areas = rebuild(before, before.sketch.replace(material_rules=frost))
+    assert areas == [EVERYWHERE]
     old, new = (terrain.raster(65) for terrain in (before, after))
     expected = 0.75 * old.materials
     expected[..., MATERIALS.index("snow")] += 0.25
     np.testing.assert_allclose(new.materials, expected, atol=1e-6)
-    assert changed_areas(before.recipe, after.recipe) == [EVERYWHERE]
     np.testing.assert_array_equal(old.height, new.height)

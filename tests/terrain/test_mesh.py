@@ -14,6 +14,8 @@ from sketchterrain.terrain.hashed_noise import value_noise
 from sketchterrain.terrain.relief_fields import UnpaintedSettings
 from sketchterrain.terrain.unpainted import UnpaintedGround, unpainted_ground
 
+from .conftest import tiers
+
 SETTINGS = UnpaintedSettings(7680.0, 3, mountain_density=0.04, hill_density=0.2)
 FAR = round(1e6 / SETTINGS.spacing)
 
@@ -86,8 +88,8 @@ def test_edges_are_monotone_in_valleys_and_rise_to_one_pass_elsewhere(ground):
     table = ground.table(20, 20, 30, 30)
     rule = meshes.PassRule(0.8, 1.5, 0.01, 1920.0)
     valleys = 0
-    for j in range(2, 28):
-        for i in range(2, 28):
+    for j in range(2, 16):
+        for i in range(2, 16):
             for half in range(2):
                 for side in (*meshes.triangle_sides(table.diagonal[j, i], half), 4):
                     q, p, other = meshes.neighbour(table.diagonal, j, i, half, side)
@@ -108,7 +110,7 @@ def test_edges_are_monotone_in_valleys_and_rise_to_one_pass_elsewhere(ground):
                         assert (profile >= 0).all() or (profile <= 0).all()
                     else:
                         assert (np.diff(np.sign(profile)) > 0).sum() == 0  # no second rise
-    assert valleys > 1000
+    assert valleys > 250
 
 
 def _pairs(count, level, seed):
@@ -124,7 +126,7 @@ def _pairs(count, level, seed):
         )  # fmt: skip
 
 
-@pytest.mark.parametrize("level", [0, 1, 2, 3, 4, 5, 7])
+@tiers("level", [0, 3, 5], [1, 2, 4, 7])
 def test_overlapping_windows_are_bit_equal(level, ground):
     second = UnpaintedGround(SETTINGS)
     for one, other in _pairs(5, level, level):
@@ -218,7 +220,7 @@ def test_border_of_the_painted_region_meets_the_cells_outside():
 def test_surroundings_change_nothing_of_the_painted_region():
     settings = replace(SETTINGS, surroundings=900.0, rocky_surroundings=True)
     plain, surrounded = UnpaintedGround(SETTINGS), UnpaintedGround(settings)
-    for level in range(4):
+    for level in (1, 3):
         before, after = plain.painted_region(level), surrounded.painted_region(level)
         assert np.array_equal(before.border, after.border, equal_nan=True)
         at = (level, after.column, after.row, *after.inside.shape)
@@ -226,7 +228,7 @@ def test_surroundings_change_nothing_of_the_painted_region():
             assert np.array_equal(one[after.inside], other[after.inside])
 
 
-@pytest.mark.parametrize("level", [1, 3, 6])
+@pytest.mark.parametrize("level", [2, 5])
 def test_surroundings_are_as_high_as_asked_at_every_level(level):
     settings = UnpaintedSettings(7680.0, 3, relief=30.0)
     ranges = replace(settings, surroundings=600.0, rocky_surroundings=True)

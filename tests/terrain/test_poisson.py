@@ -140,12 +140,12 @@ def test_points_are_a_function_of_the_world(origin, cuts, context) -> None:
 def test_windows_join_without_a_seam_and_in_order(context, monkeypatch) -> None:
     graded, area = sampler(context, waves), square(5, 300)
     whole = graded.within(area)
-    monkeypatch.setattr("sketchterrain.vegetation.graded_poisson._WINDOW", 29)
+    monkeypatch.setattr("sketchterrain.vegetation.graded_poisson._WINDOW", 61)
     np.testing.assert_array_equal(graded.within(area), whole)
     area = (-7, 5, 90 * RADIUS, 70 * RADIUS)
     disk = PoissonDisk(context, RADIUS, seed=1, levels=2)
     whole = disk.within(area)
-    monkeypatch.setattr("sketchterrain.benchmarks.poisson_disk.WINDOW", 37)
+    monkeypatch.setattr("sketchterrain.benchmarks.poisson_disk.WINDOW", 53)
     pieces = list(disk.pieces(area))
     assert len(pieces) > 1
     together = [np.concatenate(each) for each in zip(*pieces, strict=True)]

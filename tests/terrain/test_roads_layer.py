@@ -136,7 +136,7 @@ def test_tiles_meet_and_equal_points_whatever_the_launch(recipe, context) -> Non
         assert np.array_equal(height, surface.height[number[key]].ravel())
 
 
-@tiers("level", [3, 5], [4, 6])
+@tiers("level", [5], [3, 4, 6])
 def test_bounds_hold_of_what_a_cell_size_omits(bare, recipe, context, level) -> None:
     if level == 5:  # earthworks that nowhere meet the ground
         features = random_features(3, 20)
@@ -198,7 +198,7 @@ def test_updates_equal_new_terrains_and_change_their_areas_only(bare, context, f
         with_roads(sketch_with(*scene, extent=EXTENT), bare, memory),
         context,
     )
-    x, y = places(old.recipe, 4000, wide=20.0)
+    x, y = places(old.recipe, 1500, wide=20.0)
     keys = [(LEVEL, *key) for key in KEYS[::19]]
     old.tiles(keys)  # fills its caches
     for number in range(6):

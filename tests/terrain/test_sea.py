@@ -15,7 +15,7 @@ from sketchterrain.placement.sea import Sea, create_sea, raggedness
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import to_lattice
-from sketchterrain.terrain.layers.layer import MASKS
+from sketchterrain.terrain.layers.layer import MASKS, WorldSettings
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.layers.sea import SeaLayer, raised_lowland
 from sketchterrain.terrain.recipe import TerrainRecipe
@@ -131,10 +131,10 @@ def test_paint_is_the_coast_at_fidelity_1(context) -> None:
     """All of the paint is under water, all other ground above it, also beyond the sketch."""
     terrain = build(square_sketch(ground={"relief": 80.0}), device=context)
     assert terrain.features.sea_level == 0.0
-    step = (np.arange(-32, 96) + 0.5) * 64.0
+    step = (np.arange(-16, 48) + 0.5) * 128.0
     wet = terrain.heights(*np.meshgrid(step, step)) < 0
-    island = np.zeros((128, 128), bool)
-    island[48:80, 48:80] = True
+    island = np.zeros((64, 64), bool)
+    island[24:40, 24:40] = True
     border = island ^ ndimage.binary_erosion(island) | (ndimage.binary_dilation(island) ^ island)
     assert (wet == ~island)[~border].all()
     assert (wet == ~island)[border].mean() > 0.98
@@ -171,11 +171,11 @@ def test_a_stroke_changes_only_what_is_near_it() -> None:
     painted[240:260, 395:405] = 1
     sketches = [Sketch(extent=8192.0, layers={"sea": each}) for each in (image, painted)]
     old, new = (SeaLayer.of(create_sea(each)) for each in sketches)
-    recipe = build(sketches[0]).recipe
+    world = WorldSettings(8192.0, sketches[0].seed, sketches[0].fidelity)
     assert old.key() == new.key()
-    change = new.change(old, recipe.world)
+    change = new.change(old, world)
     assert change is not None
-    boxes = change.boxes * recipe.world.unit
+    boxes = change.boxes * world.unit
     assert 0 < len(change.added) < 30
     assert boxes[:, 0].min() > 3500.0  # the island's west is as it was
 
@@ -209,7 +209,7 @@ def test_coasts_continue_beyond_the_sketch(context) -> None:
     across = np.arange(-2000.0, 6000.0, 40.0)
     coasts = [across[np.argmax(terrain.heights(across, np.full(across.size, y)) < 0)] for y in north]
     assert np.ptp(coasts) > 150
-    for key in ((2, 1, 5), (2, 7, -900), (1, 3_000_000, 5), (4, -70_000_000, 70_000_000)):
+    for key in ((2, 1, 5), (1, 3_000_000, 5), (4, -70_000_000, 70_000_000)):
         tile = terrain.tile(*key)
         west, _, _, top = tile.bounds
         at = tile.cell_size * np.arange(0, tile.height.shape[0], 16)

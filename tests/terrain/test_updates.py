@@ -20,7 +20,7 @@ from .conftest import tiers
 from .sketch_edits import CHANGES, COMPILED, COSMETIC, SETTINGS, State, random_sketch
 from .terrain_samples import Samples, differences, plants_of, samples_of
 
-SEQUENCES = 20
+SEQUENCES = 40
 RANDOM_SEQUENCES = 2000
 
 
@@ -134,7 +134,7 @@ def random_sequence(number: int, context: ComputeContext) -> list[Step]:
     return walk([22, number], changes, context)
 
 
-@tiers("number", [7], [0, 3, 6, 10, 13, 16], [*range(1, 20, 2), 2, 4, 8, 12, 14, 18])
+@tiers("number", [27], range(0, SEQUENCES, 6), range(1, SEQUENCES, 2))
 def test_updated_terrains_equal_new_ones(context, number) -> None:
     steps = sequence(number, context)
     last = check(steps, f"sequence {number}")

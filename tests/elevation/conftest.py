@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ def ground(x: Float64Array, y: Float64Array) -> Float64Array:
 def make_grid() -> MakeGrid:
     """Return a function that samples the hills by a grid with a given middle, step, size and rotation."""
 
+    @cache
     def make(
         step: float = 30.0,
         rows: int = 100,

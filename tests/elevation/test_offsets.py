@@ -34,10 +34,9 @@ def removed(grids: Sequence[ElevationGrid], offsets: list[GridOffset]) -> list[f
     return corrections(patches(grids), offsets)
 
 
-@pytest.mark.parametrize("degrees", [0.0, 17.0, 45.0])
-def test_an_offset_is_measured_and_removed(make_grid: MakeGrid, degrees: float) -> None:
+def test_an_offset_is_measured_and_removed(make_grid: MakeGrid) -> None:
     coarse = replace(make_grid(90.0, 60, 60), name="b.tif")
-    for step, offset in ((10.0, 19.8), (30.0, -3.0), (90.0, 20.0)):
+    for step, offset, degrees in ((10.0, 19.8, 17.0), (30.0, -3.0, 45.0), (90.0, 20.0, 0.0)):
         fine = replace(make_grid(step, 90, 90, degrees=degrees, offset=offset), name="a.tif")
         for grids in ([fine, coarse], [coarse, fine]):
             (found,) = measure(grids)
@@ -74,7 +73,7 @@ def test_equal_grids_and_noise_are_not_told(make_grid: MakeGrid) -> None:
         assert told(found, [grid, other]) == ()
 
 
-@pytest.mark.parametrize(("step", "angle"), [(30.0, 0.0), (30.0, 20.0), (90.0, 0.0)])
+@pytest.mark.parametrize(("step", "angle"), [(30.0, 20.0), (90.0, 0.0)])
 def test_half_a_cell_is_told(make_grid: MakeGrid, step: float, angle: float) -> None:
     fine, coarse = make_grid(30.0, degrees=angle), make_grid(step, 40, 40)
     a, b, c, d, e, f = coarse.place

@@ -11,6 +11,7 @@ from PIL import Image
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import DeviceFailedError
+from sketchterrain.render.offscreen import SnapshotRenderer
 from tests.devices import needs_known_device
 
 QUICK = ("--size", 17, "--no-preview")
@@ -147,7 +148,8 @@ def test_a_dry_run_writes_nothing(call, sketch, tmp_path):
 
 @pytest.mark.gl
 @pytest.mark.slow
-def test_previews_equal_those_of_generate_on_a_contact_sheet(call, sketch, tmp_path):
+def test_previews_equal_those_of_generate_on_a_contact_sheet(call, sketch, tmp_path, monkeypatch):
+    monkeypatch.setattr(SnapshotRenderer.__init__, "__defaults__", ((320, 180),))
     done = call("batch", sketch, "-o", tmp_path / "all", "--seeds", 2, "--size", 17)
     assert done.code == 0, done.err
     assert f"contact sheet: {tmp_path / 'all' / 'sheet.png'}" in done.out

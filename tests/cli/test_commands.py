@@ -21,6 +21,7 @@ import sketchterrain.render.offscreen
 from sketchterrain.app.console import Stages
 from sketchterrain.compute.device import list_devices
 from sketchterrain.document.store import load_sketch
+from sketchterrain.export.map import relief
 from sketchterrain.io.resources import preset_names
 from sketchterrain.render.overlays import LegendEntry
 from sketchterrain.render.quality import Quality
@@ -238,7 +239,8 @@ def test_render_passes_options_on(call, sketch, tmp_path, pictures):
 
 
 @pytest.mark.slow
-def test_render_draws_a_map_by_file_suffix(call, sketch, tmp_path):
+def test_render_draws_a_map_by_file_suffix(call, sketch, tmp_path, monkeypatch):
+    monkeypatch.setattr(relief, "MAX_SIDE", 0.5 * relief.MAX_SIDE)
     done = call("render", sketch, "-o", tmp_path / "a.svg", "--map")
     assert (done.code, done.out) == (0, f"{tmp_path / 'a.svg'}\n"), done.err
     tag = ET.fromstring((tmp_path / "a.svg").read_text()).tag  # noqa: S314 - written here

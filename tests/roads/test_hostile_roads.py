@@ -284,6 +284,6 @@ def test_earthworks_have_no_steps_where_their_reach_changes() -> None:
 
     road = ("road", [(100, 300), (900, 340)], LEVEL_GROUND | {"grade": 0.6})
     network, t = network_on(sketch_with(road), steep), np.linspace(0.0, 1.0, 8000)
-    for away in (*range(-59, 0, 6), *range(5, 60, 6)):
+    for away in (*range(-59, 0, 12), *range(5, 60, 12)):
         at = np.column_stack([100.0 + 800.0 * t, 300.0 + 40.0 * t + away])
         assert np.abs(np.diff(heights_with(network, at, steep))).max() < 0.2, away

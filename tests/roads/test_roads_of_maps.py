@@ -14,16 +14,18 @@ from sketchterrain.terrain.building import build
 from sketchterrain.terrain.layers.pads import PadsLayer
 from sketchterrain.terrain.layers.roads import RoadsLayer
 from sketchterrain.terrain.terrain import Terrain
+from tests import terrains
 from tests.importing.test_roads import osm_of
 
-CORNER, SIZE, STEP = (600_000.0, 5_200_000.0), (150, 120), 10.0
+CORNER, SIZE, STEP = (600_000.0, 5_200_000.0), (75, 60), 20.0
 
 
 def valley_and_ridge(x):
     return 500.0 - 18.0 * np.exp(-(((x - 400.0) / 25.0) ** 2)) + 70.0 * np.exp(-(((x - 1000.0) / 70.0) ** 2))
 
 
-def test_a_map_on_elevation_becomes_a_terrain(tmp_path, capsys) -> None:
+def test_a_map_on_elevation_becomes_a_terrain(tmp_path, capsys, monkeypatch) -> None:
+    monkeypatch.setenv("OSM_MAX_TMPFILE_SIZE", "1")  # MB that GDAL allocates for nodes, 100 by default
     columns, rows = SIZE
     heights = np.tile(valley_and_ridge((np.arange(columns) + 0.5) * STEP), (rows, 1)).astype(np.float32)
     place = Affine(STEP, 0.0, CORNER[0], 0.0, -STEP, CORNER[1])
@@ -48,7 +50,7 @@ def test_a_map_on_elevation_becomes_a_terrain(tmp_path, capsys) -> None:
     assert main(["new", str(tmp_path / "a"), "--osm", str(path), "--dem", str(tmp_path / "dem.tif")]) == 0
     assert "km on 1 grid of elevation" in capsys.readouterr().out
     sketch = load_sketch(tmp_path / "a")
-    terrain = build(sketch)
+    terrain = build(sketch, device=terrains.context())
     network = terrain.recipe.network
     (pad,), (hedge,) = network.pads, network.walls
     assert pad.building == 6.0
@@ -59,7 +61,7 @@ def test_a_map_on_elevation_becomes_a_terrain(tmp_path, capsys) -> None:
     bare = Terrain(sketch, natural, terrain.context)
     lengths = {GROUND: 0.0, BRIDGE: 0.0, TUNNEL: 0.0}
     for road in network.roads:
-        points = axis_points(road, 0.1)
+        points = axis_points(road, 0.5)
         ground, before = (each.heights(*points.position[:, :2].T) for each in (terrain, bare))
         lengths[road.structure] += np.ptp(road.along)
         if road.structure == GROUND:

@@ -15,7 +15,7 @@ from sketchterrain.world.run import run_world
 from sketchterrain.world.stored_world import open_world
 
 
-@pytest.mark.parametrize("form", ["zarr", "tiles"])
+@pytest.mark.parametrize("form", ["zarr", pytest.param("tiles", marks=pytest.mark.slow)])
 def test_appearance_is_stored_as_evaluated(form, small_job, tmp_path, reporter) -> None:
     """Of two shards at two levels, bit for bit."""
     fields = shapely.box([-5.0, 101.0], [20.0, 35.0], [101.0, 300.0], [140.0, 240.0])

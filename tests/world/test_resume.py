@@ -369,7 +369,12 @@ FORM_CHANGES = {
 }
 
 
-@pytest.fixture(params=FORM_CHANGES)
+@pytest.fixture(
+    params=[
+        pytest.param(form, marks=pytest.mark.soak if form == "tif" else pytest.mark.slow)
+        for form in FORM_CHANGES
+    ]
+)
 def form_job(request, small_job, tmp_path: Path) -> Job:
     name, changes = FORM_CHANGES[request.param]
     world = World(-20.0, 250.0, 300.0, 254.0, 0.125)
@@ -377,7 +382,6 @@ def form_job(request, small_job, tmp_path: Path) -> Job:
     return replace(small_job, output=tmp_path / "mine" / name, world=world, **changes)
 
 
-@pytest.mark.slow
 def test_interrupted_and_damaged_worlds_are_repaired(form_job: Job, reporter, tmp_path: Path, tree) -> None:
     whole, reporter_type = (
         replace(form_job, output=tmp_path / "whole" / form_job.output.name),

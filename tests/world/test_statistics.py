@@ -90,7 +90,7 @@ def test_cone_hypsometry_is_analytic() -> None:
     assert found.slopes.quantiles["0.5"] == pytest.approx(math.degrees(math.atan(0.2)), abs=0.01)
 
 
-@pytest.mark.parametrize("shape", [(700, 4500), (3, 3), (260, 4097), (2, 40), (2, 2)])
+@pytest.mark.parametrize("shape", [(300, 4500), (3, 3), (260, 4097), (2, 40), (2, 2)])
 def test_statistics_equal_numpy(shape: tuple[int, int]) -> None:
     chance = np.random.default_rng(3)
     height = np.cumsum(chance.normal(size=shape), axis=1).astype(np.float32) + np.float32(-40.0)

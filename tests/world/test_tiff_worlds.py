@@ -49,7 +49,7 @@ def shards(world: World) -> Iterator[ShardData]:
         yield ShardData(shard, height, normal, weights)
 
 
-@pytest.fixture(scope="module", params=["tiles", "tif"])
+@pytest.fixture(scope="module", params=["tiles", pytest.param("tif", marks=pytest.mark.slow)])
 def synthetic_world(request, small_job: Job, tmp_path_factory) -> Job:
     """A world of a synthetic terrain in either form."""
     folder = tmp_path_factory.mktemp(request.param)

@@ -30,11 +30,21 @@ def terrain(small_job):
     return st.build(small_job.sketch)
 
 
-@pytest.fixture(scope="module", params=["parquet", "flatgeobuf"])
-def planted(request, small_job, terrain, tmp_path_factory):
+@pytest.fixture(scope="module")
+def parquet(small_job, terrain, tmp_path_factory):
     """A job, and the file of each of its squares."""
-    output = tmp_path_factory.mktemp(request.param) / "world.zarr"
-    return write_plants(output, request.param, small_job, terrain)
+    return write_plants(tmp_path_factory.mktemp("parquet") / "world.tif", "parquet", small_job, terrain)
+
+
+@pytest.fixture(scope="module")
+def flatgeobuf(small_job, terrain, tmp_path_factory):
+    output = tmp_path_factory.mktemp("flatgeobuf") / "world.zarr"
+    return write_plants(output, "flatgeobuf", small_job, terrain)
+
+
+@pytest.fixture(scope="module", params=["parquet", "flatgeobuf"])
+def planted(request):
+    return request.getfixturevalue(request.param)
 
 
 def write_plants(output, plants, small_job, terrain):
@@ -129,9 +139,9 @@ def test_squares_contain_own_plants_with_reproducible_bytes(planted, small_job, 
         assert path.read_bytes() == again[task].read_bytes()
 
 
-def test_parquet_is_partitioned_data_set(small_job, terrain, expected, tmp_path) -> None:
-    job, files = write_plants(tmp_path / "world.tif", "parquet", small_job, terrain)
-    folder = tmp_path / "world-plants"
+def test_parquet_is_partitioned_data_set(parquet, expected) -> None:
+    job, files = parquet
+    folder = job.output.with_name("world-plants")
     assert files[Task("plants", 0, 1, 2)] == folder / "tile_row=1/tile_column=2/plants.parquet"
     data = pyarrow.dataset.dataset(folder, partitioning="hive")
     assert data.count_rows() == len(expected)
@@ -166,10 +176,10 @@ def test_row_groups_are_bounded_with_statistics(small_job, terrain, expected, tm
     assert counted == len(expected)
 
 
-def test_flatgeobuf_has_spatial_index(small_job, terrain, tmp_path) -> None:
-    _, files = write_plants(tmp_path / "world.zarr", "flatgeobuf", small_job, terrain)
+def test_flatgeobuf_has_spatial_index(flatgeobuf) -> None:
+    job, files = flatgeobuf
     path = files[Task("plants", 0, 0, 1)]
-    assert path == tmp_path / "world-plants" / "r0000_c0001.fgb"
+    assert path == job.output.with_name("world-plants") / "r0000_c0001.fgb"
     info = pyogrio.read_info(path)
     assert (info["layer_name"], info["geometry_type"], info["crs"]) == ("plants", "Point Z", "EPSG:25832")
     assert info["capabilities"]["fast_spatial_filter"]

@@ -5,7 +5,9 @@ from dataclasses import replace
 import pytest
 
 from sketchterrain.benchmarks.effort import QUICK, Effort
+from sketchterrain.benchmarks.flight_scene import open_world
 from sketchterrain.benchmarks.timing import TimedContext
+from sketchterrain.terrain.terrain import Terrain
 
 TINY = replace(
     QUICK,
@@ -76,6 +78,12 @@ TINY = replace(
 @pytest.fixture(scope="session")
 def context() -> TimedContext:
     return TimedContext()
+
+
+@pytest.fixture(scope="session")
+def world(context: TimedContext) -> Terrain:
+    """Return the terrain of the benchmark of flights."""
+    return open_world(context)
 
 
 @pytest.fixture(scope="session")

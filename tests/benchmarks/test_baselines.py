@@ -11,7 +11,7 @@ from sketchterrain.benchmarks.baselines import noise, numba_noise, points
 from sketchterrain.benchmarks.baselines.noise import Absent
 from sketchterrain.benchmarks.baselines.points import PhaseGroups
 from sketchterrain.benchmarks.baselines.thesis import Sampling, ThesisTiles
-from sketchterrain.benchmarks.noise import NoiseGrid, open_ground
+from sketchterrain.benchmarks.noise import NoiseGrid
 from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.vegetation.poisson_grids import GREATEST_DENSITY
 
@@ -27,7 +27,12 @@ def grid(context) -> NoiseGrid:
 
 @pytest.mark.parametrize(
     ("make", "bound"),
-    [(noise.in_c, 0.0), (noise.in_numpy, 0.0), (numba_noise.rival, 1e-6), (numba_noise.by_rows, 1e-6)],
+    [
+        (noise.in_c, 0.0),
+        (noise.in_numpy, 0.0),
+        pytest.param(numba_noise.rival, 1e-6, marks=pytest.mark.slow),
+        pytest.param(numba_noise.by_rows, 1e-6, marks=pytest.mark.slow),
+    ],
 )
 def test_rivals_compute_the_same_sum(grid, make, bound):
     rival = make(grid.problem(2))
@@ -58,12 +63,12 @@ def test_missing_implementations_say_how_to_get_them(grid, monkeypatch):
         assert word in absent.reason
 
 
-def test_thesis_tiles_meet_and_agree_with_their_double_build(context):
+def test_thesis_tiles_meet_and_agree_with_their_double_build(context, world):
     keys = [(5, 16, 16), (5, 17, 16)]
     heights = {}
     for real in ("float", "double"):
         opened = TimedContext(str(context.device.index), real=real)
-        tiles = ThesisTiles(open_ground("valley_river", opened).recipe, opened, keys)
+        tiles = ThesisTiles(world.recipe, opened, keys)
         tiles.launch(Sampling(16, 5))
         heights[real] = tiles.heights()
         west, east = heights[real]

@@ -305,7 +305,10 @@ def test_a_walk_does_not_depend_on_the_frame_rate():
     assert np.linalg.norm(ends[0] - ends[1]) < 0.02 * np.linalg.norm(ends[1])
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
+@pytest.mark.parametrize(
+    "seed",
+    [0, *(pytest.param(n, marks=pytest.mark.slow if n < 2 else pytest.mark.soak) for n in range(1, 4))],
+)
 def test_a_walk_stays_above_cliffs_at_any_speed(seed):
     for boost, on_foot in itertools.product((0.2, 1.0, 30.0, 1000.0), (False, True)):
         ground = cliffs(seed)

@@ -8,6 +8,7 @@ from skimage.color import deltaE_ciede2000, rgb2lab
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.render.camera import Camera
+from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Sun, Weather
 from sketchterrain.terrain.building import build
@@ -34,10 +35,17 @@ def view(terrain):
     return Camera((middle, middle - 1150.0, level + EYE), (middle, middle, level))
 
 
-def picture(draw, terrain, sun, **changes):
+def pictures(open_renderer, gl, terrain, **changes):
+    """Yield the picture of each sun."""
     quality = replace(Quality.for_still(SIZE), material_texels=256, **changes)
     weather = Weather(clouds=0.0, wind=0.0)
-    return draw(terrain, view(terrain), size=SIZE, sun=sun, weather=weather, quality=quality)
+    renderer = open_renderer(terrain, sun=SUNS[0], weather=weather, quality=quality)
+    texture = gl.texture(SIZE, 4)
+    for sun in SUNS:
+        renderer.relight(sun=sun)
+        renderer.prepare(view(terrain), SIZE)
+        renderer.draw(view(terrain), gl.framebuffer([texture]))
+        yield read_picture(texture)
 
 
 def mean_colour(shown, camera):
@@ -51,13 +59,13 @@ def mean_colour(shown, camera):
 
 @pytest.mark.gl
 @pytest.mark.slow
-def test_a_distant_canopy_has_the_colour_of_drawn_trees(draw, wood):
+def test_a_distant_canopy_has_the_colour_of_drawn_trees(gl, open_renderer, wood):
     """Where trees turn into ground, neither a ring nor a step of brightness gives it away."""
     camera, differences = view(wood), []
-    for sun in SUNS:
-        drawn = picture(draw, wood, sun)
-        painted = picture(draw, wood, sun, without=frozenset({"trees"}), canopy_distance=200.0)
-        colours = (mean_colour(each, camera) for each in (drawn, painted))
+    drawn = pictures(open_renderer, gl, wood)
+    painted = pictures(open_renderer, gl, wood, without=frozenset({"trees"}), canopy_distance=200.0)
+    for both in zip(drawn, painted, strict=True):
+        colours = (mean_colour(each, camera) for each in both)
         differences.append(float(deltaE_ciede2000(*colours)))
     assert np.mean(differences) < MOST, differences
     assert max(differences) < MOST_OF_ONE, differences

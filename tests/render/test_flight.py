@@ -286,7 +286,7 @@ def test_the_cheapest_loop_equals_brute_force():
 
 SIZE = (96, 54)
 QUICK = dataclasses.replace(Quality.from_level(0.25), map_texels=128, material_texels=128, quads=64)
-WHOLE = Quality(samples=1, map_texels=128)
+WHOLE = Quality(samples=1, map_texels=128, material_texels=128, shade_texels=256, tile_memory=64 << 20)
 
 
 @pytest.fixture
@@ -300,7 +300,7 @@ def views():
 @pytest.mark.slow
 @pytest.mark.gl
 @pytest.mark.usefixtures("gl")
-@pytest.mark.parametrize("quality", [QUICK, pytest.param(WHOLE, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("quality", [QUICK, WHOLE], ids=["quick", "whole"])
 def test_a_complete_frame_equals_the_picture_of_its_camera(waves, views, quality):
     # A frame rate at which the water does not move.
     frames = list(capture_frames(waves, views, fps=1e9, size=SIZE, quality=quality))

@@ -194,26 +194,25 @@ def test_each_kind_of_change_equals_a_fresh_renderer_moving_or_still(open_view, 
     terrain = before
     changes = (
         lambda now: painted(now, ("mountain", 50, 44, 7), ("forest", 72, 50, 6)),
-        lambda now: painted(river(now)[0], ("lake", 78, 48, 6)),
         lambda now: rebuild(now, red_and_dry(now.sketch).replace(seed=8)),
         lambda now: (before, [EVERYWHERE]),
     )
     for number, change in enumerate(changes):
         terrain, areas = change(terrain)
-        view.renderer.set_terrain(terrain, [EVERYWHERE] if number == 1 else areas)
+        view.renderer.set_terrain(terrain, areas)
         now = view.converged(camera)
         assert not same(now, old), number
         assert same(now, first if terrain is before else open_view(terrain).converged(camera)), number
         old = now
     for sun, weather in (
         (Sun(290.0, 12.0), Weather.from_sketch(before.sketch, haze=3.0, wind=9.0)),
-        (SUN, Weather.from_sketch(before.sketch, clouds=1.0)),
         (SUN, Weather.from_sketch(before.sketch)),
     ):
         view.renderer.relight(sun=sun, weather=weather)
         now = view.converged(camera)
-        assert same(now, open_view(before, sun=sun, weather=weather).converged(camera)), weather
-        assert same(now, first) == (weather == Weather.from_sketch(before.sketch))
+        is_first = weather == Weather.from_sketch(before.sketch)
+        assert same(now, first) == is_first
+        assert is_first or same(now, open_view(before, sun=sun, weather=weather).converged(camera))
 
 
 def test_changes_outside_the_view_keep_the_picture_and_another_extent_is_rejected(
@@ -309,7 +308,7 @@ def test_the_feature_overlay_follows_the_terrain(gl, view, camera, before):
 
 @pytest.mark.slow
 def test_terrain_updates_leak_no_opengl_objects(view, camera, before):
-    steps = 60
+    steps = 40
     wet, areas = river(before)
     terrains = [wet, before]
     counts = []
@@ -323,10 +322,11 @@ def test_terrain_updates_leak_no_opengl_objects(view, camera, before):
 
 
 @pytest.mark.slow
-def test_light_is_updated_during_continuous_terrain_changes(view, camera, before):
+def test_light_is_updated_during_continuous_terrain_changes(open_view, camera, before):
+    view = open_view(before, quality=replace(QUALITY, without=frozenset({"trees", "clouds"})))
     terrains = [painted(before, ("mountain", 50, 44, 7))[0], before]
     levels = view.renderer.scenery.lit._levels.values()
-    for step in range(30):
+    for step in range(24):
         view.renderer.set_terrain(terrains[step % 2], [(1000.0, 1000.0, 2000.0, 2000.0)])
         view.frame(camera, elapsed=0.05)
     assert all(level.version > 20 for level in levels)
@@ -335,8 +335,8 @@ def test_light_is_updated_during_continuous_terrain_changes(view, camera, before
 @pytest.mark.slow
 def test_released_renderers_leak_no_opengl_objects(open_view, camera, before):
     counts = []
-    for step in range(6):  # a leak would add up
-        view = open_view(before, quality=replace(QUALITY, tile_memory=4 << 20))
+    for step in range(5):  # a leak would add up
+        view = open_view(before, quality=replace(QUALITY, tile_memory=4 << 20, plant_distance=200.0))
         view.frame(camera)
         if step % 2 == 0:
             changed, areas = river(before)
@@ -363,7 +363,9 @@ def test_coordinates_wrap_and_are_continuous_near_the_origin():
 @pytest.mark.slow
 def test_a_streamed_picture_converges_to_the_still_one_and_is_smaller_during_motion(open_view, waves):
     expected = open_view(waves, size=SMALL, quality=CHEAP).still(CAMERA)
-    view = open_view(waves, size=SMALL, quality=CHEAP)
+    ticks = count()  # drawing takes longer than `DRAWING`
+    slow = {"quality": replace(CHEAP, budget=10.0), "timer": lambda: 0.04 * next(ticks)}
+    view = open_view(waves, size=SMALL, **slow)
     # Hysteresis of tile selection: differences below the tolerance.
     different = np.abs(view.converged(CAMERA, elapsed=0.05) - expected).max(axis=-1) > 8
     assert different.mean() < 0.01

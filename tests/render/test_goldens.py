@@ -60,6 +60,11 @@ SCENES = {
 
 DEFAULT = ("desert_mountains-air", "valley_river-air")
 """Scenes of the default tier, which are cheap under an overcast sky."""
+SOAK = ("alpine_range-air", "desert_mountains-ground", "rolling_hills-ground", "rolling_hills-air")
+
+
+def marks_of(name):
+    return [] if name in DEFAULT else pytest.mark.soak if name in SOAK else pytest.mark.slow
 
 
 def drawn(name, draw):
@@ -81,9 +86,7 @@ def compare(golden, picture):
     return float(apart.mean()), float((apart.max(axis=-1) > FAR_OFF).mean()), apart
 
 
-@pytest.mark.parametrize(
-    "name", [name if name in DEFAULT else pytest.param(name, marks=pytest.mark.slow) for name in SCENES]
-)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=marks_of(name)) for name in SCENES])
 def test_pictures_match_their_goldens(name, gl, draw, request, tmp_path):
     if "llvmpipe" not in gl.info["GL_RENDERER"]:
         pytest.skip("golden pictures are llvmpipe's")

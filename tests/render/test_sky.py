@@ -27,7 +27,6 @@ from sketchterrain.render.clouds import PERIOD, billow_noise, cloud_defines, clo
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.programs import FRAME_BINDING
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import (
     LEVELS,
     SIZE,
@@ -487,7 +486,7 @@ def test_sun_follows_hour_or_view_and_drift_the_wind(waves):
 
 
 @pytest.mark.gl
-def test_a_cloud_dome_shows_the_clouds_of_the_picture_also_after_the_eye_and_the_wind_moved(gl):
+def test_a_cloud_dome_shows_the_clouds_of_the_picture_after_eye_and_wind_moved(gl, open_renderer):
     """Clouds are at least 1.9 km away: 200 m to the side turn them by 6° at most, which is corrected."""
     size = (480, 270)  # a dome is sharper than a small picture
     texture = gl.texture(size, 4)
@@ -500,7 +499,7 @@ def test_a_cloud_dome_shows_the_clouds_of_the_picture_also_after_the_eye_and_the
     def pictures(cloud_texels, *, clouds=0.6):
         own = replace(quality, cloud_texels=cloud_texels)
         weather = Weather(clouds=clouds, wind=5.0)
-        renderer = Renderer(gl, waves, sun=Sun(200.0, 40.0), weather=weather, quality=own)
+        renderer = open_renderer(waves, sun=Sun(200.0, 40.0), weather=weather, quality=own)
         renderer.prepare(cameras[0], size)
         for number, camera in enumerate(cameras):
             # Not as of a view at rest, whose dome is from its own place.

@@ -2,6 +2,7 @@
 
 import gc
 import os
+from functools import partial
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
@@ -32,6 +33,14 @@ class FakeLink(EngineLink):
         self.running = False
 
 
+@pytest.fixture
+def qtbot(qtbot):
+    """Wait long for conditions and signals: machines are shared."""
+    for name in ("waitUntil", "waitSignal", "waitSignals"):
+        setattr(qtbot, name, partial(getattr(qtbot, name), timeout=300_000))
+    return qtbot
+
+
 @pytest.fixture(autouse=True)
 def garbage_on_this_thread():
     """Collect garbage on this thread: Qt objects must not be deleted on another one."""
@@ -41,9 +50,14 @@ def garbage_on_this_thread():
     gc.enable()
 
 
+@pytest.fixture(scope="session")
+def valley():
+    return load_sketch("valley_river")
+
+
 @pytest.fixture
-def document(qapp):
-    return Document(load_sketch("valley_river"))
+def document(qapp, valley):
+    return Document(valley)
 
 
 @pytest.fixture
@@ -57,11 +71,10 @@ def link(document):
 
 
 @pytest.fixture(scope="session")
-def placed():
+def placed(valley):
     """The placement of the preset valley_river."""
-    sketch = load_sketch("valley_river")
-    recipe = make_recipe(sketch)
-    fill = recipe.points.fill.within(0.0, 0.0, *sketch.size)
+    recipe = make_recipe(valley)
+    fill = recipe.points.fill.within(0.0, 0.0, *valley.size)
     points = np.sort(np.concatenate([recipe.points.painted, fill]), order="id")
     return Placement(1, points, tuple(recipe.rivers), tuple(recipe.lakes))
 

@@ -1,5 +1,6 @@
 """Mouse, wheel, pen and key events sent to a widget, strokes, mnemonics, and waiting."""
 
+import threading
 import time
 
 from PyQt6 import QtGui
@@ -87,6 +88,14 @@ def repeated_mnemonics(items) -> set[str]:
     """Return the mnemonics that several visible widgets or actions share."""
     letters = [QKeySequence.mnemonic(each.text()).toString() for each in items if each.isVisible()]
     return {letter for letter in letters if letter and letters.count(letter) > 1}
+
+
+def finish_reading():
+    """Wait until background readers have ended and their results have arrived."""
+    for thread in threading.enumerate():
+        if thread.name == "reading":
+            thread.join()
+    QApplication.processEvents()
 
 
 def wait(until, seconds=300.0):

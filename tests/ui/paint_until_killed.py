@@ -1,15 +1,16 @@
 """A program without a window that paints, changes settings, undoes and saves until it is killed.
 
-It logs each state of the document, before other listeners see it, and the start and end of saves:
-event, time (s, monotonic), fingerprint of the sketch.
+It logs each state of the document, before other listeners see it, the start and end of saves and the end of
+autosaves: event, fingerprint of the sketch.
 """
 
 import hashlib
 import os
 import random
 import sys
-import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PyQt6.QtCore import QCoreApplication, QTimer
@@ -31,6 +32,18 @@ def fingerprint(sketch: Sketch) -> str:
     return digest.hexdigest()
 
 
+class LoggedAutosave(Autosave):
+    """Logs what it has written."""
+
+    def __init__(self, *given: Any, log: Callable[[str, Sketch], None], **named: Any) -> None:
+        super().__init__(*given, **named)
+        self._log = log
+
+    def _write(self, sketch: Sketch, original: Path | None) -> None:
+        super()._write(sketch, original)
+        self._log("autosaved", sketch)
+
+
 class Painter:
     """Performs a random document action every 3 ms."""
 
@@ -42,7 +55,7 @@ class Painter:
         self._document.sketch_changed.connect(lambda: self._log_sketch("state", self._document.sketch))
         self._saving = SketchSaver(self._document)
         self._saving.saved.connect(lambda: self._log_sketch("saved", self._being_saved))
-        self._autosave = Autosave(self._document, folder, interval_s=interval_s)
+        self._autosave = LoggedAutosave(self._document, folder, interval_s=interval_s, log=self._log_sketch)
         self._being_saved = self._document.sketch
         recoveries = self._autosave.recoverable()
         if recoveries:
@@ -59,7 +72,7 @@ class Painter:
         self._timer.start(3)
 
     def _log_sketch(self, event: str, sketch: Sketch) -> None:
-        os.write(self._file, f"{event} {time.monotonic():.6f} {fingerprint(sketch)}\n".encode())
+        os.write(self._file, f"{event} {fingerprint(sketch)}\n".encode())
 
     def _act(self) -> None:
         draft = self._document.draft

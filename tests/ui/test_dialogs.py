@@ -120,7 +120,7 @@ def test_preferences_are_set_only_when_they_are_applied(qtbot, tmp_path):
     assert preferences.theme == "system"
     dialog = PreferencesDialog(preferences)
     qtbot.addWidget(dialog)
-    qtbot.waitUntil(lambda: dialog.form["device"].count() > 1, timeout=30_000)
+    qtbot.waitUntil(lambda: dialog.form["device"].count() > 1)
     dialog.form["theme"].setCurrentIndex(dialog.form["theme"].findData("dark"))
     dialog.form["device"].setCurrentIndex(1)
     with qtbot.waitSignals([preferences.theme_changed, preferences.device_changed]):

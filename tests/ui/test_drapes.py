@@ -214,7 +214,7 @@ def test_undone_layers_are_neither_shown_nor_held(blank, fields, qtbot):
     seen = []
     blank.do("Add", blank.sketch.replace(drapes=(draped_layer(fields),)))
     blank.undo()  # while it is read
-    qtbot.wait(300)
+    events.finish_reading()
     assert blank.drapes.current is None
     blank.redo()
     qtbot.waitUntil(lambda: blank.drapes.current is not None)

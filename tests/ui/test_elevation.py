@@ -24,7 +24,6 @@ CELL = 20.0  # m
 SIDE = 96  # samples of a grid
 WEST, NORTH = 600_000.0, 5_270_000.0
 NODATA = -9999.0
-TIMEOUT = 120_000  # ms: the first evaluation compiles
 
 
 def write_dem(path: Path, *, west: float = WEST, height: float = 0.0, void: bool = False) -> Path:
@@ -61,7 +60,7 @@ def chosen(monkeypatch) -> list[Path]:
 
 
 def settle(qtbot, elevation):
-    qtbot.waitUntil(lambda: not elevation.is_busy, timeout=TIMEOUT)
+    qtbot.waitUntil(lambda: not elevation.is_busy)
 
 
 @pytest.fixture
@@ -76,7 +75,7 @@ def panel(on_dem, show_widget, qtbot):
 def test_new_from_elevation_is_what_the_command_makes(window, document, dem, chosen, qtbot, tmp_path):
     chosen.append(dem)
     window.actions_by_name["elevation"].trigger()
-    qtbot.waitUntil(lambda: document.sketch.name == "ridge", timeout=TIMEOUT)
+    qtbot.waitUntil(lambda: document.sketch.name == "ridge")
     expected = sketch_on_elevation([raster_source(dem, "elevation")])[0]
     places = [tmp_path / name for name in ("made", "expected")]
     for sketch, place in zip((document.sketch, expected), places, strict=True):
@@ -87,7 +86,7 @@ def test_new_from_elevation_is_what_the_command_makes(window, document, dem, cho
     assert line == "A sketch of 1.8 × 1.8 km on elevation data; findings in the data: 2"
     window.banner.message.buttons[0][1]()
     settle(qtbot, window.canvas.underlay)
-    qtbot.waitUntil(lambda: not window.panel_layout.docks["base"].visibleRegion().isEmpty(), timeout=TIMEOUT)
+    qtbot.waitUntil(lambda: not window.panel_layout.docks["base"].visibleRegion().isEmpty())
 
 
 def test_bad_files_are_one_line_and_lose_nothing(window, document, chosen, dem, qtbot, tmp_path, monkeypatch):
@@ -96,7 +95,7 @@ def test_bad_files_are_one_line_and_lose_nothing(window, document, chosen, dem, 
     chosen += [dem, bad]
     for command in (window.elevation_files.ask_new, window.elevation_files.ask_add):
         command()
-        qtbot.waitUntil(lambda: window.banner.message is not None, timeout=TIMEOUT)
+        qtbot.waitUntil(lambda: window.banner.message is not None)
         assert window.banner.message.kind == "error"
         assert "bad.tif" in window.banner.message.line
         assert "\n" not in window.banner.message.line
@@ -108,7 +107,7 @@ def test_bad_files_are_one_line_and_lose_nothing(window, document, chosen, dem, 
     answer = QMessageBox.StandardButton.Cancel
     monkeypatch.setattr(QMessageBox, "exec", lambda box: asked.append(box.text()) or answer)
     window.elevation_files.ask_new()
-    qtbot.waitUntil(lambda: bool(asked), timeout=TIMEOUT)
+    qtbot.waitUntil(lambda: bool(asked))
     assert document.sketch.name == "unsaved"
 
 
@@ -118,7 +117,7 @@ def test_adding_elevation_is_one_step_and_gives_the_sketch_its_place(
     document.open(Sketch(extent=800.0))
     chosen += [dem, write_dem(tmp_path / "east.tif", west=WEST + CELL * (SIDE - 20))]
     window._base.add_button.click()
-    qtbot.waitUntil(lambda: document.history.position == 1, timeout=TIMEOUT)
+    qtbot.waitUntil(lambda: document.history.position == 1)
     assert document.history.titles[1] == "Add 2 elevation grids"
     frame = document.sketch.frame
     assert frame["crs"] == "EPSG:25832"
@@ -140,9 +139,7 @@ def test_the_panel_shows_and_edits_each_grid(panel, on_dem, dem, tmp_path, qtbot
     assert size == "96 × 96 samples, 20 m apart"
     assert any("small void" in line for line in findings)
     field = page.form.rows["vertical"].field
-    qtbot.waitUntil(
-        lambda: field.height() >= field.sizeHint().height(), timeout=TIMEOUT
-    )  # not squeezed by the text above
+    qtbot.waitUntil(lambda: field.height() >= field.sizeHint().height())  # not squeezed by the text above
     first = on_dem.sketch
     page.form.rows["offset"].box.setValue(12.5)
     page.form.rows["accuracy"].check.setChecked(False)
@@ -193,14 +190,14 @@ def test_offsets_are_removed_and_lakes_added_in_a_step_each(window, document, tm
     sources = [raster_source(path, "elevation") for path in paths]
     document.open(sketch_on_elevation(sources)[0])
     window._base.offsets.click()
-    qtbot.waitUntil(lambda: document.history.position == 1, timeout=TIMEOUT)
+    qtbot.waitUntil(lambda: document.history.position == 1)
     low, high = (each.offset for each in document.sketch.rasters)
     assert low - high == pytest.approx(25.0, abs=0.1)
     window._base.lakes.click()
-    qtbot.waitUntil(lambda: document.history.position == 2, timeout=TIMEOUT)
+    qtbot.waitUntil(lambda: document.history.position == 2)
     assert len(document.sketch.vectors["lake"].ids) == 1
     window._base.lakes.click()
-    qtbot.waitUntil(lambda: window.banner.message is not None, timeout=TIMEOUT)
+    qtbot.waitUntil(lambda: window.banner.message is not None)
     assert window.banner.message.line == "Add lakes: there are none"
     assert list(document.history.titles[1:]) == ["Remove offsets", "Add lakes"]
     document.undo()

@@ -364,9 +364,9 @@ def test_weather_edits_the_sketch_and_quality_the_view(qtbot, view, document, li
     view.quality.slider.setValue(300)
     view.quality.slider.setValue(800)
     assert link.requests == [], "until the slider rests"
-    qtbot.waitUntil(lambda: link.requests == [ViewState(quality=0.8)], timeout=2000)
+    qtbot.waitUntil(lambda: link.requests == [ViewState(quality=0.8)])
     view.quality.reset.click()
-    qtbot.waitUntil(lambda: link.view.quality is None, timeout=2000)
+    qtbot.waitUntil(lambda: link.view.quality is None)
     assert view.quality.check.isChecked()
     assert len(document.history.titles) == steps
 

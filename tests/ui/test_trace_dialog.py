@@ -11,6 +11,8 @@ from sketchterrain.importing.legend import NOTHING, Meaning
 from sketchterrain.importing.traced_layers import sketch_picture
 from sketchterrain.ui.dialogs.trace import TraceDialog
 
+from .events import finish_reading
+
 
 @pytest.fixture
 def picture(tmp_path):
@@ -29,7 +31,7 @@ def opened(show_widget):
 
 
 def wait_until_ready(qtbot, dialog: TraceDialog):
-    qtbot.waitUntil(dialog.create_button.isEnabled, timeout=20_000)
+    qtbot.waitUntil(dialog.create_button.isEnabled)
 
 
 def test_colours_are_detected_and_the_form_sets_size_extent_and_name(qtbot, opened, picture):
@@ -74,7 +76,7 @@ def test_meanings_change_by_key_and_a_map_without_any_is_refused(qtbot, opened, 
     wait_until_ready(qtbot, dialog)
     for box in dialog.colours.boxes:
         box.setCurrentIndex(0)
-    qtbot.waitUntil(lambda: "Choose what at least one" in dialog.status.text(), timeout=20_000)
+    qtbot.waitUntil(lambda: "Choose what at least one" in dialog.status.text())
     assert not dialog.create_button.isEnabled()
     dialog.colours.boxes[1].setCurrentIndex(3)
     wait_until_ready(qtbot, dialog)
@@ -109,13 +111,13 @@ def test_vectors_define_their_own_extent(qtbot, opened, tmp_path):
 def test_unreadable_pictures_are_reported_and_reading_can_be_cancelled(qtbot, opened, tmp_path, picture):
     (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\nbroken")
     dialog = opened(tmp_path / "a.png")
-    qtbot.waitUntil(lambda: "expected a whole PNG" in dialog.status.text(), timeout=20_000)
+    qtbot.waitUntil(lambda: "expected a whole PNG" in dialog.status.text())
     assert not dialog.create_button.isEnabled()
     qtbot.keyClick(dialog, Qt.Key.Key_Escape)
     assert dialog.isHidden()
 
     dialog = opened(picture)
     dialog.reject()
-    qtbot.wait(300)
+    finish_reading()
     assert dialog.isHidden()
     assert not dialog.create_button.isEnabled()

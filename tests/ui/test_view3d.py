@@ -14,6 +14,7 @@ from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.protocol import Fly, GoTo, Look, Pan, Pick, PickResult, Turn, Zoom
 from sketchterrain.ui.models.workspace import Selection
+from sketchterrain.ui.view3d import view as view_module
 from sketchterrain.ui.view3d.camera import overview
 from sketchterrain.ui.view3d.hud import Compass, ModeBar, Placeholder
 from sketchterrain.ui.view3d.view import View3D
@@ -298,15 +299,18 @@ def test_compass_and_modes_follow_keys_and_buttons(view, link, document, placed)
     assert link.view.mode == "walk"
 
 
-def test_pictures_are_requested_after_resizing_and_not_while_hidden(qtbot, view, link):
+def test_pictures_are_requested_after_resizing_and_not_while_hidden(qtbot, view, link, monkeypatch):
     def sizes():
         return [(each.width, each.height) for each in link.requests if isinstance(each, msg.ViewState)]
 
-    for width in range(500, 600, 10):
+    monkeypatch.setattr(view_module, "_RESIZE_DELAY", 600_000)
+    for width in range(500, 590, 10):
         view.resize(width, 400)
-        qtbot.wait(5)
+        QApplication.processEvents()
     assert sizes() == []
-    qtbot.waitUntil(lambda: link.view.width == 590, timeout=2000)
+    monkeypatch.undo()
+    view.resize(590, 400)
+    qtbot.waitUntil(lambda: link.view.width == 590)
     assert sizes() == [(590, 400)]
     key(view, Qt.Key.Key_W)
     view.hide()

@@ -2,7 +2,7 @@
 
 import socket
 import threading
-import time
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -70,10 +70,8 @@ class Harness:
         return msg.SketchUpdate(self.version, shape, settings_of(sketch), patches)
 
     def send_recipe(self, column):
-        layers = {"hill": blob(column)}
-        sketch = Sketch(extent=3000.0, layers=layers)
         self.version += 1
-        self.other.send(msg.RecipeUpdate(self.version, sketch, make_recipe(sketch), 0.0, 0.0))
+        self.other.send(msg.RecipeUpdate(self.version, *recipe_of(column), 0.0, 0.0))
 
     def answer(self, kind):
         """Return the next message of a kind, and those before it."""
@@ -93,7 +91,7 @@ class Harness:
         self.join()
 
     def join(self):
-        self.thread.join(20.0)
+        self.thread.join(300.0)
         assert not self.thread.is_alive()
         for channel in (self.window, self.other, *self.peers):
             channel.close()
@@ -122,6 +120,13 @@ def blob(column, row=10):
     return image
 
 
+@cache
+def recipe_of(column):
+    """Return a sketch with a hill, and its recipe."""
+    sketch = Sketch(extent=3000.0, layers={"hill": blob(column)})
+    return sketch, make_recipe(sketch)
+
+
 @pytest.fixture
 def harness():
     created = engine_harness()
@@ -133,12 +138,12 @@ def test_pending_updates_are_all_applied_and_the_newest_is_displayed(harness, mo
     applied, apply, gate = [], harness.session.apply, threading.Event()
 
     def slow(updates):
-        gate.wait(20.0)
+        gate.wait(300.0)
         applied.extend(update.version for update in updates)
         return apply(updates)
 
     monkeypatch.setattr(harness.session, "apply", slow)
-    for column in (5, 10, 15, 20):
+    for column in (5, 20, 10, 20):
         harness.send_recipe(column)
     gate.set()
     versions = [harness.answer(msg.TerrainUpdated)[0].version]
@@ -149,7 +154,7 @@ def test_pending_updates_are_all_applied_and_the_newest_is_displayed(harness, mo
     assert harness.session.version == 4
 
 
-def test_relief_picks_and_adherence_work_without_opengl(harness):
+def test_relief_and_picks_work_without_opengl(harness):
     harness.window.send(msg.MeasureAdherence())
     assert "not ready yet" in harness.answer(msg.ErrorReport)[0].line
     harness.window.send(msg.Pick(1, 0.5, 0.5))
@@ -165,6 +170,12 @@ def test_relief_picks_and_adherence_work_without_opengl(harness):
     assert relief.height[15:25, 22:32].max() > 20.0
     harness.window.send(msg.RenderPicture("nowhere.png", 100, 100))
     assert harness.answer(msg.ErrorReport)[0].source == "picture"
+
+
+@pytest.mark.slow
+def test_adherence_is_measured_in_a_process(harness):
+    harness.send_recipe(20)
+    harness.answer(msg.TerrainUpdated)
     harness.window.send(msg.MeasureAdherence())
     measured, _ = harness.answer(msg.Adherence)
     assert measured.version == 1
@@ -391,13 +402,13 @@ def placer():
 
 
 def test_the_newest_of_many_sketches_is_placed_and_changes_accumulate(placer):
-    sketch = Sketch(extent=4000.0)
+    sketch = Sketch(extent=2000.0)
     for step in range(20):
         placer.window.send(placer.update(sketch, {"mountain": blob(20, row=step)}))
     placer.thread.start()
     assert placer.answer(msg.Placement)[0].version == 20  # all were pending at its first look
     plan = placer.other.receive()
-    whole = Sketch(extent=4000.0, layers={"mountain": blob(20, row=19)})
+    whole = Sketch(extent=2000.0, layers={"mountain": blob(20, row=19)})
     assert np.array_equal(plan.recipe.points.painted, make_recipe(whole).points.painted)
     assert plan.version == 20
     placed = placer.placed(sketch, {"mountain": blob(30, row=19)})
@@ -405,28 +416,27 @@ def test_the_newest_of_many_sketches_is_placed_and_changes_accumulate(placer):
     assert placed.version == 21
     plan = placer.other.receive()
     assert np.array_equal(plan.sketch.layers["mountain"], blob(30, row=19))
-    assert plan.started <= plan.placed <= time.monotonic()
+    assert plan.started <= plan.placed
 
 
 def test_a_draft_comes_before_a_long_placement(placer):
     placer.thread.start()
     layers = {"mountain": blob(10)}
-    placer.placed(Sketch(extent=3000.0), layers)
+    placer.placed(Sketch(extent=2000.0), layers)
     assert not placer.other.receive().draft
     placer.served._policy._expected = 10.0  # s
-    placer.placed(Sketch(extent=3000.0), {"mountain": np.maximum(blob(10), blob(14))})
+    placer.placed(Sketch(extent=2000.0), {"mountain": np.maximum(blob(10), blob(14))})
     draft, final = placer.other.receive(), placer.other.receive()
     assert (draft.version, draft.draft, final.version, final.draft) == (2, True, 2, False)
     assert draft.recipe is not None
     placer.served._policy._expected = 10.0
-    placer.placed(Sketch(extent=3000.0), {"mountain": blob(11), "hill": blob(30)})  # another sketch
+    placer.placed(Sketch(extent=2000.0), {"mountain": blob(11), "hill": blob(30)})  # another sketch
     assert not placer.other.receive().draft
 
 
 def test_a_draft_is_shown_until_the_terrain_is_there():
     session = TerrainSession(ComputeContext)
-    sketches = [Sketch(extent=3000.0, layers={"hill": blob(column)}) for column in (10, 14)]
-    first, second = (make_recipe(each) for each in sketches)
+    sketches, (first, second) = zip(*map(recipe_of, (10, 20)), strict=True)
     session.apply([msg.RecipeUpdate(1, sketches[0], first, 0.0, 0.0)])
     session.apply([msg.RecipeUpdate(2, sketches[1], second, 0.0, 0.0, draft=True)])
     assert (session.version, session.sketch, session.recipe) == (1, sketches[0], first)
@@ -463,15 +473,17 @@ def test_a_newer_sketch_cancels_what_is_drafted():
 def test_appearance_settings_do_not_place_again(placer):
     placer.thread.start()
     layers = {"mountain": blob(20)}
-    assert isinstance(placer.placed(Sketch(), layers), msg.Placement)
+    assert isinstance(placer.placed(Sketch(extent=2000.0), layers), msg.Placement)
     placer.other.receive()
-    answer = placer.placed(Sketch(weather={"clouds": 0.9}, name="other"), layers)
+    answer = placer.placed(Sketch(extent=2000.0, weather={"clouds": 0.9}, name="other"), layers)
     assert isinstance(answer, msg.Unchanged)
     assert answer.version == 2
     plan = placer.other.receive()
     assert plan.recipe is None
     assert plan.sketch.weather["clouds"] == 0.9
-    assert isinstance(placer.placed(Sketch(weather={"clouds": 0.9}, seed=5), layers), msg.Placement)
+    assert isinstance(
+        placer.placed(Sketch(extent=2000.0, weather={"clouds": 0.9}, seed=5), layers), msg.Placement
+    )
 
 
 def test_an_invalid_sketch_and_a_defect_are_reported_and_the_next_sketch_is_placed(
@@ -479,14 +491,14 @@ def test_an_invalid_sketch_and_a_defect_are_reported_and_the_next_sketch_is_plac
 ):
     placer.thread.start()
     layers = {"mountain": blob(20)}
-    placer.window.send(msg.SketchUpdate(1, (48, 48), {**settings_of(Sketch()), "seed": -5}, {}))
+    placer.window.send(msg.SketchUpdate(1, (48, 48), {**settings_of(Sketch(extent=2000.0)), "seed": -5}, {}))
     error, _ = placer.answer(msg.ErrorReport)
     assert error.source == "sketch"
     assert "seed" in error.line
     placer.version = 1
-    assert placer.placed(Sketch(), layers).version == 2
+    assert placer.placed(Sketch(extent=2000.0), layers).version == 2
     with monkeypatch.context() as patched:
         patched.setattr(from_sketch, "recipe_of_plan", failing(ZeroDivisionError("oops")))
-        assert "oops" in placer.placed(Sketch(), {"mountain": blob(21)}).line
+        assert "oops" in placer.placed(Sketch(extent=2000.0), {"mountain": blob(21)}).line
     assert "ZeroDivisionError" in capsys.readouterr().err
-    assert isinstance(placer.placed(Sketch(), {"mountain": blob(22)}), msg.Placement)
+    assert isinstance(placer.placed(Sketch(extent=2000.0), {"mountain": blob(22)}), msg.Placement)

@@ -52,7 +52,6 @@ def main(kind: str, folder: Path) -> None:
     from sketchterrain.document.layers import DRAW_ORDER, LAYERS, PAINTED_LAYERS, layer_of
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.document.store import load_sketch, save_sketch
-    from sketchterrain.export.map.sheet import map_sheet
     from sketchterrain.importing.images import read_map
     from sketchterrain.importing.layered import trace_mask
     from sketchterrain.importing.legend import OWN_LEGEND, feature_label, parse_layer_name
@@ -113,7 +112,10 @@ def main(kind: str, folder: Path) -> None:
 
     # The terrain around it.
     terrain = build(sketch)
-    assert map_sheet(terrain).layers["legend"]
+    if kind == "water":
+        from sketchterrain.export.map.sheet import map_sheet
+
+        assert map_sheet(terrain).layers["legend"]
     lines = adherence_lines(
         {"sketch": "x", "seed": 0, "fidelity": 1, "notes": []} | measure_adherence(terrain).as_dict()
     )

@@ -227,7 +227,7 @@ def reset_window(window, document, workspace):
 
 
 @pytest.mark.parametrize(
-    "actions", [pytest.param(600, marks=pytest.mark.slow), pytest.param(10_000, marks=pytest.mark.soak)]
+    "actions", [pytest.param(400, marks=pytest.mark.slow), pytest.param(10_000, marks=pytest.mark.soak)]
 )
 def test_random_actions_leave_no_widget_and_no_memory_behind(
     window, document, workspace, monkeypatch, tmp_path, actions

@@ -19,7 +19,7 @@ from sketchterrain.ui.banner import Message
 from sketchterrain.ui.engine.protocol import ErrorReport, MeasureAdherence, RenderPicture
 from sketchterrain.ui.models.workspace import TOOLS, Preferences, Selection
 
-from .events import LEFT, NO_KEYS, paint, repeated_mnemonics
+from .events import LEFT, NO_KEYS, finish_reading, paint, repeated_mnemonics
 from .test_random_actions import UNTRIGGERED, DialogCloser
 
 BUTTON = QMessageBox.StandardButton
@@ -164,18 +164,18 @@ def test_the_newest_sketch_is_opened_and_reading_can_be_cancelled(window, docume
         save_sketch(Sketch(name=name), tmp_path / f"{name}.sketch")
         window.files.open(tmp_path / f"{name}.sketch")
     qtbot.waitUntil(lambda: document.sketch.name == "two")
-    qtbot.wait(100)
+    finish_reading()
     assert document.sketch.name == "two"
 
     done, before = threading.Event(), document.sketch
-    window.files.reading.read(lambda: done.wait(20) and Sketch(), document.open)
+    window.files.reading.read(lambda: done.wait(300) and Sketch(), document.open)
     qtbot.waitUntil(lambda: window.banner.message is not None)
     assert window.banner.message.line.startswith("Reading")
     window.banner.message.buttons[0][1]()
     assert window.banner.message is None
     assert not window.files.reading.is_busy
     done.set()
-    qtbot.wait(50)
+    finish_reading()
     assert document.sketch is before
 
 
@@ -336,6 +336,7 @@ def test_errors_are_messages_that_queue(window, link, capsys):
     assert window.banner.message.buttons[0][0] == "Details…"
 
 
+@pytest.mark.slow
 def test_the_window_and_its_dialogs_import_no_driver():
     drivers = {
         *("pyopencl", "moderngl", "matplotlib", "OpenEXR", "pyogrio", "zarr", "distributed"),

@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 import pytest
 from PyQt6.QtWidgets import QAbstractButton, QLabel
 
+from sketchterrain.ui.dialogs.form import ExportJob
 from sketchterrain.ui.dialogs.world import WorldDialog
 from sketchterrain.ui.models.workspace import Preferences
 from sketchterrain.world.options import WorldOptions
@@ -42,7 +43,7 @@ def choose(box, data):
 def run_job(qtbot, dialog):
     """Press the button, wait for the end, and return the result."""
     dialog.accept_button.click()
-    with qtbot.waitSignal(dialog.job.finished, timeout=120_000) as done:
+    with qtbot.waitSignal(dialog.job.finished) as done:
         pass
     qtbot.waitUntil(lambda: not dialog.job.is_running)
     return done.args[0]
@@ -143,9 +144,9 @@ def test_a_world_is_estimated_started_cancelled_and_resumed(qtbot, opened, tmp_p
     dialog.form["normals"].setChecked(True)
     dialog._is_estimated = True
     dialog.accept_button.click()
-    with qtbot.waitSignal(dialog.job.share_changed, timeout=60_000, check_params_cb=lambda share: share > 0):
+    with qtbot.waitSignal(dialog.job.share_changed, check_params_cb=lambda share: share > 0):
         pass
-    with qtbot.waitSignal(dialog.job.failed, timeout=60_000) as why:
+    with qtbot.waitSignal(dialog.job.failed) as why:
         dialog.reject()
     assert why.args == [""]
     assert "resumes" in dialog.progress.doing.text()
@@ -163,12 +164,24 @@ def test_a_world_is_estimated_started_cancelled_and_resumed(qtbot, opened, tmp_p
     assert again.viewed == [tmp_path / "world.zarr"]
 
 
+def test_a_failure_is_shown_and_the_dialog_can_be_used_again(opened, monkeypatch):
+    monkeypatch.setattr(ExportJob, "start", lambda _: None)
+    dialog = opened()
+    dialog.accept_button.click()
+    assert not dialog.accept_button.isVisible()
+    dialog.job.failed.emit("it holds other files")
+    assert dialog.hint.text() == "it holds other files"
+    assert dialog.accept_button.isVisible()
+    assert dialog.accept_button.text() == "Estimate"
+
+
+@pytest.mark.slow
 def test_foreign_files_at_the_output_are_refused_and_unchanged(qtbot, opened, tmp_path):
     (tmp_path / "world.zarr").mkdir()
     (tmp_path / "world.zarr" / "mine.txt").write_text("mine")
     dialog = opened()
     dialog.accept_button.click()
-    with qtbot.waitSignal(dialog.job.failed, timeout=120_000) as result:
+    with qtbot.waitSignal(dialog.job.failed) as result:
         pass
     assert "holds other files" in result.args[0]
     assert dialog.hint.text() == result.args[0]

@@ -122,7 +122,7 @@ def world(tmp_path_factory):
     sketch = Sketch(extent=1024.0, layers={"hill": hill})
     folder = tmp_path_factory.mktemp("worlds") / "hills.zarr"
     layers = ("height", "normal", "materials")
-    job = Job(sketch, make_recipe(sketch), World(0.0, 0.0, 1024.0, 1024.0, 2.0), folder, "zarr", layers)
+    job = Job(sketch, make_recipe(sketch), World(0.0, 0.0, 1024.0, 1024.0, 4.0), folder, "zarr", layers)
     run_world(job, reporter=MagicMock())
     (shard,) = [path for path in (folder / "0" / "height" / "c").rglob("*") if path.is_file()]
     data = bytearray(shard.read_bytes())

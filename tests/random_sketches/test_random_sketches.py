@@ -261,8 +261,7 @@ LEAST_RADIUS = 1.5  # px
 LEAST_SHARE = 0.36  # of the label's strength, from which a feature's radius is derived
 ROUNDING = 1 + 1e-5  # radii and strengths are float32
 
-DEFAULT = (17, 57)
-"""A river across mountains; mountains, a plateau and a lake."""
+DEFAULT = (17,)  # a river across mountains
 SAMPLE = range(7, 97, 10)
 """One sketch of each of nine main kinds."""
 
@@ -297,7 +296,7 @@ def tiny_sketches(draw: st.DrawFn) -> Sketch:
     return Sketch(extent=extent, seed=seed, fidelity=fidelity, layers=layers, density={"hill": 0.5})
 
 
-@pytest.mark.parametrize("examples", [6, pytest.param(50, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("examples", [6, pytest.param(30, marks=pytest.mark.slow)])
 def test_tiny_sketches_keep_their_shapes_and_are_finite(examples) -> None:
     settings(max_examples=examples, derandomize=True)(given(tiny_sketches())(check_tiny))()
 

@@ -25,6 +25,7 @@ EXTENT, SIDE = 12000.0, 128
 SPACING = EXTENT / 256
 MIDDLE, RADIUS = (6000.0, 6000.0), 1700.0
 DRY = PaintedWater()
+MEMORY = LRUCache()
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,6 @@ class Built:
     y: np.ndarray
     zone: np.ndarray
     land: PaintedLand
-    memory: LRUCache
 
     @property
     def change(self) -> np.ndarray:
@@ -95,14 +95,13 @@ def land_of(sketch, data=None):
     return PaintedLand(uplift_features(sketch, points, memory, data), found)
 
 
-def region_of(base, memory=None):
+def region_of(base, memory=MEMORY):
     settings = UnpaintedSettings.from_sketch(painted())
     ground = base and BaseGround(base, SPACING, UnpaintedNodes(settings))
-    return RegionSources(settings, memory or LRUCache(), ground)
+    return RegionSources(settings, memory, ground)
 
 
-def build(sketch, base=None, water=DRY, memory=None, data=False):
-    memory = memory or LRUCache()
+def build(sketch, base=None, water=DRY, memory=MEMORY, data=False):
     region = region_of(base or Waves(), memory)
     heights = grounds.data_heights(region, water) if data else None
     land = land_of(sketch, heights)
@@ -113,7 +112,7 @@ def build(sketch, base=None, water=DRY, memory=None, data=False):
     nodes, where = raster.levels[0], flow.raster
     x, y = where.positions().T.reshape(2, *where.shape)
     before = blended[-1].flow.height
-    return Built(nodes, flow.height, before, blended[-1].weight, x, y, uplift.zone, land, memory)
+    return Built(nodes, flow.height, before, blended[-1].weight, x, y, uplift.zone, land)
 
 
 def read(nodes):
@@ -150,7 +149,7 @@ def test_nothing_is_added_to_data_where_nothing_is_painted():
 
 
 def test_towards_the_rim_of_data_nodes_hold_the_share_of_procedural_ground(beside):
-    bare = grounds.painted_ground(region_of(None, beside.memory), beside.land, DRY).levels[0].height
+    bare = grounds.painted_ground(region_of(None), beside.land, DRY).levels[0].height
     at = 0, beside.nodes.column, beside.nodes.row, *bare.shape
     bare = bare + region_of(Waves(rim=5000.0)).base.window(*at).around
     assert np.nanmax(np.abs(beside.nodes.height[beside.weight == 1.0])) == 0.0
@@ -230,7 +229,7 @@ def test_a_river_through_a_mountain_stays_on_the_data():
 
 
 def test_relief_without_a_layer_is_the_data_and_the_other_layer(mountain):
-    region, nodes = region_of(Waves(), mountain.memory), mountain.nodes.height
+    region, nodes = region_of(Waves()), mountain.nodes.height
     features = mountain.land.features
     for removed in (features.is_rock, ~features.is_rock):
         left = grounds.ground_without(region, mountain.land, DRY, removed).levels[0].height
@@ -260,7 +259,7 @@ def test_ground_has_the_same_bits_whatever_was_built_before_and_wherever_data_en
 
 
 def test_streams_are_barred_by_data_and_rock_is_theirs_under_painted_rock(mountain, beside):
-    flow = grounds.painted_flow(region_of(Waves(rim=5000.0), beside.memory), beside.land, DRY)
+    flow = grounds.painted_flow(region_of(Waves(rim=5000.0)), beside.land, DRY)
     x = flow.raster.positions()[:, 0].reshape(flow.raster.shape)
     assert np.array_equal(flow.barred, x > 5000.0)
     core = np.hypot(mountain.x - MIDDLE[0], mountain.y - MIDDLE[1]) < 0.5 * RADIUS
@@ -268,7 +267,7 @@ def test_streams_are_barred_by_data_and_rock_is_theirs_under_painted_rock(mounta
 
 
 def test_drafts_show_coarse_changes_over_data(mountain):
-    region, lands = region_of(Waves(), mountain.memory), (land_of(painted()), mountain.land)
+    region, lands = region_of(Waves()), (land_of(painted()), mountain.land)
     coarse = [grounds.painted_ground(region, land, DRY, coarse=True) for land in lands]
     full = [grounds.painted_ground(region, land, DRY) for land in lands]
     draft = (
@@ -283,7 +282,7 @@ def test_drafts_show_coarse_changes_over_data(mountain):
 
 
 def test_coarser_nodes_fit_their_own_weights_of_the_data(beside):
-    region = region_of(Waves(rim=5000.0), beside.memory)
+    region = region_of(Waves(rim=5000.0))
     raster = grounds.painted_ground(region, beside.land, DRY)
     other = region.base
     for level, nodes in enumerate(raster.levels[:5]):

@@ -205,7 +205,7 @@ def river_areas(old: TerrainRecipe, new: TerrainRecipe) -> np.ndarray:
     return change.boxes * new.world.unit
 
 
-@tiers("preset", [], PRESETS)
+@tiers("preset", [], PRESETS[:1], PRESETS[1:])
 def test_every_changed_arc_is_inside_the_river_areas(preset) -> None:
     sketch, memory = load_sketch(preset), LRUCache()
     old = make_recipe(sketch, memory=memory)
@@ -246,7 +246,7 @@ def _tiles(terrain: Terrain) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and facts of tiles of many levels, each with its parent."""
     keys: list[tuple[int, int, int]] = [(-4, 0, 0)]
     for level in range(-3, 7):
-        for x, y in ((0.23, 0.77), (0.52, 0.31), (0.9, 0.12)):
+        for x, y in ((0.23, 0.77), (0.52, 0.31)):
             key = (level, int(np.floor(x * 2.0**level)), int(np.floor(y * 2.0**level)))
             if key not in keys:
                 keys.append(key)
@@ -267,7 +267,7 @@ def _heights(terrain: Terrain, seed: int) -> np.ndarray:
     return np.stack(found)
 
 
-@tiers("seed", [0], [1, 2])
+@tiers("seed", [0], [1], [2])
 def test_a_chain_of_changes_is_bit_equal_to_new_terrains(plain, seed) -> None:
     rng, terrain, first = np.random.default_rng(seed), plain, _heights(plain, 2)
     _tiles(terrain)  # fill the caches

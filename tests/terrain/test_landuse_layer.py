@@ -363,7 +363,7 @@ def test_updates_equal_new_terrains_and_change_their_areas_only(bare, context) -
     scene = [square(1000 + 60 * i, 1000 + 60 * j, 60, id=1 + i + 8 * j) for j in range(8) for i in range(8)]
     x, y = grid(980, 980, 540)
     old = Evaluator(with_land(bare, areas(*scene)), context)
-    keys = [(c, r) for c in range(15, 24, 2) for r in range(15, 24, 2)]
+    keys = [(c, r) for c in range(15, 24, 3) for r in range(15, 24, 3)]
     old.tiles(keys, 6)
     for number in range(10):
         scene = edited(rng, scene, number)

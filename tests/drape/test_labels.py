@@ -41,25 +41,21 @@ class Drapes:
     extent = 8000.0
 
     def __init__(self, layers, features):
-        self.layers, self._features = tuple(layers), features
-        self.reads = 0
+        self.layers, self.reads, self._features = tuple(layers), 0, []
+        for layer, own in zip(self.layers, features, strict=True):
+            edited = {k: (shapely.from_wkb(e.geometry), dict(e.properties)) for k, e in layer.edits.items()}
+            self._features.append(dict(sorted({**own, **edited}.items())))
 
     def features(self, layer, box):
-        inside = shapely.box(*box)
-        edits = self.layers[layer].edits
-        return np.array(
-            [k for k, (shape, _) in self._all(layer, edits) if inside.intersects(shape)], np.int64
+        ids, shapes = (
+            np.array([*self._features[layer]]),
+            [shape for shape, _ in self._features[layer].values()],
         )
-
-    def _all(self, layer, edits):
-        merged = dict(self._features[layer]) | {
-            k: (shapely.from_wkb(e.geometry), dict(e.properties)) for k, e in edits.items()
-        }
-        return sorted(merged.items())
+        return ids[shapely.intersects(shapely.box(*box), shapes)]
 
     def feature(self, layer, name):
         self.reads += 1
-        return (name, *dict(self._all(layer, self.layers[layer].edits))[name])
+        return (name, *self._features[layer][name])
 
 
 def drapes_of(features, **style):
@@ -101,7 +97,7 @@ def overlaps(boxes, margin=0.0):
 
 def test_random_layouts_do_not_overlap_and_respect_priority():
     random = np.random.default_rng(1)
-    for _ in range(1000):
+    for _ in range(300):
         n = random.integers(1, 120)
         low = random.uniform(0.0, 600.0, (n, 2))
         boxes = np.concatenate([low, low + random.uniform(5.0, 90.0, (n, 2))], axis=1)
@@ -210,7 +206,7 @@ def pan(shift):
 
 
 def test_slow_motion_never_blinks():
-    for path, steps in ((orbit, np.linspace(0.0, 0.5, 900)), (pan, np.linspace(0.0, 900.0, 900))):
+    for path, steps in ((orbit, np.linspace(0.0, 0.2, 360)), (pan, np.linspace(0.0, 360.0, 360))):
         found = candidates(drapes_of(random_points(1500)))
         rows = found.anchors
         random = np.random.default_rng(2)
@@ -246,11 +242,11 @@ def test_settled_layout_depends_on_the_view_alone():
     for start in (None, 0.0, 0.6):
         found = candidates(drapes_of(random_points(1500)), eye=(500.0, 7000.0, 200.0))
         if start is not None:
-            for turn in np.linspace(start, 0.3, 120):
+            for turn in np.linspace(start, 0.3, 60):
                 rows, view = found.anchors, orbit(turn)
                 found.update(view.eye, 900.0, np.inf)
                 place_labels(rows, clip_of(rows, view), SIZE, elapsed=1.0 / FPS, settled=False)
-            for _ in range(120):
+            for _ in range(60):
                 rows = found.anchors
                 place_labels(rows, clip_of(rows, camera), SIZE, elapsed=1.0 / FPS, settled=True)
         else:
@@ -389,7 +385,8 @@ def scene(gl):
     texture = gl.texture(size, 4)
 
     def renderer(level):
-        quality = replace(Quality.from_level(level), map_texels=128, material_texels=128, budget=0.25)
+        quality = Quality.from_level(level, without=("clouds", "grass", "rocks", "trees"))
+        quality = replace(quality, map_texels=128, material_texels=128, budget=0.25)
         renderer = Renderer(gl, terrain, sun=Sun(140.0, 40.0), quality=quality)
         renderer.scenery.labels.set_drapes(drapes_of(numbered(500, 3072.0), label_size=6.0))
         return renderer

@@ -152,7 +152,7 @@ def test_smallest_size_empty_and_full_sketches(call, sketch, tmp_path):
     (tmp_path / "empty").mkdir()
     (tmp_path / "empty" / "sketch.toml").write_text("format = 1\nextent = 300.0\n[density]\nhill = 20.0\n")
     full = {name: np.ones((32, 32), np.uint8) for name in st.Sketch().layers}
-    st.save_sketch(st.Sketch(extent=100.0, layers=full), tmp_path / "full")
+    st.save_sketch(st.Sketch(extent=300.0, layers=full), tmp_path / "full")
     for name in ("empty", "full"):
         done = call("generate", tmp_path / name, "-o", tmp_path / "out", "--size", 33, "--no-preview")
         assert done.code == 0, done.err

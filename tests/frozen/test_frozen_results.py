@@ -9,7 +9,7 @@ from numpy._core import _multiarray_umath
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.terrain.self_test import self_test
-from tests.devices import device_params, needs_device
+from tests.devices import DEVICES, device_params, needs_device
 
 from . import frozen_results as frozen
 
@@ -36,9 +36,11 @@ def test_a_slice_of_the_frozen_results_holds() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("device", device_params(lambda device: device.type == "CPU"))
 def test_all_frozen_results_hold_on_every_cpu_driver(device) -> None:
+    """A quarter of them on all but the first."""
     if self_test(device).bits != "same":
         pytest.skip("not a CPU driver that computes the same bits")
-    check(dict.fromkeys(frozen.sketches()), ComputeContext(device))
+    some = frozen.sketches() if device == DEVICES[0] else frozen.sketches()[::4]
+    check(dict.fromkeys(some), ComputeContext(device))
 
 
 @pytest.mark.slow

@@ -252,7 +252,7 @@ def check(tile: st.Tile, beside: st.Tile, over: st.Tile) -> None:
 @tiers(
     ("preset", "tiles", "devices"),
     [("valley_river", 1, 1)],
-    [(name, 1, 1) for name in preset_names()],
+    [(name, 1, 1) for name in ("andorra", "canyon_mesa", "island_coast")],
     [(name, 100, None) for name in preset_names()],
 )
 def test_tiles_agree_with_their_neighbours_and_parents(preset, tiles, devices) -> None:

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -135,6 +134,13 @@ def look(link, *, elevation=0.7):
     wait(lambda: np.allclose(link.frame.pose.eye, eye, atol=1.0) and link.frame.converged)
 
 
+def finish_messages(link, listener):
+    """Wait until the engine has handled all messages."""
+    listener.picked.clear()
+    link.pick(0.5, 0.5)
+    wait(lambda: listener.picked)
+
+
 @pytest.mark.slow
 def test_committing_a_stroke_already_sent_only_updates_the_version(running):
     document, link, _ = running
@@ -158,8 +164,7 @@ def test_the_newest_of_many_quick_updates_is_displayed(running, qapp):
     for step in range(20):
         draft.image[50:60, 10 + step : 14 + step] = 1
         draft.touch((50, 10 + step, 60, 14 + step))
-        qapp.processEvents()
-        time.sleep(0.016)
+        wait(lambda: not link._timer.isActive())  # it is sent
     draft.commit("Paint hills")
     qapp.processEvents()
     wait(lambda: converged(link, newest(link))() and not link._timer.isActive())
@@ -176,17 +181,17 @@ def test_the_newest_of_many_quick_updates_is_displayed(running, qapp):
 @pytest.mark.slow
 def test_the_camera_moves_and_comes_to_rest(running, qapp):
     _, link, listener = running
-    before = link.frame.pose
+
+    def distance():
+        return np.linalg.norm(np.subtract(link.frame.pose.target, link.frame.pose.eye))
+
+    near = pytest.approx(0.5 * distance(), rel=0.02)
     link.send(msg.Turn(30.0, 10.0))
     link.send(msg.Zoom(0.5, 0.4, 0.6))
-    listener.frames.clear()
-    wait(lambda: len(listener.frames) > 3 and link.frame.converged)
-    after = link.frame.pose
-    distances = [np.linalg.norm(np.subtract(pose.target, pose.eye)) for pose in (before, after)]
-    assert distances[1] == pytest.approx(0.5 * distances[0], rel=0.02)
+    wait(lambda: link.frame.converged and distance() == near)
     count = len(listener.frames)
-    time.sleep(0.3)
-    qapp.processEvents()
+    for _ in range(10):
+        finish_messages(link, listener)
     assert len(listener.frames) <= count + 2  # no frame is rendered at rest
 
     start = np.array(link.frame.pose.eye)
@@ -214,8 +219,7 @@ def test_view_state_changes_the_picture_and_a_hidden_view_is_not_drawn(running, 
     wait(lambda: link.frame.converged)
 
     link.set_view(replace(VIEW, width=0, height=0))
-    time.sleep(0.5)
-    qapp.processEvents()
+    finish_messages(link, listener)
     listener.frames.clear()
     draft = paint(document, "mountain", (70, 20, 82, 32), title=None)
     wait(lambda: link.relief.version > 0 and link.relief.height[72:80, 22:30].max() > 100.0)
@@ -253,7 +257,7 @@ def test_a_picture_is_rendered_while_frames_are_displayed(running, tmp_path):
     assert listener.written == [str(path)]
     with Image.open(path) as picture:
         assert picture.size == (320, 200)
-    assert len(listener.frames) > 5
+    assert listener.frames
     link.set_view(VIEW)
 
 
@@ -325,44 +329,35 @@ def test_a_killed_engine_is_reported_and_restarted(running):
 
 
 @pytest.mark.slow
-def test_stop_is_quick_and_frees_processes_and_descriptors(qapp):
+def test_stop_frees_processes_and_descriptors(qapp):
     link = EngineLink(Document(sketch()))
     link.set_view(VIEW)
     open_before = len(list(Path("/proc/self/fd").iterdir()))
-    for pause in (0.0, 1.5):
+    for started in (lambda: True, lambda: link.facts != msg.EngineFacts()):
         link.start()
         processes = list(link._processes._processes.values())
-        end = time.monotonic() + pause
-        while time.monotonic() < end:
-            qapp.processEvents()
-            time.sleep(0.01)
-        start = time.monotonic()
+        wait(started)
         link.stop()
-        assert time.monotonic() - start < 1.0
         assert all(child.returncode is not None for child in processes)
         assert not any(Path(f"/proc/{child.pid}").exists() for child in processes)
     assert len(list(Path("/proc/self/fd").iterdir())) == open_before
 
 
 @pytest.mark.slow
-def test_processes_end_with_the_window_even_if_it_is_killed(tmp_path):
+def test_processes_end_with_the_window_even_if_it_is_killed(qapp):
     code = (
-        "import sys, time\n"
+        "import sys\n"
         "from sketchterrain.ui.engine.link import EngineProcesses\n"
         "c = EngineProcesses()\n"
         "print(*(p.pid for p in c._processes.values()), flush=True)\n"
-        "time.sleep(60)\n"
+        "sys.stdin.read()\n"
     )
-    window = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    processes = [int(word) for word in window.stdout.readline().split()]
-    time.sleep(1.0)
-    window.kill()
-    window.wait()
-    window.stdout.close()
-    end = time.monotonic() + 20.0
-    while any(is_running(child) for child in processes):
-        assert time.monotonic() < end, "a process is still running"
-        time.sleep(0.05)
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", code], text=True, **pipes) as window:
+        processes = [int(word) for word in window.stdout.readline().split()]
+        wait(lambda: all("numpy" in Path(f"/proc/{child}/maps").read_text() for child in processes))
+        window.kill()
+    wait(lambda: not any(is_running(child) for child in processes))
 
 
 def is_running(pid):

@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -424,34 +423,30 @@ def _raise_if(now: bool) -> None:
 
 KILLS = 4
 SCRIPT = """
-import pickle, sys
+import itertools, os, pickle, signal, sys
 from pathlib import Path
 from sketchterrain.world.run import run_world
 
 class Watcher:
-    def started(self, tasks, done):
-        print("started", flush=True)
     def __getattr__(self, name):
         return lambda *_: None
 
-run_world(pickle.loads(Path(sys.argv[1]).read_bytes()), resume=True, reporter=Watcher())
+def on_event(event, given):
+    is_output = event in ("open", "os.rename") and str(given[0]).startswith(str(job.output))
+    if is_output and next(events) == moment:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+job, moment, events = pickle.loads(Path(sys.argv[1]).read_bytes()), int(sys.argv[2]), itertools.count()
+sys.addaudithook(on_event)
+run_world(job, resume=True, reporter=Watcher())
 """
 
 
 @pytest.mark.soak
 def test_killed_and_resumed_to_the_same_bytes(job, tmp_path: Path, finished_world, tree) -> None:
     (tmp_path / "job").write_bytes(pickle.dumps(job))
-    command = [sys.executable, "-c", SCRIPT, str(tmp_path / "job")]
-    chance, killed = random.Random(8), 0
-    for number in range(KILLS + 1):
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
-            assert process.stdout is not None
-            if process.stdout.readline() != "started\n" or number == KILLS:
-                assert process.wait(timeout=300) == 0
-                break
-            time.sleep(chance.uniform(0.0, 0.4))
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGKILL)
-            killed += process.wait() == -signal.SIGKILL
-    assert killed >= 1
+    chance = random.Random(8)
+    for moment in (*(chance.randrange(100) for _ in range(KILLS)), -1):
+        command = [sys.executable, "-c", SCRIPT, str(tmp_path / "job"), str(moment)]
+        assert subprocess.run(command).returncode == (-signal.SIGKILL if moment >= 0 else 0)
     assert tree(job.output) == tree(finished_world)

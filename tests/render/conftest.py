@@ -57,7 +57,7 @@ class Waves:
         self.plants = plants
 
     def heights(self, x, y, *, cell_size=0.0):
-        x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
+        x, y = np.asarray(x, float), np.asarray(y, float)
         hills = 30.0 * np.sin(x / 190.0) + 40.0 * np.cos(y / 260.0) + 35.0
         return (hills - 60.0 * np.exp(-(((y - 500.0) / 30.0) ** 2))).astype(np.float32)
 

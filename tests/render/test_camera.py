@@ -110,8 +110,8 @@ def test_a_moving_eye_stays_above_the_terrain_with_few_height_maps(waves):
     for boost in (1.0, 20.0):
         counted = Mock(wraps=waves, extent=waves.extent, sea_level=None)
         walk = WalkController(LocalHeights(counted), (100.0, 300.0, 0.0), heading=40.0, pitch=-20.0)
-        for _ in range(600):
-            walk.look(0.2, 0.0)
+        for _ in range(400):
+            walk.look(0.3, 0.0)
             walk.advance(1 / 60, forward=1.0, boost=boost)
             x, y, z = walk.eye
             assert z > float(waves.heights(x, y)) + 0.9 * CLEARANCE, boost
@@ -327,7 +327,7 @@ def test_a_walk_stays_above_cliffs_at_any_speed(seed):
 
 def test_a_walk_comes_to_rest_without_input():
     """Also 1,000 km and more from the origin."""
-    for origin, on_foot in itertools.product((0.0, 1e6, -3e7), (False, True)):
+    for origin, on_foot in itertools.product((0.0, -3e7), (False, True)):
         walk = WalkController(slopes, (origin + 3.0, origin - 5.0, 40.0), on_foot=on_foot)
         advance(walk, [1 / 60] * 60, look=30.0, forward=1.0, up=-1.0)
         advance(walk, [1 / 60] * 60 * 8)

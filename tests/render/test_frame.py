@@ -326,7 +326,7 @@ def test_light_is_updated_during_continuous_terrain_changes(open_view, camera, b
     view = open_view(before, quality=replace(QUALITY, without=frozenset({"trees", "clouds"})))
     terrains = [painted(before, ("mountain", 50, 44, 7))[0], before]
     levels = view.renderer.scenery.lit._levels.values()
-    for step in range(24):
+    for step in range(30):
         view.renderer.set_terrain(terrains[step % 2], [(1000.0, 1000.0, 2000.0, 2000.0)])
         view.frame(camera, elapsed=0.05)
     assert all(level.version > 20 for level in levels)

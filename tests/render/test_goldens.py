@@ -60,11 +60,10 @@ SCENES = {
 
 DEFAULT = ("desert_mountains-air", "valley_river-air")
 """Scenes of the default tier, which are cheap under an overcast sky."""
-SOAK = ("alpine_range-air", "desert_mountains-ground", "rolling_hills-ground", "rolling_hills-air")
 
 
 def marks_of(name):
-    return [] if name in DEFAULT else pytest.mark.soak if name in SOAK else pytest.mark.slow
+    return [] if name in DEFAULT else pytest.mark.slow
 
 
 def drawn(name, draw):

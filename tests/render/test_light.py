@@ -225,9 +225,9 @@ def test_light_never_changes_suddenly(gl, waves):
     lit.converge(Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0)))
     before = light_everywhere(gl, lit, program, frame)
     elapsed, changes = 0.02, []
-    for step in range(6):
+    for step in range(4):
         camera = Camera((500.0 + 300.0 * step, 100.0 + 200.0 * step, 130.0), (2000.0, 4000.0, 60.0))
-        for _ in range(250):
+        for _ in range(200):
             lit.update(camera, elapsed, TimeBudget(1.0))
             after = light_everywhere(gl, lit, program, frame)
             changes.append(np.abs(after - before).max())

@@ -29,9 +29,10 @@ SKY = (178, 204, 230)
 CAMERA = Camera((500.0, -100.0, 160.0), (500.0, 900.0, 0.0), fov=50.0, near=5.0, far=30_000.0)
 
 
-@pytest.fixture
-def painted(gl, waves):
+@pytest.fixture(scope="module")
+def painted(gl):
     """Return a function that draws an overlay over plain sky and returns the picture and the legend."""
+    waves = Waves()
     stream = TerrainStream(gl, waves, SMALL, metric=ScreenError(quad=3.0))
     stream.converge(CAMERA, SIZE, draw_distance=6000.0)
     overlay = Overlay(gl, waves, stream)

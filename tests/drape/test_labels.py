@@ -385,8 +385,7 @@ def scene(gl):
     texture = gl.texture(size, 4)
 
     def renderer(level):
-        quality = Quality.from_level(level, without=("clouds", "grass", "rocks", "trees"))
-        quality = replace(quality, map_texels=128, material_texels=128, budget=0.25)
+        quality = replace(Quality.from_level(level), map_texels=128, material_texels=128, budget=0.25)
         renderer = Renderer(gl, terrain, sun=Sun(140.0, 40.0), quality=quality)
         renderer.scenery.labels.set_drapes(drapes_of(numbered(500, 3072.0), label_size=6.0))
         return renderer

@@ -87,6 +87,9 @@ class CostReport:
         self._folders: Counter[str] = Counter()
         self._tests: Counter[str] = Counter()
 
+    def pytest_collection_finish(self):
+        self._last = cpu_seconds()
+
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(self):
         report = yield

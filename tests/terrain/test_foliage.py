@@ -345,7 +345,7 @@ def test_invalid_areas_and_storeys_are_errors(valley, monkeypatch) -> None:
     assert len(next(pieces)) > 1000
 
 
-@tiers("extent", [4096.0], [1.0, 1e6])
+@tiers("extent", [4096.0], [1.0], [1e6])
 def test_a_forest_of_one_pixel_in_a_sketch_of_any_size(context, extent) -> None:
     """A pixel of 3 cm, of 128 m, of 31 km; lattice units from a fraction of a micrometre to 6 cm."""
     forest = np.zeros((32, 32), np.uint8)

@@ -4,7 +4,7 @@
 # on a machine with a GPU. `make upgrade` renews the versions that the development environment is set up with.
 VENV := .venv
 PYTHON := $(VENV)/bin/python
-PYTEST := $(PYTHON) -m pytest -n auto --dist loadgroup
+PYTEST := $(PYTHON) -m pytest -n auto
 OUT := out
 .PHONY: demo check test test-slow soak gpu upgrade clean
 

@@ -55,16 +55,26 @@ def pytest_configure(config):
     os.environ["SKETCHTERRAIN_TWIN_DEVICE"] = "1"
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Keep the tests of a folder in `ONE_WORKER`, and those of any file, on one worker."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class FolderScheduling(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            folder = folder_of(nodeid)
+            return folder if folder in ONE_WORKER else nodeid.partition("::")[0]
+
+    return FolderScheduling(config, log)
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Count the tests of each tier and folder before -m selects, and keep a folder's tests on one worker."""
+    """Count the tests of each tier and folder before -m selects."""
     counts = config.stash.setdefault(COUNTS, Counter())
     for item in items:
         tier = next((tier for tier in TIERS if item.get_closest_marker(tier)), "default")
-        folder = folder_of(item.nodeid)
-        counts[tier, folder] += 1
-        if folder in ONE_WORKER:
-            item.add_marker(pytest.mark.xdist_group(folder))
+        counts[tier, folder_of(item.nodeid)] += 1
 
 
 def folder_of(node: str) -> str:

@@ -4,7 +4,7 @@ import contextlib
 import io
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,8 +24,8 @@ from sketchterrain.document.store import save_sketch
 
 BEST = 0.4
 """The best quality of pictures here; the program's own takes three times as long."""
-DEFAULT = ("splines",)
-"""Benchmarks of the default tier."""
+DEFAULT, SOAK = ("splines",), ("elevation", "live", "pictures", "scale")
+"""Benchmarks of the default tier, and those that take a minute or more; all others are slow."""
 
 
 class Outcomes(dict[str, Outcome]):
@@ -62,13 +62,17 @@ def outcomes(context, tiny, tmp_path_factory) -> dict[str, Outcome]:
     return Outcomes(context, tiny, small)
 
 
+def by_tier(names: Iterable[str], default: Sequence[str] = ()) -> list[Any]:
+    """Return the names of benchmarks as parameters with the mark of their tier."""
+    marks = {name: pytest.mark.soak if name in SOAK else pytest.mark.slow for name in names}
+    return [name if name in default else pytest.param(name, marks=mark) for name, mark in marks.items()]
+
+
 def rows(outcome: Outcome, table: int = 0) -> list[Any]:
     return list(outcome.tables[table].rows)
 
 
-@pytest.mark.parametrize(
-    "name", [name if name in DEFAULT else pytest.param(name, marks=pytest.mark.slow) for name in BENCHMARKS]
-)
+@pytest.mark.parametrize("name", by_tier(BENCHMARKS, DEFAULT))
 def test_every_shown_value_is_there_and_finite(outcomes, name):
     for table in outcomes[name].tables:
         assert table.rows
@@ -107,15 +111,14 @@ def test_every_choice_has_one_way_that_is_used(outcomes):
     assert error["culling", "all of the reach"] == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_picture_at_rest_is_the_still(outcomes):
     (view,) = rows(outcomes["live"], 1)
     assert 0.0 < view["first_s"] < view["still_s"]
     assert view["alike"] > 90.0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", charts.CHARTS)
+@pytest.mark.parametrize("name", by_tier(charts.CHARTS))
 def test_charts_are_pictures(outcomes, name):
     pytest.importorskip("matplotlib")
     pictures = charts.draw(name, outcomes[name])

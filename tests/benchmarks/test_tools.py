@@ -155,7 +155,7 @@ def test_stages_of_live_painting_add_up_to_the_whole():
 
 
 @pytest.mark.gl
-@pytest.mark.slow
+@pytest.mark.soak
 def test_painting_is_followed(tiny):
     table, *_ = measure(None, replace(tiny, view_presets=())).tables
     strokes, dabs = table.rows

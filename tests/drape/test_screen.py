@@ -34,7 +34,6 @@ QUALITY = replace(
     quads=64,
     tolerance=2.0,
     finest_quad=4.0,
-    map_texels=128,
     material_texels=128,
 )
 HILL = Camera((500.0, 60.0, 180.0), (500.0, 400.0, 30.0), fov=50.0)

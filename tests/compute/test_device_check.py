@@ -78,7 +78,7 @@ def test_devices_lists_an_aborting_driver(with_aborting_gpu):
     assert [entry["name"] for entry in others if entry["default"]] == [choose_device().name]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.skipif(not POCL, reason="PoCL is not installed")
 def test_pocl_without_a_linker_names_the_package_to_install(tmp_path):
     hidden = os.environ | {"PATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}

@@ -227,7 +227,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 """
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_memory_does_not_grow_with_the_grid(tmp_path: Path) -> None:
     path = write(tmp_path / "a.tif", np.tile(rough(330, 256), (16, 20)))
     done = subprocess.run(

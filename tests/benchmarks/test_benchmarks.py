@@ -24,8 +24,9 @@ from sketchterrain.document.store import save_sketch
 
 BEST = 0.4
 """The best quality of pictures here; the program's own takes three times as long."""
-DEFAULT, SOAK = ("splines",), ("elevation", "live", "pictures", "scale")
-"""Benchmarks of the default tier, and those that take a minute or more; all others are slow."""
+DEFAULT = ("splines",)
+SOAK = ("accuracy", "drapes", "elevation", "flight", "landforms", "live", "pictures", "scale", "speed")
+"""Benchmarks of the default tier, and those that take 15 to 450 s; all others are slow."""
 
 
 class Outcomes(dict[str, Outcome]):
@@ -83,7 +84,7 @@ def test_every_shown_value_is_there_and_finite(outcomes, name):
             assert all(len(v) >= 2 for v in row.values() if isinstance(v, list))
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_errors_of_float_exceed_those_of_double(outcomes):
     found = rows(outcomes["accuracy"])
     assert {row["method"] for row in found} == {FLOAT, DOUBLE, NUMPY}
@@ -97,7 +98,7 @@ def test_errors_of_float_exceed_those_of_double(outcomes):
         assert 0 <= single["material"] < 1e-2
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_every_choice_has_one_way_that_is_used(outcomes):
     found = rows(outcomes["accuracy"], 1)
     assert list(dict.fromkeys(row["subject"] for row in found)) == list(SUBJECTS)

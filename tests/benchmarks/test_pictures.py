@@ -17,7 +17,7 @@ def pixels_of(path: Path) -> npt.NDArray[np.int64]:
         return np.asarray(picture.convert("RGB")).astype(np.int64)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_pictures_of_methods_are_drawn(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.setattr(figures, "_RASTER_SIDE", 33)
@@ -40,7 +40,7 @@ def test_every_material_is_in_the_picture(tmp_path, monkeypatch):
 
 
 @pytest.mark.gl
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_row_of_plants_is_drawn_for_each_level(tmp_path, monkeypatch):
     monkeypatch.setattr(figures, "SIZE", (240, 40))
     monkeypatch.setattr(figures, "LEAVES", (10.0, 0.05))

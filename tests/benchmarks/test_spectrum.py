@@ -94,7 +94,7 @@ def test_the_programs_points_have_the_spectrum_of_darts(context, darts):
     assert own.power_difference(reference) < 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_levels_show_no_direction_either(context, darts):
     # One seed and many places: the world does not repeat itself.
     apart = 400 * RADIUS

@@ -186,7 +186,7 @@ def test_a_cancelled_recipe_leaves_a_valid_cache():
 
 @pytest.mark.slow
 def test_threads_share_a_cache():
-    cache, sketches = LRUCache(), painted_often(np.random.default_rng(12), 18)[-6:]
+    cache, sketches = LRUCache(), painted_often(np.random.default_rng(12), 18)[-4:]
     with ThreadPoolExecutor(3) as pool:
         recipes = list(pool.map(lambda sketch: make_recipe(sketch, memory=cache), sketches))
     for recipe, sketch in zip(recipes, sketches, strict=True):

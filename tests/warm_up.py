@@ -20,6 +20,28 @@ JOBS: Final = (
     ("generate", "valley_river", "--size", "65"),
     ("generate", "mountain_pass", "--size", "65", "--no-preview"),
 )
+# Tests that compile most of what those leave out; each string is run by a process, side by side.
+TESTS: Final = (
+    "tests/terrain/test_base_layer.py::test_samples_are_kept"
+    " tests/terrain/test_self_test.py::test_known_devices_pass_and_the_verdict_is_cached"
+    " tests/terrain/test_landuse_layer.py::test_all_devices_compute_the_same_bits"
+    " tests/terrain/test_kernels.py::test_double_kernel_equals_host_evaluation"
+    " tests/terrain/test_kernels.py::test_normals_are_within_a_tenth_of_a_degree"
+    " tests/terrain/test_drainage.py::test_domain_has_the_same_bits_in_any_rectangle"
+    " tests/terrain/test_mesh.py::test_edges_are_monotone_in_valleys_and_rise_to_one_pass_elsewhere"
+    " tests/hydrology/test_real_relief.py::test_rivers_never_rise"
+    " tests/export/targets/test_qgis_target.py::test_projects_are_relative_complete_and_deterministic"
+    " tests/export/targets/test_engines.py::test_bare_terrain_exports_are_deterministic_and_without_plants",
+    "tests/render/test_texture_maker.py"
+    " tests/render/test_appearance.py::test_no_border_of_a_tile_or_level_shows_at_any_height"
+    " tests/render/test_frame.py::test_visible_tiles_hold_the_new_terrain_when_set_terrain_returns"
+    " tests/render/test_sky.py::test_a_cloud_dome_shows_the_clouds_of_the_picture_after_eye_and_wind_moved"
+    " tests/render/test_built.py"
+    " tests/terrain/test_materials.py"
+    " tests/compute/test_context.py::test_every_kernel_builds_on_every_device"
+    " tests/drape/test_screen.py"
+    " tests/document/test_own_materials.py",
+)
 
 
 def cache_of_sources() -> Path | None:
@@ -32,7 +54,7 @@ def cache_of_sources() -> Path | None:
     folder = CACHES / digest.hexdigest()[:16]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name in ("pyopencl", "pocl"):  # keyed by source themselves
+        for name in ("pyopencl", "pocl", "mesa_shader_cache"):  # keyed by source themselves
             (CACHES / name).mkdir(exist_ok=True)
             if not (folder / name).exists():
                 (folder / name).symlink_to(CACHES / name)
@@ -45,23 +67,26 @@ def cache_of_sources() -> Path | None:
 
 
 def warm_up(cache: Path) -> None:
-    """Run the program once for each of `JOBS`, side by side, unless that was done with these sources."""
+    """Run the program for each of `JOBS`, then `TESTS`, unless that was done with these sources."""
     if (cache / WARM).exists():
         return
     sys.stderr.write("Compiling loops and kernels for the tests: one or two minutes\n")
     with tempfile.TemporaryDirectory() as folder:
-        runs = [
-            subprocess.Popen(
-                [sys.executable, "-m", "sketchterrain", *job, "-o", f"{folder}/{number}"],
-                env=os.environ | {"XDG_CACHE_HOME": str(cache)},
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-            )
-            for number, job in enumerate(JOBS)
-        ]
-        failures = [run.wait() for run in runs]
-        if not any(failures):  # else the tests tell why
+        runs = [["sketchterrain", *job, "-o", f"{folder}/{number}"] for number, job in enumerate(JOBS)]
+        tests = [["pytest", "-n", "0", "-q", *paths.split()] for paths in TESTS]
+        if all([side_by_side(runs, cache), side_by_side(tests, cache)]):  # else the tests tell why
             (cache / WARM).touch()
+
+
+def side_by_side(runs: list[list[str]], cache: Path) -> bool:
+    """Run modules at once; return whether all succeed."""
+    environment, quiet = os.environ | {"XDG_CACHE_HOME": str(cache)}, subprocess.DEVNULL
+    started = [
+        subprocess.Popen([sys.executable, "-m", *run], cwd=ROOT, env=environment, stdout=quiet, stderr=quiet)
+        for run in runs
+    ]
+    codes = [run.wait() for run in started]
+    return not any(codes)
 
 
 if __name__ == "__main__" and (found := cache_of_sources()):

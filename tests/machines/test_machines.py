@@ -39,7 +39,7 @@ for entry in sys.path:
 """
 
 
-def tests_pass(command: list[object], environment: dict[str, str]) -> str:
+def passing_run(command: list[object], environment: dict[str, str]) -> str:
     """Return the output of a test run, which must pass."""
     pytest_ = [sys.executable, "-m", "pytest", "-n", "0", "-q", "-p", "no:cacheprovider"]
     done = subprocess.run(
@@ -53,7 +53,7 @@ def tests_pass(command: list[object], environment: dict[str, str]) -> str:
 @pytest.mark.parametrize("name", MACHINES)
 def test_device_tests_pass_with_other_drivers(name, tmp_path):
     hidden, expected = MACHINES[name]
-    assert expected in tests_pass([], os.environ | machine(tmp_path, **hidden))
+    assert expected in passing_run([], os.environ | machine(tmp_path, **hidden))
 
 
 def test_device_tests_pass_in_a_bare_read_only_place(tmp_path):
@@ -65,4 +65,4 @@ def test_device_tests_pass_in_a_bare_read_only_place(tmp_path):
     if shutil.which("unshare") is None or subprocess.run(["unshare", "--mount", "true"]).returncode:
         pytest.skip("needs unshare and the right to mount")
     command = ["unshare", "--mount", "bash", "-c", BARE, "bare", ROOT, checkout, modules]
-    assert " passed" in tests_pass(command, dict(os.environ))
+    assert " passed" in passing_run(command, dict(os.environ))

@@ -15,7 +15,7 @@ from sketchterrain.world.job import Task, TaskResult
 from sketchterrain.world.journal import BrokenFile
 from sketchterrain.world.run import ProgressReporter, run_world
 from sketchterrain.world.task_runner import SerialExecutor, TaskRunner, deviating_device
-from tests.devices import KNOWN, needs_known_device
+from tests.devices import KNOWN, needs_device, needs_known_device
 
 OTHER = Verdict("other", "its bits are its own")
 
@@ -94,6 +94,7 @@ def test_device_crashing_in_self_test_is_replaced(job, monkeypatch) -> None:
     )
 
 
+@needs_device
 def test_evaluation_overlaps_writing(job, reporter, monkeypatch) -> None:
     end, begin = TaskRunner.finish, TaskRunner.evaluate
     threads, under_way, most = set(), [], []
@@ -117,6 +118,7 @@ def test_evaluation_overlaps_writing(job, reporter, monkeypatch) -> None:
     assert max(most) <= 2
 
 
+@needs_device
 @pytest.mark.parametrize("error", [SketchterrainError("no room"), ZeroDivisionError("no room")])
 def test_writer_error_ends_run(error, job, reporter, monkeypatch) -> None:
     def finish(*_: object) -> None:

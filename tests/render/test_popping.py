@@ -118,7 +118,13 @@ def is_below_ground(view, stream, camera, ground, reach):
     return bool((middle == MAGENTA).all())
 
 
-@pytest.fixture(scope="module", params=preset_names())
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(name, marks=pytest.mark.soak if number % 2 else pytest.mark.slow)
+        for number, name in enumerate(preset_names())
+    ],
+)
 def terrain(request):
     if not DEVICES:
         pytest.skip(NO_DEVICE)
@@ -126,7 +132,6 @@ def terrain(request):
 
 
 @pytest.mark.gl
-@pytest.mark.slow
 def test_random_cameras_see_no_holes(gl, terrain):
     rng = np.random.default_rng(11)
     eye, stream = HoleView(gl, RANDOM_SIZE), TerrainStream(gl, terrain, QUICK)

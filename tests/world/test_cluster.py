@@ -195,6 +195,7 @@ def test_local_workers_use_gpus_in_turn(monkeypatch) -> None:
     cards = [replace(cpu, index=number, type="GPU", name=f"Card {number}") for number in range(2)]
     monkeypatch.delenv("PYOPENCL_CTX", raising=False)
     monkeypatch.setattr("sketchterrain.compute.device.list_devices", lambda: (*cards, cpu))
+    monkeypatch.setattr("sketchterrain.compute.device_check.is_usable", lambda device: True)
     monkeypatch.setattr(
         "sketchterrain.compute.device.choose_device", lambda selector: f"chosen by {selector}"
     )

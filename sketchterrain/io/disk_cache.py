@@ -9,6 +9,7 @@ import shutil
 import sqlite3
 import tempfile
 import time
+import weakref
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -126,6 +127,7 @@ class RecordCache:
             folder.mkdir(parents=True, exist_ok=True)
             path = folder / f"{_name(family, recipe)}.sqlite"
             database = sqlite3.connect(path, check_same_thread=False)
+            weakref.finalize(self, database.close)
             database.executescript(_SCHEMA)
             self._left -= path.stat().st_size
             os.utime(path)

@@ -54,7 +54,12 @@ def cache_of_sources() -> Path | None:
     folder = CACHES / digest.hexdigest()[:16]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name in ("pyopencl", "pocl", "mesa_shader_cache", "mesa_shader_cache_db"):  # keyed by source themselves
+        for name in (
+            "pyopencl",
+            "pocl",
+            "mesa_shader_cache",
+            "mesa_shader_cache_db",
+        ):  # keyed by source themselves
             (CACHES / name).mkdir(exist_ok=True)
             if not (folder / name).exists():
                 (folder / name).symlink_to(CACHES / name)

@@ -26,6 +26,7 @@ import numpy as np
 
 from sketchterrain.array_types import BoolArray
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.io.gdal import OFFLINE, ONLINE_DRIVERS
 from sketchterrain.io.system import module_command, proc_memory
 
 Affine6: TypeAlias = tuple[float, float, float, float, float, float]
@@ -48,8 +49,8 @@ SUFFIXES: Final = (*_DRIVERS, ".npy", ".npz", ".zip")
 """Names of files of elevation end so."""
 _ENVIRONMENT = {
     # Sources of VRTs may be addresses, also in VRTs that they refer to.
-    "CPL_VSIL_CURL_ALLOWED_FILENAME": "none",
-    "GDAL_SKIP": "HTTP WMS WMTS WCS EEDA EEDAI PLMOSAIC STACIT STACTA DAAS ESRIC GTI MBTiles MVT OSM PDF",
+    **OFFLINE,
+    "GDAL_SKIP": ONLINE_DRIVERS,
     "GDAL_PAM_ENABLED": "NO",
     "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
     "GDAL_CACHEMAX": "256",

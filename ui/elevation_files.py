@@ -21,7 +21,10 @@ if TYPE_CHECKING:
     from sketchterrain.elevation.base import BaseElevation
 
 # Those of `sketchterrain.elevation.raster_reader`, whose import would load GDAL.
-SUFFIXES: Final = (".tif", ".tiff", ".hgt", ".asc", ".vrt", ".npy", ".npz", ".zip")
+SUFFIXES: Final = (
+    *(".tif", ".tiff", ".hgt", ".asc", ".vrt", ".png", ".img", ".bil", ".xyz", ".jp2", ".nc", ".gtx"),
+    *(".dt0", ".dt1", ".dt2", ".dem", ".npy", ".npz", ".r16", ".raw", ".zip"),
+)
 _FILTER = f"Elevation ({' '.join(f'*{each}' for each in SUFFIXES)});;All files (*)"
 
 

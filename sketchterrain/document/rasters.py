@@ -58,8 +58,25 @@ RASTER: Final = parameter_table(
         *("offset", float, 0.0, -12000.0, 12000.0, "m", "added to its heights"),
         soft_range=(-100.0, 100.0),
     ),
+    Parameter("units", str, "", 0, 40, "characters", "unit of its heights, as us-ft; empty is the file's"),
+    Parameter("signed", int, 0, 0, 1, "", "1 takes whole numbers without a sign for signed ones"),
+    Parameter(
+        *("cell", float, 0.0, 0.0, 1e5, "m"),
+        "side of a cell, in a file without a place",
+        sentinel=Sentinel(0.0, "From the file", 1.0),
+    ),
+    Parameter(
+        *("range", str, "", 0, 80, ""),
+        "heights (m) that its least and greatest possible values mean; empty: its values are heights",
+        form=(r"\s*-?\d{1,5}(\.\d{1,9})?\s*,\s*-?\d{1,5}(\.\d{1,9})?\s*", 'two heights as "0,900"'),
+    ),
+    Parameter(
+        *("encoding", str, "", 0, 13, "", "of heights in colours, or order of bytes in .r16 and .raw"),
+        choices=("", "big-endian", "little-endian", "mapbox", "terrarium"),
+    ),
+    Parameter("columns", int, 0, 0, 1 << 17, "", "samples in a row of .r16 and .raw; 0 is a square"),
 )
-"""Keys of ``[[raster]]``; the last three are for elevation."""
+"""Keys of ``[[raster]]``; those from ``accuracy`` on are for elevation."""
 
 _EMBEDDED: Final = re.compile(r"[A-Za-z0-9_-]{1,40}-[0-9a-f]{8}\.raster")
 _LARGE: Final = 1 << 24  # bytes of a file whose hash is stored on disk
@@ -82,6 +99,12 @@ class RasterSource:
     accuracy: float = -1.0
     vertical: str = ""
     offset: float = 0.0
+    units: str = ""
+    signed: int = 0
+    cell: float = 0.0
+    range: str = ""
+    encoding: str = ""
+    columns: int = 0
 
     def __post_init__(self) -> None:
         for name, value in check_values(self.values, RASTER, "[[raster]]", "raster.").items():
@@ -104,12 +127,9 @@ class RasterSource:
 
     @property
     def stored_values(self) -> dict[str, Any]:
-        """Values to store: of a picture those of elevation only if they are set."""
-        return {
-            name: value
-            for name, value in self.values.items()
-            if self.role == "elevation" or name in list(RASTER)[:4] or value != RASTER[name].default
-        }
+        """Values to store: those of elevation of a picture, and those for odd files, only if they are set."""
+        always = list(RASTER)[: 7 if self.role == "elevation" else 4]
+        return {k: value for k, value in self.values.items() if k in always or value != RASTER[k].default}
 
     @property
     def title(self) -> str:
@@ -140,9 +160,9 @@ def check_rasters(rasters: Iterable[object]) -> tuple[RasterSource, ...]:
     return checked
 
 
-def raster_source(path: Path, role: str, *, band: int = 1, embed: bool = False) -> RasterSource:
+def raster_source(path: Path, role: str, *, embed: bool = False, **values: Any) -> RasterSource:
     """Return a source of a file, with its hash; `embed`: with a copy of it to store in the sketch."""
-    source = RasterSource(str(path.absolute()), role, band)
+    source = RasterSource(str(path.absolute()), role, **values)
     if problem := raster_problem(source):
         raise InputError(problem)
     with wrap_read_errors(path):

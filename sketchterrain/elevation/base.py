@@ -36,7 +36,15 @@ NODE_REACH: Final = 3
 _AUTOMATIC, _MOST = 0.04, 0.4  # margin over the shorter side of the data; at most the weight reaches 1 inside
 _MOST_NODES = 1 << 20  # of the fade, which has eight along the margin
 _MOST_HELD, _AT_ONCE = 1 << 28, 1 << 14  # samples of a grid; patches, of 5 kB
-_SUFFIXES: Final = {b"II": ".tif", b"MM": ".tif", b"\x93N": ".npy"}  # by the first bytes
+_SUFFIXES: Final = {
+    **dict.fromkeys((b"II", b"MM"), ".tif"),
+    b"\x93N": ".npy",
+    b"\x89P": ".png",
+    b"\x89H": ".nc",
+    b"CD": ".nc",
+    b"EH": ".img",
+    b"UH": ".dt1",
+}  # by the first bytes
 
 
 class BaseGrid(NamedTuple):
@@ -162,7 +170,8 @@ def _load_grid(source: RasterSource, frame: SketchFrame, datum: str, memory: LRU
     """Return the patches of a raster."""
     if problem := raster_problem(source):
         raise InputError(problem)
-    values = (source.band, source.accuracy, source.vertical, source.offset, frame.crs, datum, geoid_files())
+    stated = [each for name, each in source.values.items() if name not in ("path", "role", "sha256")]
+    values = (stated, frame.crs, datum, geoid_files())
     stamps = [] if source.content is not None else file_stamps(Path(source.path))
     # Stores are of the CRS, and patches are moved to the sketch's corner.
     key = repr((content_hash(source), Path(source.path).name, values, stamps))
@@ -201,7 +210,7 @@ def grid_in_datum(source: RasterSource, frame: SketchFrame, datum: str) -> Itera
     accuracy = None if source.accuracy < 0.0 else source.accuracy
     with _file_of(source) as path:
         try:
-            grid = read_grid(path, frame, band=source.band, accuracy=accuracy)
+            grid = read_grid(path, frame, source, accuracy=accuracy)
             if not grid.crs:
                 grid = grid.moved(frame.east, frame.north)
             grid = convert_heights(grid, datum, source.vertical)
@@ -233,7 +242,8 @@ def _file_of(source: RasterSource) -> Iterator[Path]:
         yield Path(source.path)
         return
     head = source.content[:200].lstrip().lower()
-    suffix = _SUFFIXES.get(source.content[:2], ".asc" if head.startswith(b"ncols") else ".hgt")
+    plain = ".r16" if source.range else ".hgt"
+    suffix = _SUFFIXES.get(source.content[:2], ".asc" if head.startswith(b"ncols") else plain)
     if head.startswith(b"pk"):
         suffix = ".npz" if b".npy" in head else ".zip"
     with tempfile.TemporaryDirectory(prefix="sketchterrain-") as folder:

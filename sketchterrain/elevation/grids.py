@@ -15,8 +15,10 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array
-from sketchterrain.elevation.quirks import MAX_FILLED, CleanedSamples, Findings, ReadRows
-from sketchterrain.elevation.raster_reader import Affine6, read_header, read_window
+from sketchterrain.document.rasters import RasterSource
+from sketchterrain.elevation.quirks import MAX_FILLED, MAX_HEIGHT, CleanedSamples, Findings, ReadRows
+from sketchterrain.elevation.raster_reader import PLAIN, Affine6, read_header, read_window
+from sketchterrain.elevation.values import CODES, StoredValues
 from sketchterrain.errors import InputError, format_value, one_line
 
 MIN_SIDE: Final = 4
@@ -29,8 +31,8 @@ MAX_HELD: Final = 1 << 24
 """Most samples of a file that are held in memory: rows of a larger one are read when they are needed."""
 
 _LEAST_STEP, _MOST_STEP, _FAR = 1e-8, 1e7, 1e9  # degrees or m
-_FEET = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us-ft": 1200 / 3937, "us survey foot": 1200 / 3937}
 _STRIP, _PIECE = 1 << 22, 1 << 21  # samples
+_SAMPLED, _CODED = 64, 0.98  # rows that show what numbers mean; share of them that are heights
 _MAX_ARCHIVE = 1 << 32  # bytes
 _UNREADABLE = (
     OSError,
@@ -241,7 +243,7 @@ class _File(NamedTuple):
     """A file of elevation."""
 
     shape: tuple[int, int]
-    kind: str  # of the type of its values
+    values: StoredValues
     place: Affine6 | None
     crs: str
     vertical: str
@@ -252,13 +254,13 @@ class _File(NamedTuple):
 def read_grid(
     path: Path,
     frame: SketchFrame = LOCAL,
+    source: RasterSource | None = None,
     *,
-    band: int = 1,
     accuracy: float | None = None,
     crs: str | None = None,
     place: Affine6 | None = None,
 ) -> ElevationGrid:
-    """Return a DEM grid of a GeoTIFF, COG, VRT, HGT, ASCII grid, or a ``.npy`` or ``.npz`` file.
+    """Return a DEM grid of a raster of `SUFFIXES`: by GDAL, of NumPy, or of 16-bit samples.
 
     A path may name a file in a zip archive, ``N42E001.hgt.zip/N42E001.hgt``, or an archive of one file.
     Small voids are filled, values that mean "no data" become NaN; `ElevationGrid.found` counts them. More
@@ -268,6 +270,8 @@ def read_grid(
     ----------
     frame
         Of the sketch.
+    source
+        States how values are heights, and the cells of a file without a place.
     accuracy
         Largest error (m); by default half the step of the file's values, 0 for floating point.
     crs, place
@@ -278,16 +282,22 @@ def read_grid(
     InputError
         If the file cannot be read or is no grid of heights with a place in the sketch.
     """
-    name = one_line(path)
-    file = _array_file(path) if path.suffix.lower() in (".npy", ".npz") else _raster_file(path, band)
+    name, source = one_line(path), source or RasterSource("file")
+    try:
+        file = _opened(path, source)
+    except InputError as error:
+        reason = str(error)
+        raise error if reason.startswith(name) else InputError(f"{name}: {reason}") from None
     (rows, columns), read = file.shape, file.read
     if max(rows, columns) > MAX_SIDE:
         raise InputError(f"{name}: {rows} × {columns} samples: expected at most {MAX_SIDE} along a side")
-    source = file.crs if crs is None else crs
+    declared = file.crs if crs is None else crs
     at = place or file.place
+    if at is None and source.cell:
+        at = (source.cell, 0.0, 0.5 * source.cell, 0.0, -source.cell, (rows - 0.5) * source.cell)
     if at is None:
-        raise InputError(f"{name}: has no georeference: expected the place of its samples")
-    if not source and max(map(abs, (at[0], at[1], at[3], at[4]))) < 0.05 and abs(at[2]) <= 360:
+        raise InputError(f"{name}: has no georeference: expected --cell 2 (cell), the side of a cell in m")
+    if not declared and max(map(abs, (at[0], at[1], at[3], at[4]))) < 0.05 and abs(at[2]) <= 360:
         raise InputError(f"{name}: its coordinates look like degrees: expected a CRS, such as EPSG:4326")
     _check_place(name, at)
     step = math.sqrt(abs(at[0] * at[4] - at[1] * at[3])) * (111_320.0 if abs(at[0]) < 0.05 else 1.0)
@@ -297,24 +307,31 @@ def read_grid(
         def read(first: int, last: int) -> tuple[Float32Array, BoolArray]:
             return values[first:last].copy(), known[first:last]
 
-    by_rows: Any = CleanedSamples(read, file.shape, step, max(_STRIP // columns, MAX_FILLED))
-    accuracy = (0.5 if file.kind in "iu" else 0.0) if accuracy is None else float(accuracy)
-    grid = ElevationGrid(
-        by_rows, at, accuracy, source, frame, path.name, findings=file.findings, vertical=file.vertical
-    )
+    strip = max(_STRIP // columns, MAX_FILLED)
+    by_rows: Any = CleanedSamples(read, file.shape, step, strip, file.values.sentinels)
+    accuracy = 0.5 * file.values.step if accuracy is None else float(accuracy)
+    findings = (*file.values.findings, *file.findings)
+    grid = ElevationGrid(by_rows, at, accuracy, declared, frame, path.name, findings, file.vertical)
     if rows * columns > MAX_HELD:
         return grid
     grid = grid.held()
     if not np.isfinite(grid.samples).any():
-        raise InputError(f"{name}: {_no_heights(grid)}")
+        raise InputError("; ".join((f"{name}: {_no_heights(grid)}", *file.findings)))
     return grid
+
+
+def _opened(path: Path, source: RasterSource) -> _File:
+    suffix = path.suffix.lower()
+    if suffix in (".npy", ".npz"):
+        return _array_file(path, source)
+    return _plain_file(path, source) if suffix in PLAIN else _raster_file(path, source)
 
 
 def _no_heights(grid: ElevationGrid) -> str:
     return f"has no heights, all {math.prod(grid.shape)} samples are voids"
 
 
-def _array_file(path: Path) -> _File:
+def _array_file(path: Path, source: RasterSource) -> _File:
     """Return a NumPy file."""
     place: Affine6 | None = None
     crs = ""
@@ -341,34 +358,102 @@ def _array_file(path: Path) -> _File:
     except _UNREADABLE as error:
         raise InputError(f"{one_line(path)}: cannot be read as elevation ({one_line(error)[:160]})") from None
 
+    return _loaded_file(loaded, source, place, crs)
+
+
+def _loaded_file(
+    loaded: Any, source: RasterSource, place: Affine6 | None, crs: str, findings: Findings = ()
+) -> _File:
+    values = StoredValues(loaded.dtype, source)
+
     def read(first: int, last: int) -> tuple[Float32Array, BoolArray]:
-        with np.errstate(over="ignore", invalid="ignore"):
-            values = np.array(loaded[first:last], np.float32)
-        return values, np.ones(values.shape, bool)
+        heights = values.heights(np.ascontiguousarray(loaded[first:last]))
+        return heights, np.ones(heights.shape, bool)
 
-    return _File(loaded.shape, loaded.dtype.kind, place, crs, "", (), read)
+    findings += values.sign_finding(np.ascontiguousarray(loaded[:: max(len(loaded) // _SAMPLED, 1)]))
+    return _File(loaded.shape, values, place, crs, "", findings, read)
 
 
-def _raster_file(path: Path, band: int) -> _File:
+def _plain_file(path: Path, source: RasterSource) -> _File:
+    """Return a file of 16-bit samples without a header."""
+    try:
+        size = path.stat().st_size
+        columns = source.columns or math.isqrt(size // 2)
+        rows = size // 2 // max(columns, 1)
+        if size != 2 * rows * columns or not size:
+            raise InputError(f"{size} bytes: expected a square of 16-bit samples, or the columns (--columns)")
+        _check_stated(source, is_placed=False)
+        either = [np.memmap(path, order, "r", shape=(rows, columns)) for order in ("<u2", ">u2")]
+    except OSError as error:
+        raise InputError(f"cannot be read as elevation ({one_line(error)[:160]})") from None
+    step = max(rows // _SAMPLED, 1)
+    rough = [np.abs(np.diff(each[::step].astype(np.float64), axis=1)).sum() for each in either]
+    order = source.encoding or ("big-endian" if rough[1] < rough[0] else "little-endian")
+    told = (
+        f"{rows} × {columns} samples of 16 bits, {order}{'' if source.encoding else ' by their smoothness'}"
+    )
+    return _loaded_file(either[order == "big-endian"], source, None, "", (told,))
+
+
+def _check_stated(source: RasterSource, *, is_placed: bool) -> None:
+    """Raise InputError if a file whose numbers are no metres has no range of heights, or no cells."""
+    if not source.range:
+        cells = "" if is_placed or source.cell else "--cell 2 and "
+        raise InputError(f"has numbers without a unit: expected {cells}--range 0,900 (cell, range), in m")
+
+
+def _raster_file(path: Path, source: RasterSource) -> _File:
     """Return a raster file, of which rows are read by pieces: in its type they need more memory."""
-    header = read_header(path, band)
-    metres = _FEET.get((header.unit or "m").strip().lower(), 1.0)
-    findings = (f"heights in feet, converted by {metres:.8g}",) if metres != 1.0 else ()
-    columns = header.shape[1]
+    header = read_header(path, source.band)
+    rows, columns = header.shape
+    is_picture = path.suffix.lower() == ".png"
+    is_coded = header.dtype == "uint8" and header.bands >= 3 and (is_picture or source.encoding in CODES)
+    bands = [header._replace(band=band) for band in (1, 2, 3)] if is_coded else [header]
+
+    def stored(first: int, last: int) -> tuple[Any, BoolArray]:
+        found = [read_window(each, (first, 0, last - first, columns)) for each in bands]
+        if not is_coded:
+            return found[0]
+        red, green, blue = (each.astype(np.uint32) for each, _ in found)
+        return (red << 16) + (green << 8) + blue, found[0][1]
+
+    def sampled() -> Any:
+        parts = [stored(row, row + 1) for row in range(0, rows, max(rows // _SAMPLED, 1))]
+        return np.concatenate([raw[known] for raw, known in parts])
+
+    if is_coded:
+        code = source.encoding if source.encoding in CODES else _code_of(sampled())
+        scale, offset = CODES[code]
+        values = StoredValues(np.uint32, source, scale=scale, offset=offset, voids=(0.0,))
+        findings: Findings = (f"heights in the colours of {code.title()}",)
+    else:
+        if is_picture:
+            _check_stated(source, is_placed=header.place is not None)
+        given = {"unit": header.unit, "scale": header.scale, "offset": header.offset}
+        values = StoredValues(header.dtype, source, **given)
+        findings = values.sign_finding(sampled()) if values.may_be_signed else ()
 
     def read(first: int, last: int) -> tuple[Float32Array, BoolArray]:
-        values, known = np.empty((last - first, columns), np.float32), np.empty((last - first, columns), bool)
+        heights, known = (
+            np.empty((last - first, columns), np.float32),
+            np.empty((last - first, columns), bool),
+        )
         step = max(_PIECE // columns, 1)
         for start in range(first, last, step):
             end = min(start + step, last)
-            raw, is_data = read_window(header, (start, 0, end - start, columns))
+            raw, is_data = stored(start, end)
             part = slice(start - first, end - first)
-            with np.errstate(over="ignore", invalid="ignore"):
-                if (header.scale * metres, header.offset) != (1.0, 0.0):
-                    is_data &= np.abs(raw.astype(np.float64)) < 32767.0
-                    raw = (raw.astype(np.float64) * header.scale + header.offset) * metres
-                values[part], known[part] = raw, is_data
-        return values, known
+            heights[part], known[part] = values.heights(raw), is_data
+        return heights, known
 
-    kind = np.dtype(header.dtype).kind
-    return _File(header.shape, kind, header.place, header.crs, header.vertical, findings, read)
+    return _File(header.shape, values, header.place, header.crs, header.vertical, findings, read)
+
+
+def _code_of(numbers: Any) -> str:
+    """Return the code by which numbers of 24 bits are heights."""
+    for code, (scale, offset) in CODES.items():
+        if numbers.size and np.mean(np.abs(numbers * scale + offset) <= MAX_HEIGHT) > _CODED:
+            return code
+    raise InputError(
+        "is a picture in colour: expected heights in grey, or encoding (--encoding) mapbox, terrarium"
+    )

@@ -21,9 +21,13 @@ Findings: TypeAlias = tuple[str, ...]
 MAX_FILLED: Final = 64
 """Largest side (samples) of a void that is filled."""
 
-_SENTINELS = (-9999.0, 9999.0, -999.0)  # where no height is near them
+SENTINELS: Final = (-9999.0, 9999.0, -999.0)
+"""Values that mean "no data" where no height is near them."""
+
+MAX_HEIGHT: Final = 12_000.0
+"""Deeper and higher (m) is no place on Earth."""
+
 _SENTINEL_GAP = 100.0  # m
-_HEIGHTS = 12_000.0  # m: deeper and higher is no place on Earth
 _COLLAR_HEIGHT = 20.0  # m: zeros along a rim are not the sea where the ground beside them is so high
 _EIGHT = np.ones((3, 3), np.uint8)
 _SPIKE_SLOPE, _SPIKE_TIMES = 1.5, 12.0
@@ -42,9 +46,16 @@ class CleanedSamples:
     First, the file is read once for what depends on all of it: which values mean "no data", and collars.
     """
 
-    def __init__(self, read: ReadRows, shape: tuple[int, int], step: float, strip: int | None = None) -> None:
+    def __init__(
+        self,
+        read: ReadRows,
+        shape: tuple[int, int],
+        step: float,
+        strip: int | None = None,
+        sentinels: tuple[float, ...] = SENTINELS,
+    ) -> None:
         self.shape, self._read, self._step, self._strip = shape, read, step, strip or shape[0]
-        self._sentinels: list[float] = []
+        self._candidates, self._sentinels = sentinels, list[float]()
         self._collars: dict[int, bytes] = {}  # by strip
         self._voids = np.zeros(3, np.int64)  # samples filled, voids filled, samples left out
         self._counted = 0  # rows whose voids are
@@ -101,7 +112,7 @@ class CleanedSamples:
         slope, terraces = self._slopes()
         steepest = max(_SPIKE_SLOPE * self._step, _SPIKE_TIMES * (slope + 1e-6))
         collars, odd = _Collars(self.shape), np.zeros(0, np.float32)
-        hits, near = np.zeros(len(_SENTINELS), np.int64), np.zeros(len(_SENTINELS), bool)
+        hits, near = (np.zeros(len(self._candidates), kind) for kind in (np.int64, bool))
         unknown = strange = spikes = 0
         for start in range(0, rows, self._strip):
             low, high = max(start - 1, 0), min(start + self._strip + 1, rows)
@@ -113,7 +124,7 @@ class CleanedSamples:
                 strange += _count(far[mine])
                 odd = np.unique(np.append(odd, values[mine][far[mine]]))[:4]
             known = known & ~far
-            for n, sentinel in enumerate(_SENTINELS):
+            for n, sentinel in enumerate(self._candidates):
                 hit = known & (values == sentinel)
                 close = known & ~hit & (np.abs(values - sentinel) < _SENTINEL_GAP)
                 hits[n] += _count(hit[mine])
@@ -123,14 +134,14 @@ class CleanedSamples:
             values[~known] = np.nan
             spikes += _spikes(values, steepest, mine)
         self._sentinels = [
-            each for each, count, kept in zip(_SENTINELS, hits, near, strict=True) if count and not kept
+            each for each, count, kept in zip(self._candidates, hits, near, strict=True) if count and not kept
         ]
         self._collars, zeros = collars.found()
         if unknown:
             yield f"{unknown} samples of no data (the file's mask or tag)"
         if strange:
             yield f"{strange} samples of no data ({', '.join(sorted(f'{each:.6g}' for each in odd))})"
-        for sentinel, count in zip(_SENTINELS, hits, strict=True):
+        for sentinel, count in zip(self._candidates, hits, strict=True):
             if sentinel in self._sentinels:
                 yield f"{count} samples of no data ({sentinel:g})"
         if zeros:
@@ -152,7 +163,7 @@ class CleanedSamples:
 
 
 def _are_heights(values: Float32Array) -> BoolArray:
-    return (values >= -_HEIGHTS) & (values <= _HEIGHTS)
+    return (values >= -MAX_HEIGHT) & (values <= MAX_HEIGHT)
 
 
 def _count(mask: BoolArray) -> int:

@@ -44,15 +44,36 @@ _WAITING = 10.0  # s a request may wait for the disk or other processes, beyond 
 _STARTING, _IDLE = 30.0, 60.0  # s
 _OPEN_FILES = 4
 _MAX_VRT, _MOST_FILES = 1 << 24, 1 << 16  # bytes; that it refers to
-_DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".hgt": "SRTMHGT", ".asc": "AAIGrid", ".vrt": "VRT"}
-SUFFIXES: Final = (*_DRIVERS, ".npy", ".npz", ".zip")
+_DRIVERS = {
+    ".tif": "GTiff",
+    ".tiff": "GTiff",
+    ".hgt": "SRTMHGT",
+    ".asc": "AAIGrid",
+    ".vrt": "VRT",
+    ".png": "PNG",
+    ".img": "HFA",
+    ".bil": "EHdr",
+    ".xyz": "XYZ",
+    ".jp2": "JP2OpenJPEG",
+    ".nc": "netCDF",
+    ".gtx": "GTX",
+    ".dt0": "DTED",
+    ".dt1": "DTED",
+    ".dt2": "DTED",
+    ".dem": "USGSDEM",
+}
+PLAIN: Final = (".r16", ".raw")
+"""Names of files of 16-bit samples without a header end so."""
+SUFFIXES: Final = (*_DRIVERS, ".npy", ".npz", *PLAIN, ".zip")
 """Names of files of elevation end so."""
+_SIDECARS = (".hdr", ".prj", ".tfw", ".wld", ".pgw", ".jgw")  # in place of the suffix
 _ENVIRONMENT = {
     # Sources of VRTs may be addresses, also in VRTs that they refer to.
     **OFFLINE,
     "GDAL_SKIP": ONLINE_DRIVERS,
-    "GDAL_PAM_ENABLED": "NO",
-    "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
+    # libcurl of other libraries, as netCDF's, and hosts that need no proxy.
+    **dict.fromkeys(("http_proxy", "https_proxy", "all_proxy", "ALL_PROXY", "HTTPS_PROXY"), "offline://"),
+    **dict.fromkeys(("no_proxy", "NO_PROXY"), ""),
     "GDAL_CACHEMAX": "256",
     # Samples registered as points are moved by half a cell, whatever the environment says.
     "GTIFF_POINT_GEO_IGNORE": "NO",
@@ -77,11 +98,12 @@ class RasterHeader(NamedTuple):
     scale: float
     offset: float
     unit: str
+    bands: int  # in the file
     stamp: tuple[int, int]  # the file's size and time of modification
 
 
 def read_header(path: Path, band: int = 1) -> RasterHeader:
-    """Return facts of a GeoTIFF, COG, VRT, HGT or ASCII grid; raise InputError if it cannot be read.
+    """Return facts of a raster that GDAL reads; raise InputError if it cannot be read.
 
     A path may name a file in a zip archive, ``N42E001.hgt.zip/N42E001.hgt``, or an archive of one file.
     """
@@ -107,19 +129,22 @@ def read_window(header: RasterHeader, window: Window) -> tuple[Any, BoolArray]:
 
 
 def file_stamps(path: Path) -> list[tuple[str, int, int]]:
-    """Return names, sizes and times of modification of the files that a VRT refers to, also by others."""
+    """Return names, sizes and times of the sidecars of a file, and of all that a VRT refers to."""
     found: dict[str, tuple[str, int, int]] = {}
     waiting = [path]
     while waiting and len(found) < _MOST_FILES:
-        vrt = waiting.pop()
-        if vrt.suffix.lower() != ".vrt" or not vrt.is_file():
+        file = waiting.pop()
+        beside = [file.with_name(file.name + each) for each in (".aux.xml", ".msk")]
+        beside += [file.with_suffix(each) for each in _SIDECARS]
+        found |= {str(each): (str(each), *_stamp(each)) for each in beside if each.is_file()}
+        if file.suffix.lower() != ".vrt" or not file.is_file():
             continue
-        with suppress(OSError), vrt.open("rb") as stream:
+        with suppress(OSError), file.open("rb") as stream:
             for name in re.findall(rb"<SourceFilename[^>]*>([^<]+)<", stream.read(_MAX_VRT)):
-                file = vrt.parent / os.fsdecode(name)
-                if str(file) not in found:
-                    found[str(file)] = (str(file), *(_stamp(file) if file.is_file() else (0, 0)))
-                    waiting.append(file)
+                other = file.parent / os.fsdecode(name)
+                if str(other) not in found:
+                    found[str(other)] = (str(other), *(_stamp(other) if other.is_file() else (0, 0)))
+                    waiting.append(other)
     return sorted(found.values())
 
 
@@ -251,7 +276,7 @@ def _read(request: dict[str, Any], files: dict[tuple[Any, ...], Any]) -> tuple[A
     file = files.pop((path, stamp), None)
     if file is not None and "window" not in request:  # files that a VRT refers to may have changed
         file = file.close()
-    file = file or rasterio.open(target, driver=driver)
+    file = file or _file(rasterio, target, driver)
     files[path, stamp] = file  # the last one used
     while len(files) > _OPEN_FILES:
         files.pop(next(iter(files))).close()
@@ -269,8 +294,9 @@ def _header(file: Any, band: int) -> tuple[Any, ...]:
     from sketchterrain.io.crs import crs_text, parse_crs
 
     n, at, wkt = band - 1, file.transform, file.crs.to_wkt() if file.crs else ""
-    if np.dtype(file.dtypes[n]).kind not in "fiu":
-        raise ValueError(f"expected heights, got {file.dtypes[n]}")
+    is_palette = file.driver == "PNG" and file.colorinterp[n].name == "palette"
+    if np.dtype(file.dtypes[n]).kind not in "fiu" or is_palette:
+        raise ValueError(f"expected heights, got {'a palette' if is_palette else file.dtypes[n]}")
     crs, vertical = crs_text(file.crs), ELLIPSOID if "CS[ellipsoidal,3]" in wkt else ""
     if parts := _COMPOUND.fullmatch(wkt):
         crs, vertical = (crs_text(parse_crs(each)) for each in parts.groups())
@@ -278,7 +304,31 @@ def _header(file: Any, band: int) -> tuple[Any, ...]:
     place = None if at.is_identity else (at.a, at.b, column, at.d, at.e, row)
     scale, offset, unit = file.scales[n], file.offsets[n], file.units[n] or ""
     stored = file.block_shapes[n], file.dtypes[n]
-    return band, file.shape, *stored, place, crs, vertical, file.nodatavals[n], scale, offset, unit
+    return (
+        band,
+        file.shape,
+        *stored,
+        place,
+        crs,
+        vertical,
+        file.nodatavals[n],
+        scale,
+        offset,
+        unit,
+        file.count,
+    )
+
+
+def _file(rasterio: Any, target: Path | str, driver: str) -> Any:
+    """Open a file by a driver (child process)."""
+    with rasterio.Env() as environment:
+        if driver not in environment.drivers():
+            raise ValueError(f"the installed GDAL has no driver {driver}")
+        file = rasterio.open(target, driver=driver)
+    if not file.count and file.subdatasets:
+        names = ", ".join(each.rpartition(":")[2] for each in file.subdatasets)
+        raise ValueError(f"expected one variable of heights, got {names}")
+    return file
 
 
 def _target(path: Path) -> tuple[Path | str, str, tuple[int, int]]:
@@ -291,13 +341,13 @@ def _target(path: Path) -> tuple[Path | str, str, tuple[int, int]]:
         if archive.suffix.lower() == ".zip" and archive.is_file():
             inside = path.relative_to(archive).as_posix()
             with zipfile.ZipFile(archive) as file:
-                names = [each for each in file.namelist() if not each.endswith("/")]
+                names = [each for each in file.namelist() if Path(each).suffix.lower() in _DRIVERS]
             if archive == path and len(names) == 1:
                 inside = names[0]
             if inside not in names:
                 raise ValueError(f"expected an archive of one file, or the name of one of its {len(names)}")
-            driver = _DRIVERS.get(Path(inside).suffix.lower(), "")
-            if driver in ("", "VRT"):
+            driver = _DRIVERS[Path(inside).suffix.lower()]
+            if driver == "VRT":
                 raise ValueError("expected a file .tif, .hgt or .asc in an archive")
             return f"/vsizip/{{{archive}}}/{inside}", driver, _stamp(archive)
     if not path.is_file():

@@ -29,7 +29,7 @@ from sketchterrain.elevation.base import (
 )
 from sketchterrain.elevation.grids import SketchFrame
 from sketchterrain.elevation.offsets import corrections, measure_offsets
-from sketchterrain.elevation.raster_reader import SUFFIXES
+from sketchterrain.elevation.raster_reader import PLAIN, SUFFIXES
 from sketchterrain.elevation.waters import flat_waters, water_findings
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.importing.vector_files import metric_crs_at, to_longitude_latitude
@@ -139,6 +139,8 @@ def elevation_files(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
     found = sorted(each for each in path.iterdir() if each.suffix.lower() in SUFFIXES)
+    # Beside elevation they are previews.
+    found = [each for each in found if each.suffix.lower() not in (".png", *PLAIN)] or found
     if not found:
         raise InputError(f"{one_line(path)}: no elevation in it: expected files {', '.join(SUFFIXES)}")
     return found

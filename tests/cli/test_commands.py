@@ -277,7 +277,7 @@ def test_realism_of_a_sketch_and_of_rasters(call, sketch, tmp_path):
     with Image.open(tmp_path / "where.png") as picture:
         assert picture.mode == "RGB"
     y, x = np.mgrid[:100, :120]
-    heights = (300 * np.sin(x / 9.0) * np.cos(y / 11.0) + 5 * x).astype(np.float32)
+    heights = (300 * np.sin(x / 9.0) * np.cos(y / 11.0) + 5 * x + 1).astype(np.float32)
     np.save(tmp_path / "heights.npy", heights)
     profile = {"driver": "GTiff", "width": 120, "height": 100, "count": 1, "dtype": "float32"}
     transform = rasterio.Affine(30.0, 0.0, 0.0, 0.0, -30.0, 0.0)

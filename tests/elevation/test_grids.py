@@ -7,10 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
+import rasterio.shutil
+from PIL import Image
 from rasterio.transform import Affine
 
+from sketchterrain.document.rasters import RASTER, RasterSource
+from sketchterrain.elevation import raster_reader
 from sketchterrain.elevation.grids import SketchFrame, read_grid
 from sketchterrain.elevation.quirks import CleanedSamples, Findings
+from sketchterrain.elevation.raster_reader import file_stamps
 from sketchterrain.errors import InputError
 
 
@@ -179,7 +184,167 @@ def test_feet_and_scales(tmp_path: Path) -> None:
         file.units, file.scales, file.offsets = ("ft",), (0.1,), (5.0,)
     grid = read_grid(path, FRAME)
     assert np.allclose(grid.samples, (HEIGHTS + 5.0) * 0.3048, atol=0.05)
-    assert any("feet" in each for each in grid.findings)
+    assert "heights in ft, converted by 0.3048" in grid.findings
+    assert grid.accuracy == pytest.approx(0.05 * 0.3048)  # half a step
+    assert read_grid(path, FRAME, RasterSource("a", units="cm")).samples[0, 0] == pytest.approx(3.05)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "scale", "offset", "void"),
+    [
+        ("uint16", 0.1, -1000.0, 65535),
+        ("int32", 0.01, 0.0, -(2**31)),
+        ("int32", 0.01, 0.0, -999900),
+        ("int16", 0.1, 100.0, -32768),
+        ("float32", 0.5, 0.0, -9999.0),
+        ("float32", 2.0, 0.0, 3.4e38),
+    ],
+)
+def test_scaled_values_are_judged_in_metres(
+    tmp_path: Path, dtype: str, scale: float, offset: float, void: float
+) -> None:
+    truth = np.linspace(10.0, 2643.0, 900).reshape(30, 30)
+    raw = np.round((truth - offset) / scale).astype(dtype)
+    raw[10:12, 10:12] = void
+    path = write(tmp_path / "a.tif", raw)
+    with rasterio.open(path, "r+") as file:
+        file.scales, file.offsets = (scale,), (offset,)
+    grid = read_grid(path, FRAME)
+    assert np.abs(grid.samples - truth).max() <= 0.51 * scale
+    assert len(grid.findings) == 2, grid.findings  # the void, filled
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres"),
+    [
+        *(("mm", 1e-3), ("centimetres", 1e-2), ("dm", 0.1), ("Meters", 1.0), ("km", 1e3), ("inches", 0.0254)),
+        *(
+            ("Foot (International)", 0.3048),
+            ("yards", 0.9144),
+            ("fathom", 1.8288),
+            ("US fathoms", 1.8288 * 1.000002),
+        ),
+        *(("us-ft", 1200 / 3937), ("US survey foot", 1200 / 3937), ("foot_us", 1200 / 3937)),
+        *(("us-yd", 3600 / 3937), ("nautical miles", 1852.0)),
+    ],
+)
+def test_units_are_converted(tmp_path: Path, unit: str, metres: float) -> None:
+    path = write(tmp_path / "a.tif", np.linspace(1, 2, 900).reshape(30, 30).astype(np.float32))
+    with rasterio.open(path, "r+") as file:
+        file.units = (unit,)
+    grid = read_grid(path, FRAME)
+    assert grid.samples[-1, -1] == pytest.approx(2.0 * metres, rel=1e-7)
+    assert grid.findings == (() if metres == 1.0 else (f"heights in {unit}, converted by {metres:.8g}",))
+
+
+def test_units_that_are_none_are_named(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.tif")
+    for unit in ("furlongs", "m/s", "hPa"):
+        with rasterio.open(path, "r+") as file:
+            file.units = (unit,)
+        with pytest.raises(InputError, match=rf"a\.tif: heights in .{unit}.: expected .* \(--units\)"):
+            read_grid(path, FRAME)
+    assert np.array_equal(read_grid(path, FRAME, RasterSource("a", units="m")).samples, HEIGHTS)
+
+
+def test_signed_numbers_stored_without_a_sign_are_recognised(tmp_path: Path) -> None:
+    depths = np.linspace(-400.0, 380.0, 900).reshape(30, 30).round()
+    path = write(tmp_path / "a.tif", depths.astype(np.int16).view(np.uint16))
+    assert any("signed (--signed)" in each for each in read_grid(path, FRAME).findings)
+    grid = read_grid(path, FRAME, RasterSource("a", signed=1))
+    assert np.array_equal(grid.samples, depths)
+    assert not grid.findings
+    deep = write(tmp_path / "b.tif", (depths - 500.0).astype(np.int16).view(np.uint16))
+    with pytest.raises(InputError, match=r"no heights.*signed \(--signed\)"):
+        read_grid(deep, FRAME)
+    with pytest.raises(InputError, match="signed = 1: expected"):
+        read_grid(write(tmp_path / "c.tif"), FRAME, RasterSource("a", signed=1))
+
+
+def test_no_data_in_a_sidecar(tmp_path: Path) -> None:
+    heights = HEIGHTS.copy()
+    heights[10:12, 10:12] = -500.0
+    path = write(tmp_path / "a.tif", heights)
+    assert not any("no data" in each for each in read_grid(path, FRAME).findings)
+    stamps = file_stamps(path)
+    (tmp_path / "a.tif.aux.xml").write_text(
+        '<PAMDataset><PAMRasterBand band="1"><NoDataValue>-500</NoDataValue></PAMRasterBand></PAMDataset>'
+    )
+    assert file_stamps(path) != stamps  # stored patches are read again
+    before = sorted((each.name, each.stat().st_mtime_ns) for each in tmp_path.iterdir())
+    grid = read_grid(path, FRAME)
+    assert np.allclose(grid.samples, HEIGHTS, atol=0.01)
+    assert grid.findings[0] == "4 samples of no data (the file's mask or tag)"
+    assert sorted((each.name, each.stat().st_mtime_ns) for each in tmp_path.iterdir()) == before
+
+
+def terrain_rgb(code: str) -> Any:
+    number = np.round((HEIGHTS + 10000.0) * 10.0 if code == "mapbox" else (HEIGHTS + 32768.0) * 256.0).astype(
+        np.uint32
+    )
+    return np.stack([number >> 16, number >> 8 & 255, number & 255], -1).astype(np.uint8)
+
+
+@pytest.mark.parametrize("code", ["mapbox", "terrarium"])
+def test_heights_in_colours(tmp_path: Path, code: str) -> None:
+    Image.fromarray(terrain_rgb(code)).save(tmp_path / "a.png")
+    for encoding in ("", code):
+        grid = read_grid(tmp_path / "a.png", source=RasterSource("a", cell=30.0, encoding=encoding))
+        assert np.abs(grid.samples - HEIGHTS).max() <= 0.06
+        assert grid.findings == (f"heights in the colours of {code.title()}",)
+    clear = np.dstack([terrain_rgb(code), np.full(HEIGHTS.shape, 255, np.uint8)])
+    clear[:3, :3] = 0
+    Image.fromarray(clear).save(tmp_path / "b.png")
+    assert np.isnan(read_grid(tmp_path / "b.png", source=RasterSource("b", cell=30.0)).samples).sum() == 9
+    noise = np.random.default_rng(1).integers(0, 255, (20, 25, 3), np.uint8)
+    Image.fromarray(noise).save(tmp_path / "c.png")
+    with pytest.raises(InputError, match="encoding"):
+        read_grid(tmp_path / "c.png", source=RasterSource("c", cell=30.0))
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.r16", "a.raw", "wide.raw"])
+def test_heightmaps_of_engines(tmp_path: Path, name: str) -> None:
+    share = np.add.outer(np.arange(33.0), np.arange(33.0)) / 64.0
+    share = share[:20] if name == "wide.raw" else share
+    raw = np.round(65535 * share).astype("<u2" if name == "a.r16" else ">u2")
+    if name == "a.png":
+        Image.fromarray(raw.astype(np.uint16)).save(tmp_path / name)
+    else:
+        (tmp_path / name).write_bytes(raw.tobytes())
+    stated = {"cell": 2.0, "range": "0,900", "columns": 33 if name == "wide.raw" else 0}
+    grid = read_grid(tmp_path / name, source=RasterSource("a", **stated))
+    assert np.abs(grid.samples - 900.0 * share).max() < 0.01
+    assert grid.place == (2.0, 0.0, 1.0, 0.0, -2.0, 2.0 * len(raw) - 1.0)
+    assert grid.accuracy == pytest.approx(450.0 / 65535)
+    for key, message in (("range", "--range 0,900"), ("cell", "--cell 2")):
+        with pytest.raises(InputError, match=message):
+            read_grid(tmp_path / name, source=RasterSource("a", **{**stated, key: RASTER[key].default}))
+    if name == "wide.raw":
+        with pytest.raises(InputError, match="expected a square"):
+            read_grid(tmp_path / name, source=RasterSource("a", **{**stated, "columns": 0}))
+
+
+def test_formats_of_gis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = np.round(HEIGHTS)
+    path = write(tmp_path / "src.tif", whole.astype(np.int16))
+    for name, driver in (
+        ("a.img", "HFA"),
+        ("a.bil", "EHdr"),
+        ("a.xyz", "XYZ"),
+        ("a.jp2", "JP2OpenJPEG"),
+        ("a.nc", "netCDF"),
+    ):
+        options = {"REVERSIBLE": "YES", "QUALITY": "100"} if driver == "JP2OpenJPEG" else {}
+        rasterio.shutil.copy(path, tmp_path / name, driver=driver, **options)
+        grid = read_grid(tmp_path / name, FRAME, crs="EPSG:32632")
+        assert np.array_equal(grid.samples, whole), name
+        assert grid.place == (30.0, 0.0, 500_115.0, 0.0, -30.0, 5_200_985.0), name
+    Image.fromarray(whole.astype(np.int16)).save(bare := tmp_path / "b.tif")
+    (tmp_path / "b.tfw").write_text("30\n0\n0\n-30\n500115\n5200985\n")
+    assert read_grid(bare, FRAME, crs="EPSG:32632").place == grid.place
+    monkeypatch.setitem(raster_reader._DRIVERS, ".tif", "ECW")
+    with pytest.raises(ValueError, match="no driver ECW"):
+        raster_reader._read({"path": str(path), "band": 1}, {})
 
 
 def test_bad_files_are_one_line(tmp_path: Path) -> None:
@@ -239,7 +404,7 @@ def test_bad_files_are_one_line(tmp_path: Path) -> None:
         ("plain.npz", {}, "cannot be read"),
         ("place.npy", {}, "no georeference"),
         ("place.npy", {"place": (1.0, 1.0, 0.0, 1.0, 1.0, 0.0)}, "degenerate"),
-        ("good.tif", {"band": 2}, "band = 2"),
+        ("good.tif", {"source": RasterSource("a", band=2)}, "band = 2"),
         ("good.tif", {"accuracy": -1.0}, "accuracy"),
         ("good.tif", {"frame": SketchFrame()}, "with a CRS"),
         ("good.tif", {"crs": "nonsense"}, "coordinate reference system"),

@@ -37,6 +37,28 @@ def new(
     lakes: Annotated[
         bool, typer.Option("--lakes", help="Add lakes where --dem is level, as vectors.")
     ] = False,
+    units: Annotated[
+        str | None, typer.Option(metavar="UNIT", help="Unit of the heights of --dem, as us-ft.")
+    ] = None,
+    signed: Annotated[
+        bool, typer.Option("--signed", help="Numbers of --dem without a sign are signed, as bathymetry.")
+    ] = False,
+    cell: Annotated[
+        float | None, typer.Option(metavar="M", min=0.01, help="Cell size of --dem without a place.")
+    ] = None,
+    heights: Annotated[
+        str | None,
+        typer.Option(
+            "--range", metavar="LOW,HIGH", help="Heights (m) of the least and greatest number of --dem."
+        ),
+    ] = None,
+    encoding: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Of --dem: mapbox, terrarium, big-endian or little-endian."),
+    ] = None,
+    columns: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Samples in a row of .raw that is no square.")
+    ] = None,
     crs: args.Crs = None,
     origin: args.Origin = None,
     vertical: args.VerticalDatum = None,
@@ -52,7 +74,9 @@ def new(
         raise USAGE_ERROR("--embed without --raster or --dem: expected a raster to store")
     if osm is not None and not dem:
         raise USAGE_ERROR("--osm without --dem: expected elevation; `trace FILE -o DIR` takes vectors alone")
-    for name, value in (("extent", extent), ("align", align), ("lakes", lakes)):
+    stated = {"units": units, "signed": int(signed), "cell": cell, "range": heights}
+    stated |= {"encoding": encoding, "columns": columns}
+    for name, value in (("extent", extent), ("align", align), ("lakes", lakes), *stated.items()):
         if value and not dem:
             raise USAGE_ERROR(f"--{name} without --dem: expected elevation")
     sources, area = args.read_rasters(raster or (), embed=embed)
@@ -66,7 +90,8 @@ def new(
             )
 
             paths = [path for each in dem for path in elevation_files(each)]
-            grids = [raster_source(path, "elevation", embed=embed) for path in paths]
+            given = {name: value for name, value in stated.items() if value}
+            grids = [raster_source(path, "elevation", embed=embed, **given) for path in paths]
             degrees, traced = None, tuple[str, ...]()
             if osm is not None:
                 from sketchterrain.importing.vector_files import osm_bounds

@@ -1,4 +1,4 @@
-"""Elevation rasters read by GDAL in a child process, whose memory and time are limited.
+"""Rasters read by GDAL in child processes, whose memory and time are limited.
 
 Files that a user opens are not trusted: a crash of GDAL, a hang or a lack of memory ends the child, and is
 one InputError. The child is started by the first file, and ends itself when idle; it sends numbers only.
@@ -66,6 +66,10 @@ PLAIN: Final = (".r16", ".raw")
 """Names of files of 16-bit samples without a header end so."""
 SUFFIXES: Final = (*_DRIVERS, ".npy", ".npz", *PLAIN, ".zip")
 """Names of files of elevation end so."""
+_PICTURES = [
+    *("GTiff", "PNG", "JPEG", "WEBP", "GIF", "BMP", "JP2OpenJPEG", "HFA", "VRT"),
+    *("AAIGrid", "EHdr", "ENVI", "SRTMHGT", "DTED", "USGSDEM"),
+]
 _SIDECARS = (".hdr", ".prj", ".tfw", ".wld", ".pgw", ".jgw")  # in place of the suffix
 _ENVIRONMENT = {
     # Sources of VRTs may be addresses, also in VRTs that they refer to.
@@ -148,15 +152,19 @@ def file_stamps(path: Path) -> list[tuple[str, int, int]]:
     return sorted(found.values())
 
 
-def _unreadable(path: Path, problem: object) -> InputError:
-    return InputError(f"{one_line(path)}: cannot be read as elevation ({one_line(problem)[:160]})")
+def ask_picture(path: Path, request: dict[str, Any], samples: int, size: int = 0) -> tuple[Any, bytearray]:
+    """Return what `picture_warp.answer` does, of which `size` bytes are data, from another child process.
+
+    Raise InputError if the file cannot be read.
+    """
+    return _PICTURE_READER.ask(path, {"path": str(path.absolute()), **request}, samples, size)
 
 
 class _Reader:
-    """The child process, which answers one request at a time."""
+    """A child process, which answers one request at a time."""
 
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
+    def __init__(self, kind: str) -> None:
+        self._kind, self._lock = kind, threading.Lock()
         self._child: subprocess.Popen[bytes] | None = None
 
     def ask(self, path: Path, request: dict[str, Any], samples: int, size: int = 0) -> tuple[Any, bytearray]:
@@ -175,7 +183,7 @@ class _Reader:
                 except (EOFError, OSError, ValueError):  # it has ended
                     if code := self.close():
                         cause = _DEATHS.get(code, f"crashed, code {code}")
-                        raise _unreadable(path, f"its reader {cause}") from None
+                        raise self._unreadable(path, f"its reader {cause}") from None
                 except BaseException:
                     child.kill()  # the rest of its answer would be taken for the next one
                     self.close()
@@ -183,10 +191,13 @@ class _Reader:
                 finally:
                     timer.cancel()
             else:
-                raise _unreadable(path, "its reader does not start")
+                raise self._unreadable(path, "its reader does not start")
         if isinstance(answer, str):
-            raise _unreadable(path, answer)
+            raise self._unreadable(path, answer)
         return answer, data
+
+    def _unreadable(self, path: Path, problem: str) -> InputError:
+        return InputError(f"{one_line(path)}: cannot be read as {self._kind} ({one_line(problem)[:160]})")
 
     def close(self) -> int:
         """End the child; return its exit code."""
@@ -201,8 +212,9 @@ class _Reader:
         return child.returncode
 
 
-_READER = _Reader()
+_READER, _PICTURE_READER = _Reader("elevation"), _Reader("a raster")
 atexit.register(_READER.close)
+atexit.register(_PICTURE_READER.close)
 
 
 def _started() -> subprocess.Popen[bytes]:
@@ -266,27 +278,50 @@ def _limit(seconds: float, memory: int = 0) -> None:
 
 def _read(request: dict[str, Any], files: dict[tuple[Any, ...], Any]) -> tuple[Any, ...]:
     """Return facts, or an empty answer with the values and mask of a window (child process)."""
-    import rasterio
     from rasterio.windows import Window as RasterWindow
 
-    path, band = Path(request["path"]), request["band"]
-    target, driver, stamp = _target(path)
+    path, band, task = Path(request["path"]), request["band"], request.get("picture")
+    target, drivers, stamp = _picture_target(path) if task else _target(path)
     if list(stamp) != request.get("stamp", list(stamp)):
         raise ValueError("it has changed while it was read")
-    file = files.pop((path, stamp), None)
-    if file is not None and "window" not in request:  # files that a VRT refers to may have changed
+    overview = request.get("overview")
+    file = files.pop((path, stamp, overview), None)
+    # Files that a VRT refers to may have changed.
+    if file is not None and ("window" if task is None else "place") not in request:
         file = file.close()
-    file = file or _file(rasterio, target, driver)
-    files[path, stamp] = file  # the last one used
+    file = file or _file(target, drivers, {} if overview is None else {"OVERVIEW_LEVEL": overview})
+    files[path, stamp, overview] = file  # the last one used
     while len(files) > _OPEN_FILES:
         files.pop(next(iter(files))).close()
     if not 1 <= band <= file.count:
         raise ValueError(f"band = {band}: expected 1 to {file.count}")
+    if task:
+        from sketchterrain.elevation import picture_warp
+
+        if task == "overviews" and sys.platform != "win32":
+            import resource
+
+            resource.setrlimit(resource.RLIMIT_FSIZE, (resource.getrlimit(resource.RLIMIT_FSIZE)[1],) * 2)
+        return picture_warp.answer(file, request)
     if "window" in request:
         row, column, height, width = request["window"]
         part = RasterWindow(column, row, width, height)
         return {}, file.read(band, window=part), file.read_masks(band, window=part)
     return ((*_header(file, band), stamp),)
+
+
+def _file(target: Path | str, drivers: list[str], options: dict[str, Any]) -> Any:
+    """Open a file by one of some drivers (child process)."""
+    import rasterio
+
+    with rasterio.Env() as environment:
+        if not environment.drivers().keys() & set(drivers):
+            raise ValueError(f"the installed GDAL has no driver {drivers[0]}")
+        file = rasterio.DatasetReader(str(target), driver=drivers, **options)
+    if not file.count and file.subdatasets:
+        names = ", ".join(each.rpartition(":")[2] for each in file.subdatasets)
+        raise ValueError(f"expected one variable of heights, got {names}")
+    return file
 
 
 def _header(file: Any, band: int) -> tuple[Any, ...]:
@@ -319,19 +354,25 @@ def _header(file: Any, band: int) -> tuple[Any, ...]:
     )
 
 
-def _file(rasterio: Any, target: Path | str, driver: str) -> Any:
-    """Open a file by a driver (child process)."""
-    with rasterio.Env() as environment:
-        if driver not in environment.drivers():
-            raise ValueError(f"the installed GDAL has no driver {driver}")
-        file = rasterio.open(target, driver=driver)
-    if not file.count and file.subdatasets:
-        names = ", ".join(each.rpartition(":")[2] for each in file.subdatasets)
-        raise ValueError(f"expected one variable of heights, got {names}")
-    return file
+def _picture_target(path: Path) -> tuple[Path, list[str], tuple[int, int]]:
+    """Return a picture's file, the drivers that may read it, and its size and time."""
+    if not path.is_file():
+        raise ValueError("no such file")
+    with path.open("rb") as file:
+        if file.read(1) == b"<":
+            _check_virtual(path)
+    return path, _PICTURES, _stamp(path)
 
 
-def _target(path: Path) -> tuple[Path | str, str, tuple[int, int]]:
+def _check_virtual(path: Path) -> None:
+    """Raise ValueError for a VRT that refers to an address."""
+    with path.open("rb") as file:
+        content = file.read(_MAX_VRT + 1)
+    if len(content) > _MAX_VRT or any(each in content for each in (b"/vsi", b"://", b"&#")):
+        raise ValueError("expected a VRT of files, of at most 16 MB, without addresses")
+
+
+def _target(path: Path) -> tuple[Path | str, list[str], tuple[int, int]]:
     """Return what GDAL opens, by which driver, and the file's size and time.
 
     Names of files that don't exist, and VRTs, may be addresses to GDAL.
@@ -349,17 +390,14 @@ def _target(path: Path) -> tuple[Path | str, str, tuple[int, int]]:
             driver = _DRIVERS[Path(inside).suffix.lower()]
             if driver == "VRT":
                 raise ValueError("expected a file .tif, .hgt or .asc in an archive")
-            return f"/vsizip/{{{archive}}}/{inside}", driver, _stamp(archive)
+            return f"/vsizip/{{{archive}}}/{inside}", [driver], _stamp(archive)
     if not path.is_file():
         raise ValueError("no such file")
     if not driver:
         raise ValueError(f"expected a file {', '.join(SUFFIXES)}")
     if driver == "VRT":
-        with path.open("rb") as file:
-            content = file.read(_MAX_VRT + 1)
-        if len(content) > _MAX_VRT or any(each in content for each in (b"/vsi", b"://", b"&#")):
-            raise ValueError("expected a VRT of files, of at most 16 MB, without addresses")
-    return path, driver, _stamp(path)
+        _check_virtual(path)
+    return path, [driver], _stamp(path)
 
 
 def _stamp(path: Path) -> tuple[int, int]:

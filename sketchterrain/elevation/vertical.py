@@ -6,14 +6,14 @@ import os
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import ndimage
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.elevation.grids import ElevationGrid, transform_points
-from sketchterrain.elevation.raster_reader import ELLIPSOID, Affine6
+from sketchterrain.elevation.raster_reader import ELLIPSOID, Affine6, read_header, read_window
 from sketchterrain.errors import one_line
 
 _GEOIDS: Final = {
@@ -113,23 +113,22 @@ def _name(datum: str) -> str:
 
 def _above_ellipsoid(datum: str, longitude: Float64Array, latitude: Float64Array) -> Float64Array:
     """Return the heights of a datum above the ellipsoid (m), bilinear in its grid; NaN where unknown."""
-    import rasterio
-    from rasterio.windows import Window
-
     unknown, path = np.full(longitude.shape, np.nan), _geoid_file(datum)
     if datum in _ELLIPSOIDS or path is None:
         return np.zeros(longitude.shape) if datum in _ELLIPSOIDS else unknown
-    with rasterio.open(path) as file:
-        at: Any = ~file.transform
-        longitude = (longitude - file.bounds.left) % 360.0 + file.bounds.left
-        column, row = at.a * longitude + at.c - 0.5, at.e * latitude + at.f - 0.5
-        inside = (column > -1) & (column < file.width) & (row > -1) & (row < file.height)
-        if not inside.any():
-            return unknown
-        left, top = (max(int(each[inside].min()), 0) for each in (column, row))
-        right, bottom = (int(each[inside].max()) + 2 for each in (column, row))
-        size = min(right, file.width) - left, min(bottom, file.height) - top
-        part = file.read(1, window=Window(left, top, *size), masked=True).astype(np.float64).filled(np.nan)
+    header = read_header(path)
+    east, _, west, _, south, north = header.place or (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+    border = west - 0.5 * east
+    longitude = (longitude - border) % 360.0 + border
+    column, row = (longitude - west) / east, (latitude - north) / south
+    rows, columns = header.shape
+    inside = (column > -1) & (column < columns) & (row > -1) & (row < rows)
+    if not inside.any():
+        return unknown
+    left, top = (max(int(each[inside].min()), 0) for each in (column, row))
+    right, bottom = (int(each[inside].max()) + 2 for each in (column, row))
+    found, known = read_window(header, (top, left, min(bottom, rows) - top, min(right, columns) - left))
+    part = np.where(known, found.astype(np.float64), np.nan)
     values = ndimage.map_coordinates(part, [row - top, column - left], order=1, mode="nearest")
     return np.asarray(np.where(inside, values, np.nan))
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from rasterio.vrt import WarpedVRT
 from rasterio.warp import transform_bounds
 
 from sketchterrain.document.rasters import RasterSource
-from sketchterrain.elevation.pictures import open_raster
+from sketchterrain.elevation.pictures import WarpedPicture, picture_file
 from sketchterrain.importing.vector_files import metric_crs_at
-from sketchterrain.io.crs import crs_text
+from sketchterrain.io.crs import crs_text, parse_crs
 
 
 class RasterArea(NamedTuple):
@@ -25,12 +24,12 @@ def raster_area(source: RasterSource) -> RasterArea | None:
 
     Raise InputError if it cannot be read.
     """
-    with open_raster(source) as file:
-        if file.crs is None:
-            return None
-        with WarpedVRT(file) as upright:
-            west, south, east, north = upright.bounds
-        target = metric_crs_at(file.crs, (0.5 * (west + east), 0.5 * (south + north)))
-        west, south, east, north = transform_bounds(file.crs, target, west, south, east, north)
-        frame = {"crs": crs_text(target), "east": west, "north": south}
-        return RasterArea(frame, (east - west, north - south))
+    with picture_file(source) as path:
+        facts = WarpedPicture(path, source.band, None).facts
+    if not facts.crs:
+        return None
+    (west, south, east, north), crs = facts.box, parse_crs(facts.crs)
+    target = metric_crs_at(crs, (0.5 * (west + east), 0.5 * (south + north)))
+    west, south, east, north = transform_bounds(crs, target, west, south, east, north)
+    frame = {"crs": crs_text(target), "east": west, "north": south}
+    return RasterArea(frame, (east - west, north - south))

@@ -19,6 +19,7 @@ import time
 import warnings
 import zipfile
 from contextlib import suppress
+from html import unescape
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple, TypeAlias
 
@@ -43,7 +44,8 @@ _SECONDS, _RATE = 1.0, 2e6  # s of processor time a request; samples a second be
 _WAITING = 10.0  # s a request may wait for the disk or other processes, beyond its processor time
 _STARTING, _IDLE = 30.0, 60.0  # s
 _OPEN_FILES = 4
-_MAX_VRT, _MOST_FILES = 1 << 24, 1 << 16  # bytes; that it refers to
+_MAX_VRT, _VRT_HEAD, _MOST_FILES = 1 << 24, 4096, 1 << 16  # bytes; files that it refers to
+_PER_SAMPLE = 8  # bytes of text that take as long
 _DRIVERS = {
     ".tif": "GTiff",
     ".tiff": "GTiff",
@@ -111,7 +113,8 @@ def read_header(path: Path, band: int = 1) -> RasterHeader:
 
     A path may name a file in a zip archive, ``N42E001.hgt.zip/N42E001.hgt``, or an archive of one file.
     """
-    facts, _ = _READER.ask(path, {"path": str(path.absolute()), "band": band}, 0)
+    text = path.stat().st_size if path.suffix.lower() in (".vrt", ".xyz") and path.is_file() else 0
+    facts, _ = _READER.ask(path, {"path": str(path.absolute()), "band": band}, text // _PER_SAMPLE)
     values: list[Any] = [tuple(each) if isinstance(each, list) else each for each in facts]
     return RasterHeader(path, *values)
 
@@ -144,8 +147,8 @@ def file_stamps(path: Path) -> list[tuple[str, int, int]]:
         if file.suffix.lower() != ".vrt" or not file.is_file():
             continue
         with suppress(OSError), file.open("rb") as stream:
-            for name in re.findall(rb"<SourceFilename[^>]*>([^<]+)<", stream.read(_MAX_VRT)):
-                other = file.parent / os.fsdecode(name)
+            for name in _sources(stream.read(_MAX_VRT)):
+                other = file.parent / name
                 if str(other) not in found:
                     found[str(other)] = (str(other), *(_stamp(other) if other.is_file() else (0, 0)))
                     waiting.append(other)
@@ -252,7 +255,7 @@ def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
         if not line:
             return
         request = json.loads(line)
-        _limit(request["seconds"])
+        _limit(request["seconds"], writes=request.get("picture") == "overviews")
         try:
             answer, *data = _read(request, files)
         except Exception as error:  # noqa: BLE001 # whatever GDAL raises
@@ -263,15 +266,16 @@ def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
         answers.flush()
 
 
-def _limit(seconds: float, memory: int = 0) -> None:
+def _limit(seconds: float, memory: int = 0, *, writes: bool = False) -> None:
     """Limit the processor time, and once the memory, from now on (child process)."""
     if sys.platform != "win32":
         import resource
 
         limits = {resource.RLIMIT_CPU: math.ceil(time.process_time() + seconds)}
+        limits[resource.RLIMIT_FSIZE] = resource.getrlimit(resource.RLIMIT_FSIZE)[1] if writes else 0
         if memory:
             limits[resource.RLIMIT_AS] = (proc_memory("self/status", "VmSize") or 0) + memory
-            limits |= {resource.RLIMIT_CORE: 0, resource.RLIMIT_FSIZE: 0}
+            limits[resource.RLIMIT_CORE] = 0
         for kind, most in limits.items():
             resource.setrlimit(kind, (most, resource.getrlimit(kind)[1]))
 
@@ -289,25 +293,26 @@ def _read(request: dict[str, Any], files: dict[tuple[Any, ...], Any]) -> tuple[A
     # Files that a VRT refers to may have changed.
     if file is not None and ("window" if task is None else "place") not in request:
         file = file.close()
-    file = file or _file(target, drivers, {} if overview is None else {"OVERVIEW_LEVEL": overview})
-    files[path, stamp, overview] = file  # the last one used
-    while len(files) > _OPEN_FILES:
-        files.pop(next(iter(files))).close()
+    if file is None:
+        _check_virtual(path, {path})
+        file = _file(target, drivers, {} if overview is None else {"OVERVIEW_LEVEL": overview})
     if not 1 <= band <= file.count:
         raise ValueError(f"band = {band}: expected 1 to {file.count}")
     if task:
-        from sketchterrain.elevation import picture_warp
+        from sketchterrain.elevation.picture_warp import answer
 
-        if task == "overviews" and sys.platform != "win32":
-            import resource
-
-            resource.setrlimit(resource.RLIMIT_FSIZE, (resource.getrlimit(resource.RLIMIT_FSIZE)[1],) * 2)
-        return picture_warp.answer(file, request)
-    if "window" in request:
+        found = answer(file, request)
+    elif "window" in request:
         row, column, height, width = request["window"]
         part = RasterWindow(column, row, width, height)
-        return {}, file.read(band, window=part), file.read_masks(band, window=part)
-    return ((*_header(file, band), stamp),)
+        found = {}, file.read(band, window=part), file.read_masks(band, window=part)
+    else:
+        found = ((*_header(file, band), stamp),)
+    # The last one used, unless it has failed: reading it again would give zeros.
+    files[path, stamp, overview] = file
+    while len(files) > _OPEN_FILES:
+        files.pop(next(iter(files))).close()
+    return found
 
 
 def _file(target: Path | str, drivers: list[str], options: dict[str, Any]) -> Any:
@@ -358,18 +363,31 @@ def _picture_target(path: Path) -> tuple[Path, list[str], tuple[int, int]]:
     """Return a picture's file, the drivers that may read it, and its size and time."""
     if not path.is_file():
         raise ValueError("no such file")
-    with path.open("rb") as file:
-        if file.read(1) == b"<":
-            _check_virtual(path)
     return path, _PICTURES, _stamp(path)
 
 
-def _check_virtual(path: Path) -> None:
-    """Raise ValueError for a VRT that refers to an address."""
+def _check_virtual(path: Path, known: set[Path]) -> None:
+    """Raise ValueError for a VRT that refers to an address or nothing, itself or by others."""
+    if not path.is_file():
+        return
     with path.open("rb") as file:
-        content = file.read(_MAX_VRT + 1)
+        content = file.read(_VRT_HEAD)
+        if b"<VRTDataset" not in content:
+            return
+        content += file.read(_MAX_VRT)
     if len(content) > _MAX_VRT or any(each in content for each in (b"/vsi", b"://", b"&#")):
         raise ValueError("expected a VRT of files, of at most 16 MB, without addresses")
+    for other in {path.parent / name for name in _sources(content)} - known:
+        known.add(other)
+        if not other.exists() and ":" not in other.name:  # that of a file with several rasters
+            raise ValueError(f"it refers to a file that is missing: {other.name}")
+        _check_virtual(other, known)
+
+
+def _sources(content: bytes) -> list[str]:
+    """Return names of the files that a VRT refers to."""
+    names = re.findall(rb"<Source(?:Filename|Dataset)[^>]*>([^<]+)<", content)
+    return [unescape(os.fsdecode(each)).strip() for each in names]
 
 
 def _target(path: Path) -> tuple[Path | str, list[str], tuple[int, int]]:
@@ -395,8 +413,6 @@ def _target(path: Path) -> tuple[Path | str, list[str], tuple[int, int]]:
         raise ValueError("no such file")
     if not driver:
         raise ValueError(f"expected a file {', '.join(SUFFIXES)}")
-    if driver == "VRT":
-        _check_virtual(path)
     return path, [driver], _stamp(path)
 
 

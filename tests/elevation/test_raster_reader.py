@@ -13,10 +13,16 @@ import pytest
 import rasterio
 from rasterio.transform import Affine
 
+from sketchterrain.document.drapes import DrapedLayer
+from sketchterrain.document.rasters import RasterSource, embedded
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.drape.drapes import Drapes
 from sketchterrain.elevation import grids, raster_reader
 from sketchterrain.elevation.grids import SketchFrame, read_grid
+from sketchterrain.elevation.pictures import read_picture
 from sketchterrain.elevation.raster_reader import ELLIPSOID, read_header, read_window
 from sketchterrain.errors import InputError
+from sketchterrain.importing.heights import read_heights
 
 HEIGHTS = (300.0 + np.add.outer(3.0 * np.arange(20), 7.0 * np.arange(25))).astype(np.float32)
 PLACE = Affine(30.0, 0.0, 500_100.0, 0.0, -30.0, 5_201_000.0)
@@ -112,6 +118,12 @@ def vrt(path: Path, source: str, size: tuple[int, int] = (9, 9), kind: str = "Si
     return path
 
 
+WMS = (
+    '<GDAL_WMS><Service name="TMS"><ServerUrl>{host}/${{z}}/${{x}}/${{y}}.png</ServerUrl></Service>'
+    "<DataWindow><UpperLeftX>0</UpperLeftX><UpperLeftY>100</UpperLeftY><LowerRightX>100</LowerRightX><LowerRightY>0"
+    "</LowerRightY><TileLevel>2</TileLevel><TileCountX>1</TileCountX><TileCountY>1</TileCountY></DataWindow>"
+    "<Projection>EPSG:3857</Projection><BandsCount>1</BandsCount></GDAL_WMS>"
+)
 KERNEL = f"<Kernel><Size>401</Size><Coefs>{'1 ' * 401**2}</Coefs></Kernel>"
 
 
@@ -155,16 +167,58 @@ def test_too_much_memory_is_one_line(tmp_path: Path) -> None:
     assert np.array_equal(read_grid(write(tmp_path / "b.tif"), FRAME).samples, HEIGHTS)
 
 
-def test_addresses_are_not_opened_from_nested_files(tmp_path: Path) -> None:
+def drape_error(path: Path) -> None:
+    drapes = Drapes.open([DrapedLayer(str(path))], SKETCH.frame, SKETCH.size, SKETCH.extent)
+    if drapes.problems:
+        raise InputError(drapes.problems[0])
+    drapes.rasters(1.0)[0][1].pixels(0.0, 270.0, 30.0, 9, 9)
+    raise InputError(drapes.rasters(1.0)[0][1].problem(drapes.layers[0]))
+
+
+SKETCH = Sketch(extent=1000.0, frame={"crs": "", "east": 0.0, "north": -300.0, "vertical": ""})
+READERS = {
+    "elevation": read_grid,
+    "picture": lambda path: read_picture(RasterSource(str(path)), SKETCH),
+    "stored": lambda path: read_picture(embedded(RasterSource(str(path))), SKETCH),
+    "drape": drape_error,
+    "realism": read_heights,
+}
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_addresses_are_not_opened(tmp_path: Path, reader: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("no_proxy", "127.0.0.1")
+    for each in (raster_reader._READER, raster_reader._PICTURE_READER):
+        each.close()
     nested = tmp_path / "nested.tif"
+    outer = tmp_path / "outer.vrt"
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.setblocking(False)
         host = f"http://127.0.0.1:{server.getsockname()[1]}"
-        for address in (f"/vsicurl/{host}/a.tif", f"{host}/a.tif", "/vsis3/a/b.tif"):
-            vrt(nested, address)
-            one_line_of(vrt(tmp_path / "outer.vrt", "nested.tif"))
+        for address in (f"/vsicurl/{host}/a.tif", f"{host}/a.tif", f"/vsicurl_streaming/{host}/a.tif", WMS):
+            vrt(nested, address) if address != WMS else nested.write_text(WMS.format(host=host))
+            for path in (nested, vrt(outer, "nested.tif")):
+                with pytest.raises(InputError, match=r"cannot be read"):
+                    READERS[reader](path)
         with pytest.raises(BlockingIOError):
             server.accept()  # nobody has connected
+
+
+@pytest.mark.parametrize("reader", ["picture", "drape"])
+def test_a_picture_that_crashes_gdal_is_one_line(
+    tmp_path: Path, reader: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(raster_reader, "_WAITING", -0.5)
+    write(tmp_path / "a.tif", crs=None, transform=Affine(30.0, 0.0, 5.0, 0.0, -30.0, 9.0))
+    READERS["picture"](tmp_path / "a.tif")
+    os.mkfifo(tmp_path / "pipe.tif")
+    with pytest.raises(InputError, match="its reader took too long") as raised:
+        READERS[reader](vrt(tmp_path / "a.vrt", "pipe.tif"))  # opening it waits for a writer
+    assert "\n" not in str(raised.value)
+    assert READERS["picture"](tmp_path / "a.tif").pixels.shape[2] == 4
+
+
+def test_files_that_refer_to_themselves_or_nothing_are_one_line(tmp_path: Path) -> None:
     one_line_of(vrt(tmp_path / "own.vrt", "own.vrt"))
     one_line_of(vrt(tmp_path / "missing.vrt", "missing.tif"))
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from PyQt6.QtCore import QObject, pyqtSignal
 from PyQt6.QtWidgets import QFileDialog, QWidget
 
 from sketchterrain.document.rasters import RasterSource
+from sketchterrain.elevation.raster_reader import SUFFIXES
 from sketchterrain.ui.banner import Banner, Message
 from sketchterrain.ui.files import Files
 from sketchterrain.ui.models.elevation import SketchElevation, added_elevation, new_on_elevation
@@ -20,11 +21,6 @@ if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.elevation.base import BaseElevation
 
-# Those of `sketchterrain.elevation.raster_reader`, whose import would load GDAL.
-SUFFIXES: Final = (
-    *(".tif", ".tiff", ".hgt", ".asc", ".vrt", ".png", ".img", ".bil", ".xyz", ".jp2", ".nc", ".gtx"),
-    *(".dt0", ".dt1", ".dt2", ".dem", ".npy", ".npz", ".r16", ".raw", ".zip"),
-)
 _FILTER = f"Elevation ({' '.join(f'*{each}' for each in SUFFIXES)});;All files (*)"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -32,17 +33,15 @@ class RasterSource:
         self._memory, self._corner = memory, (frame["east"], frame["north"])
         self._stamp, self._failure = file_stamp(layer.path), ""
         self._layer = layer.replace(sha256="") if drape_problem(layer) else layer
-        options = {"given": layer["crs"], "covers": (*self._corner, *size)}
+        options = frame["crs"], layer["crs"], (*self._corner, *size)
         with picture_file(layer.file, "draped layer") as path:
-            self._picture = WarpedPicture(path, layer["band"], frame["crs"], **options)
-            facts = self._picture.facts
-            self.pixel = facts.step
-            self.box = np.array(facts.box) - [*self._corner, *self._corner]
-            if facts.rows * facts.columns > _PLAIN and not facts.overviews:
-                with_overviews = self._with_overviews(layer)
-                self._picture = WarpedPicture(with_overviews, layer["band"], frame["crs"], **options)
+            self._picture = WarpedPicture(path, layer["band"], *options)
+            self.pixel = self._picture.step
+            self.box = np.array(self._picture.box) - [*self._corner, *self._corner]
+            if math.prod(self._picture.shape) > _PLAIN and not self._picture.overviews:
+                self._picture = WarpedPicture(self._with_overviews(layer), layer["band"], *options)
             self._span = self._picture.value_range()
-        self._overviews = [1, *self._picture.facts.overviews]
+        self._overviews = [1, *self._picture.overviews]
 
     def updated(self, layer: DrapedLayer) -> RasterSource:
         """Return the same source: layers do not edit pixels."""
@@ -75,14 +74,14 @@ class RasterSource:
 
     def _read(self, west: float, north: float, texel: float, shape: tuple[int, int]) -> UInt8Array:
         level = max(k for k, each in enumerate(self._overviews) if k == 0 or each * self.pixel <= texel)
-        is_indexed = self._picture.facts.is_indexed
+        is_indexed = self._picture.is_indexed
         rows, columns = (side * (2 if is_indexed else 1) for side in shape)
         west, north = west + self._corner[0], north + self._corner[1]
         box = west, north - shape[0] * texel, west + shape[1] * texel, north
         coarse = texel > self.pixel * self._overviews[level]
+        if problem := source_problem(self._layer, self._stamp):
+            raise InputError(problem)
         with picture_file(self._layer.file, "draped layer"):
-            if problem := source_problem(self._layer, self._stamp):
-                raise InputError(problem)
             found = self._picture.pixels(
                 box, (rows, columns), span=self._span, overview=level - 1 if level else None, coarse=coarse
             )
@@ -93,11 +92,8 @@ class RasterSource:
         path = Path(layer.path)
         facts = path.stat()
         key = f"{path.absolute()}\n{facts.st_size} {facts.st_mtime_ns} {layer['sha256']}"
-
-        def build(folder: Path) -> None:
-            self._picture.write_overviews(folder / _VIRTUAL)
-
-        return stored_folder("overviews", key, build) / _VIRTUAL
+        write = self._picture.write_overviews
+        return stored_folder("overviews", key, lambda folder: write(folder / _VIRTUAL)) / _VIRTUAL
 
 
 def _halved(pixels: UInt8Array) -> UInt8Array:

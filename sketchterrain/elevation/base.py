@@ -36,15 +36,8 @@ NODE_REACH: Final = 3
 _AUTOMATIC, _MOST = 0.04, 0.4  # margin over the shorter side of the data; at most the weight reaches 1 inside
 _MOST_NODES = 1 << 20  # of the fade, which has eight along the margin
 _MOST_HELD, _AT_ONCE = 1 << 28, 1 << 14  # samples of a grid; patches, of 5 kB
-_SUFFIXES: Final = {
-    **dict.fromkeys((b"II", b"MM"), ".tif"),
-    b"\x93N": ".npy",
-    b"\x89P": ".png",
-    b"\x89H": ".nc",
-    b"CD": ".nc",
-    b"EH": ".img",
-    b"UH": ".dt1",
-}  # by the first bytes
+# By the first bytes.
+_SUFFIXES: Final = {b"II": ".tif", b"MM": ".tif", b"\x93N": ".npy", b"\x89P": ".png"}
 
 
 class BaseGrid(NamedTuple):

@@ -282,12 +282,12 @@ def read_grid(
     InputError
         If the file cannot be read or is no grid of heights with a place in the sketch.
     """
-    name, source = one_line(path), source or RasterSource("file")
+    name, suffix, source = one_line(path), path.suffix.lower(), source or RasterSource("file")
+    opened = _array_file if suffix in (".npy", ".npz") else _plain_file if suffix in PLAIN else _raster_file
     try:
-        file = _opened(path, source)
+        file = opened(path, source)
     except InputError as error:
-        reason = str(error)
-        raise error if reason.startswith(name) else InputError(f"{name}: {reason}") from None
+        raise error if str(error).startswith(name) else InputError(f"{name}: {error}") from None
     (rows, columns), read = file.shape, file.read
     if max(rows, columns) > MAX_SIDE:
         raise InputError(f"{name}: {rows} × {columns} samples: expected at most {MAX_SIDE} along a side")
@@ -320,13 +320,6 @@ def read_grid(
     return grid
 
 
-def _opened(path: Path, source: RasterSource) -> _File:
-    suffix = path.suffix.lower()
-    if suffix in (".npy", ".npz"):
-        return _array_file(path, source)
-    return _plain_file(path, source) if suffix in PLAIN else _raster_file(path, source)
-
-
 def _no_heights(grid: ElevationGrid) -> str:
     return f"has no heights, all {math.prod(grid.shape)} samples are voids"
 
@@ -357,21 +350,19 @@ def _array_file(path: Path, source: RasterSource) -> _File:
             raise ValueError(f"expected numbers (rows, columns), got {loaded.dtype} {loaded.shape}")
     except _UNREADABLE as error:
         raise InputError(f"{one_line(path)}: cannot be read as elevation ({one_line(error)[:160]})") from None
-
-    return _loaded_file(loaded, source, place, crs)
+    return _loaded_file(loaded, StoredValues(loaded.dtype, source), place, crs)
 
 
 def _loaded_file(
-    loaded: Any, source: RasterSource, place: Affine6 | None, crs: str, findings: Findings = ()
+    loaded: Any, values: StoredValues, place: Affine6 | None = None, crs: str = "", told: Findings = ()
 ) -> _File:
-    values = StoredValues(loaded.dtype, source)
 
     def read(first: int, last: int) -> tuple[Float32Array, BoolArray]:
-        heights = values.heights(np.ascontiguousarray(loaded[first:last]))
+        heights = values.heights(np.ascontiguousarray(loaded[first:last], values.dtype))
         return heights, np.ones(heights.shape, bool)
 
-    findings += values.sign_finding(np.ascontiguousarray(loaded[:: max(len(loaded) // _SAMPLED, 1)]))
-    return _File(loaded.shape, values, place, crs, "", findings, read)
+    sample = np.ascontiguousarray(loaded[:: max(len(loaded) // _SAMPLED, 1)], values.dtype)
+    return _File(loaded.shape, values, place, crs, "", (*told, *values.sign_finding(sample)), read)
 
 
 def _plain_file(path: Path, source: RasterSource) -> _File:
@@ -382,24 +373,15 @@ def _plain_file(path: Path, source: RasterSource) -> _File:
         rows = size // 2 // max(columns, 1)
         if size != 2 * rows * columns or not size:
             raise InputError(f"{size} bytes: expected a square of 16-bit samples, or the columns (--columns)")
-        _check_stated(source, is_placed=False)
+        values = StoredValues(np.uint16, source, None)
         either = [np.memmap(path, order, "r", shape=(rows, columns)) for order in ("<u2", ">u2")]
     except OSError as error:
         raise InputError(f"cannot be read as elevation ({one_line(error)[:160]})") from None
     step = max(rows // _SAMPLED, 1)
     rough = [np.abs(np.diff(each[::step].astype(np.float64), axis=1)).sum() for each in either]
     order = source.encoding or ("big-endian" if rough[1] < rough[0] else "little-endian")
-    told = (
-        f"{rows} × {columns} samples of 16 bits, {order}{'' if source.encoding else ' by their smoothness'}"
-    )
-    return _loaded_file(either[order == "big-endian"], source, None, "", (told,))
-
-
-def _check_stated(source: RasterSource, *, is_placed: bool) -> None:
-    """Raise InputError if a file whose numbers are no metres has no range of heights, or no cells."""
-    if not source.range:
-        cells = "" if is_placed or source.cell else "--cell 2 and "
-        raise InputError(f"has numbers without a unit: expected {cells}--range 0,900 (cell, range), in m")
+    told = f"{rows} × {columns} samples of 16 bits, {order}{' (guessed)' * (not source.encoding)}"
+    return _loaded_file(either[order == "big-endian"], values, told=(told,))
 
 
 def _raster_file(path: Path, source: RasterSource) -> _File:
@@ -422,22 +404,21 @@ def _raster_file(path: Path, source: RasterSource) -> _File:
         return np.concatenate([raw[known] for raw, known in parts])
 
     if is_coded:
-        code = source.encoding if source.encoding in CODES else _code_of(sampled())
-        scale, offset = CODES[code]
-        values = StoredValues(np.uint32, source, scale=scale, offset=offset, voids=(0.0,))
+        numbers = sampled()
+        heights = {each: abs(numbers * scale + least) <= MAX_HEIGHT for each, (scale, least) in CODES.items()}
+        fits = (each for each, are in heights.items() if np.count_nonzero(are) > _CODED * len(numbers))
+        code = source.encoding if source.encoding in CODES else next(fits, "")
+        if not code:
+            raise InputError("in colour: expected grey, or encoding (--encoding) mapbox or terrarium")
+        values = StoredValues(np.uint32, source, "m", *CODES[code], voids=(0.0,))
         findings: Findings = (f"heights in the colours of {code.title()}",)
     else:
-        if is_picture:
-            _check_stated(source, is_placed=header.place is not None)
-        given = {"unit": header.unit, "scale": header.scale, "offset": header.offset}
-        values = StoredValues(header.dtype, source, **given)
+        unit = None if is_picture else header.unit
+        values = StoredValues(header.dtype, source, unit, header.scale, header.offset)
         findings = values.sign_finding(sampled()) if values.may_be_signed else ()
 
     def read(first: int, last: int) -> tuple[Float32Array, BoolArray]:
-        heights, known = (
-            np.empty((last - first, columns), np.float32),
-            np.empty((last - first, columns), bool),
-        )
+        heights, known = (np.empty((last - first, columns), kind) for kind in (np.float32, bool))
         step = max(_PIECE // columns, 1)
         for start in range(first, last, step):
             end = min(start + step, last)
@@ -447,13 +428,3 @@ def _raster_file(path: Path, source: RasterSource) -> _File:
         return heights, known
 
     return _File(header.shape, values, header.place, header.crs, header.vertical, findings, read)
-
-
-def _code_of(numbers: Any) -> str:
-    """Return the code by which numbers of 24 bits are heights."""
-    for code, (scale, offset) in CODES.items():
-        if numbers.size and np.mean(np.abs(numbers * scale + offset) <= MAX_HEIGHT) > _CODED:
-            return code
-    raise InputError(
-        "is a picture in colour: expected heights in grey, or encoding (--encoding) mapbox, terrarium"
-    )

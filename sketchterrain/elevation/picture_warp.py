@@ -20,7 +20,6 @@ _LOCAL: Final = CRS.from_wkt('LOCAL_CS["local",UNIT["metre",1]]')  # of rasters 
 _RGB = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
 _SAMPLE: Final = 512  # px along the longer side of what a range of values is taken from
 _SHARE: Final = (0.5, 99.5)  # percentiles of values that are black and white
-_WARP_MB: Final = 16
 
 
 def answer(file: DatasetReader, request: dict[str, Any]) -> tuple[Any, ...]:
@@ -34,11 +33,8 @@ def answer(file: DatasetReader, request: dict[str, Any]) -> tuple[Any, ...]:
                 box, step = tuple(warped.bounds), min(warped.res)
         facts = crs_text(file.crs), box, step, _is_indexed(file, band), file.overviews(band)
         return ((*file.shape, file.count, file.dtypes[band - 1], *facts),)
-    if task == "range":
-        return (_range(file, band),)
-    if task == "overviews":
-        _build_overviews(file, request)
-        return ({},)
+    if task in ("range", "overviews"):
+        return (_range(file, band) if task == "range" else _build_overviews(file, request),)
     method = Resampling.average if request["coarse"] else Resampling.bilinear
     method = Resampling.nearest if _is_indexed(file, band) else method
     rows, columns = request["shape"]
@@ -52,7 +48,6 @@ def _has_place(file: DatasetReader) -> bool:
 
 
 def _is_indexed(file: DatasetReader, band: int) -> bool:
-    """Return whether a band's values are numbers of colours."""
     return bool(file.colorinterp[band - 1] == ColorInterp.palette)
 
 
@@ -82,7 +77,7 @@ def _warped(file: DatasetReader, request: dict[str, Any], **options: Any) -> War
         nodata=nodata,
         crs=target,
         add_alpha=not has_mask,
-        warp_mem_limit=_WARP_MB,
+        warp_mem_limit=16,  # MB
         tolerance=0.05,
         **options,
     )
@@ -124,7 +119,7 @@ def _range(file: DatasetReader, band: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _build_overviews(file: DatasetReader, request: dict[str, Any]) -> None:
+def _build_overviews(file: DatasetReader, request: dict[str, Any]) -> list[int]:
     """Write a virtual copy to a path, with means of the file's pixels beside it."""
     path = Path(request["copy"])
     factors = [2**k for k in range(2, 16) if max(file.shape) >> k >= 128]
@@ -132,3 +127,4 @@ def _build_overviews(file: DatasetReader, request: dict[str, Any]) -> None:
     rasterio.shutil.copy(file, path, driver="VRT")
     with Env(COMPRESS_OVERVIEW="DEFLATE"), rasterio.open(path, "r+", driver="VRT") as copy:
         copy.build_overviews(factors, method)
+    return factors

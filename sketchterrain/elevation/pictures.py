@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import UInt8Array
+from sketchterrain.array_types import Bounds, UInt8Array
 from sketchterrain.document.rasters import RasterSource, raster_problem
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.elevation.raster_reader import ask_picture
+from sketchterrain.elevation.raster_reader import PICTURES
 from sketchterrain.errors import InputError, one_line
 
 CANVAS: Final = 2048  # px of a picture along the sketch's longer side
@@ -24,26 +24,7 @@ class RasterPicture(NamedTuple):
     """A picture in a sketch."""
 
     pixels: npt.NDArray[np.uint8]  # (rows, columns, 4): sRGB and opacity, not premultiplied
-    box: tuple[float, float, float, float]  # west, south, east, north, m from the sketch's south-west corner
-
-
-class PictureFacts(NamedTuple):
-    """Facts of a raster file in a CRS."""
-
-    rows: int
-    columns: int
-    bands: int
-    dtype: str
-    crs: str  # of the file; empty without one
-    box: tuple[float, float, float, float]  # west, south, east, north in the CRS
-    step: float  # of a pixel, in the CRS
-    is_indexed: bool  # whether its values are numbers of colours
-    overviews: list[int]
-
-    @property
-    def samples(self) -> int:
-        """Samples of all bands."""
-        return self.rows * self.columns * self.bands
+    box: Bounds  # west, south, east, north, m from the sketch's south-west corner
 
 
 class WarpedPicture:
@@ -54,32 +35,28 @@ class WarpedPicture:
     """
 
     def __init__(
-        self,
-        path: Path,
-        band: int,
-        crs: str | None,
-        *,
-        given: str = "",
-        covers: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0),
+        self, path: Path, band: int, crs: str | None, given: str = "", covers: Bounds = (0.0, 0.0, 1.0, 1.0)
     ) -> None:
-        self.path = path
-        self._request = {"band": band, "crs": crs, "given": given, "covers": covers}
-        self.facts = PictureFacts(*self._ask("facts"))
+        self.path, self._request = path, {"band": band, "crs": crs, "given": given, "covers": covers}
+        facts = self._ask("facts", 0)[0]
+        rows, columns, bands, self._dtype, self.crs, self.box, self.step, *facts = facts
+        self.shape, self._samples = (rows, columns), rows * columns * bands
+        self.is_indexed, self.overviews = facts  # whether values are numbers of colours; steps of means
 
-    def _ask(self, task: str, samples: int = 0, **more: Any) -> Any:
-        return ask_picture(self.path, {**self._request, "picture": task, **more}, samples)[0]
+    def _ask(self, task: str, samples: int, size: int = 0, **more: Any) -> tuple[Any, bytearray]:
+        return PICTURES.ask(self.path, {**self._request, "picture": task, **more}, samples, size)
 
     def value_range(self) -> tuple[float, float] | None:
         """Return the values that are black and white; None for bytes."""
-        return None if self.facts.dtype == "uint8" else tuple(self._ask("range", self.facts.samples))
+        return None if self._dtype == "uint8" else tuple(self._ask("range", self._samples)[0])
 
     def write_overviews(self, path: Path) -> None:
         """Write a virtual copy of the file, with means of its pixels beside it."""
-        self._ask("overviews", 4 * self.facts.samples, copy=str(path))
+        self._ask("overviews", 4 * self._samples, copy=str(path))
 
     def pixels(
         self,
-        place: tuple[float, float, float, float],
+        box: Bounds,
         shape: tuple[int, int],
         *,
         span: tuple[float, float] | None = None,
@@ -88,13 +65,13 @@ class WarpedPicture:
     ) -> UInt8Array:
         """Return sRGB and opacity, (rows, columns, 4), in a box of the CRS: west, south, east, north.
 
-        They are means of the pixels in them, of an overview if it is given; bilinear unless `coarse`.
+        They are means of the pixels in them, of an overview if it is given; bilinear unless `coarse`. Other
+        values than bytes are stretched over `span`, by default their range.
         """
-        (west, south, east, north), (rows, columns) = place, shape
-        at = (east - west) / columns, 0.0, west, 0.0, (south - north) / rows, north
-        request = {**self._request, "place": at, "shape": shape, "span": span, "coarse": coarse}
-        request |= {"picture": "pixels", "overview": overview}
-        _, data = ask_picture(self.path, request, self.facts.samples, 4 * rows * columns)
+        (west, south, east, north), (rows, columns) = box, shape
+        place = (east - west) / columns, 0.0, west, 0.0, (south - north) / rows, north
+        request = {"place": place, "shape": shape, "span": span, "overview": overview, "coarse": coarse}
+        _, data = self._ask("pixels", self._samples, 4 * rows * columns, **request)
         return np.frombuffer(data, np.uint8).reshape(rows, columns, 4)
 
 
@@ -103,10 +80,10 @@ def picture_file(source: RasterSource, what: str = "raster") -> Iterator[Path]:
     """Yield a source's file, a temporary one of a stored raster; what cannot be read is named by its path."""
     if source.content is None and not Path(source.path).is_file():
         raise InputError(raster_problem(source, what))
-    with tempfile.TemporaryDirectory(prefix="sketchterrain-") as folder:
-        path = Path(source.path)
+    path = Path(source.path)
+    with ExitStack() as stack:
         if source.content is not None:
-            path = Path(folder) / "stored"
+            path = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sketchterrain-"))) / "raster"
             path.write_bytes(source.content)
         try:
             yield path
@@ -125,8 +102,8 @@ def read_picture(source: RasterSource, sketch: Sketch, *, side: int = CANVAS) ->
     east, north = frame["east"], frame["north"]
     with picture_file(source) as path:
         picture = WarpedPicture(path, source.band, frame["crs"], covers=(east, north, width, height))
-        low = np.maximum(np.subtract(picture.facts.box[:2], (east, north)), 0.0)
-        high = np.minimum(np.subtract(picture.facts.box[2:], (east, north)), (width, height))
+        low = np.maximum(np.subtract(picture.box[:2], (east, north)), 0.0)
+        high = np.minimum(np.subtract(picture.box[2:], (east, north)), (width, height))
         if (low >= high).any():
             raise InputError("expected a picture inside the sketch, it lies outside of it")
         (left, bottom), (right, top) = low.tolist(), high.tolist()

@@ -46,32 +46,14 @@ _STARTING, _IDLE = 30.0, 60.0  # s
 _OPEN_FILES = 4
 _MAX_VRT, _VRT_HEAD, _MOST_FILES = 1 << 24, 4096, 1 << 16  # bytes; files that it refers to
 _PER_SAMPLE = 8  # bytes of text that take as long
-_DRIVERS = {
-    ".tif": "GTiff",
-    ".tiff": "GTiff",
-    ".hgt": "SRTMHGT",
-    ".asc": "AAIGrid",
-    ".vrt": "VRT",
-    ".png": "PNG",
-    ".img": "HFA",
-    ".bil": "EHdr",
-    ".xyz": "XYZ",
-    ".jp2": "JP2OpenJPEG",
-    ".nc": "netCDF",
-    ".gtx": "GTX",
-    ".dt0": "DTED",
-    ".dt1": "DTED",
-    ".dt2": "DTED",
-    ".dem": "USGSDEM",
-}
+_FORMATS = "GTiff .tif .tiff, SRTMHGT .hgt, AAIGrid .asc, VRT .vrt, PNG .png, HFA .img, EHdr .bil, XYZ .xyz, "
+_FORMATS += "JP2OpenJPEG .jp2, netCDF .nc, GTX .gtx, DTED .dt0 .dt1 .dt2, USGSDEM .dem"
+_DRIVERS = {name: each.split()[0] for each in _FORMATS.split(", ") for name in each.split()[1:]}
+_PICTURES = sorted({*_DRIVERS.values(), "JPEG", "WEBP", "GIF", "BMP", "ENVI"} - {"netCDF", "XYZ"})
 PLAIN: Final = (".r16", ".raw")
 """Names of files of 16-bit samples without a header end so."""
 SUFFIXES: Final = (*_DRIVERS, ".npy", ".npz", *PLAIN, ".zip")
 """Names of files of elevation end so."""
-_PICTURES = [
-    *("GTiff", "PNG", "JPEG", "WEBP", "GIF", "BMP", "JP2OpenJPEG", "HFA", "VRT"),
-    *("AAIGrid", "EHdr", "ENVI", "SRTMHGT", "DTED", "USGSDEM"),
-]
 _SIDECARS = (".hdr", ".prj", ".tfw", ".wld", ".pgw", ".jgw")  # in place of the suffix
 _ENVIRONMENT = {
     # Sources of VRTs may be addresses, also in VRTs that they refer to.
@@ -114,7 +96,7 @@ def read_header(path: Path, band: int = 1) -> RasterHeader:
     A path may name a file in a zip archive, ``N42E001.hgt.zip/N42E001.hgt``, or an archive of one file.
     """
     text = path.stat().st_size if path.suffix.lower() in (".vrt", ".xyz") and path.is_file() else 0
-    facts, _ = _READER.ask(path, {"path": str(path.absolute()), "band": band}, text // _PER_SAMPLE)
+    facts, _ = _READER.ask(path, {"band": band}, text // _PER_SAMPLE)
     values: list[Any] = [tuple(each) if isinstance(each, list) else each for each in facts]
     return RasterHeader(path, *values)
 
@@ -129,8 +111,8 @@ def read_window(header: RasterHeader, window: Window) -> tuple[Any, BoolArray]:
     stored = 1  # samples of all blocks that are decoded
     for first, count, side in zip(window[:2], window[2:], header.block, strict=True):
         stored *= side * (-(-(first + count) // side) - first // side)
-    request = {"path": str(header.path.absolute()), "band": header.band, "stamp": header.stamp}
-    _, data = _READER.ask(header.path, {**request, "window": window}, stored, size * (dtype.itemsize + 1))
+    request = {"band": header.band, "stamp": header.stamp, "window": window}
+    _, data = _READER.ask(header.path, request, stored, size * (dtype.itemsize + 1))
     values = np.frombuffer(data, dtype, size).reshape(height, width)
     return values, np.frombuffer(data, np.uint8, size, size * dtype.itemsize).reshape(height, width) != 0
 
@@ -155,15 +137,7 @@ def file_stamps(path: Path) -> list[tuple[str, int, int]]:
     return sorted(found.values())
 
 
-def ask_picture(path: Path, request: dict[str, Any], samples: int, size: int = 0) -> tuple[Any, bytearray]:
-    """Return what `picture_warp.answer` does, of which `size` bytes are data, from another child process.
-
-    Raise InputError if the file cannot be read.
-    """
-    return _PICTURE_READER.ask(path, {"path": str(path.absolute()), **request}, samples, size)
-
-
-class _Reader:
+class RasterReader:
     """A child process, which answers one request at a time."""
 
     def __init__(self, kind: str) -> None:
@@ -173,7 +147,8 @@ class _Reader:
     def ask(self, path: Path, request: dict[str, Any], samples: int, size: int = 0) -> tuple[Any, bytearray]:
         """Return the answer to a request, and `size` bytes of data; raise InputError if there is none."""
         seconds = _SECONDS + samples / _RATE
-        line = json.dumps({**request, "seconds": seconds}).encode() + b"\n"
+        request = {"path": str(path.absolute()), **request, "seconds": seconds}
+        line = json.dumps(request).encode() + b"\n"
         with self._lock:
             for _ in range(2):  # an idle child may just have ended
                 starting = 0.0 if self._child else _STARTING
@@ -215,9 +190,10 @@ class _Reader:
         return child.returncode
 
 
-_READER, _PICTURE_READER = _Reader("elevation"), _Reader("a raster")
-atexit.register(_READER.close)
-atexit.register(_PICTURE_READER.close)
+_READER, PICTURES = RasterReader("elevation"), RasterReader("a raster")
+"""The latter answers what `picture_warp.answer` does."""
+for _each in (_READER, PICTURES):
+    atexit.register(_each.close)
 
 
 def _started() -> subprocess.Popen[bytes]:
@@ -285,7 +261,7 @@ def _read(request: dict[str, Any], files: dict[tuple[Any, ...], Any]) -> tuple[A
     from rasterio.windows import Window as RasterWindow
 
     path, band, task = Path(request["path"]), request["band"], request.get("picture")
-    target, drivers, stamp = _picture_target(path) if task else _target(path)
+    target, drivers, stamp = _target(path, is_picture=bool(task))
     if list(stamp) != request.get("stamp", list(stamp)):
         raise ValueError("it has changed while it was read")
     overview = request.get("overview")
@@ -342,28 +318,9 @@ def _header(file: Any, band: int) -> tuple[Any, ...]:
         crs, vertical = (crs_text(parse_crs(each)) for each in parts.groups())
     column, row = at @ (0.5, 0.5)  # GDAL's transform refers to corners, also of files in points
     place = None if at.is_identity else (at.a, at.b, column, at.d, at.e, row)
-    scale, offset, unit = file.scales[n], file.offsets[n], file.units[n] or ""
     stored = file.block_shapes[n], file.dtypes[n]
-    return (
-        band,
-        file.shape,
-        *stored,
-        place,
-        crs,
-        vertical,
-        file.nodatavals[n],
-        scale,
-        offset,
-        unit,
-        file.count,
-    )
-
-
-def _picture_target(path: Path) -> tuple[Path, list[str], tuple[int, int]]:
-    """Return a picture's file, the drivers that may read it, and its size and time."""
-    if not path.is_file():
-        raise ValueError("no such file")
-    return path, _PICTURES, _stamp(path)
+    meaning = file.nodatavals[n], file.scales[n], file.offsets[n], file.units[n] or ""
+    return band, file.shape, *stored, place, crs, vertical, *meaning, file.count
 
 
 def _check_virtual(path: Path, known: set[Path]) -> None:
@@ -375,7 +332,7 @@ def _check_virtual(path: Path, known: set[Path]) -> None:
         if b"<VRTDataset" not in content:
             return
         content += file.read(_MAX_VRT)
-    if len(content) > _MAX_VRT or any(each in content for each in (b"/vsi", b"://", b"&#")):
+    if len(content) > _MAX_VRT or re.search(rb"/vsi\w+/|://|&#", content):
         raise ValueError("expected a VRT of files, of at most 16 MB, without addresses")
     for other in {path.parent / name for name in _sources(content)} - known:
         known.add(other)
@@ -390,13 +347,13 @@ def _sources(content: bytes) -> list[str]:
     return [unescape(os.fsdecode(each)).strip() for each in names]
 
 
-def _target(path: Path) -> tuple[Path | str, list[str], tuple[int, int]]:
-    """Return what GDAL opens, by which driver, and the file's size and time.
+def _target(path: Path, *, is_picture: bool) -> tuple[Path | str, list[str], tuple[int, int]]:
+    """Return what GDAL opens, by which drivers, and the file's size and time.
 
     Names of files that don't exist, and VRTs, may be addresses to GDAL.
     """
     driver = _DRIVERS.get(path.suffix.lower(), "")
-    for archive in (path, *path.parents):
+    for archive in () if is_picture else (path, *path.parents):
         if archive.suffix.lower() == ".zip" and archive.is_file():
             inside = path.relative_to(archive).as_posix()
             with zipfile.ZipFile(archive) as file:
@@ -411,9 +368,9 @@ def _target(path: Path) -> tuple[Path | str, list[str], tuple[int, int]]:
             return f"/vsizip/{{{archive}}}/{inside}", [driver], _stamp(archive)
     if not path.is_file():
         raise ValueError("no such file")
-    if not driver:
+    if not (driver or is_picture):
         raise ValueError(f"expected a file {', '.join(SUFFIXES)}")
-    return path, [driver], _stamp(path)
+    return path, _PICTURES if is_picture else [driver], _stamp(path)
 
 
 def _stamp(path: Path) -> tuple[int, int]:

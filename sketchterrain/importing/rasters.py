@@ -25,10 +25,10 @@ def raster_area(source: RasterSource) -> RasterArea | None:
     Raise InputError if it cannot be read.
     """
     with picture_file(source) as path:
-        facts = WarpedPicture(path, source.band, None).facts
-    if not facts.crs:
+        picture = WarpedPicture(path, source.band, None)
+    if not picture.crs:
         return None
-    (west, south, east, north), crs = facts.box, parse_crs(facts.crs)
+    (west, south, east, north), crs = picture.box, parse_crs(picture.crs)
     target = metric_crs_at(crs, (0.5 * (west + east), 0.5 * (south + north)))
     west, south, east, north = transform_bounds(crs, target, west, south, east, north)
     frame = {"crs": crs_text(target), "east": west, "north": south}

@@ -188,7 +188,7 @@ READERS = {
 @pytest.mark.parametrize("reader", READERS)
 def test_addresses_are_not_opened(tmp_path: Path, reader: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("no_proxy", "127.0.0.1")
-    for each in (raster_reader._READER, raster_reader._PICTURE_READER):
+    for each in (raster_reader._READER, raster_reader.PICTURES):
         each.close()
     nested = tmp_path / "nested.tif"
     outer = tmp_path / "outer.vrt"

@@ -12,11 +12,9 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.document.rasters import raster_source
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
-from sketchterrain.elevation import raster_reader
 from sketchterrain.elevation.base import load_base
 from sketchterrain.importing.elevation import sketch_on_elevation
 from sketchterrain.ui.canvas.canvas import Canvas
-from sketchterrain.ui.elevation_files import SUFFIXES
 from sketchterrain.ui.models.elevation import SketchElevation, hillshade
 from sketchterrain.ui.panels.base import BasePanel
 
@@ -248,7 +246,3 @@ def test_the_hillshade_lies_beneath_the_paint_and_can_be_hidden(
 def test_a_saved_sketch_reopens_with_its_elevation(on_dem, tmp_path, dem):
     save_sketch(on_dem.sketch, tmp_path / "ridge.sketch")
     assert load_sketch(tmp_path / "ridge.sketch").rasters == (raster_source(dem, "elevation"),)
-
-
-def test_dialogs_offer_the_files_that_are_read():
-    assert raster_reader.SUFFIXES == SUFFIXES

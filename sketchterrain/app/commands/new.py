@@ -37,28 +37,15 @@ def new(
     lakes: Annotated[
         bool, typer.Option("--lakes", help="Add lakes where --dem is level, as vectors.")
     ] = False,
-    units: Annotated[
-        str | None, typer.Option(metavar="UNIT", help="Unit of the heights of --dem, as us-ft.")
-    ] = None,
-    signed: Annotated[
-        bool, typer.Option("--signed", help="Numbers of --dem without a sign are signed, as bathymetry.")
-    ] = False,
-    cell: Annotated[
-        float | None, typer.Option(metavar="M", min=0.01, help="Cell size of --dem without a place.")
-    ] = None,
+    units: Annotated[str | None, typer.Option(metavar="UNIT", help="Unit of --dem, as us-ft.")] = None,
+    signed: Annotated[bool, typer.Option("--signed", help="Numbers of --dem are signed.")] = False,
+    cell: Annotated[float | None, typer.Option(metavar="M", help="Cells of --dem without a place.")] = None,
     heights: Annotated[
         str | None,
-        typer.Option(
-            "--range", metavar="LOW,HIGH", help="Heights (m) of the least and greatest number of --dem."
-        ),
+        typer.Option("--range", metavar="LOW,HIGH", help="Heights (m) that all numbers of --dem span."),
     ] = None,
-    encoding: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Of --dem: mapbox, terrarium, big-endian or little-endian."),
-    ] = None,
-    columns: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Samples in a row of .raw that is no square.")
-    ] = None,
+    encoding: Annotated[str | None, typer.Option(help="Of --dem: mapbox, terrarium, big-endian.")] = None,
+    columns: Annotated[int | None, typer.Option(metavar="N", help="Columns of .raw, if not square.")] = None,
     crs: args.Crs = None,
     origin: args.Origin = None,
     vertical: args.VerticalDatum = None,

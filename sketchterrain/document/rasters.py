@@ -175,8 +175,13 @@ def raster_source(path: Path, role: str, *, embed: bool = False, **values: Any) 
 def embedded(source: RasterSource) -> RasterSource:
     """Return a source with a copy of its file to store in the sketch; raise InputError if it is too large."""
     path = Path(source.path)
+    beside = path.with_name(f"{path.name}.aux.xml")
     with wrap_read_errors(path), path.open("rb") as stream:
         content = stream.read(MAX_EMBEDDED_BYTES + 1)
+        if beside.is_file() and b"<NoDataValue" in beside.read_bytes():
+            raise InputError(
+                f"{one_line(beside)}: its no-data value cannot be stored, expected it in the raster"
+            )
     if len(content) > MAX_EMBEDDED_BYTES:
         raise too_large(one_line(path), MAX_EMBEDDED_BYTES)
     digest = sha256(content).hexdigest()

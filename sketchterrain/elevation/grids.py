@@ -296,7 +296,7 @@ def read_grid(
     if at is None and source.cell:
         at = (source.cell, 0.0, 0.5 * source.cell, 0.0, -source.cell, (rows - 0.5) * source.cell)
     if at is None:
-        raise InputError(f"{name}: has no georeference: expected --cell 2 (cell), the side of a cell in m")
+        raise InputError(f"{name}: has no georeference: expected the side of a cell in m, cell (--cell 2)")
     if not declared and max(map(abs, (at[0], at[1], at[3], at[4]))) < 0.05 and abs(at[2]) <= 360:
         raise InputError(f"{name}: its coordinates look like degrees: expected a CRS, such as EPSG:4326")
     _check_place(name, at)

@@ -59,7 +59,7 @@ class StoredValues:
         self._dtype = (source.signed and self._signed) or stored
         if unit is None and not source.range:
             raise InputError(
-                "numbers without a unit: expected --range 0,900 in m, also --cell 2 without a place"
+                "numbers without a unit: expected range (--range 0,900), and cell (--cell 2) if placeless"
             )
         unit = source.units or unit or "m"
         if (metres := unit_metres(unit)) is None:

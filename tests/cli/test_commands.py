@@ -112,6 +112,24 @@ def test_new_on_elevation(call, tmp_path):
     assert (sketch.size, sketch.frame["crs"]) == ((1500.0, 1500.0), "EPSG:25832")
     assert [each.role for each in sketch.rasters] == ["elevation", "picture"]
 
+    # Heightmaps of engines.
+    raw = np.linspace(0, 65535, 65 * 65).astype("<u2")
+    (isle := path.parent.parent / "raw" / "isle.r16").parent.mkdir()
+    isle.write_bytes(raw.tobytes())
+    done = call("new", tmp_path / "isle", "--dem", isle, "--cell", "2", "--range", "0,900")
+    assert "note: isle.r16: 65 × 65 samples of 16 bits, little-endian (guessed)" in done.out.splitlines()
+    (source,) = load_sketch(tmp_path / "isle").rasters
+    assert (source.cell, source.range, source.stored_values["cell"]) == (2.0, "0,900", 2.0)
+    assert "units" not in source.stored_values
+    for options, code, problem in (
+        (("--dem", isle), 3, "--range 0,900"),
+        (("--dem", path, "--units", "furlong"), 3, "'furlong'"),
+        (("--dem", path, "--range", "high"), 3, "two heights"),
+        (("--signed",), 2, "--signed without --dem"),
+    ):
+        done = call("new", tmp_path / "refused", *options)
+        assert (done.code, problem in done.error) == (code, True), done.err
+
     road = {"type": "LineString", "coordinates": [[601000, 5269000], [602000, 5269000]]}
     members = {"type": "Feature", "properties": {"highway": "primary"}, "geometry": road}
     crs = {"type": "name", "properties": {"name": "EPSG:25832"}}
@@ -292,7 +310,7 @@ def test_realism_of_a_sketch_and_of_rasters(call, sketch, tmp_path):
     assert "to karst 90 m" in lines[0]
     for arguments, code, message in (
         (("h.tif", "--kind", "moon"), 3, "no kind of land 'moon'"),
-        (("heights.npy",), 3, "expected --cell"),
+        (("heights.npy",), 3, "--cell 2"),
         (("none.tif",), 3, "cannot be read"),
         (("h.tif", "--map", "where.jpg"), 2, "expected the name of a .png file"),
         (("h.tif", "--seed", "1"), 2, "are for sketches"),

@@ -11,7 +11,7 @@ import rasterio.shutil
 from PIL import Image
 from rasterio.transform import Affine
 
-from sketchterrain.document.rasters import RASTER, RasterSource
+from sketchterrain.document.rasters import RASTER, RasterSource, raster_source
 from sketchterrain.elevation import raster_reader
 from sketchterrain.elevation.grids import SketchFrame, read_grid
 from sketchterrain.elevation.quirks import CleanedSamples, Findings
@@ -276,6 +276,8 @@ def test_no_data_in_a_sidecar(tmp_path: Path) -> None:
     assert np.allclose(grid.samples, HEIGHTS, atol=0.01)
     assert grid.findings[0] == "4 samples of no data (the file's mask or tag)"
     assert sorted((each.name, each.stat().st_mtime_ns) for each in tmp_path.iterdir()) == before
+    with pytest.raises(InputError, match=r"a\.tif\.aux\.xml: its no-data value"):
+        raster_source(path, "elevation", embed=True)
 
 
 def terrain_rgb(code: str) -> Any:

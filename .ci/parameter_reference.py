@@ -86,7 +86,7 @@ def _rasters() -> str:
         f"A georeferenced file, at most {MAX_RASTERS}. It is not copied unless it is embedded, in all at "
         f"most {MAX_EMBEDDED_BYTES >> 20} MiB. One that is missing or has changed is reported and kept "
         "([saving.md](saving.md)). Rasters of the role `elevation` are the ground beneath the paint "
-        "([elevation.md](elevation.md)); `accuracy`, `vertical` and `offset` are theirs."
+        "([elevation.md](elevation.md)); the keys from `accuracy` on are theirs."
     )
     return _section("`[[raster]]`", text, RASTER)
 

@@ -390,6 +390,7 @@ def _raster_file(path: Path, source: RasterSource) -> _File:
     rows, columns = header.shape
     is_picture = path.suffix.lower() == ".png"
     is_coded = header.dtype == "uint8" and header.bands >= 3 and (is_picture or source.encoding in CODES)
+    is_coded &= not source.range  # grey in three bands
     bands = [header._replace(band=band) for band in (1, 2, 3)] if is_coded else [header]
 
     def stored(first: int, last: int) -> tuple[Any, BoolArray]:

@@ -18,8 +18,7 @@ from sketchterrain.io.crs import crs_text, parse_crs
 
 _LOCAL: Final = CRS.from_wkt('LOCAL_CS["local",UNIT["metre",1]]')  # of rasters and sketches without a CRS
 _RGB = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
-_SAMPLE: Final = 512  # px along the longer side of what a range of values is taken from
-_SHARE: Final = (0.5, 99.5)  # percentiles of values that are black and white
+_SAMPLE, _SHARE = 512, (0.5, 99.5)  # px along the longer side; percentiles that are black and white
 
 
 def answer(file: DatasetReader, request: dict[str, Any]) -> tuple[Any, ...]:

@@ -45,7 +45,6 @@ _WAITING = 10.0  # s a request may wait for the disk or other processes, beyond 
 _STARTING, _IDLE = 30.0, 60.0  # s
 _OPEN_FILES = 4
 _MAX_VRT, _VRT_HEAD, _MOST_FILES = 1 << 24, 4096, 1 << 16  # bytes; files that it refers to
-_PER_SAMPLE = 8  # bytes of text that take as long
 _FORMATS = "GTiff .tif .tiff, SRTMHGT .hgt, AAIGrid .asc, VRT .vrt, PNG .png, HFA .img, EHdr .bil, XYZ .xyz, "
 _FORMATS += "JP2OpenJPEG .jp2, netCDF .nc, GTX .gtx, DTED .dt0 .dt1 .dt2, USGSDEM .dem"
 _DRIVERS = {name: each.split()[0] for each in _FORMATS.split(", ") for name in each.split()[1:]}
@@ -95,8 +94,8 @@ def read_header(path: Path, band: int = 1) -> RasterHeader:
 
     A path may name a file in a zip archive, ``N42E001.hgt.zip/N42E001.hgt``, or an archive of one file.
     """
-    text = path.stat().st_size if path.suffix.lower() in (".vrt", ".xyz") and path.is_file() else 0
-    facts, _ = _READER.ask(path, {"band": band}, text // _PER_SAMPLE)
+    is_text = path.suffix.lower() in (".vrt", ".xyz") and path.is_file()
+    facts, _ = _READER.ask(path, {"band": band}, path.stat().st_size // 8 if is_text else 0)
     values: list[Any] = [tuple(each) if isinstance(each, list) else each for each in facts]
     return RasterHeader(path, *values)
 
@@ -143,6 +142,7 @@ class RasterReader:
     def __init__(self, kind: str) -> None:
         self._kind, self._lock = kind, threading.Lock()
         self._child: subprocess.Popen[bytes] | None = None
+        atexit.register(self.close)
 
     def ask(self, path: Path, request: dict[str, Any], samples: int, size: int = 0) -> tuple[Any, bytearray]:
         """Return the answer to a request, and `size` bytes of data; raise InputError if there is none."""
@@ -192,8 +192,6 @@ class RasterReader:
 
 _READER, PICTURES = RasterReader("elevation"), RasterReader("a raster")
 """The latter answers what `picture_warp.answer` does."""
-for _each in (_READER, PICTURES):
-    atexit.register(_each.close)
 
 
 def _started() -> subprocess.Popen[bytes]:

@@ -26,7 +26,6 @@ _NAMES += "0.30479951 indft indianfoot indianfeet, 0.91439523 indyd indianyard, 
 _UNITS = {name: float(each.split()[0]) for each in _NAMES.split(", ") for name in each.split()[1:]}
 _SURVEY: Final = 1200.0 / 3937.0 / 0.3048  # of the lengths of the United States until 2022
 _INT16_VOIDS: Final = (-32768.0, -32767.0, 32767.0)
-_LEAST_SIGNED: Final = 4  # different values that are heights with a sign only
 
 
 def unit_metres(unit: str) -> float | None:
@@ -100,11 +99,11 @@ class StoredValues:
         return heights
 
     def sign_finding(self, raw: npt.NDArray[Any]) -> Findings:
-        """Report stored values of which many are heights only if they are signed."""
+        """Report stored values of which several different ones are heights only if they are signed."""
         if not self.may_be_signed or not raw.size:
             return ()
         heights, signed = self._metres(raw), self._metres(raw.view(self._signed))
         odd = (np.abs(heights) > MAX_HEIGHT) & (np.abs(signed) <= MAX_HEIGHT)
         share = f"{100.0 * np.mean(odd):.2g} % of its numbers"
         told = f"{share} are heights only as signed ones: signed (--signed) reads them so"
-        return (told,) if len(np.unique(raw[odd])) >= _LEAST_SIGNED else ()
+        return (told,) if len(np.unique(raw[odd])) > 3 else ()

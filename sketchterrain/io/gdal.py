@@ -10,7 +10,5 @@ OFFLINE: Final = {
 }
 """Options for `rasterio.Env` and `pyogrio.set_gdal_config_options`, and variables for child processes."""
 
-ONLINE_DRIVERS: Final = (
-    "HTTP WMS WMTS WCS EEDA EEDAI PLMOSAIC STACIT STACTA DAAS ESRIC GTI MBTiles MVT OSM PDF"
-)
+ONLINE_DRIVERS = "HTTP WMS WMTS WCS EEDA EEDAI PLMOSAIC STACIT STACTA DAAS ESRIC GTI MBTiles MVT OSM PDF"
 """Drivers that open addresses; ``GDAL_SKIP`` leaves them out if it is set before GDAL is loaded."""

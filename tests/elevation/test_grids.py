@@ -321,6 +321,10 @@ def test_heightmaps_of_engines(tmp_path: Path, name: str) -> None:
     for key, message in (("range", "--range 0,900"), ("cell", "--cell 2")):
         with pytest.raises(InputError, match=message):
             read_grid(tmp_path / name, source=RasterSource("a", **{**stated, key: RASTER[key].default}))
+    if name == "a.png":  # 8 bits, saved in colour
+        Image.fromarray((share * 255).round().astype(np.uint8)).convert("RGB").save(tmp_path / name)
+        found = read_grid(tmp_path / name, source=RasterSource("a", **stated)).samples
+        assert np.abs(found - 900.0 * share).max() < 1.8
     if name == "wide.raw":
         with pytest.raises(InputError, match="expected a square"):
             read_grid(tmp_path / name, source=RasterSource("a", **{**stated, "columns": 0}))

@@ -36,8 +36,7 @@ NODE_REACH: Final = 3
 _AUTOMATIC, _MOST = 0.04, 0.4  # margin over the shorter side of the data; at most the weight reaches 1 inside
 _MOST_NODES = 1 << 20  # of the fade, which has eight along the margin
 _MOST_HELD, _AT_ONCE = 1 << 28, 1 << 14  # samples of a grid; patches, of 5 kB
-# By the first bytes.
-_SUFFIXES: Final = {b"II": ".tif", b"MM": ".tif", b"\x93N": ".npy", b"\x89P": ".png"}
+_SUFFIXES = {b"II": ".tif", b"MM": ".tif", b"\x93N": ".npy", b"\x89P": ".png"}  # by the first bytes
 
 
 class BaseGrid(NamedTuple):
@@ -235,8 +234,8 @@ def _file_of(source: RasterSource) -> Iterator[Path]:
         yield Path(source.path)
         return
     head = source.content[:200].lstrip().lower()
-    plain = ".r16" if source.range else ".hgt"
-    suffix = _SUFFIXES.get(source.content[:2], ".asc" if head.startswith(b"ncols") else plain)
+    other = ".asc" if head.startswith(b"ncols") else ".r16" if source.range else ".hgt"
+    suffix = _SUFFIXES.get(source.content[:2], other)
     if head.startswith(b"pk"):
         suffix = ".npz" if b".npy" in head else ".zip"
     with tempfile.TemporaryDirectory(prefix="sketchterrain-") as folder:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Any, Final
 
@@ -58,20 +59,20 @@ class StoredValues:
         self._dtype = (source.signed and self._signed) or stored
         if unit is None and not source.range:
             raise InputError(
-                "numbers without a unit: expected range (--range 0,900), and cell (--cell 2) if placeless"
+                "no heights in m: expected range (--range 0,900), and a place or cell (--cell 2)"
             )
         unit = source.units or unit or "m"
         if (metres := unit_metres(unit)) is None:
+            raise InputError(f"heights in {format_value(unit)}: expected a unit of length, units (--units)")
+        if not (scale and math.isfinite(scale) and math.isfinite(offset)):
             raise InputError(
-                f"heights in {format_value(unit)}: expected a unit as m, ft: units (--units) states it"
+                f"heights with scale {scale} and offset {offset}: expected finite ones, no scale of 0"
             )
         self.findings: Findings = ()
         if metres != 1.0:
             self.findings = (f"heights in {one_line(unit)[:40]}, converted by {metres:.8g}",)
         kind, is_wide = self._dtype.kind, self._dtype.itemsize > 1
-        least, most = (
-            (0, 1) if kind == "f" else map(int, (np.iinfo(self._dtype).min, np.iinfo(self._dtype).max))
-        )
+        least, most = (0, 1) if kind == "f" else (np.iinfo(self._dtype).min, np.iinfo(self._dtype).max)
         if source.range:
             low, high = map(float, source.range.split(","))
             scale = (high - low) / (most - least)
@@ -85,15 +86,15 @@ class StoredValues:
         self.sentinels = tuple(each for each in found if abs(each) <= MAX_HEIGHT)
 
     def _metres(self, raw: Any) -> Any:
-        return np.float32(np.asarray(raw, np.float64) * self._scale + self._offset)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.float32(np.asarray(raw, np.float64) * self._scale + self._offset)
 
     def heights(self, raw: npt.NDArray[Any]) -> Float32Array:
         """Return a copy of stored values in metres."""
         raw = raw.view(self._dtype)  # signed if that is stated
-        with np.errstate(over="ignore", invalid="ignore"):
-            if (self._scale, self._offset) == (1.0, 0.0):
-                return raw.astype(np.float32)
-            heights: Float32Array = self._metres(raw)
+        if (self._scale, self._offset) == (1.0, 0.0):
+            return raw.astype(np.float32)
+        heights: Float32Array = self._metres(raw)
         void = np.isin(raw, self._voids)
         heights[void] = raw[void]
         return heights

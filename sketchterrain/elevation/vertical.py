@@ -118,9 +118,7 @@ def _above_ellipsoid(datum: str, longitude: Float64Array, latitude: Float64Array
         return np.zeros(longitude.shape) if datum in _ELLIPSOIDS else unknown
     header = read_header(path)
     east, _, west, _, south, north = header.place or (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
-    border = west - 0.5 * east
-    longitude = (longitude - border) % 360.0 + border
-    column, row = (longitude - west) / east, (latitude - north) / south
+    column, row = ((longitude - west + 0.5 * east) % 360.0) / east - 0.5, (latitude - north) / south
     rows, columns = header.shape
     inside = (column > -1) & (column < columns) & (row > -1) & (row < rows)
     if not inside.any():

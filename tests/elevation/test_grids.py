@@ -244,6 +244,11 @@ def test_units_that_are_none_are_named(tmp_path: Path) -> None:
             file.units = (unit,)
         with pytest.raises(InputError, match=rf"a\.tif: heights in .{unit}.: expected .* \(--units\)"):
             read_grid(path, FRAME)
+    for scale in (0.0, np.nan, np.inf):
+        with rasterio.open(scaled := write(tmp_path / "b.tif"), "r+") as file:
+            file.scales = (scale,)
+        with pytest.raises(InputError, match="scale"):
+            read_grid(scaled, FRAME)
     assert np.array_equal(read_grid(path, FRAME, RasterSource("a", units="m")).samples, HEIGHTS)
 
 

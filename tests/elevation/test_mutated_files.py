@@ -7,12 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
+import rasterio.shutil
+from PIL import Image
 from rasterio.transform import Affine
 
+from sketchterrain.document.rasters import RasterSource
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import SketchFrame, read_grid
+from sketchterrain.elevation.pictures import read_picture
 from sketchterrain.errors import InputError
 
+STATED = RasterSource("file", cell=30.0, range="0,1300")
+SOURCES = {"code.png": RasterSource("file", cell=30.0), "grey.png": STATED, "square.r16": STATED}
+SKETCH = Sketch(extent=1000.0, frame={"crs": "EPSG:32632", "east": 5e5, "north": 5.2e6, "vertical": ""})
 FRAME = SketchFrame("EPSG:32632", 500_000.0, 5_200_000.0)
 HEIGHTS = (300.0 + np.add.outer(3.0 * np.arange(20), 7.0 * np.arange(25))).astype(np.float32)
 NUMBERS = (b"0", b"-1", b"1e400", b"nan", b"99999999", b"4294967297", b"-2147483649", b"0.0001", b"", b"x")
@@ -53,6 +61,19 @@ def originals(folder: Path) -> dict[str, bytes]:
     spans = {"xmin": 500_100.0, "xmax": 500_850.0, "ymin": 5_200_400.0, "ymax": 5_201_000.0}
     np.savez_compressed(folder / "packed.npz", z=HEIGHTS, crs="EPSG:32632", **spans)
     np.savez(folder / "stored.npz", z=HEIGHTS.astype(np.int16), crs="EPSG:32632", **spans)
+    for name, driver in (("a.img", "HFA"), ("a.bil", "EHdr"), ("a.xyz", "XYZ"), ("a.jp2", "JP2OpenJPEG")):
+        with rasterio.open(
+            folder / "whole.tif", "w", driver="GTiff", dtype="int16", transform=place, **profile
+        ) as file:
+            file.write(HEIGHTS.astype(np.int16), 1)
+        rasterio.shutil.copy(folder / "whole.tif", folder / name, driver=driver)
+    rasterio.shutil.copy(folder / "plain.tif", folder / "a.nc", driver="netCDF")
+    codes = ((HEIGHTS + 10000.0) * 10.0).astype(np.uint32)
+    Image.fromarray(np.stack([codes >> 16, codes >> 8 & 255, codes & 255], -1).astype(np.uint8)).save(
+        folder / "code.png"
+    )
+    Image.fromarray((HEIGHTS * 50.0).astype(np.uint16)).save(folder / "grey.png")
+    (folder / "square.r16").write_bytes((HEIGHTS[:20, :20] * 50.0).astype("<u2").tobytes())
     # 16-bit heights of 1201 × 1201 samples, which compress well.
     tile = np.tile(HEIGHTS.astype(">i2"), (61, 49))[:1201, :1201]
     with zipfile.ZipFile(folder / "N46E009.hgt.zip", "w", zipfile.ZIP_DEFLATED) as archive:
@@ -103,22 +124,30 @@ def mutated(content: bytes, rng: np.random.Generator) -> bytes:
 def test_mutated_files_are_grids_or_one_line(tmp_path: Path, first: int, count: int) -> None:
     files = originals(tmp_path)
     large = [name for name in files if "hgt" in name]  # a tenth of the cases
+    beside = {name: files.pop(name) for name in list(files) if name.endswith((".hdr", ".prj", ".xml"))}
     names = 6 * [name for name in files if name not in large] + large
     for name in files:
-        build_patches(read_grid(tmp_path / name, FRAME))
+        build_patches(read_grid(tmp_path / name, FRAME, SOURCES.get(name)))
     folder = tmp_path / "mutated"
     folder.mkdir()
-    (folder / "tiled.tif").write_bytes(files["tiled.tif"])  # the mosaic's
+    for name, content in {**beside, "tiled.tif": files["tiled.tif"]}.items():  # the mosaic's
+        (folder / name).write_bytes(content)
     grids, lines = 0, []
     for seed in range(first, first + count):
         name = names[seed % len(names)]
         path = folder / (f"a{name}" if name == "tiled.tif" else name)
         path.write_bytes(mutated(files[name], np.random.default_rng(seed)))
         try:
-            grid = read_grid(path, FRAME)
+            grid = read_grid(path, FRAME, SOURCES.get(name))
             if grid.samples.size < 100_000:
                 build_patches(grid)
             grids += 1
+        except InputError as error:
+            lines.append(str(error))
+        except Exception as error:
+            raise AssertionError(f"case {seed}, {name}") from error
+        try:
+            read_picture(RasterSource(str(path)), SKETCH, side=32)
         except InputError as error:
             lines.append(str(error))
         except Exception as error:

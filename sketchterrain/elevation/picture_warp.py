@@ -30,6 +30,8 @@ def answer(file: DatasetReader, request: dict[str, Any]) -> tuple[Any, ...]:
         if _has_place(file):
             with _warped(file, request) as warped:
                 box, step = tuple(warped.bounds), min(warped.res)
+        if not np.isfinite([*box, step]).all():
+            raise ValueError("expected a place of finite numbers")
         facts = crs_text(file.crs), box, step, _is_indexed(file, band), file.overviews(band)
         return ((*file.shape, file.count, file.dtypes[band - 1], *facts),)
     if task in ("range", "overviews"):

@@ -124,6 +124,7 @@ class CleanedSamples:
                 strange += _count(far[mine])
                 odd = np.unique(np.append(odd, values[mine][far[mine]]))[:4]
             known = known & ~far
+            values[~known] = np.nan  # which is quiet
             for n, sentinel in enumerate(self._candidates):
                 hit = known & (values == sentinel)
                 close = known & ~hit & (np.abs(values - sentinel) < _SENTINEL_GAP)

@@ -68,9 +68,8 @@ class StoredValues:
             raise InputError(
                 f"heights with scale {scale} and offset {offset}: expected finite ones, no scale of 0"
             )
-        self.findings: Findings = ()
-        if metres != 1.0:
-            self.findings = (f"heights in {one_line(unit)[:40]}, converted by {metres:.8g}",)
+        told = f"heights in {one_line(unit)[:40]}, converted by {metres:.8g}"
+        self.findings: Findings = (told,) if metres != 1.0 else ()
         kind, is_wide = self._dtype.kind, self._dtype.itemsize > 1
         least, most = (0, 1) if kind == "f" else (np.iinfo(self._dtype).min, np.iinfo(self._dtype).max)
         if source.range:

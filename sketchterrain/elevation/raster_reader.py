@@ -214,7 +214,7 @@ def _answer(child: subprocess.Popen[bytes], line: bytes, size: int) -> tuple[Any
 
 def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
     """Answer requests until there are none for a while (child process)."""
-    import sketchterrain.io.crs  # noqa: F401 # GDAL, before time is limited
+    import sketchterrain.elevation.picture_warp  # noqa: F401 # GDAL, before time is limited
 
     files: dict[tuple[Any, ...], Any] = {}
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent's

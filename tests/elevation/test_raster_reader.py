@@ -204,15 +204,16 @@ def test_addresses_are_not_opened(tmp_path: Path, reader: str, monkeypatch: pyte
             server.accept()  # nobody has connected
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="POSIX")
 @pytest.mark.parametrize("reader", ["picture", "drape"])
-def test_a_picture_that_crashes_gdal_is_one_line(
+def test_a_picture_that_ends_its_reader_is_one_line(
     tmp_path: Path, reader: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(raster_reader, "_WAITING", -0.5)
     write(tmp_path / "a.tif", crs=None, transform=Affine(30.0, 0.0, 5.0, 0.0, -30.0, 9.0))
     READERS["picture"](tmp_path / "a.tif")
     os.mkfifo(tmp_path / "pipe.tif")
-    with pytest.raises(InputError, match="its reader took too long") as raised:
+    with monkeypatch.context() as patch, pytest.raises(InputError, match="took too long") as raised:
+        patch.setattr(raster_reader, "_WAITING", -0.5)
         READERS[reader](vrt(tmp_path / "a.vrt", "pipe.tif"))  # opening it waits for a writer
     assert "\n" not in str(raised.value)
     assert READERS["picture"](tmp_path / "a.tif").pixels.shape[2] == 4

@@ -318,7 +318,7 @@ def test_heightmaps_of_engines(tmp_path: Path, name: str) -> None:
         Image.fromarray(raw.astype(np.uint16)).save(tmp_path / name)
     else:
         (tmp_path / name).write_bytes(raw.tobytes())
-    stated = {"cell": 2.0, "range": "0,900", "columns": 33 if name == "wide.raw" else 0}
+    stated: dict[str, Any] = {"cell": 2.0, "range": "0,900", "columns": 33 if name == "wide.raw" else 0}
     grid = read_grid(tmp_path / name, source=RasterSource("a", **stated))
     assert np.abs(grid.samples - 900.0 * share).max() < 0.01
     assert grid.place == (2.0, 0.0, 1.0, 0.0, -2.0, 2.0 * len(raw) - 1.0)

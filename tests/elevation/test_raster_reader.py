@@ -176,7 +176,7 @@ def drape_error(path: Path) -> None:
 
 
 SKETCH = Sketch(extent=1000.0, frame={"crs": "", "east": 0.0, "north": -300.0, "vertical": ""})
-READERS = {
+READERS: dict[str, Any] = {
     "elevation": read_grid,
     "picture": lambda path: read_picture(RasterSource(str(path)), SKETCH),
     "stored": lambda path: read_picture(embedded(RasterSource(str(path))), SKETCH),

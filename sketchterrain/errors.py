@@ -1,6 +1,6 @@
 """Errors with their exit codes, and the formatting of values in messages."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
 _MAX_LENGTH = 60  # characters of a value in a message
@@ -48,6 +48,12 @@ def format_value(value: object) -> str:
     except ValueError:  # Python refuses to print integers of more than 4300 digits
         text = "a number of thousands of digits"
     return text if len(text) <= _MAX_LENGTH else text[: _MAX_LENGTH - 1] + "…"
+
+
+def first_few(texts: Sequence[str], most: int, separator: str = ", ") -> str:
+    """Return the first of several texts, and how many more there are."""
+    more = f" and {len(texts) - most} more" if len(texts) > most else ""
+    return separator.join(texts[:most]) + more
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

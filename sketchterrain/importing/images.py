@@ -17,7 +17,7 @@ from PIL.ImageFile import ImageFile
 from sketchterrain.document.label_layers import LabelImage
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.document.vector_formats import vector_driver
-from sketchterrain.errors import InputError, format_value, one_line
+from sketchterrain.errors import InputError, first_few, format_value, one_line
 from sketchterrain.importing.image_colours import (
     CLEAR,
     UNKNOWN,
@@ -278,9 +278,10 @@ def _colour_notes(pairs: Sequence[tuple[DetectedColour, Meaning | None]]) -> lis
         f"{colour.code} is {meaning} ({colour.share:.1%})" for colour, meaning in pairs if meaning is not None
     ]
     unknown = [f"{colour.code} ({colour.share:.1%})" for colour, meaning in pairs if meaning is None]
-    notes = [_shortened(known)] if known else []
+    notes = [first_few(known, _MAX_NAMES)] if known else []
     if unknown:
-        notes.append(f"not in the legend, left empty: {_shortened(unknown)}; --colour LAYER=#rrggbb adds one")
+        names = first_few(unknown, _MAX_NAMES)
+        notes.append(f"not in the legend, left empty: {names}; --colour LAYER=#rrggbb adds one")
     return notes
 
 
@@ -289,8 +290,3 @@ def _water_notes(layers: Mapping[str, LabelImage], waters: Iterable[tuple[str, s
     if not any(narrow_water(each, _NARROW).any() for each in candidates):
         return []
     return [f"some lakes are narrow and long: --rivers-up-to {_NARROW} makes rivers of them"]
-
-
-def _shortened(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
-    return ", ".join(names[:_MAX_NAMES]) + more

@@ -261,7 +261,7 @@ _ALIASES = {
 }
 
 RELEVANT_TAGS: Final = frozenset(
-    {"layer", "name", "tags", "other_tags", "radius", *_KEYS, *_NO_WAYS}
+    {"layer", "name", "tags", "other_tags", "radius", "osm_id", "osm_way_id", *_KEYS, *_NO_WAYS}
     | {"bridge", "tunnel", "oneway", "junction", "tracks", "building:levels"}
     | {name for layer in LAYERS for name in vector_parameters(layer)}
     | {name for names in _ALIASES.values() for name in names}

@@ -4,7 +4,8 @@ import math
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import compress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -30,6 +31,7 @@ from sketchterrain.document.vector_formats import (
 )
 from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.importing.legend import BUILT_KEYS, OSM_KEYS, RELEVANT_TAGS
+from sketchterrain.importing.osm_relations import incomplete_areas
 from sketchterrain.io.crs import is_westward, parse_crs
 from sketchterrain.io.files import wrap_read_errors
 
@@ -132,7 +134,7 @@ _NAMED_CRS = re.compile(
 )
 # Of OpenStreetMap; relations of rivers in others consist of ways that are in `lines` too.
 _OSM_LAYERS = ("points", "lines", "multipolygons")
-_POINT, _LINE, _POLYGON = 0, 1, 3  # shapely's type ids
+_POINT, _LINE, _POLYGON, _AREA = 0, 1, 3, 2  # shapely's type ids, and a dimension
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +147,7 @@ class SourceLayer:
     properties: list[dict[str, Any]]  # of each shape
     skipped: Counter[str]  # features by reason
     repaired: int  # areas that crossed themselves
+    notes: tuple[str, ...] = ()
 
 
 def read_vector_layers(
@@ -179,8 +182,10 @@ def read_vector_layers(
             tagged = driver == "OSM" and not untagged
             inside = degrees if driver == "OSM" else None
             layers.append(_read_layer(dataset, driver, name, where, remaining, tagged=tagged, inside=inside))
+            if driver == "OSM" and name == "multipolygons":
+                layers[-1] = _with_incomplete(layers[-1], Path(dataset), tagged=tagged, inside=inside)
             remaining -= int(shapely.get_num_coordinates(layers[-1].shapes).sum())
-    layers = [layer for layer in layers if len(layer.shapes) or any(layer.skipped.values())]
+    layers = [layer for layer in layers if len(layer.shapes) or any(layer.skipped.values()) or layer.notes]
     if not layers:
         raise InputError(f"{location}: expected points, lines or areas, found none")
     return layers
@@ -238,6 +243,26 @@ def _read_layer(
     keys = [str(field) for field in meta["fields"]]
     properties = [{key: column[index] for key, column in zip(keys, values, strict=True)} for index in of]
     return SourceLayer(name, layer_crs(meta["crs"], where), shapes, properties, skipped, repaired)
+
+
+def _with_incomplete(
+    layer: SourceLayer, path: Path, *, tagged: bool, inside: tuple[float, float, float, float] | None
+) -> SourceLayer:
+    """Return OpenStreetMap's areas with what closes of incomplete ones, of which GDAL makes others."""
+    found = incomplete_areas(path, OSM_KEYS if tagged else ())
+    near = np.array(
+        [inside is None or shape.intersects(shapely.box(*inside)) for shape in found.shapes], bool
+    )
+    ids = set(map(str, found.ids))
+    whole = np.array([each.get("osm_id") not in ids for each in layer.properties], bool)
+    parts, of = single_parts(valid_areas(found.shapes[near]), np.flatnonzero(near))
+    filled = shapely.get_dimensions(parts) == _AREA
+    return replace(
+        layer,
+        shapes=np.concatenate([layer.shapes[whole], parts[filled]]),
+        properties=[*compress(layer.properties, whole), *(found.tags[each] for each in of[filled])],
+        notes=tuple(found.notes),
+    )
 
 
 def _with_tags(layer: str, columns: Sequence[str]) -> str:

@@ -214,6 +214,7 @@ def _content(features: _Features, area: SketchArea, width: float | None, skipped
 def _reading_notes(layers: Sequence[SourceLayer], skipped: Counter[str]) -> list[str]:
     repaired = sum(each.repaired for each in layers)
     notes = [f"areas that cross themselves ({repaired}): repaired"] if repaired else []
+    notes += [note for each in layers for note in each.notes]
     return notes + ([f"skipped: {_skipped(skipped)}"] if +skipped else [])
 
 

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from sketchterrain.document.label_layers import to_oklab
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
+from sketchterrain.document.layers import LANE_WIDTHS, LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.parameters import Value
 from sketchterrain.document.toml_format import load_toml
@@ -192,8 +192,8 @@ class FeatureLabel:
     layer: str
     properties: Properties
     guessed: frozenset[str]  # names of properties that follow from the kind of feature
-    clipped: int  # values out of range
-    unread: int  # invalid values
+    clipped: tuple[str, ...]  # values out of range, each with its feature
+    unread: tuple[str, ...]  # invalid values
     label: int = 1  # of layers of vectors alone: 1, or that of its tag, whose guessed properties it has
 
 
@@ -268,8 +268,15 @@ RELEVANT_TAGS: Final = frozenset(
 )  # lower-case names of properties that are read
 
 _HSTORE = re.compile(r'"((?:[^"\\]|\\.)*)"=>"((?:[^"\\]|\\.)*)"')
-_NUMBER = re.compile(r"\s*([+-]?\d+(?:\.\d+)?)\s*(?:m|metres?|meters?|(ft|feet|'))?\s*", re.I)
-_FOOT = 0.3048  # m
+# OpenStreetMap's numbers (wiki: Map features/Units), with a comma too unless it may separate thousands.
+_NUMBER = re.compile(
+    r"\s*~?\s*([+-]?\d+(?:\.\d+|,\d\d?)?)\s*(?:(m|metres?|meters?|km|cm|mm|mi|nmi|in|inch(?:es)?|\")"
+    r"|(ft|feet|foot|')(?:\s*(\d+(?:\.\d+)?)\s*(?:in|inch(?:es)?|\"))?)?\s*",
+    re.I,
+)
+_UNITS = {"km": 1000.0, "cm": 0.01, "mm": 0.001, "mi": 1609.344, "nm": 1852.0, "in": 0.0254, '"': 0.0254}  # m
+_FOOT, _INCH = 0.3048, 0.0254  # m
+_OSM_TYPES = {"points": "node", "lines": "way", "multipolygons": "relation"}  # by GDAL's layer
 
 
 def relevant_tags(properties: Mapping[str, Any]) -> dict[str, Any]:
@@ -308,14 +315,14 @@ def feature_label(tags: Mapping[str, Any], source: str, layer: str | None) -> Fe
     name = name or _layer_name(source) or _SOURCES.get(source.lower()) or layer
     rule = rule or (None if name is None else _Rule(name, {}))
     if rule is None or LAYERS[rule.layer].is_painted:
-        return None if rule is None else _feature_label(rule, tags)
+        return None if rule is None else _feature_label(rule, tags, source)
     if any(_NOT_BUILT.fullmatch(str(tags.get(key)).lower()) for key in BUILT_KEYS):
         return None
     if LAYERS[rule.layer].kind == "way":
         if any(tags.get(key) == value for key, value in _NO_WAYS.items()):
             return None
-        return _feature_label(rule, _of_way(rule, tags))
-    return _feature_label(rule, _of_building(tags) if LAYERS[rule.layer].kind == "pad" else tags)
+        return _feature_label(rule, _of_way(rule, tags), source)
+    return _feature_label(rule, _of_building(tags) if LAYERS[rule.layer].kind == "pad" else tags, source)
 
 
 def _of_way(rule: _Rule, tags: Mapping[str, Any]) -> dict[str, Any]:
@@ -325,10 +332,10 @@ def _of_way(rule: _Rule, tags: Mapping[str, Any]) -> dict[str, Any]:
         for key in ("bridge", "tunnel"):
             if str(tags.get(key, "no")).lower() not in _NO:
                 found["structure"] = key
-    if parse_number(tags.get("layer")) is not None:
-        found["level"] = tags["layer"]
-    elif any(key in tags for key in BUILT_KEYS):
+    if any(key in tags for key in BUILT_KEYS):
         found.pop("level", None)  # floors of a building
+    if "layer" in tags and _layer_name(tags["layer"]) is None:
+        found["level"] = tags["layer"]
     if isinstance(tags.get("surface"), str):
         surface = re.split("[;:]", tags["surface"])[0].strip().lower()
         found["surface"] = _MATERIALS.get(surface, surface)
@@ -338,6 +345,9 @@ def _of_way(rule: _Rule, tags: Mapping[str, Any]) -> dict[str, Any]:
     by_lanes = bool(rule.properties) and not rule.properties.keys() & {"lanes", "width"}
     if is_one_way and by_lanes and tags.get("junction") != "roundabout":
         found.setdefault("lanes", 1)
+    lanes = parse_number(found.get("lanes"))
+    if lanes and lanes > 0.0 and lanes % 1.0:  # 1.5: cars pass each other slowly
+        found = {"width": lanes * LANE_WIDTHS[rule.layer], **found, "lanes": max(math.floor(lanes), 1)}
     if "lanes" in found and "width" in rule.properties and not found.keys() & set(_ALIASES["width"]):
         found["width"] = 0.0  # by lanes
     return found
@@ -349,19 +359,25 @@ def _of_building(tags: Mapping[str, Any]) -> dict[str, Any]:
     if parse_number(tags.get("building")) is None:
         found.pop("building", None)
         height, levels = (parse_number(tags.get(key)) for key in ("height", "building:levels"))
-        if height or levels:
-            found["building"] = height or _LEVEL * (levels or 0.0)
+        if "height" in tags or "building:levels" in tags:
+            known = height or _LEVEL * (levels or 0.0)
+            found["building"] = known or tags.get("height", tags.get("building:levels"))
     return found
 
 
 def parse_number(value: object) -> float | None:
-    """Return a number, also from a text such as ``12.5 m`` or ``8 ft``, or None."""
+    """Return a number, also from a text such as ``12.5 m``, ``~20`` or ``12'6"``, in metres, or None."""
     if isinstance(value, bool):
         return None
     if isinstance(value, int | float):
         return float(value) if abs(value) < 1e300 and math.isfinite(value) else None
     match = _NUMBER.fullmatch(value) if isinstance(value, str) and len(value) < 40 else None
-    return float(match[1]) * (_FOOT if match[2] else 1.0) if match else None
+    if match is None:
+        return None
+    number = float(match[1].replace(",", "."))
+    if match[3]:
+        return number * _FOOT + math.copysign(float(match[4] or 0.0), number) * _INCH
+    return number * _UNITS.get((match[2] or "m").lower()[:2], 1.0)
 
 
 def _layer_name(text: object) -> str | None:
@@ -380,27 +396,36 @@ def _rule_of_tags(tags: Mapping[str, Any]) -> _Rule | None:
     return None
 
 
-def _feature_label(rule: _Rule, tags: Mapping[str, Any]) -> FeatureLabel:
+def _tag_text(value: object, tags: Mapping[str, Any], source: str) -> str:
+    """Return a feature's name and the tag of a value."""
+    title = format_value(tags["name"]) if "name" in tags else "feature"
+    for key, kind in (("osm_id", _OSM_TYPES.get(source, "feature")), ("osm_way_id", "way")):
+        title = f"{kind} {one_line(tags[key])}" if key in tags else title
+    return f"{title} {next(tag for tag, each in tags.items() if each is value)}={format_value(value)}"
+
+
+def _feature_label(rule: _Rule, tags: Mapping[str, Any], source: str) -> FeatureLabel:
     layer, defaults, properties = rule.layer, rule.properties, Properties()
-    clipped = unread = 0
+    clipped, unread = list[str](), list[str]()
     for name, parameter in vector_parameters(layer).items():
         value = next((tags[tag] for tag in _ALIASES.get(name, (name,)) if tag in tags), None)
         if value is None:
             continue
         number = parse_number(value)
+        is_number = parameter.kind is float or (parameter.kind is int and (number or 0.0) % 1.0 == 0.0)
         if parameter.kind is str and isinstance(value, str) and value in parameter.choices:
             properties[name] = value
-        elif parameter.kind is not str and number is not None:
+        elif is_number and number is not None:
             inside = min(max(number, parameter.low), parameter.high)
-            clipped += inside != number
+            clipped += [_tag_text(value, tags, source)] if inside != number else []
             # 0.8999999762 of a float32 is 0.9.
             properties[name] = round(inside) if parameter.kind is int else float(f"{inside:.6g}")
         else:
-            unread += 1
+            unread.append(_tag_text(value, tags, source))
     if layer in VECTOR_LAYERS and isinstance(tags.get("name"), str):
         properties["name"] = tags["name"]
     guessed = frozenset(defaults.keys() - properties.keys())
-    return FeatureLabel(layer, defaults | properties, guessed, clipped, unread, rule.label)
+    return FeatureLabel(layer, defaults | properties, guessed, tuple(clipped), tuple(unread), rule.label)
 
 
 def cluster_properties(

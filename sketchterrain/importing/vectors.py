@@ -31,7 +31,7 @@ from sketchterrain.document.vectors import (
     VectorLayer,
     property_columns,
 )
-from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
+from sketchterrain.errors import InputError, did_you_mean, first_few, format_value, one_line
 from sketchterrain.importing.legend import (
     FeatureLabel,
     cluster_properties,
@@ -539,10 +539,10 @@ def _guess_notes(drawn: _Features, painted: _Features, area: SketchArea, width: 
             f"lines and points without a size ({guessed}): "
             f"{_DEFAULT_WIDTH * area.extent:.4g} m wide{'' if width is None else f', lines {width:g} m'}"
         )
-    labels = [*drawn.labels, *painted.labels]
-    clipped, unread = (sum(getattr(label, key) for label in labels) for key in ("clipped", "unread"))
-    notes += [f"{clipped} numbers out of range were clipped"] if clipped else []
-    notes += [f"{unread} invalid properties were replaced by defaults"] if unread else []
+    labels = {id(label): label for label in (*drawn.labels, *painted.labels)}.values()
+    for what, key in (("clipped numbers out of range", "clipped"), ("invalid properties left out", "unread")):
+        found = [text for label in labels for text in getattr(label, key)]
+        notes += [f"{what} ({len(found)}): {first_few(found, 3)}"] if found else []
     return notes
 
 

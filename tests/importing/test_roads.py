@@ -85,6 +85,15 @@ def test_tags_give_layer_class_and_structure() -> None:
         ("path", {"highway": "steps", "bridge": "no"}, {"grade": 1.0, "surface": "rock"}),
         ("railway", {"railway": "rail", "tracks": "2", "name": "Line 1"}, {"lanes": 2, "name": "Line 1"}),
         ("railway", {"other_tags": '"railway"=>"tram","layer"=>"-1"'}, {"width": 3.2, "level": -1}),
+        ("road", {"highway": "service", "width": "12'6\""}, {"width": 3.81}),
+        ("road", {"highway": "service", "width": "12 ft 6 in"}, {"width": 3.81}),
+        ("road", {"highway": "service", "width": "3,5"}, {"width": 3.5}),
+        ("road", {"highway": "service", "width": "~20"}, {"width": 20.0}),
+        ("road", {"highway": "service", "width": "350 cm"}, {"width": 3.5}),
+        ("road", {"highway": "service", "width": "0.01 mi"}, {"width": 16.0934}),
+        ("road", {"highway": "unclassified", "lanes": "1.5"}, {"lanes": 1, "width": 4.5}),
+        ("road", {"highway": "residential", "lanes": "1.5", "width": "5"}, {"lanes": 1, "width": 5.0}),
+        ("road", {"highway": "primary", "bridge": "viaduct", "layer": "1;2"}, {"structure": "bridge"}),
         ("pad", {"building": "yes"}, {"building": 6.0}),
         ("pad", {"building": "greenhouse", "building:levels": "4"}, {"building": 12.0}),
         ("pad", {"building": "church", "height": "31 m"}, {"building": 31.0}),
@@ -102,9 +111,23 @@ def test_tags_give_layer_class_and_structure() -> None:
     assert "level" not in values("road", {"highway": "primary", "level": "3"})
     assert "structure" not in values("road", {"highway": "primary", "bridge": "no", "tunnel": "F"})
     unknown = feature_label(
-        {"highway": "primary", "surface": "lava", "lanes": "some", "width": "999"}, "", None
+        {"highway": "primary", "surface": "lava", "lanes": "some", "width": "999", "osm_id": "7"},
+        "lines",
+        None,
     )
-    assert (unknown.clipped, unknown.unread) == (1, 2)
+    assert unknown.clipped == ("way 7 width='999'",)
+    assert sorted(unknown.unread) == ["way 7 lanes='some'", "way 7 surface='lava'"]
+    for tags, told in (
+        ({"highway": "primary", "layer": "1;2"}, "way 7 layer='1;2'"),
+        ({"highway": "primary", "layer": "0.5"}, "way 7 layer='0.5'"),
+        ({"highway": "primary", "width": "1,234"}, "way 7 width='1,234'"),
+        ({"highway": "primary", "width": "3-4 m"}, "way 7 width='3-4 m'"),
+        ({"highway": "primary", "lanes": "2;1"}, "way 7 lanes='2;1'"),
+        ({"building": "yes", "height": "tall"}, "way 7 height='tall'"),
+        ({"building": "yes", "building:levels": "2;3"}, "way 7 building:levels='2;3'"),
+        ({"waterway": "river", "width": "wide"}, "way 7 width='wide'"),
+    ):
+        assert feature_label({**tags, "osm_id": "7"}, "lines", None).unread == (told,)
     for tags in (
         {"highway": "construction", "construction": "primary"},
         {"highway": "proposed"},
@@ -246,6 +269,8 @@ def test_odd_and_damaged_ways_are_skipped_or_refused(tmp_path) -> None:
     assert len(road.coords) == 3
     assert traced.sketch.vectors["road"].properties([0]) == [{"lanes": 1, "level": 5}]
     assert traced.sketch.vectors["path"].properties([0]) == [{"structure": "bridge"}]
+    assert "invalid properties left out (1): way 4 width='wide'" in traced.notes
+    assert any(note.startswith("clipped numbers out of range (2): way 4 ") for note in traced.notes)
     whole = path.read_bytes()
     random = np.random.default_rng(3)
     for length in random.integers(0, len(whole), 12).tolist():

@@ -7,11 +7,14 @@ import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from glob import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pyogrio
+import pyogrio.raw
 import shapely
 from rasterio import Env
 from rasterio._err import CPLE_BaseError
@@ -25,6 +28,7 @@ from sketchterrain.io.files import wrap_read_errors
 
 Shapes = npt.NDArray[np.object_]
 
+_MAX_FAILURES = 256  # of reading parts of a damaged file, before the rest is given up
 _NESTED = (-1, 4, 5, 6, 7)  # none, multi geometries and collections
 # Local coordinate systems, as in this program's own exports.
 _LOCAL = re.compile(r"(LOCAL_CS|ENGCRS|ENGINEERINGCRS)\[.*UNIT\[\"met(re|er)\"", re.I | re.S)
@@ -61,15 +65,74 @@ def file_driver(path: Path, location: str) -> str:
 def open_layers(path: Path, driver: str, location: str) -> Iterator[tuple[str, list[str]]]:
     """Yield a vector file's name for GDAL and its layers; raise InputError if what is read is unreadable."""
     try:
-        with plain_path(path) as file, warnings.catch_warnings(), np.errstate(invalid="ignore"):
+        with (
+            plain_path(path) as file,
+            tempfile.TemporaryDirectory(prefix="sketchterrain-") as folder,
+            warnings.catch_warnings(),
+            np.errstate(invalid="ignore"),
+        ):
             warnings.simplefilter("ignore")  # GDAL has many harmless ones
             # The prefix excludes other drivers for JSON, such as pipelines that open other files.
             dataset = f"GeoJSON:{file}" if driver == "GeoJSON" else str(file)
             if driver == "OSM":  # many nodes are on disk, by default in the working directory
                 pyogrio.set_gdal_config_options({"CPL_TMPDIR": tempfile.gettempdir()})
-            yield dataset, [str(name) for name, kind in pyogrio.list_layers(dataset) if kind is not None]
-    except (RuntimeError, ValueError, OSError, shapely.errors.GEOSException) as error:
+            try:
+                tables = pyogrio.list_layers(dataset)
+            except RuntimeError:
+                if driver != "ESRI Shapefile":
+                    raise
+                dataset = str(_reindexed(file, Path(folder)))  # its index is damaged or missing
+                tables = pyogrio.list_layers(dataset)
+            yield dataset, [str(name) for name, kind in tables if kind is not None]
+    except (RuntimeError, ValueError, LookupError, OSError, shapely.errors.GEOSException) as error:
         raise InputError(f"{location}: cannot be read as {driver} ({one_line(error)[:160]})") from None
+
+
+def _reindexed(file: Path, folder: Path) -> Path:
+    """Return a Shapefile in another folder with a new index of its records."""
+    content, at, places = file.read_bytes(), 100, list[bytes]()
+    while at + 8 < len(content) and (size := int.from_bytes(content[at + 4 : at + 8], "big")) < 1 << 30:
+        places.append((at // 2).to_bytes(4, "big") + content[at + 4 : at + 8])  # in words of 2 bytes
+        at += 8 + 2 * size
+    for each in file.parent.glob(f"{escape(file.stem)}.*"):
+        if each.suffix.lower() != ".shx":
+            (folder / f"map{each.suffix.lower()}").symlink_to(each)
+    length = (50 + 4 * len(places)).to_bytes(4, "big")
+    (folder / "map.shx").write_bytes(content[:24] + length + content[28:100] + b"".join(places))
+    return folder / "map.shp"
+
+
+def read_features(
+    dataset: str, table: str, skip: int, count: int, **options: Any
+) -> tuple[dict[str, Any], Shapes, dict[str, npt.NDArray[Any]], int]:
+    """Return facts of a table, WKB and properties of features, and how many of them are damaged.
+
+    Those have neither. Raise RuntimeError, ValueError or LookupError if all are damaged.
+    """
+    parts, pending, failures = dict[int, Any](), [(0, count)], list[Exception]()
+    while pending and len(failures) < _MAX_FAILURES:
+        first, number = pending.pop()
+        place = {"skip_features": skip + first, "max_features": number}
+        try:
+            parts[first] = pyogrio.raw.read(dataset, table, **place, **options)
+        except (RuntimeError, ValueError, LookupError) as error:
+            failures.append(error)
+            half = number // 2
+            pending += [(first + half, number - half), (first, half)] if half else []
+    if not parts:
+        raise failures[0]
+    meta, _, wkb, fields = next(iter(parts.values()))
+    columns, known = [wkb, *fields], np.ones(count, bool)
+    if len(wkb) < count:
+        kinds = [float if each.dtype.kind in "biuf" else object for each in columns]
+        columns = [np.full(count, math.nan if kind is float else None, kind) for kind in kinds]
+        known[:] = False
+        for first, (_, _, wkb, fields) in parts.items():
+            known[first : first + len(wkb)] = True
+            for column, values in zip(columns, (wkb, *fields), strict=True):
+                column[first : first + len(wkb)] = values
+    wkb, *fields = columns
+    return meta, wkb, dict(zip(map(str, meta["fields"]), fields, strict=True)), int((~known).sum())
 
 
 def geopackage_tables(path: Path, location: str) -> set[str]:

@@ -23,7 +23,7 @@ from sketchterrain.drape.levels import Level, level_of
 from sketchterrain.drape.raster_source import RasterSource
 from sketchterrain.drape.vector_source import Feature, VectorSource
 from sketchterrain.drape.vector_store import FARTHEST
-from sketchterrain.errors import InputError, one_line
+from sketchterrain.errors import InputError, did_you_mean, first_few, format_value, one_line
 from sketchterrain.io.files import wrap_read_errors
 
 BUDGET: Final = 24 << 20
@@ -33,6 +33,7 @@ _PICK: Final = 3.0  # texels from which a line or point is found
 _MITRE: Final = 2.0  # widths from a line that its corners reach
 _ORDER: Final = np.array([1, 0, 2])  # of strokes, fills and points of one feature
 _TILE: Final = 128.0  # texels of the smallest tile, for widths in pixels
+_MAX_NAMES: Final = 12  # in a note
 _NO_PAINT: Final = {"title", "label", "label_size", "label_colour", "sha256"}
 
 Source = VectorSource | RasterSource
@@ -173,6 +174,8 @@ class Drapes:
         """A line for each layer that is not near the sketch, or has features that are not."""
         notes, (east, north) = list[str](), self.size
         for layer, source in zip(self.layers, self.sources, strict=True):
+            if isinstance(source, VectorSource):
+                notes += [f"{layer.title}: {note}" for note in _store_notes(layer, source)]
             if isinstance(source, VectorSource) and source.store.left_out:
                 reason = f"they lie farther than {FARTHEST:g} times the extent, or cannot be projected"
                 notes.append(f"{layer.title}: {source.store.left_out} features left out: {reason}")
@@ -351,6 +354,22 @@ class Drapes:
         if not isinstance(source, VectorSource):
             raise InputError(f"layer {self.layers[layer].title}: expected features")
         return source.feature(number)
+
+
+def _store_notes(layer: DrapedLayer, source: VectorSource) -> Iterator[str]:
+    """Yield what of a layer's file is not shown."""
+    store = source.store
+    if not layer["table"] and len(store.tables) > 1:
+        shown, *others = map(format_value, store.tables)
+        yield f"of its tables {shown} is shown; table= selects another: {first_few(others, _MAX_NAMES)}"
+    if store.empty:
+        yield f"{store.empty} of {store.count} features have no geometry, or are damaged"
+    names = store.fields.keys() | {name for edit in layer.edits.values() for name, _ in edit.properties}
+    styles = [layer.style_of(number) for number in range(-1, len(layer.classes))]
+    for key, value in {("by", layer["by"]), *(("label", str(style["label"])) for style in styles)}:
+        if value and value not in names:
+            known = f"expected {first_few(sorted(names), _MAX_NAMES)}" if names else "it has none"
+            yield f"no property {key} = {format_value(value)}: {known}{did_you_mean(value, names)}"
 
 
 def _grown(box: Any, by: float) -> Bounds:

@@ -13,7 +13,6 @@ from typing import Any, BinaryIO, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import pyogrio
-import pyogrio.raw
 import shapely
 from rasterio import Env
 from rasterio._err import CPLE_BaseError
@@ -29,6 +28,7 @@ from sketchterrain.document.vector_formats import (
     geopackage_tables,
     layer_crs,
     open_layers,
+    read_features,
 )
 from sketchterrain.drape.levels import (
     ITEM,
@@ -48,7 +48,7 @@ from sketchterrain.io.files import wrap_read_errors
 FARTHEST: Final = 64.0
 """Extents of a sketch from it beyond which features are left out."""
 
-_FORMAT: Final = 3  # of stores
+_FORMAT: Final = 4  # of stores
 _LEVELS: Final = 16
 _SHRINK: Final = 0.7  # of the points of a finer level: a level with more is not stored
 _CHUNK: Final = 1 << 22  # bytes of a file that are read at once
@@ -72,6 +72,7 @@ class VectorFile(NamedTuple):
     geometry_type: str
     features: int
     fields: dict[str, str]  # dtypes by name
+    tables: list[str]  # all of the file
     place: str  # for errors
 
     def read(
@@ -81,15 +82,10 @@ class VectorFile(NamedTuple):
 
         Without heights, and with dates as texts, unless `exact`.
         """
-        meta, _, wkb, fields = pyogrio.raw.read(
-            self.dataset,
-            layer=self.table,
-            skip_features=skip,
-            max_features=most,
-            force_2d=not exact,
-            datetime_as_string=not exact,
-        )
-        return wkb, dict(zip(map(str, meta["fields"]), fields, strict=True))
+        count = min(most, self.features - skip)
+        options = {"force_2d": not exact, "datetime_as_string": not exact}
+        _, wkb, fields, _ = read_features(self.dataset, self.table, skip, count, **options)
+        return wkb, fields
 
 
 @contextmanager
@@ -109,7 +105,7 @@ def open_vector_file(path: Path, table: str = "") -> Iterator[VectorFile]:
             raise InputError(f"{place}: expected {driver}, GDAL detects {info['driver']}")
         fields = dict(zip(map(str, info["fields"]), map(str, info["dtypes"]), strict=True))
         known = layer_crs(info["crs"], place), info["crs"], info["geometry_type"], info["features"]
-        yield VectorFile(dataset, driver, table or names[0], *known, fields, place)
+        yield VectorFile(dataset, driver, table or names[0], *known, fields, names, place)
 
 
 def file_crs(file: VectorFile, layer: DrapedLayer) -> CRS | None:
@@ -247,6 +243,8 @@ class VectorStore:
         self.count: int = arrays.facts["features"]
         self.fields: dict[str, str] = arrays.facts["fields"]
         self.left_out: int = arrays.facts["left_out"]
+        self.empty: int = arrays.facts["empty"]  # features without a geometry, or damaged
+        self.tables: list[str] = arrays.facts["tables"]
         self.box = np.array(arrays.facts["box"], np.float64)
         self.levels = tuple(
             Level(
@@ -320,11 +318,9 @@ def _build(
         at_once = _CHUNK << (6 if file.driver in _READ_WHOLE else 0)
         step = max(1, file.features * at_once // max(Path(layer.path).stat().st_size, 1))
         fields = {name: _stored_kind(dtype) for name, dtype in file.fields.items()}
-        tolerances, left_out, boxes = list[float](), 0, [np.full((1, 4), np.nan)]
+        tolerances, left_out, empty, boxes = list[float](), 0, 0, [np.full((1, 4), np.nan)]
         for first in range(0, max(file.features, 1), step):
             wkb, values = file.read(first, step)
-            if len(wkb) < min(step, file.features - first):
-                raise InputError(f"{file.place}: expected {file.features} features, the file ends before")
             shapes = placed(wkb, projection)
             arrays.add_texts("geometry", [text or b"" for text in shapely.to_wkb(shapes).tolist()])
             for at, (name, kind) in enumerate(fields.items()):
@@ -333,6 +329,7 @@ def _build(
             near = (bounds[:, :2] <= limit).all(axis=1) & (bounds[:, 2:] >= -limit).all(axis=1)
             lost = [each is not None and shape is None for each, shape in zip(wkb, shapes, strict=True)]
             left_out += int((~near & np.isfinite(bounds).all(axis=1)).sum()) + sum(lost)
+            empty += sum(each is None for each in wkb)
             boxes.append(bounds[near])
             split = split_shapes(shapes[near], first + np.flatnonzero(near))
             tolerances = tolerances or _tolerances(split, extent)
@@ -343,7 +340,8 @@ def _build(
         _sort_levels(unsorted.finish(), arrays, len(tolerances))
     whole = np.concatenate(boxes)
     box = [*np.fmin.reduce(whole[:, :2]).tolist(), *np.fmax.reduce(whole[:, 2:]).tolist()]
-    facts = {"features": file.features, "left_out": left_out, "fields": fields, "box": box}
+    facts = {"features": file.features, "left_out": left_out, "empty": empty, "tables": file.tables}
+    facts |= {"fields": fields, "box": box}
     arrays.finish(facts | {"levels": tolerances})
 
 

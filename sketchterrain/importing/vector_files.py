@@ -24,6 +24,7 @@ from sketchterrain.document.vector_formats import (
     geopackage_tables,
     layer_crs,
     open_layers,
+    read_features,
     reproject,
     single_parts,
     valid_areas,
@@ -223,25 +224,21 @@ def _read_layer(
         raise InputError(f"{where}: expected {driver}, GDAL detects {info['driver']}")
     _check_count(info["features"], max_vertices, where)  # memory for as many is allocated
     columns = [str(field) for field in info["fields"] if str(field).lower() in RELEVANT_TAGS]
-    meta, _, wkb, fields = pyogrio.raw.read(
-        dataset,
-        layer=name,
-        columns=columns,
-        where=_with_tags(name, columns) if tagged else None,
-        bbox=inside,
-        max_features=max_vertices + 1 if driver == "OSM" else None,  # bounds the memory
-        force_2d=True,
-        datetime_as_string=True,
-    )
-    if driver == "FlatGeobuf" and len(wkb) < info["features"]:  # cut between two
-        raise InputError(f"{where}: expected {info['features']} features, the file ends after {len(wkb)}")
+    options = {"columns": columns, "force_2d": True, "datetime_as_string": True}
+    lost = 0
+    if info["features"] < 0:  # unknown
+        condition = _with_tags(name, columns) if tagged else None
+        options |= {"where": condition, "bbox": inside, "max_features": max_vertices + 1}  # bounds the memory
+        meta, _, wkb, values = pyogrio.raw.read(dataset, layer=name, **options)
+        fields = dict(zip(map(str, meta["fields"]), values, strict=True))
+    else:
+        meta, wkb, fields, lost = read_features(dataset, name, 0, info["features"], **options)
     size = sum(len(geometry) for geometry in wkb if geometry is not None)
     _check_count(size / _BYTES_PER_VERTEX, max_vertices, where)
-    skipped: Counter[str] = Counter()
+    skipped = Counter({"damaged in the file": lost, "without a valid shape": -lost})
     shapes, of, repaired = _usable(wkb, skipped)
-    values = [field.tolist() for field in fields]
-    keys = [str(field) for field in meta["fields"]]
-    properties = [{key: column[index] for key, column in zip(keys, values, strict=True)} for index in of]
+    texts = {key: column.tolist() for key, column in fields.items()}
+    properties = [{key: column[index] for key, column in texts.items()} for index in of]
     return SourceLayer(name, layer_crs(meta["crs"], where), shapes, properties, skipped, repaired)
 
 
@@ -289,7 +286,7 @@ def _usable(wkb: Shapes, skipped: Counter[str]) -> tuple[Shapes, npt.NDArray[np.
     shapes, of = single_parts(shapes, np.arange(len(shapes)))
     plain = np.isin(shapely.get_type_id(shapes), (_POINT, _LINE, _POLYGON)) & ~shapely.is_empty(shapes)
     shapes, of = shapes[plain], of[plain]
-    skipped["without a valid shape"] = len(wkb) - len(np.unique(of))
+    skipped["without a valid shape"] += len(wkb) - len(np.unique(of))
     coordinates, at = shapely.get_coordinates(shapes, return_index=True)
     finite = np.ones(len(shapes), dtype=bool)
     finite[at[~np.isfinite(coordinates).all(axis=1)]] = False

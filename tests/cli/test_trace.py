@@ -154,7 +154,7 @@ def test_unusable_vectors_are_refused_in_one_line(call, tmp_path):
         ("a.osm", osm[:3000] + b"<<&" + osm[3000:], "cannot be read as OSM"),
         ("a.osm", b"<osm><OGRVRTDataSource></OGRVRTDataSource></osm>", "begins with"),
         ("a.osm", b"<osm></osm>", "found none"),
-        ("a.fgb", flat[:4000], "a.fgb: "),
+        ("a.fgb", flat[:400], "a.fgb: "),
         ("a.fgb", flat[:3000] + b"\xff" * 400 + flat[3400:], ""),
         ("a.fgb", b"fgb\x03" + b"\xff" * 400, "found none"),
     ):

@@ -291,8 +291,8 @@ def test_hostile_geometries_are_drawn_or_left_out(tmp_path) -> None:
     drapes = opened(write(tmp_path / "map.gpkg", shapes))
     items = drapes.items(ALL, 0.1)
     assert drapes.problems == ()
-    assert len(drapes.notes) == 1
-    assert drapes.notes[0].startswith("map: 1 features left out")
+    assert drapes.notes[0] == "map: 1 of 10 features have no geometry, or are damaged"
+    assert drapes.notes[1].startswith("map: 1 features left out")
     assert set(items.feature.tolist()) == {0, 1, 4, 5, 6, 7}
     assert area_of(items, 0) == pytest.approx(50.0)
     assert area_of(items, 1) == pytest.approx(holed.area)
@@ -364,6 +364,20 @@ def test_files_that_cannot_be_read_are_one_line_each(tmp_path) -> None:
     assert "rivers" in drapes.problems[4]
     assert "roads" in drapes.problems[4]
     assert len(drapes.items(ALL, 1.0).feature)
+
+
+def test_other_tables_and_unknown_properties_are_noted(tmp_path) -> None:
+    path = write(tmp_path / "map.gpkg", random_shapes(3), {"name": ["a", "b", "c"]}, layer="roads")
+    write(path, random_shapes(3), layer="rivers", append=False)
+    labelled = DrapeClass("a", {"label": "height"})
+    notes = opened(layer(path, label="nane", by="kind", classes=(labelled,))).notes
+    assert sorted(notes) == [
+        "map: no property by = 'kind': expected name",
+        "map: no property label = 'height': expected name",
+        "map: no property label = 'nane': expected name; did you mean 'name'?",
+        "map: of its tables 'roads' is shown; table= selects another: 'rivers'",
+    ]
+    assert opened(layer(path, table="roads", label="name", by="name")).notes == ()
 
 
 def test_a_file_that_is_replaced_is_one_problem_and_stays_shown(tmp_path) -> None:

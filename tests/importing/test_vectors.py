@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from sketchterrain.caching import LRUCache
+from sketchterrain.document.drapes import DrapedLayer
+from sketchterrain.drape.drapes import Drapes
 from sketchterrain.errors import InputError
 from sketchterrain.hydrology.rivers import lay_out_water
 from sketchterrain.importing.images import detect_kind
@@ -624,6 +626,40 @@ def test_views_of_a_geopackage_are_refused_and_triggers_not_run(package) -> None
         f"CREATE VIEW gpkg_geometry_columns AS {endless} SELECT fid AS table_name, fid AS srs_id FROM n",  # noqa: S608
     )
     assert "another SQLite database" in refused(package)
+
+
+def damaged(path, kind):
+    """Write a Shapefile or FlatGeobuf of 19 rivers, damaged from number 12 on."""
+    rivers = shapely.linestrings([[(10 * k, 0), (10 * k, 500), (10 * k + 5, 900)] for k in range(19)])
+    columns = [np.array(["river"] * 19, object), np.arange(19)]
+    given = {"driver": "FlatGeobuf", "layer_options": {"SPATIAL_INDEX": "NO"}}
+    given = given if path.suffix == ".fgb" else {"driver": "ESRI Shapefile"}
+    given |= {"geometry_type": "LineString", "crs": "EPSG:25832"}
+    pyogrio.raw.write(path, shapely.to_wkb(rivers), columns, ["waterway", "number"], **given)
+    part = path.with_suffix(kind.split()[0])
+    whole = part.read_bytes()
+    size = {".shp": 104, ".shx": 8, ".dbf": (len(whole) - 1) // 19, ".fgb": 128}[part.suffix]
+    at = len(whole) - 7 * size
+    part.write_bytes(whole[:at] + (b"" if kind.endswith("cut") else b"\xff" * (len(whole) - at)))
+    return path
+
+
+@pytest.mark.parametrize(
+    "kind", [".shp cut", ".shp", ".shx", ".shx cut", ".dbf cut", ".dbf", ".fgb cut", ".fgb"]
+)
+def test_intact_features_of_damaged_files_are_kept(tmp_path, kind) -> None:
+    path = damaged(tmp_path / ("a.fgb" if ".fgb" in kind else "a.shp"), kind)
+    traced = sketch_from_vectors(path, size_px=16)
+    kept = len(traced.sketch.vectors["river"])
+    assert kept == 19 if ".shx" in kind else 9 <= kept <= 14, kept
+    assert kept == 19 or f"skipped: {19 - kept} " in " ".join(traced.notes)
+    drapes = Drapes.open([DrapedLayer(str(path))], traced.sketch.frame, (900.0, 900.0), 900.0)
+    assert drapes.problems == ()
+    (source,) = drapes.sources
+    assert source.values("number", [0, 9]) == [0, 9]
+    assert source.feature(9).geometry.bounds[3] == pytest.approx(900.0, abs=1.0)
+    note = f"a: {19 - kept} of 19 features have no geometry, or are damaged"
+    assert drapes.notes == (() if kept == 19 else (note,))
 
 
 def test_damaged_geopackages_are_refused(package, tmp_path) -> None:

@@ -37,7 +37,8 @@ _MESSAGE_DELAY = 400  # ms of reading until a message is shown
 _SUFFIX, _SETTINGS = ".sketch", "sketch.toml"
 _OPEN_FILTER = f"Sketches (*{_SUFFIX} {_SETTINGS});;All files (*)"
 _ONE_FILE, _FOLDER = f"Sketch in one file (*{_SUFFIX})", "Sketch as a folder of images (*)"
-DRAPED = "*.gpkg *.fgb *.geojson *.json *.shp *.tif *.tiff *.vrt *.jp2 *.jpg *.webp"
+_VECTORS = "*.gpkg *.fgb *.geojson *.json *.shp *.gpx *.kml *.dxf *.osm *.pbf *.gz"
+DRAPED = f"{_VECTORS} *.tif *.tiff *.vrt *.jp2 *.jpg *.webp"
 _SAVED_FILTER = "GeoPackage (*.gpkg);;FlatGeobuf (*.fgb);;GeoJSON (*.geojson)"
 _DRAPE_FILTER = f"Vectors and rasters ({DRAPED} *.png);;All files (*)"
 _RASTERS = {  # roles
@@ -324,9 +325,7 @@ def _layer_image(path: Path, shape: tuple[int, int]) -> LabelImage:
 
 
 _TRACE_FILTER = (
-    "Maps, layers, vectors (*.png *.jpg *.jpeg *.tif *.tiff *.webp *.ora *.geojson *.json *.gpkg"
-    " *.fgb *.shp *.pbf *.osm)"
-    ";;All files (*)"
+    f"Maps, layers, vectors (*.png *.jpg *.jpeg *.tif *.tiff *.webp *.ora {_VECTORS});;All files (*)"
 )
 _WORLD_FILES = ("zarr.json", "ledger.jsonl")  # which stand for their folder
 _WORLD_FILTER = f"Worlds ({' '.join(_WORLD_FILES)} *.tif *.tiff);;All files (*)"

@@ -431,7 +431,7 @@ _ALL: Final = (
             TagRule("highway", "cycleway bridleway", {"width": 2.0, "grade": 0.35}),
             TagRule("highway", "steps", {"grade": 1.0, "surface": "rock"}),
         ),
-        source_names="trail trails footpath footpaths",
+        source_names="trail trails footpath footpaths tracks routes",
     ),
     Layer(
         *("pad", "Building pads", 12, "pad", "where the ground is levelled for buildings"),

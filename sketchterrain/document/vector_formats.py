@@ -1,12 +1,14 @@
 """Vector files: their formats by the first bytes, coordinate systems, and shapes in them."""
 
+import gzip
 import math
 import re
 import sqlite3
 import tempfile
 import warnings
+import zlib
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from glob import escape
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,7 @@ from sketchterrain.array_types import Float64Array
 from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.io.crs import parse_crs, plain_path
 from sketchterrain.io.files import wrap_read_errors
+from sketchterrain.io.gdal import OFFLINE
 
 Shapes = npt.NDArray[np.object_]
 
@@ -38,27 +41,55 @@ _VECTORS = {b"SQLite format 3\0": "GPKG", b"fgb\x03": "FlatGeobuf", b"\0\0\x27\x
 _BLANK = b"\xef\xbb\xbf \t\r\n"  # may precede JSON or XML
 # Other elements than OSM's could make GDAL choose a driver that opens other files.
 _ELEMENT = re.compile(rb"<[/?]?(\w+)\b")
+_ELEMENTS = {b"gpx": "GPX", b"kml": "LIBKML"}
+_DXF = re.compile(rb"(\s*999\s*\n[^\n]*\n)*\s*0\s*\n\s*SECTION\b")
+_GZIP = b"\x1f\x8b"
+_MAX_UNPACKED = 1 << 31  # bytes
+# Parts of a Shapefile besides the one that users select.
+_PARTS = (".dbf", ".shx", ".prj", ".cpg", ".sbn", ".sbx", ".qix")
+_GPX_TABLES = ("tracks", "routes", "waypoints")  # others have their points
+_DRIVERS = {"ESRI Shapefile", "GPKG", "FlatGeobuf", "GeoJSON", "OSM", "GPX", "LIBKML", "DXF"}
+# GDAL tries all drivers for a file: no other ones, and no addresses, as of a CRS in GeoJSON.
+_OPTIONS = {**OFFLINE, "OSM_MAX_TMPFILE_SIZE": "1"}  # MB of memory for nodes, which are on disk beyond
+pyogrio.set_gdal_config_options(_OPTIONS | {"OGR_SKIP": ",".join(pyogrio.list_drivers().keys() - _DRIVERS)})
+pyogrio.core._register_drivers()  # takes them out
 _OSM_ELEMENTS = set(b"xml osm bounds bound note meta remark node way relation tag nd member center".split())
 
 
 def vector_driver(start: bytes) -> str | None:
-    """Return GDAL's driver for the first bytes of a vector file, or None."""
+    """Return GDAL's driver for the first bytes of a vector file, also of a compressed .osm, or None."""
+    if start.startswith(_GZIP):
+        with suppress(zlib.error):
+            unpacked = zlib.decompressobj(wbits=31).decompress(start, len(start))
+            return "OSM" if vector_driver(unpacked) == "OSM" else None
     text = start.lstrip(_BLANK)
     if text.startswith(b"{"):
         return "GeoJSON"
     elements = set(_ELEMENT.findall(start[: start.rfind(b">") + 1])) if text.startswith(b"<") else set()
     if start[4:15] == b"\n\tOSMHeader" or b"osm" in elements <= _OSM_ELEMENTS:
         return "OSM"
+    if elements & _ELEMENTS.keys():
+        return _ELEMENTS[(elements & _ELEMENTS.keys()).pop()]
+    if _DXF.match(text):
+        return "DXF"
     return next((driver for magic, driver in _VECTORS.items() if start.startswith(magic)), None)
+
+
+def find_driver(path: Path, location: str) -> str | None:
+    """Return GDAL's driver for a file by its first bytes; raise InputError for a part of a Shapefile."""
+    with wrap_read_errors(path), path.open("rb") as stream:
+        if path.suffix.lower() in _PARTS:
+            raise InputError(f"{location} is a part of a Shapefile: expected {path.with_suffix('.shp').name}")
+        return vector_driver(stream.read(4096))
 
 
 def file_driver(path: Path, location: str) -> str:
     """Return GDAL's driver for a vector file by its first bytes; raise InputError for other files."""
-    with wrap_read_errors(path), path.open("rb") as stream:
-        start = stream.read(4096)
-    if driver := vector_driver(start):
+    if driver := find_driver(path, location):
         return driver
-    raise InputError(f"{location}: expected a vector file, it begins with {format_value(start[:20])}")
+    with path.open("rb") as stream:
+        start = stream.read(20)
+    raise InputError(f"{location}: expected a vector file, it begins with {format_value(start)}")
 
 
 @contextmanager
@@ -76,6 +107,7 @@ def open_layers(path: Path, driver: str, location: str) -> Iterator[tuple[str, l
             dataset = f"GeoJSON:{file}" if driver == "GeoJSON" else str(file)
             if driver == "OSM":  # many nodes are on disk, by default in the working directory
                 pyogrio.set_gdal_config_options({"CPL_TMPDIR": tempfile.gettempdir()})
+                dataset = str(_unpacked(file, Path(folder), location))
             try:
                 tables = pyogrio.list_layers(dataset)
             except RuntimeError:
@@ -83,9 +115,23 @@ def open_layers(path: Path, driver: str, location: str) -> Iterator[tuple[str, l
                     raise
                 dataset = str(_reindexed(file, Path(folder)))  # its index is damaged or missing
                 tables = pyogrio.list_layers(dataset)
-            yield dataset, [str(name) for name, kind in tables if kind is not None]
+            names = [str(name) for name, kind in tables if kind is not None]
+            yield dataset, [name for name in _GPX_TABLES if name in names] if driver == "GPX" else names
     except (RuntimeError, ValueError, LookupError, OSError, shapely.errors.GEOSException) as error:
         raise InputError(f"{location}: cannot be read as {driver} ({one_line(error)[:160]})") from None
+
+
+def _unpacked(file: Path, folder: Path, location: str) -> Path:
+    """Return a file that is not compressed; raise InputError if it is too large."""
+    with file.open("rb") as stream:
+        if stream.read(2) != _GZIP:
+            return file
+    with gzip.open(file) as packed, (folder / "map.osm").open("wb") as unpacked:
+        while part := packed.read(1 << 20):
+            unpacked.write(part)
+            if unpacked.tell() > _MAX_UNPACKED:
+                raise InputError(f"{location}: expected at most {_MAX_UNPACKED >> 20} MiB, unpacked")
+    return folder / "map.osm"
 
 
 def _reindexed(file: Path, folder: Path) -> Path:

@@ -17,14 +17,13 @@ from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Arra
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import DrapedLayer, drape_problem
 from sketchterrain.document.parameters import Properties
-from sketchterrain.document.vector_formats import vector_driver
+from sketchterrain.document.vector_formats import find_driver
 from sketchterrain.drape.items import FILL, POINT, STROKE, Items
 from sketchterrain.drape.levels import Level, level_of
 from sketchterrain.drape.raster_source import RasterSource
 from sketchterrain.drape.vector_source import Feature, VectorSource
 from sketchterrain.drape.vector_store import FARTHEST
 from sketchterrain.errors import InputError, did_you_mean, first_few, format_value, one_line
-from sketchterrain.io.files import wrap_read_errors
 
 BUDGET: Final = 24 << 20
 """The most bytes of memory of all sources and their caches."""
@@ -126,9 +125,7 @@ class Drapes:
             raise InputError(problem)
         if (path := Path(layer.path)).is_dir():
             raise InputError(f"draped layer {one_line(path)}: expected a file, not a folder")
-        with wrap_read_errors(path), path.open("rb") as stream:
-            is_vector = vector_driver(stream.read(4096)) is not None
-        if is_vector:
+        if find_driver(path, f"draped layer {one_line(path)}"):
             return VectorSource.open(layer, self.frame, self.extent)
         return RasterSource(layer, self.frame, self.size, self.memory)
 

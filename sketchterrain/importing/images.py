@@ -16,7 +16,7 @@ from PIL.ImageFile import ImageFile
 
 from sketchterrain.document.label_layers import LabelImage
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
-from sketchterrain.document.vector_formats import vector_driver
+from sketchterrain.document.vector_formats import find_driver
 from sketchterrain.errors import InputError, first_few, format_value, one_line
 from sketchterrain.importing.image_colours import (
     CLEAR,
@@ -55,7 +55,7 @@ _DECODE_ERRORS = (
 )
 _EXPECTED = (
     "expected a PNG, JPEG, TIFF or WebP picture, an OpenRaster file (.ora), a folder of pictures, "
-    "or vectors (GeoJSON, GeoPackage, FlatGeobuf, Shapefile, OpenStreetMap)"
+    "or vectors (GeoJSON, GeoPackage, FlatGeobuf, Shapefile, GPX, KML, DXF, OpenStreetMap)"
 )
 _UNSUPPORTED = (
     (b"gimp xcf", "a GIMP file", "in GIMP, File ▸ Export As, name.ora"),
@@ -92,7 +92,7 @@ def detect_kind(path: Path) -> Kind:
     for magic, what, instead in _UNSUPPORTED:
         if start.startswith(magic):
             raise InputError(f"{location} is {what}: {instead}")
-    if vector_driver(start) is not None:
+    if find_driver(path, location):
         return "vectors"
     begins = f"begins with {format_value(start[:12])}" if start else "is empty"
     raise InputError(f"{location} {begins}: {_EXPECTED}")

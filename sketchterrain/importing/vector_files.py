@@ -21,6 +21,7 @@ from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.vector_formats import (
     Shapes,
     file_driver,
+    find_driver,
     geopackage_tables,
     layer_crs,
     open_layers,
@@ -28,13 +29,11 @@ from sketchterrain.document.vector_formats import (
     reproject,
     single_parts,
     valid_areas,
-    vector_driver,
 )
 from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.importing.legend import BUILT_KEYS, OSM_KEYS, RELEVANT_TAGS
 from sketchterrain.importing.osm_relations import incomplete_areas
 from sketchterrain.io.crs import is_westward, parse_crs
-from sketchterrain.io.files import wrap_read_errors
 
 Box = Sequence[float]  # west, south, east, north
 
@@ -197,9 +196,8 @@ def osm_bounds(path: Path) -> tuple[float, float, float, float] | None:
 
     Raise `InputError` if it cannot be read.
     """
-    with wrap_read_errors(path), path.open("rb") as stream:
-        if vector_driver(stream.read(4096)) != "OSM":
-            return None
+    if find_driver(path, one_line(path)) != "OSM":
+        return None
     with open_layers(path, "OSM", one_line(path)) as (dataset, _):
         _, boxes = pyogrio.read_bounds(dataset, layer="lines", where="highway IS NOT NULL")
     if not boxes.shape[1]:

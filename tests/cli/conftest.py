@@ -63,7 +63,6 @@ def shared_between_commands() -> Iterator[None]:
         return building.build(sketch, device=device)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("OSM_MAX_TMPFILE_SIZE", "1")  # MB that GDAL allocates for nodes, 100 by default
         patch.setattr(typer.main, "get_command", cache(typer.main.get_command))
         patch.setattr(building, "LRUCache", lambda: PLACED)
         patch.setattr(sketchterrain.app.generate, "build", build)

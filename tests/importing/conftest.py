@@ -51,14 +51,6 @@ def _drawn(scale: int, colours: dict, paper: object, mode: str) -> Image.Image:
     return image
 
 
-@pytest.fixture(scope="module", autouse=True)
-def small_index():
-    """Let GDAL allocate 1 MB instead of 100 MB for the nodes of an OpenStreetMap file."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("OSM_MAX_TMPFILE_SIZE", "1")
-        yield
-
-
 @pytest.fixture(scope="session")
 def known() -> KnownMap:
     numbers = {name: place for place, name in enumerate(LAYERS, start=1)}

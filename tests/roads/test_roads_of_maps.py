@@ -24,8 +24,7 @@ def valley_and_ridge(x):
     return 500.0 - 18.0 * np.exp(-(((x - 400.0) / 25.0) ** 2)) + 70.0 * np.exp(-(((x - 1000.0) / 70.0) ** 2))
 
 
-def test_a_map_on_elevation_becomes_a_terrain(tmp_path, capsys, monkeypatch) -> None:
-    monkeypatch.setenv("OSM_MAX_TMPFILE_SIZE", "1")  # MB that GDAL allocates for nodes, 100 by default
+def test_a_map_on_elevation_becomes_a_terrain(tmp_path, capsys) -> None:
     columns, rows = SIZE
     heights = np.tile(valley_and_ridge((np.arange(columns) + 0.5) * STEP), (rows, 1)).astype(np.float32)
     place = Affine(STEP, 0.0, CORNER[0], 0.0, -STEP, CORNER[1])

@@ -17,7 +17,7 @@
 //   base      uchar4 a texel of the tiles that have one, by `base_of`, -1: what lies below, in the form of the result
 //   picture   uchar4 a texel: √ of red, green, blue, 1 for white, and opacity
 //   result    uchar4 a texel: √ of red, green, blue, and the share
-//   filtered  whether `filter`, uchar4 a texel, is what of the ground's red, green and blue is seen through it all
+//   filtered  whether `filter`, uchar4 a texel, has what of the ground's red, green and blue is seen, and what is lit
 __kernel void drape(__global const int *starts, __global const int4 *entry, __global const int *list,
                     __global const DrapePiece *piece, __global const REAL2 *anchor, __global const DrapeStyle *styles,
                     __global const int *base_of, __global const uchar4 *base, __global const uchar4 *picture,
@@ -32,7 +32,7 @@ __kernel void drape(__global const int *starts, __global const int4 *entry, __gl
     // what they cover. Areas share borders: each covers what is left first, then what others cover.
     const REAL4 none = (REAL4)(R(0), R(0), R(0), R(0));
     REAL4 through = none + R(1), own = none, through_covered = none, own_covered = none;
-    REAL left = R(1);
+    REAL left = R(1), lit = R(1);
     REAL layer = R(-1);
     bool is_bare = true;
     for (int k = starts[block]; k < starts[block + 1]; ++k) {
@@ -77,6 +77,7 @@ __kernel void drape(__global const int *starts, __global const int4 *entry, __gl
             colour = blend(style.stroke, style.fill, inner / real_max(share, R(1e-6)));
         }
         is_bare = is_bare && share * opacity <= R(0);
+        lit += (R(1) - style_unlit(style) - lit) * share * opacity;
         const REAL is_area = kind == ENTRY_FILL ? R(1) : R(0), white = style_white(style);
         const REAL fresh = is_area * real_min(share, left), part = fresh / real_max(left, R(1e-6)), covered = R(1) - left;
         const REAL on_bare = mix_real(share, opacity, is_area);
@@ -100,5 +101,5 @@ __kernel void drape(__global const int *starts, __global const int4 *entry, __gl
     const REAL hidden = R(1) - real_min(real_min(through.s0, through.s1), through.s2);
     const REAL share = real_min(real_max(hidden, real_max(real_max(albedo.s0, albedo.s1), albedo.s2)), R(1));
     result[place] = is_bare ? below : as_roots(albedo / real_max(share, R(1e-6)), share);
-    if (filtered) filter[place] = (uchar4)(as_byte(through.s0), as_byte(through.s1), as_byte(through.s2), 255);
+    if (filtered) filter[place] = (uchar4)(as_byte(through.s0), as_byte(through.s1), as_byte(through.s2), as_byte(lit));
 }

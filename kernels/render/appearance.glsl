@@ -5,8 +5,11 @@
 uniform usampler2DArray appearance_pages; // by level: x: slot + 1 and 2^16 times its level, or 0; y: one colour
 uniform sampler2DArray appearance_texels; // rgb: √albedo times the share; a: share that is painted; row 0 north
 #if APPEARANCE_FILTER
-uniform sampler2DArray appearance_filters; // rgb: how much of the ground's red, green and blue is seen
+uniform sampler2DArray appearance_filters; // rgb: how much of the ground's red, green and blue is seen; a: is lit
+uniform float appearance_exposure;         // of the picture
+#include "render/tone.glsl"
 #endif
+float appearance_unlit = 0.0; // share of the last place or pixel whose colours light and haze leave
 uniform ivec2 appearance_tile[APPEARANCE_LEVELS]; // tile of the eye: column, row
 uniform vec2 appearance_place[APPEARANCE_LEVELS]; // place of the eye in it, 0 … 1
 uniform float appearance_width;                   // of a tile of level 0, m
@@ -37,8 +40,9 @@ vec4 painted_at(vec2 place, int level, out vec3 through)
     vec4 found = page.x == 0u ? unpackUnorm4x8(page.y) : texel;
     through = vec3(1.0 - found.a);
 #if APPEARANCE_FILTER
-    vec3 filtered = textureLod(appearance_filters, slot, 0.0).rgb;
-    through = page.x == 0u ? through : filtered;
+    vec4 filtered = textureLod(appearance_filters, slot, 0.0);
+    through = page.x == 0u ? through : filtered.rgb;
+    appearance_unlit = page.x == 0u ? 0.0 : 1.0 - filtered.a;
 #endif
     return found;
 }
@@ -81,6 +85,7 @@ vec4 painted(vec3 position, vec3 n, float pixel, out vec3 through)
     float coarser = LEVELS_READ > 1 ? max(1.0 - (level - float(finer) + 1.0) / BLENDED, 0.0) : 0.0;
     vec4 sum = vec4(0.0);
     through = vec3(0.0);
+    float unlit = 0.0;
     for (int k = 0; k < LEVELS_READ; ++k) {
         float weight = k == 0 ? 1.0 - coarser : coarser;
         if (weight == 0.0) break;
@@ -89,8 +94,10 @@ vec4 painted(vec3 position, vec3 n, float pixel, out vec3 through)
             vec2 place = position.xy + longest * ((float(tap) + 0.5) / float(taps) - 0.5);
             sum += weight * painted_at(place, finer - k, seen_through);
             through += weight / float(taps) * seen_through;
+            unlit += weight / float(taps) * appearance_unlit;
         }
     }
+    appearance_unlit = unlit;
     vec3 root = sum.rgb / max(sum.a, 1e-4);
     return vec4(root * root, sum.a / float(taps));
 }

@@ -323,4 +323,12 @@ void main()
     if (canopy > 0.0) lit = mix(lit, lit_canopy(material, position, n, to_eye, light), canopy);
 #endif
     radiance = vec4(through_air(lit, position), depth);
+#if APPEARANCE && APPEARANCE_FILTER
+    // A loop, which CPU drivers skip where no pixel is unlit. Colours of styles are relative to paper, WHITE.
+    for (int some = appearance_unlit > 0.0 ? 1 : 0; some > 0; --some) {
+        vec3 shown = clamp(over.rgb / 0.8, 0.0, 1.0);
+        shown = mix(12.92 * shown, 1.055 * pow(shown, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, shown));
+        radiance.rgb = mix(radiance.rgb, light_of(shown) / appearance_exposure, appearance_unlit);
+    }
+#endif
 }

@@ -390,21 +390,38 @@ def read_sketch(name: str, seed: int | None, stages: Stages, layers: Sequence[st
 
 
 def read_layers(texts: Sequence[str]) -> tuple[DrapedLayer, ...]:
-    """Return the draped layers ``FILE,key=value…``; the file's name may have commas."""
-    from sketchterrain.document.drapes import DRAPE, STYLE, draped_layer
+    """Return the draped layers ``FILE,key=value…``; the file's name may have commas.
+
+    ``class=VALUE:key=value;key=value`` styles features whose property ``by`` has a value.
+    """
+    from sketchterrain.document.drapes import DRAPE, STYLE, DrapeClass, draped_layer
     from sketchterrain.errors import InputError, one_line
 
     kinds = {name: parameter.kind for name, parameter in {**DRAPE, **STYLE}.items()}
+
+    def parsed(name: str, text: str) -> Any:
+        with suppress(ValueError):  # refused by the layer
+            return kinds.get(name, str)(text)
+        return text
+
     layers = []
     for text in texts:
-        path, values = text, dict[str, Any]()
+        path, values, classes = text, dict[str, Any](), list[tuple[str, list[str]]]()
         while not os.path.exists(path) and (option := _LAYER_OPTION.fullmatch(path)):  # noqa: PTH110 # no error
             path, name, value = option.groups()
-            values.setdefault(name, value)
-            with suppress(ValueError):  # refused by the layer
-                values[name] = kinds.get(name, str)(values[name])
+            if name == "class":
+                kind, _, style = value.partition(":")
+                classes.insert(0, (kind, style.split(";")))
+            else:
+                values.setdefault(name, parsed(name, value))
         try:
-            layers.append(draped_layer(Path(path), **values))
+            styles = [(kind, [each.partition("=") for each in style]) for kind, style in classes]
+            given = [
+                DrapeClass(kind, {key: parsed(key, each) for key, _, each in style}) for kind, style in styles
+            ]
+            if given and not values.get("by"):
+                raise InputError("class= needs by=, the property whose values are the classes")
+            layers.append(draped_layer(Path(path), **values).replace(classes=tuple(given)))
         except InputError as error:
             raise InputError(f"--layer {one_line(text)}: {error}") from None
     return tuple(layers)

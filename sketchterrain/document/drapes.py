@@ -60,6 +60,7 @@ STYLE: Final = parameter_table(
         "from one of its lines to the next, in the unit of width",
         soft_range=(2.0, 50.0),
     ),
+    Parameter("unlit", int, 0, 0, 1, "", "whether light and haze leave the colours, in painted tiles"),
     Parameter("label", str, "", 0, 80, "", "property that labels features; empty labels none"),
     Parameter("label_size", float, 13.0, 6.0, 72.0, "px", "height of labels", soft_range=(8.0, 32.0)),
     replace(_COLOUR, name="label_colour", default="#202020", help="of labels; they have a pale outline"),

@@ -126,8 +126,11 @@ class DrapedAppearance:
 
     @cached_property
     def filters(self) -> bool:
-        """Whether a layer blends otherwise than by opacity: tiles then have twice the channels."""
-        return any(layer["visible"] and layer["blend"] != "normal" for layer in self.drapes.layers)
+        """Whether a layer is unlit, or blends otherwise than by opacity: tiles have twice the channels."""
+        is_unlit = any(each.style["unlit"] for each in self.drapes.styles)
+        return is_unlit or any(
+            layer["visible"] and layer["blend"] != "normal" for layer in self.drapes.layers
+        )
 
     @cached_property
     def reach(self) -> float:
@@ -167,7 +170,7 @@ class DrapedAppearance:
     def tiles(self, keys: npt.ArrayLike) -> UInt8Array:
         """Return tiles (n, SIDE, SIDE, 4), as `terrain.appearance.Appearance` does.
 
-        If the appearance `filters`, 8: then how much of the ground's red, green and blue is seen.
+        If the appearance `filters`, 8: how much of the ground's red, green and blue is seen, and what is lit.
         """
         tiles = np.asarray(keys, np.int64).reshape(-1, 3)
         result = np.zeros((len(tiles), SIDE, SIDE, 8 if self.filters else 4), np.uint8)
@@ -414,6 +417,7 @@ def _style_row(layer_style: LayerStyle) -> Float64Array:
         style_dash_pairs=len(spans) // 2,
         style_white=WHITE,
         style_layer=layer_style.layer,
+        style_unlit=style["unlit"],
     )
     for first, colour in ((0, style["colour"]), (4, style["fill"])):
         row[first : first + 3] = linear_from_hex(colour) if colour else 0.0

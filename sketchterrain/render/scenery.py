@@ -260,7 +260,8 @@ class Scenery:
             camera, size[0] / size[1], base=self.lit.haze_base, clock=clock, moving=moving
         )
         lift = LIFT * self._quality.tolerance * _pixel(camera, framebuffer.size[1])
-        painted = self.appearance.uniforms(camera.eye)
+        exposure = self._sky.exposure(camera.heading)
+        painted = self.appearance.uniforms(camera.eye) | {"appearance_exposure": exposure}
         units = (
             self._bind(targets) | {"clock": clock, "lift": lift} | self.surface.uniforms(camera.eye) | clouds
         )
@@ -279,7 +280,7 @@ class Scenery:
         yield from self.forest.draw(camera, size, units, parts=parts)
         if self._water:
             yield from self._water.draw(camera, targets, units, parts=parts)
-        self.shading.tonemap(targets, framebuffer, units, exposure=self._sky.exposure(camera.heading))
+        self.shading.tonemap(targets, framebuffer, units, exposure=exposure)
         self.labels.draw(camera, framebuffer, moving=moving)
 
     def _set_frame(self, camera: Camera, targets: RenderTargets, distance: float) -> None:

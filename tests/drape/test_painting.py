@@ -572,3 +572,43 @@ def test_pictures_show_changed_layers_whatever_way_they_came(tmp_path):
         assert np.abs(one - both).max() > 20
         assert np.array_equal(draw(None), bare)
         assert np.array_equal(draw(recoloured), other)
+
+
+COLOURS = "#d03030", "#3355ff", "#ffd43b", "#2b8a3e", "#101010", "#f8f8f8", "#ff0000", "#00e5ff"
+
+
+def lab(colours):
+    """Return CIE L*a*b* of sRGB colours (…, 3), 0 … 255, under D65."""
+    linear = np.asarray(colours, float) / 255.0
+    linear = np.where(linear <= 0.04045, linear / 12.92, ((linear + 0.055) / 1.055) ** 2.4)
+    xyz = linear @ np.array([[0.4124, 0.2126, 0.0193], [0.3576, 0.7152, 0.1192], [0.1805, 0.0722, 0.9505]])
+    f = xyz / [0.9505, 1.0, 1.089]
+    f = np.where(f > 216 / 24389, np.cbrt(f), (24389 / 27 * f + 16) / 116)
+    x, y, z = np.moveaxis(f, -1, 0)
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
+
+
+@pytest.mark.parametrize("sun", [Sun(200.0, 60.0), Sun(250.0, 6.0)])
+def test_unlit_colours_are_those_of_the_legend(tmp_path, sun) -> None:
+    quality = Quality.from_level(0.0, without=("clouds", "grass", "rocks", "detail", "shadows", "trees"))
+    quality = replace(quality, quads=64, map_texels=128, material_texels=128)
+    size, terrain = (160, 80), terrains.plain()
+    sketch = terrain.sketch
+    side = sketch.size[0] / len(COLOURS)
+    strips = [shapely.box(k * side, 0.0, (k + 1) * side, sketch.size[1]) for k in range(len(COLOURS))]
+    layers = [
+        each.replace(fill=fill, unlit=1)
+        for each, fill in zip(write_areas(tmp_path, *strips), COLOURS, strict=True)
+    ]
+    middle = 0.5 * sketch.size[0]
+    camera = Camera((middle, -1500.0, 2200.0), (middle, middle, 0.0), near=1.0, far=30_000.0)
+    drapes = Drapes.open(layers, sketch.frame, sketch.size, sketch.extent)
+    with canvas(size) as (context, texture, framebuffer):
+        renderer = Renderer(context, terrain, sun=sun, quality=quality)
+        renderer.set_drapes(drapes)
+        renderer.prepare(camera, size)
+        renderer.draw(camera, framebuffer)
+        picture = read_picture(texture)
+    legend = lab([[int(each[at : at + 2], 16) for at in (1, 3, 5)] for each in COLOURS])
+    distances = np.linalg.norm(lab(picture)[:, :, None] - legend, axis=-1)
+    assert ((distances < 5.0).sum(axis=(0, 1)) > 90).all()

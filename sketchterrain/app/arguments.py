@@ -189,7 +189,7 @@ PictureSize = Annotated[
 ]
 ViewKind = Annotated[
     str | None,
-    typer.Option("--view", metavar="KIND", help="The view to find: auto, ground, hill or air."),
+    typer.Option("--view", metavar="KIND", help="The view to find: auto, ground, hill, air or layers."),
 ]
 Eye = Annotated[Any, typer.Option(parser=_parse_point, metavar="X,Y,Z", help="Camera position, m.")]
 LookAt = Annotated[

@@ -167,6 +167,16 @@ class Drapes:
         return texel is None or bool(layer["finest"] <= texel and not 0.0 < layer["coarsest"] <= texel)
 
     @property
+    def shown_box(self) -> Bounds | None:
+        """The box (m) of all visible layers inside of the sketch, None if there is none."""
+        boxes = [each.box for number, each in enumerate(self.sources) if each and self._is_visible(number)]
+        if not boxes:
+            return None
+        low = np.maximum(np.fmin.reduce(boxes)[:2], 0.0)
+        high = np.minimum(np.fmax.reduce(boxes)[2:], self.size)
+        return (*low.tolist(), *high.tolist()) if (low <= high).all() else None
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """A line for each layer that is not near the sketch, or has features that are not."""
         notes, (east, north) = list[str](), self.size

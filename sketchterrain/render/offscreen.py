@@ -69,7 +69,9 @@ def render_picture(
     check_method(drape_method)
     start = time.perf_counter()
     weather = weather or Weather.from_sketch(terrain.sketch)
-    camera = camera or find_view(terrain, view, weather=weather)
+    drapes = drapes or open_drapes(terrain)
+    framed = None if drapes is None or view != "layers" else drapes.shown_box
+    camera = camera or find_view(terrain, view, weather=weather, framed=framed)
     sun = sun or sun_for_view(terrain, camera, weather)
     view_seconds = time.perf_counter() - start
     with canvas(size) as (context, texture, framebuffer):
@@ -81,7 +83,7 @@ def render_picture(
             weather=weather,
             textures=textures,
             quality=quality,
-            drapes=drapes or open_drapes(terrain),
+            drapes=drapes,
             drape_method=drape_method,
         )
         renderer.prepare(camera, size)
@@ -170,7 +172,9 @@ class SnapshotRenderer:
         start = time.perf_counter()
         terrain = moved_to_context(terrain, self._own_context(terrain.context))
         weather = weather or Weather.from_sketch(terrain.sketch)
-        camera = find_view(terrain, view, weather=weather)
+        drapes = open_drapes(terrain)
+        framed = None if drapes is None or view != "layers" else drapes.shown_box
+        camera = find_view(terrain, view, weather=weather, framed=framed)
         sun = sun_for_view(terrain, camera, weather)
         view_seconds = time.perf_counter() - start
         try:
@@ -181,7 +185,7 @@ class SnapshotRenderer:
                 weather=weather,
                 quality=Quality.for_still(self._size),
                 resources=self._resources.borrow(),
-                drapes=open_drapes(terrain),
+                drapes=drapes,
             )
             renderer.prepare(camera, self._size)
             terrain.release_buffers()  # before drawing, which needs most

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter, gaussian_filter1d, maximum_filter
 
-from sketchterrain.array_types import BoolArray, Float64Array
+from sketchterrain.array_types import BoolArray, Bounds, Float64Array
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import Flight, Keyframe
@@ -35,13 +35,16 @@ from sketchterrain.render.viewpoints import (
     sun_preference,
 )
 
-VIEWS: Final = ("auto", "ground", "hill", "air")  # view kinds; see `find_view`
+VIEWS: Final = ("auto", "ground", "hill", "air", "layers")  # view kinds; see `find_view`
 VIEWPOINTS_PER_SIDE: Final = 14  # candidate viewpoints along each side of the sketch
 BEARINGS: Final = 60
 LOWEST: Final = -0.38  # tangent of the lower border of a picture, about
 DISTANCES: Final = 56
 WATER_LIMIT: Final = 0.15
 """Share of water in the visible terrain, by apparent size, above which it is penalised."""
+
+
+_PITCHES: Final = np.radians([25.0, 35.0, 50.0, 70.0])  # below the horizon, of views that frame something
 
 
 class _ViewStyle(NamedTuple):
@@ -110,14 +113,23 @@ class _Panorama(NamedTuple):
         return np.asarray(self.share[..., distances].sum(axis=-1) - 1.0)
 
 
-def find_view(terrain: TerrainSource, kind: str = "auto", *, weather: Weather | None = None) -> Camera:
+def find_view(
+    terrain: TerrainSource,
+    kind: str = "auto",
+    *,
+    weather: Weather | None = None,
+    framed: Bounds | None = None,
+) -> Camera:
     """Return the best-scoring camera over many viewpoints and bearings; deterministic.
 
     Kinds: ``ground`` eye level in the open; ``hill`` the same on a rise; ``air`` 250 to 700 m up; ``auto``
     above the trees, a hundredth of the extent up (20 to 190 m). The score combines relief, visible water,
-    painted features, open foreground and, if the weather has an hour, light from the side.
+    painted features, open foreground and, if the weather has an hour, light from the side. ``layers`` shows
+    all of the rectangle `framed` (m), by default the sketch, from as low as most of it is visible.
     """
     check_view(kind)
+    if kind == "layers":
+        return _overview(terrain, framed or visible_rectangle(terrain), weather)
     light = sun_preference(weather)
     if kind in ("ground", "hill"):
         return eye_level_view(terrain, light, raised=kind == "hill")
@@ -142,6 +154,26 @@ def find_view(terrain: TerrainSource, kind: str = "auto", *, weather: Weather | 
     skyline = neighbouring_bearings(seen.horizon, style.in_view)[:, viewpoint, bearing]
     angle = float(bearings[bearing])
     return aim(eye, angle, skyline, extent, fov=style.fov, horizon_at=style.horizon_at)
+
+
+def _overview(terrain: TerrainSource, box: Bounds, weather: Weather | None) -> Camera:
+    west, south, east, north = box
+    x, y = (each.ravel() for each in np.meshgrid(np.linspace(west, east, 9), np.linspace(south, north, 9)))
+    points = np.stack([x, y, surface_heights(terrain, x, y)], axis=-1).astype(np.float64)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    fov = _STYLES["air"].fov
+    away = max(np.linalg.norm(points - middle, axis=1).max(), 50.0) / np.sin(np.radians(0.5 * fov))
+    relief = sample_heights(terrain, (middle[0], middle[1]), 2.2 * away, 384)
+    pitch, bearing = np.meshgrid(_PITCHES, np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False), indexing="ij")
+    ahead = np.cos(pitch) * np.sin(bearing), np.cos(pitch) * np.cos(bearing), -np.sin(pitch)
+    eyes = middle - away * np.stack(ahead, axis=-1)
+    share = np.linspace(0.0, 0.98, 64)[:, None]
+    lines = eyes[:, :, None, None] + share * (points[:, None] - eyes[:, :, None, None])
+    clear = (relief.at(lines[..., 0], lines[..., 1]) < lines[..., 2]).all(axis=-1).mean(axis=-1)
+    score = np.minimum(clear, 0.97) - 0.05 * pitch + 0.05 * sun_preference(weather)(bearing)
+    eye = eyes[np.unravel_index(np.argmax(score), score.shape)]
+    places = [(float(x), float(y), float(z)) for x, y, z in (eye, middle)]
+    return Camera(*places, fov=fov, near=1.5, far=20.0 * terrain.extent)
 
 
 def check_view(kind: str) -> None:

@@ -48,7 +48,7 @@ RENDER = [
     ("-o OUT.svg --map --size 640x480", 2, ("--size with --map",)),
     *((f"--eye {eye}", 2, ()) for eye in ("1,2", "1,2,3,4", "a,b,c", "1,2,nan", "1,2,inf")),
     ("--overlay contours", 3, ("no overlay 'contours'; there are: wireframe, levels",)),
-    ("--view moon", 3, ("expected a view, one of auto, ground, hill, air, got 'moon'",)),
+    ("--view moon", 3, ("expected a view, one of auto, ground, hill, air, layers, got 'moon'",)),
     ("--without people", 3, ("expected a part of a picture",)),
     ("--time 9:75", 2, ("expected a time of day HH or HH:MM, up to 24, got '9:75'",)),
     ("--time 1", 3, ("expected an hour from",)),

@@ -16,7 +16,7 @@ from sketchterrain.render.quality import Quality
 from sketchterrain.render.scene import HeightMap, sample_heights
 from sketchterrain.render.sky import Weather, sun_at
 from sketchterrain.render.viewpoints import TREES, LandCover, sun_preference, unobstructed_distance
-from sketchterrain.render.views import VIEWS, find_view
+from sketchterrain.render.views import find_view
 from sketchterrain.terrain.adherence_rivers import standing_water
 from sketchterrain.terrain.building import build
 
@@ -44,7 +44,7 @@ def terrain():
 
 @pytest.fixture(scope="module")
 def cameras(terrain):
-    return {kind: find_view(terrain, kind) for kind in VIEWS}
+    return {kind: find_view(terrain, kind) for kind in HEIGHTS}
 
 
 def test_views_have_their_height_and_a_high_horizon(terrain, cameras):
@@ -66,6 +66,17 @@ def test_views_have_their_height_and_a_high_horizon(terrain, cameras):
         assert 0.2 <= np.median(at) <= 0.95, kind
         assert at.max() < 1.0, kind
     assert find_view(terrain, "ground") == cameras["ground"]
+
+
+def test_a_rectangle_is_framed_and_seen(terrain):
+    for box in ((0.0, 0.0, *terrain.size), (900.0, 700.0, 1200.0, 1000.0), (2000.0, 2000.0, 2000.0, 2000.0)):
+        camera = find_view(terrain, "layers", framed=box)
+        west, south, east, north = box
+        x, y = np.array([(west, south), (east, south), (east, north), (west, north)]).T
+        places = np.stack([x, y, terrain.heights(x, y), np.ones(4)])
+        across, up, _, w = camera.to_clip(16 / 9) @ (places - [*np.reshape((*camera.eye, 0.0), (4, 1))])
+        assert (np.maximum(np.abs(across), np.abs(up)) <= w).all()
+        assert camera.eye[2] > float(terrain.heights(*camera.eye[:2])) + 20.0
 
 
 def test_eye_level_views_are_dry_level_and_open(terrain, cameras):
@@ -217,7 +228,7 @@ def test_invalid_input_and_missing_opengl_are_errors(terrain, waves, monkeypatch
     assert not Quality.from_level(0.5, without=["grass"]).includes("grass")
     assert Quality.from_level(0.5, without=["grass"]).includes("trees")
     for message, call in (
-        ("expected a view, one of auto, ground, hill, air, got 'moon'", lambda: find_view(terrain, "moon")),
+        ("ground, hill, air, layers, got 'moon'", lambda: find_view(terrain, "moon")),
         ("expected an hour from", lambda: find_view(terrain, "air", weather=Weather(hour=1.0))),
         ("8192", lambda: render_picture(waves, size=(0, 100))),
         ("pixels a side", lambda: SnapshotRenderer((8, 8))),

@@ -359,7 +359,7 @@ class ExportRequest:
     foliage: str = "csv"
     grass: bool = False
     preview: bool = True
-    view: str = "auto"  # Viewpoint of the preview: auto, ground, hill or air
+    view: str = "auto"  # Viewpoint of the preview: auto, ground, hill, air or layers
     map: str | None = None
     device: str | None = None
 

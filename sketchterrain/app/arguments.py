@@ -406,22 +406,20 @@ def read_layers(texts: Sequence[str]) -> tuple[DrapedLayer, ...]:
 
     layers = []
     for text in texts:
-        path, values, classes = text, dict[str, Any](), list[tuple[str, list[str]]]()
+        path, values, classes = text, dict[str, Any](), list[tuple[str, dict[str, Any]]]()
         while not os.path.exists(path) and (option := _LAYER_OPTION.fullmatch(path)):  # noqa: PTH110 # no error
             path, name, value = option.groups()
             if name == "class":
                 kind, _, style = value.partition(":")
-                classes.insert(0, (kind, style.split(";")))
+                pairs = [each.partition("=") for each in style.split(";") if each]
+                classes.insert(0, (kind, {key: parsed(key, each) for key, _, each in pairs}))
             else:
                 values.setdefault(name, parsed(name, value))
         try:
-            styles = [(kind, [each.partition("=") for each in style]) for kind, style in classes]
-            given = [
-                DrapeClass(kind, {key: parsed(key, each) for key, _, each in style}) for kind, style in styles
-            ]
-            if given and not values.get("by"):
+            if classes and not values.get("by"):
                 raise InputError("class= needs by=, the property whose values are the classes")
-            layers.append(draped_layer(Path(path), **values).replace(classes=tuple(given)))
+            styles = tuple(DrapeClass(*each) for each in classes)
+            layers.append(draped_layer(Path(path), **values).replace(classes=styles))
         except InputError as error:
             raise InputError(f"--layer {one_line(text)}: {error}") from None
     return tuple(layers)

@@ -156,7 +156,7 @@ def render(
     is_svg = output.suffix.lower() == ".svg"
     if top_down:
         others = {f"--{name.replace('_', '-')}": value for name, value in vars(picture).items()}
-        size = others.pop("--size")
+        size, _ = others.pop("--size"), others.pop("--layer")
         reject_combination("--map", others, "it is for pictures")
         if is_svg:
             reject_combination("--map", {"--size": size}, "an .svg has no pixels")

@@ -244,7 +244,7 @@ def _write_files(
         if options.map is not None:
             with stages.stage("map", "Drawing the map"):
                 name = f"map.{options.map}"
-                writer.add(name, write_sheet, folder / name, map_sheet(terrain))
+                writer.add(name, write_sheet, folder / name, map_sheet(terrain, drapes))
         if rendered is not None:
             with stages.stage("preview", "Preview"):
                 picture, problem = rendered.result()

@@ -73,7 +73,7 @@ def render_to_file(
         with stages.stage("picture", "Drawing the map" if options.top_down else "Rendering"):
             prepare_folder(path.parent)
             if options.top_down:
-                write_map(path, terrain, size=options.size)
+                write_map(path, terrain, size=options.size, drapes=noted_drapes(terrain))
                 return []
             return draw_picture(path, terrain, options, weather)
 

@@ -10,6 +10,9 @@ import pytest
 import sketchterrain.app.pictures
 from sketchterrain.app.arguments import DRAPE_METHODS, read_layers
 from sketchterrain.document.store import load_sketch
+from sketchterrain.errors import InputError
+from sketchterrain.export.map.relief import fit_frame
+from sketchterrain.export.map.sheet import _grid
 from sketchterrain.render.draped import SCREEN_METHODS
 from sketchterrain.world.stored_world import at_corner, draped_sketch, open_world
 
@@ -46,6 +49,42 @@ def test_options_follow_the_name_of_a_file_that_may_have_commas(tmp_path):
             assert values.items() <= {**layer.values, **layer.style}.items()
     assert read_layers([]) == ()
     assert list(DRAPE_METHODS) == ["auto", "tiles", *SCREEN_METHODS]
+
+
+def test_classes_follow_their_value(tmp_path):
+    path = tmp_path / "a.gpkg"
+    path.write_bytes(b"a")
+    styles = "class=hard:colour=#000000;dash=6 3", "class=a b:width=5;unit=m", "class=c"
+    (layer,) = read_layers([f"{path},by=difficulty,{','.join(styles)},width=4"])
+    assert layer["by"] == "difficulty"
+    assert layer.style["width"] == 4.0
+    assert [(each.value, dict(each.style)) for each in layer.classes] == [
+        ("hard", {"colour": "#000000", "dash": "6 3"}),
+        ("a b", {"width": 5.0, "unit": "m"}),
+        ("c", {}),
+    ]
+    for text, message in (
+        ("class=hard:colour=#000000", "class= needs by="),
+        ("by=a,class=hard:colour=red", "--layer .*colour"),
+        ("by=a,class=hard:colr=#000000", "--layer .*colr"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read_layers([f"{path},{text}"])
+
+
+def test_maps_show_layers_in_the_grid_of_the_crs(call, place, trail, tmp_path):
+    layer = f"{trail},colour=#ff00ff,width=8,by=name,class=Upper:dash=6 3"
+    done = call("render", place, "--map", "-o", tmp_path / "a.svg", "--layer", layer)
+    assert done.code == 0, done.err
+    text = (tmp_path / "a.svg").read_text()
+    assert "#ff00ff" in text
+    assert "trail, old Upper" in text
+    assert "of EPSG:25832" in text
+    frame = {"crs": "EPSG:25832", "east": 600_030.0, "north": 5_200_070.0}
+    east, north, step = _grid(fit_frame((400.0, 300.0), frame))
+    assert step == 50.0
+    assert np.array_equal((east + 600_030.0) % step, np.zeros(8))
+    assert (east[0], north[0]) == (20.0, 30.0)
 
 
 def test_pictures_show_the_sketchs_layers_and_those_of_the_command(call, place, trail, tmp_path, monkeypatch):

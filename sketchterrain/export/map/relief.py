@@ -1,9 +1,9 @@
 """Frame and samples of a map, and its shaded relief."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -57,6 +57,8 @@ class MapFrame:
     east: float  # m, extent
     north: float
     scale: float  # 1 : n
+    corner: tuple[float, float] = (0.0, 0.0)  # coordinates (m) of the south-west corner …
+    crs: str = ""  # … in a CRS; empty: from the corner
 
     @property
     def mm_per_metre(self) -> float:
@@ -124,10 +126,14 @@ class MapSamples:
         return [generator.lines(level) for level in levels]
 
 
-def fit_frame(size: tuple[float, float]) -> MapFrame:
-    """Return the frame for a sketch of a size (m) at the largest round scale that fits."""
+def fit_frame(size: tuple[float, float], place: Mapping[str, Any] | None = None) -> MapFrame:
+    """Return the frame for a sketch of a size (m), at a `[frame]`, at the largest round scale that fits."""
     scale = nearest_round(max(size) * 1000.0 / MAX_SIDE, steps=SCALES, up=True)
-    return MapFrame(max(MARGIN, (MIN_WIDTH - size[0] * 1000.0 / scale) / 2.0), TOP, *size, scale)
+    left = max(MARGIN, (MIN_WIDTH - size[0] * 1000.0 / scale) / 2.0)
+    frame = MapFrame(left, TOP, *size, scale)
+    if not place or not place["crs"]:
+        return frame
+    return replace(frame, corner=(place["east"], place["north"]), crs=place["crs"])
 
 
 def nearest_round(number: float, *, steps: tuple[float, ...] = (1.0, 2.0, 5.0), up: bool = False) -> float:

@@ -1,15 +1,19 @@
 """Topographic map sheets: all layers with grid, border, title, legend, scale bar and north arrow."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
 from sketchterrain.document.layers import LAND_USES
 from sketchterrain.errors import InputError
+from sketchterrain.export.drapes import draped_shapes
 from sketchterrain.export.map import features
+from sketchterrain.export.map.drapes import drape_legend, draw_drapes
 from sketchterrain.export.map.drawing import (
     PAPER,
     Label,
@@ -50,6 +54,9 @@ from sketchterrain.io.files import write_atomic
 from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.terrain.terrain import Terrain
 
+if TYPE_CHECKING:
+    from sketchterrain.drape.drapes import Drapes
+
 Entry: TypeAlias = tuple[str, list[Shape]]
 """Meaning and symbol; the symbol's left end is at the origin, at half its height."""
 
@@ -64,13 +71,26 @@ BAR: Final = (36.0, 5)  # mm, approximate length of the scale bar; its parts
 
 def grid_lines(frame: MapFrame) -> list[Shape]:
     """Return the grid's faint lines, with crosses at their intersections."""
-    step = nearest_round(GRID / frame.mm_per_metre, up=True)
-    east, north = (np.arange(step, length - 0.01 * step, step) for length in (frame.east, frame.north))
+    east, north, step = _grid(frame)
+    east, north = (
+        each[(each > 0.01 * step) & (each < length - 0.01 * step)]
+        for each, length in ((east, frame.east), (north, frame.north))
+    )
     lines = [frame.to_sheet([[x, 0.0], [x, frame.north]]) for x in east]
     lines += [frame.to_sheet([[0.0, y], [frame.east, y]]) for y in north]
     arms = 1.6 * np.array([[[-1.0, 0.0], [1.0, 0.0]], [[0.0, -1.0], [0.0, 1.0]]])  # mm
     crosses = [frame.to_sheet([x, y]) + arm for x in east for y in north for arm in arms]
     return [Polylines(lines, INK, 0.08, 0.28), Polylines(crosses, INK, 0.14, 0.75)]
+
+
+def _grid(frame: MapFrame) -> tuple[Points, Points, float]:
+    """Return the places (m) of the grid's lines eastward and northward, and their distance (m)."""
+    step = nearest_round(GRID / frame.mm_per_metre, up=True)
+    east, north = (
+        np.arange(-corner % step, length + 0.01 * step, step)
+        for corner, length in zip(frame.corner, (frame.east, frame.north), strict=True)
+    )
+    return east, north, step
 
 
 def border(frame: MapFrame) -> list[Shape]:
@@ -79,23 +99,25 @@ def border(frame: MapFrame) -> list[Shape]:
     right, bottom = left + width, top + height
     near, far = BAND
     wide, out, size = far - near, OUTER + 1.9, 2.0
-    step = nearest_round(GRID / frame.mm_per_metre, up=True)
+    east, north, step = _grid(frame)
 
     def around(off: float) -> Points:
         return rectangle(left - off, top - off, width + 2 * off, height + 2 * off)
 
     black: list[Points] = []
     labels: list[Label] = []
-    for metres in np.arange(0.0, frame.east + 0.01 * step, step).tolist():
+    for metres in east.tolist():
         x = left + metres * frame.mm_per_metre
         length = max(min(step / 2 * frame.mm_per_metre, right - x), 0.0)
         black += [rectangle(x, y, length, wide) for y in (top - far, bottom + near)]
-        labels += [Label(grouped(metres), x, y, size, GREY, "middle") for y in (top - out, bottom + out)]
-    for metres in np.arange(0.0, frame.north + 0.01 * step, step).tolist():
+        text = grouped(metres + frame.corner[0])
+        labels += [Label(text, x, y, size, GREY, "middle") for y in (top - out, bottom + out)]
+    for metres in north.tolist():
         y = bottom - metres * frame.mm_per_metre
         length = max(min(step / 2 * frame.mm_per_metre, y - top), 0.0)
         black += [rectangle(x, y - length, wide, length) for x in (left - far, right + near)]
-        labels += [Label(grouped(metres), x, y, size, GREY, "middle", -90) for x in (left - out, right + out)]
+        text = grouped(metres + frame.corner[1])
+        labels += [Label(text, x, y, size, GREY, "middle", -90) for x in (left - out, right + out)]
     pens = ((0.0, 0.2), (near, 0.12), (far, 0.12), (OUTER, 0.45))
     lines = [Polylines([around(off)], INK, pen) for off, pen in pens]
     paper = Polygons([around(1000.0), around(0.0)], PAPER)  # covers shapes outside of the map
@@ -237,8 +259,14 @@ def _scale_bar(frame: MapFrame) -> list[Shape]:
         *(Label(f"{i * part / metres:g}", i * wide, 7.8, 2.1, INK, "middle") for i in numbers),
         Label(unit, parts * wide + 2.6, 5.25, 2.1, INK),
         Label("Heights and coordinates in metres", 0.0, 12.0, 2.1, GREY),
-        Label("from the sketch's south-west corner", 0.0, 14.8, 2.1, GREY),
+        Label(_grid_name(frame), 0.0, 14.8, 2.1, GREY),
     ]
+
+
+def _grid_name(frame: MapFrame) -> str:
+    if not frame.crs:
+        return "from the sketch's south-west corner"
+    return "of the sketch's own coordinate system" if "[" in frame.crs else f"of {frame.crs}"
 
 
 def _north_arrow() -> list[Shape]:
@@ -255,10 +283,12 @@ MAP_WIDTH: Final = 2400
 """Default width of a map's PNG (px): 8 px/mm."""
 
 
-def write_map(path: Path, terrain: Terrain, *, size: tuple[int, int] | None = None) -> tuple[Path, ...]:
+def write_map(
+    path: Path, terrain: Terrain, *, size: tuple[int, int] | None = None, drapes: Drapes | None = None
+) -> tuple[Path, ...]:
     """Write a terrain's map; see `map_sheet` and `write_sheet`."""
     _check_suffix(path)
-    return write_sheet(path, map_sheet(terrain), size=size)
+    return write_sheet(path, map_sheet(terrain, drapes), size=size)
 
 
 def write_sheet(path: Path, sheet: MapSheet, *, size: tuple[int, int] | None = None) -> tuple[Path, ...]:
@@ -270,9 +300,14 @@ def write_sheet(path: Path, sheet: MapSheet, *, size: tuple[int, int] | None = N
     return (write_atomic(path, sheet_png(sheet, width=max(width, 1))),)
 
 
-def map_sheet(terrain: Terrain) -> MapSheet:
-    """Return a terrain's map as shapes on a sheet, deterministically."""
-    frame = fit_frame(terrain.size)
+def map_sheet(terrain: Terrain, drapes: Drapes | None = None) -> MapSheet:
+    """Return a terrain's map, with vectors of draped layers, as shapes on a sheet, deterministically.
+
+    The grid is that of the sketch's CRS if it has one.
+    """
+    frame = fit_frame(terrain.size, terrain.sketch.frame)
+    cell = max(terrain.size) / 1024.0
+    layers = draped_shapes(drapes, terrain, (0.0, 0.0, *terrain.size), cell)
     samples = sample_map(terrain, frame)
     interval = choose_interval(samples)
     contours = trace_contours(samples, interval)
@@ -292,6 +327,7 @@ def map_sheet(terrain: Terrain) -> MapSheet:
     drawn = {"rivers": rivers, "lakes": lakes, "sea": sea, "forests": forests, "peaks": peaks}
     present = {name for name, shapes in drawn.items() if shapes}
     entries = legend_entries(contours, samples, interval, present, heights, terrain.features.network)
+    entries += drape_legend(layers, frame, WIDTH, HEIGHT)
     name = terrain.sketch.name or "Terrain"
     facts = [f"Topographic map 1 : {grouped(frame.scale)}"]
     facts += [f"contour interval {interval:g} m"] if contours else []
@@ -309,6 +345,7 @@ def map_sheet(terrain: Terrain) -> MapSheet:
             "lakes": lakes,
             "rivers": rivers,
             **({"roads": roads} if roads else {}),
+            **({"drapes": draw_drapes(layers, frame)} if layers else {}),
             "grid": grid_lines(frame),
             "labels": [*heights, *levels, *peaks],
             "border": border(frame),

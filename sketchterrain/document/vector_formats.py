@@ -88,8 +88,8 @@ def file_driver(path: Path, location: str) -> str:
     if driver := find_driver(path, location):
         return driver
     with path.open("rb") as stream:
-        start = stream.read(20)
-    raise InputError(f"{location}: expected a vector file, it begins with {format_value(start)}")
+        start = format_value(stream.read(20))
+    raise InputError(f"{location}: expected a vector file, it begins with {start}")
 
 
 @contextmanager

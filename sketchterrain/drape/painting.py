@@ -127,10 +127,9 @@ class DrapedAppearance:
     @cached_property
     def filters(self) -> bool:
         """Whether a layer is unlit, or blends otherwise than by opacity: tiles have twice the channels."""
-        is_unlit = any(each.style["unlit"] for each in self.drapes.styles)
-        return is_unlit or any(
-            layer["visible"] and layer["blend"] != "normal" for layer in self.drapes.layers
-        )
+        unlit = {each.layer for each in self.drapes.styles if each.style["unlit"]}
+        pairs = enumerate(self.drapes.layers)
+        return any(each["visible"] and (each["blend"] != "normal" or at in unlit) for at, each in pairs)
 
     @cached_property
     def reach(self) -> float:

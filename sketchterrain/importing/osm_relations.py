@@ -18,7 +18,6 @@ from shapely.geometry.base import BaseGeometry
 from shapely.ops import substring
 
 from sketchterrain.array_types import Int64Array
-from sketchterrain.document.vector_formats import Shapes
 from sketchterrain.errors import first_few, format_value
 
 _FIELDS: Final = {"node": 2, "way": 3, "relation": 4}  # of a group in PBF
@@ -31,16 +30,14 @@ class _Element(NamedTuple):
     kind: str  # of `_FIELDS`, or bounds
     id: Any  # of nodes an array
     tags: dict[str, str]
-    members: (
-        Any  # of nodes degrees, (n, 2); of a way its nodes; of a relation ways, and whether each is inner
-    )
+    members: Any  # nodes: degrees (n, 2); ways: nodes; relations: ways, and whether each is an inner one
 
 
 class IncompleteAreas(NamedTuple):
-    """Relations of areas that are incomplete, what closes of each (degrees) with its tags, and notes."""
+    """Relations of areas that are incomplete, what closes of them (degrees) with its tags, and notes."""
 
     ids: set[int]
-    shapes: Shapes
+    shapes: list[BaseGeometry]
     tags: list[dict[str, str]]
     notes: list[str]
 
@@ -60,10 +57,9 @@ def incomplete_areas(path: Path, keys: Collection[str]) -> IncompleteAreas:
 def _incomplete_areas(path: Path, keys: Collection[str]) -> IncompleteAreas:
     box, relations = None, list[_Element]()
     for each in _elements(path, "relation"):
-        if each.kind == "bounds":
-            box = each.members
-        elif each.tags.get("type") in ("multipolygon", "boundary"):
-            relations += [each] if not keys or not each.tags.keys().isdisjoint(keys) else []
+        is_area = each.tags.get("type") in ("multipolygon", "boundary")
+        box = each.members if each.kind == "bounds" else box
+        relations += [each] if is_area and (not keys or not each.tags.keys().isdisjoint(keys)) else []
     used = {way for relation in relations for way, _ in relation.members}
     ways = {each.id: each.members for each in _elements(path, "way") if each.id in used} if used else {}
     needed = np.unique(np.array([node for refs in ways.values() for node in refs], np.int64))
@@ -75,33 +71,33 @@ def _incomplete_areas(path: Path, keys: Collection[str]) -> IncompleteAreas:
     extract = shapely.box(*(box or [*np.min(corners, axis=0), *np.max(corners, axis=0)])) if places else None
     areas, closed, dropped = IncompleteAreas(set(), [], [], []), list[str](), list[str]()
     for relation in relations:
-        missing = [str(way) for way, _ in relation.members if way not in ways]
-        known = [(ways[way], is_inner) for way, is_inner in relation.members if way in ways]
+        known = [(ways[way], is_inner) for way, is_inner in relation.members if ways.get(way)]
+        missing = [str(way) for way, _ in relation.members if not ways.get(way)]
         ends = Counter(node for refs, _ in known for node in (refs[0], refs[-1]))
         has_nodes = all(places.keys() >= set(refs) for refs, _ in known)
-        if has_nodes and not missing and not any(count % 2 for count in ends.values()):
+        is_whole = has_nodes and not missing
+        if (is_whole and not any(count % 2 for count in ends.values())) or extract is None:
             continue
         parts: tuple[list[BaseGeometry], list[BaseGeometry]] = ([], [])
         for refs, is_inner in known:
             line = [places[node] for node in refs if node in places]
             parts[is_inner].extend([shapely.LineString(line)] if len(line) > 1 else [])
-        if extract is None or not any(parts):
-            continue  # it is elsewhere
-        island, _, _ = _filled(parts[True], extract, shapely.Polygon())
-        shape, is_closed, is_open = _filled(parts[False], extract, island)
-        if has_nodes and not (missing or is_closed or is_open):
-            continue  # inner lines meet the outline
-        areas.ids.add(relation.id)
+        island, *inner = _filled(parts[True], extract, shapely.Polygon())
+        shape, *outer = _filled(parts[False], extract, island)
+        is_closed, is_open = np.logical_or(inner, outer).tolist()
+        if not any(parts) or (is_whole and not is_closed and not is_open):
+            continue  # it is elsewhere, or inner lines meet the outline
         name = f" {format_value(relation.tags['name'])}" if "name" in relation.tags else ""
         title = f"relation {relation.id}{name}{' without ways ' if missing else ''}{first_few(missing, 3)}"
         closed += [title] if is_closed else []
-        dropped += [title] if is_open or shape.is_empty else []
+        dropped += [title] if is_open or not is_closed else []
+        areas.ids.add(relation.id)
         areas.shapes.append(shape.difference(island))
         areas.tags.append({**relation.tags, "osm_id": str(relation.id)})
     for what, titles in (("closed at the edge of the extract", closed), ("open outlines left out", dropped)):
         found = f"incomplete areas, {what} ({len(titles)}): {first_few(titles, 3, '; ')}"
         areas.notes.extend([found] if titles else [])
-    return areas._replace(shapes=np.array(areas.shapes, object))
+    return areas
 
 
 def _filled(
@@ -109,17 +105,16 @@ def _filled(
 ) -> tuple[BaseGeometry, bool, bool]:
     """Return the inside of lines, whether some of it is closed along the extract's edge, or some is open."""
     rings, *rest = shapely.polygonize_full(lines)
-    filled = shapely.union_all(shapely.get_parts(rings))
-    chains = shapely.get_parts(shapely.line_merge(shapely.union_all(rest[:2])))
-    edge, part, crosses, is_open = extract.exterior, shapely.Polygon(), False, False
+    filled, edge = shapely.union_all(shapely.get_parts(rings)), extract.exterior
+    part, crosses, is_open = shapely.Polygon(), False, False
     reach = _REACH * np.ptp(shapely.get_coordinates(extract), axis=0).max()
-    for chain in chains[~shapely.is_empty(chains)]:
-        ends = [shapely.Point(chain.coords[at]) for at in (0, -1)]
+    for chain in shapely.get_parts(shapely.line_merge(shapely.union_all(rest[:2]))):
+        ends = [shapely.Point(at) for at in (chain.coords[:1] + chain.coords[-1:])]
         if not all(end.distance(edge) <= reach or not end.within(extract) for end in ends):
             is_open = True
             continue
-        first, last = (edge.interpolate(edge.project(end)) for end in ends)
-        inside = shapely.LineString([first, *chain.coords, last]).intersection(extract)
+        first, *last = (edge.interpolate(edge.project(end)) for end in ends)
+        inside = shapely.LineString([first, *chain.coords, *last]).intersection(extract)
         for piece in shapely.get_parts(shapely.line_merge(inside)):
             if piece.geom_type == "LineString" and not piece.is_closed:
                 start, end = (edge.project(shapely.Point(piece.coords[at])) for at in (0, -1))
@@ -139,24 +134,25 @@ def _elements(path: Path, kind: str) -> Iterator[_Element]:
         is_pbf = stream.read(1) == b"\0"
         stream.seek(0)
         for each in (_pbf_elements if is_pbf else _xml_elements)(stream, kind):
-            if each.kind == kind or kind == "relation":
+            if kind in (each.kind, "relation"):
                 yield each
 
 
 def _xml_elements(stream: BinaryIO, kind: str) -> Iterator[_Element]:
     for _, each in ET.iterparse(stream):  # noqa: S314 # GDAL has read it, and expat limits entities
-        tags = {tag.attrib["k"]: tag.attrib["v"] for tag in each.iter("tag")}
-        members: list[Any] = [int(node.attrib["ref"]) for node in each.iter("nd")]
+        given, number = each.attrib, int(each.attrib.get("id", 0))
         if each.tag == "bounds":
-            box = [float(each.attrib[name]) for name in ("minlon", "minlat", "maxlon", "maxlat")]
+            box = [float(given[name]) for name in ("minlon", "minlat", "maxlon", "maxlat")]
             yield _Element("bounds", 0, {}, box)
         elif each.tag == kind == "node":
-            place = np.array([[float(each.attrib["lon"]), float(each.attrib["lat"])]])
-            yield _Element(kind, np.array([int(each.attrib["id"])]), {}, place)
+            place = np.array([[float(given["lon"]), float(given["lat"])]])
+            yield _Element(kind, np.array([number]), {}, place)
         elif each.tag == kind:
+            tags = {tag.attrib["k"]: tag.attrib["v"] for tag in each.iter("tag")}
+            members: list[Any] = [int(node.attrib["ref"]) for node in each.iter("nd")]
             parts = [part.attrib for part in each.iter("member") if part.attrib["type"] == "way"]
             members += [(int(part["ref"]), part["role"] == "inner") for part in parts]
-            yield _Element(kind, int(each.attrib["id"]), tags, members)
+            yield _Element(kind, number, tags, members)
         if each.tag in _FIELDS:
             each.clear()
 
@@ -172,13 +168,13 @@ def _pbf_elements(stream: BinaryIO, kind: str) -> Iterator[_Element]:
             if box:
                 yield _Element("bounds", 0, {}, [box[field] for field in (1, 4, 2, 3)])
             continue
-        values, texts = {17: 100, **dict(block)}, list[bytes]()
+        values, texts = {17: 100, 19: 0, 20: 0, **dict(block)}, list[bytes]()
         for field, content in (each for at, group in block if at == 2 for each in _fields(group)):
             if field == _FIELDS[kind] == 2:
                 node = dict(_fields(content))
                 ids, y, x = (np.cumsum(_signed(_numbers(node[column]))) for column in (1, 8, 9))
+                shift = [value - (value >> 63 << 64) for value in (values[20], values[19])]
                 places = np.stack([x, y], axis=-1) * values[17]
-                shift = [value - (value >> 63 << 64) for value in (values.get(20, 0), values.get(19, 0))]
                 yield _Element(kind, ids, {}, _NANO * (places + shift))
             elif field == _FIELDS[kind]:
                 texts = texts or [text for _, text in _fields(values[1])]
@@ -186,14 +182,12 @@ def _pbf_elements(stream: BinaryIO, kind: str) -> Iterator[_Element]:
 
 
 def _pbf_element(kind: str, fields: dict[int, Any], texts: list[bytes]) -> _Element:
-    names, values, refs, roles, ids, types = (
-        _numbers(fields.get(field, b"")) for field in (2, 3, 8, 8, 9, 10)
-    )
+    names, values, refs, ids, types = (_numbers(fields.get(each, b"")) for each in (2, 3, 8, 9, 10))
     pairs = zip(names.tolist(), values.tolist(), strict=True)
     tags = {texts[name].decode(): texts[value].decode(errors="replace") for name, value in pairs}
     members: list[Any] = np.cumsum(_signed(refs)).tolist()
-    if kind == "relation":
-        parts = zip(np.cumsum(_signed(ids)).tolist(), roles.tolist(), types.tolist(), strict=True)
+    if kind == "relation":  # the same field has roles
+        parts = zip(np.cumsum(_signed(ids)).tolist(), refs.tolist(), types.tolist(), strict=True)
         members = [(way, texts[role] == b"inner") for way, role, each in parts if each == 1]
     return _Element(kind, fields[1], tags, members)
 
@@ -203,13 +197,12 @@ def _fields(data: bytes) -> Iterator[tuple[int, Any]]:
     at = 0
     while at < len(data):
         key, at = _number(data, at)
-        value, at = _number(data, at) if key & 7 in (0, 2) else (8 if key & 7 == 1 else 4, at)
-        if key & 7:
-            value, at = data[at : at + value], at + value
-        yield key >> 3, value
+        size, at = _number(data, at) if key & 7 in (0, 2) else (8 if key & 7 == 1 else 4, at)
+        start, at = at, at + size if key & 7 else at
+        yield key >> 3, data[start:at] if key & 7 else size
 
 
-def _number(data: bytes, at: int) -> tuple[int, int]:
+def _number(data: bytes, at: int) -> tuple[Any, int]:
     value = shift = 0
     while data[at] > 127:
         value, shift, at = value | (data[at] & 127) << shift, shift + 7, at + 1

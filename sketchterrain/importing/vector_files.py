@@ -134,7 +134,7 @@ _NAMED_CRS = re.compile(
 )
 # Of OpenStreetMap; relations of rivers in others consist of ways that are in `lines` too.
 _OSM_LAYERS = ("points", "lines", "multipolygons")
-_POINT, _LINE, _POLYGON, _AREA = 0, 1, 3, 2  # shapely's type ids, and a dimension
+_POINT, _LINE, _POLYGON = 0, 1, 3  # shapely's type ids
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,24 +240,18 @@ def _read_layer(
     return SourceLayer(name, layer_crs(meta["crs"], where), shapes, properties, skipped, repaired)
 
 
-def _with_incomplete(
-    layer: SourceLayer, path: Path, *, tagged: bool, inside: tuple[float, float, float, float] | None
-) -> SourceLayer:
+def _with_incomplete(layer: SourceLayer, path: Path, *, tagged: bool, inside: Box | None) -> SourceLayer:
     """Return OpenStreetMap's areas with what closes of incomplete ones, of which GDAL makes others."""
     found = incomplete_areas(path, OSM_KEYS if tagged else ())
-    near = np.array(
-        [inside is None or shape.intersects(shapely.box(*inside)) for shape in found.shapes], bool
-    )
+    near = [inside is None or shape.intersects(shapely.box(*inside)) for shape in found.shapes]
+    shapes = valid_areas(np.array(found.shapes, object))
+    parts, of = single_parts(shapes[np.array(near, bool)], np.flatnonzero(near))
+    areas = (shapely.get_type_id(parts) == _POLYGON) & ~shapely.is_empty(parts)
     ids = set(map(str, found.ids))
     whole = np.array([each.get("osm_id") not in ids for each in layer.properties], bool)
-    parts, of = single_parts(valid_areas(found.shapes[near]), np.flatnonzero(near))
-    filled = shapely.get_dimensions(parts) == _AREA
-    return replace(
-        layer,
-        shapes=np.concatenate([layer.shapes[whole], parts[filled]]),
-        properties=[*compress(layer.properties, whole), *(found.tags[each] for each in of[filled])],
-        notes=tuple(found.notes),
-    )
+    properties = [*compress(layer.properties, whole), *(found.tags[each] for each in of[areas])]
+    shapes = np.concatenate([layer.shapes[whole], parts[areas]])
+    return replace(layer, shapes=shapes, properties=properties, notes=tuple(found.notes))
 
 
 def _with_tags(layer: str, columns: Sequence[str]) -> str:

@@ -157,23 +157,23 @@ def find_view(
 
 
 def _overview(terrain: TerrainSource, box: Bounds, weather: Weather | None) -> Camera:
+    """Return the camera that sees the most of a rectangle."""
     west, south, east, north = box
     x, y = (each.ravel() for each in np.meshgrid(np.linspace(west, east, 9), np.linspace(south, north, 9)))
     points = np.stack([x, y, surface_heights(terrain, x, y)], axis=-1).astype(np.float64)
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    fov = _STYLES["air"].fov
+    middle, fov = 0.5 * (points.min(axis=0) + points.max(axis=0)), _STYLES["air"].fov
     away = max(np.linalg.norm(points - middle, axis=1).max(), 50.0) / np.sin(np.radians(0.5 * fov))
     relief = sample_heights(terrain, (middle[0], middle[1]), 2.2 * away, 384)
-    pitch, bearing = np.meshgrid(_PITCHES, np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False), indexing="ij")
+    pitch, bearing = np.meshgrid(_PITCHES, np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False))
     ahead = np.cos(pitch) * np.sin(bearing), np.cos(pitch) * np.cos(bearing), -np.sin(pitch)
     eyes = middle - away * np.stack(ahead, axis=-1)
-    share = np.linspace(0.0, 0.98, 64)[:, None]
-    lines = eyes[:, :, None, None] + share * (points[:, None] - eyes[:, :, None, None])
+    along = np.linspace(0.0, 0.98, 64)[:, None]
+    lines = eyes[..., None, None, :] + along * (points[:, None] - eyes[..., None, None, :])
     clear = (relief.at(lines[..., 0], lines[..., 1]) < lines[..., 2]).all(axis=-1).mean(axis=-1)
     score = np.minimum(clear, 0.97) - 0.05 * pitch + 0.05 * sun_preference(weather)(bearing)
     eye = eyes[np.unravel_index(np.argmax(score), score.shape)]
-    places = [(float(x), float(y), float(z)) for x, y, z in (eye, middle)]
-    return Camera(*places, fov=fov, near=1.5, far=20.0 * terrain.extent)
+    place, target = ((float(x), float(y), float(z)) for x, y, z in (eye, middle))
+    return Camera(place, target, fov=fov, near=1.5, far=20.0 * terrain.extent)
 
 
 def check_view(kind: str) -> None:

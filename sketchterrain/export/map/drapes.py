@@ -1,6 +1,7 @@
 """Draped vector layers as shapes of a map, with their entries in its legend."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -9,60 +10,56 @@ import shapely
 
 from sketchterrain.document.parameters import Properties
 from sketchterrain.export.drapes import DrapedShapes
-from sketchterrain.export.map.drawing import Points, Polygons, Polylines, Shape, rectangle
+from sketchterrain.export.map.drawing import Polygons, Polylines, Shape
 from sketchterrain.export.map.relief import MapFrame
 
 _PIXEL: Final = 0.2  # mm of a map, for widths in px
 
 
-def draw_drapes(layers: Iterable[DrapedShapes], frame: MapFrame) -> list[Shape]:
-    """Return the features of layers, the lowest first; patterns of areas are filled."""
-    from sketchterrain.document.vector_formats import single_parts  # loads GDAL
-
-    shapes: list[Shape] = []
-    for layer in layers:
-        for _, style, geometry in layer.by_style():
-            parts, _ = single_parts(geometry, np.arange(len(geometry)))
-            shapes += _drawn(shapely.force_2d(parts), style, float(layer.layer["opacity"]), frame)
-    return shapes
-
-
-def drape_legend(
+def draw_drapes(
     layers: Iterable[DrapedShapes], frame: MapFrame, width: float, height: float
-) -> list[tuple[str, list[Shape]]]:
-    """Return title and symbol, of a width and height (mm), of all styles of layers in use."""
-    own = MapFrame(0.0, 0.0, width / frame.mm_per_metre, 0.0, frame.scale)
-    entries = []
+) -> tuple[list[Shape], list[tuple[str, list[Shape]]]]:
+    """Return the features of layers, the lowest first, and titles with symbols of a width and height (mm).
+
+    Patterns of areas are filled.
+    """
+    shapes, entries = list[Shape](), list[tuple[str, list[Shape]]]()
+    sample = replace(frame, left=0.0, top=0.0, north=0.0, scale=1000.0)  # mm
+    patch = shapely.box(0.0, -height / 2, width, height / 2)
+    samples = patch.centroid, shapely.LineString([(0.0, 0.0), (width, 0.0)]), patch
     for layer in layers:
         for name, style, geometry in layer.by_style():
-            corners = rectangle(0.0, -height / 2, width, height)
+            look = {**style, "opacity": layer.layer["opacity"]}
+            if style["unit"] == "m":
+                look |= {"unit": frame.mm_per_metre}
+            shapes += _drawn(geometry, look, frame)
             kind = int(shapely.get_dimensions(geometry).max())
-            middle = shapely.Point(0.5 * width, 0.0), shapely.LineString([(0.0, 0.0), (width, 0.0)])
-            shape = (*middle, shapely.Polygon(corners))[kind]
-            sample = shapely.transform(np.array([shape]), lambda at: at / frame.mm_per_metre * [1.0, -1.0])
-            entries.append((name, _drawn(sample, style, float(layer.layer["opacity"]), own)))
-    return entries
+            entries.append((name, _drawn(np.array([samples[kind]]), look, sample)))
+    return shapes, entries
 
 
-def _drawn(parts: npt.NDArray[np.object_], style: Properties, opacity: float, frame: MapFrame) -> list[Shape]:
-    unit = frame.mm_per_metre if style["unit"] == "m" else _PIXEL
-    width, kind = float(style["width"]) * unit, shapely.get_dimensions(parts)
-    dots = frame.to_sheet(shapely.get_coordinates(parts[kind == 0]))
+def _drawn(geometry: npt.NDArray[np.object_], look: Properties, frame: MapFrame) -> list[Shape]:
+    from sketchterrain.document.vector_formats import single_parts  # loads GDAL
+
+    parts, _ = single_parts(shapely.force_2d(geometry), np.arange(len(geometry)))
+    unit = _PIXEL if look["unit"] == "px" else float(look["unit"])
+    width, opacity, kind = float(look["width"]) * unit, float(look["opacity"]), shapely.get_dimensions(parts)
+    rings = [frame.to_sheet(each.coords) for each in shapely.get_rings(parts[kind == 2])]
+    lines = [frame.to_sheet(each.coords) for each in parts[kind == 1]]
     circle = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
-    discs = [at + 0.5 * width * np.stack([np.cos(circle), np.sin(circle)], axis=-1) for at in dots]
-    rings = _paths(shapely.get_rings(parts[kind == 2]), frame)
-    lines, shapes = [*_paths(parts[kind == 1], frame), *rings], list[Shape]()
-    if style["fill"] and rings:
-        shapes.append(Polygons(rings, _rgb(style["fill"]), opacity * float(style["fill_opacity"])))
-    if style["colour"] and width > 0.0:
-        dashes = tuple(unit * float(each) for each in str(style["dash"]).split())
-        shapes += [Polylines(lines, _rgb(style["colour"]), width, opacity, dashes)] if lines else []
-        shapes += [Polygons(discs, _rgb(style["colour"]), opacity)] if discs else []
+    disc = 0.5 * width * np.stack([np.cos(circle), np.sin(circle)], axis=-1)
+    dots = [at + disc for at in frame.to_sheet(shapely.get_coordinates(parts[kind == 0]))]
+    colour, fill = look["colour"], look["fill"]
+    dashes = tuple(unit * float(each) for each in str(look["dash"]).split())
+    shapes: list[Shape] = []
+    if fill and rings:
+        shapes.append(Polygons(rings, _rgb(fill), opacity * float(look["fill_opacity"])))
+    if colour and width > 0.0:
+        shapes += (
+            [Polylines([*lines, *rings], _rgb(colour), width, opacity, dashes)] if lines or rings else []
+        )
+        shapes += [Polygons(dots, _rgb(colour), opacity)] if dots else []
     return shapes
-
-
-def _paths(lines: Iterable[shapely.LineString], frame: MapFrame) -> list[Points]:
-    return [frame.to_sheet(line.coords) for line in lines]
 
 
 def _rgb(code: object) -> tuple[int, int, int]:

@@ -13,7 +13,7 @@ from sketchterrain.document.layers import LAND_USES
 from sketchterrain.errors import InputError
 from sketchterrain.export.drapes import draped_shapes
 from sketchterrain.export.map import features
-from sketchterrain.export.map.drapes import drape_legend, draw_drapes
+from sketchterrain.export.map.drapes import draw_drapes
 from sketchterrain.export.map.drawing import (
     PAPER,
     Label,
@@ -71,11 +71,9 @@ BAR: Final = (36.0, 5)  # mm, approximate length of the scale bar; its parts
 
 def grid_lines(frame: MapFrame) -> list[Shape]:
     """Return the grid's faint lines, with crosses at their intersections."""
-    east, north, step = _grid(frame)
-    east, north = (
-        each[(each > 0.01 * step) & (each < length - 0.01 * step)]
-        for each, length in ((east, frame.east), (north, frame.north))
-    )
+    *places, step = _grid(frame)
+    lengths, edge = (frame.east, frame.north), 0.01 * step
+    east, north = (at[(edge < at) & (at < end - edge)] for at, end in zip(places, lengths, strict=True))
     lines = [frame.to_sheet([[x, 0.0], [x, frame.north]]) for x in east]
     lines += [frame.to_sheet([[0.0, y], [frame.east, y]]) for y in north]
     arms = 1.6 * np.array([[[-1.0, 0.0], [1.0, 0.0]], [[0.0, -1.0], [0.0, 1.0]]])  # mm
@@ -327,7 +325,8 @@ def map_sheet(terrain: Terrain, drapes: Drapes | None = None) -> MapSheet:
     drawn = {"rivers": rivers, "lakes": lakes, "sea": sea, "forests": forests, "peaks": peaks}
     present = {name for name, shapes in drawn.items() if shapes}
     entries = legend_entries(contours, samples, interval, present, heights, terrain.features.network)
-    entries += drape_legend(layers, frame, WIDTH, HEIGHT)
+    drawn_layers, layer_entries = draw_drapes(layers, frame, WIDTH, HEIGHT)
+    entries += layer_entries
     name = terrain.sketch.name or "Terrain"
     facts = [f"Topographic map 1 : {grouped(frame.scale)}"]
     facts += [f"contour interval {interval:g} m"] if contours else []
@@ -345,7 +344,7 @@ def map_sheet(terrain: Terrain, drapes: Drapes | None = None) -> MapSheet:
             "lakes": lakes,
             "rivers": rivers,
             **({"roads": roads} if roads else {}),
-            **({"drapes": draw_drapes(layers, frame)} if layers else {}),
+            **({"drapes": drawn_layers} if drawn_layers else {}),
             "grid": grid_lines(frame),
             "labels": [*heights, *levels, *peaks],
             "border": border(frame),

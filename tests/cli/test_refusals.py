@@ -59,7 +59,7 @@ RENDER = [
     ("--map --eye 1,2,3", 2, ("--eye with --map",)),
     ("--map --time 18", 2, ("--time with --map",)),
     ("--map --without trees", 2, ("--without with --map",)),
-    ("--map --layer MAP", 2, ("--layer with --map",)),
+    ("--map --drape-method tiles", 2, ("--drape-method with --map",)),
     ("--drape-method texture", 2, ("expected auto, tiles, two-step or geometry, got 'texture'",)),
     ("--layer no/such.gpkg,width=3", 3, ("--layer no/such.gpkg,width=3", "the file is missing\n")),
     ("--layer MAP,widht=3", 3, ("unknown key 'widht' = '3': expected", "did you mean 'width'?\n")),

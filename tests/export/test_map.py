@@ -11,9 +11,11 @@ import shapely
 from PIL import Image
 
 import sketchterrain as st
+from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.errors import InputError
 from sketchterrain.export.map import relief
+from sketchterrain.export.map.drapes import with_rasters
 from sketchterrain.export.map.drawing import Label, LabelSpace, MapSheet, Polygons, Polylines, sheet_png
 from sketchterrain.export.map.features import (
     BANK,
@@ -323,3 +325,30 @@ def test_shapes_are_rendered_at_their_positions():
     assert abs(columns.mean() - 30) < 4
     halo = (text[..., 2] > 200) & (text[..., 0] < 60)
     assert halo.sum() > 100
+
+
+class Gradient:
+    """A raster whose red grows eastward and green northward, by the metre, at half opacity."""
+
+    layers = (DrapedLayer("a.tif", {"opacity": 0.5}),)
+
+    def rasters(self, _):
+        return [(0, self)]
+
+    def pixels(self, west, north, texel, columns, rows):
+        x, y = west + (np.arange(columns) + 0.5) * texel, north - (np.arange(rows) + 0.5) * texel
+        red, green = np.meshgrid(0.05 * x, 0.05 * y)
+        pixels = np.stack([red, green, 0.0 * red, 255.0 + 0.0 * red], axis=-1)
+        return np.rint(np.clip(pixels, 0.0, 255.0)).astype(np.uint8)
+
+
+def test_rasters_are_at_their_place_on_the_relief(ground):
+    rows, columns = ground.height.shape
+    bare = np.full((rows, columns, 3), 100, np.uint8)
+    found = with_rasters(bare, Gradient(), ground).astype(float)
+    x, y = np.arange(columns) * ground.spacing[0], np.arange(rows)[::-1] * ground.spacing[1]
+    red, green = np.meshgrid(np.minimum(0.05 * x, 255.0), np.minimum(0.05 * y, 255.0))
+    assert np.abs(found[..., 0] - 50.0 - 0.5 * red).max() < 0.05 * max(ground.spacing) + 1.0
+    assert np.abs(found[..., 1] - 50.0 - 0.5 * green).max() < 0.05 * max(ground.spacing) + 1.0
+    assert (found[..., 2] == 50.0).all()
+    assert np.array_equal(with_rasters(bare, None, ground), bare)

@@ -1,17 +1,23 @@
-"""Draped vector layers as shapes of a map, with their entries in its legend."""
+"""Draped layers on a map: vectors as shapes with entries in its legend, and rasters on its relief."""
+
+from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
 import shapely
 
+from sketchterrain.array_types import UInt8Array
 from sketchterrain.document.parameters import Properties
 from sketchterrain.export.drapes import DrapedShapes
 from sketchterrain.export.map.drawing import Polygons, Polylines, Shape
-from sketchterrain.export.map.relief import MapFrame
+from sketchterrain.export.map.relief import MapFrame, MapSamples
+
+if TYPE_CHECKING:
+    from sketchterrain.drape.drapes import Drapes
 
 _PIXEL: Final = 0.2  # mm of a map, for widths in px
 
@@ -36,6 +42,20 @@ def draw_drapes(
             kind = int(shapely.get_dimensions(geometry).max())
             entries.append((name, _drawn(np.array([samples[kind]]), look, sample)))
     return shapes, entries
+
+
+def with_rasters(image: UInt8Array, drapes: Drapes | None, samples: MapSamples) -> UInt8Array:
+    """Return the image of a map's samples under the visible rasters, the lowest first."""
+    rows, columns, _ = image.shape
+    across, up = samples.spacing
+    result = image.astype(np.float64)
+    for number, source in [] if drapes is None else drapes.rasters(across):
+        west, north = -0.5 * across, samples.frame.north + 0.5 * up
+        pixels = source.pixels(west, north, across, columns, int(rows * up / across) + 1)
+        pixels = pixels[((np.arange(rows) + 0.5) * up / across).astype(int)]
+        share = float(drapes.layers[number]["opacity"]) / 255.0 * pixels[..., 3:] if drapes else 0.0
+        result += share * (pixels[..., :3] - result)
+    return np.rint(result).astype(np.uint8)
 
 
 def _drawn(geometry: npt.NDArray[np.object_], look: Properties, frame: MapFrame) -> list[Shape]:

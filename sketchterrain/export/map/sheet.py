@@ -13,7 +13,7 @@ from sketchterrain.document.layers import LAND_USES
 from sketchterrain.errors import InputError
 from sketchterrain.export.drapes import draped_shapes
 from sketchterrain.export.map import features
-from sketchterrain.export.map.drapes import draw_drapes
+from sketchterrain.export.map.drapes import draw_drapes, with_rasters
 from sketchterrain.export.map.drawing import (
     PAPER,
     Label,
@@ -299,7 +299,7 @@ def write_sheet(path: Path, sheet: MapSheet, *, size: tuple[int, int] | None = N
 
 
 def map_sheet(terrain: Terrain, drapes: Drapes | None = None) -> MapSheet:
-    """Return a terrain's map, with vectors of draped layers, as shapes on a sheet, deterministically.
+    """Return a terrain's map, with draped layers, as shapes on a sheet, deterministically.
 
     The grid is that of the sketch's CRS if it has one.
     """
@@ -321,7 +321,8 @@ def map_sheet(terrain: Terrain, drapes: Drapes | None = None) -> MapSheet:
     left, top, width, height = frame.box
     # Samples are pixel centres: the image extends half a sample beyond the frame.
     x, y = (0.5 * step * frame.mm_per_metre for step in samples.spacing)
-    image = RasterImage(shaded_relief(samples), (left - x, top - y, width + 2 * x, height + 2 * y))
+    relief = with_rasters(shaded_relief(samples), drapes, samples)
+    image = RasterImage(relief, (left - x, top - y, width + 2 * x, height + 2 * y))
     drawn = {"rivers": rivers, "lakes": lakes, "sea": sea, "forests": forests, "peaks": peaks}
     present = {name for name, shapes in drawn.items() if shapes}
     entries = legend_entries(contours, samples, interval, present, heights, terrain.features.network)

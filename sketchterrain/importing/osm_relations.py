@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import zlib
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple
 from xml.etree import ElementTree as ET
@@ -42,19 +42,19 @@ class IncompleteAreas(NamedTuple):
     notes: list[str]
 
 
-def incomplete_areas(path: Path, keys: Collection[str]) -> IncompleteAreas:
-    """Return the incomplete areas of relations with some keys, or of all relations if there are none.
+def incomplete_areas(path: Path, keys: Collection[str], inside: Sequence[float] | None) -> IncompleteAreas:
+    """Return the incomplete areas near a rectangle (degrees) of relations with some keys; by default of all.
 
     Rings that close are kept. Open outlines that end at the extract's edge are closed along it. Raise
     ValueError if the file is damaged.
     """
     try:
-        return _incomplete_areas(path, keys)
+        return _incomplete_areas(path, keys, shapely.box(*inside) if inside else None)
     except (LookupError, TypeError, AttributeError, zlib.error, ET.ParseError) as error:
         raise ValueError(f"damaged relations: {error}") from None
 
 
-def _incomplete_areas(path: Path, keys: Collection[str]) -> IncompleteAreas:
+def _incomplete_areas(path: Path, keys: Collection[str], inside: BaseGeometry | None) -> IncompleteAreas:
     box, relations = None, list[_Element]()
     for each in _elements(path, "relation"):
         is_area = each.tags.get("type") in ("multipolygon", "boundary")
@@ -65,8 +65,8 @@ def _incomplete_areas(path: Path, keys: Collection[str]) -> IncompleteAreas:
     needed = np.unique(np.array([node for refs in ways.values() for node in refs], np.int64))
     places, corners = dict[int, list[float]](), list[Any]()  # degrees
     for each in _elements(path, "node") if len(needed) else ():
-        inside = np.isin(each.id, needed)
-        places |= dict(zip(each.id[inside].tolist(), each.members[inside].tolist(), strict=True))
+        known_ids = np.isin(each.id, needed)
+        places |= dict(zip(each.id[known_ids].tolist(), each.members[known_ids].tolist(), strict=True))
         corners += [each.members.min(axis=0), each.members.max(axis=0)]
     extract = shapely.box(*(box or [*np.min(corners, axis=0), *np.max(corners, axis=0)])) if places else None
     areas, closed, dropped = IncompleteAreas(set(), [], [], []), list[str](), list[str]()
@@ -82,11 +82,14 @@ def _incomplete_areas(path: Path, keys: Collection[str]) -> IncompleteAreas:
         for refs, is_inner in known:
             line = [places[node] for node in refs if node in places]
             parts[is_inner].extend([shapely.LineString(line)] if len(line) > 1 else [])
+        around = shapely.GeometryCollection(parts[False] + parts[True]).envelope
+        if around.is_empty or (inside and not around.intersects(inside)):
+            continue  # it is elsewhere
         island, *inner = _filled(parts[True], extract, shapely.Polygon())
         shape, *outer = _filled(parts[False], extract, island)
         is_closed, is_open = np.logical_or(inner, outer).tolist()
-        if not any(parts) or (is_whole and not is_closed and not is_open):
-            continue  # it is elsewhere, or inner lines meet the outline
+        if is_whole and not is_closed and not is_open:
+            continue  # inner lines meet the outline
         name = f" {format_value(relation.tags['name'])}" if "name" in relation.tags else ""
         title = f"relation {relation.id}{name}{' without ways ' if missing else ''}{first_few(missing, 3)}"
         closed += [title] if is_closed else []

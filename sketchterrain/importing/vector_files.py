@@ -242,10 +242,9 @@ def _read_layer(
 
 def _with_incomplete(layer: SourceLayer, path: Path, *, tagged: bool, inside: Box | None) -> SourceLayer:
     """Return OpenStreetMap's areas with what closes of incomplete ones, of which GDAL makes others."""
-    found = incomplete_areas(path, OSM_KEYS if tagged else ())
-    near = [inside is None or shape.intersects(shapely.box(*inside)) for shape in found.shapes]
+    found = incomplete_areas(path, OSM_KEYS if tagged else (), inside)
     shapes = valid_areas(np.array(found.shapes, object))
-    parts, of = single_parts(shapes[np.array(near, bool)], np.flatnonzero(near))
+    parts, of = single_parts(shapes, np.arange(len(shapes)))
     areas = (shapely.get_type_id(parts) == _POLYGON) & ~shapely.is_empty(parts)
     ids = set(map(str, found.ids))
     whole = np.array([each.get("osm_id") not in ids for each in layer.properties], bool)

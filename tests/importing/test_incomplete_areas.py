@@ -8,6 +8,7 @@ import pytest
 import shapely
 
 from sketchterrain.document.vector_formats import reproject
+from sketchterrain.importing.osm_relations import incomplete_areas
 from sketchterrain.importing.vectors import sketch_from_vectors
 from sketchterrain.io.crs import parse_crs
 
@@ -194,3 +195,10 @@ def test_land_use_is_closed_and_complete_areas_are_unchanged(tmp_path) -> None:
     areas, notes = lake_of(tmp_path, {77: (OUTER, LAKE)}, ways=ways)
     assert sum(each.area for each in areas) == pytest.approx(2e-4 - ISLAND, rel=1e-3)
     assert "incomplete" not in notes
+
+
+def test_areas_elsewhere_are_not_mentioned(tmp_path) -> None:
+    (tmp_path / "a.osm").write_bytes(xml({77: (OUTER, LAKE)}, WAYS, NODES, EDGE))
+    for inside, count in (((9.0, 47.0, 9.01, 47.01), 1), ((9.02, 47.02, 9.03, 47.03), 0)):
+        found = incomplete_areas(tmp_path / "a.osm", ("natural",), inside)
+        assert len(found.shapes) == len(found.notes) == count

@@ -371,6 +371,8 @@ def _store_notes(layer: DrapedLayer, source: VectorSource) -> Iterator[str]:
         yield f"of its tables {shown} is shown; table= selects another: {first_few(others, _MAX_NAMES)}"
     if store.empty:
         yield f"{store.empty} of {store.count} features have no geometry, or are damaged"
+    if ids := list(map(str, store.incomplete)):
+        yield f"areas with missing ways are absent or wrong: relations {first_few(ids, _MAX_NAMES)}"
     names = store.fields.keys() | {name for edit in layer.edits.values() for name, _ in edit.properties}
     styles = [layer.style_of(number) for number in range(-1, len(layer.classes))]
     for key, value in {("by", layer["by"]), *(("label", str(style["label"])) for style in styles)}:

@@ -21,6 +21,7 @@ from rasterio.warp import transform
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.document.drapes import DrapedLayer
+from sketchterrain.document.osm_relations import incomplete_areas
 from sketchterrain.document.rasters import content_hash
 from sketchterrain.document.vector_formats import (
     Shapes,
@@ -245,6 +246,7 @@ class VectorStore:
         self.left_out: int = arrays.facts["left_out"]
         self.empty: int = arrays.facts["empty"]  # features without a geometry, or damaged
         self.tables: list[str] = arrays.facts["tables"]
+        self.incomplete: list[int] = arrays.facts["incomplete"]  # relations of OpenStreetMap
         self.box = np.array(arrays.facts["box"], np.float64)
         self.levels = tuple(
             Level(
@@ -341,7 +343,9 @@ def _build(
     whole = np.concatenate(boxes)
     box = [*np.fmin.reduce(whole[:, :2]).tolist(), *np.fmax.reduce(whole[:, 2:]).tolist()]
     facts = {"features": file.features, "left_out": left_out, "empty": empty, "tables": file.tables}
-    facts |= {"fields": fields, "box": box}
+    is_relations = file.driver == "OSM" and file.table == "multipolygons"
+    incomplete = sorted(incomplete_areas(Path(file.dataset), (), None).ids) if is_relations else []
+    facts |= {"fields": fields, "box": box, "incomplete": incomplete}
     arrays.finish(facts | {"levels": tolerances})
 
 

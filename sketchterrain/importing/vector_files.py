@@ -17,6 +17,7 @@ import shapely
 from rasterio.crs import CRS
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.document.osm_relations import incomplete_areas
 from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.vector_formats import (
     Shapes,
@@ -32,7 +33,6 @@ from sketchterrain.document.vector_formats import (
 )
 from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.importing.legend import BUILT_KEYS, OSM_KEYS, RELEVANT_TAGS
-from sketchterrain.importing.osm_relations import incomplete_areas
 from sketchterrain.io.crs import is_westward, parse_crs
 
 Box = Sequence[float]  # west, south, east, north

@@ -7,8 +7,10 @@ import zlib
 import pytest
 import shapely
 
+from sketchterrain.document.drapes import DrapedLayer
+from sketchterrain.document.osm_relations import incomplete_areas
 from sketchterrain.document.vector_formats import reproject
-from sketchterrain.importing.osm_relations import incomplete_areas
+from sketchterrain.drape.drapes import Drapes
 from sketchterrain.importing.vectors import sketch_from_vectors
 from sketchterrain.io.crs import parse_crs
 
@@ -202,3 +204,12 @@ def test_areas_elsewhere_are_not_mentioned(tmp_path) -> None:
     for inside, count in (((9.0, 47.0, 9.01, 47.01), 1), ((9.02, 47.02, 9.03, 47.03), 0)):
         found = incomplete_areas(tmp_path / "a.osm", ("natural",), inside)
         assert len(found.shapes) == len(found.notes) == count
+
+
+def test_draped_layers_name_incomplete_areas(tmp_path) -> None:
+    (tmp_path / "a.osm").write_bytes(xml({77: (OUTER, LAKE)}, WAYS, NODES, EDGE))
+    frame = {"crs": "EPSG:32632", "east": 500_000.0, "north": 5_204_000.0}
+    layers = [DrapedLayer(str(tmp_path / "a.osm"), {"table": table}) for table in ("multipolygons", "lines")]
+    notes = Drapes.open(layers, frame, (900.0, 900.0), 900.0).notes
+    assert "a: areas with missing ways are absent or wrong: relations 77" in notes
+    assert sum("relations" in note for note in notes) == 1

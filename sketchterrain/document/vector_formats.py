@@ -127,10 +127,13 @@ def _unpacked(file: Path, folder: Path, location: str) -> Path:
         if stream.read(2) != _GZIP:
             return file
     with gzip.open(file) as packed, (folder / "map.osm").open("wb") as unpacked:
-        while part := packed.read(1 << 20):
-            unpacked.write(part)
-            if unpacked.tell() > _MAX_UNPACKED:
-                raise InputError(f"{location}: expected at most {_MAX_UNPACKED >> 20} MiB, unpacked")
+        try:
+            while part := packed.read(1 << 20):
+                unpacked.write(part)
+                if unpacked.tell() > _MAX_UNPACKED:
+                    raise InputError(f"{location}: expected at most {_MAX_UNPACKED >> 20} MiB, unpacked")
+        except (EOFError, zlib.error) as error:
+            raise ValueError(one_line(error)) from None
     return folder / "map.osm"
 
 

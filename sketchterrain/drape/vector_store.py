@@ -54,6 +54,7 @@ _LEVELS: Final = 16
 _SHRINK: Final = 0.7  # of the points of a finer level: a level with more is not stored
 _CHUNK: Final = 1 << 22  # bytes of a file that are read at once
 _READ_WHOLE: Final = ("GeoJSON", "OSM")  # by GDAL, each time: more at once
+_MOST_PER_BYTE: Final = 1000  # features, of a file, which may be compressed
 _BATCH: Final = 1 << 14  # items that are sorted into place at once
 _ALIGNMENT: Final = 64  # bytes, of stored arrays
 _FACTS, _CONTENT = "facts.json", "arrays.bin"
@@ -104,6 +105,8 @@ def open_vector_file(path: Path, table: str = "") -> Iterator[VectorFile]:
         info = pyogrio.read_info(dataset, layer=table or names[0], force_feature_count=True)
         if info["driver"] != driver:
             raise InputError(f"{place}: expected {driver}, GDAL detects {info['driver']}")
+        if info["features"] > _MOST_PER_BYTE * path.stat().st_size:  # memory for as many is allocated
+            raise InputError(f"{place}: not a whole {driver} file ({info['features']} features)")
         fields = dict(zip(map(str, info["fields"]), map(str, info["dtypes"]), strict=True))
         known = layer_crs(info["crs"], place), info["crs"], info["geometry_type"], info["features"]
         yield VectorFile(dataset, driver, table or names[0], *known, fields, names, place)

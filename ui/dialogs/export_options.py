@@ -31,6 +31,7 @@ _VIEWS: Final = {
     "ground": "From near the ground",
     "hill": "From a hill",
     "air": "From the air",
+    "layers": "Of the draped layers",
     "": "None",
 }
 _FORMATS: Final = {

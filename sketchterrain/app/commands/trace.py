@@ -39,7 +39,7 @@ def trace(
         typer.Argument(
             metavar="FILE",
             help="A coloured map (PNG, JPEG, TIFF, WebP), layers (.ora, a folder of pictures), "
-            "vectors (GeoJSON, GeoPackage, FlatGeobuf, Shapefile, OpenStreetMap).",
+            "vectors (GeoJSON, GeoPackage, FlatGeobuf, Shapefile, GPX, KML, DXF, OpenStreetMap).",
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR|FILE.sketch", help="A new sketch.")],

@@ -48,13 +48,6 @@ def incomplete_areas(path: Path, keys: Collection[str], inside: Sequence[float] 
     Rings that close are kept. Open outlines that end at the extract's edge are closed along it. Raise
     ValueError if the file is damaged.
     """
-    try:
-        return _incomplete_areas(path, keys, shapely.box(*inside) if inside else None)
-    except (LookupError, TypeError, AttributeError, zlib.error, ET.ParseError) as error:
-        raise ValueError(f"damaged relations: {error}") from None
-
-
-def _incomplete_areas(path: Path, keys: Collection[str], inside: BaseGeometry | None) -> IncompleteAreas:
     box, relations = None, list[_Element]()
     for each in _elements(path, "relation"):
         is_area = each.tags.get("type") in ("multipolygon", "boundary")
@@ -83,7 +76,7 @@ def _incomplete_areas(path: Path, keys: Collection[str], inside: BaseGeometry | 
             line = [places[node] for node in refs if node in places]
             parts[is_inner].extend([shapely.LineString(line)] if len(line) > 1 else [])
         around = shapely.GeometryCollection(parts[False] + parts[True]).envelope
-        if around.is_empty or (inside and not around.intersects(inside)):
+        if around.is_empty or (inside and not around.intersects(shapely.box(*inside))):
             continue  # it is elsewhere
         island, *inner = _filled(parts[True], extract, shapely.Polygon())
         shape, *outer = _filled(parts[False], extract, island)
@@ -132,13 +125,13 @@ def _filled(
 
 
 def _elements(path: Path, kind: str) -> Iterator[_Element]:
-    """Yield the elements of a kind in a file, with relations its bounds."""
+    """Yield a file's elements of a kind, with relations its bounds; raise ValueError if it is damaged."""
     with path.open("rb") as stream:
-        is_pbf = stream.read(1) == b"\0"
-        stream.seek(0)
-        for each in (_pbf_elements if is_pbf else _xml_elements)(stream, kind):
-            if kind in (each.kind, "relation"):
-                yield each
+        read = _pbf_elements if stream.peek(1)[:1] == b"\0" else _xml_elements
+        try:
+            yield from (each for each in read(stream, kind) if kind in (each.kind, "relation"))
+        except (LookupError, TypeError, AttributeError, zlib.error, ET.ParseError) as error:
+            raise ValueError(f"damaged relations: {error}") from None
 
 
 def _xml_elements(stream: BinaryIO, kind: str) -> Iterator[_Element]:

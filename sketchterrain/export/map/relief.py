@@ -1,7 +1,7 @@
 """Frame and samples of a map, and its shaded relief."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final, TypeAlias
 
@@ -130,10 +130,8 @@ def fit_frame(size: tuple[float, float], place: Mapping[str, Any] | None = None)
     """Return the frame for a sketch of a size (m), at a `[frame]`, at the largest round scale that fits."""
     scale = nearest_round(max(size) * 1000.0 / MAX_SIDE, steps=SCALES, up=True)
     left = max(MARGIN, (MIN_WIDTH - size[0] * 1000.0 / scale) / 2.0)
-    frame = MapFrame(left, TOP, *size, scale)
-    if not place or not place["crs"]:
-        return frame
-    return replace(frame, corner=(place["east"], place["north"]), crs=place["crs"])
+    corner = (place["east"], place["north"]) if place and place["crs"] else (0.0, 0.0)
+    return MapFrame(left, TOP, *size, scale, corner, place["crs"] if place else "")
 
 
 def nearest_round(number: float, *, steps: tuple[float, ...] = (1.0, 2.0, 5.0), up: bool = False) -> float:

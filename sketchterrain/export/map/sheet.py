@@ -249,6 +249,8 @@ def _scale_bar(frame: MapFrame) -> list[Shape]:
     white, black = ([rectangle(i * wide, 4.6, wide, 1.3) for i in range(first, parts, 2)] for first in (1, 0))
     unit, metres = ("km", 1000.0) if part >= 500.0 else ("m", 1.0)
     numbers = range(0, parts + 1, 1 if wide > 9.0 else 2)
+    name = "the sketch's own coordinate system" if "[" in frame.crs else frame.crs
+    origin = f"of {name}" if name else "from the sketch's south-west corner"
     return [
         Label(f"1 : {grouped(frame.scale)}", 0.0, 0.0, 3.6, INK, bold=True),
         Polygons(white, WHITE),
@@ -257,14 +259,8 @@ def _scale_bar(frame: MapFrame) -> list[Shape]:
         *(Label(f"{i * part / metres:g}", i * wide, 7.8, 2.1, INK, "middle") for i in numbers),
         Label(unit, parts * wide + 2.6, 5.25, 2.1, INK),
         Label("Heights and coordinates in metres", 0.0, 12.0, 2.1, GREY),
-        Label(_grid_name(frame), 0.0, 14.8, 2.1, GREY),
+        Label(origin, 0.0, 14.8, 2.1, GREY),
     ]
-
-
-def _grid_name(frame: MapFrame) -> str:
-    if not frame.crs:
-        return "from the sketch's south-west corner"
-    return "of the sketch's own coordinate system" if "[" in frame.crs else f"of {frame.crs}"
 
 
 def _north_arrow() -> list[Shape]:

@@ -50,17 +50,20 @@ __all__ = [
 
 
 def _ensure_writable_cache() -> None:
-    """Set ``XDG_CACHE_HOME`` to a temporary folder where the user's cannot be written.
+    """Set ``XDG_CACHE_HOME`` to a temporary folder where the user's is missing, read-only or full.
 
-    numba and pyopencl raise there. Child processes inherit the variable; this process deletes the folder.
+    All caches, also those of drivers, numba and pyopencl, which raise there, follow the variable. Child
+    processes inherit it; this process deletes the folder.
     """
     with suppress(OSError, RuntimeError):  # RuntimeError: no home folder
         folder = cache_folder().parent
         folder.mkdir(parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK):
-            return
-    temporary = os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="sketchterrain-cache-")
-    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+        with tempfile.TemporaryFile(dir=folder):  # by its permissions root may write anywhere
+            if shutil.disk_usage(folder).free >= 1 << 26:  # bytes, for programs of all drivers
+                return
+    with suppress(OSError):  # not even temporary files: commands tell
+        temporary = os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="sketchterrain-cache-")
+        atexit.register(shutil.rmtree, temporary, ignore_errors=True)
 
 
 _ensure_writable_cache()

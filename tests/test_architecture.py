@@ -1,11 +1,17 @@
 """Imports between packages, and inside the desktop program: models and engine never import views."""
 
 import ast
+import os
 import re
+import shutil
 import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
+
+import pytest
+
+import sketchterrain
 
 ROOT = Path(__file__).parents[1]
 IMPORT = re.compile(r"^[ \t]*((?:from|import)[ \t][^(\n]*(?:\([^)]*\))?)", re.MULTILINE)
@@ -122,6 +128,42 @@ def test_planted_violations_are_found() -> None:
         ("models/painting.py", "from sketchterrain.ui import window"),
     ):
         assert ui_violations(ROOT / "ui" / file, imports(planted)) != [], (file, planted)
+
+
+def test_one_place_decides_about_caches_and_no_assertion_has_an_effect() -> None:
+    assert [path for path in modules() if "XDG_CACHE_HOME" in path.read_text("utf-8")] == [
+        ROOT / "sketchterrain/__init__.py",
+        ROOT / "sketchterrain/io/files.py",
+    ]
+    for path in modules():  # without assertions (python -O) the program must do the same
+        for line in re.findall(r"^ +assert (.*)", path.read_text("utf-8"), re.MULTILINE):
+            assert not re.search(r"(?<!isinstance)\(|:=", line.partition("#")[0]), (path, line)
+
+
+def test_caches_that_cannot_be_written_are_temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setattr("atexit.register", lambda _, folder, **__: made.append(Path(folder)))
+    made: list[Path] = []
+    for home, cache in (
+        *(
+            (tmp_path, place)
+            for place in ("/proc", "/proc/cache", f"{tmp_path}/file", f"{tmp_path}/file/new")
+        ),
+        *((place, "") for place in ("/proc", "/proc/home", f"{tmp_path}/file")),
+    ):
+        monkeypatch.setenv("HOME", str(home))
+        monkeypatch.setenv("XDG_CACHE_HOME", cache)
+        sketchterrain._ensure_writable_cache()
+        assert os.environ["XDG_CACHE_HOME"] == str(made[-1])
+        made.pop().rmdir()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "new"))
+    sketchterrain._ensure_writable_cache()
+    assert os.environ["XDG_CACHE_HOME"] == str(tmp_path / "new")
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=1 << 20))
+    sketchterrain._ensure_writable_cache()
+    assert os.environ["XDG_CACHE_HOME"] == str(made[-1])
+    made.pop().rmdir()
 
 
 def test_importing_loads_no_driver() -> None:

@@ -57,7 +57,7 @@ class PatchStore:
     def __init__(
         self, folder: Path | None = None, *, memory: LRUCache = _chunks, max_bytes: int = MAX_BYTES
     ) -> None:
-        self._folder = folder or _default_folder()
+        self._folder = folder or cache_folder() / "elevation"
         self._memory, self._max_bytes = memory, max_bytes
 
     def load(
@@ -170,13 +170,6 @@ def _reopened(folder: Path, grid_id: bytes, memory: LRUCache = _chunks) -> Store
 
 def _sent(folder: Path, corner: tuple[float, float]) -> StoredPatches:
     return _reopened(folder.parent, bytes.fromhex(folder.name)).moved(*corner)
-
-
-def _default_folder() -> Path:
-    try:
-        return cache_folder() / "elevation"
-    except RuntimeError:  # no home folder: one that cannot be written
-        return Path(os.devnull)
 
 
 def _opened_at(folder: Path) -> float:

@@ -7,11 +7,9 @@ import os
 import secrets
 import shutil
 import sqlite3
-import tempfile
 import time
 import weakref
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from threading import Lock
 from typing import Any, Final
@@ -36,10 +34,7 @@ def cached_bytes(
 
     Other cache files of the same family are of older recipes and are deleted when this one is written.
     """
-    try:
-        folder = folder or cache_folder()
-    except RuntimeError:  # no home directory
-        return compute()
+    folder = folder or cache_folder()
     path = folder / f"{_name(family, recipe)}{_SUFFIX}"
     cached = _read(path)
     if cached is not None:
@@ -76,12 +71,10 @@ def stored_folder(
     """Return a folder of files that depend on `recipe` alone, which `build` writes if it is missing.
 
     Before, those of the family that were not asked for for longest are deleted as far as they exceed
-    `max_bytes`. Without a cache folder it is among the temporary files.
+    `max_bytes`.
     """
-    parent = Path(tempfile.gettempdir())
-    with suppress(OSError, RuntimeError):  # RuntimeError: no home directory
-        cache_folder().mkdir(parents=True, exist_ok=True)
-        parent = cache_folder() if os.access(cache_folder(), os.W_OK) else parent
+    parent = cache_folder()
+    parent.mkdir(parents=True, exist_ok=True)
     folder = parent / _name(family, recipe)
     if not (folder / _DONE).is_file():
         _discard(parent, family, max_bytes)
@@ -137,7 +130,7 @@ class RecordCache:
                 if total > max_bytes:
                     each.unlink()
             self._database = database
-        except (OSError, RuntimeError, sqlite3.Error):  # RuntimeError: no home directory
+        except (OSError, sqlite3.Error):
             pass
 
     def get(self, key: tuple[int, int, int, int]) -> bytes | None:

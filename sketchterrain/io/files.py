@@ -82,7 +82,7 @@ def hash_file(path: Path) -> tuple[int, str]:
 def cache_folder() -> Path:
     """Return ``$XDG_CACHE_HOME/sketchterrain``, or ``~/.cache/sketchterrain`` without an absolute path there.
 
-    Raise RuntimeError if the user has no home folder.
+    The package sets the variable where neither can be written.
     """
     base = Path(os.environ.get("XDG_CACHE_HOME", ""))
     return (base if base.is_absolute() else Path("~/.cache").expanduser()) / "sketchterrain"

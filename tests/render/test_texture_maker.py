@@ -373,13 +373,6 @@ def test_corrupt_cache_files_are_replaced_and_missing_folders_tolerated(tmp_path
     compute = CountedCompute()
     assert cached(compute, place) == cached(compute, place / "below") == compute.content
     assert compute.calls == 2
-    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
-
-    def homeless(_):
-        raise RuntimeError("Could not determine home directory.")
-
-    monkeypatch.setattr(Path, "expanduser", homeless)
-    assert cached(compute, None) == compute.content
 
 
 WIDTHS = texture_widths(BUILT_IN)

@@ -16,7 +16,7 @@ from sketchterrain.document.label_layers import LabelImage, decode_layer
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.store import load_sketch
+from sketchterrain.document.store import load_sketch, reject_sketch_folder
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.application import single_shot
@@ -178,7 +178,7 @@ class Files(QObject):
         rows, columns = next(iter(self._document.sketch.layers.values())).shape
 
         def read() -> object:
-            return {name: _layer_image(path, (rows, columns)) for name, path in by_layer.items()}
+            return {name: _layer_image(path, name, (rows, columns)) for name, path in by_layer.items()}
 
         self.reading.read(read, self._import)
 
@@ -264,12 +264,19 @@ class Files(QObject):
         self._document.open(cast(Sketch, sketch), path)
         if path is not None:
             self._remember(path)
+        self._show_notes(cast(Sketch, sketch).notes)
+
+    def _show_notes(self, notes: Iterable[str]) -> None:
+        if line := "; ".join(notes):
+            self._banner.show_message(Message("warning", line, "file"))
 
     def _import(self, images: object) -> None:
-        new = cast("dict[str, LabelImage]", images)
+        read = cast("dict[str, tuple[LabelImage, list[str]]]", images)
+        new = {name: image for name, (image, _) in read.items()}
         sketch = self._document.sketch
         titles = " and ".join(LAYERS[name].title.lower() for name in new)
         self.change(f"Import {titles}", layers={**sketch.layers, **new})
+        self._show_notes(f"{name}: {note}" for name, (_, notes) in read.items() for note in notes)
 
     def change(self, title: str, **changes: object) -> None:
         """Change the sketch in one undo step, unless one that was opened meanwhile does not take it."""
@@ -313,15 +320,15 @@ def _read_picture(path: Path, role: str) -> tuple[RasterSource, RasterArea | Non
     return source, raster_area(source)
 
 
-def _layer_image(path: Path, shape: tuple[int, int]) -> LabelImage:
+def _layer_image(path: Path, layer: str, shape: tuple[int, int]) -> tuple[LabelImage, list[str]]:
     try:
-        image = decode_layer(path.read_bytes())
+        image, notes = decode_layer(path.read_bytes(), layer)
     except SketchterrainError as error:
         raise InputError(f"{path.name}: {error}") from None
     if image.shape != shape:
         (rows, columns), (height, width) = image.shape, shape
         raise InputError(f"{path.name} is {columns}×{rows} px: expected {width}×{height} px as the sketch")
-    return image
+    return image, notes
 
 
 _TRACE_FILTER = (
@@ -351,6 +358,7 @@ class PictureFile(QObject):
 
 
 def _write_png(picture: QImage, path: Path) -> None:
+    reject_sketch_folder(path.parent)
     if not picture.save(str(path), "PNG"):
         raise SketchterrainError(f"{path}: cannot be written")
 

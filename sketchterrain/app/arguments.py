@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sketchterrain.app.console import Stages
+from sketchterrain.app.console import Stages, print_note
 from sketchterrain.app.option_groups import reject_combination
 from sketchterrain.document.parameters import SKIES
 
@@ -386,7 +386,9 @@ def read_sketch(name: str, seed: int | None, stages: Stages, layers: Sequence[st
         sketch = load_sketch(name)
         if layers:
             sketch = sketch.replace(drapes=(*sketch.drapes, *read_layers(layers)))
-        return sketch if seed is None else sketch.replace(seed=seed)
+    for note in sketch.notes:
+        print_note(note)
+    return sketch if seed is None else sketch.replace(seed=seed)
 
 
 def read_layers(texts: Sequence[str]) -> tuple[DrapedLayer, ...]:

@@ -7,6 +7,7 @@ Data goes to stdout, progress and errors to stderr. Exit codes: 0 ok, 1 failed, 
 from __future__ import annotations
 
 import os
+import re
 import sys
 import traceback
 from collections.abc import Sequence
@@ -22,7 +23,17 @@ from sketchterrain.app.commands.new import new
 from sketchterrain.app.commands.realism import realism
 from sketchterrain.app.commands.trace import trace
 from sketchterrain.app.commands.world import stats, view, world
-from sketchterrain.app.console import DEBUG, INTERRUPTED, PARTIAL, USAGE_ERROR, Stages, describe_error, fail
+from sketchterrain.app.console import (
+    DEBUG,
+    INTERRUPTED,
+    PARTIAL,
+    USAGE_ERROR,
+    Stages,
+    describe_error,
+    fail,
+    flush_standard_streams,
+    open_standard_streams,
+)
 from sketchterrain.app.listings import (
     adherence_lines,
     device_lines,
@@ -34,7 +45,7 @@ from sketchterrain.app.listings import (
     preset_lines,
     print_json,
     print_lines,
-    undescribed_labels,
+    sketch_notes,
 )
 from sketchterrain.app.option_groups import reject_combination, with_option_groups
 from sketchterrain.io.system import restore_default_sigterm, sigterm_as_interrupt
@@ -55,13 +66,21 @@ app = typer.Typer(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; every failure is one line on stderr."""
+    open_standard_streams()
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a terminal without a character must not raise
             stream.reconfigure(errors="replace")
+    return flush_standard_streams(_run(arguments))
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    given = sys.argv[1:] if arguments is None else arguments
     try:
+        if any(re.fullmatch("(--[^=]+=)?", each) for each in given):  # a path would be the current folder
+            raise USAGE_ERROR("expected a value, got an empty text")
         with sigterm_as_interrupt():
             command = typer.main.get_command(app)
-            code = command.main(arguments, prog_name="sketchterrain", standalone_mode=False)
+            code = command.main(given, prog_name="sketchterrain", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
     except Exception as error:  # noqa: BLE001 - any error is one line
@@ -231,8 +250,12 @@ def adherence(
         document = args.read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
             from sketchterrain.app.export import DeviceFallback
+            from sketchterrain.export.files import prepare_folder
             from sketchterrain.terrain.adherence import measure_adherence
             from sketchterrain.terrain.building import build
+
+            if output is not None:
+                prepare_folder(output.parent)
 
         def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[Terrain, Adherence]:
             with stages.stage("features", "Placing features"):
@@ -242,13 +265,11 @@ def adherence(
 
         terrain, found = DeviceFallback(device).run(work, stages=stages)
         if output is not None:
-            from sketchterrain.export.files import prepare_folder
             from sketchterrain.export.measured_maps import write_adherence_image
 
-            prepare_folder(output.parent)
             write_adherence_image(output, terrain, found)
     entry = {"sketch": document.name, "seed": document.seed, "fidelity": document.fidelity}
-    entry |= {**found.as_dict(), "notes": undescribed_labels(document)}
+    entry |= {**found.as_dict(), "notes": sketch_notes(document)}
     if as_json:
         print_json(entry)
     else:

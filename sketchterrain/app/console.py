@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
+from pathlib import Path
 from threading import Timer
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.errors import InputError, SketchterrainError, one_line
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -36,6 +38,8 @@ def describe_error(error: Exception) -> tuple[str, int]:
     if isinstance(error, OSError):
         reason = error.strerror or str(error)
         return (f"{error.filename}: {reason}" if error.filename else reason), FAILED
+    if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
+        return f"{error.object}: expected a name in UTF-8", InputError.exit_code
     if isinstance(error, MemoryError):
         return "out of memory", FAILED
     kind = type(error).__name__
@@ -44,7 +48,36 @@ def describe_error(error: Exception) -> tuple[str, int]:
 
 def fail(message: str, code: int) -> int:
     """Write one line to stderr and return the exit code."""
-    sys.stderr.write(f"sketchterrain: error: {one_line(' '.join(message.split()))}\n")
+    with suppress(OSError):
+        sys.stderr.write(f"sketchterrain: error: {one_line(' '.join(message.split()))}\n")
+    return code
+
+
+def print_note(line: str) -> None:
+    """Write a note as one line to stderr."""
+    sys.stderr.write(f"sketchterrain: note: {one_line(line)}\n")
+
+
+def open_standard_streams() -> None:
+    """Open the null device as each missing standard stream: the next file would get what drivers print."""
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open("r+", encoding="utf-8"))  # noqa: SIM115 # kept
+
+
+def flush_standard_streams(code: int) -> int:
+    """Flush stdout and stderr, and return the exit code; a reader that has gone, as ``head``, is no error."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError as error:
+            if stream is sys.stdout and not isinstance(error, BrokenPipeError):
+                code = code or fail(f"stdout: {error.strerror}", FAILED)
+            with suppress(OSError):  # the interpreter would try again, and exit with 120
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     return code
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 import unicodedata
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -13,18 +12,18 @@ from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from sketchterrain.app.console import Stages
+from sketchterrain.app.console import Stages, print_note
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device, choose_device, fallback_device
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.errors import DeviceFailedError, one_line
+from sketchterrain.errors import DeviceFailedError
 from sketchterrain.export.drapes import draped_shapes, write_drapes
 from sketchterrain.export.engines import requested_storeys
 from sketchterrain.export.files import move_files, prepare_folder, staging, stale_files
 from sketchterrain.export.planning import ExportPlan, checked_plan
 from sketchterrain.export.sampled import sample_terrain
 from sketchterrain.export.scene import SceneView
-from sketchterrain.export.sidecar import SIDECAR, write_sidecar
+from sketchterrain.export.sidecar import SIDECAR, check_sidecar, write_sidecar
 from sketchterrain.export.target import Export, ExportOptions, ProgressStages
 from sketchterrain.io.files import check_disk, wrap_os_errors
 from sketchterrain.terrain.building import build
@@ -66,7 +65,7 @@ class DeviceFallback:
             except DeviceFailedError as error:
                 spare = self._replacement(device, error)
                 restarts.append(f"{error}; restarted on {spare.name} ({spare.platform})")
-            _print_note(restarts[-1])
+            print_note(restarts[-1])
 
     def _replacement(self, failed: Device, error: DeviceFailedError) -> Device:
         """Return the device to use after a failure, which several jobs may report at once."""
@@ -89,11 +88,7 @@ class DeviceFallback:
         if verdict.bits == "failed":
             raise DeviceFailedError(f"{device.name} ({device.platform}) failed: {verdict.detail}")
         if verdict.bits != "same" and not reported:
-            _print_note(f"self-test of {device.name} ({device.platform}): {verdict.line}")
-
-
-def _print_note(line: str) -> None:
-    sys.stderr.write(f"sketchterrain: note: {one_line(line)}\n")
+            print_note(f"self-test of {device.name} ({device.platform}): {verdict.line}")
 
 
 # Reserved file names on Windows, with any suffix.
@@ -121,9 +116,11 @@ def export(
     """Write a sketch's terrain as a target's files, and a sidecar of import settings.
 
     Files are moved into the folder when all are complete, and stale ones of an earlier export of the sketch
-    to the target removed. After a failure of the device everything is computed again on a CPU device.
+    to the target removed. After a failure of the device everything is computed again on a CPU device. Raise
+    InputError for the folder of a sketch, or of an export of another sketch or to another target.
     """
     plan = checked_plan(sketch, target, options)
+    check_sidecar(folder, sketch.name, target)
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> ExportResult:
         with _prepared(folder), staging(folder) as hidden:
@@ -196,7 +193,7 @@ def noted_drapes(terrain: TerrainSource) -> Drapes | None:
 
     drapes = open_drapes(terrain)
     for line in () if drapes is None else (*drapes.problems, *drapes.notes):
-        _print_note(line)
+        print_note(line)
     return drapes
 
 

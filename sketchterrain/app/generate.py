@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from sketchterrain.app.console import Stages
 from sketchterrain.app.export import DeviceFallback, noted_drapes
-from sketchterrain.app.listings import device_entry, undescribed_labels
+from sketchterrain.app.listings import device_entry, sketch_notes
 from sketchterrain.app.pictures import sketch_weather
 from sketchterrain.caching import LRUCache
 from sketchterrain.compute.context import ComputeContext
@@ -107,7 +107,7 @@ def report_header(terrain: Terrain) -> dict[str, Any]:
         "seed": sketch.seed,
         "device": device_entry(context.device),
         "fast": context.fast,
-        "notes": [*undescribed_labels(sketch), *filter(None, map(raster_problem, sketch.rasters))],
+        "notes": [*sketch_notes(sketch), *filter(None, map(raster_problem, sketch.rasters))],
         "rasters": [source.values | {"found": not raster_problem(source)} for source in sketch.rasters],
         **({} if base is None else {"base": base.facts}),
         "resolutions": [resolution.line for resolution in recipe.resolutions],

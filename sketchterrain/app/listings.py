@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,13 +29,14 @@ _GL_SHARING = {
 
 
 def print_lines(*lines: str) -> None:
-    """Write lines to stdout."""
-    sys.stdout.writelines(f"{line}\n" for line in lines)
+    """Write lines to stdout, unless its reader has gone."""
+    with suppress(BrokenPipeError):
+        sys.stdout.writelines(f"{line}\n" for line in lines)
 
 
 def print_json(value: object) -> None:
-    """Write a value to stdout as JSON."""
-    print_lines(json.dumps(value, indent=2, ensure_ascii=False))
+    """Write a value to stdout as JSON, as `write_json` does to a file."""
+    print_lines(json.dumps(value, indent=2, ensure_ascii=False).encode(errors="backslashreplace").decode())
 
 
 def device_entry(device: Device) -> dict[str, Any]:
@@ -290,11 +292,11 @@ def _river_line(river: dict[str, Any]) -> str:
     )
 
 
-def undescribed_labels(sketch: Sketch) -> list[str]:
-    """Return a note for each painted label without a table in the settings, which may be a mistake."""
+def sketch_notes(sketch: Sketch) -> list[str]:
+    """Return notes on a sketch's images, and for each painted label without a table, maybe a mistake."""
     from sketchterrain.document.label_layers import labels_in
 
-    return [
+    return [*sketch.notes] + [
         f"label {label} of {layer} is painted, but sketch.toml has no [{layer}.{label}]: defaults are used"
         for layer, image in sketch.layers.items()
         for label in labels_in(image)

@@ -1,7 +1,6 @@
 """Commands `render` and `fly`: pictures, maps and films of a sketch's terrain."""
 
 import statistics
-import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sketchterrain.app.arguments import Point
-from sketchterrain.app.console import Stages
+from sketchterrain.app.console import Stages, print_note
 from sketchterrain.app.export import DeviceFallback, noted_drapes
 from sketchterrain.app.listings import device_entry
 from sketchterrain.compute.context import ComputeContext
@@ -66,12 +65,12 @@ def render_to_file(
     """Render a sketch's terrain to a .png, or a map to an .svg too; return the legend of the overlays."""
     check_picture(options)
     weather = sketch_weather(sketch, options.hour, options.sky, options.clouds)
+    prepare_folder(path.parent)
 
     def work(context: ComputeContext, _: tuple[str, ...]) -> list[LegendEntry]:
         with stages.stage("features", "Placing features"):
             terrain = build(sketch, device=context)
         with stages.stage("picture", "Drawing the map" if options.top_down else "Rendering"):
-            prepare_folder(path.parent)
             if options.top_down:
                 write_map(path, terrain, size=options.size, drapes=noted_drapes(terrain))
                 return []
@@ -122,7 +121,7 @@ def _camera(terrain: scene.TerrainSource, eye: Point | None, target: Point | Non
         y += terrain.extent / 2
     middle, ground = (float(z) for z in terrain.heights([x, eye[0]], [y, eye[1]]))
     if eye[2] < ground:
-        sys.stderr.write(f"sketchterrain: note: the eye is {ground - eye[2]:.1f} m under the ground\n")
+        print_note(f"the eye is {ground - eye[2]:.1f} m under the ground")
     return Camera(eye, target or (x, y, middle))
 
 

@@ -341,4 +341,4 @@ def _export(
 
 
 def _blank(item: Item) -> Entry:
-    return Entry(item.name, item.source.given, item.seed, dict(item.settings))
+    return Entry(item.name, one_line(item.source.given), item.seed, dict(item.settings))

@@ -3,9 +3,11 @@
 import io
 import struct
 import zlib
+from collections.abc import Iterable
 from functools import lru_cache
 from hashlib import sha256
-from typing import TypeAlias
+from itertools import product
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +16,7 @@ from PIL.PngImagePlugin import PngImageFile
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.caching import IdentityKey, LRUCache
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.errors import InputError
 
 Box = tuple[int, int, int, int]
@@ -92,42 +94,140 @@ def freeze_image(image: LabelImage) -> LabelImage:
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY, _PALETTE = 0, 3
-_COLOUR_TYPES = {2: "RGB", 4: "grey with alpha", 6: "RGBA"}
 _EMPTY = (0, 0, 0)  # black, so that label 0 stays 0 where a paint program converts the palette to greys
+_WHITE = 0xFFFFFF
+_MAX_EDGES = 0.25  # of the image
+_OR_TRACE = "or `sketchterrain trace FILE --layer {} -o DIR`"
 
 
-def decode_layer(data: bytes) -> LabelImage:
-    """Return the label image in a PNG file, uint8 (height, width), read-only.
+def decode_layer(data: bytes, layer: str) -> tuple[LabelImage, list[str]]:
+    """Return the label image in a layer's PNG file, uint8 (height, width), read-only, and notes.
 
-    A palette's index is the label; black and white images of one bit have labels 0 and 1. Raise InputError if
-    it is damaged, not single-channel, not of 8 bits, too large, or looks antialiased.
+    Grey values, 0 and 1 in images of one bit, and indices of a palette are labels. If the palette has colours
+    of the layer as `encode_layer` and `label_rgb` give them, but in other places, and in images of several
+    channels, colours decide: black, white and transparent are empty, edges between colours get the nearer
+    label. Raise InputError if it is damaged, too large, or has other colours or too many labels.
     """
     width, height, depth, colour_type = _read_header(data)
-    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
-        raise InputError(f"{width}×{height} px: expected sides of 1 to {MAX_SIDE} px")
-    if colour_type not in (_GREY, _PALETTE):
-        given = _COLOUR_TYPES.get(colour_type, f"colour type {colour_type}")
-        raise InputError(
-            f"{given}: expected a single-channel PNG of 8 bits, greyscale or palette, whose values are labels"
-        )
+    several = colour_type not in (_GREY, _PALETTE)
+    longest = MAX_SIDE // 2 if several else MAX_SIDE  # bounds the memory
+    if not (1 <= width <= longest and 1 <= height <= longest):
+        raise InputError(f"{width}×{height} px: expected sides of 1 to {longest} px")
     # Grey of 2 or 4 bits would be decoded as shades spread over 0 to 255, not as labels.
-    if colour_type == _GREY and depth not in (1, 8):
-        raise InputError(f"{depth} bits a pixel: expected an 8-bit single-channel PNG")
+    if colour_type == _GREY and depth in (2, 4):
+        raise InputError(f"{depth} bits a pixel: expected labels as a greyscale or palette PNG of 8 bits")
+    moved, coloured = dict[int, int](), None
     try:
         # Not Image.open: its limit on image size is global to the process.
         with PngImageFile(io.BytesIO(data)) as image:
             image.load()
-            array = np.asarray(image).astype(np.uint8)
+            array = np.asarray(image)
+            if colour_type == _PALETTE:
+                image.apply_transparency()
+                moved = _moved_labels(array, np.array(image.getpalette("RGBA")).reshape(-1, 4), layer)
+            if moved or several:
+                coloured = np.asarray(image.convert("RGBA"))
     except (OSError, SyntaxError, ValueError, EOFError, zlib.error, struct.error) as error:
         raise InputError(f"expected a whole PNG file, this one is damaged ({error})") from None
+    notes = []
+    if moved:
+        listed = ", ".join(f"{index} is {label or 'empty'}" for index, label in moved.items())
+        notes.append(f"colours decide, as its palette has those of labels in other places: {listed}")
+    if coloured is not None:
+        array, edges = _labels_by_colour(coloured, layer, depth)
+        if edges:
+            notes.append(f"{edges:.2%} of it, edges between its colours, is read as the nearer label")
+    elif array.dtype == np.uint16 and array.max() > 255:  # paint programs multiply 8 bits by 257
+        if (array % 257).any():
+            raise InputError(f"16 bits with values up to {array.max()}: expected labels from 0 to 255")
+        array = array // 257
+    array = array.astype(np.uint8)
     labels = labels_in(array)
     if len(labels) > MAX_LABELS:
         raise InputError(
             f"looks antialiased: it has {len(labels)} labels, expected at most {MAX_LABELS}; "
-            "paint with a hard brush, without smoothing"
+            f"paint with a hard brush, {_OR_TRACE.format(layer)}"
         )
     array.flags.writeable = False
-    return array
+    return array, notes
+
+
+def _known_colours(colours: Iterable[int], layer: str) -> dict[int, int]:
+    """Return labels by colour, 0xRRGGBB, of a layer, or of another that alone knows all of some colours."""
+    known = [_labels_of(each) for each in (layer, *PAINTED_LAYERS)]
+    return next((each for each in known if each.keys() >= set(colours)), known[0])
+
+
+@lru_cache(maxsize=16)
+def _labels_of(layer: str) -> dict[int, int]:
+    window = {label_rgb(layer, label): label for label in range(MAX_LABELS, 0, -1)}
+    files = {_shade(label, LAYERS[layer].colour): label for label in range(MAX_LABELS, -1, -1)}
+    known = {(255, 255, 255): 0, **window, **files}
+    return {int.from_bytes(bytes(colour), "big"): label for colour, label in known.items()}
+
+
+def _packed(rgba: npt.NDArray[Any]) -> npt.NDArray[np.int32]:
+    """Return colours as 0xRRGGBB; transparent ones are black."""
+    red, green, blue = (rgba[..., channel].astype(np.int32) for channel in range(3))
+    return np.where(rgba[..., 3] < 128, 0, red << 16 | green << 8 | blue).astype(np.int32)
+
+
+def _moved_labels(image: LabelImage, palette: npt.NDArray[Any], layer: str) -> dict[int, int]:
+    """Return labels by index where a palette's colours are known and contradict its indices."""
+    colours = _packed(palette).tolist()
+    used = [each for each in labels_in(image) if each < len(colours)] + [0] * (not image.all())
+    seen = {colours[each] for each in used}
+    known = _known_colours(seen, layer)
+    if not any(map(known.get, seen if seen - {0, _WHITE} else colours)):
+        return {}
+    written = [int.from_bytes(bytes(_shade(each, LAYERS[layer].colour)), "big") for each in used]
+    pairs = ((each, colours[each]) for each, own in zip(used, written, strict=True) if colours[each] != own)
+    return {index: known[colour] for index, colour in pairs if known.get(colour, index) != index}
+
+
+def _labels_by_colour(rgba: npt.NDArray[np.uint8], layer: str, depth: int) -> tuple[LabelImage, float]:
+    """Return the labels of an image in known colours, and the share of it at antialiased edges.
+
+    Grey images have labels as values.
+    """
+    packed = _packed(rgba)
+    table = np.zeros(1 << 24, dtype=np.uint8)
+    table[packed] = 1
+    present = np.flatnonzero(table).tolist()
+    known = _known_colours(present, layer)
+    painted = [each for each in present if known.get(each)]
+    if not painted and all(each % 0x10101 == 0 for each in present):
+        if {0, _WHITE} <= {*present} or (depth == 16 and rgba[..., 3].any()):
+            raise InputError(f"grey in several channels: expected one channel, {_OR_TRACE.format(layer)}")
+        return np.where(packed == _WHITE, 0, packed & 255).astype(np.uint8), 0.0
+    soft = (rgba[..., 3] > 0) & (rgba[..., 3] < 255)
+    solid = {*present}
+    if not known.keys() >= solid:
+        flat = packed[1:, 1:] == packed[:-1, :-1]
+        flat &= (packed[1:, 1:] == packed[:-1, 1:]) & (packed[1:, 1:] == packed[1:, :-1])
+        solid = {*np.unique(packed[1:, 1:][flat]).tolist()}
+        if painted and not solid.intersection(painted):  # thin lines alone
+            solid.add(max(painted, key=lambda each: np.count_nonzero(packed == each)))
+        solid |= {0, _WHITE}.intersection(present)
+        soft |= ~np.isin(packed, [*solid])
+        stray = solid - known.keys() or (set() if painted else {*present})
+        if stray or soft.mean() > _MAX_EDGES:
+            other = f"#{min(stray):06x}" if stray else f"{soft.mean():.0%} between them"
+            raise InputError(
+                f"expected the colours of layer {layer} alone, got {other}; {_OR_TRACE.format(layer)}"
+            )
+    kept = np.array(sorted(solid))
+    table[:] = len(kept)
+    table[kept] = range(len(kept))
+    index = table[packed]
+    rows, columns = np.nonzero(index == len(kept))
+    edges, beside = packed[rows, columns], np.zeros((len(rows), len(kept) + 1), dtype=bool)
+    around = np.pad(index, 2, constant_values=len(kept))
+    for down, right in product(range(5), repeat=2):
+        beside[range(len(rows)), around[rows + down, columns + right]] = True
+    apart = sum(((edges[:, None] >> shift & 255) - (kept >> shift & 255)) ** 2 for shift in (0, 8, 16))
+    index[rows, columns] = np.argmin(apart + 1e6 * ~beside[:, :-1], axis=1)
+    return np.array([known[each] for each in kept.tolist()], np.uint8)[index], float(soft.mean())
 
 
 def encode_layer(image: LabelImage, colour: tuple[int, int, int]) -> bytes:

@@ -35,7 +35,7 @@ RASTER: Final = parameter_table(
     Parameter(
         *("path", str, "", 1, 4096, "", "file, absolute or relative to the sketch"),
         # A line of the settings may have 250 dots.
-        form=(r"(?:[^\0.]*\.){0,200}[^\0.]*", "a path of 1 to 4096 characters"),
+        form=(r"(?:[^\0.]*\.){0,200}[^\0.]*", "a path of 1 to 4096 characters in UTF-8"),
     ),
     Parameter(
         *("role", str, "picture", 0, 10, ""),

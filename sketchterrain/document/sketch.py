@@ -113,6 +113,8 @@ class Sketch:
         Changes of generated features, applied in this order.
     material_rules
         Changes of the table of material rules.
+    notes
+        What was changed in reading it, a line each; not stored.
 
     Raises
     ------
@@ -141,6 +143,7 @@ class Sketch:
     look: Mapping[str, Properties] = field(default_factory=dict)
     edits: tuple[Edit, ...] = ()
     material_rules: tuple[RuleChange, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         checked: dict[str, object] = {

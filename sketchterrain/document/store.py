@@ -53,6 +53,12 @@ _MAX_SETTINGS_BYTES = 16 << 20  # edits of draped layers are the most of it
 _OTHER_IMAGES = frozenset({".jpg", ".jpeg", ".gif", ".bmp", ".tif", ".tiff", ".webp"})
 
 
+def reject_sketch_folder(folder: Path) -> None:
+    """Raise InputError for a sketch's folder as an output: pictures in it are taken for layers."""
+    if (folder / SETTINGS).is_file():
+        raise InputError(f"{one_line(folder)}: holds a {SETTINGS}: expected another folder to write into")
+
+
 def sketch_files(names: Iterable[str], place: str) -> list[str]:
     """Return the sketch's files among the `names` in a folder: its settings and its layers.
 
@@ -343,11 +349,12 @@ def pack_sketch(
 
 def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None) -> Sketch:
     """Return a sketch whose folders of pictures, rasters and draped layers are relative to `base`."""
-    images: dict[str, LabelImage] = {}
+    images, notes = dict[str, LabelImage](), list[str]()
     for name in PAINTED_LAYERS:
         if f"{name}.png" in contents:
             with _prefix_errors(f"{place}/{name}.png"):
-                images[name] = decode_layer(contents[f"{name}.png"])
+                images[name], changes = decode_layer(contents[f"{name}.png"], name)
+                notes += [f"{name}.png: {change}" for change in changes]
                 _check_same_size(images, name)
     with _prefix_errors(f"{place}/{SETTINGS}"):
         sketch = parse_settings(contents[SETTINGS], images)
@@ -363,7 +370,7 @@ def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None)
             with _prefix_errors(f"{place}/{name}{SUFFIX}"):
                 vectors[name] = decode_vectors(contents[f"{name}{SUFFIX}"], name, sketch.frame)
     with _prefix_errors(place):
-        return sketch.replace(vectors=vectors) if vectors else sketch
+        return sketch.replace(vectors=vectors, notes=tuple(notes)) if vectors or notes else sketch
 
 
 def sketch_digests(sketch: Sketch) -> dict[str, Any]:

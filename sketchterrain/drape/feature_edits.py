@@ -19,6 +19,7 @@ from shapely.geometry.base import BaseGeometry
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.drapes import DrapedLayer, FeatureEdit, class_value
+from sketchterrain.document.store import reject_sketch_folder
 from sketchterrain.drape.drapes import Drapes
 from sketchterrain.drape.vector_source import Feature, VectorSource
 from sketchterrain.drape.vector_store import Projection, VectorFile, file_crs, open_vector_file
@@ -175,6 +176,8 @@ def save_layer(drapes: Drapes, number: int, path: Path) -> DrapedLayer:
         raise InputError(what if driver is None else f"layer {layer.title}: expected features")
     if problem := source.problem(layer):
         raise InputError(problem)
+    if driver == "FlatGeobuf":
+        reject_sketch_folder(path.parent)
     own = Path(layer.path)
     with (
         atomic_path(path) as temporary,

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
+from sketchterrain.document.store import reject_sketch_folder
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.io.files import atomic_file, atomic_path, wrap_os_errors, write_atomic
 from sketchterrain.io.system import lock_folder, unlock_folder
@@ -25,7 +26,8 @@ _FIELD: Final = re.compile(r"%(?:\.(\d)f|[ds])")
 
 
 def prepare_folder(folder: Path) -> None:
-    """Create a folder, and check now rather than after the work that files can be written to it."""
+    """Create a folder, not a sketch's, and check now, before the work, that files can be written to it."""
+    reject_sketch_folder(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder to write into, this is a file")
     with wrap_os_errors(folder):
@@ -104,7 +106,7 @@ def move_files(folder: Path, files: Iterable[Path], *, stale: Iterable[Path] = (
 def write_json(path: Path, value: Any) -> Path:
     """Write indented JSON, keys in the order given; raise `ValueError` for NaN and Inf."""
     text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
-    return write_atomic(path, f"{text}\n".encode())
+    return write_atomic(path, f"{text}\n".encode(errors="backslashreplace"))  # JSON's escapes of surrogates
 
 
 def write_png(path: Path, pixels: npt.NDArray[np.uint8]) -> Path:

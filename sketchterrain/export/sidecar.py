@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.files import write_json
 from sketchterrain.export.rasters import ORIENTATION
 from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.target import Export, ExportOutput
-
-if TYPE_CHECKING:
-    pass
 
 SIDECAR = "terrain.json"
 
@@ -65,6 +65,15 @@ def write_sidecar(export: Export, output: ExportOutput, target: str) -> tuple[Pa
     """Write ``terrain.json`` into the export's folder, and return its path and content."""
     content = sidecar(export, output, target)
     return write_json(export.folder / SIDECAR, content), content
+
+
+def check_sidecar(folder: Path, sketch: str, target: str) -> None:
+    """Raise InputError if a folder has the sidecar of another sketch or target, whose facts would be lost."""
+    with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):  # missing, or not ours
+        before = json.loads((folder / SIDECAR).read_bytes())
+        if (before["sketch"], before["target"]) != (sketch, target):
+            holds = one_line(f"{folder}: holds {before['sketch']!r} for {before['target']}, in {SIDECAR}")
+            raise InputError(f"{holds}: expected another folder for each sketch and target")
 
 
 def _grid_entry(grid: SampleGrid) -> dict[str, Any]:

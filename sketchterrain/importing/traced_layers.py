@@ -16,7 +16,7 @@ from sketchterrain.document.layers import DRAW_ORDER, LAYERS, VECTOR_ORDER
 from sketchterrain.document.parameters import SKETCH, Value
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import VectorLayer
-from sketchterrain.errors import InputError
+from sketchterrain.errors import InputError, one_line
 
 UNASSIGNED: Final = 255  # value of pixels without a label
 
@@ -218,7 +218,7 @@ class TraceOptions:
             table = LAYERS[name].parameters
             labels |= {(name, label): {key: table[key].default for key in table} for label in found}
         sketch = Sketch(
-            name=self.name if self.name is not None else source[: int(SKETCH["name"].high)],
+            name=self.name if self.name is not None else one_line(source)[: int(SKETCH["name"].high)],
             seed=self.seed,
             layers=layers,
             labels=labels,

@@ -97,12 +97,12 @@ def _shorten(text: str) -> str:
 
 @contextmanager
 def plain_path(path: Path) -> Iterator[Path]:
-    """Yield a path by which pyogrio reads or writes a file of any name.
+    """Yield a path by which pyogrio reads or writes a file of any name: a symbolic link where needed.
 
-    pyogrio takes ``!`` and a suffix ``.zip`` for an archive's (`pyogrio.util.vsi_path`): use a symbolic link.
+    pyogrio takes ``!`` and a suffix ``.zip`` for an archive's (`pyogrio.util.vsi_path`), and only UTF-8.
     """
     absolute = path.absolute()
-    if "!" not in str(absolute) and absolute.suffix != ".zip":
+    if not {"!", "\ufffd"}.intersection(one_line(absolute)) and absolute.suffix != ".zip":
         yield absolute
         return
     with tempfile.TemporaryDirectory(prefix="sketchterrain-") as folder:

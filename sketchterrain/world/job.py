@@ -165,13 +165,15 @@ TAGS: Final = "sketchterrain"
 
 
 def require(what: str, modules: Iterable[str]) -> None:
-    """Raise SketchterrainError if a module of the extra ``world`` is not installed; import none."""
+    """Raise SketchterrainError if a module of the extra ``world`` is not usable; import none."""
     missing = [module for module in modules if find_spec(module) is None]
     if missing:
         raise SketchterrainError(
             f"{what} needs {' and '.join(missing)}: not installed, "
             "get it with pip install 'sketchterrain[world]'"
         )
+    if not __debug__ and "zarr" in modules:  # zarr 3.1 then does not read what it wrote
+        raise SketchterrainError(f"{what} needs Python's assertions: run it without -O and PYTHONOPTIMIZE")
 
 
 def shard_store(job: Job) -> Store:

@@ -415,6 +415,7 @@ def draw_world(
     Positions of `still` are m from the sketch's south-west corner; `drapes` come after the sketch's own.
     """
     check_picture(still)
+    prepare_folder(path.parent)
     with stages.stage("world", "Opening the world"):
         stored = open_world(store)
         sketch = draped_sketch(stored, drapes)
@@ -424,7 +425,6 @@ def draw_world(
             terrain = None if sketch is None else build(sketch, device=context)
             world = StoredTerrain(stored, context, terrain)
         with stages.stage("picture", "Rendering"):
-            prepare_folder(path.parent)
             (x, y), positions = world.corner, (still.eye, still.look_at)
             eye, look_at = (each and (each[0] - x, each[1] - y, each[2]) for each in positions)
             weather = sketch_weather(world.sketch, still.hour, still.sky, still.clouds)

@@ -1,6 +1,7 @@
 """Short commands, `render`, and progress."""
 
 import json
+import shlex
 import subprocess
 import sys
 import threading
@@ -41,6 +42,24 @@ def test_help_loads_no_heavy_library():
     assert done.stderr == "([0, 0, 0], [])"
     assert f"sketchterrain {version('sketchterrain')}\n" in done.stdout
     assert all(command in done.stdout for command in COMMANDS)
+
+
+def test_missing_and_failing_standard_streams(tmp_path):
+    """Without streams, no file gets what is printed; a reader that goes, as `head`, is no failure."""
+    program = f"{shlex.quote(sys.executable)} -m sketchterrain"
+    new = f"{program} new {shlex.quote(str(tmp_path / 'new'))}"
+    commands = {
+        f"{new}1 <&- >&- 2>&-": (0, ""),
+        f"{program} targets > /dev/full": (1, "sketchterrain: error: No space left on device\n"),
+        f"set -o pipefail; {program} targets --json | true": (0, ""),
+    }
+    children = [
+        subprocess.Popen(["bash", "-c", line], stderr=subprocess.PIPE, text=True) for line in commands
+    ]
+    found = [(child.communicate()[1], child.returncode) for child in children]
+    for (line, (code, error)), (printed, returned) in zip(commands.items(), found, strict=True):
+        assert (returned, printed) == (code, error), line
+    assert load_sketch(tmp_path / "new1").layers["mountain"].any()
 
 
 def test_new_writes_into_empty_folders_only(call, tmp_path):

@@ -19,7 +19,7 @@ def test_invalid_sketches_are_refused_and_nothing_is_written(call, tmp_path):
         if settings is not None:
             (folder / "sketch.toml").write_text(settings, encoding="utf-8")
         if name == "layer":
-            Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(folder / "mountain.png")
+            Image.fromarray(np.full((8, 8, 3), (1, 2, 3), np.uint8)).save(folder / "mountain.png")
         for command in ("generate", "render"):
             done = call(command, folder, "-o", out)
             assert (done.code, done.out) == (3, ""), (name, done.err)
@@ -68,6 +68,11 @@ def test_exceptions_are_reported_and_tracebacks_optional(call, sketch, tmp_path,
         (MemoryError(), 1, "out of memory"),
         (OSError(5, "Input/output error", "a.bin"), 1, "a.bin: Input/output error"),
         (OSError("odd"), 1, "odd"),
+        (
+            UnicodeEncodeError("utf-8", "o\udce9", 1, 2, "surrogates not allowed"),
+            3,
+            "o\ufffd: expected a name in",
+        ),
         (ZeroDivisionError("division\nby\x1b"), 1, "unexpected ZeroDivisionError: division by\ufffd; "),
     ):
         monkeypatch.setattr(sketchterrain.app.generate, "build", fails_with(error))

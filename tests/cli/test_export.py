@@ -117,6 +117,33 @@ def test_stale_files_of_the_previous_export_are_removed(call, sketch, tmp_path):
     assert {path.name for path in folder.iterdir()} == {each["file"] for each in data["files"]}
 
 
+def test_an_export_of_another_sketch_or_target_is_not_overwritten(call, sketch, tmp_path):
+    assert call("export", sketch, "-o", tmp_path, "--no-plants", "--size", 9, "--to", "raw").code == 0
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    for other, target in ((sketch, "exr"), ("valley_river", "raw")):
+        done = call("export", other, "-o", tmp_path, "--no-plants", "--size", 9, "--to", target)
+        assert done.code == 3
+        assert done.error == (
+            f"{tmp_path}: holds 'North-east' for raw, in terrain.json: "
+            "expected another folder for each sketch and target"
+        )
+        assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.slow
+def test_paths_need_not_be_utf8(call, sketch, tmp_path):
+    out = tmp_path / os.fsdecode(b"gel\xe4nde")
+    done = call("export", sketch, "--to", "geotiff", "-o", out, "--no-plants", "--size", 9, "--json")
+    assert (done.code, json.loads(done.out)["folder"]) == (0, str(out))
+    assert {each["file"] for each in json.loads(done.out)["files"]} == {path.name for path in out.iterdir()}
+    own = tmp_path / os.fsdecode(b"sk\xe9")
+    shutil.copytree(sketch, own)
+    done = call("batch", own, "-o", tmp_path / "all", "--size", 9, "--no-preview")
+    assert done.code == 0, done.err
+    manifest = json.loads((tmp_path / "all" / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["items"][0]["sketch"] == f"{tmp_path}/sk\ufffd"
+
+
 @EACH_TARGET
 def test_full_disk_leaves_the_old_export(call, sketch, tmp_path, monkeypatch, target):
     def full(_: int) -> None:

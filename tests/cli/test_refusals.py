@@ -1,6 +1,7 @@
 """Invalid command lines: one line on stderr with the expected value, exit code, no output."""
 
 import shlex
+import shutil
 
 import pytest
 
@@ -27,6 +28,12 @@ USAGE = [
         for command in ("batch", "world")
     ),
     ("fly SKETCH -o OUT --device nonsense", 4, ("--device nonsense",)),
+    *(
+        (f"{command} {empty}", 2, ("expected a value, got an empty text\n",))
+        for command in ("generate SKETCH", "fly SKETCH", "trace MAP", "bench", "blender-extension")
+        for empty in ("-o ''", "--output=")
+    ),
+    *((words, 2, ("expected a value, got",)) for words in ("new ''", "trace '' -o OUT", "new x --dem ''")),
 ]
 GENERATE = [
     ("--foliage obj", 2, ("expected csv, ply, both or none, got 'obj'",)),
@@ -130,7 +137,7 @@ WORLD = [
     ("--cell 0", 3, ("cell of more than 0 m",)),
     ("--cell 1e-7", 3, ("expected at least",)),
     ("--bounds 0,0,1e13,1e13 --cell 1e7", 3, ("coordinates must be finite and within",)),
-    ("-o ''", 3, ("expected a path to write to",)),
+    ("-o ' '", 3, ("expected a path to write to",)),
     ("-o world.png", 3, ("expected a name that ends in .zarr or .tif",)),
     ("--layers height,colour", 3, ("expected some of height, normal, materials",)),
     ("--layers normal", 3, ("expected height among them",)),
@@ -191,3 +198,22 @@ def test_invalid_arguments_are_refused(call, paths, tmp_path, monkeypatch, comma
         assert (done.code, done.out) == (code, ""), (line, done.err)
         assert all(part in f"{done.error}\n" for part in parts), (line, done.error)
         assert list(tmp_path.iterdir()) == [], line
+
+
+def test_outputs_into_a_sketchs_folder_are_refused(call, paths, sketch, tmp_path, monkeypatch):
+    folder = tmp_path / "mine"
+    shutil.copytree(sketch, folder)
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    monkeypatch.chdir(folder)
+    for words in (
+        *("generate . -o .", "export MINE --to raw -o MINE", "batch MINE -o . --size 9", "fly . -o ."),
+        *("render . -o a.png", "adherence . -o MINE/a.png", "realism . --map a.png", "view WORLD -o a.png"),
+        "trace MAP -o OUT --preview a.png",
+    ):
+        known = {**paths, "OUT": str(tmp_path / "out"), "MINE": str(folder), "MINE/a.png": f"{folder}/a.png"}
+        done = call(*(known.get(word, word) for word in shlex.split(words)))
+        assert (done.code, done.out) == (3, ""), (words, done.err)
+        assert done.error.endswith(": holds a sketch.toml: expected another folder to write into"), words
+        assert {path.name: path.read_bytes() for path in folder.iterdir()} == before, words
+    done = call("world", ".", "-o", ".", "--cell", 8)
+    assert (done.code, "holds other files" in done.error) == (3, True)

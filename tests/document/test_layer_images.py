@@ -13,8 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from sketchterrain.document.label_layers import decode_layer, encode_layer
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.app.listings import sketch_notes
+from sketchterrain.document.label_layers import decode_layer, encode_layer, label_rgb
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.document.store import load_sketch, pack_zip
 from sketchterrain.errors import InputError
 
@@ -25,9 +26,15 @@ _SMALL = np.array([[0, 1, 2], [255, 0, 7]], dtype=np.uint8)
 
 def _refusal(data):
     with pytest.raises(InputError) as caught:
-        decode_layer(data)
+        decode_layer(data, "mountain")
     assert str(caught.value).isprintable()
     return str(caught.value)
+
+
+def _decoded(data, layer="mountain"):
+    image, notes = decode_layer(data, layer)
+    assert notes == []
+    return image
 
 
 def _saved(image, **options):
@@ -45,7 +52,7 @@ def _saved(image, **options):
 )
 def test_layers_round_trip(height, width, labels, seed):
     image = np.random.default_rng(seed).choice(np.array(labels, dtype=np.uint8), (height, width))
-    again = decode_layer(encode_layer(image, (10, 200, 30)))
+    again = _decoded(encode_layer(image, (10, 200, 30)))
     np.testing.assert_array_equal(again, image)
     assert again.dtype == np.uint8
     assert not again.flags.writeable
@@ -69,27 +76,127 @@ def test_indices_and_grey_values_are_labels():
         bits = [0, 1] * 4 if depth == 1 else [0, 1, 2, 3]
         packed = int("".join(f"{bit:0{depth}b}" for bit in bits), 2).to_bytes(len(bits) * depth // 8, "big")
         palette = bytes(range(255, 255 - 3 * 2 ** min(depth, 3), -1))
-        image = decode_layer(png([packed], len(bits), depth=depth, colour_type=3, palette=palette))
+        image = _decoded(png([packed], len(bits), depth=depth, colour_type=3, palette=palette))
         assert image.tolist() == [bits], depth
 
-    np.testing.assert_array_equal(decode_layer(grey(_SMALL)), _SMALL)
-    np.testing.assert_array_equal(decode_layer(_saved(Image.fromarray(_SMALL), transparency=1)), _SMALL)
-    assert decode_layer(png([b"\x81", b"\xff"], 8, depth=1)).tolist() == [[1, 0, 0, 0, 0, 0, 0, 1], [1] * 8]
+    np.testing.assert_array_equal(_decoded(grey(_SMALL)), _SMALL)
+    np.testing.assert_array_equal(_decoded(_saved(Image.fromarray(_SMALL), transparency=1)), _SMALL)
+    assert _decoded(png([b"\x81", b"\xff"], 8, depth=1)).tolist() == [[1, 0, 0, 0, 0, 0, 0, 1], [1] * 8]
 
-    assert decode_layer(grey([list(range(17))])).shape == (1, 17)  # 0 is no label
-    assert decode_layer(grey([list(range(1, 17))])).shape == (1, 16)
+    assert _decoded(grey([list(range(17))])).shape == (1, 17)  # 0 is no label
+    assert _decoded(grey([list(range(1, 17))])).shape == (1, 16)
     assert "it has 17 labels, expected at most 16" in _refusal(grey([list(range(18))]))
 
 
-def test_refused_images():
+@pytest.mark.parametrize("layer", PAINTED_LAYERS)
+def test_colours_decide_where_the_palette_is_the_layers(layer):
+    labels = np.array([[0, 0, 1, 2], [0, 3, 4, 2]], np.uint8)
+    written = [*Image.open(io.BytesIO(encode_layer(labels, LAYERS[layer].colour))).getpalette()[: 17 * 3]]
+    drawn = [0, 0, 0, *(channel for label in range(1, 17) for channel in label_rgb(layer, label))]
+    for palette in (written, drawn):
+        for order in ([1, 0, *range(2, 17)], [*range(16, -1, -1)]):
+            place = np.argsort(order).astype(np.uint8)
+            moved = np.array(palette, np.uint8).reshape(-1, 3)[order]
+            picture = Image.fromarray(place[labels])
+            picture.putpalette(moved.ravel().tolist())
+            image, (note,) = decode_layer(_saved(picture), layer)
+            np.testing.assert_array_equal(image, labels)
+            assert f"{place[0]} is empty" in note
+            assert f"{place[1]} is 1" in note
+
+
+def test_palettes_of_others_and_of_files_by_the_program_have_indices_as_labels():
+    for labels in ([0, 1, 75, 200], [1, 2, 75], [0], [77]):  # some shades of high labels are those of others
+        image = np.array([labels] * 2, np.uint8)
+        np.testing.assert_array_equal(_decoded(encode_layer(image, LAYERS["mountain"].colour)), image)
+        np.testing.assert_array_equal(_decoded(encode_layer(image, (1, 200, 7))), image)
+    image = np.array([[1, 0, 2]], np.uint8)
+    for palette in ((255, 255, 255, 0, 0, 0, 200, 0, 0), (0, 0, 0, *LAYERS["hill"].colour, 200, 0, 0)):
+        picture = Image.fromarray(image)
+        picture.putpalette(palette)
+        np.testing.assert_array_equal(_decoded(_saved(picture), "hill"), image)
+    # A layer without paint, whose palette begins with a colour; a transparent entry of any colour
+    picture = Image.fromarray(np.ones((2, 2), np.uint8))
+    picture.putpalette((*LAYERS["hill"].colour, 0, 0, 0))
+    assert not decode_layer(_saved(picture), "hill")[0].any()
+    picture = Image.fromarray(np.array([[0, 1, 2]], np.uint8))
+    picture.putpalette((*LAYERS["hill"].colour, 0, 0, 0, 9, 9, 9))
+    assert decode_layer(_saved(picture, transparency=bytes([255, 255, 0])), "hill")[0].tolist() == [[1, 0, 0]]
+    picture.putpalette((*LAYERS["hill"].colour, 0, 0, 0, 255, 255, 255))  # of a copied layer
+    assert decode_layer(_saved(picture), "mountain")[0].tolist() == [[1, 0, 0]]
+
+
+def _in_colour(labels, layer="mountain", *, canvas=(0, 0, 0), alpha=255):
+    """Return a picture of labels in the palette's colours, (rows, columns, 4)."""
+    table = [(*canvas, alpha), *((*label_rgb(layer, label), 255) for label in range(1, 4))]
+    return np.array(table, np.uint8)[labels]
+
+
+def test_pictures_in_exactly_the_layers_colours_are_labels():
+    labels = np.zeros((20, 30), np.uint8)
+    labels[4:16, 3:14], labels[5:9, 20:28], labels[18, 2:] = 1, 2, 3
+    for canvas, alpha in (((0, 0, 0), 255), ((255, 255, 255), 255), ((9, 9, 9), 0)):
+        picture = Image.fromarray(_in_colour(labels, canvas=canvas, alpha=alpha))
+        np.testing.assert_array_equal(_decoded(_saved(picture)), labels)
+        if alpha:
+            np.testing.assert_array_equal(_decoded(_saved(picture.convert("RGB"))), labels)
+    wide = (_in_colour(labels).astype(">u2") * 257)[..., :3]
+    np.testing.assert_array_equal(
+        _decoded(png([row.tobytes() for row in wide], 30, depth=16, colour_type=2)), labels
+    )
     for mode in ("RGB", "RGBA", "LA"):
-        message = _refusal(_saved(Image.fromarray(_SMALL).convert(mode)))
-        assert "single-channel" in message
-        assert {"LA": "grey with alpha"}.get(mode, mode) in message
+        np.testing.assert_array_equal(_decoded(_saved(Image.fromarray(labels).convert(mode))), labels)
+    for factor in (1, 257):
+        np.testing.assert_array_equal(
+            _decoded(_saved(Image.fromarray(labels.astype(np.uint16) * factor))), labels
+        )
+    for blank in ("white", (0, 0, 0, 0), "black"):
+        assert not _decoded(_saved(Image.new("RGBA", (8, 8), blank))).any()
+
+
+@pytest.mark.parametrize("layer", ["mountain", "river"])
+@pytest.mark.parametrize(("canvas", "alpha"), [((0, 0, 0), 255), ((255, 255, 255), 255), ((0, 0, 0), 0)])
+def test_antialiased_edges_get_the_nearer_label(layer, canvas, alpha):
+    y, x = np.mgrid[:480, :640]
+    fine = np.where(np.hypot(x - 220, y - 240) < 150, 1, 0)
+    fine = np.where(np.hypot(x - 450, y - 200) < 97, 2, fine).astype(np.uint8)
+    rgba = _in_colour(fine, layer, canvas=canvas, alpha=alpha).astype(float).reshape(120, 4, 160, 4, 4)
+    weight = rgba[..., 3:] / 255.0
+    colour = (rgba[..., :3] * weight).sum(axis=(1, 3)) / np.maximum(weight.sum(axis=(1, 3)), 1e-9)
+    smooth = np.concatenate([colour, 255.0 * weight.mean(axis=(1, 3))], axis=-1).round().astype(np.uint8)
+    image, (note,) = decode_layer(_saved(Image.fromarray(smooth)), layer)
+    assert "of it, edges between its colours, is read as the nearer label" in note
+    assert set(np.unique(image)) == {0, 1, 2}
+    inner = fine.reshape(120, 4, 160, 4).transpose(0, 2, 1, 3).reshape(120, 160, 16)
+    pure = (inner == inner[..., :1]).all(axis=-1)
+    np.testing.assert_array_equal(image[pure], inner[..., 0][pure])
+    counted = np.array([(inner == label).sum() for label in (1, 2)]) / 16.0
+    np.testing.assert_allclose([(image == label).sum() for label in (1, 2)], counted, rtol=0.03)
+
+
+def test_refused_images():
+    noise = np.random.default_rng(0).integers(0, 256, (60, 60, 3), dtype=np.uint8)
+    blurred = np.linspace(_in_colour(0), _in_colour(1), 200).round().astype(np.uint8)[:, None].repeat(4, 1)
+    mask = np.where(np.eye(9, dtype=bool), 255, 0).astype(np.uint8)
+    other = _in_colour(np.eye(9, dtype=np.uint8).repeat(2, 0).repeat(2, 1))
+    other[:4, 10:14, :3] = (10, 20, 200)
+    for picture, part in (
+        (Image.fromarray(noise), "expected the colours of layer mountain alone, got #"),
+        (Image.fromarray(blurred), "expected the colours of layer mountain alone, got "),
+        (Image.fromarray(other), "got #0a14c8"),
+        (Image.fromarray(mask).convert("RGB"), "grey in several channels"),
+        (Image.fromarray(mask).convert("LA"), "grey in several channels"),
+        (Image.fromarray(np.arange(64, dtype=np.uint8).reshape(8, 8)), "looks antialiased: it has 63 labels"),
+    ):
+        message = _refusal(_saved(picture))
+        assert part in message
+        assert "`sketchterrain trace FILE --layer mountain -o DIR`" in message
     message = _refusal(_saved(Image.fromarray(np.full((4, 4), 300, dtype=np.uint16))))
-    assert message == "16 bits a pixel: expected an 8-bit single-channel PNG"
+    assert message == "16 bits with values up to 300: expected labels from 0 to 255"
+    small = np.array([[1, 65535] * 3] * 2, ">u2")  # of which 8 bits would be empty
+    assert "grey in" in _refusal(png([row.tobytes() for row in small], 3, depth=16, colour_type=4))
     for depth in (2, 4):  # values of shallow grey would be stretched
-        assert f"{depth} bits a pixel: expected an 8-bit" in _refusal(png([b"\x1b"], 8 // depth, depth=depth))
+        assert f"{depth} bits a pixel: expected labels" in _refusal(png([b"\x1b"], 8 // depth, depth=depth))
     with Image.new("L", (64, 64)) as picture:
         picture.paste(255, (16, 16, 48, 48))
         smooth = picture.rotate(30, resample=Image.Resampling.BICUBIC).resize((100, 100))
@@ -133,7 +240,7 @@ def test_images_beyond_pillows_limit_are_read(monkeypatch):
     image[-1, -1] = 3
     for limit in (100, image.size - 1):  # Pillow raises beyond twice its limit and warns beyond it
         monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", limit)
-        np.testing.assert_array_equal(decode_layer(encode_layer(image, (1, 2, 3))), image)
+        np.testing.assert_array_equal(_decoded(encode_layer(image, (1, 2, 3))), image)
 
 
 _SETTINGS = b"format = 1\n"
@@ -177,6 +284,16 @@ def _bomb(name, count, *, declared, start=b""):
         directory += entry.encode() + wide
     tail = struct.pack("<4sHHHHIIH", b"PK\5\6", 0, 0, 2, 2, len(directory), len(entries), 0)
     return entries + directory + tail
+
+
+def test_changes_of_images_are_notes_of_the_sketch(folder):
+    image = Image.fromarray(np.array([[1, 0]], np.uint8))
+    image.putpalette((*LAYERS["hill"].colour, 0, 0, 0))
+    sketch = load_sketch(folder(files={"hill.png": _saved(image), "mountain.png": grey([[1, 0]])}))
+    assert sketch.layers["hill"].tolist() == [[0, 1]]
+    (note,) = sketch.notes
+    assert note.startswith("hill.png: colours decide")
+    assert sketch_notes(sketch)[0] == note
 
 
 def test_sketch_at_the_top_or_in_one_folder_of_a_zip(packed):

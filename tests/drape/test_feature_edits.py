@@ -188,18 +188,21 @@ def test_a_layer_that_cannot_be_saved_leaves_every_file_as_it_was(tmp_path) -> N
     drapes = opened(draped_layer(path))
     content = path.read_bytes()
     bad = set_properties(drapes.layers[0], drapes.feature(0, 1), {"number": "many"})
+    (tmp_path / "sketch").mkdir()
+    (tmp_path / "sketch/sketch.toml").touch()
     local = opened(draped_layer(write(tmp_path / "own.fgb", random_shapes(2), crs=None)))
     for what, target, reason in (
         (drapes.updated([bad]), path, "number"),
         (drapes, tmp_path / "map.xyz", "expected a name with .gpkg"),
         (local, tmp_path / "map.geojson", "CRS"),
         (drapes, tmp_path / "missing" / "map.gpkg", "map.gpkg"),
+        (drapes, tmp_path / "sketch" / "map.fgb", "holds a sketch.toml"),
     ):
         with pytest.raises(Exception, match=reason) as error:
             save_layer(what, 0, target)
         assert "\n" not in str(error.value)
     assert path.read_bytes() == content
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["map.gpkg", "own.fgb"]
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["map.gpkg", "own.fgb", "sketch"]
     write(path, random_shapes(3))
     with pytest.raises(InputError, match="has changed"):
         save_layer(drapes, 0, path)

@@ -7,8 +7,10 @@ import subprocess
 import sys
 
 import numpy as np
+import pyogrio
 import pytest
 import rasterio
+import shapely
 from PIL import Image
 
 from sketchterrain.errors import InputError, SketchterrainError
@@ -23,6 +25,7 @@ from sketchterrain.export.files import (
     write_values_png,
 )
 from sketchterrain.export.sidecar import SIDECAR, SettingRow, setting_rows
+from sketchterrain.export.vectors import VectorLayer, geopackage
 from sketchterrain.io.files import write_atomic
 
 
@@ -80,10 +83,20 @@ def test_folders_are_created_with_parents_or_refused(tmp_path):
     assert (tmp_path / "c").read_bytes() == b"mine"
 
 
+def test_geopackages_in_a_folder_of_any_name(tmp_path):
+    folder = tmp_path / os.fsdecode(b"gel\xe4nde!")
+    folder.mkdir()
+    with geopackage(folder / "a.gpkg", "EPSG:25832") as file:
+        file.add(VectorLayer("points", "Point", np.array([shapely.Point(1.0, 2.0)], object), {}))
+    assert pyogrio.read_info((folder / "a.gpkg").rename(tmp_path / "a.gpkg"))["features"] == 1
+
+
 def test_json_preserves_order_and_unicode_and_refuses_nan(tmp_path):
     text = write_json(tmp_path / "a.json", {"z": 1, "a": "Höhe"}).read_text(encoding="utf-8")
     assert list(json.loads(text)) == ["z", "a"]
     assert "Höhe" in text
+    place = os.fsdecode(b"gel\xe4nde")  # a file's name that is not UTF-8
+    assert json.loads(write_json(tmp_path / "c.json", {"folder": place}).read_bytes()) == {"folder": place}
     with pytest.raises(ValueError, match="JSON"):
         write_json(tmp_path / "b.json", {"z": float("nan")})
     assert not (tmp_path / "b.json").exists()

@@ -47,7 +47,7 @@ def main(kind: str, folder: Path) -> None:
     from PIL import Image
     from PyQt6.QtWidgets import QApplication
 
-    from sketchterrain.app.listings import adherence_lines, preset_entry, undescribed_labels
+    from sketchterrain.app.listings import adherence_lines, preset_entry, sketch_notes
     from sketchterrain.batch.plan import parse_setting, with_settings
     from sketchterrain.document.layers import DRAW_ORDER, LAYERS, PAINTED_LAYERS, layer_of
     from sketchterrain.document.sketch import Sketch
@@ -83,7 +83,7 @@ def main(kind: str, folder: Path) -> None:
     assert loaded.properties("cave", 1)["length"] == 44.0
     assert np.array_equal(loaded.layers["cave"], image)
     assert parse_setting("cave.1.length", [3.0, 4.0]).values == (3.0, 4.0)
-    assert undescribed_labels(sketch)
+    assert sketch_notes(sketch)
     assert preset_entry("x", sketch)["layers"] == ["cave"]
 
     # Imports: by the layer's colour, a map's colour, tags, and the names of files and layers.

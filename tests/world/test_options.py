@@ -1,5 +1,6 @@
 """Options of a world, and estimates of memory and disk space."""
 
+import inspect
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from sketchterrain.app import estimates as shared_estimates
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.terrain.building import make_recipe
+from sketchterrain.world import job
 from sketchterrain.world.grid import World
 from sketchterrain.world.job import Job
 from sketchterrain.world.options import WorldOptions, check_layers, estimate_world, output_form
@@ -84,6 +86,17 @@ def test_workers_need_a_library(monkeypatch: pytest.MonkeyPatch) -> None:
     WorldOptions().check(SKETCH)
     with pytest.raises(SketchterrainError, match=r"pip install 'sketchterrain\[world\]'"):
         WorldOptions(workers=True).check(SKETCH)
+
+
+def test_zarr_needs_assertions() -> None:
+    optimised = dict(vars(job))  # as in `python -O`
+    exec(compile(inspect.getsource(job.require), "job", "exec", optimize=1), optimised)  # noqa: S102
+    optimised["require"]("A cluster", ["dask"])
+    with pytest.raises(
+        SketchterrainError, match=r"^A world needs Python's assertions: run it without -O and"
+    ):
+        optimised["require"]("A world", ["zarr"])
+    job.require("A world", ["zarr"])
 
 
 def test_job_carries_the_options(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -111,11 +111,13 @@ def _measure(job: MeasureJob) -> Adherence:
 
 
 def _render(job: PictureJob) -> PictureWritten:
+    from sketchterrain.document.store import reject_sketch_folder
     from sketchterrain.export.rasters import write_picture
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.offscreen import render_picture
     from sketchterrain.render.sky import Sun, Weather
 
+    reject_sketch_folder(Path(job.path).parent)
     picture = render_picture(
         _terrain(job.sketch, job.recipe),
         size=job.size,

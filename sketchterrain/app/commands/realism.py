@@ -44,6 +44,10 @@ def realism(
     """Measure how far landforms are from those of real land; with --map, draw where."""
     if map_file is not None and map_file.suffix.lower() != ".png":
         raise USAGE_ERROR(f"--map: expected the name of a .png file, got {str(map_file)!r}")
+    if map_file is not None:
+        from sketchterrain.export.files import prepare_folder
+
+        prepare_folder(map_file.parent)
     kinds = tuple(kind or ())
     with Stages() as stages:
         if Path(source).suffix.lower() in _RASTERS:
@@ -58,10 +62,8 @@ def realism(
         else:
             found, header = _measure_sketch(source, cell, size, kinds, seed, device, stages)
     if map_file is not None:
-        from sketchterrain.export.files import prepare_folder
         from sketchterrain.export.measured_maps import write_realism_map
 
-        prepare_folder(map_file.parent)
         write_realism_map(map_file, found)
     entry = header | found.as_dict()
     if as_json:

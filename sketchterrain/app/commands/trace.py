@@ -151,6 +151,7 @@ def _reject_options(kind: str, values: dict[str, object]) -> None:
 
 
 def _check_places(file: Path, output: Path, preview: Path | None) -> None:
+    from sketchterrain.document.store import reject_sketch_folder
     from sketchterrain.errors import InputError, one_line
     from sketchterrain.io.files import wrap_os_errors
 
@@ -162,6 +163,7 @@ def _check_places(file: Path, output: Path, preview: Path | None) -> None:
             raise InputError(f"{place}: expected a new folder or .sketch file, this one exists")
         if preview is None:
             return
+        reject_sketch_folder(preview.parent)
         if not preview.parent.is_dir():
             raise InputError(f"{one_line(preview)}: expected a file in an existing folder")
         path = preview.resolve()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sketchterrain.app import arguments as args
-from sketchterrain.app.console import PARTIAL, USAGE_ERROR, Stages, fail
+from sketchterrain.app.console import PARTIAL, USAGE_ERROR, Stages, fail, print_note
 from sketchterrain.app.estimates import format_count, format_duration
 from sketchterrain.app.listings import legend_lines, pluralize, print_json, print_lines
 from sketchterrain.app.option_groups import with_option_groups
@@ -292,5 +292,5 @@ def view(
         drapes = args.read_layers(picture.layer or ())
         legend, missing = draw_world(store, output, options, drapes, device=device, stages=stages)
     for line in missing:
-        sys.stderr.write(f"sketchterrain: note: {line}\n")
+        print_note(line)
     print_lines(str(output), *legend_lines(legend))

@@ -31,8 +31,7 @@ from sketchterrain.app.console import (
     Stages,
     describe_error,
     fail,
-    flush_standard_streams,
-    open_standard_streams,
+    standard_streams,
 )
 from sketchterrain.app.listings import (
     adherence_lines,
@@ -66,30 +65,23 @@ app = typer.Typer(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; every failure is one line on stderr."""
-    open_standard_streams()
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # a terminal without a character must not raise
-            stream.reconfigure(errors="replace")
-    return flush_standard_streams(_run(arguments))
-
-
-def _run(arguments: Sequence[str] | None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
-    try:
-        if any(re.fullmatch("(--[^=]+=)?", each) for each in given):  # a path would be the current folder
-            raise USAGE_ERROR("expected a value, got an empty text")
-        with sigterm_as_interrupt():
-            command = typer.main.get_command(app)
-            code = command.main(given, prog_name="sketchterrain", standalone_mode=False)
-    except (KeyboardInterrupt, typer.Abort):
-        code = INTERRUPTED
-    except Exception as error:  # noqa: BLE001 - any error is one line
-        if os.environ.get(DEBUG):
-            traceback.print_exc()
-        return fail(*describe_error(error))
-    if code == INTERRUPTED:
-        return fail("interrupted", INTERRUPTED)
-    return code if isinstance(code, int) else 0
+    with standard_streams():
+        try:
+            if any(re.fullmatch("(--[^=]+=)?", each) for each in given):  # a path would be the current folder
+                raise USAGE_ERROR("expected a value, got an empty text")
+            with sigterm_as_interrupt():
+                command = typer.main.get_command(app)
+                code = command.main(given, prog_name="sketchterrain", standalone_mode=False)
+        except (KeyboardInterrupt, typer.Abort):
+            code = INTERRUPTED
+        except Exception as error:  # noqa: BLE001 - any error is one line
+            if os.environ.get(DEBUG):
+                traceback.print_exc()
+            return fail(*describe_error(error))
+        if code == INTERRUPTED:
+            return fail("interrupted", INTERRUPTED)
+        return code if isinstance(code, int) else 0
 
 
 def _show_version(requested: bool) -> None:

@@ -58,27 +58,27 @@ def print_note(line: str) -> None:
     sys.stderr.write(f"sketchterrain: note: {one_line(line)}\n")
 
 
-def open_standard_streams() -> None:
-    """Open the null device as each missing standard stream: the next file would get what drivers print."""
-    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+@contextmanager
+def standard_streams() -> Iterator[None]:
+    """Open missing standard streams (``>&-``), and flush stdout at the end; exit if it cannot be written."""
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:  # the next file would get what drivers print
         os.set_inheritable(number, True)
     os.close(number)
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open("r+", encoding="utf-8"))  # noqa: SIM115 # kept
-
-
-def flush_standard_streams(code: int) -> int:
-    """Flush stdout and stderr, and return the exit code; a reader that has gone, as ``head``, is no error."""
-    for stream in (sys.stdout, sys.stderr):
+        elif hasattr(getattr(sys, name), "reconfigure"):  # a terminal without a character must not raise
+            getattr(sys, name).reconfigure(errors="replace")
+    try:
+        yield
+    finally:
         try:
-            stream.flush()
+            sys.stdout.flush()
         except OSError as error:
-            if stream is sys.stdout and not isinstance(error, BrokenPipeError):
-                code = code or fail(f"stdout: {error.strerror}", FAILED)
             with suppress(OSError):  # the interpreter would try again, and exit with 120
-                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-    return code
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            if not isinstance(error, BrokenPipeError):
+                raise SystemExit(fail(f"stdout: {error.strerror}", FAILED)) from None
 
 
 _SLOW = 1.0  # s until a stage is printed without a terminal

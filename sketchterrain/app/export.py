@@ -116,8 +116,8 @@ def export(
     """Write a sketch's terrain as a target's files, and a sidecar of import settings.
 
     Files are moved into the folder when all are complete, and stale ones of an earlier export of the sketch
-    to the target removed. After a failure of the device everything is computed again on a CPU device. Raise
-    InputError for the folder of a sketch, or of an export of another sketch or to another target.
+    to the target removed. A folder with the export of another is refused (`check_sidecar`). After a failure
+    of the device everything is computed again on a CPU device.
     """
     plan = checked_plan(sketch, target, options)
     check_sidecar(folder, sketch.name, target)

@@ -129,10 +129,8 @@ def decode_layer(data: bytes, layer: str) -> tuple[LabelImage, list[str]]:
                 coloured = np.asarray(image.convert("RGBA"))
     except (OSError, SyntaxError, ValueError, EOFError, zlib.error, struct.error) as error:
         raise InputError(f"expected a whole PNG file, this one is damaged ({error})") from None
-    notes = []
-    if moved:
-        listed = ", ".join(f"{index} is {label or 'empty'}" for index, label in moved.items())
-        notes.append(f"colours decide, as its palette has those of labels in other places: {listed}")
+    listed = ", ".join(f"{index} is {label or 'empty'}" for index, label in moved.items())
+    notes = [f"colours decide, as its palette has those of labels in other places: {listed}"] if moved else []
     if coloured is not None:
         array, edges = _labels_by_colour(coloured, layer, depth)
         if edges:
@@ -186,10 +184,7 @@ def _moved_labels(image: LabelImage, palette: npt.NDArray[Any], layer: str) -> d
 
 
 def _labels_by_colour(rgba: npt.NDArray[np.uint8], layer: str, depth: int) -> tuple[LabelImage, float]:
-    """Return the labels of an image in known colours, and the share of it at antialiased edges.
-
-    Grey images have labels as values.
-    """
+    """Return the labels of an image, its greys or by known colours, and the share of antialiased edges."""
     packed = _packed(rgba)
     table = np.zeros(1 << 24, dtype=np.uint8)
     table[packed] = 1

@@ -188,7 +188,7 @@ def _labels_by_colour(rgba: npt.NDArray[np.uint8], layer: str, depth: int) -> tu
     packed = _packed(rgba)
     table = np.zeros(1 << 24, dtype=np.uint8)
     table[packed] = 1
-    present = np.flatnonzero(table).tolist()
+    present = np.flatnonzero(table)[: 1 << 16].tolist()  # more are of a photograph
     known = _known_colours(present, layer)
     painted = [each for each in present if known.get(each)]
     if not painted and all(each % 0x10101 == 0 for each in present):

@@ -1,21 +1,27 @@
 """The main window: actions, files, layout, messages."""
 
+import io
 import subprocess
 import sys
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from PIL import Image
 from PyQt6.QtCore import QMimeData, QPointF, Qt, QUrl
 from PyQt6.QtGui import QDropEvent, QImage, QKeySequence
 from PyQt6.QtWidgets import QApplication, QFileDialog, QMenu, QMessageBox, QTabBar
 
+from sketchterrain.document.label_layers import encode_layer
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
+from sketchterrain.errors import InputError
 from sketchterrain.ui.actions import MENUS
 from sketchterrain.ui.banner import Message
+from sketchterrain.ui.engine.background import _render
 from sketchterrain.ui.engine.protocol import ErrorReport, MeasureAdherence, RenderPicture
 from sketchterrain.ui.models.workspace import TOOLS, Preferences, Selection
 
@@ -214,6 +220,12 @@ def test_pictures_are_saved_as_displayed_or_rendered(window, link, tmp_path, mon
     save_as(tmp_path / "nowhere" / "view.png")
     qtbot.waitUntil(lambda: window.banner.message.kind == "error")
     assert "cannot be written" in window.banner.message.line
+    save_sketch(Sketch(), tmp_path / "mine")
+    save_as(tmp_path / "mine" / "view.png")
+    qtbot.waitUntil(lambda: "holds a sketch.toml" in window.banner.message.line)
+    with pytest.raises(InputError, match=r"holds a sketch\.toml"):
+        _render(SimpleNamespace(path=str(tmp_path / "mine" / "best.png")))
+    assert not (tmp_path / "mine" / "view.png").exists()
 
 
 def test_closing_asks_about_unsaved_changes_only(window, document, tmp_path, monkeypatch):
@@ -240,6 +252,17 @@ def drop(window, *paths: Path):
     window.dropEvent(QDropEvent(QPointF(5, 5), Qt.DropAction.CopyAction, data, LEFT, NO_KEYS))
 
 
+def exchanged(data: bytes) -> bytes:
+    """Return a palette PNG with the first two entries exchanged, which looks the same."""
+    with Image.open(io.BytesIO(data)) as picture:
+        moved = Image.fromarray(np.array([1, 0, *range(2, 256)], np.uint8)[np.asarray(picture)])
+        palette = picture.getpalette()
+    moved.putpalette([*palette[3:6], *palette[:3], *palette[6:]])
+    stream = io.BytesIO()
+    moved.save(stream, format="PNG")
+    return stream.getvalue()
+
+
 def test_dropped_sketches_are_opened_and_images_become_layers_in_one_step(window, document, tmp_path, qtbot):
     save_sketch(Sketch(name="Dropped"), tmp_path / "dropped")
     drop(window, tmp_path / "dropped" / "sketch.toml")
@@ -257,6 +280,19 @@ def test_dropped_sketches_are_opened_and_images_become_layers_in_one_step(window
     assert np.array_equal(document.sketch.layers["hill"], hill)
     assert np.array_equal(document.sketch.layers["lake"], lake)
 
+    Image.fromarray(np.array(LAYERS["hill"].colour, np.uint8)[None, None] * hill[..., None].clip(0, 1)).save(
+        tmp_path / "images" / "hill.png"
+    )
+    (tmp_path / "images" / "lake.png").write_bytes(exchanged(encode_layer(lake, LAYERS["lake"].colour)))
+    for path in (tmp_path / "images", tmp_path / "images" / "lake.png"):
+        document.do("Clear", document.sketch.replace(layers={}))
+        document.mark_saved(document.state, tmp_path / "saved")  # no question when another is opened
+        drop(window, path)
+        qtbot.waitUntil(lambda: window.banner.message is not None)
+        assert "colours decide" in window.banner.message.line
+        assert window.banner.message.kind == "warning"
+        assert np.array_equal(document.sketch.layers["lake"], lake)
+        window.banner.dismiss()
     save_sketch(Sketch(layers={"hill": np.zeros((8, 9), np.uint8)}), tmp_path / "small")
     drop(window, tmp_path / "small" / "hill.png")
     qtbot.waitUntil(lambda: window.banner.message is not None)

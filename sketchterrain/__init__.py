@@ -60,6 +60,8 @@ def _ensure_writable_cache() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):  # by its permissions root may write anywhere
             if shutil.disk_usage(folder).free >= 1 << 26:  # bytes, for programs of all drivers
+                if "XDG_CACHE_HOME" in os.environ:  # libraries also take a relative path
+                    os.environ["XDG_CACHE_HOME"] = str(folder)
                 return
     with suppress(OSError):  # not even temporary files: commands tell
         temporary = os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="sketchterrain-cache-")

@@ -159,6 +159,10 @@ def test_caches_that_cannot_be_written_are_temporary(tmp_path: Path, monkeypatch
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "new"))
     sketchterrain._ensure_writable_cache()
     assert os.environ["XDG_CACHE_HOME"] == str(tmp_path / "new")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+    sketchterrain._ensure_writable_cache()
+    assert os.environ["XDG_CACHE_HOME"] == f"{tmp_path}/.cache"
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=1 << 20))
     sketchterrain._ensure_writable_cache()

@@ -39,7 +39,7 @@ def describe_error(error: Exception) -> tuple[str, int]:
         reason = error.strerror or str(error)
         return (f"{error.filename}: {reason}" if error.filename else reason), FAILED
     if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
-        return f"{error.object}: expected a name in UTF-8", InputError.exit_code
+        return f"{error.object[-200:]}: expected a name in UTF-8", InputError.exit_code
     if isinstance(error, MemoryError):
         return "out of memory", FAILED
     kind = type(error).__name__

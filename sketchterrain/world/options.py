@@ -84,6 +84,7 @@ def output_form(output: str) -> Form:
     ending = Path(output).suffix.lower()
     if ending == ".zarr":
         return "zarr"
+    output.encode()  # raises for a name that GDAL refuses, later
     if ending in (".tif", ".tiff"):
         return "tif"
     if ending and not output.endswith("/") and not Path(output).is_dir():

@@ -1,6 +1,7 @@
 """Options of a world, and estimates of memory and disk space."""
 
 import inspect
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,14 @@ def test_other_extensions_are_refused_except_folders(tmp_path: Path) -> None:
         output_form("world.png")
     (tmp_path / "out.v2").mkdir()
     assert output_form(str(tmp_path / "out.v2")) == "tiles"
+
+
+def test_names_that_gdal_refuses_are_refused_at_the_start() -> None:
+    name = os.fsdecode(b"w\xe9")
+    assert output_form(f"{name}.zarr") == "zarr"
+    for output in (name, f"{name}.tif"):
+        with pytest.raises(UnicodeEncodeError, match="surrogates not allowed"):
+            output_form(output)
 
 
 def test_layers_are_ordered_and_checked() -> None:

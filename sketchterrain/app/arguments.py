@@ -386,8 +386,7 @@ def read_sketch(name: str, seed: int | None, stages: Stages, layers: Sequence[st
         sketch = load_sketch(name)
         if layers:
             sketch = sketch.replace(drapes=(*sketch.drapes, *read_layers(layers)))
-    for note in sketch.notes:
-        print_note(note)
+    print_note(*sketch.notes)
     return sketch if seed is None else sketch.replace(seed=seed)
 
 

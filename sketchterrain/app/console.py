@@ -53,9 +53,9 @@ def fail(message: str, code: int) -> int:
     return code
 
 
-def print_note(line: str) -> None:
-    """Write a note as one line to stderr."""
-    sys.stderr.write(f"sketchterrain: note: {one_line(line)}\n")
+def print_note(*lines: str) -> None:
+    """Write notes to stderr, a line each."""
+    sys.stderr.writelines(f"sketchterrain: note: {one_line(line)}\n" for line in lines)
 
 
 @contextmanager

@@ -192,8 +192,7 @@ def noted_drapes(terrain: TerrainSource) -> Drapes | None:
     from sketchterrain.render.offscreen import open_drapes  # loads OpenGL
 
     drapes = open_drapes(terrain)
-    for line in () if drapes is None else (*drapes.problems, *drapes.notes):
-        print_note(line)
+    print_note(*(() if drapes is None else (*drapes.problems, *drapes.notes)))
     return drapes
 
 

@@ -160,8 +160,8 @@ def _known_colours(colours: Iterable[int], layer: str) -> dict[int, int]:
 def _labels_of(layer: str) -> dict[int, int]:
     drawn = [(label_rgb(layer, label), label) for label in range(MAX_LABELS, 0, -1)]
     written = [(_shade(label, LAYERS[layer].colour), label) for label in range(MAX_LABELS, -1, -1)]
-    pairs = [((255, 255, 255), 0), *drawn, *written]  # the last of equal colours counts
-    return {int.from_bytes(bytes(colour), "big"): label for colour, label in pairs}
+    pairs = [*drawn, *written]  # the last of equal colours counts
+    return {_WHITE: 0} | {int.from_bytes(bytes(colour), "big"): label for colour, label in pairs}
 
 
 def _packed(rgba: npt.NDArray[Any]) -> npt.NDArray[np.int32]:

@@ -1,6 +1,7 @@
 """`batch`: its files equal those of `generate` and `export`."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 from PIL import Image
 
 from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import DeviceFailedError
 from sketchterrain.render.offscreen import SnapshotRenderer
@@ -48,6 +50,18 @@ def test_files_equal_those_of_generate(call, sketch, tmp_path):
     assert all(item["state"] == "done" for item in data["items"])
     assert data["items"][0]["adherence"]["layers"]["mountain"]["shapes"] == 1
     assert data["items"][0]["timings"]["ground"] > 0
+
+
+def test_changes_of_layers_are_reported(call, sketch, tmp_path):
+    shutil.copytree(sketch, tmp_path / "mine")
+    layer = LAYERS["mountain"]
+    picture = Image.fromarray(np.where(np.eye(48, 64), 0, 1).astype(np.uint8))
+    picture.putpalette((*layer.colour, 0, 0, 0))
+    picture.save(tmp_path / "mine" / "mountain.png")
+    for command in ("batch", "export"):
+        done = call(command, tmp_path / "mine", "-o", tmp_path / command, "--to", "raw", "--size", 10**6)
+        assert done.code == 3  # too large
+        assert "sketchterrain: note: mountain.png: colours decide" in done.err
 
 
 @pytest.mark.slow

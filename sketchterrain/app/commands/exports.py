@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sketchterrain.app import arguments as args
-from sketchterrain.app.console import PARTIAL, USAGE_ERROR, Stages, fail
+from sketchterrain.app.console import PARTIAL, USAGE_ERROR, Stages, fail, print_note
 from sketchterrain.app.listings import (
     exported_lines,
     pluralize,
@@ -161,6 +161,8 @@ def batch(
     )
     swept = parse_settings(settings or (), file.settings)
     sources = read_sources(sketches or file.sketches)
+    for each in filter(None, (source.sketch for source in sources)):
+        print_note(*each.notes)
     items = plan(sources, file.seed_list if seeds is None else parse_seeds(seeds), swept)
     jobs = jobs or min(2, os.cpu_count() or 1)
     if dry_run:

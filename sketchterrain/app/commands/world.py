@@ -291,6 +291,5 @@ def view(
         options = picture.options()
         drapes = args.read_layers(picture.layer or ())
         legend, missing = draw_world(store, output, options, drapes, device=device, stages=stages)
-    for line in missing:
-        print_note(line)
+    print_note(*missing)
     print_lines(str(output), *legend_lines(legend))

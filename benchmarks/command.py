@@ -18,6 +18,7 @@ from sketchterrain.benchmarks.effort import FULL, QUICK, Effort
 from sketchterrain.benchmarks.registry import BENCHMARKS, Benchmark, choose
 from sketchterrain.benchmarks.report import Report, terminal
 from sketchterrain.benchmarks.timing import TimedContext
+from sketchterrain.export.files import prepare_folder
 
 if TYPE_CHECKING:
     from sketchterrain.compute.device import Device
@@ -65,6 +66,8 @@ def run(
 ) -> int:
     """Run benchmarks and show or write their results."""
     chosen = choose(names)
+    if output is not None:
+        prepare_folder(output)
     effort = QUICK if quick else FULL
     command = _command(chosen, quick=quick, device=device, fast=fast)
     report = _measure(chosen, TimedContext(device, fast=fast), effort, command)

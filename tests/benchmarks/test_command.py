@@ -6,7 +6,7 @@ import pytest
 
 from sketchterrain.benchmarks import command, run
 from sketchterrain.benchmarks.splines import SEED
-from sketchterrain.errors import DeviceError, InputError, SketchterrainError
+from sketchterrain.errors import DeviceError, InputError
 
 
 @pytest.fixture(autouse=True)
@@ -60,7 +60,7 @@ def test_invalid_names_devices_and_folders_are_refused(tmp_path):
         # before a device is opened
         ("nothing", "no such device", None, InputError, "no benchmark 'nothing'"),
         ("splines", "no such device", None, DeviceError, "no such device"),
-        ("splines", None, target, SketchterrainError, "cannot be written"),
+        ("splines", None, target, InputError, "expected a folder to write into"),
     ):
         with pytest.raises(error, match=line):
             run([name], output=output, quick=True, device=device, as_json=False)

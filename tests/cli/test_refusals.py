@@ -209,6 +209,7 @@ def test_outputs_into_a_sketchs_folder_are_refused(call, paths, sketch, tmp_path
         *("generate . -o .", "export MINE --to raw -o MINE", "batch MINE -o . --size 9", "fly . -o ."),
         *("render . -o a.png", "adherence . -o MINE/a.png", "realism . --map a.png", "view WORLD -o a.png"),
         "trace MAP -o OUT --preview a.png",
+        "bench kernels --quick -o .",
     ):
         known = {**paths, "OUT": str(tmp_path / "out"), "MINE": str(folder), "MINE/a.png": f"{folder}/a.png"}
         done = call(*(known.get(word, word) for word in shlex.split(words)))

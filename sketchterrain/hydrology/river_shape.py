@@ -223,6 +223,8 @@ class Confluence:
     above: float  # of the stem above the joint
     below: float  # of the stem below the joint
     bed: tuple[float, float]  # the same for where the stem's bed is visible in the tributary's centreline
+    nearest: npt.NDArray[np.intp]  # (m,) points of the stem nearest to the tributary's …
+    off: Float64Array  # (m,) … and their distances, half widths of the stem
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,6 +362,8 @@ def _confluence_at(
             max(-float(in_bed.min(initial=0.0)), 0.0) + float(bed_range[-1]),
             max(float(in_bed.max(initial=0.0)), 0.0) + float(bed_range[-1]),
         ),
+        nearest=nearest,
+        off=distance / (0.5 * parent_width[nearest]),
     )
 
 

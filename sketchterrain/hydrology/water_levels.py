@@ -1,7 +1,7 @@
 """Water levels and beds of a river network, consistent where reaches meet."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,7 +9,9 @@ from sketchterrain.array_types import Float64Array
 from sketchterrain.hydrology.courses import RiverCourse, depth_ratio
 from sketchterrain.hydrology.river_shape import (
     MIN_GRADIENT,
+    Confluence,
     Network,
+    bank_sway,
     join_level,
     level_pool,
     limit_gradient,
@@ -22,6 +24,7 @@ from sketchterrain.placement.feature_types import River
 _MAX_GROWTH = 2.0  # widening that still deepens a river, times the label's width
 _ROUNDS = 8
 _MIN_DEPTH = 0.05  # m, of water
+_DEEPEST = 0.6  # widths: a tributary's bed goes no deeper to meet its stem's but in the stem's water
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,16 +135,39 @@ def build_rivers(network: Network, levels: Sequence[Float64Array]) -> list[River
         depth = course.depth * depth_ratio(np.minimum(width / swing / course.width, _MAX_GROWTH))
         bed = np.minimum.accumulate(level - depth)
         parent, meeting = network.parents[number], network.confluences[number]
+        bed_width = width
         if parent >= 0 and meeting is not None:
             end, arc = float(beds[parent][course.joint]), network.arcs[number]
             bed = np.maximum(bed, end)
-            bed += (end - bed) * smoothstep((arc - arc[-1] + 2.0 * meeting.length) / meeting.length)
+            if level[-1] - end > _DEEPEST * width[-1]:
+                under, deep = _in_stem(network, number, meeting)
+                at = meeting.nearest[under]
+                bed[under] = np.minimum(
+                    bed[under], levels[parent][at] - (levels[parent] - beds[parent])[at] * deep
+                )
+                bed_width = width.copy()
+                bed_width[under] = np.maximum(width[under], network.widths[parent][at])
+            else:
+                bed += (end - bed) * smoothstep((arc - arc[-1] + 2.0 * meeting.length) / meeting.length)
         bed = _level_bed(network, number, np.minimum.accumulate(bed))
         bed = _below_chord(bed, network.arcs[number], network.cuts[number])
         bed = np.minimum(bed, level - _MIN_DEPTH)
         beds.append(bed)
-        rivers.append(_create_river(course, width, swing, level, level - bed))
+        river = _create_river(course, width, swing, level, level - bed)
+        rivers.append(river if bed_width is width else replace(river, bed_width=bed_width.astype(np.float32)))
     return rivers
+
+
+def _in_stem(network: Network, number: int, meeting: Confluence) -> tuple[slice, Float64Array]:
+    """Return the last points of a tributary, in its stem's water, and the stem's share of its depth there."""
+    parent = network.parents[number]
+    line, arc, width = network.courses[parent].line, network.arcs[parent], network.widths[parent]
+    sway = (
+        np.abs(bank_sway(line, arc, width)) if (network.swings[parent] != 1.0).any() else np.zeros(len(arc))
+    )
+    share = np.maximum(1.0 - np.square(meeting.off / (1.0 + sway[meeting.nearest])), 0.0)
+    under = slice(len(share) - (int(np.argmax(share[::-1] == 0.0)) or len(share)), None)
+    return under, share[under]
 
 
 def _level_bed(network: Network, number: int, bed: Float64Array) -> Float64Array:

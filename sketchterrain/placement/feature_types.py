@@ -97,6 +97,8 @@ class River:
     centreline_depth: npt.NDArray[np.float32]  # (m,) m
     # (n,) at the control points, m, without natural variation; None for banks as painted
     mean_width: npt.NDArray[np.float32] | None = None
+    # (m,) m, as `centreline_width`, but that of the river a brook joins where the brook lies in its water
+    bed_width: npt.NDArray[np.float32] | None = None
 
 
 def move_edit(river: River, index: int, *, x: float, y: float) -> Edit:

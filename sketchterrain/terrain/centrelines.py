@@ -29,6 +29,10 @@ _MAX_HALVINGS = 24
 (_CENTRE,) = kernel_constants("spline_arcs.clh", "CENTRE")
 _POINT = 1e-12  # m: shorter chords are points
 
+(_CHANNEL_CELLS,) = kernel_constants("layers/corridors.clh", "CHANNEL_CELLS")
+LEAST_WIDTH = 2.0 * _CHANNEL_CELLS * FINEST_CELL
+"""Least width (m) that a river is carved with: the finest cells show a narrower one as a bank."""
+
 _CELL_SHARE = 0.01  # of a cell: tolerance between arcs and spline
 _MAX_DOUBLINGS = 8  # of the finest cell: arcs for coarser ones would be hardly fewer
 _SAME = 1e-6  # m
@@ -171,10 +175,10 @@ def valley_radius(river: River, ground: Float64Array) -> Float64Array:
     """Return how far (m) a river shapes the terrain on each side, at each point of its centreline, (m,).
 
     The deeper it lies below the terrain without rivers along the centreline, the wider the valley. A stream
-    lies in a valley of the ground.
+    lies in a valley of the ground. In the water of a deep river a brook shapes its own channel alone.
     """
     cut = np.maximum(ground - river.centreline[:, 2], 0)
-    width = river.centreline_width.astype(np.float64)
+    width = np.maximum(river.centreline_width.astype(np.float64), LEAST_WIDTH)
     step = float(np.median(np.hypot(*np.diff(river.centreline[:, :2], axis=0).T)))
     # A valley does not follow the swings of its river's width.
     mean = gaussian_filter(width, _SWING_REACH * float(np.median(width)) / max(step, 1e-3), mode="reflect")
@@ -182,7 +186,13 @@ def valley_radius(river: River, ground: Float64Array) -> Float64Array:
     radius = floor + VALLEY_RUN_PER_DEPTH * cut
     sigma = max(float(np.median(radius)) / max(step, 1e-3) / 2, 1.0)
     smooth = rounded(gaussian_filter(radius, sigma, mode="reflect"))
-    return np.maximum(np.minimum(smooth, _MAX_RADIUS), _MIN_WIDTHS * width)
+    radius = np.maximum(np.minimum(smooth, _MAX_RADIUS), _MIN_WIDTHS * width)
+    if river.bed_width is not None:
+        arc = arc_length(river.centreline[:, :2])
+        first = int(np.argmax(river.bed_width > river.centreline_width))
+        before = np.clip((arc[first] - arc) / radius[first], 0.0, 1.0)
+        radius = 0.5 * width + (radius - 0.5 * width) * before
+    return radius
 
 
 def typical_half_width(river: River) -> float:
@@ -242,14 +252,17 @@ def prepare_centreline(
     """
     curve, along = _curve(river)
     line = _samples(river, radii)
-    anchors = _profile_anchors(river, line, meetings_on(river, meeting))
+    is_narrowed = line[:, 5] < 2.0 * _MIN_WIDTHS * line[:, 3]  # see `valley_radius`
+    anchors = _profile_anchors(river, line, meetings_on(river, meeting)) | is_narrowed
     return PreparedCentreline(river, line, curve, along, anchors, _steep(river))
 
 
 def _samples(river: River, radii: Float64Array) -> Float64Array:
-    widths, depths = river.centreline_width / 2.0, river.centreline_depth.astype(np.float64)
-    line = river.centreline
-    form = line[:, :2], arc_length(line), 2.0 * widths.astype(np.float64)
+    own = river.centreline_width
+    # As wide as the river that it lies in, a brook has no banks there: they would be as high as that is deep.
+    widths = (own if river.bed_width is None else np.maximum(own, river.bed_width)) / 2.0
+    depths, line = river.centreline_depth.astype(np.float64), river.centreline
+    form = line[:, :2], arc_length(line), own.astype(np.float64)
     sway = bank_sway(*form) * (river.mean_width is not None)
     return np.column_stack([line, widths, depths, radii, bend_lean(*form), sway])
 

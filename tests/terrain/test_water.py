@@ -294,6 +294,31 @@ def test_no_bed_rises_and_every_bank_holds(seed, context) -> None:
     assert_water_stays(terrain)
 
 
+@pytest.mark.parametrize(("extent", "seed"), [(600.0, 0), (1000.0, 1)])
+def test_a_brook_narrower_than_its_stem_is_deep_builds_no_walls(extent, seed, context) -> None:
+    """Its bed is under its water, also narrower than four of the finest cells, and it raises no other bed."""
+    layers = {name: np.zeros((96, 96), np.uint8) for name in ("river", "lake")}
+    layers["river"][60:63] = 1
+    layers["lake"][np.hypot(*(np.mgrid[:96, :96] - np.array([30, 48])[:, None, None])) < 9] = 1
+    labels = {("river", 1): {"width": 20.0, "depth": 6.0}}
+    terrain = build(Sketch(extent=extent, seed=seed, layers=layers, labels=labels), device=context)
+    stem, *brooks = terrain.recipe.rivers
+    assert brooks
+    for each in brooks:
+        line = each.centreline
+        assert (terrain.heights(line[:, 0], line[:, 1]) - line[:, 2]).max() < 0.0
+    layer = terrain.recipe[CorridorsLayer]
+    without = terrain.recipe.with_layers([CorridorsLayer(layer.courses[:1])])
+    near = stem.centreline[cKDTree(stem.centreline[:, :2]).query(brooks[0].centreline[-1, :2])[1], :2]
+    at = near + np.stack(np.meshgrid(*2 * [np.arange(-15.0, 15.0, 0.1)]), axis=-1).reshape(-1, 2)
+    at = at[cKDTree(every_metre(stem)[1][:, :2]).query(at)[0] < 6.0]
+    lattice = to_lattice(at, extent).T
+    bed, own = (
+        Evaluator(each, context).points(*lattice, cell_size=0.0)[0] for each in (terrain.recipe, without)
+    )
+    assert (bed - own).max() < 0.1
+
+
 @tiers("poses", [range(1)], [range(1, 12)], [range(12, 100)])
 def test_a_river_across_a_mountain_runs_below_the_straight_line(poses, context) -> None:
     """In random poses: the bed on the mountain is not above the line between its ends."""

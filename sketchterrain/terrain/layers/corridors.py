@@ -15,6 +15,7 @@ from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.placement.feature_types import River, cubic
 from sketchterrain.terrain.centrelines import (
+    LEAST_WIDTH,
     MAX_TOLERANCE,
     TOLERANCE_CELLS,
     VALLEY_RUN_PER_DEPTH,
@@ -126,7 +127,12 @@ class Course:
         unit = metres_per_unit(extent)
         anchor = to_lattice(river.centreline[0, :2], extent)
         away = np.append(anchor * unit, 0.0)
-        local = replace(river, points=river.points - away, centreline=river.centreline - away)
+        local = replace(
+            river,
+            points=river.points - away,
+            centreline=river.centreline - away,
+            centreline_width=np.maximum(river.centreline_width, np.float32(LEAST_WIDTH)),
+        )
         met = meetings - away[:2]
 
         def compute() -> Course:
@@ -140,7 +146,8 @@ class Course:
 
     def is_hidden(self, cell: float) -> bool:
         """Return whether it is a stream that cells of at least this size (m) do not show."""
-        return self.river.label == 0 and self.river.centreline_width.max() <= _CHANNEL_CELLS * cell
+        widest = self.line.river.centreline_width.max()
+        return self.river.label == 0 and widest <= _CHANNEL_CELLS * cell
 
     @property
     def change(self) -> float:

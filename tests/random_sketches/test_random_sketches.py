@@ -7,24 +7,37 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from scipy.spatial import cKDTree
 
-from sketchterrain.array_types import BoolArray, StructuredArray
+from sketchterrain.array_types import BoolArray, Float64Array, StructuredArray
+from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import DENSITY, LAYERS, PAINTED_LAYERS
 from sketchterrain.document.parameters import Parameter
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.hydrology.rivers import trace_rivers
-from sketchterrain.placement.feature_types import FEATURE_TYPES, LAYER_CODES, TYPES, River, visible_radius
+from sketchterrain.placement.feature_types import (
+    FEATURE_TYPES,
+    LAYER_CODES,
+    TYPES,
+    River,
+    distance_inside,
+    visible_radius,
+)
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.heights import shape_height
 from sketchterrain.placement.placement import MAX_DISPLACEMENT, place
 from sketchterrain.placement.shapes import Shape, label_shapes
-from sketchterrain.terrain.building import make_recipe
+from sketchterrain.terrain.building import build, make_recipe
 from sketchterrain.terrain.host_heights import host_heights
 from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.terrain import Terrain
+from tests import terrains
 
 COUNT = 300
 
@@ -285,6 +298,110 @@ def test_shapes_and_features_of_all_others(first) -> None:
                 raise
 
 
+WATERY = 500
+OVER_WATER = 0.01  # m, of the ground at points of rivers
+STANDING = 0.3  # m, of water in which plants stand
+
+
+def watery_sketch(number: int) -> Sketch:
+    """Return sketch `number` of rivers, lakes, seas and roads on any ground, of 0.3 to 300 km."""
+    rng = np.random.default_rng([20261129, number])
+    size = int(rng.integers(48, 129)), int(rng.integers(48, 129))
+    layers = {name: np.zeros(size, np.uint8) for name in PAINTED_LAYERS}
+    shares = {"river": 0.95, "lake": 0.7, "sea": 0.3, "mountain": 0.5, "hill": 0.5, "plateau": 0.3}
+    for name, share in {**shares, "dune": 0.2, "forest": 0.4}.items():
+        if rng.random() < share:
+            kinds = RIVER_KINDS[:4] if name == "river" else AREA_KINDS[:4]
+            paint(rng, layers[name], kinds[int(rng.integers(4))], times=int(rng.integers(1, 3)))
+    extent = 300.0 * 1000.0 ** rng.random()
+    labels = {
+        (name, label): {key: random_value(rng, each) for key, each in LAYERS[name].parameters.items()}
+        for name in shares
+        for label in (1, 2)
+        if rng.random() < 0.5
+    }
+    sketch = Sketch(extent=extent, seed=int(rng.integers(2**63)), layers=layers, labels=labels)
+    if rng.random() < 0.5:
+        return sketch
+    paths = [rng.uniform(0.02, 0.98, (int(rng.integers(2, 6)), 2)) * sketch.size for _ in range(2)]
+    roads = VectorLayer.from_shapes("road", np.array([shapely.LineString(each) for each in paths], object))
+    return sketch.replace(vectors={"road": roads})
+
+
+@pytest.mark.parametrize("number", [8, pytest.param(1, marks=pytest.mark.slow)])
+def test_water_of_a_sample(number) -> None:
+    check_watery(number)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("first", range(0, WATERY, 25))
+def test_water_of_all_others(first) -> None:
+    for number in range(first, first + 25):
+        check_watery(number)
+
+
+def check_watery(number: int) -> None:
+    try:
+        sketch, memory = watery_sketch(number), LRUCache()
+        natural = make_recipe(sketch.replace(vectors={}), memory=memory)
+        check_ground_under_rivers(sketch, natural)
+        check_recipe(sketch, natural)
+        check_plants(build(sketch, device=terrains.context(), memory=memory))
+    except BaseException as error:
+        error.add_note(f"watery sketch {number}")
+        raise
+
+
+def check_ground_under_rivers(sketch: Sketch, recipe: TerrainRecipe) -> None:
+    """The ground of no river is above its water in the sketch; roads may fill streams."""
+    lines = [river.centreline for river in recipe.rivers]
+    line = np.concatenate([*lines, np.zeros((0, 3))])
+    line = line[((line[:, :2] >= 0.0) & (line[:, :2] <= sketch.size)).all(axis=1)]
+    over = host_heights(recipe, *line[:, :2].T) - line[:, 2]
+    assert over.max(initial=-np.inf) <= OVER_WATER, line[np.argmax(over)]
+
+
+def check_plants(terrain: Terrain) -> None:
+    """Heights are finite, and no plant stands in deep water, around some rivers, lakes and the sea."""
+    rng, (east, north) = np.random.default_rng(terrain.sketch.seed), terrain.size
+    lines = [river.centreline[:, :2] for river in terrain.recipe.rivers]
+    places = [line[int(rng.integers(len(line)))] for line in lines[:3]]
+    for field in [lake.shape for lake in terrain.recipe.lakes[:2]]:
+        row, column = np.unravel_index(np.argmax(field.inside), field.inside.shape)
+        places.append(np.array([field.west + column * field.spacing, field.south + row * field.spacing]))
+    sea = np.argwhere(terrain.sketch.layers["sea"] > 0)
+    for row, column in rng.permutation(sea)[:2]:
+        places.append(
+            np.array([column + 0.5, terrain.sketch.height_px - row - 0.5]) * terrain.sketch.pixel_size
+        )
+    for x, y in places:
+        plants = terrain.foliage(x - 60.0, y - 60.0, x + 60.0, y + 60.0)
+        depth = water_level(terrain, np.stack([plants["x"], plants["y"]], axis=-1)) - plants["z"]
+        assert np.isfinite(plants["z"]).all()
+        assert depth.max(initial=-np.inf) <= STANDING, (x, y)
+    at = rng.uniform(-0.1, 1.1, (500, 2)) * (east, north)
+    assert np.isfinite(terrain.heights(*at.T)).all()
+
+
+def water_level(terrain: Terrain, at: Float64Array) -> Float64Array:
+    """Return the highest water level (m) at places (n, 2), m; minus infinity on land."""
+    recipe, sketch = terrain.recipe, terrain.sketch
+    level = np.full(len(at), -np.inf)
+    if recipe.sea_level is not None:
+        column, row = (at / sketch.pixel_size).astype(np.int64).T
+        row = sketch.height_px - 1 - row
+        inside = (row >= 0) & (row < sketch.height_px) & (column >= 0) & (column < sketch.width_px)
+        inside[inside] = sketch.layers["sea"][row[inside], column[inside]] > 0
+        level[inside] = recipe.sea_level
+    for lake in recipe.lakes:
+        level = np.where(distance_inside(lake.shape, at) > 0.0, np.fmax(level, lake.level), level)
+    for river in recipe.rivers:
+        away, nearest = cKDTree(river.centreline[:, :2]).query(at)
+        inside = away < 0.35 * river.centreline_width[nearest]  # banks sway by up to 0.3 of the half width
+        level = np.where(inside, np.fmax(level, river.centreline[nearest, 2]), level)
+    return level
+
+
 @st.composite
 def tiny_sketches(draw: st.DrawFn) -> Sketch:
     size = draw(st.tuples(st.integers(1, 14), st.integers(1, 14)))
@@ -312,7 +429,10 @@ def check_tiny(sketch: Sketch) -> None:
 
 
 def check(sketch: Sketch) -> None:
-    recipe = make_recipe(sketch)
+    check_recipe(sketch, make_recipe(sketch))
+
+
+def check_recipe(sketch: Sketch, recipe: TerrainRecipe) -> None:
     assert recipe.orphans == ()
     check_strengths(recipe, check_placed(sketch))
     check_rivers(sketch, recipe.rivers)

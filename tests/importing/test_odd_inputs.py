@@ -274,9 +274,8 @@ def settings(rng: Rng, folder: Path, _: KnownMap) -> tuple[str, Notes]:
     else:
         Image.fromarray(np.ones((4, 4), np.uint8)).save(folder / f"{name}.png")
         found = load_sketch(folder).properties(name, 1)[key]
-    return "" if value is None or found == value or str(
-        found
-    ) == value else f"{name}.{key} = {text}: {found}", ()
+    is_right = value is None or found == value or str(found) == value
+    return "" if is_right else f"{name}.{key} = {text}: {found}", ()
 
 
 READERS = {rasters: 110, pictures: 40, vectors: 80, layers: 40, settings: 30}

@@ -13,21 +13,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy.spatial import cKDTree
 
-from sketchterrain.array_types import BoolArray, Float64Array, StructuredArray
+from sketchterrain.array_types import BoolArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import DENSITY, LAYERS, PAINTED_LAYERS
 from sketchterrain.document.parameters import Parameter
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.hydrology.rivers import trace_rivers
-from sketchterrain.placement.feature_types import (
-    FEATURE_TYPES,
-    LAYER_CODES,
-    TYPES,
-    River,
-    distance_inside,
-    visible_radius,
-)
+from sketchterrain.placement.feature_types import FEATURE_TYPES, LAYER_CODES, TYPES, River, visible_radius
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.heights import shape_height
 from sketchterrain.placement.placement import MAX_DISPLACEMENT, place
@@ -300,7 +293,8 @@ def test_shapes_and_features_of_all_others(first) -> None:
 
 WATERY = 500
 OVER_WATER = 0.01  # m, of the ground at points of rivers
-STANDING = 0.3  # m, of water in which plants stand
+STANDING = 0.3  # m, of water in which trees and shrubs stand; reeds do in deeper water
+CROSSING = 200.0  # m
 
 
 def watery_sketch(number: int) -> Sketch:
@@ -353,53 +347,42 @@ def check_watery(number: int) -> None:
 
 
 def check_ground_under_rivers(sketch: Sketch, recipe: TerrainRecipe) -> None:
-    """The ground of no river is above its water in the sketch; roads may fill streams."""
-    lines = [river.centreline for river in recipe.rivers]
-    line = np.concatenate([*lines, np.zeros((0, 3))])
+    """The ground of no river is above its water in the sketch, but where courses of other levels cross."""
+    courses = np.array([shapely.LineString(each.centreline[:, :2]) for each in recipe.rivers], object)
+    one, other = shapely.STRtree(courses).query(courses, predicate="crosses")
+    crossings = shapely.union_all(shapely.intersection(courses[one], courses[other]))
+    line = np.concatenate([np.zeros((0, 3)), *(river.centreline for river in recipe.rivers)])
     line = line[((line[:, :2] >= 0.0) & (line[:, :2] <= sketch.size)).all(axis=1)]
+    line = line[~shapely.dwithin(crossings, shapely.points(line[:, :2]), CROSSING)]
     over = host_heights(recipe, *line[:, :2].T) - line[:, 2]
     assert over.max(initial=-np.inf) <= OVER_WATER, line[np.argmax(over)]
 
 
 def check_plants(terrain: Terrain) -> None:
-    """Heights are finite, and no plant stands in deep water, around some rivers, lakes and the sea."""
-    rng, (east, north) = np.random.default_rng(terrain.sketch.seed), terrain.size
-    lines = [river.centreline[:, :2] for river in terrain.recipe.rivers]
-    places = [line[int(rng.integers(len(line)))] for line in lines[:3]]
-    for field in [lake.shape for lake in terrain.recipe.lakes[:2]]:
-        row, column = np.unravel_index(np.argmax(field.inside), field.inside.shape)
-        places.append(np.array([field.west + column * field.spacing, field.south + row * field.spacing]))
-    sea = np.argwhere(terrain.sketch.layers["sea"] > 0)
-    for row, column in rng.permutation(sea)[:2]:
-        places.append(
-            np.array([column + 0.5, terrain.sketch.height_px - row - 0.5]) * terrain.sketch.pixel_size
-        )
-    for x, y in places:
-        plants = terrain.foliage(x - 60.0, y - 60.0, x + 60.0, y + 60.0)
-        depth = water_level(terrain, np.stack([plants["x"], plants["y"]], axis=-1)) - plants["z"]
-        assert np.isfinite(plants["z"]).all()
-        assert depth.max(initial=-np.inf) <= STANDING, (x, y)
-    at = rng.uniform(-0.1, 1.1, (500, 2)) * (east, north)
-    assert np.isfinite(terrain.heights(*at.T)).all()
-
-
-def water_level(terrain: Terrain, at: Float64Array) -> Float64Array:
-    """Return the highest water level (m) at places (n, 2), m; minus infinity on land."""
-    recipe, sketch = terrain.recipe, terrain.sketch
-    level = np.full(len(at), -np.inf)
+    """Heights are finite; no tree or shrub stands in deep water, around some rivers, lakes and seas."""
+    rng, sketch, recipe = np.random.default_rng(terrain.sketch.seed), terrain.sketch, terrain.recipe
+    # Points of waters with their levels, and how far water reaches around them at least: banks sway.
+    waters = [(river.centreline, 0.35 * river.centreline_width) for river in recipe.rivers[:3]]
+    fields = [
+        (lake.shape.inside > 0, lake.shape.west, lake.shape.south, lake.shape.spacing, lake.level)
+        for lake in recipe.lakes[:2]
+    ]
     if recipe.sea_level is not None:
-        column, row = (at / sketch.pixel_size).astype(np.int64).T
-        row = sketch.height_px - 1 - row
-        inside = (row >= 0) & (row < sketch.height_px) & (column >= 0) & (column < sketch.width_px)
-        inside[inside] = sketch.layers["sea"][row[inside], column[inside]] > 0
-        level[inside] = recipe.sea_level
-    for lake in recipe.lakes:
-        level = np.where(distance_inside(lake.shape, at) > 0.0, np.fmax(level, lake.level), level)
-    for river in recipe.rivers:
-        away, nearest = cKDTree(river.centreline[:, :2]).query(at)
-        inside = away < 0.35 * river.centreline_width[nearest]  # banks sway by up to 0.3 of the half width
-        level = np.where(inside, np.fmax(level, river.centreline[nearest, 2]), level)
-    return level
+        half = 0.5 * sketch.pixel_size
+        fields.append((sketch.layers["sea"][::-1] > 0, half, half, 2 * half, recipe.sea_level))
+    for mask, west, south, spacing, level in fields:
+        row, column = np.nonzero(mask)
+        points = [west + spacing * column, south + spacing * row, np.full(len(row), level)]
+        waters.append((np.column_stack(points), np.full(len(row), 0.5 * spacing)))
+    for points, reach in waters:
+        x, y, _ = points[rng.integers(len(points))] if len(points) else (0.0, 0.0, 0.0)
+        plants = terrain.foliage(x - 60.0, y - 60.0, x + 60.0, y + 60.0)
+        assert np.isfinite(plants["z"]).all()
+        if len(plants) and len(points):
+            away, nearest = cKDTree(points[:, :2]).query(np.column_stack([plants["x"], plants["y"]]))
+            depth = (points[nearest, 2] - plants["z"])[away < reach[nearest]]
+            assert depth.max(initial=-np.inf) <= STANDING, (x, y)
+    assert np.isfinite(terrain.heights(*(rng.uniform(-0.1, 1.1, (500, 2)) * terrain.size).T)).all()
 
 
 @st.composite

@@ -127,12 +127,10 @@ class Course:
         unit = metres_per_unit(extent)
         anchor = to_lattice(river.centreline[0, :2], extent)
         away = np.append(anchor * unit, 0.0)
-        local = replace(
-            river,
-            points=river.points - away,
-            centreline=river.centreline - away,
-            centreline_width=np.maximum(river.centreline_width, np.float32(LEAST_WIDTH)),
-        )
+        local = replace(river, points=river.points - away, centreline=river.centreline - away)
+        if river.centreline_width.min() < LEAST_WIDTH:
+            width = np.maximum(river.centreline_width, np.float32(LEAST_WIDTH))
+            local = replace(local, centreline_width=width)
         met = meetings - away[:2]
 
         def compute() -> Course:

@@ -298,7 +298,8 @@ class CorridorsLayer(TerrainLayer):
             steep = fall / np.maximum(np.hypot(*rivers.chord[member].T), 1e-3)
             # The valley's sides, too, may be steep: through a plateau they are as high as it is.
             rise = np.maximum(state.high[block] - np.minimum(*water)[member], 0)
-            side = _SIDE_SLOPE * rise / np.minimum(*radius)[member]
+            # In the water of a deep river a brook's sides are that river's.
+            side = _SIDE_SLOPE * rise / np.maximum(np.minimum(*radius)[member], half_width)
             bank = 1.5 * _BANK_RISE / _BANK_WIDTH * (1 + _CUT_BANK)  # of a cut bank, depths a half width
             slope = np.maximum(max(bank, 2.0) * deep / half_width, side)
             off = _ARC_SLOPES * tolerance * slope + _ARC_WIDTHS * 2 * half_width * steep

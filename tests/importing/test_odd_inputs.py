@@ -257,19 +257,18 @@ def cpu() -> float:
 def test_nothing_is_lost_without_a_word(reader, count, tmp_path, known) -> None:
     wrong = []
     for number in range(count):
-        folder = tmp_path / str(number)
+        folder, began, lost = tmp_path / str(number), cpu(), ""
         folder.mkdir()
-        began = cpu()
         try:
             lost, notes = reader(np.random.default_rng([51, number]), folder, known)
-            if lost and not notes:
-                wrong.append(f"{number}: {lost}")
+            lost *= not notes
         except SketchterrainError as error:
             if not str(error).isprintable() or len(str(error)) > 500:
-                wrong.append(f"{number}: not one line: {error!r}")
+                lost = f"not one line: {error!r}"
             if number and cpu() - began > MOST_CPU:  # the first one starts processes and imports
-                wrong.append(f"{number}: refused after {cpu() - began:.1f} s: {error}")
+                lost = f"refused after {cpu() - began:.1f} s: {error}"
         except Exception as error:  # noqa: BLE001 # any is a defect
-            wrong.append(f"{number}: {error!r}")
+            lost = repr(error)
+        wrong += [f"{number}: {lost}"] * bool(lost)
         shutil.rmtree(folder)
     assert wrong == []

@@ -294,7 +294,7 @@ def test_shapes_and_features_of_all_others(first) -> None:
 WATERY = 500
 OVER_WATER = 0.01  # m, of the ground at points of rivers
 STANDING = 0.3  # m, of water in which trees and shrubs stand; reeds do in deeper water
-CROSSING, STEEP = 200.0, 0.05  # m; of the fall to the next point
+CROSSING, STEEP = 200.0, 0.1  # m; of the fall to the next point
 
 
 def watery_sketch(number: int) -> Sketch:

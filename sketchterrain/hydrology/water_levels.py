@@ -24,6 +24,7 @@ from sketchterrain.placement.feature_types import River
 _MAX_GROWTH = 2.0  # widening that still deepens a river, times the label's width
 _ROUNDS = 8
 _MIN_DEPTH = 0.05  # m, of water
+_DEEPER = 0.005  # m: a bed that leans in a bend is no parabola: half of this is above it
 _DEEPEST = 0.6  # widths: a tributary's bed goes no deeper to meet its stem's but in the stem's water
 
 
@@ -142,9 +143,8 @@ def build_rivers(network: Network, levels: Sequence[Float64Array]) -> list[River
             if level[-1] - end > _DEEPEST * width[-1]:
                 under, deep = _in_stem(network, number, meeting)
                 at = meeting.nearest[under]
-                bed[under] = np.minimum(
-                    bed[under], levels[parent][at] - (levels[parent] - beds[parent])[at] * deep
-                )
+                depth = (levels[parent] - beds[parent])[at] * deep + _DEEPER
+                bed[under] = np.minimum(bed[under], levels[parent][at] - depth)
                 bed_width = width.copy()
                 bed_width[under] = np.maximum(width[under], network.widths[parent][at])
             else:

@@ -77,12 +77,13 @@ def _own_material(name: str, values: Properties) -> Material:
         # Pictures may have a direction, such as courses of bricks.
         material = replace(material, texture=replace(base.texture, rotation=0.0, variations=()))
     if values.get("colour"):
-        colour = _rgb(values["colour"])
+        colour = rgb_from_hex(values["colour"])
         material = replace(material, colour=colour, tint=_pale(colour))
     return material
 
 
-def _rgb(colour: str) -> Colour:
+def rgb_from_hex(colour: str) -> Colour:
+    """Return sRGB of a colour such as #e03131."""
     red, green, blue = bytes.fromhex(colour[1:])
     return red, green, blue
 

@@ -168,7 +168,7 @@ class Drapes:
 
     @property
     def shown_box(self) -> Bounds | None:
-        """The box (m) of all visible layers inside of the sketch, None if there is none."""
+        """The box (m) of all visible layers inside the sketch, None without any."""
         boxes = [each.box for number, each in enumerate(self.sources) if each and self._is_visible(number)]
         if not boxes:
             return None

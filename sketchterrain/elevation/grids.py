@@ -354,7 +354,7 @@ def _array_file(path: Path, source: RasterSource) -> _File:
 
 
 def _loaded_file(
-    loaded: Any, values: StoredValues, place: Affine6 | None = None, crs: str = "", told: Findings = ()
+    loaded: Any, values: StoredValues, place: Affine6 | None = None, crs: str = "", findings: Findings = ()
 ) -> _File:
 
     def read(first: int, last: int) -> tuple[Float32Array, BoolArray]:
@@ -362,7 +362,7 @@ def _loaded_file(
         return heights, np.ones(heights.shape, bool)
 
     sample = np.ascontiguousarray(loaded[:: max(len(loaded) // _SAMPLED, 1)], values.dtype)
-    return _File(loaded.shape, values, place, crs, "", (*told, *values.sign_finding(sample)), read)
+    return _File(loaded.shape, values, place, crs, "", (*findings, *values.sign_finding(sample)), read)
 
 
 def _plain_file(path: Path, source: RasterSource) -> _File:
@@ -380,8 +380,8 @@ def _plain_file(path: Path, source: RasterSource) -> _File:
     step = max(rows // _SAMPLED, 1)
     rough = [np.abs(np.diff(each[::step].astype(np.float64), axis=1)).sum() for each in either]
     order = source.encoding or ("big-endian" if rough[1] < rough[0] else "little-endian")
-    told = f"{rows} × {columns} samples of 16 bits, {order}{' (guessed)' * (not source.encoding)}"
-    return _loaded_file(either[order == "big-endian"], values, told=(told,))
+    found = f"{rows} × {columns} samples of 16 bits, {order}{' (guessed)' * (not source.encoding)}"
+    return _loaded_file(either[order == "big-endian"], values, findings=(found,))
 
 
 def _raster_file(path: Path, source: RasterSource) -> _File:

@@ -1,7 +1,7 @@
 """300 hostile or odd inputs over all readers: what was put in comes out, or one line says what is lost.
 
 Each case writes known heights, labels, features or settings in an odd encoding, or damages the file, and
-reads it back. An odd but whole file is read exactly, or refused; of a damaged one, losses are told.
+reads it back. An odd but whole file is read exactly, or refused; of a damaged one, losses are reported.
 """
 
 import gzip
@@ -87,7 +87,7 @@ def rasters(rng: Rng, folder: Path, _: KnownMap) -> tuple[str, Notes]:
     if is_damaged := rng.random() < 0.3:
         path.write_bytes(damaged(path.read_bytes(), rng))
     grid = read_grid(path, SketchFrame("EPSG:32632", 500_000.0, 5_200_000.0))
-    if is_damaged:  # changed bytes of heights are heights: that whole rows are lost is told
+    if is_damaged:  # changed bytes of heights are heights: lost rows are reported
         lost = grid.samples.shape != HEIGHTS.shape or np.isnan(grid.samples).any()
         return f"damaged {path.suffix}" * bool(lost), tuple(grid.found)
     off = np.abs(grid.samples - HEIGHTS)

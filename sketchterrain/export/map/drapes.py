@@ -11,6 +11,7 @@ import numpy.typing as npt
 import shapely
 
 from sketchterrain.array_types import UInt8Array
+from sketchterrain.document.own_materials import rgb_from_hex
 from sketchterrain.document.parameters import Properties
 from sketchterrain.export.drapes import DrapedShapes
 from sketchterrain.export.map.drawing import Polygons, Polylines, Shape
@@ -46,14 +47,16 @@ def draw_drapes(
 
 def with_rasters(image: UInt8Array, drapes: Drapes | None, samples: MapSamples) -> UInt8Array:
     """Return the image of a map's samples under the visible rasters, the lowest first."""
+    if drapes is None:
+        return image
     rows, columns, _ = image.shape
     across, up = samples.spacing
     result = image.astype(np.float64)
-    for number, source in [] if drapes is None else drapes.rasters(across):
+    for number, source in drapes.rasters(across):
         west, north = -0.5 * across, samples.frame.north + 0.5 * up
         pixels = source.pixels(west, north, across, columns, int(rows * up / across) + 1)
         pixels = pixels[((np.arange(rows) + 0.5) * up / across).astype(int)]
-        share = float(drapes.layers[number]["opacity"]) / 255.0 * pixels[..., 3:] if drapes else 0.0
+        share = float(drapes.layers[number]["opacity"]) / 255.0 * pixels[..., 3:]
         result += share * (pixels[..., :3] - result)
     return np.rint(result).astype(np.uint8)
 
@@ -69,19 +72,16 @@ def _drawn(geometry: npt.NDArray[np.object_], look: Properties, frame: MapFrame)
     circle = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
     disc = 0.5 * width * np.stack([np.cos(circle), np.sin(circle)], axis=-1)
     dots = [at + disc for at in frame.to_sheet(shapely.get_coordinates(parts[kind == 0]))]
-    colour, fill = look["colour"], look["fill"]
+    colour, fill = str(look["colour"]), str(look["fill"])
     dashes = tuple(unit * float(each) for each in str(look["dash"]).split())
     shapes: list[Shape] = []
     if fill and rings:
-        shapes.append(Polygons(rings, _rgb(fill), opacity * float(look["fill_opacity"])))
+        shapes.append(Polygons(rings, rgb_from_hex(fill), opacity * float(look["fill_opacity"])))
     if colour and width > 0.0:
         shapes += (
-            [Polylines([*lines, *rings], _rgb(colour), width, opacity, dashes)] if lines or rings else []
+            [Polylines([*lines, *rings], rgb_from_hex(colour), width, opacity, dashes)]
+            if lines or rings
+            else []
         )
-        shapes += [Polygons(dots, _rgb(colour), opacity)] if dots else []
+        shapes += [Polygons(dots, rgb_from_hex(colour), opacity)] if dots else []
     return shapes
-
-
-def _rgb(code: object) -> tuple[int, int, int]:
-    red, green, blue = bytes.fromhex(str(code)[1:])
-    return red, green, blue

@@ -13,6 +13,7 @@ from rasterio.crs import CRS
 
 from sketchterrain.document.drapes import STYLE, DrapedLayer
 from sketchterrain.document.materials import Colour
+from sketchterrain.document.own_materials import rgb_from_hex
 from sketchterrain.document.parameters import Properties, defaults
 from sketchterrain.export import qgis_project as qgis
 from sketchterrain.export.drapes import table_names
@@ -273,28 +274,23 @@ def _draped(layer: Layer, drape: DrapedLayer) -> Layer:
         classes = [(value, value, _drawn(layer.kind, drape.style_of(at))) for value, at in numbers.items()]
         renderer = qgis.classes([*classes, ("", "others", _drawn(layer.kind, style))], drape["by"])
     if style["label"]:
-        renderer += qgis.labels(style["label"], style["label_size"], _from_hex(style["label_colour"]))
+        renderer += qgis.labels(style["label"], style["label_size"], rgb_from_hex(style["label_colour"]))
     scales = drape["finest"] / _PIXEL, drape["coarsest"] / _PIXEL or qgis.ANY_SCALE[1]
     return layer._replace(style=renderer, opacity=drape["opacity"], blend=drape["blend"], scales=scales)
-
-
-def _from_hex(colour: str) -> Colour:
-    red, green, blue = bytes.fromhex(colour[1:])
-    return red, green, blue
 
 
 def _drawn(kind: str, style: Properties) -> str:
     """Return the symbol of a draped layer's style for points, lines or areas."""
     colour, unit = style["colour"], {"m": "MapUnit", "px": "Pixel"}[style["unit"]]
     if kind == "marker":
-        return qgis.marker(_from_hex(colour or style["fill"] or "#808080"), style["width"], unit=unit)
+        return qgis.marker(rgb_from_hex(colour or style["fill"] or "#808080"), style["width"], unit=unit)
     ends = {"butt": "flat", "mitre": "miter"}
     shape: dict[str, Any] = {f"{key}style": ends.get(style[key], style[key]) for key in ("cap", "join")}
     shape |= {"dash": style["dash"].replace(" ", ";"), "line_style": "solid" if colour else "no"}
-    outline = qgis.line(_from_hex(colour or "#000000"), style["width"], unit=unit, **shape)
+    outline = qgis.line(rgb_from_hex(colour or "#000000"), style["width"], unit=unit, **shape)
     if kind == "line" or not style["fill"]:
         return qgis.symbol(kind, outline)
-    inside, opacity = _from_hex(style["fill"]), style["fill_opacity"]
+    inside, opacity = rgb_from_hex(style["fill"]), style["fill_opacity"]
     if style["hatch"] == "none":
         return qgis.fill(inside, opacity, outline)
     stroke = qgis.symbol("line", qgis.line(inside, style["width"], unit=unit), opacity=opacity)

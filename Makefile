@@ -6,6 +6,8 @@ VENV := .venv
 PYTHON := $(VENV)/bin/python
 PYTEST := $(PYTHON) -m pytest -n auto
 OUT := out
+# Containers often forbid Python to keep compiled modules, which then cost each process seconds.
+unexport PYTHONDONTWRITEBYTECODE
 .PHONY: demo check test test-slow soak gpu upgrade clean
 
 demo: $(VENV)/demo.stamp

@@ -125,7 +125,7 @@ def pytest_sessionstart(session):
 
 
 @pytest.fixture(scope="session")
-def gl():
+def opengl():
     from sketchterrain.render.programs import open_context
 
     try:
@@ -134,3 +134,10 @@ def gl():
         pytest.skip(str(error))
     yield context
     context.release()
+
+
+@pytest.fixture(scope="module")
+def gl(opengl):
+    """The shared context, made current: another module may have left its own."""
+    opengl.__enter__()
+    return opengl

@@ -23,7 +23,6 @@ JOBS: Final = (
 # Tests that compile most of what those leave out; each string is run by a process, side by side.
 TESTS: Final = (
     "tests/terrain/test_base_layer.py::test_samples_are_kept"
-    " tests/terrain/test_self_test.py::test_known_devices_pass_and_the_verdict_is_cached"
     " tests/terrain/test_landuse_layer.py::test_all_devices_compute_the_same_bits"
     " tests/terrain/test_kernels.py::test_double_kernel_equals_host_evaluation"
     " tests/terrain/test_kernels.py::test_normals_are_within_a_tenth_of_a_degree"
@@ -35,6 +34,8 @@ TESTS: Final = (
     "tests/render/test_texture_maker.py"
     " tests/render/test_appearance.py::test_no_border_of_a_tile_or_level_shows_at_any_height"
     " tests/render/test_frame.py::test_visible_tiles_hold_the_new_terrain_when_set_terrain_returns"
+    " tests/render/test_frame.py::test_no_frame_spends_more_than_its_budget_on_light_and_plants"
+    " tests/render/test_ground_cover.py::test_roots_are_on_the_displayed_ground"
     " tests/render/test_sky.py::test_a_cloud_dome_shows_the_clouds_of_the_picture_after_eye_and_wind_moved"
     " tests/render/test_built.py"
     " tests/terrain/test_materials.py"
@@ -78,6 +79,7 @@ def warm_up(cache: Path) -> None:
     sys.stderr.write("Compiling loops and kernels for the tests: one or two minutes\n")
     with tempfile.TemporaryDirectory() as folder:
         runs = [["sketchterrain", *job, "-o", f"{folder}/{number}"] for number, job in enumerate(JOBS)]
+        runs.append(["pytest", "-n", "0", "-q", "--collect-only"])  # compiles the tests themselves
         tests = [["pytest", "-n", "0", "-q", *paths.split()] for paths in TESTS]
         if all([side_by_side(runs, cache), side_by_side(tests, cache)]):  # else the tests tell why
             (cache / WARM).touch()

@@ -25,8 +25,9 @@ from sketchterrain.document.store import save_sketch
 BEST = 0.4
 """The best quality of pictures here; the program's own takes three times as long."""
 DEFAULT = ("splines",)
-SOAK = ("accuracy", "drapes", "elevation", "flight", "landforms", "live", "pictures", "scale", "speed")
-"""Benchmarks of the default tier, and those that take 15 to 450 s; all others are slow."""
+SOAK = ("accuracy", "batch", "drapes", "elevation", "flight", "landforms", "live", "pictures")
+SOAK += ("roads", "scale", "speed")
+"""Benchmarks of the default tier, and those that take 8 to 450 s; all others are slow."""
 
 
 class Outcomes(dict[str, Outcome]):

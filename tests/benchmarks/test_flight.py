@@ -76,6 +76,7 @@ def test_tiles_that_show_all_of_their_parent_have_its_surface(world):
     assert compared
 
 
+@pytest.mark.slow
 def test_own_tiles_cover_the_view_once(world):
     stop = stops(world, 1)[0]
     frame = OwnTiles(world, quads=32, tolerance=64.0).converge(view_of(stop, EXTENT))

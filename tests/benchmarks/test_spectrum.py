@@ -23,7 +23,7 @@ def white(count: int) -> list[npt.NDArray[np.float64]]:
     return [rng.random((count, 2)) * SIDE for _ in range(SETS)]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_points_by_chance_have_power_1_and_the_anisotropy_of_chance():
     found = spectrum_of(white(2800))
     middle, power, anisotropy = found.bands()
@@ -35,7 +35,7 @@ def test_points_by_chance_have_power_1_and_the_anisotropy_of_chance():
     assert found.points == 2800
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_jittered_grid_is_found_out():
     rng = np.random.default_rng(6)
     corner = np.stack(np.mgrid[0:SIDE, 0:SIDE], axis=-1).reshape(-1, 2)

@@ -80,6 +80,7 @@ def test_swept_settings_change_the_terrain(call, sketch, tmp_path):
     assert swept_files == comparable(tmp_path / "alone")
 
 
+@pytest.mark.slow
 def test_options_override_the_sweep_file(call, sketch, tmp_path):
     file = tmp_path / "sweep.toml"
     file.write_text(
@@ -106,6 +107,7 @@ def test_options_override_the_sweep_file(call, sketch, tmp_path):
     assert report["size"]["columns"] == 17
 
 
+@pytest.mark.slow
 def test_target_files_equal_those_of_export(call, sketch, tmp_path):
     options = ("--to", "raw", "--size", 17, "--tiles", "2x1", "--heights=-100,900")
     done = call("batch", sketch, "-o", tmp_path / "all", "--seeds", 4, *options, "--no-preview")

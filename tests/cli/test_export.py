@@ -22,13 +22,10 @@ from sketchterrain.app.export import file_name
 from sketchterrain.export.sampled import TerrainSamples
 from sketchterrain.export.targets import TARGET_NAMES, target_named
 
-# The plainest target and a GIS library's in the default tier, all others in the slow one.
+# The plainest target in the default tier, all others in the slow one.
 EACH_TARGET = pytest.mark.parametrize(
     "target",
-    [
-        name if name in {"raw", "geotiff"} else pytest.param(name, marks=pytest.mark.slow)
-        for name in TARGET_NAMES
-    ],
+    [name if name == "raw" else pytest.param(name, marks=pytest.mark.slow) for name in TARGET_NAMES],
 )
 
 

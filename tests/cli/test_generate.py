@@ -103,6 +103,7 @@ def test_report_matches_the_terrain(generated, sketch):
     assert sum(stages) <= total + 0.01
 
 
+@pytest.mark.slow
 def test_seed_option_changes_the_terrain_not_the_sketch(generated, sketch, tmp_path):
     before = (sketch / "sketch.toml").read_bytes()
     size = ["--size", str(SIZE), "--no-preview"]
@@ -145,6 +146,7 @@ def test_json_and_text_output(call, sketch, tmp_path):
     assert "preview:" not in done.out
 
 
+@pytest.mark.slow
 def test_smallest_size_empty_and_full_sketches(call, sketch, tmp_path):
     bare = ("--no-preview", "--foliage", "none")
     assert call("generate", sketch, "-o", tmp_path / "two", "--size", 2, *bare).code == 0
@@ -255,6 +257,7 @@ def test_map_and_view_options(call, sketch, tmp_path, monkeypatch):
     assert (tmp_path / "map.svg").read_text().rstrip().endswith("</svg>")
 
 
+@pytest.mark.slow
 def test_report_lists_real_elevation(call, tmp_path):
     heights = (500.0 + np.add.outer(np.arange(40) * 9, np.arange(50) * 7)).astype(np.int16)
     profile = {"count": 1, "height": 40, "width": 50, "dtype": "int16", "crs": "EPSG:25832", "nodata": -1}

@@ -72,6 +72,7 @@ def test_classes_follow_their_value(tmp_path):
             read_layers([f"{path},{text}"])
 
 
+@pytest.mark.slow
 def test_maps_show_layers_in_the_grid_of_the_crs(call, place, trail, tmp_path):
     layer = f"{trail},colour=#ff00ff,width=8,by=name,class=Upper:dash=6 3"
     done = call("render", place, "--map", "-o", tmp_path / "a.svg", "--layer", layer)

@@ -69,7 +69,7 @@ def test_an_aborting_driver_is_logged_once_and_skipped(with_aborting_gpu):
         assert notes == [f"Aborting GPU (Aborting platform) is not used: {FAILURE}"]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_devices_lists_an_aborting_driver(with_aborting_gpu):
     aborting, *others = listed_devices(with_aborting_gpu)
     assert (aborting["name"], aborting["type"]) == ("Aborting GPU", "GPU")

@@ -80,7 +80,6 @@ def studio(gl):
 
     Its ``draw`` returns the picture from a camera, and the buffer's share.
     """
-    gl.__enter__()
     loaded, texture = {}, gl.texture(SIZE, 4)
     framebuffer = gl.framebuffer([texture])
 

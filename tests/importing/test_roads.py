@@ -216,6 +216,7 @@ def test_gis_files_of_any_format_give_the_same_roads(tmp_path) -> None:
     assert found[0].shapes()[1].coords[0] == found[0].shapes()[0].coords[1] == (400.0, 100.0)
 
 
+@pytest.mark.slow
 def test_roads_end_a_hundred_metres_around_a_sketch_on_elevation(tmp_path, elevation) -> None:
     width, _ = elevation.size
     ring = [(500.0, 500.0), (1500.0, 500.0), (1500.0, 1500.0), (500.0, 500.0)]

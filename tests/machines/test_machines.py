@@ -39,11 +39,15 @@ for entry in sys.path:
 """
 
 
-def passing_run(command: list[object], environment: dict[str, str]) -> str:
+def passing_run(command: list[object], environment: dict[str, str], *options: str) -> str:
     """Return the output of a test run, which must pass."""
     pytest_ = [sys.executable, "-m", "pytest", "-n", "0", "-q", "-p", "no:cacheprovider"]
     done = subprocess.run(
-        [*map(str, command), *pytest_, *TESTS], cwd=ROOT, env=environment, capture_output=True, text=True
+        [*map(str, command), *pytest_, *options, *TESTS],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
     return done.stdout
@@ -65,4 +69,5 @@ def test_device_tests_pass_in_a_bare_read_only_place(tmp_path):
     if shutil.which("unshare") is None or subprocess.run(["unshare", "--mount", "true"]).returncode:
         pytest.skip("needs unshare and the right to mount")
     command = ["unshare", "--mount", "bash", "-c", BARE, "bare", ROOT, checkout, modules]
-    assert " passed" in passing_run(command, dict(os.environ))
+    # That every kernel builds does not depend on the place.
+    assert " passed" in passing_run(command, dict(os.environ), "-k", "not every_kernel")

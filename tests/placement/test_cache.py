@@ -138,8 +138,8 @@ def recipe_bits(recipe):
 @pytest.mark.parametrize(
     ("seed", "fidelity", "turns"),
     [
-        (0, 0.8, 3),
-        pytest.param(5, 1.0, 12, marks=pytest.mark.slow),
+        (0, 0.8, 2),
+        pytest.param(5, 1.0, 6, marks=pytest.mark.slow),
         *(pytest.param(*case, 12, marks=pytest.mark.soak) for case in ((1, 0.0), (2, 0.4), (3, 0.8))),
     ],
 )

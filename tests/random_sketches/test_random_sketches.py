@@ -401,7 +401,7 @@ def tiny_sketches(draw: st.DrawFn) -> Sketch:
     return Sketch(extent=extent, seed=seed, fidelity=fidelity, layers=layers, density={"hill": 0.5})
 
 
-@pytest.mark.parametrize("examples", [6, pytest.param(30, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("examples", [6, pytest.param(15, marks=pytest.mark.slow)])
 def test_tiny_sketches_keep_their_shapes_and_are_finite(examples) -> None:
     settings(max_examples=examples, derandomize=True)(given(tiny_sketches())(check_tiny))()
 

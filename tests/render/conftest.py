@@ -123,13 +123,6 @@ def loaded_textures():
 
 
 @pytest.fixture(scope="module")
-def gl(gl):
-    """The shared context, made current: another module may have left its own."""
-    gl.__enter__()
-    return gl
-
-
-@pytest.fixture(scope="module")
 def open_renderer(gl, loaded_textures):
     """Return a function that opens a renderer in the shared context; time stands still unless given."""
 

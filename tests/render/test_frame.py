@@ -166,7 +166,7 @@ def test_visible_tiles_hold_the_new_terrain_when_set_terrain_returns(open_view, 
     assert_tiles_are_those_of(other, view.renderer)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_change_of_everything_equals_a_fresh_renderer(open_view, view, camera, before):
     """Terrain, water, plants, climate, look, hour and clouds at once; the slow tests change each alone."""
     old = view.converged(camera)

@@ -58,8 +58,8 @@ SCENES = {
 }
 
 
-DEFAULT = ("desert_mountains-air", "valley_river-air")
-"""Scenes of the default tier, which are cheap under an overcast sky."""
+DEFAULT = ("valley_river-air",)
+"""Scenes of the default tier."""
 
 
 def marks_of(name):

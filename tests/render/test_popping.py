@@ -121,7 +121,7 @@ def is_below_ground(view, stream, camera, ground, reach):
 @pytest.fixture(
     scope="module",
     params=[
-        pytest.param(name, marks=pytest.mark.soak if number % 2 else pytest.mark.slow)
+        pytest.param(name, marks=pytest.mark.soak if number % 4 else pytest.mark.slow)
         for number, name in enumerate(preset_names())
     ],
 )

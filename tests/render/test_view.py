@@ -113,7 +113,11 @@ def painted_share(terrain, camera):
 
 
 @pytest.mark.parametrize(
-    "layer", ["plateau", *(pytest.param(each, marks=pytest.mark.slow) for each in ("lake", "mountain"))]
+    "layer",
+    [
+        pytest.param(name, marks=pytest.mark.soak if name == "mountain" else pytest.mark.slow)
+        for name in ("plateau", "lake", "mountain")
+    ],
 )
 def test_views_show_the_small_features_of_a_wide_plain(layer):
     image = np.zeros((64, 64), np.uint8)
@@ -173,7 +177,7 @@ def sketch(seed, *, extent=1024.0, look=None):
 
 
 @pytest.mark.gl
-@pytest.mark.slow
+@pytest.mark.soak
 def test_snapshots_do_not_depend_on_their_order():
     other = sketch(2, extent=700.0, look={"grass": {"colour": "#c83c3c"}})
     terrains = [build(sketch(1)), build(other)]

@@ -189,7 +189,7 @@ def overlapping_windows(pairs: int, far: int, seed: int):
     return found
 
 
-@tiers(("has_paint", "pairs"), [(True, 8)], [(True, 100), (False, 100)], [(True, 1000), (False, 1000)])
+@tiers(("has_paint", "pairs"), [(True, 8)], [(True, 40), (False, 40)], [(True, 1000), (False, 1000)])
 def test_overlapping_windows_have_the_same_nodes(has_paint, pairs) -> None:
     """In any order, from any thread, with small caches, 10⁶ m away: of all levels."""
     terrain = terrains.painted()
@@ -217,7 +217,7 @@ def test_overlapping_windows_have_the_same_nodes(has_paint, pairs) -> None:
     assert compared > 100 * pairs
 
 
-@tiers("seed", [3], [0, 4, 5, 8], [1, 2, 6, 7, *range(9, 16)])
+@tiers("seed", [3], [0, 4], [1, 2, *range(5, 16)])
 def test_heights_are_finite(seed, context) -> None:
     """Near and 10⁶ m away, in small and large worlds, with the least and greatest densities and relief."""
     rng = np.random.default_rng(seed)

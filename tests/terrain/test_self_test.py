@@ -58,7 +58,8 @@ def probe() -> Any:
     return verdicts._probe(DEVICES[0])
 
 
-@pytest.mark.parametrize("device", device_params(lambda device: device.known, others=pytest.mark.slow))
+@pytest.mark.slow
+@pytest.mark.parametrize("device", device_params(lambda device: device.known))
 def test_known_devices_pass_and_the_verdict_is_cached(device) -> None:
     for compare in (True, False):
         verdict = self_test(device, compare=compare)

@@ -146,6 +146,7 @@ def test_options_are_remembered_and_invalid_ones_ignored(opened, tmp_path):
     assert dialog.preferences.export_options("unity") == {}
 
 
+@pytest.mark.slow
 def test_an_export_to_a_target_writes_the_listed_files(qtbot, opened, tmp_path):
     dialog = opened("raw")
     controls = dialog.target

@@ -20,7 +20,8 @@ CAVE = """Layer(
 )"""
 
 
-@pytest.mark.parametrize("kind", ["landform", pytest.param("water", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["landform", "water"])
 def test_a_layer_needs_only_its_declaration(kind):
     environment = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
     command = [sys.executable, __file__, kind]

@@ -115,6 +115,7 @@ def test_nothing_is_clipped_in_a_narrow_dock(panel, workspace, link, placed):
                 assert 0 <= left <= right < 300, control.accessibleName()
 
 
+@pytest.mark.slow
 def test_closed_widgets_leak_no_objects_or_connections(document, workspace, link, placed):
     def open_and_close(create):
         widget = create(document, workspace, link)

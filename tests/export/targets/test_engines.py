@@ -282,6 +282,7 @@ def test_unity_trees_match_the_terrain(terrain, exported):
         assert count == len(terrain.foliage(0.0, 0.0, 1024.0, 1024.0)) > 1000, tiles
 
 
+@pytest.mark.slow
 def test_grass_has_a_separate_file(corner, tmp_path):
     meadow = replace(corner, extent=48.0)
     terrain = st.build(meadow)

@@ -90,6 +90,7 @@ def sea(terrain, monkeypatch):
     return set_level
 
 
+@pytest.mark.slow
 def test_exports_have_the_sea_if_there_is_one(terrain, corner, sea, tmp_path):
     level, seen = round(float(np.median(terrain.raster(65).height)), 2), set()
     for target, (found, options) in EXPORTS.items():

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
 from pathlib import Path
 from typing import Final
@@ -16,13 +17,9 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 CACHES: Final = ROOT / "build" / "test-cache"
 SOURCES: Final = {".py", ".cl", ".clh", ".glsl", ".c", ".h", ".json", ".txt"}
 WARM: Final = "warm"
-JOBS: Final = (
-    ("generate", "valley_river", "--size", "65"),
-    ("generate", "mountain_pass", "--size", "65", "--no-preview"),
-)
-# Tests that compile most of what those leave out; each string is run by a process, side by side.
-TESTS: Final = (
-    "tests/terrain/test_base_layer.py::test_samples_are_kept"
+# Tests that compile most of what runs of the program leave out.
+GROUND: Final = (
+    " tests/terrain/test_base_layer.py::test_samples_are_kept"
     " tests/terrain/test_landuse_layer.py::test_all_devices_compute_the_same_bits"
     " tests/terrain/test_kernels.py::test_double_kernel_equals_host_evaluation"
     " tests/terrain/test_kernels.py::test_normals_are_within_a_tenth_of_a_degree"
@@ -30,8 +27,10 @@ TESTS: Final = (
     " tests/terrain/test_mesh.py::test_edges_are_monotone_in_valleys_and_rise_to_one_pass_elsewhere"
     " tests/hydrology/test_real_relief.py::test_rivers_never_rise"
     " tests/export/targets/test_qgis_target.py::test_projects_are_relative_complete_and_deterministic"
-    " tests/export/targets/test_engines.py::test_bare_terrain_exports_are_deterministic_and_without_plants",
-    "tests/render/test_texture_maker.py"
+    " tests/export/targets/test_engines.py::test_bare_terrain_exports_are_deterministic_and_without_plants"
+)
+VIEWS: Final = (
+    " tests/render/test_texture_maker.py"
     " tests/render/test_appearance.py::test_no_border_of_a_tile_or_level_shows_at_any_height"
     " tests/render/test_frame.py::test_visible_tiles_hold_the_new_terrain_when_set_terrain_returns"
     " tests/render/test_frame.py::test_no_frame_spends_more_than_its_budget_on_light_and_plants"
@@ -41,7 +40,16 @@ TESTS: Final = (
     " tests/terrain/test_materials.py"
     " tests/compute/test_context.py::test_every_kernel_builds_on_every_device"
     " tests/drape/test_screen.py"
-    " tests/document/test_own_materials.py",
+    " tests/document/test_own_materials.py"
+)
+# Modules and arguments, one after the other; the collection compiles the tests themselves.
+CHAINS: Final = (
+    (
+        "sketchterrain generate mountain_pass --size 65 --no-preview -o OUT/files",
+        "pytest -n 0 -q --collect-only",
+        f"pytest -n 0 -q {GROUND}",
+    ),
+    ("sketchterrain render valley_river --size 320x180 -o OUT/view.png", f"pytest -n 0 -q {VIEWS}"),
 )
 
 
@@ -73,27 +81,21 @@ def cache_of_sources() -> Path | None:
 
 
 def warm_up(cache: Path) -> None:
-    """Run the program for each of `JOBS`, then `TESTS`, unless that was done with these sources."""
+    """Run `CHAINS` side by side, unless that was done with these sources."""
     if (cache / WARM).exists():
         return
     sys.stderr.write("Compiling loops and kernels for the tests: one or two minutes\n")
-    with tempfile.TemporaryDirectory() as folder:
-        runs = [["sketchterrain", *job, "-o", f"{folder}/{number}"] for number, job in enumerate(JOBS)]
-        runs.append(["pytest", "-n", "0", "-q", "--collect-only"])  # compiles the tests themselves
-        tests = [["pytest", "-n", "0", "-q", *paths.split()] for paths in TESTS]
-        if all([side_by_side(runs, cache), side_by_side(tests, cache)]):  # else the tests tell why
-            (cache / WARM).touch()
-
-
-def side_by_side(runs: list[list[str]], cache: Path) -> bool:
-    """Run modules at once; return whether all succeed."""
     environment, quiet = os.environ | {"XDG_CACHE_HOME": str(cache)}, subprocess.DEVNULL
-    started = [
-        subprocess.Popen([sys.executable, "-m", *run], cwd=ROOT, env=environment, stdout=quiet, stderr=quiet)
-        for run in runs
-    ]
-    codes = [run.wait() for run in started]
-    return not any(codes)
+
+    def succeeds(run: str) -> bool:
+        command = [sys.executable, "-m", *run.replace("OUT", folder).split()]
+        return not subprocess.run(command, cwd=ROOT, env=environment, stdout=quiet, stderr=quiet).returncode
+
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(len(CHAINS)) as pool:
+        if all(
+            pool.map(lambda chain: all(succeeds(run) for run in chain), CHAINS)
+        ):  # else the tests tell why
+            (cache / WARM).touch()
 
 
 if __name__ == "__main__" and (found := cache_of_sources()):

@@ -347,10 +347,18 @@ def _confluence_at(
     """Return the tributary's last run in which its water overlaps its parent's."""
     result: Any = cKDTree(parent.line).query(course.line)
     distance, nearest = (np.asarray(part) for part in result)
-    overlap = distance < 0.55 * (width + parent_width[nearest])
-    apart = np.flatnonzero(~overlap)
+    reach, upper = 0.55 * (width + parent_width[nearest]), nearest
+    # Points of the stem farther apart than both are wide: all of a piece is level.
+    ahead, length = np.diff(parent.line, axis=0), np.diff(parent_arc)
+    for piece in np.clip([nearest - 1, nearest], 0, len(length) - 1):
+        offset = course.line - parent.line[piece]
+        share = np.clip((offset * ahead[piece]).sum(axis=1) / length[piece] ** 2, 0.0, 1.0)
+        gap = np.hypot(*(offset - share[:, None] * ahead[piece]).T)
+        beside = (gap < reach) & (distance >= reach) & (length[piece] > 2.0 * reach)
+        distance, upper = np.where(beside, gap, distance), np.where(beside, piece, upper)
+    apart = np.flatnonzero(distance >= reach)
     first = int(apart[-1]) + 1 if len(apart) else 0
-    along = parent_arc[nearest[first:]] - parent_arc[course.joint]
+    along = parent_arc[upper[first:]] - parent_arc[course.joint]
     margin = 0.5 * float(parent_width[course.joint]) + 0.5 * float(width[-1])
     bed_range = _BED_RATIO * np.sqrt(width * parent_width[nearest])[first:]
     in_bed = along[distance[first:] < bed_range]

@@ -177,8 +177,7 @@ def test_pieces_are_cut_at_triangles_of_every_border_case_without_gap_or_overlap
     ("name", "cameras"),
     [
         ("area", (HILL, AIR)),
-        ("cliff", (HILL, LOW)),
-        pytest.param("cliff", (AIR,), marks=pytest.mark.slow),
+        pytest.param("cliff", (HILL, LOW, AIR), marks=pytest.mark.slow),
         pytest.param("bend", (HILL, AIR, LOW), marks=pytest.mark.slow),
     ],
 )
@@ -232,7 +231,7 @@ def test_no_ground_comes_through_at_any_morph(write, studio, method):
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("method", ["geometry", "two-step"])
+@pytest.mark.parametrize("method", ["geometry", pytest.param("two-step", marks=pytest.mark.slow)])
 def test_a_camera_reached_by_other_ways_shows_the_same_pixels(write, studio, method):
     layers = [
         write(SHAPES[name], title=name, fill="#3050ff", width=3.0, dash="6 3") for name in ("bend", "area")

@@ -131,7 +131,7 @@ CLOSED = "incomplete areas, closed at the edge of the extract (1): relation 77 '
 LEFT_OUT = "incomplete areas, open outlines left out (1): relation 77 'Lago' without ways 14"
 
 
-@pytest.mark.parametrize("write", [xml, pbf])
+@pytest.mark.parametrize("write", [xml, pytest.param(pbf, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("relations", "change", "area", "note"),
     [

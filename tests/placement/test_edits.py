@@ -182,6 +182,7 @@ def test_a_tributary_follows_a_moved_river_and_the_water_still_falls(sketch):
         assert np.hypot(*(end[:2] - joint[:2])) >= least
 
 
+@pytest.mark.slow
 def test_a_control_point_is_found_by_position_in_a_repainted_river(sketch):
     stem, _ = _stem_and_tributary(_rivers(sketch)[0])
     index = 16

@@ -322,7 +322,7 @@ def watery_sketch(number: int) -> Sketch:
     return sketch.replace(vectors={"road": roads})
 
 
-@pytest.mark.parametrize("number", [1, pytest.param(8, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("number", [1, pytest.param(448, marks=pytest.mark.slow)])
 def test_water_of_a_sample(number) -> None:
     check_watery(number)
 

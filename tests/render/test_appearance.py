@@ -212,6 +212,7 @@ def test_nothing_changes_without_paint_or_behind_a_hill(draw):
 
 
 @pytest.mark.gl
+@pytest.mark.slow
 def test_every_way_to_a_view_gives_the_same_pixels(studio):
     camera = Camera((480.0, 420.0, 25.0), (520.0, 520.0, 0.0), near=1.0, far=30_000.0)
     pictures = []

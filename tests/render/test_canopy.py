@@ -58,7 +58,7 @@ def mean_colour(shown, camera):
 
 
 @pytest.mark.gl
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_distant_canopy_has_the_colour_of_drawn_trees(gl, open_renderer, wood):
     """Where trees turn into ground, neither a ring nor a step of brightness gives it away."""
     camera, differences = view(wood), []

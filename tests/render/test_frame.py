@@ -166,9 +166,9 @@ def test_visible_tiles_hold_the_new_terrain_when_set_terrain_returns(open_view, 
     assert_tiles_are_those_of(other, view.renderer)
 
 
-@pytest.mark.soak
+@pytest.mark.slow
 def test_a_change_of_everything_equals_a_fresh_renderer(open_view, view, camera, before):
-    """Terrain, water, plants, climate, look, hour and clouds at once; the slow tests change each alone."""
+    """Terrain, water, plants, climate, look, hour and clouds at once; the soak tests change each alone."""
     old = view.converged(camera)
     wet, areas = river(before)
     new, more = painted(wet, ("mountain", 50, 44, 7), ("forest", 72, 50, 6), ("lake", 78, 48, 6))
@@ -183,7 +183,7 @@ def test_a_change_of_everything_equals_a_fresh_renderer(open_view, view, camera,
     assert same(now, open_view(last, sun=sun, weather=weather).converged(camera))
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_each_kind_of_change_equals_a_fresh_renderer_moving_or_still(open_view, view, camera, before):
     still = open_view(before)
     still.still(camera)

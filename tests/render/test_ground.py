@@ -125,7 +125,8 @@ def spread(groups, values):
 
 
 @pytest.mark.parametrize(
-    "seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.soak)]
+    "seed",
+    [pytest.param(0, marks=pytest.mark.slow), *(pytest.param(n, marks=pytest.mark.soak) for n in (1, 2))],
 )
 def test_every_border_edge_is_shared_bit_for_bit(waves, seed):
     rng = np.random.default_rng(seed)

@@ -63,6 +63,7 @@ def test_missing_implementations_say_how_to_get_them(grid, monkeypatch):
         assert word in absent.reason
 
 
+@pytest.mark.slow
 def test_thesis_tiles_meet_and_agree_with_their_double_build(context, world):
     keys = [(5, 16, 16), (5, 17, 16)]
     heights = {}

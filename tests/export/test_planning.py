@@ -191,6 +191,7 @@ OPTIONS = some.builds(
 )
 
 
+@pytest.mark.slow
 @given(some.sampled_from(TARGET_NAMES), OPTIONS)
 def test_arbitrary_options_give_a_plan_or_an_input_error(name, options):
     target = target_named(name)

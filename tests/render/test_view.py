@@ -47,6 +47,7 @@ def cameras(terrain):
     return {kind: find_view(terrain, kind) for kind in HEIGHTS}
 
 
+@pytest.mark.slow
 def test_views_have_their_height_and_a_high_horizon(terrain, cameras):
     cover = LandCover(terrain, sample_heights(terrain, (1500.0, 1125.0), 3900.0, 128))
     for kind, camera in cameras.items():

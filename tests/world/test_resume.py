@@ -266,6 +266,7 @@ def test_signal_finishes_current_shards(way, job, reporter, finished_world, tree
     assert tree(job.output) == tree(finished_world)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", ["verified", "joined"])
 def test_signal_interrupts_verifying_and_joining(step, job, reporter, tree) -> None:
     job = replace(job, output=job.output.with_suffix(".tif"), form="tif")

@@ -1,7 +1,9 @@
-"""Errors with their exit codes, and the formatting of values in messages."""
+"""Errors with their exit codes, checks of tables, and the formatting of values in messages."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
+from typing import Any
 
 _MAX_LENGTH = 60  # characters of a value in a message
 
@@ -62,10 +64,28 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f"; did you mean {near[0]!r}?" if near else ""
 
 
-def unknown_key(name: str, value: object, known: Iterable[str], where: str = "") -> InputError:
-    """Return the error that a table has a key that is not one of the `known`."""
+def check_keys(table: Mapping[str, object], known: Iterable[str], where: str = "") -> None:
+    """Raise InputError if a table has a key that is not one of the `known`."""
     names, place = list(known), f" in {where}" if where else ""
-    return InputError(
-        f"unknown key {format_value(name)} = {format_value(value)}{place}: expected {', '.join(names)}"
-        f"{did_you_mean(name, names)}"
-    )
+    for name, value in table.items():
+        if name not in names:
+            raise InputError(
+                f"unknown key {format_value(name)} = {format_value(value)}{place}: expected "
+                f"{', '.join(names)}{did_you_mean(name, names)}"
+            )
+
+
+def check_tables(name: str, value: object, expected: str) -> list[dict[str, Any]]:
+    """Return a list of tables; raise InputError for another value, with what is expected above each."""
+    if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
+        raise InputError(f"{name} = {format_value(value)}: expected tables, each with {expected}")
+    return value
+
+
+@contextmanager
+def prefix_errors(place: str) -> Iterator[None]:
+    """Put a place before the message of an InputError."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None

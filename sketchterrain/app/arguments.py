@@ -396,7 +396,7 @@ def read_layers(texts: Sequence[str]) -> tuple[DrapedLayer, ...]:
     ``class=VALUE:key=value;key=value`` styles features whose property ``by`` has a value.
     """
     from sketchterrain.document.drapes import DRAPE, STYLE, DrapeClass, draped_layer
-    from sketchterrain.errors import InputError, one_line
+    from sketchterrain.errors import InputError, one_line, prefix_errors
 
     kinds = {name: parameter.kind for name, parameter in {**DRAPE, **STYLE}.items()}
 
@@ -416,13 +416,11 @@ def read_layers(texts: Sequence[str]) -> tuple[DrapedLayer, ...]:
                 classes.insert(0, (kind, {key: parsed(key, each) for key, _, each in pairs}))
             else:
                 values.setdefault(name, parsed(name, value))
-        try:
+        with prefix_errors(f"--layer {one_line(text)}"):
             if classes and not values.get("by"):
                 raise InputError("class= needs by=, the property whose values are the classes")
             styles = tuple(DrapeClass(*each) for each in classes)
             layers.append(draped_layer(Path(path), **values).replace(classes=styles))
-        except InputError as error:
-            raise InputError(f"--layer {one_line(text)}: {error}") from None
     return tuple(layers)
 
 

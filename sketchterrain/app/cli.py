@@ -44,6 +44,7 @@ from sketchterrain.app.listings import (
     preset_lines,
     print_json,
     print_lines,
+    print_result,
     sketch_notes,
 )
 from sketchterrain.app.option_groups import reject_combination, with_option_groups
@@ -142,10 +143,7 @@ def generate(
             plants = FoliageOptions(foliage, grass)
             options = app.GenerateOptions(size, plants, preview, view or "auto", time, sky, clouds, map_kind)
         done = app.generate(document, output, options, device=device, fast=fast, stages=stages)
-    if as_json:
-        print_json(done.report | {"folder": str(output)})
-    else:
-        print_lines(*generated_lines(done.report, output))
+    print_result(done.report | {"folder": str(output)}, generated_lines(done.report, output), as_json=as_json)
     if done.problem is not None:
         raise typer.Exit(fail(f"no preview, all other files are written: {done.problem}", PARTIAL))
 
@@ -223,10 +221,7 @@ def fly(
         )
         report = app.fly(document, flight, options, output=output, device=device, fast=fast, stages=stages)
     report["path"] = None if path is None else str(path)
-    if as_json:
-        print_json(report)
-    else:
-        print_lines(*flight_lines(report))
+    print_result(report, flight_lines(report), as_json=as_json)
 
 
 @app.command()
@@ -262,10 +257,8 @@ def adherence(
             write_adherence_image(output, terrain, found)
     entry = {"sketch": document.name, "seed": document.seed, "fidelity": document.fidelity}
     entry |= {**found.as_dict(), "notes": sketch_notes(document)}
-    if as_json:
-        print_json(entry)
-    else:
-        print_lines(*adherence_lines(entry), *([f"picture: {output}"] if output is not None else []))
+    lines = [*adherence_lines(entry), *([] if output is None else [f"picture: {output}"])]
+    print_result(entry, lines, as_json=as_json)
 
 
 @app.command()
@@ -334,10 +327,7 @@ def presets(as_json: args.AsJson = False) -> None:
     from sketchterrain.io.resources import preset_names
 
     entries = [preset_entry(name, load_sketch(name)) for name in preset_names()]
-    if as_json:
-        print_json(entries)
-    else:
-        print_lines(*preset_lines(entries))
+    print_result(entries, preset_lines(entries), as_json=as_json)
 
 
 for _command in (batch, world, stats, view, export, targets, blender_extension, realism, trace):

@@ -39,6 +39,14 @@ def print_json(value: object) -> None:
     print_lines(json.dumps(value, indent=2, ensure_ascii=False).encode(errors="backslashreplace").decode())
 
 
+def print_result(entry: object, lines: Iterable[str], *, as_json: bool) -> None:
+    """Write an entry as JSON, or else the lines that tell the same."""
+    if as_json:
+        print_json(entry)
+    else:
+        print_lines(*lines)
+
+
 def device_entry(device: Device) -> dict[str, Any]:
     """Return the facts about a device; memory in bytes."""
     return {

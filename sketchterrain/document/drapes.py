@@ -23,7 +23,7 @@ from sketchterrain.document.parameters import (
     parameter_table,
 )
 from sketchterrain.document.rasters import RASTER, RasterSource, content_hash, raster_problem
-from sketchterrain.errors import InputError, format_value, one_line, unknown_key
+from sketchterrain.errors import InputError, check_keys, check_tables, format_value, one_line
 from sketchterrain.io.files import too_large, wrap_read_errors
 
 MAX_DRAPES: Final = 64
@@ -270,10 +270,7 @@ def draped_layer(path: Path, /, **values: Any) -> DrapedLayer:
 
     A folder, as of a world, has no hash. Raise InputError if it is missing, or for a bad name or value.
     """
-    known = list(_KEYS)[1:]
-    for name in values:
-        if name not in known:
-            raise unknown_key(name, values[name], known)
+    check_keys(values, list(_KEYS)[1:])
     layer = DrapedLayer(str(path.absolute())).replace(**values)
     if problem := drape_problem(layer.replace(sha256="")):
         raise InputError(problem)
@@ -334,10 +331,10 @@ def check_drapes(drapes: Iterable[object]) -> tuple[DrapedLayer, ...]:
 def parse_drape(table: Mapping[str, object]) -> DrapedLayer:
     """Return the layer in one ``[[drape]]`` table; raise InputError if it is invalid."""
     rest = dict(table)
-    classes, edits = (_tables(name, rest.pop(name, [])) for name in ("class", "edit"))
-    for key, value in rest.items():
-        if key not in _KEYS:
-            raise unknown_key(key, value, [*_KEYS, "class", "edit"])
+    classes, edits = (
+        check_tables(name, rest.pop(name, []), f"[[drape.{name}]] above it") for name in ("class", "edit")
+    )
+    check_keys(rest, [*_KEYS, "class", "edit"])
     if "path" not in rest:
         raise InputError(f"no path: expected {', '.join(_KEYS)}")
     found = [_parse_edit(each) for each in edits]
@@ -351,19 +348,8 @@ def parse_drape(table: Mapping[str, object]) -> DrapedLayer:
     return layer.replace(**rest)
 
 
-def _tables(name: str, value: object) -> list[dict[str, Any]]:
-    if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
-        raise InputError(
-            f"{name} = {format_value(value)}: expected tables, each with [[drape.{name}]] above it"
-        )
-    return value
-
-
 def _parse_edit(table: Mapping[str, Any]) -> FeatureEdit:
-    known = [*EDIT, "deleted", "properties"]
-    for key, value in table.items():
-        if key not in known:
-            raise unknown_key(key, value, known, "[[drape.edit]]")
+    check_keys(table, [*EDIT, "deleted", "properties"], "[[drape.edit]]")
     if ("geometry" in table) == ("deleted" in table) or table.get("deleted", True) is not True:
         raise InputError("[[drape.edit]]: expected either a geometry or deleted = true")
     properties = table.get("properties", {})

@@ -11,7 +11,7 @@ from typing import Any
 
 from sketchterrain.document.layers import LAYERS, POINT_LAYERS
 from sketchterrain.document.parameters import Parameter, Value, check_values, parameter_table
-from sketchterrain.errors import InputError, did_you_mean, format_value, unknown_key
+from sketchterrain.errors import InputError, check_keys, did_you_mean, format_value
 
 ADDED_BIT = 1 << 62
 """Set in the id of every feature that the user added."""
@@ -152,9 +152,7 @@ def parse_edit(table: Mapping[str, object]) -> Edit:
         raise InputError(f"no action: expected {', '.join(ACTIONS)}")
     values = _action(name).values
     known = ["action", *values] if name == "add" else ["action", "feature", *values]
-    for key, value in table.items():
-        if key not in known:
-            raise unknown_key(key, value, known)
+    check_keys(table, known)
     if "feature" in known and "feature" not in table:
         raise InputError(f"no feature: expected {', '.join(known)}")
     return Edit(**table)  # type: ignore[arg-type] # Edit checks every value

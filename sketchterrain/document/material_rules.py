@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias, cast
 
 from sketchterrain.document.parameters import Parameter, Value, check_items, parameter_table
-from sketchterrain.errors import InputError, did_you_mean, format_value, unknown_key
+from sketchterrain.errors import InputError, check_keys, check_tables, did_you_mean, format_value
 
 MAX_FACTORS = 4
 """The most factors of a rule."""
@@ -336,9 +336,7 @@ def check_rule_changes(changes: Iterable[RuleChange], materials: Sequence[str]) 
 def parse_rule_change(table: Mapping[str, object]) -> RuleChange:
     """Return the change in one ``[[material_rule]]`` table; raise InputError for a bad key or value."""
     known = [*RULE, "factor"]
-    for key, value in table.items():
-        if key not in known:
-            raise unknown_key(key, value, known)
+    check_keys(table, known)
     if "name" not in table:
         raise InputError(f"no name: expected {', '.join(known)}")
     values = {name: value for name, value in table.items() if name != "factor"}
@@ -347,15 +345,10 @@ def parse_rule_change(table: Mapping[str, object]) -> RuleChange:
 
 
 def _parse_factors(value: object) -> tuple[Factor, ...]:
-    if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
-        raise InputError(
-            f"factor = {format_value(value)}: expected tables, each with [[material_rule.factor]] above it"
-        )
-    for table in value:
-        for key, given in table.items():
-            if key not in FACTOR:
-                raise unknown_key(key, given, FACTOR, "[[material_rule.factor]]")
-    return tuple(Factor(**table) for table in value)
+    tables = check_tables("factor", value, "[[material_rule.factor]] above it")
+    for table in tables:
+        check_keys(table, FACTOR, "[[material_rule.factor]]")
+    return tuple(Factor(**table) for table in tables)
 
 
 def _index_of(name: str, rules: Sequence[MaterialRule]) -> int:

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 
 from sketchterrain.document.geology import ROCKS
-from sketchterrain.errors import InputError, format_value, unknown_key
+from sketchterrain.errors import InputError, check_keys, format_value
 
 Value: TypeAlias = int | float | str
 
@@ -125,9 +125,7 @@ def check_values(
     values: Mapping[str, object], table: Mapping[str, Parameter], where: str, prefix: str
 ) -> dict[str, Value]:
     """Return checked values of a table; `where` names it and `prefix` its keys in errors."""
-    for name, value in values.items():
-        if name not in table:
-            raise unknown_key(name, value, table, where)
+    check_keys(values, table, where)
     return {name: table[name].check(value, f"{prefix}{name}") for name, value in values.items()}
 
 

@@ -21,7 +21,7 @@ from sketchterrain.document.parameters import (
     check_values,
     parameter_table,
 )
-from sketchterrain.errors import InputError, format_value, one_line, unknown_key
+from sketchterrain.errors import InputError, check_keys, format_value, one_line
 from sketchterrain.io.disk_cache import RecordCache
 from sketchterrain.io.files import hash_file, relative_path, too_large, wrap_read_errors
 
@@ -147,9 +147,7 @@ class RasterSource:
 
 def parse_raster(table: Mapping[str, object]) -> RasterSource:
     """Return the source in one ``[[raster]]`` table; raise InputError if it is invalid."""
-    for key, value in table.items():
-        if key not in RASTER:
-            raise unknown_key(key, value, RASTER)
+    check_keys(table, RASTER)
     if "path" not in table:
         raise InputError(f"no path: expected {', '.join(RASTER)}")
     return RasterSource(**table)  # type: ignore[arg-type] # it checks every value

@@ -6,8 +6,7 @@ import secrets
 import stat
 import time
 import zipfile
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Collection, Iterable, Mapping
 from functools import partial
 from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
@@ -29,7 +28,7 @@ from sketchterrain.document.rasters import (
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text, starter_sketch
 from sketchterrain.document.vector_file import SUFFIX, decode_vectors, encode_vectors, vector_files
-from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
+from sketchterrain.errors import InputError, did_you_mean, format_value, one_line, prefix_errors
 from sketchterrain.io.files import (
     open_zip,
     relative_path,
@@ -101,7 +100,7 @@ def read_folder(
     """
     contents: dict[str, bytes] = {}
     overrides = overrides or {}
-    try:
+    with wrap_read_errors(place):
         present = {entry.name for entry in folder.iterdir()}.difference(without)
         for name in sketch_files({*overrides, *present}, place):
             if name in overrides:
@@ -114,8 +113,6 @@ def read_folder(
                 contents[name] = stream.read(limit + 1)
             if len(contents[name]) > limit:
                 raise too_large(f"{place}/{name}", limit)
-    except OSError as error:
-        raise InputError(f"{place}: cannot be read ({one_line(error.strerror or error)})") from None
     return contents
 
 
@@ -352,11 +349,11 @@ def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None)
     images, notes = dict[str, LabelImage](), list[str]()
     for name in PAINTED_LAYERS:
         if f"{name}.png" in contents:
-            with _prefix_errors(f"{place}/{name}.png"):
+            with prefix_errors(f"{place}/{name}.png"):
                 images[name], changes = decode_layer(contents[f"{name}.png"], name)
                 notes += [f"{name}.png: {change}" for change in changes]
                 _check_same_size(images, name)
-    with _prefix_errors(f"{place}/{SETTINGS}"):
+    with prefix_errors(f"{place}/{SETTINGS}"):
         sketch = parse_settings(contents[SETTINGS], images)
         if base is not None and sketch.materials:
             sketch = sketch.replace(materials=resolved_folders(sketch.materials, base))
@@ -367,9 +364,9 @@ def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None)
     vectors = {}
     for name in VECTOR_LAYERS:
         if f"{name}{SUFFIX}" in contents:
-            with _prefix_errors(f"{place}/{name}{SUFFIX}"):
+            with prefix_errors(f"{place}/{name}{SUFFIX}"):
                 vectors[name] = decode_vectors(contents[f"{name}{SUFFIX}"], name, sketch.frame)
-    with _prefix_errors(place):
+    with prefix_errors(place):
         return sketch.replace(vectors=vectors, notes=tuple(notes)) if vectors or notes else sketch
 
 
@@ -425,11 +422,3 @@ def _save_folder(sketch: Sketch, folder: Path) -> None:
         files = _encode(sketch, folder)
         kept = {*files, *(Path(each.path).name for each in sketch.rasters)}  # one that was missing at first
         replace_files(folder, files, without=[each for each in _optional_files(folder) if each not in kept])
-
-
-@contextmanager
-def _prefix_errors(place: str) -> Iterator[None]:
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{place}: {error}") from None

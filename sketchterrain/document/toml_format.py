@@ -20,7 +20,7 @@ from sketchterrain.document.own_materials import OWN
 from sketchterrain.document.parameters import FORMAT, LOOK, SKETCH, Parameter, Properties, Value, defaults
 from sketchterrain.document.rasters import RASTER, parse_raster
 from sketchterrain.document.sketch import DEFAULT_SIDE, TABLES, Sketch
-from sketchterrain.errors import InputError, format_value, one_line, unknown_key
+from sketchterrain.errors import InputError, check_keys, check_tables, format_value, one_line, prefix_errors
 
 _MAX_DOTS = 250
 _EXAMPLES = {"look": MATERIALS[0], "materials": "lava"}  # of a table's name
@@ -91,8 +91,7 @@ def parse_settings(data: bytes, layers: Mapping[str, LabelImage] = _UNPAINTED) -
             fields["drapes"] = _parse_tables(key, value, parse_drape)
         else:
             others = ("materials", "look", "raster", "drape", "material_rule", "edit")
-            known = ["format", *SKETCH, *TABLES, *LAYERS, *others]
-            raise unknown_key(key, value, known)
+            check_keys({key: value}, ["format", *SKETCH, *TABLES, *LAYERS, *others])
     if version == 1:
         labels = _with_former_heights(_without_former_widths(labels), layers)
     return Sketch(**fields, labels=labels, layers=layers)  # type: ignore[arg-type] # Sketch checks every value
@@ -140,16 +139,10 @@ def _parse_tables(
     key: str, value: object, read: Callable[[Mapping[str, object]], _Parsed]
 ) -> tuple[_Parsed, ...]:
     """Return the parsed tables ``[[key]]``."""
-    if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
-        raise InputError(
-            f"{key} = {format_value(value)}: expected tables, each with [[{key}]] on a line of its own"
-        )
     rows = []
-    for number, table in enumerate(value, 1):
-        try:
+    for number, table in enumerate(check_tables(key, value, f"[[{key}]] on a line of its own"), 1):
+        with prefix_errors(f"[[{key}]] number {number}"):
             rows.append(read(table))
-        except InputError as error:
-            raise InputError(f"[[{key}]] number {number}: {error}") from None
     return tuple(rows)
 
 

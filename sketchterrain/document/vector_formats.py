@@ -18,14 +18,11 @@ import numpy.typing as npt
 import pyogrio
 import pyogrio.raw
 import shapely
-from rasterio import Env
-from rasterio._err import CPLE_BaseError
 from rasterio.crs import CRS
-from rasterio.warp import transform
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.errors import InputError, format_value, one_line
-from sketchterrain.io.crs import parse_crs, plain_path
+from sketchterrain.errors import InputError, format_value, one_line, prefix_errors
+from sketchterrain.io.crs import parse_crs, plain_path, transform_points
 from sketchterrain.io.files import wrap_read_errors
 from sketchterrain.io.gdal import OFFLINE
 
@@ -209,12 +206,7 @@ def reproject(points: Float64Array, source: CRS, target: CRS) -> Float64Array:
     """Transform (n, 2) x and y to another CRS; raise `InputError` for points outside of it."""
     if source == target:
         return points
-    try:
-        with Env():
-            x, y = transform(source, target, points[:, 0], points[:, 1])
-    except CPLE_BaseError:
-        x = y = [math.nan]
-    found = np.stack([np.asarray(x, np.float64), np.asarray(y, np.float64)], axis=-1)
+    found = np.stack(transform_points(source, target, *points.T), axis=-1)
     if not np.isfinite(found).all():
         raise InputError(
             f"coordinates are outside of {target.to_string()[:60]}: set smaller bounds, or another crs"
@@ -226,10 +218,8 @@ def layer_crs(text: str | None, where: str) -> CRS | None:
     """Return the CRS of a layer of a vector file, None if it has local metres; raise InputError."""
     if text is None or _LOCAL.match(text):
         return None
-    try:
+    with prefix_errors(where):
         return parse_crs(text)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
 
 
 def valid_areas(shapes: Shapes) -> Shapes:

@@ -35,15 +35,8 @@ _STRIP, _PIECE = 1 << 22, 1 << 21  # samples
 _SAMPLED, _CODED = 64, 0.98  # rows that show what numbers mean; share of them that are heights
 _MAX_ARCHIVE = 1 << 32  # bytes
 _UNREADABLE = (
-    OSError,
-    ValueError,
-    MemoryError,
-    KeyError,
-    EOFError,
-    RuntimeError,
-    TypeError,
-    zipfile.BadZipFile,
-    zlib.error,
+    *(OSError, ValueError, MemoryError, KeyError, EOFError, RuntimeError, TypeError),
+    *(zipfile.BadZipFile, zlib.error),
 )
 _SPANS = ("xmin", "xmax", "ymin", "ymax")  # of .npz files: outer borders of the cells, as matplotlib's sample
 
@@ -177,6 +170,8 @@ class ElevationGrid:
         a, b, c, d, e, f = self.place
         x, y = a * column + b * row + c, d * column + e * row + f
         if not self.is_affine:
+            from sketchterrain.io.crs import transform_points
+
             x, y = transform_points(self.crs, self.frame.crs, x, y)
             if not (np.isfinite(x).all() and np.isfinite(y).all()):
                 raise InputError(f"{self.name}: lies outside of the CRS {one_line(self.frame.crs)[:60]}")
@@ -190,6 +185,8 @@ class ElevationGrid:
         if self.crs:
             x, y = x + self.frame.east, y + self.frame.north
         if not self.is_affine:
+            from sketchterrain.io.crs import transform_points
+
             x, y = transform_points(self.frame.crs, self.crs, x, y)
         x, y, area = x - c, y - f, a * e - b * d
         return (e * x - b * y) / area, (a * y - d * x) / area
@@ -221,22 +218,6 @@ def _check_place(name: str, place: Affine6) -> None:
     is_near = all(abs(each) <= _FAR for each in (c, f)) and max(right, down) <= _MOST_STEP
     if not (is_near and min(right, down) >= _LEAST_STEP and abs(a * e - b * d) > 1e-9 * right * down):
         raise InputError(f"{name}: the place of the samples is degenerate: {format_value(place)}")
-
-
-def transform_points(source: str, target: str, x: Any, y: Any) -> tuple[Float64Array, Float64Array]:
-    """Return coordinates in another CRS, inf outside of it."""
-    from rasterio import Env
-    from rasterio._err import CPLE_BaseError
-    from rasterio.warp import transform
-
-    shape = np.shape(x)
-    try:
-        with Env():
-            found = transform(source, target, np.ravel(x), np.ravel(y))
-    except CPLE_BaseError:
-        return np.full(shape, np.inf), np.full(shape, np.inf)
-    east, north = (np.reshape(np.asarray(each, np.float64), shape) for each in found)
-    return east, north
 
 
 class _File(NamedTuple):

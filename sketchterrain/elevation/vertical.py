@@ -12,7 +12,7 @@ import numpy as np
 from scipy import ndimage
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.elevation.grids import ElevationGrid, transform_points
+from sketchterrain.elevation.grids import ElevationGrid
 from sketchterrain.elevation.raster_reader import ELLIPSOID, Affine6, read_header, read_window
 from sketchterrain.errors import one_line
 
@@ -63,6 +63,8 @@ def height_shift(
     source: str, target: str, crs: str, place: Affine6, shape: tuple[int, int]
 ) -> tuple[HeightShift | None, str]:
     """Return what to add to the heights of a grid, None for nothing, and what was found, in words."""
+    from sketchterrain.io.crs import transform_points
+
     names = [_name(each) if each else "" for each in (source, target)]
     if names[0] == names[1]:
         return None, ""

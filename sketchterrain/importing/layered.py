@@ -15,7 +15,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import BoolArray
 from sketchterrain.document.label_layers import to_oklab
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
-from sketchterrain.errors import InputError, format_value, one_line
+from sketchterrain.errors import InputError, first_few, format_value, one_line
 from sketchterrain.importing.images import Picture, check_size, decode_picture, detect_format, read_picture
 from sketchterrain.importing.legend import Meaning, parse_layer_name
 from sketchterrain.importing.traced_layers import TraceOptions, TraceResult, scale_labels
@@ -213,8 +213,7 @@ def _reason(count: int, reason: str) -> str:
 
 
 def _listed(names: Iterable[str]) -> str:
-    texts = [format_value(name) for name in names]
-    return ", ".join(texts[:10]) + (f" and {len(texts) - 10} more" if len(texts) > 10 else "")
+    return first_few([format_value(name) for name in names], 10)
 
 
 def painted_mask(picture: Picture) -> tuple[npt.NDArray[np.bool_], str]:

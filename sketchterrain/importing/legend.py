@@ -20,7 +20,7 @@ from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.parameters import Value
 from sketchterrain.document.toml_format import load_toml
 from sketchterrain.document.vectors import vector_parameters
-from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
+from sketchterrain.errors import InputError, did_you_mean, format_value, one_line, prefix_errors
 from sketchterrain.io.files import wrap_read_errors
 
 Rgb = tuple[int, int, int]
@@ -97,19 +97,16 @@ def read_legend(path: Path, *, tolerance: float = TOLERANCE) -> Legend:
         data = stream.read(_MAX_BYTES + 1)
     if len(data) > _MAX_BYTES:
         raise InputError(f"{location}: too large for a legend: expected at most {_MAX_BYTES >> 20} MiB")
-    try:
-        entries = msgspec.convert(load_toml(data), _LegendFile).colour
+    with prefix_errors(location):
+        try:
+            entries = msgspec.convert(load_toml(data), _LegendFile).colour
+        except msgspec.ValidationError as error:
+            raise InputError(f"{one_line(error)}: expected [[colour]] with rgb, layer, label") from None
         colours = []
         for number, entry in enumerate(entries, start=1):
             where = f"[[colour]] {number}"
             colours.append((_rgb(entry.rgb, where), _meaning(entry.layer, entry.label, where)))
         return Legend(_checked(colours, "[[colour]]"), tolerance)
-    except msgspec.ValidationError as error:
-        raise InputError(
-            f"{location}: {one_line(error)}: expected [[colour]] with rgb, layer, label"
-        ) from None
-    except InputError as error:
-        raise InputError(f"{location}: {error}") from None
 
 
 def _rgb(value: str, where: str) -> Rgb:

@@ -5,9 +5,16 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from rasterio import Env
+from rasterio._err import CPLE_BaseError
 from rasterio.crs import CRS
+from rasterio.errors import CRSError
+from rasterio.warp import transform
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.errors import InputError, one_line
 
 # An authority's code, URN, WKT or PROJ string; GDAL would also open files and URLs.
@@ -20,10 +27,6 @@ _MAX_SHOWN = 60
 
 def parse_crs(text: str) -> CRS:
     """Return the CRS of an authority's code (``EPSG:25832``), URN, WKT or PROJ string; raise InputError."""
-    from rasterio import Env
-    from rasterio.crs import CRS
-    from rasterio.errors import CRSError
-
     definition = text.strip()
     if len(definition) <= _MAX_LENGTH and _FORMS.fullmatch(definition):
         try:
@@ -88,6 +91,18 @@ def crs_text(crs: CRS | None) -> str:
 def is_westward(crs: CRS) -> bool:
     """Return whether the x axis points west."""
     return _WESTWARD.search(crs.to_wkt()) is not None
+
+
+def transform_points(source: Any, target: Any, x: Any, y: Any) -> tuple[Float64Array, Float64Array]:
+    """Return coordinates in another CRS, inf outside of it."""
+    shape = np.shape(x)
+    try:
+        with Env():
+            found = transform(source, target, np.ravel(x), np.ravel(y))
+    except CPLE_BaseError:
+        return np.full(shape, np.inf), np.full(shape, np.inf)
+    east, north = (np.reshape(np.asarray(each, np.float64), shape) for each in found)
+    return east, north
 
 
 def _shorten(text: str) -> str:

@@ -27,7 +27,7 @@ def wrap_os_errors(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def wrap_read_errors(path: Path) -> Iterator[None]:
+def wrap_read_errors(path: Path | str) -> Iterator[None]:
     """Raise an OSError as an InputError that `path` cannot be read."""
     try:
         yield
@@ -116,15 +116,8 @@ def format_bytes(count: float) -> str:
 _MAX_ENTRIES = 1000
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _DAMAGE_ERRORS = (
-    zipfile.BadZipFile,
-    zlib.error,
-    struct.error,
-    OSError,
-    EOFError,
-    ValueError,
-    OverflowError,
-    NotImplementedError,
-    RuntimeError,
+    *(zipfile.BadZipFile, zlib.error, struct.error),
+    *(OSError, EOFError, ValueError, OverflowError, RuntimeError),
 )
 
 

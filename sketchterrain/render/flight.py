@@ -12,7 +12,7 @@ import numpy as np
 
 from sketchterrain.document.parameters import Parameter, check_items, parameter_table
 from sketchterrain.document.toml_format import load_toml
-from sketchterrain.errors import InputError, did_you_mean, format_value, one_line
+from sketchterrain.errors import InputError, check_keys, check_tables, format_value, one_line, prefix_errors
 from sketchterrain.hydrology.splines import catmull_rom
 from sketchterrain.io.files import wrap_read_errors, write_atomic
 from sketchterrain.render.camera import Floats, HeightFunction, Vector
@@ -269,10 +269,8 @@ def load_flight(path: str | Path) -> Flight:
         data = stream.read(_MAX_BYTES + 1)
     if len(data) > _MAX_BYTES:
         raise InputError(f"{name}: expected at most {_MAX_BYTES >> 20} MiB")
-    try:
+    with prefix_errors(name):
         return parse_flight(data)
-    except InputError as error:
-        raise InputError(f"{name}: {error}") from None
 
 
 def save_flight(flight: Flight, path: str | Path) -> Path:
@@ -283,18 +281,12 @@ def save_flight(flight: Flight, path: str | Path) -> Path:
 def parse_flight(data: bytes) -> Flight:
     """Return the flight of a file's content; raise InputError for unknown keys or wrong values."""
     document = load_toml(data)
-    for name, value in document.items():
-        if name not in _KNOWN:
-            raise _unknown(name, value, _KNOWN)
+    check_keys(document, _KNOWN)
     given = document.get("format")
     if isinstance(given, bool) or given != FORMAT:
         got = "no such key" if given is None else format_value(given)
         raise InputError(f"format = {FORMAT} expected, got {got}")
-    rows = document.get("key", [])
-    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise InputError(
-            f"key = {format_value(rows)}: expected tables, each with [[key]] on a line of its own"
-        )
+    rows = check_tables("key", document.get("key", []), "[[key]] on a line of its own")
     if len(rows) > MAX_KEYS:
         raise InputError(f"{len(rows)} keys: expected at most {MAX_KEYS}")
     keys = tuple(_key(row, number) for number, row in enumerate(rows, 1))
@@ -312,20 +304,9 @@ def flight_text(flight: Flight) -> str:
 
 
 def _key(row: Mapping[str, object], number: int) -> Keyframe:
-    try:
-        for name, value in row.items():
-            if name not in KEYFRAME:
-                raise _unknown(name, value, tuple(KEYFRAME))
+    with prefix_errors(f"[[key]] number {number}"):
+        check_keys(row, KEYFRAME)
         missing = [name for name in _REQUIRED if name not in row]
         if missing:
             raise InputError(f"no {missing[0]}: expected {', '.join(_REQUIRED)}")
         return Keyframe(**row)  # type: ignore[arg-type] # Keyframe checks every value
-    except InputError as error:
-        raise InputError(f"[[key]] number {number}: {error}") from None
-
-
-def _unknown(name: str, value: object, known: tuple[str, ...]) -> InputError:
-    return InputError(
-        f"unknown key {format_value(name)} = {format_value(value)}: expected {', '.join(known)}"
-        f"{did_you_mean(name, known)}"
-    )

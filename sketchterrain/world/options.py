@@ -10,7 +10,7 @@ from sketchterrain.app.estimates import Estimate, format_count, layer_bytes, pla
 from sketchterrain.app.listings import pluralize
 from sketchterrain.document.frame import georeference
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.errors import InputError, one_line
+from sketchterrain.errors import InputError, one_line, prefix_errors
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.world.grid import DEFAULT_LAYERS, LAYERS, Shard, World
@@ -115,11 +115,9 @@ def _check_lattice(world: World, extent: float) -> None:
     for level in world.levels:
         east = world.west + (level.columns + 1) * level.cell
         south = world.north - (level.rows + 1) * level.cell
-        try:
+        bounds = f"{world.west:g},{world.south:g},{world.east:g},{world.north:g}"
+        with prefix_errors(f"bounds {bounds}"):
             to_lattice([world.west - level.cell, east, world.north + level.cell, south], extent)
-        except InputError as error:
-            bounds = f"{world.west:g},{world.south:g},{world.east:g},{world.north:g}"
-            raise InputError(f"bounds {bounds}: {error}") from None
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from sketchterrain.app.listings import (
     pluralize,
     print_json,
     print_lines,
+    print_result,
     target_entry,
     target_lines,
 )
@@ -50,11 +51,8 @@ def export(
         with stages.stage("program", "Loading the program"):
             from sketchterrain.app import export as app
         done = app.export(document, output, target, options, device=device, fast=fast, stages=stages)
-    if as_json:
-        timings = stages.seconds | {"total": stages.elapsed}
-        print_json(done.report | {"folder": str(output), "timings": timings})
-    else:
-        print_lines(*exported_lines(done.report, output, stages.elapsed))
+    entry = done.report | {"folder": str(output), "timings": stages.seconds | {"total": stages.elapsed}}
+    print_result(entry, exported_lines(done.report, output, stages.elapsed), as_json=as_json)
 
 
 def targets(as_json: args.AsJson = False) -> None:
@@ -62,10 +60,7 @@ def targets(as_json: args.AsJson = False) -> None:
     from sketchterrain.export.targets import TARGET_NAMES, target_named
 
     entries = [target_entry(target_named(name)) for name in TARGET_NAMES]
-    if as_json:
-        print_json(entries)
-    else:
-        print_lines(*(line for entry in entries for line in target_lines(entry)))
+    print_result(entries, (line for entry in entries for line in target_lines(entry)), as_json=as_json)
 
 
 def blender_extension(

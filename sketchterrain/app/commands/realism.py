@@ -9,7 +9,7 @@ import typer
 
 from sketchterrain.app import arguments as args
 from sketchterrain.app.console import USAGE_ERROR, Stages
-from sketchterrain.app.listings import print_json, print_lines, realism_lines
+from sketchterrain.app.listings import print_result, realism_lines
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
@@ -66,10 +66,8 @@ def realism(
 
         write_realism_map(map_file, found)
     entry = header | found.as_dict()
-    if as_json:
-        print_json(entry)
-    else:
-        print_lines(*realism_lines(entry), *([f"map: {map_file}"] if map_file is not None else []))
+    lines = [*realism_lines(entry), *([] if map_file is None else [f"map: {map_file}"])]
+    print_result(entry, lines, as_json=as_json)
 
 
 def _measure_sketch(

@@ -11,7 +11,7 @@ import typer
 from sketchterrain.app import arguments as args
 from sketchterrain.app.console import PARTIAL, USAGE_ERROR, Stages, fail, print_note
 from sketchterrain.app.estimates import format_count, format_duration
-from sketchterrain.app.listings import legend_lines, pluralize, print_json, print_lines
+from sketchterrain.app.listings import legend_lines, pluralize, print_json, print_lines, print_result
 from sketchterrain.app.option_groups import with_option_groups
 from sketchterrain.io.files import format_bytes
 from sketchterrain.io.system import restore_default_sigterm
@@ -120,10 +120,7 @@ def world(
         check_output_unused(job, resume=resume)
         estimate = estimate_world(job, workers=workers or 0)
     if dry_run:
-        if as_json:
-            print_json(estimate.as_dict())
-        else:
-            print_lines(*estimate.lines())
+        print_result(estimate.as_dict(), estimate.lines(), as_json=as_json)
         estimate.check_resources()
         return
     sys.stderr.writelines(f"{line}\n" for line in estimate.lines())
@@ -192,10 +189,7 @@ def stats(
             with stages.stage("statistics", "Measuring") as progress:
                 found = compute_statistics(stored, level=level or 0, sea_level=sea, progress=progress)
     if not check:
-        if as_json:
-            print_json({"world": str(store), **found.as_dict()})
-        else:
-            print_lines(*_lines(store, found))
+        print_result({"world": str(store), **found.as_dict()}, _lines(store, found), as_json=as_json)
         return
     _report_broken(store, broken, as_json=as_json)
 

@@ -77,11 +77,9 @@ def _drawn(geometry: npt.NDArray[np.object_], look: Properties, frame: MapFrame)
     shapes: list[Shape] = []
     if fill and rings:
         shapes.append(Polygons(rings, rgb_from_hex(fill), opacity * float(look["fill_opacity"])))
-    if colour and width > 0.0:
-        shapes += (
-            [Polylines([*lines, *rings], rgb_from_hex(colour), width, opacity, dashes)]
-            if lines or rings
-            else []
-        )
-        shapes += [Polygons(dots, rgb_from_hex(colour), opacity)] if dots else []
+    outlines = [*lines, *rings]
+    if colour and width > 0.0 and outlines:
+        shapes.append(Polylines(outlines, rgb_from_hex(colour), width, opacity, dashes))
+    if colour and width > 0.0 and dots:
+        shapes.append(Polygons(dots, rgb_from_hex(colour), opacity))
     return shapes

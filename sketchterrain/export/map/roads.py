@@ -109,13 +109,10 @@ def _way(symbol: Symbol, structure: int, lines: Sequence[_Line]) -> tuple[list[S
     if structure == BRIDGE:
         for line in lines:
             sides = _beside(line, line.half + PARAPET)
-            below += [
-                Polygons([np.concatenate([sides[0], sides[1][::-1]])], (255, 255, 255))
-            ]  # no round caps
-            below += [Polylines(sides, INK, 0.2)]
-            below += (
-                [Polylines(_beside(line, line.half), INK, 2.0 * CASING)] if symbol.fill is not None else []
-            )
+            deck = np.concatenate([sides[0], sides[1][::-1]])  # no round caps
+            below += [Polygons([deck], (255, 255, 255)), Polylines(sides, INK, 0.2)]
+            if symbol.fill is not None:
+                below.append(Polylines(_beside(line, line.half), INK, 2.0 * CASING))
     if structure == TUNNEL and symbol.fill is not None:
         sides = [side for line in lines for side in _beside(line, line.half)]
         return [Polylines(sides, INK, CASING, dashes=DASHES)] if sides else [], []

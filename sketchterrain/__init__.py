@@ -50,11 +50,8 @@ __all__ = [
 
 
 def _ensure_writable_cache() -> None:
-    """Set ``XDG_CACHE_HOME`` to a temporary folder where the user's is missing, read-only or full.
-
-    All caches, also those of drivers, numba and pyopencl, which raise there, follow the variable. Child
-    processes inherit it; this process deletes the folder.
-    """
+    """Set ``XDG_CACHE_HOME`` to a temporary folder where the user's is missing, read-only or full."""
+    # Drivers, numba and pyopencl follow the variable too, and raise there; child processes inherit it.
     with suppress(OSError, RuntimeError):  # RuntimeError: no home folder
         folder = cache_folder().parent
         folder.mkdir(parents=True, exist_ok=True)

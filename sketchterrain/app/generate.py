@@ -302,10 +302,7 @@ class _BackgroundWriter:
 def _picture_taker(
     painter: ThreadPoolExecutor, sketch: Sketch, device: object, stack: ExitStack
 ) -> TakePicture:
-    """Open a renderer on a thread while features are placed; return what takes pictures there.
-
-    The renderer is closed when `stack` is.
-    """
+    """Return what takes pictures on a thread, with a renderer opened meanwhile and closed with `stack`."""
 
     def opened() -> SnapshotRenderer:
         from sketchterrain.render.offscreen import SnapshotRenderer

@@ -109,15 +109,12 @@ def draw_picture(
 
 
 def _camera(terrain: scene.TerrainSource, eye: Point | None, target: Point | None) -> Camera | None:
-    """Return the camera of `--eye` and `--look-at`, None without an eye; print a note if it is underground.
-
-    The default target is the middle of the sketch, or north of it for an eye in the middle.
-    """
+    """Return the camera of `--eye` and `--look-at`, None without an eye; print a note if underground."""
     if eye is None:
         return None
     west, south, east, north = scene.visible_rectangle(terrain)
     x, y = (west + east) / 2, (south + north) / 2
-    if abs(eye[0] - x) + abs(eye[1] - y) < 0.02 * terrain.extent:
+    if abs(eye[0] - x) + abs(eye[1] - y) < 0.02 * terrain.extent:  # looks north by default
         y += terrain.extent / 2
     middle, ground = (float(z) for z in terrain.heights([x, eye[0]], [y, eye[1]]))
     if eye[2] < ground:

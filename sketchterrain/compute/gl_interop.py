@@ -135,11 +135,8 @@ def _library() -> ctypes.CDLL:
 
 
 def _address(library: str, function: str) -> int:
-    """Return the result of a library function without arguments, 0 if the library or function is missing.
-
-    Loaded with RTLD_GLOBAL: Mesa's rusticl looks EGL and GLX up by ``dlsym`` among global symbols.
-    """
-    try:
+    """Return the result of a library function without arguments, 0 if the library or function is missing."""
+    try:  # Mesa's rusticl looks EGL and GLX up by dlsym among global symbols
         found = getattr(ctypes.CDLL(library, ctypes.RTLD_GLOBAL), function)
     except (OSError, AttributeError):
         return 0

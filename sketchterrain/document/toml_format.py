@@ -151,10 +151,7 @@ def _parse_edits(value: object) -> tuple[Edit, ...]:
 
 
 def _parse_former_edits(value: object) -> tuple[Edit, ...]:
-    """Return the edits of format 1 without the width of gullies.
-
-    The id of an added feature was a hash of that too: edits of the feature refer to its new id.
-    """
+    """Return the edits of format 1 without the width of gullies, which ids were hashes of too."""
     tables = value if isinstance(value, list) else []
     widths = [
         table.pop(_FORMER_WIDTH, None)

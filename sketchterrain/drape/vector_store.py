@@ -353,14 +353,11 @@ def _build(
 
 
 def _tolerances(shapes: Shapes2D, extent: float) -> list[float]:
-    """Return those of levels, of which each has far fewer points of some features than the finer one.
-
-    They are powers of two times half the usual step of a line.
-    """
+    """Return those of levels, of which each has far fewer points of some features than the finer one."""
     steps = np.diff(shapes.outlines.along)
     if not (steps > 0.0).any():
         return [0.0, *(extent / 2.0**number for number in range(16, 3, -2))]
-    finest = 2.0 ** np.floor(np.log2(0.5 * np.median(steps[steps > 0.0])))
+    finest = 2.0 ** np.floor(np.log2(0.5 * np.median(steps[steps > 0.0])))  # half the usual step of a line
     kept, most = [0.0], len(parts_of(shapes, 0.0).points)
     for tolerance in (finest * 2.0 ** np.arange(_LEVELS)).tolist():
         if tolerance <= extent / 8.0 and (count := len(parts_of(shapes, tolerance).points)) <= _SHRINK * most:

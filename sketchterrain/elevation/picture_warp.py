@@ -85,10 +85,7 @@ def _warped(file: DatasetReader, request: dict[str, Any], **options: Any) -> War
 
 
 def _pixels(file: DatasetReader, band: int, span: list[float] | None) -> UInt8Array:
-    """Return sRGB and opacity, (rows, columns, 4), of bands in colour, of indices, or in grey.
-
-    Other values than bytes are stretched over a range, by default that of what is read.
-    """
+    """Return sRGB and opacity, (rows, columns, 4); values of other types than bytes fill a range (`span`)."""
     indexes = _colour_bands(file, band)
     bands = file.read(indexes)
     mask = file.read_masks(indexes).max(axis=0)

@@ -344,10 +344,7 @@ def _sources(content: bytes) -> list[str]:
 
 
 def _target(path: Path, *, is_picture: bool) -> tuple[Path | str, list[str], tuple[int, int]]:
-    """Return what GDAL opens, by which drivers, and the file's size and time.
-
-    Names of files that don't exist, and VRTs, may be addresses to GDAL.
-    """
+    """Return what GDAL opens, by which drivers, and the file's size and time."""
     driver = _DRIVERS.get(path.suffix.lower(), "")
     for archive in () if is_picture else (path, *path.parents):
         if archive.suffix.lower() == ".zip" and archive.is_file():
@@ -362,7 +359,7 @@ def _target(path: Path, *, is_picture: bool) -> tuple[Path | str, list[str], tup
             if driver == "VRT":
                 raise ValueError("expected a file .tif, .hgt or .asc in an archive")
             return f"/vsizip/{{{archive}}}/{inside}", [driver], _stamp(archive)
-    if not path.is_file():
+    if not path.is_file():  # its name may be an address to GDAL
         raise ValueError("no such file")
     if not (driver or is_picture):
         raise ValueError(f"expected a file {', '.join(SUFFIXES)}")

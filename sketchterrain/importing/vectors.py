@@ -401,10 +401,7 @@ def _on_grid(features: _Features, area: SketchArea, skipped: Counter[str]) -> _F
 
 
 def _joined(lines: Shapes) -> Shapes:
-    """Return lines with a vertex wherever another one ends on them.
-
-    Ends that lie apart within a river's bed are joined when the terrain is built.
-    """
+    """Return lines with a vertex wherever another one ends on them."""
     ends = shapely.points(np.unique(shapely.get_coordinates(shapely.boundary(lines)), axis=0))
     line, end = shapely.STRtree(ends).query(lines, predicate="dwithin", distance=_JOIN)
     joined, start = np.unique(line, return_index=True)
@@ -451,10 +448,7 @@ def _label(layer: str, label: int, width: float | None) -> dict[str, Value]:
 def _paint(
     features: _Features, area: SketchArea, width: float | None
 ) -> tuple[dict[str, LabelImage], dict[tuple[str, int], dict[str, Value]], list[str]]:
-    """Return layer images, label properties and notes.
-
-    Where shapes of a layer overlap, the last label wins.
-    """
+    """Return layer images, where the last label of overlapping shapes wins, label properties and notes."""
     size = (area.rows, area.columns)
     images: dict[str, LabelImage] = {PAINTED_LAYERS[0]: np.zeros(size, dtype=np.uint8)}  # the sketch's size
     labels: dict[tuple[str, int], dict[str, Value]] = {}

@@ -238,10 +238,7 @@ def _cut(
     first: Int64Array,
     met: Int64Array,
 ) -> tuple[Int64Array, Int64Array, Float64Array, Float64Array]:
-    """Clip polygons to the triangles that meet their cells.
-
-    Return, per vertex, its triangle and polygon, and its column and row.
-    """
+    """Clip polygons to triangles that meet their cells: each vertex's triangle, polygon, column and row."""
     found, part = [0 for _ in range(0)], [0 for _ in range(0)]
     columns, rows = [0.0 for _ in range(0)], [0.0 for _ in range(0)]
     stamp = np.full(len(corners), -1, np.int64)

@@ -193,10 +193,8 @@ class TerrainStream:
         return TerrainUpdateStats(seconds, seconds, self.written - before, dropped)
 
     def _with_updated_tiles(self, view: CameraView, draws: DrawList) -> DrawList:
-        """Rewrite outdated tiles of a draw list; return the list afterwards.
-
-        Terrain that was lowered may reveal more outdated tiles behind it, hence the loop.
-        """
+        """Rewrite outdated tiles of a draw list; return the list afterwards."""
+        # Terrain that was lowered may reveal more outdated tiles behind it.
         while batch := self.tiles.stale_batch(draws):
             self.tiles.mark_generated(batch, self._write(batch), seconds=None)
             draws = self.tiles.draw_list(view)

@@ -214,10 +214,7 @@ def _outline(size: float) -> int:
 
 @lru_cache(maxsize=1 << 14)
 def _drawable(text: str, size: float) -> tuple[str, ImageFont.FreeTypeFont]:
-    """Return the first font that has all letters of a text; else the last one, without what it lacks.
-
-    Letters with accents lose them, others become question marks.
-    """
+    """Return the first font with all letters of a text; else the last one, with plain letters or ``?``."""
     for font in _fonts():
         if all(_has_letter(font, letter) for letter in set(text)):
             break

@@ -316,11 +316,8 @@ class GroundLighting:
         return LightMap(self._renderer, square, wider=wider, previous=previous)
 
     def _request(self, level: ClipmapLevel, square: TexelSquare, wider: Sequence[LightMap]) -> None:
-        """Start another map where neither the current nor the pending one is up to date.
-
-        A pending map that overlaps the square is completed first, or a fast eye would never get any.
-        """
-        pending = level.pending
+        """Start another map where neither the current nor the pending one is up to date."""
+        pending = level.pending  # completed first if it overlaps the square: a fast eye would never get any
         if level.step in (1, 2, 3) or (
             pending and not Window.full(pending.square).intersection(Window.full(square)).empty
         ):

@@ -138,17 +138,14 @@ class MaterialTextures:
 
 
 def _write_levels(levels: Sequence[npt.NDArray[np.uint8]]) -> None:
-    """Write all mipmap levels of the bound array; moderngl has no function for it.
-
-    Without storage for all of them Mesa keeps each level twice.
-    """
+    """Write all mipmap levels of the bound array; moderngl has no function for it."""
     enum, integer, pointer = ctypes.c_uint, ctypes.c_int, ctypes.c_void_p
     allocate = gl_function("glTexStorage3D", None, enum, integer, enum, *[integer] * 3)
     write = gl_function("glTexSubImage3D", None, enum, *[integer] * 7, enum, enum, pointer)
     for level, texels in enumerate(levels):
         layers, height, width, _ = texels.shape
         size = (width, height, layers)
-        if not level:
+        if not level:  # without storage for all of them Mesa keeps each one twice
             allocate(_TEXTURE_2D_ARRAY, len(levels), _RGBA8, *size)
         write(_TEXTURE_2D_ARRAY, level, 0, 0, 0, *size, _RGBA, _UNSIGNED_BYTE, texels.ctypes.data)
 

@@ -95,13 +95,10 @@ _STYLES: Final = {
 
 
 class _Panorama(NamedTuple):
-    """Visibility around viewpoints: arrays (viewpoints, bearings).
-
-    `share` is the tangent of the angle by which terrain at a distance rises above all nearer terrain.
-    """
+    """Visibility around viewpoints: arrays (viewpoints, bearings)."""
 
     horizon: Float64Array  # tangent of the skyline's elevation
-    share: Float64Array  # (viewpoints, bearings, distances)
+    share: Float64Array  # (…, distances) tangent of the angle by which terrain rises above all nearer one
     layers: Float64Array  # number of ridges one behind the other
     water: Float64Array  # apparent size of the visible water
     flooded: Float64Array  # share of water in the visible terrain, by apparent size

@@ -151,10 +151,7 @@ def _stripe(stored: StoredWorld, level: Level, left: int, sums: _Sums) -> _Sums:
 
 
 class _Sums:
-    """Counts, sums and histograms, accumulated by windows.
-
-    Height bins cover three times the range of the coarsest level; the outermost ones count heights beyond.
-    """
+    """Counts, sums and histograms, accumulated by windows."""
 
     def __init__(self, low: float, high: float, cell: float, materials: int) -> None:
         span = max(high - low, 1.0)
@@ -162,7 +159,7 @@ class _Sums:
         self._centre = (low + high) / 2
         self.lowest, self.highest, self.steepest = np.inf, -np.inf, 0.0
         self._sums = np.zeros(4)  # of heights from the centre, their squares, slopes, surfaces
-        self._heights = np.zeros(3 * _BINS, np.int64)
+        self._heights = np.zeros(3 * _BINS, np.int64)  # the outermost bins count heights beyond
         self._slopes = np.zeros(90 * _SLOPE_BINS, np.int64)
         self.weights = np.zeros(materials, np.int64)
 

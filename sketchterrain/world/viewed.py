@@ -208,10 +208,7 @@ class StoredPyramid:
         return _Samples(np.ascontiguousarray(height[1:-1, 1:-1]), slope, weights)
 
     def _error(self, number: int, top: int, left: int, height: _Floats) -> float:
-        """Return the geometric error δ of a tile (m) from the next finer level.
-
-        Differences halve from level to level on typical terrain, so their sum is at most twice the first one.
-        """
+        """Return the geometric error δ of a tile (m) from the next finer level."""
         if number == 0:
             return 0.0
         side = 2 * len(height) - 3
@@ -221,6 +218,7 @@ class StoredPyramid:
         inside = apart[: max((grid.rows - 2 * top) // 2, 0), : max((grid.columns - 2 * left) // 2, 0)]
         if not inside.size:
             return 0.0
+        # Differences halve from level to level on typical terrain: their sum is at most twice the first one.
         return 2.0 * (1.0 - 0.5**number) * float(geometric_error(inside.reshape(1, -1))[0])
 
 

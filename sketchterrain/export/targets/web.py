@@ -201,10 +201,7 @@ def _surroundings(export: Export) -> Arrays:
 
 
 def _plants(export: Export, facts: dict[str, Any]) -> dict[str, Arrays]:
-    """Return plants by cells of the grid and in a cell by model, and the models.
-
-    Plants of a model in a cell are in random order: from far away only the first are drawn.
-    """
+    """Return plants by cells of the grid and in a cell by model, and the models."""
     facts["models"], facts["plants"] = [], {"count": 0, "of": 0}
     if not export.options.plants:
         return {}
@@ -217,6 +214,7 @@ def _plants(export: Export, facts: dict[str, Any]) -> dict[str, Arrays]:
         return {}
     share = (plants.position[:, :2] - (grid.west, grid.south)) / facts["size"]
     place = np.clip(np.rint(share * _STEPS), 0, _STEPS).astype(np.int64)
+    # Plants of a model in a cell are in random order: from far away only the first are drawn.
     chance = (place[:, 0] * 40503 ^ place[:, 1] * 30011) & _STEPS
     kinds, model = np.unique(plants.model, return_inverse=True)
     cell = place * _CELLS >> 16

@@ -31,16 +31,7 @@ from sketchterrain.document.vector_formats import (
     open_layers,
     read_features,
 )
-from sketchterrain.drape.levels import (
-    ITEM,
-    Level,
-    Shapes2D,
-    common,
-    morton,
-    parts_of,
-    places,
-    split_shapes,
-)
+from sketchterrain.drape.levels import ITEM, Level, Shapes2D, common, morton, parts_of, places, split_shapes
 from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.io.crs import parse_crs
 from sketchterrain.io.disk_cache import stored_folder

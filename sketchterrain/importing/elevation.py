@@ -20,13 +20,7 @@ from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
 from sketchterrain.document.toml_format import starter_sketch
 from sketchterrain.document.vector_formats import reproject
 from sketchterrain.document.vectors import AREA, VectorFeature, on_grid
-from sketchterrain.elevation.base import (
-    BaseElevation,
-    combine_rasters,
-    grid_in_datum,
-    held_grids,
-    patches_of,
-)
+from sketchterrain.elevation.base import BaseElevation, combine_rasters, grid_in_datum, held_grids, patches_of
 from sketchterrain.elevation.grids import SketchFrame
 from sketchterrain.elevation.offsets import corrections, measure_offsets
 from sketchterrain.elevation.raster_reader import PLAIN, SUFFIXES

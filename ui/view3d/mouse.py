@@ -18,14 +18,7 @@ from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.drapes import next_below
-from sketchterrain.ui.models.selection import (
-    FeatureDrag,
-    Handle,
-    add,
-    handle_refusal,
-    handles_of,
-    select_at,
-)
+from sketchterrain.ui.models.selection import FeatureDrag, Handle, add, handle_refusal, handles_of, select_at
 from sketchterrain.ui.models.vectors import insert_vertex, vector_at
 from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.view3d.camera import Projection, drag_motion, zoom_motion

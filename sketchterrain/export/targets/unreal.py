@@ -4,12 +4,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from sketchterrain.export.engines import (
-    EngineAxes,
-    tile_path,
-    write_plants_json,
-    write_tiles,
-)
+from sketchterrain.export.engines import EngineAxes, tile_path, write_plants_json, write_tiles
 from sketchterrain.export.files import write_values_png
 from sketchterrain.export.planning import HeightQuantisation
 from sketchterrain.export.rasters import write_raw

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from PyQt6.QtCore import QObject, pyqtSignal
-from PyQt6.QtWidgets import QFileDialog, QWidget
+from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.elevation.raster_reader import SUFFIXES
 from sketchterrain.ui.banner import Banner, Message
-from sketchterrain.ui.files import Files
+from sketchterrain.ui.files import Files, ask_files
 from sketchterrain.ui.models.elevation import SketchElevation, added_elevation, new_on_elevation
 from sketchterrain.ui.models.workspace import Preferences
 
@@ -43,12 +43,12 @@ class ElevationFiles(QObject):
 
     def ask_new(self) -> None:
         """Ask for files and start a sketch on them unless the user keeps the current one."""
-        if paths := self._ask("New from elevation"):
+        if paths := ask_files(self._window, self._preferences, "New from elevation", _FILTER):
             self._files.read(paths[0], partial(new_on_elevation, paths), self._start)
 
     def ask_add(self) -> None:
         """Ask for files and add them to the sketch."""
-        if paths := self._ask("Add elevation"):
+        if paths := ask_files(self._window, self._preferences, "Add elevation", _FILTER):
             self.add(paths)
 
     def add(self, paths: Sequence[Path]) -> None:
@@ -70,13 +70,6 @@ class ElevationFiles(QObject):
             self._banner.show_message(Message("info", f"{title}: there are none", "hint"))
         else:
             self._files.change(title, **fields)
-
-    def _ask(self, title: str) -> list[Path]:
-        start = str(self._preferences.last_folder)
-        names, _ = QFileDialog.getOpenFileNames(self._window, title, start, _FILTER)
-        if names:
-            self._preferences.last_folder = Path(names[0]).absolute().parent
-        return [Path(name) for name in names]
 
     def _start(self, found: object) -> None:
         sketch, base = cast("tuple[Sketch, BaseElevation]", found)

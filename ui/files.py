@@ -200,11 +200,8 @@ class Files(QObject):
 
     def ask_add_drapes(self) -> None:
         """Ask for vector and raster files and drape them on the terrain."""
-        start = str(self._preferences.last_folder)
-        names, _ = QFileDialog.getOpenFileNames(self._window, "Add draped layers", start, _DRAPE_FILTER)
-        if names:
-            self._preferences.last_folder = Path(names[0]).absolute().parent
-            self.add_drapes([Path(name) for name in names])
+        if paths := ask_files(self._window, self._preferences, "Add draped layers", _DRAPE_FILTER):
+            self.add_drapes(paths)
 
     def add_drapes(self, paths: list[Path]) -> None:
         """Drape files on the terrain in one undo step."""
@@ -305,6 +302,14 @@ class Files(QObject):
     def _default_name(self) -> str:
         name = re.sub(r"[^\w .-]+", "", self._document.sketch.name).strip(" .")
         return f"{name or 'sketch'}{_SUFFIX}"
+
+
+def ask_files(window: QWidget, preferences: Preferences, title: str, kinds: str) -> list[Path]:
+    """Ask for files of some kinds, none if cancelled, and remember their folder."""
+    names, _ = QFileDialog.getOpenFileNames(window, title, str(preferences.last_folder), kinds)
+    if names:
+        preferences.last_folder = Path(names[0]).absolute().parent
+    return [Path(name) for name in names]
 
 
 def _load(path: Path) -> Sketch:

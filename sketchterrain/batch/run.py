@@ -225,9 +225,8 @@ class _Batch:
                     self._record(future.result())
 
     def _prepare_thread(self) -> None:
-        self._thread.shared = SharedResources(
-            self._devices, take_picture=self._render
-        )  # with a placement cache
+        # With a placement cache.
+        self._thread.shared = SharedResources(self._devices, take_picture=self._render)
 
     def _write_item(self, item: Item) -> Entry:
         folder, start, entry = self._folder / item.name, time.perf_counter(), _blank(item)

@@ -78,18 +78,14 @@ def _own_material(name: str, values: Properties) -> Material:
         material = replace(material, texture=replace(base.texture, rotation=0.0, variations=()))
     if values.get("colour"):
         colour = rgb_from_hex(values["colour"])
-        material = replace(material, colour=colour, tint=_pale(colour))
+        red, green, blue = (round(_PALE * 255 + (1 - _PALE) * part) for part in colour)
+        material = replace(material, colour=colour, tint=(red, green, blue))
     return material
 
 
 def rgb_from_hex(colour: str) -> Colour:
     """Return sRGB of a colour such as #e03131."""
     red, green, blue = bytes.fromhex(colour[1:])
-    return red, green, blue
-
-
-def _pale(colour: Colour) -> Colour:
-    red, green, blue = (round(_PALE * 255 + (1 - _PALE) * part) for part in colour)
     return red, green, blue
 
 

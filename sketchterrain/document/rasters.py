@@ -62,15 +62,8 @@ RASTER: Final = parameter_table(
     Parameter("signed", int, 0, 0, 1, "", "1 takes whole numbers without a sign for signed ones"),
     Parameter("cell", float, 0.0, 0.0, 1e5, "m", "side of a cell in a file without a place; 0: it has one"),
     Parameter(
-        *(
-            "range",
-            str,
-            "",
-            0,
-            80,
-            "",
-            "heights (m) of its least and greatest numbers; empty: they are heights",
-        ),
+        *("range", str, "", 0, 80, ""),
+        "heights (m) of its least and greatest numbers; empty: they are heights",
         form=(r"\s*-?\d{1,5}(\.\d{1,9})?\s*,\s*-?\d{1,5}(\.\d{1,9})?\s*", 'two heights as "0,900"'),
     ),
     Parameter(

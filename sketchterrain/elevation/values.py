@@ -19,10 +19,9 @@ CODES: Final = {"mapbox": (0.1, -10000.0), "terrarium": (1.0 / 256.0, -32768.0)}
 
 # Those of PROJ and GDAL in metres, without "US survey", "international" and the last s.
 _NAMES = "1000 km kilometre kilometer, 1 m metre meter, 0.1 dm decimetre decimeter, 0.0254 in inch inche, "
-_NAMES += (
-    "0.01 cm centimetre centimeter, 0.001 mm millimetre millimeter, 0.3048 ft foot feet, 0.9144 yd yard, "
-)
-_NAMES += "1.8288 fath fathom, 0.201168 link, 20.1168 ch chain, 1609.344 mi mile, 1852 kmi nmi nauticalmile, "
+_NAMES += "0.01 cm centimetre centimeter, 0.001 mm millimetre millimeter, 0.3048 ft foot feet, "
+_NAMES += "0.9144 yd yard, 1.8288 fath fathom, 0.201168 link, 20.1168 ch chain, 1609.344 mi mile, "
+_NAMES += "1852 kmi nmi nauticalmile, "
 _NAMES += "0.30479951 indft indianfoot indianfeet, 0.91439523 indyd indianyard, 20.11669506 indch indianchain"
 _UNITS = {name: float(each.split()[0]) for each in _NAMES.split(", ") for name in each.split()[1:]}
 _SURVEY: Final = 1200.0 / 3937.0 / 0.3048  # of the lengths of the United States until 2022

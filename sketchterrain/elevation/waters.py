@@ -25,9 +25,7 @@ class FlatWater(NamedTuple):
     """A level area in higher ground."""
 
     level: float  # m
-    rings: tuple[
-        Float64Array, ...
-    ]  # (n, 2) each, m: its border, then islands; the first vertex is not repeated
+    rings: tuple[Float64Array, ...]  # (n, 2), m: border, then islands; the first vertex is not repeated
     area: float  # m²
     is_river: bool  # elongated
     step: float  # m: the least from another reach beside it; NaN without one

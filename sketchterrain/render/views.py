@@ -325,13 +325,8 @@ def _cheapest(costs: Float64Array) -> npt.NDArray[np.intp]:
     start = np.where(np.eye(radii, dtype=bool), costs[0], np.inf)  # by where it starts, and where it is
     total, step_taken = start, np.zeros((bearings, radii, radii), np.intp)
     for bearing in [*range(1, bearings), 0]:
-        candidates = np.stack(
-            [
-                np.hstack([far, total[:, :-1]]) + _STAY,
-                total,
-                np.hstack([total[:, 1:], far]) + _STAY,
-            ]
-        )
+        inner, outer = np.hstack([far, total[:, :-1]]), np.hstack([total[:, 1:], far])
+        candidates = np.stack([inner + _STAY, total, outer + _STAY])
         step_taken[bearing] = np.argmin(candidates, axis=0) - 1
         total = candidates.min(axis=0) + (costs[bearing] if bearing else 0.0)
     first = at = int(np.argmin(np.diagonal(total)))

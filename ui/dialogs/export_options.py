@@ -149,8 +149,7 @@ class EverythingForm(Form):
             self.problem = str(error)
         self.enable(values["plants"] in ("ply", "both"), "grass")
         east, north = self._sketch.size
-        disk = _DISK * size**2 * min(east, north) / max(east, north) / (1 << 20)
-        room = format_bytes(disk * (1 << 20))
+        room = format_bytes(_DISK * size**2 * min(east, north) / max(east, north))
         plants = "" if values["plants"] == "none" else " without the plants"
         self.note.setText(
             f"height.tif, height.png, normal.png, materials.png and features.json: about {room}{plants}. "

@@ -36,7 +36,7 @@ def _write_gltf(export: Export) -> ExportOutput:
         points = write_plant_points(export, plants)
     scene, facts = terrain_scene(export)
     if export.options.plants:
-        facts["plants"] = plant_metadata(plants, add_instances(scene, plants))
+        facts["plants"] = {"count": len(plants.model), "level_of_detail": add_instances(scene, plants)}
     path = export.folder / f"{export.name}.glb"
     with export.stages.stage("glb", "GLB"):
         scene.write(path)
@@ -75,11 +75,6 @@ def write_plant_points(export: Export, plants: PlantInstances) -> dict[Path, str
     add_points(points, plants, grid_centre(export.grid))
     path = points.write(export.folder / f"{export.name}_plant_points.glb")
     return {path: "plants as points, a node a species, with _SCALE and _ROTATION"}
-
-
-def plant_metadata(plants: PlantInstances, detail: int) -> dict[str, Any]:
-    """Return the sidecar's entry of plants."""
-    return {"count": len(plants.model), "level_of_detail": detail}
 
 
 TARGETS: Final = (

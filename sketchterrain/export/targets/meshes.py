@@ -135,9 +135,8 @@ def boundary(mesh: GridMesh) -> npt.NDArray[np.int64]:
     ring = []
     for on_side, along in sides:
         index = np.flatnonzero(on_side)
-        ring.append(
-            index[np.argsort(along[index], kind="stable")][:-1]
-        )  # its last vertex is the next side's first
+        order = np.argsort(along[index], kind="stable")
+        ring.append(index[order][:-1])  # its last vertex is the next side's first
     return np.concatenate(ring)
 
 

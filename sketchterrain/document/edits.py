@@ -47,12 +47,7 @@ def _position(name: str, direction: str) -> Parameter:
 _X, _Y = _position("x", "east"), _position("y", "north")
 _FROM_X, _FROM_Y = (
     Parameter(
-        f"from_{name}",
-        float,
-        0.0,
-        -_MAX_COORDINATE,
-        _MAX_COORDINATE,
-        "m",
+        *(f"from_{name}", float, 0.0, -_MAX_COORDINATE, _MAX_COORDINATE, "m"),
         f"former position, {direction}: identifies the point",
     )
     for name, direction in (("x", "east"), ("y", "north"))

@@ -191,12 +191,7 @@ CLIMATE: Mapping[str, Parameter] = parameter_table(
         soft_range=(0.0, 5000.0),
     ),
     Parameter(
-        "aridity",
-        float,
-        0.2,
-        0.0,
-        1.0,
-        "",
+        *("aridity", float, 0.2, 0.0, 1.0, ""),
         "0 is lush, 1 is a desert; from 0.5 on more of the ground is level",
     ),
 )
@@ -273,12 +268,7 @@ BASE: Mapping[str, Parameter] = parameter_table(
 
 LOOK: Mapping[str, Parameter] = parameter_table(
     Parameter(
-        "colour",
-        str,
-        "",
-        0,
-        7,
-        "",
+        *("colour", str, "", 0, 7, ""),
         "its mean colour in sRGB; empty is the program's own",
         form=("#[0-9a-fA-F]{6}", 'a colour as "#rrggbb"'),
     ),

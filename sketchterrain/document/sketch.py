@@ -288,16 +288,12 @@ class Sketch:
         With another extent vectors and edits of draped layers are scaled as paint is, unless they are among
         the changes.
         """
-        if "extent" in changes:
-            ratio = float(SKETCH["extent"].check(changes["extent"])) / self.extent
+        extent = float(SKETCH["extent"].check(changes.get("extent", self.extent)))
+        if (ratio := extent / self.extent) != 1.0:
             scaled = {
-                "drapes": self.drapes
-                if ratio == 1.0
-                else moved_drapes(self.drapes, lambda points: points * ratio),
+                "drapes": moved_drapes(self.drapes, lambda points: points * ratio),
                 "vectors": {
                     name: dataclasses.replace(layer, vertices=layer.vertices * ratio)
-                    if ratio != 1.0
-                    else layer
                     for name, layer in self.vectors.items()
                 },
             }

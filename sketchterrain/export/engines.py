@@ -23,16 +23,8 @@ if TYPE_CHECKING:  # load SciPy and OpenCL
 
 Direction = Literal["east", "north", "up", "south"]
 PLANT_FIELDS: Final = (
-    "species",
-    "x",
-    "y",
-    "z",
-    "rotation",
-    "scale",
-    "tint",
-    "normal_x",
-    "normal_y",
-    "normal_z",
+    *("species", "x", "y", "z", "rotation", "scale", "tint"),
+    *("normal_x", "normal_y", "normal_z"),
 )
 """Columns of a plant's row."""
 

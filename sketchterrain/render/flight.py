@@ -100,12 +100,7 @@ _RAISE_ROUNDS = 40
 _RAISE_RATE = 240
 
 HEIGHTS: Final = Parameter(
-    "heights",
-    str,
-    "absolute",
-    0,
-    20,
-    "",
+    *("heights", str, "absolute", 0, 20, ""),
     "reference of heights (z): the world's zero, or the terrain below each point",
     choices=("absolute", "above ground"),
 )
@@ -114,12 +109,7 @@ KEYFRAME: Final[Mapping[str, Parameter]] = parameter_table(
     Parameter("time", float, 0.0, 0.0, 1e6, "s", "time of the keyframe"),
     Parameter("eye", float, 0.0, -_MAX_COORDINATE, _MAX_COORDINATE, "m", "position of the camera: x, y, z"),
     Parameter(
-        "target",
-        float,
-        0.0,
-        -_MAX_COORDINATE,
-        _MAX_COORDINATE,
-        "m",
+        *("target", float, 0.0, -_MAX_COORDINATE, _MAX_COORDINATE, "m"),
         "point in the centre of the picture: x, y, z",
     ),
     Parameter("fov", float, 50.0, 5.0, 120.0, "°", "vertical field of view"),

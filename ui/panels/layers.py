@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import partial
 
-from PyQt6.QtCore import QObject, QPoint, QSignalBlocker, QSize, Qt, QTimer, pyqtSignal
+from PyQt6.QtCore import QObject, QSignalBlocker, QSize, Qt, QTimer, pyqtSignal
 from PyQt6.QtWidgets import QLabel, QWidget
 
 from sketchterrain.document.label_layers import MAX_LABELS, LabelImage, label_areas
@@ -209,7 +209,7 @@ class LayersPanel(QWidget):
         self.list.eye_clicked.connect(self._toggle_visible)
         self.list.lock_clicked.connect(self._toggle_locked)
         self.list.delete_requested.connect(self.delete_label)
-        self.list.menu_requested.connect(self._open_menu)
+        self.list.menu_requested.connect(lambda place: self.menu().popup(place))
         self.add.clicked.connect(self.new_label)
         self.remove.clicked.connect(self.delete_label)
         self.clear.clicked.connect(self.clear_layer)
@@ -276,6 +276,3 @@ class LayersPanel(QWidget):
 
     def _toggle_locked(self, layer: str) -> None:
         self._workspace.set_look(layer, locked=not self._workspace.look(layer).locked)
-
-    def _open_menu(self, place: QPoint) -> None:
-        self.menu().popup(place)

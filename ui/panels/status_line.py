@@ -11,7 +11,7 @@ from PyQt6.QtGui import QPainter, QPaintEvent, QPalette
 from PyQt6.QtWidgets import QProgressBar, QPushButton, QSizePolicy, QWidget
 from superqt import QElidingLabel
 
-from sketchterrain.app.listings import limited_lines
+from sketchterrain.app.listings import limited_lines, pluralize
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.io.system import memory_in_use
 from sketchterrain.ui.application import single_shot
@@ -96,8 +96,7 @@ class AdherenceBar(QWidget):
 
 
 def _detail(figures: Mapping[str, Any]) -> str:
-    count = figures["shapes"]
-    parts = [f"{count} shape{'' if count == 1 else 's'}"]
+    parts = [pluralize(figures["shapes"], "shape")]
     if figures["lost"]:
         parts.append(f"{figures['lost']} lost")
     if figures["spill"] is not None:

@@ -63,8 +63,6 @@ def height_shift(
     source: str, target: str, crs: str, place: Affine6, shape: tuple[int, int]
 ) -> tuple[HeightShift | None, str]:
     """Return what to add to the heights of a grid, None for nothing, and what was found, in words."""
-    from sketchterrain.io.crs import transform_points
-
     names = [_name(each) if each else "" for each in (source, target)]
     if names[0] == names[1]:
         return None, ""
@@ -72,6 +70,8 @@ def height_shift(
         return None, f"no vertical datum declared, taken for that of the sketch ({names[1]})"
     if not target:
         return None, f"heights above {names[0]}, not converted: the sketch has no vertical datum"
+    from sketchterrain.io.crs import transform_points
+
     reason = "its samples have no place on Earth"
     a, b, c, d, e, f = place
     length = np.hypot(a, d) * (111_320.0 if abs(a) + abs(d) < 0.05 else 1.0)

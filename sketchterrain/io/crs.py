@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from rasterio import Env
 from rasterio._err import CPLE_BaseError
 from rasterio.crs import CRS
 from rasterio.errors import CRSError
 from rasterio.warp import transform
 
-from sketchterrain.array_types import Float64Array
 from sketchterrain.errors import InputError, one_line
 
 # An authority's code, URN, WKT or PROJ string; GDAL would also open files and URLs.
@@ -93,16 +93,14 @@ def is_westward(crs: CRS) -> bool:
     return _WESTWARD.search(crs.to_wkt()) is not None
 
 
-def transform_points(source: Any, target: Any, x: Any, y: Any) -> tuple[Float64Array, Float64Array]:
-    """Return coordinates in another CRS, inf outside of it."""
-    shape = np.shape(x)
+def transform_points(source: Any, target: Any, x: Any, y: Any) -> npt.NDArray[np.float64]:
+    """Return x and y, (2, …), in another CRS, inf outside of it."""
     try:
         with Env():
             found = transform(source, target, np.ravel(x), np.ravel(y))
     except CPLE_BaseError:
-        return np.full(shape, np.inf), np.full(shape, np.inf)
-    east, north = (np.reshape(np.asarray(each, np.float64), shape) for each in found)
-    return east, north
+        found = np.full((2, np.size(x)), np.inf)
+    return np.reshape(np.asarray(found, np.float64), (2, *np.shape(x)))
 
 
 def _shorten(text: str) -> str:

@@ -206,7 +206,7 @@ def reproject(points: Float64Array, source: CRS, target: CRS) -> Float64Array:
     """Transform (n, 2) x and y to another CRS; raise `InputError` for points outside of it."""
     if source == target:
         return points
-    found = np.stack(transform_points(source, target, *points.T), axis=-1)
+    found = np.ascontiguousarray(transform_points(source, target, points[:, 0], points[:, 1]).T)
     if not np.isfinite(found).all():
         raise InputError(
             f"coordinates are outside of {target.to_string()[:60]}: set smaller bounds, or another crs"

@@ -55,11 +55,11 @@ def incomplete_areas(path: Path, keys: Collection[str], inside: Sequence[float] 
         relations += [each] if is_area and (not keys or not each.tags.keys().isdisjoint(keys)) else []
     used = {way for relation in relations for way, _ in relation.members}
     ways = {each.id: each.members for each in _elements(path, "way") if each.id in used} if used else {}
-    needed = np.unique(np.array([node for refs in ways.values() for node in refs], np.int64))
+    needed = {node for refs in ways.values() for node in refs}
     places, corners = dict[int, list[float]](), list[Any]()  # degrees
-    for each in _elements(path, "node") if len(needed) else ():
-        known_ids = np.isin(each.id, needed)
-        places |= dict(zip(each.id[known_ids].tolist(), each.members[known_ids].tolist(), strict=True))
+    for each in _elements(path, "node") if needed else ():
+        rows = [row for row, number in enumerate(each.id.tolist()) if number in needed]
+        places |= dict(zip(each.id[rows].tolist(), each.members[rows].tolist(), strict=True))
         corners += [each.members.min(axis=0), each.members.max(axis=0)]
     extract = shapely.box(*(box or [*np.min(corners, axis=0), *np.max(corners, axis=0)])) if places else None
     areas, closed, dropped = IncompleteAreas(set(), [], [], []), list[str](), list[str]()
@@ -166,9 +166,12 @@ def _pbf_elements(stream: BinaryIO, kind: str) -> Iterator[_Element]:
             continue
         values, texts = {17: 100, 19: 0, 20: 0, **dict(block)}, list[bytes]()
         for field, content in (each for at, group in block if at == 2 for each in _fields(group)):
-            if field == _FIELDS[kind] == 2:
+            if kind == "node" and field in (1, 2):  # one, or many by their differences
                 node = dict(_fields(content))
-                ids, y, x = (np.cumsum(_signed(_numbers(node[column]))) for column in (1, 8, 9))
+                columns = [
+                    _numbers(node[each]) if field == 2 else np.array([node[each]]) for each in (1, 8, 9)
+                ]
+                ids, y, x = (np.cumsum(_signed(each)) for each in columns)
                 shift = [value - (value >> 63 << 64) for value in (values[20], values[19])]
                 places = np.stack([x, y], axis=-1) * values[17]
                 yield _Element(kind, ids, {}, _NANO * (places + shift))

@@ -80,10 +80,10 @@ def pbf(relations, ways, nodes, box):
         return packed(2, map(at, tags)) + packed(3, map(at, tags.values())) if tags else b""
 
     unit = 1e-7
-    dense = deltas(1, list(nodes))
-    dense += deltas(8, [round(lat / unit) for _, lat in nodes.values()])
-    dense += deltas(9, [round(lon / unit) for lon, _ in nodes.values()])
-    groups = [field(2, dense)]
+    rows = [(number, round(lat / unit), round(lon / unit)) for number, (lon, lat) in nodes.items()]
+    *others, last = rows
+    dense = b"".join(map(deltas, (1, 8, 9), zip(*others, strict=True)))
+    groups = [field(2, dense), field(1, b"".join(map(field, (1, 8, 9), (2 * each for each in last))))]
     groups += [
         b"".join(
             field(

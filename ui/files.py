@@ -17,7 +17,7 @@ from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, reject_sketch_folder
-from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.errors import InputError, SketchterrainError, prefix_errors
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.banner import Banner, Message
@@ -326,10 +326,8 @@ def _read_picture(path: Path, role: str) -> tuple[RasterSource, RasterArea | Non
 
 
 def _layer_image(path: Path, layer: str, shape: tuple[int, int]) -> tuple[LabelImage, list[str]]:
-    try:
+    with prefix_errors(path.name):
         image, notes = decode_layer(path.read_bytes(), layer)
-    except SketchterrainError as error:
-        raise InputError(f"{path.name}: {error}") from None
     if image.shape != shape:
         (rows, columns), (height, width) = image.shape, shape
         raise InputError(f"{path.name} is {columns}×{rows} px: expected {width}×{height} px as the sketch")

@@ -168,10 +168,8 @@ def _pbf_elements(stream: BinaryIO, kind: str) -> Iterator[_Element]:
         for field, content in (each for at, group in block if at == 2 for each in _fields(group)):
             if kind == "node" and field in (1, 2):  # one, or many by their differences
                 node = dict(_fields(content))
-                columns = [
-                    _numbers(node[each]) if field == 2 else np.array([node[each]]) for each in (1, 8, 9)
-                ]
-                ids, y, x = (np.cumsum(_signed(each)) for each in columns)
+                integers: Any = _numbers if field == 2 else np.atleast_1d
+                ids, y, x = (np.cumsum(_signed(integers(node[each]))) for each in (1, 8, 9))
                 shift = [value - (value >> 63 << 64) for value in (values[20], values[19])]
                 places = np.stack([x, y], axis=-1) * values[17]
                 yield _Element(kind, ids, {}, _NANO * (places + shift))

@@ -74,19 +74,22 @@ def vector_driver(start: bytes) -> str | None:
 
 def find_driver(path: Path, location: str) -> str | None:
     """Return GDAL's driver for a file by its first bytes; raise InputError for a part of a Shapefile."""
-    with wrap_read_errors(path), path.open("rb") as stream:
-        if path.suffix.lower() in _PARTS:
-            raise InputError(f"{location} is a part of a Shapefile: expected {path.with_suffix('.shp').name}")
-        return vector_driver(stream.read(4096))
+    return vector_driver(_first_bytes(path, location))
 
 
 def file_driver(path: Path, location: str) -> str:
     """Return GDAL's driver for a vector file by its first bytes; raise InputError for other files."""
-    if driver := find_driver(path, location):
+    start = _first_bytes(path, location)
+    if driver := vector_driver(start):
         return driver
-    with path.open("rb") as stream:
-        start = format_value(stream.read(20))
-    raise InputError(f"{location}: expected a vector file, it begins with {start}")
+    raise InputError(f"{location}: expected a vector file, it begins with {format_value(start[:20])}")
+
+
+def _first_bytes(path: Path, location: str) -> bytes:
+    with wrap_read_errors(path), path.open("rb") as stream:
+        if path.suffix.lower() in _PARTS:
+            raise InputError(f"{location} is a part of a Shapefile: expected {path.with_suffix('.shp').name}")
+        return stream.read(4096)
 
 
 @contextmanager

@@ -195,9 +195,8 @@ class AppearanceTextures:
         if cache.filters is not None:
             arrays.append((cache.filters, np.ascontiguousarray(found[..., 4:])))
             hidden = found[..., 3:4].astype(np.int16) + found[..., 4:7]
-            is_uniform &= (np.abs(hidden - 255) <= 1).all(axis=(1, 2, 3)) & (found[..., 7] == 255).all(
-                axis=(1, 2)
-            )
+            is_uniform &= (np.abs(hidden - 255) <= 1).all(axis=(1, 2, 3))
+            is_uniform &= (found[..., 7] == 255).all(axis=(1, 2))
         slots = cache.tiles.store(codes, is_uniform, words[:, 0])
         for array, tiles in arrays:
             for tile, slot in zip(tiles, slots.tolist(), strict=True):

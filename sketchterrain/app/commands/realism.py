@@ -42,9 +42,9 @@ def realism(
     as_json: args.AsJson = False,
 ) -> None:
     """Measure how far landforms are from those of real land; with --map, draw where."""
-    if map_file is not None and map_file.suffix.lower() != ".png":
-        raise USAGE_ERROR(f"--map: expected the name of a .png file, got {str(map_file)!r}")
     if map_file is not None:
+        if map_file.suffix.lower() != ".png":
+            raise USAGE_ERROR(f"--map: expected the name of a .png file, got {str(map_file)!r}")
         from sketchterrain.export.files import prepare_folder
 
         prepare_folder(map_file.parent)

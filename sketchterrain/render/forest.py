@@ -94,7 +94,7 @@ class Forest:
     @property
     def converged(self) -> bool:
         """Whether all plants and shadows of the last camera are complete and fully grown."""
-        return self.loaded and self.density.converged
+        return self.loaded and (not self._enabled or self.density.converged)
 
     @property
     def loaded(self) -> bool:

@@ -26,10 +26,9 @@ from sketchterrain.tiles.quadtree import UNBOUNDED
 from sketchterrain.tiles.stream import TileStream
 from sketchterrain.tiles.tile_pool import Batch, DrawList
 
-QUAD, QUAD_PER_TOLERANCE = 24.0, 8.0  # px; largest width of a quad: constant, and per pixel of tolerance
 JUMP: Final = 0.1  # Extents; a larger motion between two frames is a jump
-JUMP_BUDGET: Final = 0.5
-"""s for the first frame and the frame of a jump, which draw a whole picture at once."""
+FIRST_BUDGET, JUMP_BUDGET, CHANGE_BUDGET = 2.0, 0.5, 0.25
+"""s for the first frame, that of a jump, and the first of another terrain: they draw a whole picture at once."""
 CATCH_UP_SECONDS: Final = 2.0
 """s after a jump during which, until the picture is final, ..."""
 MORPH_SPEEDUP: Final = 8.0
@@ -80,7 +79,7 @@ class TerrainStream:
             metric=metric
             or ScreenError(
                 quality.tolerance,
-                quad=QUAD + QUAD_PER_TOLERANCE * quality.tolerance,
+                quad=quality.widest_quad,
                 neighbour_limit=quality.neighbour_limit,
             ),
         )
@@ -106,6 +105,7 @@ class TerrainStream:
         self._eye: npt.NDArray[np.float64] | None = None
         self._placed_eye: tuple[float, float, float] | None = None
         self._since_jump = np.inf
+        self._changed = False  # the terrain, since the last frame
 
     @property
     def view(self) -> CameraView | None:
@@ -123,12 +123,14 @@ class TerrainStream:
     ) -> StreamStats:
         """Advance by one frame: generate tiles within `budget` (s), split, merge and morph.
 
-        The first frame and the frame of a jump start no batch after 0.5 s; afterwards, until the picture is
-        final, tiles may take half of `elapsed` (s) for at most 2 s.
+        The first frame starts no batch after 2 s, that of a jump none after 0.5 s, the first of another
+        terrain none after 0.25 s; afterwards, until the picture is final, tiles may take half of `elapsed` (s)
+        for at most 2 s.
         """
         eye = np.asarray(camera.eye)
         moved = np.inf if self._eye is None else float(np.linalg.norm(eye - self._eye))
-        jumped = moved > JUMP * self.terrain.extent
+        far = moved > JUMP * self.terrain.extent
+        jumped, self._changed = far or self._changed, False
         velocity = (0.0, 0.0, 0.0)
         if self._eye is not None and not jumped and elapsed > 0:
             x, y, z = ((eye - self._eye) / elapsed).tolist()
@@ -138,7 +140,7 @@ class TerrainStream:
         self._view = view = view_of(camera, size, draw_distance=draw_distance, velocity=velocity)
         catches_up = self._since_jump < CATCH_UP_SECONDS
         if jumped:
-            budget = max(JUMP_BUDGET, budget)
+            budget = max(CHANGE_BUDGET if not far else JUMP_BUDGET if self.draws else FIRST_BUDGET, budget)
         elif catches_up:
             budget = max(CATCH_UP_SHARE * elapsed, budget)
         count, seconds = self._generate(view, budget, jumped=jumped)
@@ -185,6 +187,7 @@ class TerrainStream:
         start, before = self._timer(), self.written
         self.terrain = moved_to_context(terrain, self.terrain.context)
         dropped = self.tiles.invalidate(areas)
+        self._changed = True
         if self._view is not None and self.draws is not None:
             self._place(
                 self._with_updated_tiles(self._view, self.tiles.draw_list(self._view)), self._view.eye

@@ -26,12 +26,11 @@ from sketchterrain.render.sky import Sun, Weather
 if TYPE_CHECKING:
     from sketchterrain.drape.drapes import Drapes
 
-REST: Final = 0.25  # s without camera motion and with nothing missing, before a full-size picture is drawn
-FAST_DRAW: Final = 0.1
-"""s; a full-size picture faster than this is drawn even while light and plants are outdated."""
-CATCH_UP_DELAY: Final = 0.5
-"""s after a terrain update, from which light and plants are updated at full size in any case ..."""
-CATCH_UP_SHARE: Final = 0.25  # ... within this share of the drawing time, if that is more than the budget
+REST: Final = 0.25
+"""s without motion or a change of the terrain before a picture that lacks no visible tile is drawn at full size."""
+FAST_DRAW: Final = 0.1  # s; a full-size picture faster than this is drawn at once after a change
+CATCH_UP_SHARE: Final = 0.25
+"""Share of the drawing time at full size that tiles, light and plants get, if that is more than the budget."""
 DRAWING: Final = (0.02, 0.03)
 """s; pictures in motion shrink if drawing takes longer than the second, and grow below the first, ..."""
 SCALE_STEP: Final = 0.9  # ... by this factor
@@ -76,7 +75,7 @@ class Renderer:
         self._last_camera: Camera | None = None
         self._rest_seconds, self._turn = 0.0, 0
         self._scale = max(0.5, quality.moving_scale)  # of pictures in motion
-        self._was_complete = False  # since the camera moved
+        self._was_whole = False  # the last picture, at full size
         self._since_update, self._full_draw_seconds = 0.0, 0.0
         self.scenery = Scenery(
             context,
@@ -222,8 +221,8 @@ class Renderer:
         """Draw the frame `elapsed` seconds after the last one, from the data loaded by then.
 
         New tiles, light and plants together take at most `budget` seconds (default: the quality's), except in
-        the first frame and after the eye jumped; see `TerrainStream.update`. Until the camera rests and
-        nothing is missing, a smaller picture is drawn and enlarged.
+        the first frame, after the eye jumped and of another terrain; see `TerrainStream.update`. Until the
+        camera rests and no tile is missing, a smaller picture is drawn and enlarged.
         """
         size, budget = framebuffer.size, self._quality.budget if budget is None else budget
         moves = self._last_camera is None or (camera.eye, camera.target, camera.fov) != (
@@ -233,8 +232,7 @@ class Renderer:
         )
         self._last_camera, self._rest_seconds = camera, 0.0 if moves else self._rest_seconds + elapsed
         self._since_update += elapsed
-        self._was_complete = self._was_complete and not moves
-        if self._was_complete:
+        if self._was_whole and not moves:
             budget = max(budget, CATCH_UP_SHARE * self._full_draw_seconds)
         view, distance, above = clipped = self._clipped(camera)
         lit, forest = self.scenery.lit, self.scenery.forest
@@ -249,11 +247,9 @@ class Renderer:
             and lit.converged
             and forest.converged
         )
-        self._was_complete = self._was_complete or (complete and self._rest_seconds >= REST)
-        catches_up = self._full_draw_seconds <= FAST_DRAW or (
-            tiles.converged and self._since_update >= CATCH_UP_DELAY
-        )
-        full_size = self._was_complete and (complete or catches_up)
+        follows = self._full_draw_seconds <= FAST_DRAW or self._since_update >= REST
+        full_size = self.stream.tiles.complete and self._rest_seconds >= REST and follows
+        self._was_whole = full_size
         scale = 1.0 if full_size else self._scale
         inner = (max(round(size[0] * scale), 1), max(round(size[1] * scale), 1))
         start = self._timer()

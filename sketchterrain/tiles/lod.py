@@ -61,6 +61,9 @@ def inside_frustum(planes: Float64Array, low: Float64Array, high: Float64Array) 
 
 _NEAREST: Final = 0.5
 """Least distance, m."""
+_LARGEST: Final = 3.0  # px that a silhouette may be off, however much air is before it ...
+_FAINT: Final = 0.05  # ... unless less of its contrast than this is left
+_FADE: Final = (0.75, 0.98)  # of the draw distance, between which it fades: `through_air` of frame.glsl
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,9 @@ class ScreenError:
         seen = screen_errors(view, boxes, errors) / self.tolerance
         distance, _ = eye_distances(view, boxes)
         width = cells * view.pixels_per_radian / distance
-        contrast = np.exp(-self.extinction * distance)
+        fade = np.clip((distance / view.draw_distance - _FADE[0]) / (_FADE[1] - _FADE[0]), 0.0, 1.0)
+        contrast = np.exp(-self.extinction * distance) * (1.0 - fade**2 * (3.0 - 2.0 * fade))
+        contrast = np.where(contrast < _FAINT, contrast, np.maximum(contrast, self.tolerance / _LARGEST))
         visible = contrast * np.minimum(seen, width / max(self.finest, 1e-9))
         return np.asarray(np.maximum(visible, width / self.quad))
 

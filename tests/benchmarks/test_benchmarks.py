@@ -114,10 +114,15 @@ def test_every_choice_has_one_way_that_is_used(outcomes):
 
 
 @pytest.mark.soak
-def test_the_picture_at_rest_is_the_still(outcomes):
+def test_the_live_picture_has_the_shape_of_the_still(outcomes):
     (view,) = rows(outcomes["live"], 1)
     assert 0.0 < view["first_s"] < view["still_s"]
-    assert view["alike"] > 90.0
+    opening, whole, *strokes = rows(outcomes["live"], 2)
+    for seen in (opening, whole):
+        assert seen["columns"] >= 99.0
+        assert seen["water"] >= 0.8
+        assert seen["rate"] > 0.0
+    assert strokes
 
 
 @pytest.mark.parametrize("name", by_tier(charts.CHARTS))

@@ -1,0 +1,135 @@
+"""Shape of live pictures beside that of stills: silhouettes by column, water.
+
+As a program it is the engine's process, which saves the shape of each frame.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from unittest import mock
+
+import moderngl
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from sketchterrain.array_types import BoolArray, Float32Array
+from sketchterrain.io.files import write_atomic
+from sketchterrain.io.system import module_command
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.offscreen import canvas
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.renderer import Renderer
+from sketchterrain.render.sky import Sun
+from sketchterrain.ui.engine import channel, engine, view_renderer
+
+if TYPE_CHECKING:
+    from sketchterrain.render.scene import TerrainSource
+
+_PIXELS: Final = 3  # px that a silhouette may be off
+_STEP: Final = 1.3, 1.15  # ratios of distances at a silhouette that is sought, and at one that is found
+_FAINT: Final = 0.05  # share of contrast below which ground counts as sky
+_PLAIN: Final = frozenset({"shadows", "clouds", "rocks", "grass"})  # not drawn; trees hide water
+
+
+class Shape(NamedTuple):
+    """What a picture shows, row 0 on top."""
+
+    distance: Float32Array  # (h, w) m to the ground; infinite: sky, or ground too faint to be seen
+    water: BoolArray  # (h, w)
+
+
+def shape_of(context: moderngl.Context, renderer: Renderer, camera: Camera, size: tuple[int, int]) -> Shape:
+    """Return the shape of the last picture, its ground drawn again at a size (px)."""
+    view, reach, _ = renderer._clipped(camera)  # as the picture was drawn
+    depth = context.depth_texture(size)
+    target = context.framebuffer([], depth)
+    target.use()
+    target.clear(depth=1.0)
+    context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+    for _ in renderer.stream.draw(camera.eye):
+        pass
+    z = 2.0 * _rows(depth)[::-1].astype(np.float64) - 1.0
+    distance = 2.0 * view.near * view.far / (view.far + view.near - z * (view.far - view.near))
+    extinction = max(renderer.stream.tiles.metric.extinction, 1e-9)
+    distance[distance > min(-np.log(_FAINT) / extinction, 0.93 * reach)] = np.inf
+    targets = list(renderer.scenery._targets.values())[-1]
+    before, after = targets.copy.depth_attachment, targets.depth
+    wet = _rows(after) < _rows(before) if renderer.scenery._water else np.zeros(after.size[::-1], bool)
+    rows, columns = (np.arange(n) * m // n for n, m in zip(size[::-1], wet.shape, strict=True))
+    return Shape(distance.astype(np.float32), wet[::-1][rows[:, None], columns])
+
+
+def _rows(depth: Any) -> Float32Array:
+    return np.frombuffer(depth.read(), np.float32).reshape(depth.size[::-1])
+
+
+def still_shape(terrain: TerrainSource, camera: Camera, size: tuple[int, int]) -> Shape:
+    """Return the shape of a still of a camera."""
+    quality = Quality.for_still(size)
+    with canvas(size) as (context, _, framebuffer):
+        plain = Quality(quads=quality.quads, tile_memory=quality.tile_memory, samples=1, without=_PLAIN)
+        renderer = Renderer(context, terrain, sun=Sun(180.0), quality=plain)
+        renderer.prepare(camera, size)
+        renderer.draw(camera, framebuffer)
+        return shape_of(context, renderer, camera, size)
+
+
+def columns_alike(one: Shape, other: Shape) -> float:
+    """Return the share of columns in which every silhouette of one shape is within 3 px in the other."""
+    missing = np.zeros(one.distance.shape[1], np.bool_)
+    for sought, found in ((one, other), (other, one)):
+        near = maximum_filter1d(_silhouettes(found, _STEP[1]).astype(np.uint8), 2 * _PIXELS + 1, axis=0) > 0
+        missing |= (_silhouettes(sought, _STEP[0]) & ~near).any(axis=0)
+    return 1.0 - float(missing.mean())
+
+
+def _silhouettes(shape: Shape, ratio: float) -> BoolArray:
+    above, below = shape.distance[:-1], shape.distance[1:]
+    return np.asarray(np.isfinite(below) & (above > ratio * np.where(np.isfinite(below), below, 1.0)))
+
+
+def water_overlap(one: Shape, other: Shape) -> float:
+    """Return the intersection over union of the water; 1 without any."""
+    union = np.count_nonzero(one.water | other.water)
+    return np.count_nonzero(one.water & other.water) / union if union else 1.0
+
+
+class MeasuredRenderer(view_renderer.ViewRenderer):
+    """The engine's renderer, which saves the shape of each frame in the file that the last argument names."""
+
+    def draw(self, camera: Camera, **times: Any) -> Any:
+        """Draw a frame and save its shape."""
+        statistics = super().draw(camera, **times)
+        assert self._renderer is not None  # noqa: S101 # it has drawn
+        shape = shape_of(self._context, self._renderer, camera, (self._view.width, self._view.height))
+        write_atomic(Path(sys.argv[2]), np.stack(shape).astype(np.float32).tobytes())
+        return statistics
+
+
+@contextmanager
+def measured_engine(path: Path) -> Iterator[None]:
+    """Let engines that are started meanwhile save the shapes of their frames."""
+
+    def command(module: str, *arguments: str) -> list[str]:
+        if not module.endswith(".engine.engine"):
+            return module_command(module, *arguments)
+        return module_command(__spec__.name, *arguments, str(path))
+
+    with mock.patch.object(channel, "module_command", command):
+        yield
+
+
+def saved_shape(path: Path, size: tuple[int, int]) -> Shape:
+    """Return the shape of the last frame, of a size (px)."""
+    distance, water = np.frombuffer(path.read_bytes(), np.float32).reshape(2, size[1], size[0])
+    return Shape(distance, water > 0.5)
+
+
+if __name__ == "__main__":
+    with mock.patch.object(view_renderer, "ViewRenderer", MeasuredRenderer):
+        engine._main(json.loads(sys.argv[1]))

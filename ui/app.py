@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.store import load_sketch
+from sketchterrain.document.store import file_hashes, load_sketch
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.io.resources import preset_names
 
@@ -32,11 +32,12 @@ _DEFAULT_PRESET = "valley_river"
 def run(name: str | None = None) -> int:
     """Show the main window until it is closed; return the exit code."""
     check_screen()
-    sketch, path = load_sketch(name or _DEFAULT_PRESET), _file_of(name)
+    path = _file_of(name)
+    files, sketch = {} if path is None else file_hashes(path), load_sketch(name or _DEFAULT_PRESET)
     from sketchterrain.ui.application import named_application
 
     app = named_application()  # referenced until all models of the window are gone
-    return _run_editor(app, sketch, path)
+    return _run_editor(app, sketch, path, files)
 
 
 def run_world(path: Path, drapes: Sequence[DrapedLayer] = (), *, device: str | None = None) -> int:
@@ -59,7 +60,7 @@ def run_world(path: Path, drapes: Sequence[DrapedLayer] = (), *, device: str | N
     return show_until_closed(app, window, window.link.stop)
 
 
-def _run_editor(app: QApplication, sketch: Sketch, path: Path | None) -> int:
+def _run_editor(app: QApplication, sketch: Sketch, path: Path | None, files: Mapping[str, str]) -> int:
     from PyQt6.QtCore import QTimer
 
     from sketchterrain.ui.engine.link import EngineLink
@@ -71,7 +72,7 @@ def _run_editor(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     is_new = not settings.exists()
     preferences = Preferences(settings)
     document = Document(sketch)
-    document.open(sketch, path)
+    document.open(sketch, path, files)
     link = EngineLink(document)
     link.device = preferences.device
     link.start()  # its processes load their libraries while this one builds the window
@@ -134,7 +135,7 @@ def _welcome(window: MainWindow, document: Document, autosave: Autosave, *, is_n
         if dialog.exec():
             recovery = dialog.selected
             if not dialog.discarded:
-                document.open(load_sketch(recovery.path), recovery.original, modified=True)
+                document.open(load_sketch(recovery.path), recovery.original, recovery.files, modified=True)
             autosave.discard(recovery)
         dialog.deleteLater()
     elif is_new:
@@ -147,7 +148,7 @@ def _file_of(name: str | None) -> Path | None:
     """Return the path of a sketch; None for a preset."""
     if name is None:
         return None
-    path = Path(name)
+    path = Path(name).absolute()
     is_preset = name in preset_names() and not path.is_file() and not (path / "sketch.toml").is_file()
     return None if is_preset else path
 

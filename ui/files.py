@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, cast
 
 from PyQt6.QtCore import QObject, QUrl, pyqtSignal
 from PyQt6.QtGui import QDesktopServices, QImage
-from PyQt6.QtWidgets import QDialog, QFileDialog, QMessageBox, QWidget
+from PyQt6.QtWidgets import QApplication, QDialog, QFileDialog, QMessageBox, QWidget
 
 from sketchterrain.document.label_layers import LabelImage, decode_layer
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.store import load_sketch, reject_sketch_folder
+from sketchterrain.document.store import CHANGED, Hashes, file_hashes, load_sketch, reject_sketch_folder
 from sketchterrain.errors import InputError, SketchterrainError, prefix_errors
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.application import single_shot
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from sketchterrain.ui.world_window import WorldWindow
 
 
+_Button = QMessageBox.StandardButton
+_TITLES = {_Button.SaveAll: "Save &as…", _Button.Yes: "&Overwrite", _Button.Reset: "&Reload"}
 _MESSAGE_DELAY = 400  # ms of reading until a message is shown
 _SUFFIX, _SETTINGS = ".sketch", "sketch.toml"
 _OPEN_FILTER = f"Sketches (*{_SUFFIX} {_SETTINGS});;All files (*)"
@@ -68,18 +70,22 @@ class Files(QObject):
         self._window, self._document, self._banner = window, document, banner
         self._preferences, self.recent, self._saving = preferences, recent, saving
         self._requested: Path | None = None
+        self._reported: Hashes = {}  # of a change of the sketch's file
         self.reading = BackgroundReader(self)
         self.reading.failed.connect(self._report_read_error)
         self.reading.busy_changed.connect(self._show_reading)
         self._message_timer = single_shot(self, _MESSAGE_DELAY, self._show_reading_message)
         saving.saved.connect(self._remember)
         saving.failed.connect(self._report_save_error)
+        saving.refused.connect(self._ask_overwrite)
+        cast(QApplication, QApplication.instance()).focusWindowChanged.connect(self._report_change)
 
     def start_sketch(self, sketch: Sketch, *, modified: bool = False) -> bool:
         """Open an unsaved sketch unless the user keeps the current one; return whether it was opened."""
         if not self.confirm_close():
             return False
         self._document.open(sketch, modified=modified)
+        self._banner.withdraw("file")
         return True
 
     def read(self, path: Path, work: Callable[[], object], then: Callable[[object], None]) -> None:
@@ -108,19 +114,22 @@ class Files(QObject):
         """Open a sketch's folder, settings or file unless the user keeps the current one."""
         path = path.parent if path.name == _SETTINGS else path
         if self.confirm_close():
-            self.read(path, partial(_load, path), partial(self._show_sketch, path))
+            self._open(path)
+
+    def _open(self, path: Path) -> None:
+        self.read(path, partial(_load, path), partial(self._show_sketch, path))
 
     def open_preset(self, name: str) -> None:
         """Open a preset unless the user keeps the current sketch."""
         if self.confirm_close():
-            self.read(Path(name), partial(load_sketch, name), partial(self._show_sketch, None))
+            self.read(Path(name), lambda: (None, load_sketch(name)), partial(self._show_sketch, None))
 
-    def save(self) -> None:
-        """Save the sketch at its path, or ask for one."""
+    def save(self) -> bool:
+        """Start saving the sketch at its path, or ask for one; return False if cancelled."""
         if self._document.path is None:
-            self.save_as()
-        else:
-            self._saving.save(self._document.path)
+            return self.save_as()
+        self._saving.save(self._document.path)
+        return True
 
     def save_as(self) -> bool:
         """Ask for a path and start saving there; return False if cancelled."""
@@ -144,24 +153,47 @@ class Files(QObject):
             draft.cancel()
         if not self._document.is_modified:
             return self._saving.wait() or not self._saving.is_busy
-        button = QMessageBox.StandardButton
-        box = QMessageBox(
-            QMessageBox.Icon.NoIcon,
-            "Sketchterrain",
-            f"Save the changes to “{self._document.sketch.name}”?",
-            button.Save | button.Discard | button.Cancel,
-            self._window,
-        )
-        box.setInformativeText("Otherwise they are lost.")
-        box.setDefaultButton(button.Save)
+        question = f"Save the changes to “{self._document.sketch.name}”?"
+        answer = self._ask(question, "Otherwise they are lost.", _Button.Save, _Button.Discard)
+        if answer != _Button.Save:
+            return answer == _Button.Discard
+        return self.save() and self._saving.wait()
+
+    def _report_change(self) -> None:
+        """Report once that another program has changed the sketch's file, when the window gets the focus."""
+        path, is_busy = self._document.path, self._saving.is_busy or self.reading.is_busy
+        if path is None or is_busy or not self._window.isActiveWindow():
+            return
+        found = file_hashes(path)
+        if found not in ({}, self._document.known_files.get(path, found), self._reported):
+            self._reported = found
+            buttons = (("Reload", partial(self.open, path)), ("Save as…", self.save_as))
+            self._banner.show_message(Message("warning", f"{path.name} was {CHANGED}.", "file", buttons))
+
+    def _ask_overwrite(self, path: Path) -> None:
+        """Ask what to do about a file that another program has changed, instead of saving there."""
+        lost = "Overwrite: its changes are lost. Reload: yours and the undo history are lost."
+        answer = self._ask(f"{path.name} was {CHANGED}.", lost, *_TITLES)
+        if answer == _Button.Yes:
+            self._document.known_files[path] = file_hashes(path)
+            self._saving.save(path)
+        elif answer == _Button.SaveAll:
+            self.save_as()
+        elif answer == _Button.Reset:
+            self._open(path)
+
+    def _ask(self, question: str, consequence: str, *buttons: QMessageBox.StandardButton) -> int:
+        """Return the answer to a question, Cancel if there is none; the first button is the default."""
+        box = QMessageBox(QMessageBox.Icon.NoIcon, "Sketchterrain", question, _Button.Cancel, self._window)
+        box.setInformativeText(consequence)
+        for each in buttons:
+            button = box.addButton(each)
+            if button is not None and each in _TITLES:
+                button.setText(_TITLES[each])
+        box.setDefaultButton(buttons[0])
         answer = box.exec()
         box.deleteLater()
-        if answer != button.Save:
-            return answer == button.Discard
-        if self._document.path is None:
-            return self.save_as() and self._saving.wait()
-        self._saving.save(self._document.path)
-        return self._saving.wait()
+        return answer
 
     def ask_import(self, layer: str) -> None:
         """Ask for an image and import it into the layer of its file name, else into `layer`."""
@@ -257,11 +289,12 @@ class Files(QObject):
         cancel = (("Cancel", self.reading.cancel),)
         self._banner.show_message(Message("info", f"Reading {what} …", "reading", cancel))
 
-    def _show_sketch(self, path: Path | None, sketch: object) -> None:
-        self._document.open(cast(Sketch, sketch), path)
+    def _show_sketch(self, path: Path | None, read: object) -> None:
+        files, sketch = cast("tuple[Hashes | None, Sketch]", read)
+        self._document.open(sketch, path, files)
         if path is not None:
             self._remember(path)
-        self._show_notes(cast(Sketch, sketch).notes)
+        self._show_notes(sketch.notes)
 
     def _show_notes(self, notes: Iterable[str]) -> None:
         if line := "; ".join(notes):
@@ -312,10 +345,10 @@ def ask_files(window: QWidget, preferences: Preferences, title: str, kinds: str)
     return [Path(name) for name in names]
 
 
-def _load(path: Path) -> Sketch:
+def _load(path: Path) -> tuple[Hashes, Sketch]:
     if not path.exists():
         raise InputError(f"{path.name} no longer exists: {path.parent}")
-    return load_sketch(path)
+    return file_hashes(path), load_sketch(path)  # in this order, so that a change is noticed
 
 
 def _read_picture(path: Path, role: str) -> tuple[RasterSource, RasterArea | None]:

@@ -7,7 +7,9 @@ import stat
 import time
 import zipfile
 from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
 from functools import partial
+from hashlib import sha256
 from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -20,6 +22,7 @@ from sketchterrain.document.own_materials import picture_files, relative_folders
 from sketchterrain.document.rasters import (
     RasterSource,
     content_digests,
+    content_hash,
     embedded_files,
     is_embedded_name,
     relative_rasters,
@@ -304,11 +307,42 @@ def save_sketch(sketch: Sketch, path: str | Path) -> None:
     SketchterrainError
         If the system cannot write there.
     """
-    target = Path(path)
-    if target.is_dir() or target.suffix.lower() != _ZIP_SUFFIX:
-        _save_folder(sketch, target)
-    else:
-        write_atomic(target, pack_sketch(sketch, base=target.parent))
+    save_unless_changed(sketch, Path(path), {})
+
+
+Hashes = Mapping[str, str]  # SHA-256 of a sketch's files by name
+CHANGED = "changed on disk by another program"  # the error of `save_unless_changed`
+
+
+def save_unless_changed(sketch: Sketch, path: Path, known: dict[Path | None, Hashes]) -> None:
+    """Save a sketch as `save_sketch` does unless its files are not the ones `known` by path; update these."""
+    is_folder = path.is_dir() or path.suffix.lower() != _ZIP_SUFFIX
+    with wrap_os_errors(path):
+        if is_folder and path.exists() and not path.is_dir():
+            raise InputError(f"{one_line(path)}: expected a folder or a name that ends in {_ZIP_SUFFIX}")
+        files = _encode(sketch, path if is_folder else path.parent)
+        files = files if is_folder else {path.name: pack_zip(files)}
+        if path in known and file_hashes(path) not in ({}, known[path]):
+            raise InputError(CHANGED)
+        if is_folder:
+            path.mkdir(parents=True, exist_ok=True)
+            kept = {*files, *(Path(each.path).name for each in sketch.rasters)}  # those missing at first too
+            replace_files(path, files, without=[each for each in _optional_files(path) if each not in kept])
+        else:
+            write_atomic(path, files[path.name])
+    known[path] = {name: sha256(files[name]).hexdigest() for name in files if not is_embedded_name(name)}
+
+
+def file_hashes(path: Path) -> Hashes:
+    """Return the hashes of a sketch's files but embedded rasters, which their names have; "": unreadable."""
+    names = (SETTINGS, JOURNAL, *(f"{layer}.png" for layer in PAINTED_LAYERS), *vector_files())
+    hashes = dict[str, str]()
+    with suppress(OSError):
+        for file in [path / name for name in names] if path.is_dir() else [path]:
+            if file.is_file():
+                hashes[file.name] = ""
+                hashes[file.name] = content_hash(RasterSource(str(file)))
+    return hashes
 
 
 def new_sketch(path: str | Path, sketch: Sketch | None = None) -> None:
@@ -337,11 +371,9 @@ def new_sketch(path: str | Path, sketch: Sketch | None = None) -> None:
     save_sketch(starter_sketch() if sketch is None else sketch, target)
 
 
-def pack_sketch(
-    sketch: Sketch, *, extra_files: Mapping[str, bytes] | None = None, base: Path | None = None
-) -> bytes:
+def pack_sketch(sketch: Sketch, *, extra_files: Mapping[str, bytes] | None = None) -> bytes:
     """Return the content of a ``.sketch`` file, with extra files by name, which loading ignores."""
-    return pack_zip({**_encode(sketch, base), **(extra_files or {})})
+    return pack_zip({**_encode(sketch, None), **(extra_files or {})})
 
 
 def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None) -> Sketch:
@@ -412,13 +444,3 @@ def _encode(sketch: Sketch, base: Path | None) -> dict[str, bytes]:
             files[f"{name}{SUFFIX}"] = _encoded.get_or_compute((IdentityKey(layer), *place), write)
     files |= embedded_files(sketch.rasters)
     return files | {SETTINGS: settings_text(sketch).encode("utf-8")}
-
-
-def _save_folder(sketch: Sketch, folder: Path) -> None:
-    with wrap_os_errors(folder):
-        if folder.exists() and not folder.is_dir():
-            raise InputError(f"{one_line(folder)}: expected a folder or a name that ends in {_ZIP_SUFFIX}")
-        folder.mkdir(parents=True, exist_ok=True)
-        files = _encode(sketch, folder)
-        kept = {*files, *(Path(each.path).name for each in sketch.rasters)}  # one that was missing at first
-        replace_files(folder, files, without=[each for each in _optional_files(folder) if each not in kept])

@@ -10,7 +10,7 @@ import pytest
 
 from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.store import load_sketch, save_sketch
+from sketchterrain.document.store import file_hashes, load_sketch, save_sketch
 from sketchterrain.ui.models.background import (
     Autosave,
     BackgroundQueue,
@@ -50,7 +50,7 @@ def write_crashed(folder: Path, sketch: Sketch, original: Path | None = None) ->
     before = lock.stat().st_mtime_ns
     while lock.stat().st_mtime_ns == before:  # a later file has a later time
         lock.touch()
-    write_recovery(path, sketch, original)
+    write_recovery(path, sketch, original, {} if original is None else file_hashes(original))
     return path
 
 
@@ -147,7 +147,7 @@ def test_recovery_files_belong_to_one_instance_at_a_time(document, folder):
         "import sys; from pathlib import Path\n"
         "from sketchterrain.document.sketch import Sketch\n"
         "from sketchterrain.ui.models.background import Lock, write_recovery\n"
-        "path = Path(sys.argv[1]); lock = Lock(path); write_recovery(path, Sketch(seed=3), None)\n"
+        "path = Path(sys.argv[1]); lock = Lock(path); write_recovery(path, Sketch(seed=3), None, {})\n"
         "print('written', flush=True); sys.stdin.read()\n"
     )
     other, autosave = folder / "1-other.sketch", Autosave(document, folder)

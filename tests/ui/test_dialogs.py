@@ -31,7 +31,7 @@ def dialogs(qtbot, tmp_path, small):
     preferences = Preferences(tmp_path / "desktop.ini")
     Image.new("RGB", (20, 20)).save(tmp_path / "island.png")
     window = QMainWindow()
-    recovery = Recovery(tmp_path / "a.sketch", "Mine", datetime.now(UTC), None)
+    recovery = Recovery(tmp_path / "a.sketch", "Mine", datetime.now(UTC), None, {})
     dialogs = {
         "new": NewSketchDialog(),
         "presets": PresetsDialog(),

@@ -1,6 +1,7 @@
 """The main window: actions, files, layout, messages."""
 
 import io
+import os
 import subprocess
 import sys
 import threading
@@ -12,6 +13,7 @@ import pytest
 from PIL import Image
 from PyQt6.QtCore import QMimeData, QPointF, Qt, QUrl
 from PyQt6.QtGui import QDropEvent, QImage, QKeySequence
+from PyQt6.QtTest import QTest
 from PyQt6.QtWidgets import QApplication, QFileDialog, QMenu, QMessageBox, QTabBar
 
 from sketchterrain.document.label_layers import encode_layer
@@ -20,11 +22,16 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.ui.actions import MENUS
+from sketchterrain.ui.app import _welcome, new_window
 from sketchterrain.ui.banner import Message
+from sketchterrain.ui.dialogs.start import RecoveryDialog
 from sketchterrain.ui.engine.background import _render
 from sketchterrain.ui.engine.protocol import ErrorReport, MeasureAdherence, RenderPicture
+from sketchterrain.ui.models.background import Autosave
+from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import TOOLS, Preferences, Selection
 
+from .conftest import FakeLink
 from .events import LEFT, NO_KEYS, finish_reading, paint, repeated_mnemonics
 from .test_random_actions import UNTRIGGERED, DialogCloser
 
@@ -244,6 +251,129 @@ def test_closing_asks_about_unsaved_changes_only(window, document, tmp_path, mon
     window.show()
     assert window.close()
     assert len(questions) == 1
+
+
+@pytest.fixture
+def other(qtbot, tmp_path):
+    """A second window with its own document, as of another program."""
+    document = Document(Sketch())
+    window = new_window(document, FakeLink(document), Preferences(tmp_path / "other.ini"), tmp_path)
+    qtbot.addWidget(window, before_close_func=lambda _: document.open(Sketch()))
+    window.show()
+    return window
+
+
+def activate(window, qtbot):
+    window.activateWindow()
+    qtbot.waitUntil(window.isActiveWindow)
+
+
+@pytest.mark.parametrize("name", ["shared.sketch", "shared"])
+def test_two_windows_that_save_one_file_lose_no_stroke(window, other, tmp_path, monkeypatch, qtbot, name):
+    path, windows = tmp_path / name, (window, other)
+    save_sketch(Sketch(), path)
+
+    def press_save(one, button=None):
+        """Press Ctrl+S and answer the question that is expected, if any."""
+        questions = answer(monkeypatch, button)
+        activate(one, qtbot)
+        QTest.keyClick(one, Qt.Key.Key_S, Qt.KeyboardModifier.ControlModifier)
+        one.files._saving.wait()
+        finish_reading()
+        assert questions == [f"{name} was changed on disk by another program."] * (button is not None)
+
+    def layers() -> set[str]:
+        return {layer for layer, image in load_sketch(path).layers.items() if image.any()}
+
+    for one in windows:
+        one.files.open(path)
+        qtbot.waitUntil(lambda one=one: one._document.path == path)
+    paint(window._document, "hill", PAINTED)
+    paint(other._document, "lake", PAINTED)
+    press_save(window)
+    press_save(other, BUTTON.Cancel)
+    assert layers() == {"hill"}
+    assert other._document.is_modified
+    assert not other.close()
+    press_save(other, BUTTON.Yes)
+    assert layers() == {"lake"}
+    paint(window._document, "dune", PAINTED)
+    press_save(window, BUTTON.Reset)
+    assert not window._document.is_modified
+    assert window._document.sketch.layers["lake"].any()
+    paint(window._document, "dune", PAINTED)
+    press_save(window)
+    press_save(window)
+    assert layers() == {"lake", "dune"}
+
+
+def test_a_change_on_disk_is_reported_once_and_asked_about_on_closing(
+    window, other, document, tmp_path, monkeypatch, qtbot
+):
+    path, answers = tmp_path / "shared.sketch", []
+    monkeypatch.setattr(QMessageBox, "exec", lambda _: answers.pop(0))
+
+    def reported() -> list[str]:
+        """Return the titles of the buttons of the message that is shown on the window's next focus."""
+        for one in (other, window):
+            activate(one, qtbot)
+        return [title for title, _ in window.banner.message.buttons] if window.banner.message else []
+
+    save_sketch(Sketch(), path)
+    window.files.open(path)
+    qtbot.waitUntil(lambda: document.path == path)
+    os.utime(path, (1, 1))
+    assert reported() == []
+    save_sketch(Sketch(seed=7), path)
+    assert reported() == ["Reload", "Save as…"]
+    assert window.banner.message.line == "shared.sketch was changed on disk by another program."
+    window.banner.dismiss()
+    assert reported() == []
+    save_sketch(Sketch(seed=8), path)
+    assert reported()
+    window.banner._buttons[0].click()
+    qtbot.waitUntil(lambda: document.sketch.seed == 8)
+    assert window.banner.message is None
+
+    save_sketch(Sketch(seed=9), path)
+    paint(document, "hill", PAINTED)
+    answers += [BUTTON.Save, BUTTON.Cancel]
+    assert not window.close()
+    assert load_sketch(path).seed == 9
+    answers += [BUTTON.Save, BUTTON.Yes]
+    assert window.close()
+    assert load_sketch(path).seed == 8
+    window.show()
+    path.unlink()
+    paint(document, "lake", PAINTED)
+    answers += [BUTTON.Save]
+    assert window.close()
+    assert load_sketch(path).layers["lake"].any()
+    assert answers == []
+
+
+def test_a_recovered_sketch_does_not_replace_a_newer_file(window, document, tmp_path, monkeypatch):
+    path, folder = tmp_path / "mine.sketch", tmp_path / "recovery"
+    monkeypatch.setattr(RecoveryDialog, "exec", lambda _: 1)
+    for newer in (False, True):
+        save_sketch(Sketch(), path)
+        lost = Document(Sketch())
+        crashed = Autosave(lost, folder)
+        lost.open(Sketch(seed=5), path, modified=True)
+        crashed.wait()
+        crashed._lock.release()
+        if newer:
+            save_sketch(Sketch(seed=6), path)
+            os.utime(path, (1, 1))  # the content counts
+        autosave = Autosave(document, folder)
+        _welcome(window, document, autosave, is_new=False)
+        assert (document.sketch.seed, document.path, document.is_modified) == (5, path, True)
+        questions = answer(monkeypatch, BUTTON.Cancel)
+        do(window, "save")
+        window.files._saving.wait()
+        assert len(questions) == newer
+        assert load_sketch(path).seed == (6 if newer else 5)
+        autosave.close()
 
 
 def drop(window, *paths: Path):

@@ -190,7 +190,7 @@ class RecoveryDialog(QDialog):
         for recovery in self._recoveries:
             path = recovery.original
             where = "Never saved" if path is None else str(path)
-            where += " (saved later)" if recovery.was_saved_since else ""
+            where += " (changed later)" if recovery.was_saved_since else ""
             when = QDateTime.fromSecsSinceEpoch(int(recovery.when.timestamp()))
             time = QLocale().toString(when, QLocale.FormatType.ShortFormat)
             self.list.addItem(f"{recovery.name}    {time}\n{where}")
@@ -211,7 +211,7 @@ class RecoveryDialog(QDialog):
 
     def _refresh(self, *_: object) -> None:
         is_older = self.selected.was_saved_since
-        self._hint.setText("The file was saved later: it is newer." if is_older else "")
+        self._hint.setText("The file was changed later." if is_older else "")
         (self.discard if is_older else self.recover).setDefault(True)
 
     def _discard(self) -> None:

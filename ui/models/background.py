@@ -20,7 +20,7 @@ from PyQt6.QtCore import QObject, QTimer, pyqtSignal
 
 from sketchterrain.document.history import History
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.store import pack_sketch, save_sketch
+from sketchterrain.document.store import CHANGED, Hashes, file_hashes, pack_sketch, save_unless_changed
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.io.files import write_atomic
 from sketchterrain.io.system import lock_file
@@ -150,6 +150,7 @@ class SketchSaver(QObject):
 
     saved = pyqtSignal(object)  # Path
     failed = pyqtSignal(str)  # error in one line; the previous file is intact
+    refused = pyqtSignal(object)  # Path that another program has changed
 
     def __init__(self, document: Document) -> None:
         super().__init__()
@@ -162,19 +163,22 @@ class SketchSaver(QObject):
         return self._background.is_busy
 
     def save(self, path: Path) -> None:
-        """Save the sketch as it is now, without the current stroke."""
-        sketch, state = self._document.sketch, self._document.state
-        work, then = partial(save_sketch, sketch, path), partial(self._finish, state, path)
+        """Save the sketch as it is now, without the current stroke, unless the file was changed meanwhile."""
+        document, then = self._document, partial(self._finish, self._document.state, path)
+        work = partial(save_unless_changed, document.sketch, path, document.known_files)
         self._background.do(path.absolute(), work, then)
 
     def wait(self) -> bool:
         """Block until all saves are done; return whether the last one succeeded."""
-        self._background.wait()
+        while self.is_busy:  # twice if a refused save is repeated
+            self._background.wait()
         return self._succeeded
 
     def _finish(self, state: tuple[History, object], path: Path, line: str) -> None:
         self._succeeded = not line
-        if line:
+        if line == CHANGED and not self.is_busy and state[0] is self._document.history:
+            self.refused.emit(path)
+        elif line:
             self.failed.emit(line)
         else:
             self._document.mark_saved(state, path)
@@ -187,24 +191,18 @@ _PAUSE = 2.0  # s without a change after which the document is written; never mo
 
 @dataclass(frozen=True)
 class Recovery:
-    """A recovery file: a loadable `path`, the sketch's name, its time, and the path it was last saved at."""
+    """A recovery file: a loadable `path`, the sketch's name, its time, and its own file with its hashes."""
 
     path: Path
     name: str
     when: datetime
     original: Path | None
+    files: Hashes
 
     @property
     def was_saved_since(self) -> bool:
-        """Whether the sketch's own file is newer than the recovery file."""
-        if self.original is None:
-            return False
-        try:
-            files = self.original.iterdir() if self.original.is_dir() else [self.original]
-            times = [each.stat().st_mtime for each in files if each.is_file()]
-        except OSError:  # not accessible
-            return False
-        return max(times, default=0.0) > self.when.timestamp()
+        """Whether the sketch's own file has changed since."""
+        return self.original is not None and file_hashes(self.original) not in ({}, self.files)
 
 
 class Lock:
@@ -233,12 +231,13 @@ def new_recovery_path(folder: Path) -> Path:
     return folder / f"{os.getpid()}-{secrets.token_hex(4)}.sketch"
 
 
-def write_recovery(path: Path, sketch: Sketch, original: Path | None) -> None:
+def write_recovery(path: Path, sketch: Sketch, original: Path | None, files: Hashes) -> None:
     """Write a recovery file atomically."""
     metadata = {
         "name": sketch.name,
         "when": datetime.now(UTC).isoformat(),
         "original": None if original is None else str(original.absolute()),
+        "files": files,
     }
     write_atomic(path, pack_sketch(sketch, extra_files={_METADATA: json.dumps(metadata).encode("utf-8")}))
 
@@ -249,7 +248,8 @@ def read_recovery(path: Path) -> Recovery | None:
         with zipfile.ZipFile(path) as archive:
             metadata = json.loads(archive.read(_METADATA))
         original, when = metadata["original"], datetime.fromisoformat(metadata["when"])
-        return Recovery(path, str(metadata["name"]), when, None if original is None else Path(original))
+        original = None if original is None else Path(original)
+        return Recovery(path, str(metadata["name"]), when, original, metadata.get("files", {}))
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
         return None
 
@@ -317,7 +317,9 @@ class Autosave(QObject):
                 self._background.do("write", partial(self.path.unlink, missing_ok=True), self._finish)
         elif sketch is not self._written:
             self._written = sketch
-            self._background.do("write", partial(self._write, sketch, self._document.path), self._finish)
+            path, known = self._document.path, self._document.known_files
+            write = partial(self._write, sketch, path, known.get(path, {}))
+            self._background.do("write", write, self._finish)
 
     def wait(self) -> None:
         """Block until pending writes are done."""
@@ -347,11 +349,11 @@ class Autosave(QObject):
         else:
             self.save_now()
 
-    def _write(self, sketch: Sketch, original: Path | None) -> None:
+    def _write(self, sketch: Sketch, original: Path | None, files: Hashes) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)
         if self._lock is None:
             self._lock = Lock(self.path)
-        write_recovery(self.path, sketch, original)
+        write_recovery(self.path, sketch, original, files)
 
     def _finish(self, line: str) -> None:
         if line:

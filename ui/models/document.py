@@ -20,6 +20,7 @@ from sketchterrain.document.label_layers import (
 )
 from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import Hashes, file_hashes
 from sketchterrain.errors import InputError
 from sketchterrain.ui.models.drapes import DrapeSources
 
@@ -66,6 +67,7 @@ class Document(QObject):
         super().__init__()
         self.history = History(sketch or Sketch())  # changed through `do`, `undo`, `redo` and `go_to` only
         self.path: Path | None = None  # None if never saved
+        self.known_files: dict[Path | None, Hashes] = {}  # by path, as they were read or written last
         self.draft: Draft | None = None  # the current stroke
         self._saved: object = self.state
         self.drapes = DrapeSources(self)
@@ -104,12 +106,16 @@ class Document(QObject):
         if position != self.history.position:
             self._emit_changes(self.history.go_to(position))
 
-    def open(self, sketch: Sketch, path: Path | None = None, *, modified: bool = False) -> None:
-        """Replace the sketch and its history; `modified`: it differs from its file, as after a recovery."""
+    def open(
+        self, sketch: Sketch, path: Path | None = None, files: Hashes | None = None, *, modified: bool = False
+    ) -> None:
+        """Replace the sketch and its history; `modified`: its file differs; `files`: its hashes when read."""
         self.draft = None
         self.history = History(sketch)
         self._saved = None if modified else self.state
         self.path = path
+        if path is not None:
+            self.known_files[path] = file_hashes(path) if files is None else files
         self.opened.emit()
         self._emit_changes({})
         self.saved_changed.emit()

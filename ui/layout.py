@@ -1,15 +1,18 @@
 """Layout of the window: dock panels, maximised parts and full screen."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
-from itertools import pairwise
-from typing import Final
+from itertools import islice, pairwise
+from typing import Final, cast
 
-from PyQt6.QtCore import QByteArray, QObject, QSize, Qt
-from PyQt6.QtGui import QScreen
+from PyQt6.QtCore import QByteArray, QEvent, QObject, QSize, Qt
+from PyQt6.QtGui import QKeyEvent, QScreen
 from PyQt6.QtWidgets import (
+    QAbstractSpinBox,
+    QApplication,
     QDockWidget,
     QLabel,
+    QLineEdit,
     QMainWindow,
     QMenu,
     QSizePolicy,
@@ -201,6 +204,59 @@ class PanelLayout(QObject):
 
 
 _PARTS: Final = ("canvas", "view")
+_FIELDS: Final = QLineEdit, QAbstractSpinBox
+
+
+class PaneFocus(QObject):
+    """Keeps the keyboard focus on the pane under the pointer, but on a field in a dock while it is edited.
+
+    Enter in a field, or hiding it, returns the focus to the pane under the pointer, else the last one.
+    """
+
+    def __init__(self, window: QMainWindow, panes: Iterable[QWidget], docks: Iterable[QDockWidget]) -> None:
+        super().__init__(window)
+        self._panes, self._docks = list(panes), tuple(docks)  # the last pane is the first
+        for widget in (*self._panes, *self._docks):
+            widget.installEventFilter(self)
+        for dock in self._docks:
+            dock.visibilityChanged.connect(self.leave_field)
+        cast(QApplication, QApplication.instance()).focusChanged.connect(self._follow)
+        self._panes[0].setFocus()
+
+    def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:
+        kind, kinds, active = event and event.type(), QEvent.Type, QApplication.activeWindow()
+        if isinstance(event, QKeyEvent) and kind == kinds.KeyPress and watched in self._docks:
+            if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+                self.leave_field()
+        elif kind == kinds.TabletPress or (kind == kinds.Enter and active in (self.parent(), *self._docks)):
+            is_edited = kind == kinds.Enter and isinstance(QApplication.focusWidget(), _FIELDS)
+            self._focus(pane for pane in self._panes if pane is watched and not is_edited)
+        return False
+
+    def leave_field(self, *_: object) -> None:
+        """Return the focus from a field in a dock, or from what is hidden there, to a pane."""
+        focus = QApplication.focusWidget()
+        if focus is not None and (isinstance(focus, _FIELDS) or focus.visibleRegion().isEmpty()):
+            self._return_from(focus)
+
+    def _follow(self, old: QWidget | None, new: QWidget | None) -> None:
+        """Record the last pane; Qt gives the focus of a hidden or disabled widget to the next one."""
+        if new in self._panes:
+            self._panes.sort(key=lambda pane: pane is not new)
+        elif old is not None and not (old.isVisible() and old.isEnabled()):
+            self._return_from(old)
+
+    def _return_from(self, widget: QWidget) -> None:
+        if any(dock.isAncestorOf(widget) for dock in self._docks):
+            panes = sorted(self._panes, key=lambda pane: not pane.underMouse())
+            self._focus(pane for pane in panes if not pane.visibleRegion().isEmpty())
+
+    def _focus(self, panes: Iterable[QWidget]) -> None:
+        """Focus the first of some panes, also in a window that floats."""
+        for pane in islice(panes, 1):
+            pane.setFocus()
+            if QApplication.activeWindow() not in (None, pane.window()):
+                pane.activateWindow()
 
 
 class FullScreenActions(QObject):

@@ -20,7 +20,7 @@ from sketchterrain.ui.elevation_files import ElevationFiles
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import GoTo
 from sketchterrain.ui.files import Files, OpenDialogs
-from sketchterrain.ui.layout import FullScreenActions, PanelLayout, fitting_size
+from sketchterrain.ui.layout import FullScreenActions, PaneFocus, PanelLayout, fitting_size
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, active_theme, app_icon, described, row, tabular
 from sketchterrain.ui.models.background import SketchSaver
@@ -196,6 +196,8 @@ class MainWindow(QMainWindow):
             "bookmarks": self._bookmarks,
         }
         self.panel_layout = PanelLayout(self, panels)
+        focus = PaneFocus(self, (self.canvas, self.view), self.panel_layout.docks.values())
+        workspace.label_changed.connect(focus.leave_field)
         for part in (self.canvas, self.view):
             part.hovered.connect(status.show_position)
             part.message.connect(self._show_hint)

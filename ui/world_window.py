@@ -32,7 +32,7 @@ from sketchterrain.ui.engine.protocol import (
     WorldFacts,
 )
 from sketchterrain.ui.files import PictureFile, run_dialog
-from sketchterrain.ui.layout import Dock, FullScreenActions, fitting_size
+from sketchterrain.ui.layout import Dock, FullScreenActions, PaneFocus, fitting_size
 from sketchterrain.ui.look.theme import app_icon
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import delete, lock, reset, unlock
@@ -275,7 +275,7 @@ class WorldWindow(QMainWindow):
         self.link.error_reported.connect(self._report_error)
         self.view.picture_requested.connect(self.save_picture)
         self.resize(fitting_size(QSize(1180, 760), self.screen()))
-        self.view.setFocus(Qt.FocusReason.OtherFocusReason)
+        PaneFocus(self, (self.view,), (self._dock,))
         self.link.start()
 
     def _add_menus(self) -> None:

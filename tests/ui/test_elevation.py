@@ -222,6 +222,7 @@ def test_the_hillshade_lies_beneath_the_paint_and_can_be_hidden(
     on_dem, workspace, link, show_widget, qtbot, monkeypatch
 ):
     canvas = show_widget(Canvas(on_dem, workspace, link), 400, 400)
+    qtbot.waitUntil(canvas.hasFocus)  # its frame is in all pictures
     paper = canvas.grab().toImage()
     workspace.show_overlay("elevation", True)
     settle(qtbot, canvas.underlay)

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from PIL import Image
-from PyQt6.QtCore import QMimeData, QPointF, Qt, QUrl
+from PyQt6.QtCore import QEvent, QMimeData, QPointF, Qt, QUrl
 from PyQt6.QtGui import QDropEvent, QImage, QKeySequence
 from PyQt6.QtTest import QTest
 from PyQt6.QtWidgets import QApplication, QFileDialog, QMenu, QMessageBox, QTabBar
@@ -27,12 +27,15 @@ from sketchterrain.ui.banner import Message
 from sketchterrain.ui.dialogs.start import RecoveryDialog
 from sketchterrain.ui.engine.background import _render
 from sketchterrain.ui.engine.protocol import ErrorReport, MeasureAdherence, RenderPicture
+from sketchterrain.ui.look.theme import theme
 from sketchterrain.ui.models.background import Autosave
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import TOOLS, Preferences, Selection
+from sketchterrain.ui.panels.properties import PropertiesPanel
+from sketchterrain.ui.panels.settings import SeedRow
 
 from .conftest import FakeLink
-from .events import LEFT, NO_KEYS, finish_reading, paint, repeated_mnemonics
+from .events import LEFT, NO_KEYS, finish_reading, paint, pen, repeated_mnemonics
 from .test_random_actions import UNTRIGGERED, DialogCloser
 
 BUTTON = QMessageBox.StandardButton
@@ -374,6 +377,101 @@ def test_a_recovered_sketch_does_not_replace_a_newer_file(window, document, tmp_
         assert len(questions) == newer
         assert load_sketch(path).seed == (6 if newer else 5)
         autosave.close()
+
+
+def press(key):
+    """Press a key where the focus is."""
+    QTest.keyClick(QApplication.focusWidget(), key)
+
+
+def point_at(widget):
+    """Move the pointer to the middle of a widget."""
+    QTest.mouseMove(widget.window().windowHandle(), widget.mapTo(widget.window(), widget.rect().center()))
+    QApplication.processEvents()
+
+
+@pytest.fixture
+def height(window, workspace, qtbot):
+    """The number field of the height of mountains 1, which is being edited."""
+    activate(window, qtbot)
+    workspace.use_label("mountain", 1)
+    field = window.findChild(PropertiesPanel).label_page.forms["mountain"].rows["height"].box
+    QTest.mouseClick(field, LEFT)
+    field.selectAll()
+    QTest.keyClicks(field, "500")
+    assert field.hasFocus()
+    return field
+
+
+def set_height(document) -> float:
+    return document.sketch.properties("mountain", 1)["height"]
+
+
+def test_keys_after_enter_in_a_field_are_those_of_the_last_pane(window, document, workspace, link, height):
+    point_at(window.view)
+    point_at(window.canvas)
+    press(Qt.Key.Key_0)
+    assert height.hasFocus(), "a field that is edited keeps the focus"
+    press(Qt.Key.Key_Return)
+    assert window.canvas.hasFocus()
+    press(Qt.Key.Key_3)
+    QTest.mouseClick(window.canvas, LEFT)
+    assert (workspace.layer, set_height(document)) == ("river", 5000.0)
+    point_at(window.view)
+    assert window.view.hasFocus()
+    press(Qt.Key.Key_3)
+    assert link.view.mode == "walk"
+    assert workspace.layer == "river"
+    seed = window.findChild(SeedRow).field
+    window.panel_layout.show_panel("world")
+    QTest.mouseClick(seed, LEFT)
+    QTest.keyClick(seed, Qt.Key.Key_Enter)
+    assert window.view.hasFocus()
+    window.panel_layout.docks["view"].hide()
+    assert window.canvas.hasFocus()
+
+
+def test_a_click_on_a_pane_accepts_a_field(window, document, link, height):
+    QTest.mouseClick(window.view, LEFT)
+    press(Qt.Key.Key_2)
+    assert (set_height(document), link.view.mode) == (500.0, "fly")
+    QTest.keyClicks(height, "0")
+    height.setFocus()
+    pen(window.canvas, QEvent.Type.TabletPress, 20, 20, 0.5)
+    assert window.canvas.hasFocus()
+
+
+def test_hidden_fields_and_those_of_another_label_lose_the_focus(window, document, workspace, height):
+    window.panel_layout.show_panel("world")
+    QApplication.processEvents()
+    assert window.canvas.hasFocus()
+    assert set_height(document) == 500.0
+    window.panel_layout.show_panel("properties")
+    for change in (lambda: workspace.use_label("mountain", 2), lambda: workspace.use_label("hill", 1)):
+        workspace.use_label("mountain", 1)
+        height.setFocus()
+        change()
+        assert window.canvas.hasFocus()
+    assert set_height(document) == 500.0
+
+
+def test_the_pane_with_the_focus_is_outlined_and_a_line_goes_on_after_a_look_at_the_view(
+    window, document, workspace, qtbot
+):
+    def edge(pane) -> str:
+        return pane.grab().toImage().pixelColor(1, pane.height() // 2).name()
+
+    activate(window, qtbot)
+    accent = theme().accent.name()
+    point_at(window.canvas)
+    for pane, other_pane in ((window.view, window.canvas), (window.canvas, window.view)):
+        point_at(pane)
+        assert edge(pane) == accent != edge(other_pane)
+    workspace.tool = "line"
+    QTest.mouseClick(window.canvas, LEFT)
+    steps = len(document.history.titles)
+    point_at(window.view)
+    assert (window.view.hasFocus(), len(document.history.titles)) == (True, steps)
 
 
 def drop(window, *paths: Path):

@@ -155,7 +155,6 @@ def test_a_tour(user, tmp_path):
     user.click(*centre_of(user, f"{page}.forms['river'].rows['width'].box"), times=3)
     user.write("130")
     user.key("Return")
-    user.evaluate("window.canvas.setFocus()")  # else Ctrl+Z is the number's
     step(user, 6)
     assert user.evaluate(width) > before + 40.0
     see("wider")

@@ -163,6 +163,5 @@ class Canvas(QWidget):
         painter = QPainter(self)
         self._sketch_view.draw(painter, area)
         self._decorations.draw(painter, area, self._input.tool, self.width(), self.height())
-        if self._input.shows_focus and self.hasFocus():
-            draw_focus(painter, self)
+        draw_focus(painter, self)
         painter.end()

@@ -52,11 +52,6 @@ _BRUSH_KEYS = {Qt.Key.Key_BracketLeft: 1.0 / 1.2, Qt.Key.Key_BracketRight: 1.2}
 _ZOOM_KEYS = {Qt.Key.Key_Plus: 1.25, Qt.Key.Key_Equal: 1.25, Qt.Key.Key_Minus: 1.0 / 1.25}
 _KEYS = {*_ARROWS, *_BRUSH_KEYS, *_ZOOM_KEYS, Qt.Key.Key_Space, Qt.Key.Key_Home}
 _PAINT_TOOLS = ("brush", "eraser", "line", "fill")
-_KEYBOARD_FOCUS = (
-    Qt.FocusReason.TabFocusReason,
-    Qt.FocusReason.BacktabFocusReason,
-    Qt.FocusReason.ShortcutFocusReason,
-)
 
 
 class PanTool(Tool):
@@ -92,7 +87,6 @@ class CanvasInput(QObject):
         self._place: QPointF | None = None  # of the mouse, logical px
         self._pan_from: QPointF | None = None
         self._space = False
-        self.shows_focus = False  # whether keys brought the focus
         context.workspace.tool_changed.connect(self._on_tool)
         context.workspace.brush_changed.connect(self._on_brush)
         kinds = QEvent.Type
@@ -110,8 +104,7 @@ class CanvasInput(QObject):
             kinds.Leave: self._leave,
             kinds.KeyPress: self._press_key,
             kinds.KeyRelease: self._release_key,
-            kinds.FocusIn: self._focus_in,
-            kinds.FocusOut: self._finish,
+            kinds.FocusOut: self._lose_focus,
             kinds.Hide: self._finish,
             kinds.ToolTip: self._show_tip,
         }
@@ -240,9 +233,10 @@ class CanvasInput(QObject):
         self._canvas.hovered.emit(None)
         return True
 
-    def _focus_in(self, event: QFocusEvent) -> bool:
-        self.shows_focus = event.reason() in _KEYBOARD_FOCUS
-        return False
+    def _lose_focus(self, event: QFocusEvent) -> bool:
+        """Finish the tool's operation, unless the pointer has only moved to the 3-D view."""
+        self._space = False
+        return event.reason() != Qt.FocusReason.OtherFocusReason and self._finish()
 
     def _finish(self, _: QEvent | None = None) -> bool:
         self._pan_from = None

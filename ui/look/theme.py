@@ -308,10 +308,11 @@ def described(widget: _Widget, name: str, tip: str) -> _Widget:
 
 
 def draw_focus(painter: QPainter, widget: QWidget) -> None:
-    """Draw the frame of a focused widget."""
-    painter.setBrush(Qt.BrushStyle.NoBrush)
-    painter.setPen(QPen(theme().accent, 2.0))
-    painter.drawRect(QRectF(widget.rect()).adjusted(1.0, 1.0, -1.0, -1.0))
+    """Draw the frame of a widget if it has the focus."""
+    if widget.hasFocus():
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        painter.setPen(QPen(theme().accent, 2.0))
+        painter.drawRect(QRectF(widget.rect()).adjusted(1.0, 1.0, -1.0, -1.0))
 
 
 def tabular(font: QFont) -> QFont:

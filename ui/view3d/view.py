@@ -113,7 +113,6 @@ class View3D(QWidget):
         self._scene = Scene(document, workspace, link)
         self._mouse = ViewMouse(self, self._scene, document, workspace, link)
         self._hud = Hud(self, link)
-        self._shows_focus = False
         self._ratio = self.devicePixelRatioF()
         self._size_timer = single_shot(self, _RESIZE_DELAY, self._request_size)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
@@ -229,13 +228,7 @@ class View3D(QWidget):
             dim=self._hud.placeholder.notice is not None,
             is_refining=self._hud.is_refining and not self._mouse.is_pressed,
         )
-        if self._shows_focus and self.hasFocus():
-            draw_focus(painter, self)
-
-    def focusInEvent(self, event: QFocusEvent | None) -> None:
-        by_key = (Qt.FocusReason.TabFocusReason, Qt.FocusReason.BacktabFocusReason)
-        self._shows_focus = event is not None and event.reason() in by_key
-        self.update()
+        draw_focus(painter, self)
 
     def focusOutEvent(self, event: QFocusEvent | None) -> None:
         self._keyboard.release_all()

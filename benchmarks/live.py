@@ -371,7 +371,9 @@ def _shapes(preset: str, effort: Effort) -> Iterator[Row]:
                 yield {"preset": preset, "view": view, **seen, "rate": probe.frame_rate(_RATED)}
             for number in range(effort.live_strokes):
                 layer = _LAYERS[number % len(_LAYERS)]
-                probe.stroke(layer, *_random_stroke(rng, layer, min(sketch.width_px, sketch.height_px), places=60))
+                probe.stroke(
+                    layer, *_random_stroke(rng, layer, min(sketch.width_px, sketch.height_px), places=60)
+                )
                 yield {"preset": preset, "view": f"stroke of {layer}", **probe.compare_with_still(saved)}
         finally:
             probe.end()

@@ -66,8 +66,7 @@ class TileUpdates:
     def __init__(self, terrain: Terrain) -> None:
         quality = Quality()
         slots = quality.tile_memory // (65 * 65 * vertex_dtype(len(terrain.materials)).itemsize)
-        quad = quality.widest_quad
-        metric = ScreenError(quality.tolerance, quad=quad, neighbour_limit=quality.neighbour_limit)
+        metric = ScreenError(quality.tolerance, neighbour_limit=quality.neighbour_limit)
         texture = SimpleNamespace(write=lambda *given, **named: None)
         context = SimpleNamespace(texture_array=lambda *given, **named: texture)
         self.terrain = terrain

@@ -76,12 +76,7 @@ class TerrainStream:
             slots=slots,
             finest_cell=finest_cell,
             bounds=bounds or UNBOUNDED,
-            metric=metric
-            or ScreenError(
-                quality.tolerance,
-                quad=quality.widest_quad,
-                neighbour_limit=quality.neighbour_limit,
-            ),
+            metric=metric or ScreenError(quality.tolerance, neighbour_limit=quality.neighbour_limit),
         )
         self.draws: DrawList | None = None
         self.written = 0

@@ -259,6 +259,7 @@ class Renderer:
         draw_seconds = self._timer() - start
         if full_size:
             self._full_draw_seconds = draw_seconds
+            self._scale = self._scale if draw_seconds > DRAWING[1] else 1.0
         else:
             self._adapt_scale(draw_seconds)
         return FrameStats(

@@ -89,7 +89,6 @@ class Scenery:
             self.shading, self._clouds = self._lighting()
         metric = ScreenError(
             quality.tolerance,
-            quality.widest_quad,
             finest=quality.finest_quad,
             neighbour_limit=quality.neighbour_limit,
             extinction=self._extinction,

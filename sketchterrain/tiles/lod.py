@@ -100,7 +100,9 @@ class ScreenError:
         width = cells * view.pixels_per_radian / distance
         fade = np.clip((distance / view.draw_distance - _FADE[0]) / (_FADE[1] - _FADE[0]), 0.0, 1.0)
         contrast = np.exp(-self.extinction * distance) * (1.0 - fade**2 * (3.0 - 2.0 * fade))
-        contrast = np.where(contrast < _FAINT, contrast, np.maximum(contrast, self.tolerance / _LARGEST))
+        contrast = np.where(
+            contrast < _FAINT, contrast, np.maximum(contrast, min(self.tolerance / _LARGEST, 1.0))
+        )
         visible = contrast * np.minimum(seen, width / max(self.finest, 1e-9))
         return np.asarray(np.maximum(visible, width / self.quad))
 

@@ -201,7 +201,7 @@ def test_height_maps_interpolate_a_plane_exactly():
 
 
 CHEAPER_WHEN_GREATER = {"tolerance", "neighbour_limit", "finest_quad", "thinning_pixels"}
-FIXED = {"plant_distance"}
+FIXED = {"plant_distance", "draw_distance"}
 
 
 def test_costs_are_monotonic_in_the_quality_level_and_cpu_drivers_get_a_low_one():

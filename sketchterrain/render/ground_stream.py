@@ -26,9 +26,10 @@ from sketchterrain.tiles.quadtree import UNBOUNDED
 from sketchterrain.tiles.stream import TileStream
 from sketchterrain.tiles.tile_pool import Batch, DrawList
 
+_QUAD: Final = 40.0  # px, largest width of a quad without a metric
 JUMP: Final = 0.1  # Extents; a larger motion between two frames is a jump
 FIRST_BUDGET, JUMP_BUDGET, CHANGE_BUDGET = 2.0, 0.5, 0.25
-"""s for the first frame, that of a jump, and the first of another terrain: they draw a whole picture at once."""
+"""s for the first frame, that of a jump, and the first of another terrain, which draw a whole picture."""
 CATCH_UP_SECONDS: Final = 2.0
 """s after a jump during which, until the picture is final, ..."""
 MORPH_SPEEDUP: Final = 8.0
@@ -76,7 +77,8 @@ class TerrainStream:
             slots=slots,
             finest_cell=finest_cell,
             bounds=bounds or UNBOUNDED,
-            metric=metric or ScreenError(quality.tolerance, neighbour_limit=quality.neighbour_limit),
+            metric=metric
+            or ScreenError(quality.tolerance, quad=_QUAD, neighbour_limit=quality.neighbour_limit),
         )
         self.draws: DrawList | None = None
         self.written = 0
@@ -119,8 +121,8 @@ class TerrainStream:
         """Advance by one frame: generate tiles within `budget` (s), split, merge and morph.
 
         The first frame starts no batch after 2 s, that of a jump none after 0.5 s, the first of another
-        terrain none after 0.25 s; afterwards, until the picture is final, tiles may take half of `elapsed` (s)
-        for at most 2 s.
+        terrain none after 0.25 s; afterwards, until the picture is final, tiles may take half of `elapsed`
+        (s) for at most 2 s.
         """
         eye = np.asarray(camera.eye)
         moved = np.inf if self._eye is None else float(np.linalg.norm(eye - self._eye))

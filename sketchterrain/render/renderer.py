@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from sketchterrain.drape.drapes import Drapes
 
 REST: Final = 0.25
-"""s without motion or a change of the terrain before a picture that lacks no visible tile is drawn at full size."""
+"""s without motion or a change before a picture that lacks no visible tile is drawn at full size."""
 FAST_DRAW: Final = 0.1  # s; a full-size picture faster than this is drawn at once after a change
 CATCH_UP_SHARE: Final = 0.25
-"""Share of the drawing time at full size that tiles, light and plants get, if that is more than the budget."""
+"""Share of the drawing time at full size that is loaded for, if that is more than the budget."""
 DRAWING: Final = (0.02, 0.03)
 """s; pictures in motion shrink if drawing takes longer than the second, and grow below the first, ..."""
 SCALE_STEP: Final = 0.9  # ... by this factor

@@ -1,0 +1,58 @@
+"""The shape that frames of low quality show, beside the still's."""
+
+import numpy as np
+import pytest
+
+from sketchterrain.benchmarks.live_shape import columns_alike, shape_of, still_shape, water_overlap
+from sketchterrain.render.camera import Camera
+from sketchterrain.render.offscreen import canvas
+from sketchterrain.render.quality import ON_CPU, Quality
+from sketchterrain.render.renderer import Renderer
+from sketchterrain.render.sky import Sun
+from sketchterrain.render.views import find_view
+from sketchterrain.terrain.building import rebuild
+from sketchterrain.ui.view3d.camera import overview
+from tests import terrains
+
+pytestmark = [pytest.mark.gl, pytest.mark.slow]
+SIZE = (320, 180)
+PLAIN = ("clouds", "trees", "rocks", "grass", "shadows")
+
+
+def whole(terrain):
+    pose = overview((0.0, 0.0, *terrain.size), 0.0, aspect=SIZE[0] / SIZE[1])
+    return Camera(pose.eye, pose.target, fov=pose.fov)
+
+
+def assert_alike(context, renderer, terrain, camera):
+    shape, still = shape_of(context, renderer, camera, SIZE), still_shape(terrain, camera, SIZE)
+    assert columns_alike(shape, still) >= 0.99
+    assert water_overlap(shape, still) >= 0.8
+
+
+@pytest.mark.parametrize("level", [0.0, ON_CPU])
+@pytest.mark.parametrize("camera", [find_view, whole])
+def test_live_views_have_the_silhouettes_and_the_water_of_the_still(camera, level):
+    terrain = terrains.preset("mountain_pass")
+    with canvas(SIZE) as (context, _, framebuffer):
+        quality = Quality.from_level(level, without=PLAIN)
+        renderer = Renderer(context, terrain, sun=Sun(180.0), quality=quality)
+        for _ in range(4):
+            stats = renderer.frame(camera(terrain), framebuffer, elapsed=0.3, budget=60.0)
+        assert stats.size == SIZE
+        assert_alike(context, renderer, terrain, camera(terrain))
+
+
+def test_the_first_frame_of_a_changed_terrain_shows_its_shape():
+    plain, image = terrains.plain(), np.zeros((64, 64), np.uint8)
+    image[24:34, 16:48] = 1
+    camera = Camera((512.0, -600.0, 300.0), (512.0, 600.0, 0.0), fov=50.0)
+    with canvas(SIZE) as (context, _, framebuffer):
+        quality = Quality.from_level(ON_CPU, without=PLAIN)
+        renderer = Renderer(context, plain, sun=Sun(180.0), quality=quality)
+        for _ in range(4):
+            renderer.frame(camera, framebuffer, elapsed=0.3, budget=60.0)
+        terrain, areas = rebuild(plain, plain.sketch.replace(layers={"mountain": image}))
+        renderer.set_terrain(terrain, areas)
+        renderer.frame(camera, framebuffer, elapsed=0.02, budget=60.0)
+        assert_alike(context, renderer, terrain, camera)

@@ -128,7 +128,7 @@ void main()
     float rise = max(direction.z, 0.0);
     float first = to_layer(up, rise);
     float last = to_layer(up + THICK, rise);
-    int steps = direction.z > -0.003 && first < FAR && !hidden() ? STEPS : 0;
+    int steps = direction.z > LOWEST && first < FAR && !hidden() ? STEPS : 0;
 
     float shift = step_share(gl_FragCoord.xy);
     float cosine = dot(direction, to_sun.xyz);

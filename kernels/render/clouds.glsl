@@ -17,6 +17,7 @@ const float CLOUD_PERIOD = 32768.0; // m, period of the field
 const float DENSE = 0.05;        // field value of a cloud that is opaque seen from below, km^2
 const float SHADE = 0.65;        // sunlight absorbed by the thickest clouds
 const float EARTH = 6360e3;      // m
+const float LOWEST = -0.003;     // sine of the elevation down to which clouds are seen
 
 vec2 cloud_place(vec2 place) { return (place + eye.xy - cloud_drift) / CLOUD_PERIOD; }
 
@@ -28,12 +29,15 @@ uniform sampler2D cloud_view;     // the dome: premultiplied radiance, transmitt
 uniform vec3 cloud_origin;        // its origin relative to the eye, m
 const float CLOUD_MIDDLE = 120.0; // m over the base, of the layer whose parallax is corrected
 
-// Clouds in a direction not below the horizon. Texels are directions in stereographic projection.
+// Clouds in a direction, none below the horizon. Texels are directions in stereographic projection.
 vec4 dome_clouds(vec3 direction)
 {
+    float share = smoothstep(LOWEST, 0.0, direction.z);
+    direction = normalize(vec3(direction.xy, max(direction.z, 0.0)));
     float up = max(CLOUD_BASE + CLOUD_MIDDLE + view_range.y - eye.z, 300.0);
     vec3 seen = normalize(direction * to_layer(up, direction.z) - cloud_origin);
-    return textureLod(cloud_view, 0.5 + 0.5 * seen.xy / (1.0 + max(seen.z, 0.0)), 0.0);
+    vec4 clouds = textureLod(cloud_view, 0.5 + 0.5 * seen.xy / (1.0 + max(seen.z, 0.0)), 0.0);
+    return share > 0.0 ? mix(vec4(0.0, 0.0, 0.0, 1.0), clouds, share) : vec4(0.0, 0.0, 0.0, 1.0);
 }
 #endif
 

@@ -82,7 +82,7 @@ void main()
     sky = with_cirrus(sky, above);
 #endif
 #if CLOUDS == 1
-    vec4 clouds = dome_clouds(above);
+    vec4 clouds = dome_clouds(direction);
     sky = sky * clouds.a + clouds.rgb;
 #elif CLOUDS == 2
     vec2 texel = 0.5 / vec2(textureSize(cloud_view, 0)); // averages 2x2 rays, which start differently

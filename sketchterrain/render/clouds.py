@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt
 
+from sketchterrain.render.atmosphere import GROUND
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 from sketchterrain.render.sky import SUN_IRRADIANCE
 from sketchterrain.render.targets import bands, wrap_to_noise_period
@@ -33,6 +34,11 @@ CIRRUS_OVER_CUMULUS: Final = 0.3  # share of the cover by cumulus
 BLOCKS: Final = 16  # parts of a dome along each axis
 PARALLAX: Final = (250.0, 1500.0)
 """m that the eye moves past the clouds of a dome until another one is computed, at once beyond the second."""
+BASE, MIDDLE, LOWEST = 1900.0, 120.0, -0.003
+"""CLOUD_BASE, CLOUD_MIDDLE (m) and LOWEST in kernels/render/clouds.glsl."""
+RAYS: Final = np.linspace(-1.0, 1.0, 33)
+"""Places along each axis of a picture whose rays tell which blocks it shows, with a margin ..."""
+MARGIN: Final = 0.25  # ... in blocks: for filtering, and for bends between two rays
 
 
 class CloudKind(NamedTuple):
@@ -91,17 +97,29 @@ class CloudDome:
             yield
 
 
-def _blocks_in_view(camera: Camera, aspect: float) -> BoolArray:
-    """Return which (BLOCKS, BLOCKS) blocks of a dome a view may show."""
-    along = np.linspace(-1.0, 1.0, BLOCKS + 1)
-    x, y = np.meshgrid(along, along)
-    square = x**2 + y**2
-    corners = np.stack([2.0 * x, 2.0 * y, 1.0 - square], axis=-1) / (1.0 + square)[..., None]
-    inside = corners @ camera.frustum(aspect)[:4, :3].T > 0.0  # of the planes of the sides
-    parts = [(i, j) for i in (slice(-1), slice(1, None)) for j in (slice(-1), slice(1, None))]
-    some = np.logical_or.reduce([inside[part] for part in parts]).all(axis=-1)
-    above = np.logical_or.reduce([corners[part][..., 2] > 0.0 for part in parts])
-    return np.asarray(some & above)
+def _sampled_blocks(camera: Camera, aspect: float, *, up: float, origin: Float64Array) -> BoolArray:
+    """Return which (BLOCKS, BLOCKS) blocks of a dome `dome_clouds` may sample in a view.
+
+    They meet boxes around the texels of neighbouring rays. `up` is the height of the layer over the eye,
+    `origin` the dome's (m). Rays just below the horizon count as horizontal, those further down see none.
+    """
+    half = np.tan(np.radians(camera.fov) / 2.0)
+    x, y = np.meshgrid(half * aspect * RAYS, half * RAYS)
+    rays = np.stack([x, y, np.full_like(x, -1.0)], axis=-1) @ camera.view()[:3, :3]
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    above = rays[..., 2] > LOWEST
+    rays[..., 2] = rise = np.maximum(rays[..., 2], 0.0)
+    away = 2.0 * up / (rise + np.sqrt(rise**2 + 2.0 * up / GROUND))
+    seen = rays / np.linalg.norm(rays, axis=-1, keepdims=True) * away[..., None] - origin
+    seen /= np.linalg.norm(seen, axis=-1, keepdims=True)
+    at = BLOCKS * (0.5 + 0.5 * seen[..., :2] / (1.0 + np.maximum(seen[..., 2:], 0.0)))
+    corners = [(i, j) for i in (slice(-1), slice(1, None)) for j in (slice(-1), slice(1, None))]
+    cells = np.logical_or.reduce([above[corner] for corner in corners])
+    low = np.minimum.reduce([at[corner] for corner in corners])[cells] - MARGIN
+    high = np.maximum.reduce([at[corner] for corner in corners])[cells] + MARGIN
+    number = np.arange(BLOCKS)
+    meets = (low[..., None] < number + 1) & (high[..., None] > number)  # (cells, axis, blocks)
+    return np.asarray(meets[:, 1].T.astype(np.float32) @ meets[:, 0].astype(np.float32) > 0.0)
 
 
 class Clouds:
@@ -182,9 +200,13 @@ class Clouds:
         if not self._domes:
             return uniforms
         eye = np.array([*camera.eye[:2], camera.eye[2] - base])
-        visible = _blocks_in_view(camera, aspect)
+        up = max(BASE + MIDDLE - eye[2], 300.0)
+
+        def missing(dome: CloudDome) -> npt.NDArray[np.intp]:
+            return dome.missing(_sampled_blocks(camera, aspect, up=up, origin=dome.seen_from(eye, wind)))
+
         shown, following = self._domes
-        if following.place is not None and not len(following.missing(visible)):
+        if following.place is not None and not len(missing(following)):
             shown.reset(None, wind)
             shown, following = self._domes = [following, shown]
         away = np.linalg.norm(shown.seen_from(eye, wind))
@@ -195,9 +217,9 @@ class Clouds:
         elif away > PARALLAX[0] and following.place is None:
             following.reset(eye, wind)
         origin = shown.seen_from(eye, wind)
-        self._queue = [(origin, shown, shown.missing(visible))]
+        self._queue = [(origin, shown, missing(shown))]
         if following.place is not None:
-            self._queue.append((following.seen_from(eye, wind), following, following.missing(visible)[:1]))
+            self._queue.append((following.seen_from(eye, wind), following, missing(following)[:1]))
         return uniforms | {"cloud_origin": tuple(origin)}
 
     def draw(self, uniforms: dict[str, object], *, parts: int) -> Iterator[None]:

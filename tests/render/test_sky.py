@@ -23,7 +23,7 @@ from sketchterrain.render.atmosphere import (
     Air,
 )
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.clouds import PERIOD, billow_noise, cloud_defines, cloud_field
+from sketchterrain.render.clouds import PERIOD, Clouds, billow_noise, cloud_defines, cloud_field
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.programs import FRAME_BINDING
 from sketchterrain.render.quality import Quality
@@ -514,3 +514,47 @@ def test_a_cloud_dome_shows_the_clouds_of_the_picture_after_eye_and_wind_moved(g
     assert np.abs(expected[1] - expected[0]).mean() > 0.3 * clouds  # they moved
     for number in range(2):
         assert np.abs(found[number] - expected[number]).mean() < 0.25 * clouds, number
+
+
+@pytest.mark.gl
+def test_every_direction_that_shows_a_cloud_dome_is_computed_and_none_is_below_the_horizon(gl):
+    """From eyes below, in and above the clouds, level and steep, at rest and up to 1.5 km past the dome."""
+    quality = Quality.from_level(0.25)
+    sky = Sky(gl, Sun(200.0, 40.0), Weather())
+    clouds = Clouds(gl, Weather(), sky, quality=quality, defines=cloud_defines(quality, Weather()))
+    frame, rng, aspect = FrameBlock(gl), np.random.default_rng(3), 16.0 / 9.0
+    x, y = np.meshgrid(np.linspace(-1.0, 1.0, 160), np.linspace(-1.0, 1.0, 90))
+    places = np.stack([x.ravel(), y.ravel(), np.full(x.size, 0.5), np.ones(x.size)], axis=-1)
+    for height in (30.0, 300.0, 1700.0, 3000.0):
+        for pitch in (-26.0, -5.0, 20.0, 60.0):
+            eye = np.array([500.0, 100.0, height])
+            for moved in (np.zeros(3), rng.normal(size=3), rng.normal(size=3)):
+                eye = eye + 800.0 * moved / max(np.linalg.norm(moved), 1.0)
+                ahead = direction(pitch, rng.uniform(0.0, 360.0))
+                camera = Camera(tuple(eye), tuple(eye + 100.0 * ahead), fov=50.0)
+                given = clouds.follow(camera, aspect, base=0.0, clock=0.0, moving=True)
+                for _, dome, blocks in clouds._queue:
+                    for _ in dome.blocks(blocks):
+                        pass
+                frame["eye"], frame["view_range"] = eye, np.zeros(4)
+                frame.upload()
+                computed = np.repeat(clouds._domes[0]._computed.astype("f2"), 48, 0).repeat(48, 1)
+                view = gl.texture((768, 768), 4, np.stack([computed] * 4, axis=-1).tobytes(), dtype="f2")
+                rays = places @ np.linalg.inv(camera.to_clip(aspect)).T
+                rays[:, :3] /= np.linalg.norm(rays[:, :3], axis=1, keepdims=True)
+                found = sampled(gl, view, given["cloud_origin"], rays)
+                assert found[:, 3].min() > 0.999, (height, pitch, moved)
+                assert np.abs(found[rays[:, 2] < -0.004] - [0.0, 0.0, 0.0, 1.0]).max(initial=0.0) == 0.0
+
+
+def sampled(gl, view, origin, rows):
+    """Evaluate `dome_clouds` of directions with a texture instead of a dome's."""
+    view.repeat_x = view.repeat_y = False
+
+    def set_up(program):
+        program["Frame"].binding = FRAME_BINDING
+        view.use(1)
+        program["cloud_view"].value = 1
+        program["cloud_origin"].value = origin
+
+    return evaluate(gl, [FRAME, "render/clouds.glsl"], "dome_clouds(a.xyz)", rows, set_up=set_up)

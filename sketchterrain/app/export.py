@@ -161,7 +161,7 @@ def write_export(plan: ExportPlan, terrain: Terrain, folder: Path, *, stages: Pr
 
 def scene_view(terrain: TerrainSource) -> SceneView:
     """Return the camera that `find_view` chooses and the light of the sketch's hour and weather."""
-    from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_HEIGHT
+    from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH_HEIGHT
     from sketchterrain.render.sky import SkyLight, Weather, sun_for_view
     from sketchterrain.render.views import find_view
 
@@ -180,7 +180,7 @@ def scene_view(terrain: TerrainSource) -> SceneView:
         sky=light.table(camera.eye[2]),
         haze=light.haze,
         haze_height=AEROSOL_HEIGHT,
-        air=RAYLEIGH,
+        air=light.rayleigh,
         air_height=RAYLEIGH_HEIGHT,
         exposure=light.exposure(camera.heading),
         weather=asdict(weather),

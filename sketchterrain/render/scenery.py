@@ -15,7 +15,7 @@ import numpy as np
 from sketchterrain.array_types import Bounds
 from sketchterrain.document.geology import Strata
 from sketchterrain.render.appearance import AppearanceTextures
-from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_HEIGHT
+from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH_HEIGHT
 from sketchterrain.render.built import BuiltScenery
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.clouds import Clouds, cloud_defines
@@ -299,7 +299,7 @@ class Scenery:
         frame["sun_light"] = (*self._sky.sunlight, self._sky.shaded_air)
         frame["sky_light"] = self._sky.harmonics
         frame["haze"] = (*(hazy * self._sky.haze), AEROSOL_HEIGHT)
-        frame["air"] = (*(hazy * RAYLEIGH), RAYLEIGH_HEIGHT)
+        frame["air"] = (*(hazy * self._sky.rayleigh), RAYLEIGH_HEIGHT)
         frame["view_range"] = (distance, lit.haze_base, *targets.sample_size)
         for field, value in lit.uniforms(eye).items():
             frame[field] = value

@@ -155,6 +155,8 @@ HAZE: Final = AEROSOL * (1.0 + AEROSOL_ABSORBED)
 """Extinction by aerosols on a clear day, at the haze's base (1/m)."""
 SMALL_WORLD: Final = 0.25
 """Smallest optical depth of an extent: small worlds, which end near, end in haze too."""
+LARGE_WORLD: Final = (16_384.0, 1.5)
+"""Extent (m) beyond which air gets thinner by this power: a large sketch seen as a whole is no fog."""
 SHADED_AIR: Final = 0.4
 """Share of in-scattered light removed in shadow: a little less than the single-scattered sunlight."""
 RISING: Final = (0.0, 3.0)  # degrees of elevation over which shadows in the air fade in
@@ -202,14 +204,19 @@ class SkyLight:
 
     `sunlight` (3,) is the sun's irradiance on a surface facing it, at the ground; `harmonics` (9, 3), see
     `irradiance_harmonics`; `shaded_air` the share of the air's light missing over shadow; `haze` (3,) aerosol
-    extinction at its base (1/m); `extinction` that of the air on paths to mountains, green.
+    extinction at its base (1/m), `rayleigh` (3,) that of molecules at sea level; `extinction` that of both on
+    paths to mountains, green. On sketches beyond `LARGE_WORLD` all three are less than in real air, so that
+    the optical depth across them does not grow; the light of sun and sky is that of real air.
     """
 
     def __init__(self, sun: Sun, weather: Weather, *, extent: float = np.inf) -> None:
         self.sun = sun
         self.air = air_with_haze(weather.haze)
-        self.haze = weather.haze * np.maximum(HAZE, SMALL_WORLD / extent)
-        self.extinction = float(RAYLEIGH[1] + 0.5 * self.haze[1])
+        largest, power = LARGE_WORLD
+        thin = min((largest / extent) ** power, 1.0) if np.isfinite(extent) else 1.0
+        self.haze = weather.haze * np.maximum(thin * HAZE, SMALL_WORLD / extent)
+        self.rayleigh = thin * RAYLEIGH
+        self.extinction = float(self.rayleigh[1] + 0.5 * self.haze[1])
         self._levels: dict[int, Float64Array] = {}
         ground = sky_table(self.air, sun, LEVELS[0])
         shone = self.air.sunlight(np.zeros(()), np.array(sun.direction[2])) * SUN_IRRADIANCE

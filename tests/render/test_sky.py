@@ -264,7 +264,7 @@ def looked_up(gl, sky, call, rows, *, eye=50.0):
     frame["to_sun"] = sky.sun.direction
     frame["eye"] = (0.0, 0.0, eye)
     frame["haze"] = (*sky.haze, AEROSOL_HEIGHT)
-    frame["air"] = (*RAYLEIGH, RAYLEIGH_HEIGHT)
+    frame["air"] = (*sky.rayleigh, RAYLEIGH_HEIGHT)
     frame["view_range"] = (1e7, 0.0, 1.0, 1.0)
     frame.upload()
     sky.set_height(eye)
@@ -326,6 +326,35 @@ def test_aerial_perspective_matches_integration(gl, elevation):
     error = np.concatenate(worst)
     assert np.sqrt((error**2).mean()) < 0.025
     assert error.max() < 0.2
+
+
+@pytest.mark.gl
+def test_air_leaves_twice_the_contrast_on_a_large_sketch_seen_as_a_whole(gl):
+    """Dark and light ground in the middle of 65 km, 26° below the eye, in real air and in the sketch's."""
+    sun, weather = Sun(120.0, 40.0), Weather()
+    real, usual, large, murky = (
+        Sky(gl, sun, weather, extent=extent)
+        for extent, weather in (
+            (np.inf, weather),
+            (16_384.0, weather),
+            (65_536.0, weather),
+            (65_536.0, Weather(haze=4.0)),
+        )
+    )
+    assert (usual.haze == real.haze).all()
+    assert usual.extinction == real.extinction
+    rows = [[0.0, 72e3 * np.cos(np.radians(26.0)), -72e3 * np.sin(np.radians(26.0)), 0.0]]
+
+    def contrast(sky):
+        grounds = [sky.sunlight * albedo / np.pi for albedo in (0.05, 0.15)]
+        calls = [f"through_air(vec3({', '.join(map(str, ground))}), a.xyz)" for ground in grounds]
+        dark, light = (looked_up(gl, sky, call, rows, eye=-rows[0][2]).mean() for call in calls)
+        return (light - dark) / (light + dark)
+
+    assert contrast(large) > 2.0 * contrast(real)
+    assert np.allclose(murky.haze, 4.0 * large.haze)
+    assert large.extinction == pytest.approx(real.extinction * (large.haze / real.haze)[1], rel=1e-6)
+    assert contrast(murky) < contrast(large)
 
 
 def test_cloud_field_has_the_requested_cover_and_tiles():

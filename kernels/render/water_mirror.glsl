@@ -18,6 +18,7 @@ const int MARCH = 34;
 const float STRIDE = 1.23;
 const int TAPS = 4;             // to each side, of the picture along the spread of a mirrored point
 const float TAP = 0.45;         // distance of taps, standard deviations
+const float ASIDE = 0.3;        // least spread to the sides over the upright one: wave groups fray columns at grazing angles
 const float FIRST_STEP = 0.5;
 const int HALVINGS = 4;         // bisections of the step with the hit
 #endif
@@ -162,9 +163,11 @@ vec3 mirrored(vec3 from, vec3 direction, vec3 upright, float blur)
     vec4 sum = vec4(0.0);
     // In [-0.5, 0.5), or the taps would draw stripes.
     float between = interleaved_noise((clip_from.xy / clip_from.w * 0.5 + 0.5) * view_range.zw) - 0.5;
+    // Slopes across the line of sight turn a ray by the sine of the grazing angle over those along it.
+    vec2 aside = vec2(-direction.y, direction.x) * (1.7 * max(direction.z, ASIDE) * length(upright) / max(length(direction.xy), 1e-3));
     for (int i = -TAPS; i <= TAPS; ++i) {
-        float s = TAP * (float(i) + between);
-        vec3 towards = direction + s * upright;
+        float s = TAP * (float(i) + between), t = 2.0 * fract(0.618034 * float(i) + between + 0.5) - 1.0;
+        vec3 towards = direction + s * upright + vec3(t * aside, 0.0);
         vec3 at = picture_place(from + towards * (hit < 0.0 ? FAR_OFF : s < 0.0 ? hit : hit + hit * hit / OVERLOOKED));
         // Not what stands before the water. What is unknown is taken to be as along the ray itself.
         float seen = at.z * step(0.0, towards.z) * step(length(from), length(scene_position(at.xy)));

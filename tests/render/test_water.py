@@ -20,6 +20,7 @@ from sketchterrain.look.objects import (
 )
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.navigation import intersect_terrain
+from sketchterrain.render.programs import bind_textures, set_uniforms
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Sun
 from sketchterrain.render.targets import FrameBlock
@@ -390,6 +391,37 @@ def test_no_ground_is_mirrored_beyond_the_height_map(gl):
     expected = (np.abs(places[:, :2] - (0.0, 50.0)) < 100.0).all(axis=1)
     assert expected.any()
     np.testing.assert_array_equal(mapped, expected)
+
+
+@pytest.mark.gl
+def test_columns_of_a_mirrored_picture_are_frayed_on_rippled_water(gl):
+    """Clouds 10 px wide in a picture of 640 px would draw stripes down a lake."""
+    camera, frame = Camera((0.0, 0.0, 50.0), (0.0, 1000.0, 50.0), fov=50.0), FrameBlock(gl)
+    to_clip = camera.to_clip(640 / 360)
+    frame["to_clip"], frame["from_clip"] = to_clip, np.linalg.inv(to_clip)
+    frame["near_map"], frame["sun_light"] = (1e7, 1e7, 1.0, 1.0), (100.0, 100.0, 100.0, 0.0)
+    frame["view_range"] = (1e7, 0.0, 640.0, 360.0)
+    frame["haze"] = frame["air"] = (0.0, 0.0, 0.0, 1e3)
+    frame.upload()
+    stripes = np.where(np.arange(640) // 10 % 2, 1.0, 0.0).astype("f2")
+    textures = {
+        "scene": gl.texture((640, 360), 1, np.tile(stripes, 360).tobytes(), dtype="f2"),
+        "scene_depth": gl.texture((1, 1), 1, np.ones(1, "f4").tobytes(), dtype="f4"),
+        "sky_view": gl.texture((2, 4), 4, np.ones(32, "f4").tobytes(), dtype="f4"),
+    }
+    textures["scene"].repeat_x = textures["scene"].repeat_y = False
+
+    def set_up(program):
+        set_uniforms(program, bind_textures(textures))
+
+    mirror = source("render/water_mirror.glsl", (("CLOUDS", "0"), ("MATERIALS", "2")))
+    x, y = np.meshgrid(np.linspace(-0.4, 0.4, 400), np.linspace(600.0, 900.0, 16))
+    places = np.stack([x * y, y, np.full_like(x, -50.0), np.zeros_like(x)], axis=-1).reshape(-1, 4)
+    ray = "normalize(a.xyz * vec3(1.0, 1.0, -1.0)), vec3(0.0, 0.0, 0.1), 0.0"
+    found = evaluate(gl, [mirror], f"vec4(mirrored(a.xyz, {ray}), 1.0)", places, set_up=set_up)
+    columns = found[:, 0].reshape(x.shape).mean(axis=0)
+    assert columns.mean() == pytest.approx(0.5, abs=0.1)
+    assert columns.std() < 0.2  # of stripes with one of 0.5
 
 
 @pytest.mark.gl

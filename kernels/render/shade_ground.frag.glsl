@@ -249,7 +249,9 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
 #endif
         } else {
             total += weight;
-            float patches = weight / total + PATCH_FRAY * (noise.middle.z - noise.small.z);
+            // Of opposite signs in both orders of two materials, or patches would end abruptly where the order changes.
+            float fray = layer < selected.layer.x ? PATCH_FRAY : -PATCH_FRAY;
+            float patches = weight / total + fray * (noise.middle.z - noise.small.z);
             float opacity = mix(layer_share(all.height, material.height, weight), smoothstep(0.5 - PATCH_EDGE, 0.5 + PATCH_EDGE, patches), many);
             float below = all.height;
             all = mix_materials(all, material, opacity);

@@ -1,15 +1,19 @@
 """Terrain tiles: shader bits, no cracks, streaming within the budget."""
 
+from dataclasses import replace
+
 import moderngl
 import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.io.resources import source
+from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground import TileRenderer
 from sketchterrain.render.ground_stream import JUMP, JUMP_BUDGET, TerrainStream
 from sketchterrain.render.programs import FRAME_BINDING, set_uniforms
 from sketchterrain.render.quality import Quality
+from sketchterrain.render.sky import Sun, Weather
 from sketchterrain.render.targets import FrameBlock
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.tiles.lod import CameraView, ScreenError
@@ -278,3 +282,35 @@ def test_only_large_steps_are_jumps_and_a_settled_picture_is_constant(gl, slow):
         assert not stats.jumped
         assert stats.tiles_generated == 0
     assert (view.draw(stream, camera) == before).all()
+
+
+class Turf(Waves):
+    """Level ground, grass in the north and rock in the south, with a border 400 m wide."""
+
+    def heights(self, x, y, *, cell_size=0.0):
+        return np.zeros(np.broadcast_shapes(np.shape(x), np.shape(y)), np.float32)
+
+    def tiles(self, keys):
+        tiles = super().tiles(keys)
+        for (level, _, row), tile in zip(keys, tiles, strict=True):
+            y = (row + 1 - np.arange(65) / 64) * self.extent * 2.0**-level
+            share = np.clip((y[:, None] - 300.0) / 400.0, 0.0, 1.0)
+            tile.materials[...] = 0.0
+            tile.materials[..., 0], tile.materials[..., 2] = share, 1.0 - share
+        return tiles
+
+
+@pytest.mark.gl
+def test_patches_of_turf_on_rock_have_no_hard_edges(draw):
+    """Where the weights of two materials cross, noise must not exchange them from one pixel to the next."""
+    plain = Quality.from_level(1.0, without=["trees", "grass", "rocks", "water", "haze", "shadows", "clouds"])
+    quality = replace(plain, map_texels=64, material_texels=64, tile_memory=64 << 20)
+    camera = Camera((500.0, 500.0, 600.0), (500.0, 501.0, 0.0))
+    terrain, given = (
+        Turf(rivers=False, plants=False),
+        {"sun": Sun(90.0, 60.0), "weather": Weather(clouds=0.0)},
+    )
+    picture = draw(terrain, camera, size=(320, 180), quality=quality, **given)
+    green = picture[..., 1] - 0.5 * (picture[..., 0] + picture[..., 2])
+    steps = np.abs(np.diff(green, axis=0)) / (green[:8].mean() - green[-8:].mean())
+    assert np.percentile(steps, 99.9) < 0.4

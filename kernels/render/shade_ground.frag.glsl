@@ -251,8 +251,9 @@ MaterialSample compose(StrongestMaterials selected, Noise noise, vec3 n, float d
             total += weight;
             // Of opposite signs in both orders of two materials, or patches would end abruptly where the order changes.
             float fray = layer < selected.layer.x ? PATCH_FRAY : -PATCH_FRAY;
+            float edge = IS_BEDDED(layer) != IS_BEDDED(selected.layer.x) ? 0.5 : PATCH_EDGE; // turf thins out on rock
             float patches = weight / total + fray * (noise.middle.z - noise.small.z);
-            float opacity = mix(layer_share(all.height, material.height, weight), smoothstep(0.5 - PATCH_EDGE, 0.5 + PATCH_EDGE, patches), many);
+            float opacity = mix(layer_share(all.height, material.height, weight), smoothstep(0.5 - edge, 0.5 + edge, patches), many);
             float below = all.height;
             all = mix_materials(all, material, opacity);
             all.height = mix(below, height, opacity);

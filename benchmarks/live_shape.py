@@ -100,12 +100,17 @@ def water_overlap(one: Shape, other: Shape) -> float:
 
 
 class MeasuredRenderer(view_renderer.ViewRenderer):
-    """The engine's renderer, which saves the shape of each frame in the file that the last argument names."""
+    """The engine's renderer, which saves the shape of frames at rest in the file that the last argument names."""
+
+    _last: Camera | None = None
 
     def draw(self, camera: Camera, **times: Any) -> Any:
         """Draw a frame and save its shape."""
         statistics = super().draw(camera, **times)
         assert self._renderer is not None  # noqa: S101 # it has drawn
+        moves, self._last = camera != self._last, camera
+        if moves:
+            return statistics
         shape = shape_of(self._context, self._renderer, camera, (self._view.width, self._view.height))
         write_atomic(Path(sys.argv[2]), np.stack(shape).astype(np.float32).tobytes())
         return statistics

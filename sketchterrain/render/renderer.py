@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 REST: Final = 0.25
 """s without motion or a change before a picture that lacks no visible tile is drawn at full size."""
-FAST_DRAW: Final = 0.1  # s; a full-size picture faster than this is drawn at once after a change
+FAST_DRAW: Final = 0.15  # s; a full-size picture faster than this is drawn at once after a change
 CATCH_UP_SHARE: Final = 0.25
 """Share of the drawing time at full size that is loaded for, if that is more than the budget."""
 DRAWING: Final = (0.02, 0.03)

@@ -108,7 +108,7 @@ class MeasuredRenderer(view_renderer.ViewRenderer):
         """Draw a frame and save its shape."""
         statistics = super().draw(camera, **times)
         assert self._renderer is not None  # noqa: S101 # it has drawn
-        moves, self._last = camera != self._last, camera
+        moves, self._last = camera != (self._last or camera), camera
         if moves:
             return statistics
         shape = shape_of(self._context, self._renderer, camera, (self._view.width, self._view.height))

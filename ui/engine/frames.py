@@ -199,13 +199,12 @@ class FramePacer:
         else:
             if at_rest:  # not since the last load: the density of plants follows frames
                 elapsed = min(now - self._drawn_at, _REST_INTERVAL)
-            else:
-                self._moved_at = now
             self._loaded = self._shows_all = at_rest and self._loaded
             self._drawn_at, self._stale, self._settled = now, False, False
             self.clock += elapsed if plays else 0.0
             self._stats = self.renderer.draw(camera, elapsed=elapsed, clock=self.clock, budget=self._budget)
             self._budget = None
+            self._moved_at = self._moved_at if at_rest else time.monotonic()
             self._converged, self._size = self._stats.converged, size
         stats = self._stats
         assert stats is not None  # noqa: S101 # the first frame is stale

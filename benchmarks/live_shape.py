@@ -1,7 +1,4 @@
-"""Shape of live pictures beside that of stills: silhouettes by column, water.
-
-As a program it is the engine's process, which saves the shape of each frame.
-"""
+"""Shape of live pictures beside that of stills: silhouettes by column, water."""
 
 from __future__ import annotations
 
@@ -100,7 +97,7 @@ def water_overlap(one: Shape, other: Shape) -> float:
 
 
 class MeasuredRenderer(view_renderer.ViewRenderer):
-    """The engine's renderer, which saves the shape of frames at rest in the file that the last argument names."""
+    """The engine's renderer, which saves the shapes of frames at rest in the file of the last argument."""
 
     _last: Camera | None = None
 
@@ -123,7 +120,7 @@ def measured_engine(path: Path) -> Iterator[None]:
     def command(module: str, *arguments: str) -> list[str]:
         if not module.endswith(".engine.engine"):
             return module_command(module, *arguments)
-        return module_command(__spec__.name, *arguments, str(path))
+        return [sys.executable, "-P", "-c", f"import {__name__} as m; m.serve()", *arguments, str(path)]
 
     with mock.patch.object(channel, "module_command", command):
         yield
@@ -135,6 +132,7 @@ def saved_shape(path: Path, size: tuple[int, int]) -> Shape:
     return Shape(distance, water > 0.5)
 
 
-if __name__ == "__main__":
+def serve() -> None:
+    """Run the engine's process, whose frames are measured."""
     with mock.patch.object(view_renderer, "ViewRenderer", MeasuredRenderer):
         engine._main(json.loads(sys.argv[1]))

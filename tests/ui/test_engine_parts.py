@@ -3,13 +3,15 @@
 import os
 import socket
 import threading
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.ui.engine import frames
 from sketchterrain.ui.engine.channel import (
     Channel,
     ContentChannel,
@@ -19,7 +21,7 @@ from sketchterrain.ui.engine.channel import (
     settings_of,
 )
 from sketchterrain.ui.engine.frames import FrameMemory
-from sketchterrain.ui.engine.protocol import LayerPatch, Turn
+from sketchterrain.ui.engine.protocol import LayerPatch, Turn, ViewState
 from sketchterrain.ui.engine.terrain_session import LARGEST, ReliefBuilder, hill_shade
 from sketchterrain.ui.models.document import Document
 
@@ -351,3 +353,26 @@ def test_light_comes_from_the_north_west():
     to_light = int(hill_shade(down + across, 1.0)[2, 2])  # rises to the south-east: faces the light
     away = int(hill_shade(-down - across, 1.0)[2, 2])
     assert away < plain < to_light
+
+
+def test_frames_at_rest_follow_a_slow_first_frame_before_the_still_is_drawn(monkeypatch):
+    clock, drawn = [100.0], []
+    monkeypatch.setattr(frames, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+
+    def draw(camera, **times):
+        clock[0] += 0.1 if drawn else 3.0
+        drawn.append("frame")
+        return Mock(converged=False)
+
+    renderer = Mock(is_software=True, draw=draw, load=Mock(return_value=False))
+    renderer.refine = Mock(side_effect=lambda *given, **named: drawn.append("still"))
+    pacer = frames.FramePacer(renderer, FrameMemory(), used_bytes=lambda: 0)
+    pacer.set_view(ViewState(width=8, height=8))
+    pacer.set_terrain(Mock(), 1, [], Mock())
+    controller = Mock(advance=Mock(return_value=False))
+    controller.camera().to_clip.return_value = np.eye(4)
+    while "still" not in drawn:
+        clock[0] += pacer.due(moving=False) or 0.01
+        pacer.draw(controller)
+        pacer.acknowledge_frame()
+    assert drawn.count("frame") >= 3

@@ -112,7 +112,9 @@ class EngineProbe:
         while time.monotonic() < end:
             self._link.send(msg.Turn(0.1 * _TURN, 0.0))
             self._pause(time.monotonic() + _RATE)
-        return (len(self.frames) - before) / seconds
+        rate = (len(self.frames) - before) / seconds
+        self.settle()
+        return rate
 
     def stroke(self, layer: str, label: int, path: Sequence[tuple[float, float]], radius: float) -> None:
         """Paint a stroke (px of the sketch) at a mouse's rate."""

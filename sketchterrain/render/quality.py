@@ -136,8 +136,8 @@ ON_SHARED: Final = 0.5
 ON_CARD: Final = 0.8
 _LEVELS: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
 # Shape is the last to give way: mountains keep their ridges and rock at any quality.
-_TOLERANCES: Final = (1.3, 1.2, 1.15, 1.1, 1.0)
-_FINEST_QUADS: Final = (2.5, 2.0, 1.5, 1.2, 1.0)
+_TOLERANCES: Final = (1.6, 1.3, 1.2, 1.1, 1.0)
+_FINEST_QUADS: Final = (3.0, 2.5, 1.5, 1.2, 1.0)
 _STEEPS: Final = (5.0, 4.5, 4.0, 2.8, 2.0)
 _CANOPIES: Final = (250.0, 400.0, 1000.0, 1550.0, 2400.0)
 _LEAVES: Final = (0.15, 0.25, 0.6, 0.77, 1.0)
@@ -157,9 +157,9 @@ class Quality:
     From 0.75 on pictures are complete.
     """
 
-    tolerance: float = 1.0  # τ: deviation of the drawn terrain, px of the whole picture; 1.3 at level 0
+    tolerance: float = 1.0  # τ: deviation of the drawn terrain, px of the whole picture; 1.6 at level 0
     neighbour_limit: float = 2.0  # error of a parent along a coarser neighbour, in tolerances; 5 at level 0
-    finest_quad: float = 1.0  # width of quads that are not split, px of the whole picture; 2.5 at level 0
+    finest_quad: float = 1.0  # width of quads that are not split, px of the whole picture; 3 at level 0
     appearance_tiles: int = 482  # tiles of what vectors paint, in memory, of 147 KB ...
     appearance_taps: int = 8  # ... and most samples of them along a pixel's footprint
     draw_distance: float = 7.0  # at the terrain, extents; grows with the eye's height

@@ -230,16 +230,12 @@ def draft_recipe(plan: TerrainPlan, before: TerrainPlan, recipe: TerrainRecipe) 
     before, recipe : an earlier terrain of the same sketch
     """
     ground = recipe[ReliefLayer].painted
-    old_base, base = before.region.base, plan.region.base
-    same = (plan.region.beyond, base, plan.dry.world) == (
-        before.region.beyond,
-        old_base,
-        before.dry.world,
-    )
-    if not same or ground is None or plan.land.key() == before.land.key():
+    region = before.region  # what a first mountain changes of the surroundings waits for the final terrain
+    was, now = ((each.region.settings, each.region.base, each.dry.world) for each in (before, plan))
+    if was != now or ground is None or plan.land.key() == before.land.key():
         return None
     old, new = ((each.land, each.coarse_ground) for each in (before, plan))
-    relief = _relief(plan.region, drafted_ground(ground, old, new, plan.region.settings.spacing))
+    relief = _relief(region, drafted_ground(ground, old, new, region.settings.spacing))
     draft = plan.dry.with_layers(
         [relief, *(recipe[kind] for kind in (PlateausLayer, LakesLayer, CorridorsLayer, SeaLayer))]
     )

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from sketchterrain.caching import LRUCache
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.terrain.building import draft_recipe, plan_terrain, recipe_of_plan
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.terrain import Terrain
@@ -63,3 +65,13 @@ def test_drafts_keep_all_that_did_not_change(built):
     np.testing.assert_array_equal(new.wetness, old.wetness)
     assert np.isnan(new.height).sum() == np.isnan(old.height).sum()
     assert (new.height == old.height).mean() > 0.5
+
+
+def test_the_first_stroke_on_an_empty_sketch_has_a_draft(context):
+    sketch, memory = Sketch(extent=2048.0, layers={"mountain": np.zeros((64, 64), np.uint8)}), LRUCache()
+    before = plan_terrain(sketch, memory)
+    recipe = recipe_of_plan(sketch, before, memory)
+    changed = stroke(sketch, "mountain", 32, 32, 9)
+    draft = draft_recipe(plan_terrain(changed, memory), before, recipe)
+    flat, risen = (float(Terrain(sketch, each, context).heights(1024.0, 1024.0)) for each in (recipe, draft))
+    assert risen > flat + 50.0

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from unittest import mock
 
-import moderngl
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
 
 _PIXELS: Final = 3  # px that a silhouette may be off
 _STEP: Final = 1.3, 1.15  # ratios of distances at a silhouette that is sought, and at one that is found
-_FAINT: Final = 0.05  # share of contrast below which ground counts as sky
 _PLAIN: Final = frozenset({"shadows", "clouds", "rocks", "grass"})  # not drawn; trees hide water
 
 
@@ -40,29 +38,10 @@ class Shape(NamedTuple):
     water: BoolArray  # (h, w)
 
 
-def shape_of(context: moderngl.Context, renderer: Renderer, camera: Camera, size: tuple[int, int]) -> Shape:
-    """Return the shape of the last picture, its ground drawn again at a size (px)."""
-    view, reach, _ = renderer._clipped(camera)  # as the picture was drawn
-    depth = context.depth_texture(size)
-    target = context.framebuffer([], depth)
-    target.use()
-    target.clear(depth=1.0)
-    context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-    for _ in renderer.stream.draw(camera.eye):
-        pass
-    z = 2.0 * _rows(depth)[::-1].astype(np.float64) - 1.0
-    distance = 2.0 * view.near * view.far / (view.far + view.near - z * (view.far - view.near))
-    extinction = max(renderer.stream.tiles.metric.extinction, 1e-9)
-    distance[distance > min(-np.log(_FAINT) / extinction, 0.93 * reach)] = np.inf
-    targets = list(renderer.scenery._targets.values())[-1]
-    before, after = targets.copy.depth_attachment, targets.depth
-    wet = _rows(after) < _rows(before) if renderer.scenery._water else np.zeros(after.size[::-1], bool)
-    rows, columns = (np.arange(n) * m // n for n, m in zip(size[::-1], wet.shape, strict=True))
-    return Shape(distance.astype(np.float32), wet[::-1][rows[:, None], columns])
-
-
-def _rows(depth: Any) -> Float32Array:
-    return np.frombuffer(depth.read(), np.float32).reshape(depth.size[::-1])
+def shape_of(renderer: Renderer, camera: Camera, size: tuple[int, int]) -> Shape:
+    """Return the shape of the last picture, of a camera, at a size (px)."""
+    distance, water, seen = renderer.shape(camera, size)
+    return Shape(np.where(distance > seen, np.inf, distance).astype(np.float32), water)
 
 
 def still_shape(terrain: TerrainSource, camera: Camera, size: tuple[int, int]) -> Shape:
@@ -73,7 +52,7 @@ def still_shape(terrain: TerrainSource, camera: Camera, size: tuple[int, int]) -
         renderer = Renderer(context, terrain, sun=Sun(180.0), quality=plain)
         renderer.prepare(camera, size)
         renderer.draw(camera, framebuffer)
-        return shape_of(context, renderer, camera, size)
+        return shape_of(renderer, camera, size)
 
 
 def columns_alike(one: Shape, other: Shape) -> float:
@@ -108,7 +87,7 @@ class MeasuredRenderer(view_renderer.ViewRenderer):
         moves, self._last = camera != (self._last or camera), camera
         if moves:
             return statistics
-        shape = shape_of(self._context, self._renderer, camera, (self._view.width, self._view.height))
+        shape = shape_of(self._renderer, camera, (self._view.width, self._view.height))
         write_atomic(Path(sys.argv[2]), np.stack(shape).astype(np.float32).tobytes())
         return statistics
 

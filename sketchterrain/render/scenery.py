@@ -7,12 +7,12 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, cast
 
 import moderngl
 import numpy as np
 
-from sketchterrain.array_types import Bounds
+from sketchterrain.array_types import BoolArray, Bounds
 from sketchterrain.document.geology import Strata
 from sketchterrain.render.appearance import AppearanceTextures
 from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH_HEIGHT
@@ -32,7 +32,7 @@ from sketchterrain.render.quality import Quality, TerrainUpdateStats
 from sketchterrain.render.scene import Sketch, TerrainSource
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Sky, Sun, Weather
-from sketchterrain.render.targets import FrameBlock, RenderTargets, wrap_to_noise_period
+from sketchterrain.render.targets import FrameBlock, RenderTargets, depth_rows, wrap_to_noise_period
 from sketchterrain.render.textures import MaterialTextures, noise_texture
 from sketchterrain.render.water import Water
 from sketchterrain.tiles.lod import ScreenError
@@ -283,6 +283,13 @@ class Scenery:
             yield from self._water.draw(camera, targets, units, parts=parts)
         self.shading.tonemap(targets, framebuffer, units, exposure=exposure)
         self.labels.draw(camera, framebuffer, moving=moving)
+
+    def water_mask(self) -> BoolArray:
+        """Return where the last picture shows water, at its internal size, row 0 on top."""
+        targets = list(self._targets.values())[-1]
+        before = cast(moderngl.Texture, targets.textures["scene_depth"])  # copied before water was drawn
+        after = depth_rows(targets.depth)
+        return after < depth_rows(before) if self._water else np.zeros(after.shape, np.bool_)
 
     def _set_frame(self, camera: Camera, targets: RenderTargets, distance: float) -> None:
         width, height = targets.size

@@ -86,6 +86,11 @@ def _depth(context: moderngl.Context, size: tuple[int, int]) -> moderngl.Texture
     return texture
 
 
+def depth_rows(texture: moderngl.Texture) -> npt.NDArray[np.float32]:
+    """Return the depths 0 … 1 of a depth texture, (height, width), row 0 on top."""
+    return np.frombuffer(texture.read(), np.float32).reshape(texture.size[::-1])[::-1]
+
+
 class PictureTarget:
     """RGBA texture with a framebuffer, re-created when the size changes."""
 

@@ -24,8 +24,8 @@ def whole(terrain):
     return Camera(pose.eye, pose.target, fov=pose.fov)
 
 
-def assert_alike(context, renderer, terrain, camera):
-    shape, still = shape_of(context, renderer, camera, SIZE), still_shape(terrain, camera, SIZE)
+def assert_alike(renderer, terrain, camera):
+    shape, still = shape_of(renderer, camera, SIZE), still_shape(terrain, camera, SIZE)
     assert columns_alike(shape, still) >= 0.99
     assert water_overlap(shape, still) >= 0.8
 
@@ -40,7 +40,7 @@ def test_live_views_have_the_silhouettes_and_the_water_of_the_still(camera, leve
         for _ in range(4):
             stats = renderer.frame(camera(terrain), framebuffer, elapsed=0.3, budget=60.0)
         assert stats.size == SIZE
-        assert_alike(context, renderer, terrain, camera(terrain))
+        assert_alike(renderer, terrain, camera(terrain))
 
 
 def test_the_first_frame_of_a_changed_terrain_shows_its_shape():
@@ -55,4 +55,4 @@ def test_the_first_frame_of_a_changed_terrain_shows_its_shape():
         terrain, areas = rebuild(plain, plain.sketch.replace(layers={"mountain": image}))
         renderer.set_terrain(terrain, areas)
         renderer.frame(camera, framebuffer, elapsed=0.02, budget=60.0)
-        assert_alike(context, renderer, terrain, camera)
+        assert_alike(renderer, terrain, camera)

@@ -15,7 +15,7 @@ from sketchterrain.benchmarks.plotting import BLUE, INK, SMALL, VERMILION, new_f
 from sketchterrain.benchmarks.report import Column, Row, Table, samples_of
 from sketchterrain.render.appearance import AppearanceTextures
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.ground_stream import view_of
+from sketchterrain.render.ground_stream import QUAD, QUAD_PER_TOLERANCE, view_of
 from sketchterrain.render.quality import Quality, TimeBudget
 from sketchterrain.terrain.surfaces import vertex_dtype
 from sketchterrain.terrain.terrain import Terrain
@@ -66,7 +66,8 @@ class TileUpdates:
     def __init__(self, terrain: Terrain) -> None:
         quality = Quality()
         slots = quality.tile_memory // (65 * 65 * vertex_dtype(len(terrain.materials)).itemsize)
-        metric = ScreenError(quality.tolerance, neighbour_limit=quality.neighbour_limit)
+        quad = QUAD + QUAD_PER_TOLERANCE * quality.tolerance
+        metric = ScreenError(quality.tolerance, quad=quad, neighbour_limit=quality.neighbour_limit)
         texture = SimpleNamespace(write=lambda *given, **named: None)
         context = SimpleNamespace(texture_array=lambda *given, **named: texture)
         self.terrain = terrain

@@ -26,7 +26,7 @@ from sketchterrain.tiles.quadtree import UNBOUNDED
 from sketchterrain.tiles.stream import TileStream
 from sketchterrain.tiles.tile_pool import Batch, DrawList
 
-_QUAD: Final = 40.0  # px, largest width of a quad without a metric
+QUAD, QUAD_PER_TOLERANCE = 24.0, 8.0  # px; largest width of a quad: constant, and per pixel of tolerance
 JUMP: Final = 0.1  # Extents; a larger motion between two frames is a jump
 FIRST_BUDGET, JUMP_BUDGET, CHANGE_BUDGET = 2.0, 0.5, 0.25
 """s for the first frame, that of a jump, and the first of another terrain, which draw a whole picture."""
@@ -78,7 +78,11 @@ class TerrainStream:
             finest_cell=finest_cell,
             bounds=bounds or UNBOUNDED,
             metric=metric
-            or ScreenError(quality.tolerance, quad=_QUAD, neighbour_limit=quality.neighbour_limit),
+            or ScreenError(
+                quality.tolerance,
+                quad=QUAD + QUAD_PER_TOLERANCE * quality.tolerance,
+                neighbour_limit=quality.neighbour_limit,
+            ),
         )
         self.draws: DrawList | None = None
         self.written = 0

@@ -40,6 +40,7 @@ from sketchterrain.tiles.lod import ScreenError
 if TYPE_CHECKING:
     from sketchterrain.drape.drapes import Drapes
 
+QUAD: Final = 32.0  # px; largest width of a quad up to a tolerance of 2 px, in proportion to it above
 LIFT: Final = 1.5  # tolerances by which water is lifted above terrain that may be drawn too high
 
 
@@ -87,11 +88,9 @@ class Scenery:
             self._sky = Sky(context, sun, weather, extent=terrain.extent)
             self._cloudiness = cloud_defines(quality, weather)
             self.shading, self._clouds = self._lighting()
+        widest = QUAD * max(quality.tolerance / 2.0, 1.0)
         metric = ScreenError(
-            quality.tolerance,
-            finest=quality.finest_quad,
-            neighbour_limit=quality.neighbour_limit,
-            extinction=self._extinction,
+            quality.tolerance, widest, finest=quality.finest_quad, extinction=self._extinction
         )
         self.stream = TerrainStream(context, terrain, quality, metric=metric, resources=resources)
         self.lit = GroundLighting(

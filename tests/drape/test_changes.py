@@ -22,7 +22,10 @@ from tests.render.conftest import SharedTextures
 
 SIZE = (160, 100)
 BARE = ("clouds", "haze", "grass", "rocks", "detail", "shadows", "trees")
-QUALITY = replace(Quality.from_level(0.0, without=BARE), quads=64, map_texels=128, material_texels=128)
+COARSE = {"tolerance": 24.0, "finest_quad": 8.0, "draw_distance": 3.0}
+QUALITY = replace(
+    Quality.from_level(0.0, without=BARE), quads=64, map_texels=128, material_texels=128, **COARSE
+)
 SUN = Sun(200.0, 60.0)
 CAMERA = Camera((375.0, 150.0, 175.0), (500.0, 500.0, 25.0), near=1.0, far=30_000.0)
 

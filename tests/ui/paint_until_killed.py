@@ -39,8 +39,8 @@ class LoggedAutosave(Autosave):
         super().__init__(*given, **named)
         self._log = log
 
-    def _write(self, sketch: Sketch, original: Path | None) -> None:
-        super()._write(sketch, original)
+    def _write(self, sketch: Sketch, *given: Any) -> None:
+        super()._write(sketch, *given)
         self._log("autosaved", sketch)
 
 

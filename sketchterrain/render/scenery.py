@@ -249,6 +249,7 @@ class Scenery:
                 self._context, size, self._quality.samples, self.stream.tile_renderer.words
             )
             self._targets = {**last_used, size: targets}
+        self._drawn = targets
         self._set_frame(camera, targets, draw_distance)
         targets.gbuffer.use()
         targets.gbuffer.clear(depth=1.0)
@@ -285,10 +286,13 @@ class Scenery:
 
     def water_mask(self) -> BoolArray:
         """Return where the last picture shows water, at its internal size, row 0 on top."""
-        targets = list(self._targets.values())[-1]
-        before = cast(moderngl.Texture, targets.textures["scene_depth"])  # copied before water was drawn
-        after = depth_rows(targets.depth)
-        return after < depth_rows(before) if self._water else np.zeros(after.shape, np.bool_)
+        before = self._drawn.textures["scene_depth"]  # copied before water was drawn
+        after = depth_rows(self._drawn.depth)
+        return (
+            after < depth_rows(cast(moderngl.Texture, before))
+            if self._water
+            else np.zeros(after.shape, np.bool_)
+        )
 
     def _set_frame(self, camera: Camera, targets: RenderTargets, distance: float) -> None:
         width, height = targets.size

@@ -44,6 +44,7 @@ from sketchterrain.render.offscreen import canvas
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
+from sketchterrain.render.targets import depth_rows
 from sketchterrain.terrain.terrain import Terrain
 
 GROUND: Final = "valley_river"
@@ -181,7 +182,7 @@ class DrapedPictures:
         self.draw(camera, size)
         view, targets = self.renderer._clipped(camera)[0], self.renderer.scenery._targets[size]
         wide, high = targets.sample_size
-        depth = np.frombuffer(targets.depth.read(), np.float32).reshape(high, wide)[::-1].astype(np.float64)
+        depth = depth_rows(targets.depth).astype(np.float64)
         x, y = ((np.arange(count) + 0.5) / count * 2.0 - 1.0 for count in (wide, high))
         clip = np.stack(np.broadcast_arrays(x[None, :], -y[:, None], 2.0 * depth - 1.0, 1.0), axis=-1)
         away = clip @ np.linalg.inv(view.to_clip(size[0] / size[1])).T

@@ -38,12 +38,6 @@ class Shape(NamedTuple):
     water: BoolArray  # (h, w)
 
 
-def shape_of(renderer: Renderer, camera: Camera, size: tuple[int, int]) -> Shape:
-    """Return the shape of the last picture, of a camera, at a size (px)."""
-    distance, water, seen = renderer.shape(camera, size)
-    return Shape(np.where(distance > seen, np.inf, distance).astype(np.float32), water)
-
-
 def still_shape(terrain: TerrainSource, camera: Camera, size: tuple[int, int]) -> Shape:
     """Return the shape of a still of a camera."""
     quality = Quality.for_still(size)
@@ -52,7 +46,7 @@ def still_shape(terrain: TerrainSource, camera: Camera, size: tuple[int, int]) -
         renderer = Renderer(context, terrain, sun=Sun(180.0), quality=plain)
         renderer.prepare(camera, size)
         renderer.draw(camera, framebuffer)
-        return shape_of(renderer, camera, size)
+        return Shape(*renderer.shape(camera, size))
 
 
 def columns_alike(one: Shape, other: Shape) -> float:
@@ -87,7 +81,7 @@ class MeasuredRenderer(view_renderer.ViewRenderer):
         moves, self._last = camera != (self._last or camera), camera
         if moves:
             return statistics
-        shape = shape_of(self._renderer, camera, (self._view.width, self._view.height))
+        shape = self._renderer.shape(camera, (self._view.width, self._view.height))
         write_atomic(Path(sys.argv[2]), np.stack(shape).astype(np.float32).tobytes())
         return statistics
 

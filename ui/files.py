@@ -183,7 +183,7 @@ class Files(QObject):
             self._open(path)
 
     def _ask(self, question: str, consequence: str, *buttons: QMessageBox.StandardButton) -> int:
-        """Return the answer to a question, Cancel if there is none; the first button is the default."""
+        """Return the answer to a question, Cancel if the box is closed; the first button is the default."""
         box = QMessageBox(QMessageBox.Icon.NoIcon, "Sketchterrain", question, _Button.Cancel, self._window)
         box.setInformativeText(consequence)
         for each in buttons:

@@ -141,7 +141,8 @@ class TerrainStream:
         self._view = view = view_of(camera, size, draw_distance=draw_distance, velocity=velocity)
         catches_up = self._since_jump < CATCH_UP_SECONDS
         if jumped:
-            budget = max(CHANGE_BUDGET if not far else JUMP_BUDGET if self.draws else FIRST_BUDGET, budget)
+            least = FIRST_BUDGET if self.draws is None else JUMP_BUDGET if far else CHANGE_BUDGET
+            budget = max(least, budget)
         elif catches_up:
             budget = max(CATCH_UP_SHARE * elapsed, budget)
         count, seconds = self._generate(view, budget, jumped=jumped)

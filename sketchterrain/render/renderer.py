@@ -23,9 +23,10 @@ from sketchterrain.render.scenery import Scenery
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
 from sketchterrain.render.sky import Sun, Weather
 from sketchterrain.render.targets import depth_rows
+from sketchterrain.tiles.lod import FAINT
 
 if TYPE_CHECKING:
-    from sketchterrain.array_types import BoolArray, Float64Array
+    from sketchterrain.array_types import BoolArray, Float32Array
     from sketchterrain.drape.drapes import Drapes
 
 REST: Final = 0.25
@@ -42,7 +43,6 @@ TILES_SHARE: Final = (0.8, 0.8, 0.8, 0.0)
 """Share of the budget for tiles, by frame, while light or plants are missing."""
 OTHERS_SHARE: Final = (0.1, 0.1, 0.1, 1.0)
 """Share of the budget that light and plants get even if tiles exceeded theirs."""
-FAINT, FADED = 0.05, 0.93  # contrast that is hardly seen; where of the draw distance the fade leaves it
 LABELS_SHARE: Final = 0.1  # of the budget, for reading features besides that
 
 
@@ -262,7 +262,8 @@ class Renderer:
         draw_seconds = self._timer() - start
         if full_size:
             self._full_draw_seconds = draw_seconds
-            self._scale = self._scale if draw_seconds > DRAWING[1] else 1.0
+            if draw_seconds <= DRAWING[1]:
+                self._scale = 1.0
         else:
             self._adapt_scale(draw_seconds)
         return FrameStats(
@@ -335,12 +336,11 @@ class Renderer:
         near, far = clip_planes(min(above, self.scenery.built.clearance(camera.eye)), distance)
         return replace(camera, near=near, far=far), distance, above
 
-    def shape(self, camera: Camera, size: tuple[int, int]) -> tuple[Float64Array, BoolArray, float]:
+    def shape(self, camera: Camera, size: tuple[int, int]) -> tuple[Float32Array, BoolArray]:
         """Return what the last picture, of this camera, shows: for measurements.
 
-        Distances (m) to its ground, drawn again at a size (px), infinite in the sky; where water is seen;
-        both (height, width), row 0 on top; and how far (m) one sees before air and the draw distance leave
-        `FAINT` of the contrast.
+        Distances (m) to its ground, drawn again at a size (px), infinite in the sky and where it is `FAINT`;
+        where water is seen; both (height, width), row 0 on top.
         """
         view, reach, _ = self._clipped(camera)
         depth = self._context.depth_texture(size)
@@ -354,8 +354,8 @@ class Renderer:
         distance = 2.0 * view.near * view.far / (view.far + view.near - z * (view.far - view.near))
         wet = self.scenery.water_mask()
         rows, columns = (np.arange(n) * m // n for n, m in zip(size[::-1], wet.shape, strict=True))
-        seen = min(-np.log(FAINT) / max(self.stream.tiles.metric.extinction, 1e-9), FADED * reach)
-        return np.where(z < 1.0, distance, np.inf), wet[rows[:, None], columns], float(seen)
+        seen = (z < 1.0) & (self.stream.tiles.metric.contrast(distance, reach) >= FAINT)
+        return np.where(seen, distance, np.inf).astype(np.float32), wet[rows[:, None], columns]
 
     def release(self) -> None:
         """Free GPU memory (if the context's ``gc_mode`` is ``auto``); the renderer is unusable afterwards.

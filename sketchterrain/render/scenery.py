@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, cast
+from typing import TYPE_CHECKING, Final
 
 import moderngl
 import numpy as np
@@ -286,13 +286,8 @@ class Scenery:
 
     def water_mask(self) -> BoolArray:
         """Return where the last picture shows water, at its internal size, row 0 on top."""
-        before = self._drawn.textures["scene_depth"]  # copied before water was drawn
-        after = depth_rows(self._drawn.depth)
-        return (
-            after < depth_rows(cast(moderngl.Texture, before))
-            if self._water
-            else np.zeros(after.shape, np.bool_)
-        )
+        after, before = depth_rows(self._drawn.depth), depth_rows(self._drawn.copy_depth)
+        return np.asarray((after < before) & bool(self._water))
 
     def _set_frame(self, camera: Camera, targets: RenderTargets, distance: float) -> None:
         width, height = targets.size

@@ -30,7 +30,8 @@ class RenderTargets:
         normal = _colour(context, sample_size, "f2")
         weights = [_colour(context, sample_size, "f1") for _ in range(words)]
         colour = _colour(context, sample_size, "f2")
-        copy_colour, copy_depth = _colour(context, sample_size, "f2"), _depth(context, sample_size)
+        copy_colour = _colour(context, sample_size, "f2")
+        self.copy_depth = copy_depth = _depth(context, sample_size)
         tonemapped = _colour(context, size, "f1")
         tonemapped.filter = (moderngl.LINEAR, moderngl.LINEAR)
         self.gbuffer = context.framebuffer([normal, *weights], depth)

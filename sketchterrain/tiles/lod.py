@@ -62,7 +62,7 @@ def inside_frustum(planes: Float64Array, low: Float64Array, high: Float64Array) 
 _NEAREST: Final = 0.5
 """Least distance, m."""
 _LARGEST: Final = 3.0  # px that a silhouette may be off, however much air is before it ...
-_FAINT: Final = 0.05  # ... unless less of its contrast than this is left
+FAINT: Final = 0.05  # ... unless less of its contrast than this is left: it is hardly seen
 _FADE: Final = (0.75, 0.98)  # of the draw distance, between which it fades: `through_air` of frame.glsl
 
 
@@ -99,13 +99,15 @@ class ScreenError:
         seen = screen_errors(view, boxes, errors) / self.tolerance
         distance, _ = eye_distances(view, boxes)
         width = cells * view.pixels_per_radian / distance
-        fade = np.clip((distance / view.draw_distance - _FADE[0]) / (_FADE[1] - _FADE[0]), 0.0, 1.0)
-        contrast = np.exp(-self.extinction * distance) * (1.0 - fade**2 * (3.0 - 2.0 * fade))
-        contrast = np.where(
-            contrast < _FAINT, contrast, np.maximum(contrast, min(self.tolerance / _LARGEST, 1.0))
-        )
-        visible = contrast * np.minimum(seen, width / max(self.finest, 1e-9))
+        contrast = self.contrast(distance, view.draw_distance)
+        least = np.where(contrast < FAINT, 0.0, min(self.tolerance / _LARGEST, 1.0))
+        visible = np.maximum(contrast, least) * np.minimum(seen, width / max(self.finest, 1e-9))
         return np.asarray(np.maximum(visible, width / self.quad))
+
+    def contrast(self, distance: Float64Array, draw_distance: float) -> Float64Array:
+        """Return the contrast, 0 … 1, that air and the fade at the draw distance leave at distances (m)."""
+        fade = np.clip((distance / draw_distance - _FADE[0]) / (_FADE[1] - _FADE[0]), 0.0, 1.0)
+        return np.asarray(np.exp(-self.extinction * distance) * (1.0 - fade**2 * (3.0 - 2.0 * fade)))
 
     def relaxed(self, factor: float) -> Self:
         """Return the metric with `factor` times the tolerance."""

@@ -69,6 +69,7 @@ _FRAME_TIME: Final = 1.0 / 60.0  # least s between frames
 _ANIMATION_TIME: Final = 0.1  # … with a software renderer, while only water, plants and clouds move
 _SOFTWARE_FACTOR: Final = 2.0  # … and at least this times the last frame's duration: half the CPU is free
 _LONGEST_STEP: Final = 0.1  # s by which a frame advances camera and clock at most: no jump after a pause
+# Longer than `renderer.REST`, so that the second frame has full size.
 _REST_INTERVAL: Final = 0.26  # s between frames at rest, while a software renderer loads what they lack …
 _LOAD: Final = 0.035  # … for so many s at a time
 _JUMP: Final = 0.3  # s for what the first frame of another place shows

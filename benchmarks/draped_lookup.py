@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Int64Array
-from sketchterrain.caching import IdentityKey
 from sketchterrain.drape.drapes import Drapes
 from sketchterrain.io.resources import source
 from sketchterrain.render.draped import SCREEN_METHODS
@@ -66,7 +65,7 @@ class LookupDraping:
     ) -> None:
         """Draw all vectors."""
         corners = [self._update(level, drapes, view) for level in range(LEVELS)]
-        state = tuple(IdentityKey(found) for _, found in self._levels.values())
+        state = tuple(id(found) for _, found in self._levels.values())
         if state != self._state:
             self._upload([found for _, found in self._levels.values()], drapes)
             self._state = state
@@ -84,7 +83,7 @@ class LookupDraping:
         step = SNAP * cell
         x, y = (float(np.floor(axis / step) * step - 0.5 * CELLS * cell) for axis in view.camera.eye[:2])
         texel = 2.0 ** np.ceil(np.log2(view.pixel * max(CELLS * cell, abs(view.camera.eye[2]))))
-        state = (IdentityKey(drapes), x, y, texel)
+        state = (drapes, x, y, texel)
         if level not in self._levels or self._levels[level][0] != state:
             self._levels[level] = state, _lists_of(drapes, (x, y, cell), texel)
         return x, y, cell

@@ -13,9 +13,9 @@ from scipy import ndimage
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.benchmarks.timing import lap
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.placement.placement import place
+from sketchterrain.stages.runner import Runner
 from sketchterrain.terrain import drainage
 from sketchterrain.terrain.building import make_recipe
 from sketchterrain.terrain.drainage import BARE_ROUNDS, DrainageInput, Drained
@@ -202,7 +202,7 @@ def _uplift(
     sketch: Sketch, features: UpliftFeatures, plain: DrainageInput, bare: Sequence[Drained], spacing: float
 ) -> PaintedUplift:
     """Return the uplift of features on ground that is drained around them."""
-    outlines = {name: painted_outline(sketch, name, spacing, LRUCache()) for name in PAINTED}
+    outlines = {name: painted_outline(sketch, name, spacing, Runner()) for name in PAINTED}
     painted = {name: each for name, each in outlines.items() if each is not None}
     uplift = painted_uplift(features, plain, spacing, None, painted)
     levels = [

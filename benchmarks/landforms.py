@@ -31,12 +31,12 @@ from sketchterrain.benchmarks.landform_grounds import (
 from sketchterrain.benchmarks.plotting import BLUE, GREEN, INK, ORANGE, PURPLE, SMALL, VERMILION, new_figure
 from sketchterrain.benchmarks.report import Cell, Column, Outcome, Row, Table, samples_of, value_of
 from sketchterrain.benchmarks.timing import TimedContext
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.placement.heights import shape_height
 from sketchterrain.placement.shapes import label_shapes
+from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.adherence import agreement
 from sketchterrain.terrain.building import build, make_recipe
 from sketchterrain.terrain.drainage import ROUNDS
@@ -251,7 +251,7 @@ def _stability(
     others: Mapping[int, Sequence[Float64Array]],
     effort: Effort,
 ) -> list[Row]:
-    memory = LRUCache()
+    memory = Results()
     before = [_nodes(make_recipe(each, memory=memory)) for each in sketches]
     strokes: list[dict[str, float]] = []
     for number in range(effort.landform_strokes):

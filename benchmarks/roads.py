@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import groupby
 from pathlib import Path
@@ -23,7 +23,6 @@ from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_o
 from sketchterrain.benchmarks.road_methods import METHODS, Problem
 from sketchterrain.benchmarks.road_samples import RoadSamples, road_samples
 from sketchterrain.benchmarks.timing import TimedContext, alternate
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import id_of_vector
 from sketchterrain.document.rasters import raster_source
 from sketchterrain.document.sketch import Sketch
@@ -35,9 +34,10 @@ from sketchterrain.roads.build import ROAD_LAYERS, road_network
 from sketchterrain.roads.road_shapes import axis_points
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, RoadNetwork, deck_depth
 from sketchterrain.roads.structures import TUNNEL_HEIGHT
-from sketchterrain.roads.waters import flood_levels
+from sketchterrain.roads.waters import Floods
+from sketchterrain.stages.runner import Results, Runner
 from sketchterrain.terrain.building import make_recipe
-from sketchterrain.terrain.host_heights import host_heights
+from sketchterrain.terrain.host_heights import Ground, host_heights
 from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.terrain import Terrain
 
@@ -111,11 +111,25 @@ def _sketch() -> Sketch:
     return load_sketch("mountain_pass")
 
 
+@dataclass(frozen=True, eq=False)
+class _TimedGround(Ground):
+    """Ground without roads, and the seconds of each evaluation."""
+
+    seconds: list[float] = field(init=False, default_factory=list)
+
+    def __call__(self, x: Float64Array, y: Float64Array) -> Float64Array:
+        """Return heights (n,), m."""
+        start = perf_counter()
+        found = super().__call__(x, y)
+        self.seconds.append(perf_counter() - start)
+        return found
+
+
 class _Case:
     """The terrain with roads and without, and samples of the car roads."""
 
     def __init__(self, context: TimedContext, sketch: Sketch, effort: Effort) -> None:
-        memory = LRUCache()
+        memory = Results()
         removed = {name: sketch.vectors[name].edited(remove=sketch.vectors[name].ids) for name in ROAD_LAYERS}
         without = sketch.replace(vectors={**sketch.vectors, **removed})
         self.context, self.sketch, self.effort = context, sketch, effort
@@ -124,7 +138,7 @@ class _Case:
         self.roads = self.recipe.network.roads
         self.samples = road_samples(self.roads, "road", _STEP)
         self.length = float(np.diff(self.samples.along)[self.samples.inner].sum())
-        self.sampling = 0.0  # s
+        self.ground = _TimedGround(self.bare, _CELL)
         ids = [id_of_vector("road", number) for number in sketch.vectors["road"].ids.tolist()]
         grades = sketch.vector_values("road", "grade").tolist()
         self.limits = self.samples.limits(dict(zip(ids, grades, strict=True)))
@@ -153,19 +167,12 @@ class _Case:
         terrain = self.natural if bare else self.terrain
         return terrain.heights(at[:, 0], at[:, 1], cell_size=cell).astype(np.float64)
 
-    def ground(self, x: Float64Array, y: Float64Array) -> Float64Array:
-        """Return heights (m) without roads, on the host; their time is added to `sampling`."""
-        start = perf_counter()
-        found = host_heights(self.bare, x, y, cell_size=_CELL)
-        self.sampling += perf_counter() - start
-        return found
-
-    def network(self, sketch: Sketch, memory: LRUCache) -> tuple[RoadNetwork, float, float]:
+    def network(self, sketch: Sketch, memory: Results) -> tuple[RoadNetwork, float, float]:
         """Return a sketch's network, seconds without sampling the ground, and those of sampling it."""
-        waters = partial(flood_levels, self.bare.rivers, self.bare.lakes, self.bare.sea_level, self.ground)
-        start, before = perf_counter(), self.sampling
-        network = road_network(sketch, self.ground, waters, memory, self.bare)
-        sampling = self.sampling - before
+        water = Floods(self.bare.rivers, self.bare.lakes, self.bare.sea_level, self.ground)
+        start, before = perf_counter(), sum(self.ground.seconds)
+        network = road_network(sketch, self.ground, water, Runner(memory))
+        sampling = sum(self.ground.seconds) - before
         return network, perf_counter() - start - sampling, sampling
 
     def alone(
@@ -211,7 +218,7 @@ def _profiles(case: _Case) -> Iterator[Row]:
     for name, method in METHODS.items():
         start = perf_counter()
         found[name] = method(problem), perf_counter() - start
-    memory = LRUCache()
+    memory = Results()
     solve = [case.network(case.sketch, memory)[1] for _ in range(3)][-1]
     found["this program, profile"], found["this program, terrain"] = (
         (height, solve) for height in (samples.height, case.on_terrain)
@@ -400,7 +407,7 @@ def _tunnels(case: _Case) -> Iterator[_Line]:
 
 
 def _solves(case: _Case) -> Iterator[_Line]:
-    memory, rounds = LRUCache(), case.effort.rounds
+    memory, rounds = Results(), case.effort.rounds
     before, first, sampling = case.network(case.sketch, memory)
     again = median(case.network(case.sketch, memory)[1] for _ in range(rounds))
     facts = f"of it profiles: {again:.2f} s; sampling the ground besides: {sampling:.1f} s"

@@ -20,7 +20,6 @@ from sketchterrain.benchmarks.plotting import HUES, SMALL, new_figure
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
 from sketchterrain.benchmarks.synthetic_land import EXTENT, SEED, SIDE, curve_count, synthetic_land
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate
-from sketchterrain.caching import LRUCache
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
@@ -30,6 +29,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.io.system import peak_memory
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground_stream import view_of
+from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.building import build, make_recipe
 from sketchterrain.terrain.terrain import Terrain
 
@@ -121,7 +121,7 @@ def _load(folder: str) -> tuple[float, float, float]:
     context = ComputeContext()
     start = perf_counter()
     sketch = load_sketch(folder)
-    memory = LRUCache()
+    memory = Results()
     make_recipe(_without_roads(sketch), memory=memory)
     before = perf_counter()
     terrain = Terrain(sketch, make_recipe(sketch, memory=memory), context, memory=memory)
@@ -162,7 +162,7 @@ def _scale_rows(
 
 def _edit_row(side: int, sketch: Sketch, roads: str, context: TimedContext, count: int) -> Row:
     """Edit corners in view, and compare the result with a terrain built from its sketch."""
-    memory, rng = LRUCache(), np.random.default_rng(SEED)
+    memory, rng = Results(), np.random.default_rng(SEED)
     terrain = build(sketch, device=context, memory=memory)
     middle = 0.5 * EXTENT
     ground = float(terrain.heights(middle, middle))

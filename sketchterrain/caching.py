@@ -12,23 +12,6 @@ import numpy as np
 Value = TypeVar("Value")
 
 
-class IdentityKey:
-    """Cache key of an immutable object, equal only to itself."""
-
-    __slots__ = ("_thing",)
-
-    def __init__(self, thing: object) -> None:
-        self._thing = thing
-
-    def __eq__(self, other: object) -> bool:
-        """Compare by identity."""
-        return isinstance(other, IdentityKey) and self._thing is other._thing
-
-    def __hash__(self) -> int:
-        """Hash by identity: the key holds the object, so its id can't be reused."""
-        return id(self._thing)
-
-
 class LRUCache:
     """Thread-safe cache of so many values and bytes of their arrays; the least recently used are evicted."""
 

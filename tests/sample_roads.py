@@ -5,13 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import id_of_vector
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.roads.build import road_network
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Pad, Road, RoadNetwork, Wall, Works
+from sketchterrain.stages.runner import Runner
 from sketchterrain.terrain.layers.layer import HostSamples, HostSite, WorldSettings
 from sketchterrain.terrain.layers.pads import PadsLayer
 from sketchterrain.terrain.layers.roads import RoadsLayer
@@ -150,7 +150,20 @@ def no_water(x, y):
 
 def network_on(sketch, ground=hills, water=no_water):
     """Return the roads, pads and walls of a sketch on a ground."""
-    return road_network(sketch, ground, water, LRUCache(), sketch)
+    return road_network(sketch, Named(ground), Named(water), Runner())
+
+
+class Named:
+    """A function with a digest."""
+
+    def __init__(self, function):
+        self.function = function
+
+    def __call__(self, x, y):
+        return self.function(x, y)
+
+    def digest_parts(self):
+        return (id(self.function),)
 
 
 def heights_with(network, at, ground=hills, cell=0.05, extent=1024.0):

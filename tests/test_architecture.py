@@ -16,7 +16,7 @@ import sketchterrain
 ROOT = Path(__file__).parents[1]
 IMPORT = re.compile(r"^[ \t]*((?:from|import)[ \t][^(\n]*(?:\([^)]*\))?)", re.MULTILINE)
 
-BASE = {"errors", "array_types", "caching", "io", "document"}
+BASE = {"errors", "array_types", "caching", "io", "stages", "document"}
 CORE = BASE | {"placement", "hydrology", "roads", "landuse", "compute", "terrain", "vegetation"}
 # Each room and the rooms it may import; a room may always import itself.
 MAY_IMPORT = {
@@ -24,7 +24,8 @@ MAY_IMPORT = {
     "array_types": set(),
     "caching": set(),
     "io": {"errors"},
-    "document": {"errors", "array_types", "caching", "io"},
+    "stages": {"caching"},
+    "document": {"errors", "array_types", "caching", "io", "stages"},
     "elevation": BASE,
     "placement": BASE,
     "hydrology": BASE | {"placement"},

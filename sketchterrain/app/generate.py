@@ -19,7 +19,6 @@ from sketchterrain.app.console import Stages
 from sketchterrain.app.export import DeviceFallback, noted_drapes
 from sketchterrain.app.listings import device_entry, sketch_notes
 from sketchterrain.app.pictures import sketch_weather
-from sketchterrain.caching import LRUCache
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.rasters import raster_problem
 from sketchterrain.document.sketch import Sketch
@@ -46,6 +45,7 @@ from sketchterrain.placement.feature_types import FEATURE_TYPES
 from sketchterrain.render.sky import Weather
 from sketchterrain.render.views import check_view
 from sketchterrain.roads.road_report import road_facts
+from sketchterrain.stages.runner import Results, Runner
 from sketchterrain.terrain.adherence import measure_adherence
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.realism import realism_entry
@@ -99,7 +99,7 @@ def report_header(terrain: Terrain) -> dict[str, Any]:
     """Return the entries of every report of a terrain."""
     sketch, recipe, context = terrain.sketch, terrain.recipe, terrain.context
     network = recipe.network
-    base = load_base(sketch, LRUCache() if terrain.memory is None else terrain.memory)
+    base = load_base(sketch, Runner(terrain.memory))
     return {
         "format": 1,
         "version": version("sketchterrain"),
@@ -160,7 +160,7 @@ class SharedResources:
     """Resources shared by the terrains of one process."""
 
     devices: DeviceFallback
-    memory: LRUCache = field(default_factory=LRUCache)  # of one thread
+    memory: Results = field(default_factory=Results)
     take_picture: TakePicture | None = None  # by default that of a `SnapshotRenderer`
 
 

@@ -8,6 +8,7 @@ from functools import lru_cache
 from hashlib import sha256
 from itertools import product
 from typing import Any, TypeAlias
+from weakref import WeakValueDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,6 @@ from PIL import Image
 from PIL.PngImagePlugin import PngImageFile
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.errors import InputError
 
@@ -40,8 +40,8 @@ MAX_LABELS = 16
 
 _BLOCK_PIXELS = 1 << 20
 
-_checked = LRUCache(16)
-"""Images that were checked and frozen: the next sketch, which shares most of them, need not check them."""
+_checked: WeakValueDictionary[int, LabelImage] = WeakValueDictionary()
+"""Images that were checked and frozen, by id: the next sketch shares most of them."""
 
 
 def label_areas(image: LabelImage) -> dict[int, int]:
@@ -68,8 +68,8 @@ def check_image(name: str, image: LabelImage) -> LabelImage:
 
     Raise InputError, naming the layer, if it is not a label image.
     """
-    if IdentityKey(image) in _checked and not image.flags.writeable:
-        return freeze_image(image)
+    if _checked.get(id(image)) is image and not image.flags.writeable:
+        return image
     if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 2:
         given = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
         raise InputError(f"layer {name}: expected a uint8 array (height, width), got {given}")
@@ -89,7 +89,8 @@ def check_image(name: str, image: LabelImage) -> LabelImage:
 def freeze_image(image: LabelImage) -> LabelImage:
     """Make a valid label image read-only and register it as checked."""
     image.flags.writeable = False
-    return _checked.get_or_compute(IdentityKey(image), lambda: image)
+    _checked[id(image)] = image
+    return image
 
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"

@@ -14,7 +14,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import relocated_drapes
 from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer, image_digest
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
@@ -41,6 +41,7 @@ from sketchterrain.io.files import (
     write_atomic,
 )
 from sketchterrain.io.resources import preset, preset_names
+from sketchterrain.stages.digests import digest_of
 
 SETTINGS = "sketch.toml"
 """The settings file; each layer's image is ``<layer>.png``, and its vectors, if any, are ``<layer>.fgb``."""
@@ -436,11 +437,11 @@ def _encode(sketch: Sketch, base: Path | None) -> dict[str, bytes]:
     files = {}
     for name, image in sketch.layers.items():
         encode = partial(encode_layer, image, LAYERS[name].colour)
-        files[f"{name}.png"] = _encoded.get_or_compute((IdentityKey(image), name), encode)
+        files[f"{name}.png"] = _encoded.get_or_compute((digest_of(image), name), encode)
     place = sketch.frame["crs"], sketch.frame["east"], sketch.frame["north"]
     for name, layer in sketch.vectors.items():
         if len(layer):
             write = partial(encode_vectors, layer, sketch.frame)
-            files[f"{name}{SUFFIX}"] = _encoded.get_or_compute((IdentityKey(layer), *place), write)
+            files[f"{name}{SUFFIX}"] = _encoded.get_or_compute((layer, *place), write)
     files |= embedded_files(sketch.rasters)
     return files | {SETTINGS: settings_text(sketch).encode("utf-8")}

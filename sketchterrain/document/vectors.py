@@ -144,6 +144,12 @@ class VectorLayer:
             return _of_pieces, (self.layer, self.pieces)
         return VectorLayer, (self.layer, *self._arrays, dict(self.columns))
 
+    def digest_parts(self) -> tuple[object, ...]:
+        """Return what its digest for stages is of: that of each piece is kept."""
+        if len(self.pieces) > 1:
+            return self.pieces
+        return (self.layer, *(getattr(self, name) for name in _FIELDS))
+
     @property
     def _arrays(self) -> tuple[npt.NDArray[Any], ...]:
         return self.vertices, self.rings, self.parts, self.kinds, self.ids, self.labels

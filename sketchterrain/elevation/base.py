@@ -14,7 +14,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.rasters import RasterSource, content_hash, raster_problem
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
@@ -26,6 +25,7 @@ from sketchterrain.elevation.store import PatchStore
 from sketchterrain.elevation.surface import Heights
 from sketchterrain.elevation.vertical import convert_heights, geoid_files
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.stages.runner import Runner
 
 NODES: Final = 256
 """Nodes of the ground along a sketch's extent."""
@@ -105,17 +105,17 @@ class BaseElevation:
         }
 
 
-def load_base(sketch: Sketch, memory: LRUCache) -> BaseElevation | None:
+def load_base(sketch: Sketch, run: Runner) -> BaseElevation | None:
     """Return the real elevation beneath a sketch; None without rasters whose role is elevation.
 
-    Patches are stored on disk (`PatchStore`); their tables and the patchwork are cached in `memory`. Raise
+    Patches are stored on disk (`PatchStore`); their tables and the patchwork are kept by `run`. Raise
     InputError, in one line that names the raster, if a file is missing, has changed or cannot be read.
     """
     if not sketch.elevation_rasters:
         return None
     frame = _frame_of(sketch)
     options = {"vertical": sketch.frame["vertical"], "margin": sketch.base["margin"], "extent": sketch.extent}
-    base = combine_rasters(sketch.elevation_rasters, frame, memory, **options)
+    base = combine_rasters(sketch.elevation_rasters, frame, run, **options)
     findings = list(base.findings)
     for each in base.grids:
         box = np.array(each.patches.box)
@@ -127,7 +127,7 @@ def load_base(sketch: Sketch, memory: LRUCache) -> BaseElevation | None:
 def combine_rasters(
     sources: Sequence[RasterSource],
     frame: SketchFrame,
-    memory: LRUCache,
+    run: Runner,
     *,
     vertical: str = "",
     margin: float = -1.0,
@@ -137,16 +137,15 @@ def combine_rasters(
 
     `extent` (m) is that of the sketch; by default of the largest one on the data.
     """
-    loaded = [_load_grid(source, frame, vertical, memory) for source in sources]
+    loaded = [_load_grid(source, frame, vertical, run) for source in sources]
     grids = tuple({each.patches.id: each for each in loaded}.values())
     findings = [f"{each.name}: {line}" for each in grids for line in each.findings]
     if len(grids) < len(loaded):
         findings.append(f"{len(loaded) - len(grids)} rasters have the content and place of another one")
-    parts = {each.patches.id: each.patches for each in grids}
-    work = memory.get_or_compute(("patchwork", frozenset(parts)), lambda: Patchwork(parts))
     used_parts = [each.patches for each in grids]
+    work = run(_patchwork, sorted(used_parts, key=lambda part: part.id), hashed=False)
     names = [each.name for each in grids]
-    offsets = memory.get_or_compute(("offsets", *parts), lambda: measure_offsets(used_parts))
+    offsets = run(measure_offsets, used_parts)
     findings += [line for each in offsets for line in each.finding(used_parts, names)]
     sides = work.box[2:] - work.box[:2]
     start = NODE_REACH * float(sides.max() if extent is None else extent) / NODES
@@ -154,11 +153,19 @@ def combine_rasters(
     if 0.0 <= margin != used:
         findings.append(f"margin = {margin:g}: {used:.4g} m is what the extent of the data allows")
     digest = blake2b(b"".join(work.grids) + np.array([used, start]).tobytes(), digest_size=16)
-    fade = memory.get_or_compute(("rim fade", digest.digest()), lambda: work.rim_fade(used, start))
+    fade = run(_rim_fade, work, used, start, hashed=False)
     return BaseElevation(grids, work, fade, used, digest.digest(), tuple(findings))
 
 
-def _load_grid(source: RasterSource, frame: SketchFrame, datum: str, memory: LRUCache) -> BaseGrid:
+def _patchwork(parts: Sequence[GridPatches]) -> Patchwork:
+    return Patchwork({part.id: part for part in parts})
+
+
+def _rim_fade(work: Patchwork, margin: float, start: float) -> RimFade:
+    return work.rim_fade(margin, start)
+
+
+def _load_grid(source: RasterSource, frame: SketchFrame, datum: str, run: Runner) -> BaseGrid:
     """Return the patches of a raster."""
     if problem := raster_problem(source):
         raise InputError(problem)
@@ -167,19 +174,18 @@ def _load_grid(source: RasterSource, frame: SketchFrame, datum: str, memory: LRU
     stamps = [] if source.content is not None else file_stamps(Path(source.path))
     # Stores are of the CRS, and patches are moved to the sketch's corner.
     key = repr((content_hash(source), Path(source.path).name, values, stamps))
+    return run(_built_grid, source, frame, datum, key, hashed=False)
 
-    def built() -> BaseGrid:
-        part, findings = PatchStore().load(key, lambda: grid_in_datum(source, SketchFrame(frame.crs), datum))
-        moved = part.moved(frame.east, frame.north)
-        return BaseGrid(source.title, moved, source.accuracy >= 0.0, findings)
 
-    return memory.get_or_compute(("elevation grid", key, frame), built)
+def _built_grid(source: RasterSource, frame: SketchFrame, datum: str, key: str) -> BaseGrid:
+    part, findings = PatchStore().load(key, lambda: grid_in_datum(source, SketchFrame(frame.crs), datum))
+    return BaseGrid(source.title, part.moved(frame.east, frame.north), source.accuracy >= 0.0, findings)
 
 
 def patches_of(sketch: Sketch) -> list[GridPatches]:
     """Return the patches of each elevation raster of a sketch."""
-    frame, datum, memory = _frame_of(sketch), sketch.frame["vertical"], LRUCache()
-    return [_load_grid(each, frame, datum, memory).patches for each in sketch.elevation_rasters]
+    frame, datum, run = _frame_of(sketch), sketch.frame["vertical"], Runner()
+    return [_load_grid(each, frame, datum, run).patches for each in sketch.elevation_rasters]
 
 
 def held_grids(sketch: Sketch) -> list[ElevationGrid]:

@@ -20,9 +20,10 @@ import numpy as np
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.hydrology.lakes import runs_inside
 from sketchterrain.placement.feature_types import Lake, River, lake_centre
-from sketchterrain.placement.shapes import Region, find_regions
+from sketchterrain.placement.shapes import find_regions, region_numbers
 
 if TYPE_CHECKING:
+    from sketchterrain.document.label_layers import LabelImage
     from sketchterrain.document.sketch import Sketch
 
 
@@ -43,15 +44,9 @@ class Resolution(NamedTuple):
     y: float  # m
 
 
-def label_mountains(
-    sketch: Sketch, regions: Sequence[Region] | None = None, *, layer: str = "mountain"
-) -> Int64Array:
+def label_mountains(image: LabelImage) -> Int64Array:
     """Return the number of the mountain, or of another layer's shape, at each pixel, from 1; 0 for none."""
-    numbers = np.zeros(sketch.layers[layer].shape, dtype=np.int64)
-    found = find_regions(sketch.layers[layer]) if regions is None else regions
-    for number, region in enumerate(found, 1):
-        numbers[region.rows, region.columns][region.mask] = number
-    return numbers
+    return region_numbers(image, find_regions(image)) + 1
 
 
 def mountain_crossings(sketch: Sketch, numbers: Int64Array, line: Float64Array) -> list[Crossing]:
@@ -102,7 +97,7 @@ def canyon_resolutions(sketch: Sketch, rivers: Sequence[River]) -> tuple[Resolut
     """Describe the canyons that rivers cut through plateaus."""
     if not (rivers and sketch.layers["plateau"].any()):
         return ()
-    numbers = label_mountains(sketch, layer="plateau")
+    numbers = label_mountains(sketch.layers["plateau"])
     found = []
     for number, river in enumerate(rivers, 1):
         line = river.centreline[:, :2]

@@ -156,11 +156,11 @@ def drainage_constraints(
         rows.lake[nodes] = number
         slope.flat[nodes] = 0.0
     paths: list[Path] = []
-    number_of = {id(course): number for number, course in enumerate(courses)}
+    number_of = {course.id: number for number, course in enumerate(courses)}
     for number, course in enumerate(courses):
         path, at = course_path(raster, course.line)
         if course.parent is not None and path:
-            stem = paths[number_of[id(course.parent)]]
+            stem = paths[number_of[course.parent.id]]
             path = _joined(raster, path, stem, course.parent.line[course.joint])
         paths.append(path)
         rows.force(path)

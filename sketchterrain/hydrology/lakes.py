@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Collection, Sequence
-from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,6 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.layers import id_of_vector
 from sketchterrain.hydrology.courses import RiverCourse, arc_length
 from sketchterrain.hydrology.river_shape import Network, smoothstep
@@ -22,9 +21,12 @@ from sketchterrain.placement.covers import shape_field
 from sketchterrain.placement.feature_types import LAYER_CODES, Lake, ShapeField, distance_inside, lake_centre
 from sketchterrain.placement.hashing import gaussian_filter, rounded, value_noise
 from sketchterrain.placement.shapes import label_shapes
+from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
+    from sketchterrain.document.label_layers import LabelImage
     from sketchterrain.document.sketch import Sketch
+    from sketchterrain.document.vectors import VectorLayer
 
 GroundHeight: TypeAlias = Callable[[Float64Array, Float64Array], npt.NDArray[np.floating[Any]]]
 """Height (m) of the terrain without rivers at positions x, y (n,), m."""
@@ -69,10 +71,13 @@ _FINE_SPACING = 2.0  # m
 _FIELD_STEP = 2.0**-9  # m, to which fields are rounded
 
 
+_PAINTED: Final = ("layers.lake", "layers.river", "vectors.river", "extent", "size", "fidelity")
+
+
 def painted_lakes(
     sketch: Sketch,
     ground: GroundHeight,
-    cache: LRUCache | None = None,
+    run: Runner | None = None,
     *,
     seed: int = 0,
     sea_level: float | None = None,
@@ -81,18 +86,12 @@ def painted_lakes(
 
     Those in the sea are left out, others lie above its level.
     """
-    cache = LRUCache() if cache is None else cache
+    run = Runner() if run is None else run
     lowest = -np.inf if sea_level is None else sea_level + _ABOVE_SEA
     areas = sketch.vectors["lake"]
-    inputs = sketch.layers["lake"], sketch.layers["river"], sketch.vectors["river"]
-    outlines: list[_LakeOutline] = cache.get_or_compute(
-        ("lakes", *map(IdentityKey, inputs), sketch.extent, sketch.fidelity, seed),
-        lambda: _lake_outlines(sketch, seed),
-    )
+    outlines: list[_LakeOutline] = run(_lake_outlines, sketch.part(*_PAINTED), seed)
     if len(areas):
-        outlines = outlines + cache.get_or_compute(
-            ("lake areas", IdentityKey(areas), sketch.pixel_size), lambda: _area_outlines(sketch)
-        )
+        outlines = outlines + run(_area_outlines, areas, sketch.pixel_size)
     if not outlines:
         return []
     at = np.concatenate([each.shore for each in outlines])
@@ -202,14 +201,13 @@ def _shore_noise(at: Float64Array, shift: float, spacing: float, seed: int) -> F
 
 
 def with_deltas(
-    lakes: Sequence[Lake], courses: Sequence[RiverCourse], *, seed: int, cache: LRUCache
+    lakes: Sequence[Lake], courses: Sequence[RiverCourse], *, seed: int, run: Runner
 ) -> list[Lake]:
     """Return lakes with deltas at the mouths of rivers."""
     found = []
     for lake in lakes:
         mouths = _mouths(lake, courses)
-        key = ("deltas", IdentityKey(lake.shape), seed, *map(tuple, mouths))
-        shape = cache.get_or_compute(key, partial(_with_fans, lake.shape, mouths, seed))
+        shape = run(_with_fans, lake.shape, mouths, seed)
         found.append(dataclasses.replace(lake, shape=shape) if mouths else lake)
     return found
 
@@ -243,14 +241,13 @@ def _with_fans(field: ShapeField, mouths: Sequence[Sequence[float]], seed: int) 
     return dataclasses.replace(field, inside=rounded(inside, _FIELD_STEP).astype(np.float32))
 
 
-def _area_outlines(sketch: Sketch) -> list[_LakeOutline]:
+def _area_outlines(areas: VectorLayer, pixel_size: float) -> list[_LakeOutline]:
     """Return the outlines of the lakes from vectors."""
-    areas = sketch.vectors["lake"]
     depths = areas.columns.get("depth", np.full(len(areas), np.nan))
-    margin = max(_MARGIN_PIXELS * sketch.pixel_size, _MARGIN)
+    margin = max(_MARGIN_PIXELS * pixel_size, _MARGIN)
     found = []
     for shape, name, label, depth in zip(areas.shapes(), areas.ids, areas.labels, depths, strict=True):
-        field = area_field(shape, spacing=sketch.pixel_size, margin=margin)
+        field = area_field(shape, spacing=pixel_size, margin=margin)
         known = None if np.isnan(depth) else float(depth)
         found.append(
             _LakeOutline(id_of_vector("lake", int(name)), int(label), field, shore_positions(field), known)
@@ -400,10 +397,22 @@ def solve_lake_levels(
     ], join_water_levels(network, levels)
 
 
-def lake_pixels(sketch: Sketch) -> cKDTree | None:
-    """Return a tree of the painted lakes' pixels (row, column); None without a lake."""
-    painted = np.argwhere(sketch.layers["lake"] > 0)
-    return cKDTree(painted) if len(painted) else None
+@dataclasses.dataclass(frozen=True, eq=False)
+class WaterPixels:
+    """Pixels of water, at least one, in a tree."""
+
+    at: npt.NDArray[np.floating[Any]]  # (n, 2) rows and columns
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """The tree."""
+        return cKDTree(self.at)
+
+
+def lake_pixels(lakes: LabelImage) -> WaterPixels | None:
+    """Return the painted lakes' pixels; None without a lake."""
+    painted = np.argwhere(lakes > 0).astype(np.float64)
+    return WaterPixels(painted) if len(painted) else None
 
 
 def _distance(point: Float64Array, line: Float64Array) -> float:

@@ -5,15 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from functools import partial
-from hashlib import blake2b
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array
-from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.document.label_layers import LabelImage
 from sketchterrain.errors import InputError
 from sketchterrain.hydrology.courses import (
     LAKE_GAP,
@@ -25,7 +24,7 @@ from sketchterrain.hydrology.courses import (
     reach_course,
     reversed_course,
 )
-from sketchterrain.hydrology.lakes import GroundHeight, lake_pixels
+from sketchterrain.hydrology.lakes import GroundHeight, WaterPixels, lake_pixels
 from sketchterrain.hydrology.network import (
     RiverEnd,
     Skeleton,
@@ -40,6 +39,8 @@ from sketchterrain.hydrology.network import (
 from sketchterrain.placement.hashing import rounded
 from sketchterrain.placement.sea import sea_level
 from sketchterrain.placement.shapes import Region, find_regions
+from sketchterrain.stages.digests import derive_digest
+from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -51,10 +52,10 @@ _CLEARANCE = 2.0  # of the two widths' mean
 def separate_beyond_edge(courses: list[RiverCourse], size: tuple[float, float]) -> list[RiverCourse]:
     """Shorten the extensions beyond the sketch (`size`, m) so that no two rivers cross there.
 
-    Parents come first; earlier courses take precedence. Unchanged courses are the identical objects.
+    Parents come first; earlier courses take precedence.
     """
     finished: list[RiverCourse] = []
-    # By old course: the new one, and the number of points removed at its head.
+    # By id: the new one, and the number of points removed at its head.
     replaced: dict[int, tuple[RiverCourse, int]] = {}
     for course in courses:
         head, tail = _beyond(course, size)
@@ -66,11 +67,11 @@ def separate_beyond_edge(courses: list[RiverCourse], size: tuple[float, float]) 
             upstream = _free(course.line[:head][::-1], course.width[:head][::-1], finished)
             first = head - upstream
         part = part_of_course(course, min(first, last - 2), max(last, first + 2))
-        if part.parent is not None:
-            parent, removed = replaced[id(course.parent)]
+        if course.parent is not None:
+            parent, removed = replaced[course.parent.id]
             if parent is not part.parent or removed:
                 part = dataclasses.replace(part, parent=parent, joint=course.joint - removed)
-        replaced[id(course)] = part, min(first, last - 2)
+        replaced[course.id] = part, min(first, last - 2)
         finished.append(part)
     return finished
 
@@ -117,7 +118,9 @@ def ranges_beyond_edge(
         first, last = _allowed_range(ground, *_beyond(course, size))
         if course.parent is not None or course.id in at_sea:
             last = len(ground)
-        joints = [other.joint for other in courses if other.parent is course]
+        joints = [
+            other.joint for other in courses if other.parent is not None and other.parent.id == course.id
+        ]
         first, last = min([first, *joints]), max([last, *(joint + 1 for joint in joints)])
         last = min(max(last, first + 2), len(ground))
         ranges.append((min(first, last - 2), last))
@@ -141,19 +144,16 @@ def _allowed_range(ground: Float64Array, head: int, tail: int) -> tuple[int, int
 
 
 def shortened(courses: Sequence[RiverCourse], ranges: Sequence[tuple[int, int]]) -> list[RiverCourse]:
-    """Return the points of courses (parents first) in ranges that hold all joints.
-
-    Whole courses whose parents are unchanged are the identical objects.
-    """
+    """Return the points of courses (parents first) in ranges that hold all joints."""
     left: dict[int, tuple[RiverCourse, int]] = {}
     for course, (first, last) in zip(courses, ranges, strict=True):
         part = part_of_course(course, first, last)
         if course.parent is not None:
-            parent, removed = left[id(course.parent)]
+            parent, removed = left[course.parent.id]
             if parent is not course.parent:
                 part = dataclasses.replace(part, parent=parent, joint=course.joint - removed)
-        left[id(course)] = part, first
-    return [left[id(course)][0] for course in courses]
+        left[course.id] = part, first
+    return [left[course.id][0] for course in courses]
 
 
 _EDGE_BONUS = (10.0, 0.02)
@@ -165,48 +165,41 @@ _RING = np.array(
 )
 
 _MAX_DAB = 2.0  # px; a shorter skeleton is a dab, however thin
+_MARGIN = 4  # px around a river beyond its border, for the widths of its strokes
+
+
+_READ: Final = ("layers.river", "labels.river", "extent", "size", "fidelity")
+_Outline: TypeAlias = RiverCourse | tuple[RiverEnd, ...]
+"""A dab's course, or the ends of a longer river."""
 
 
 def lay_out_rivers(
-    sketch: Sketch,
-    *,
-    seed: int,
-    ground: GroundHeight,
-    cache: LRUCache,
-    water: cKDTree | None = None,
+    sketch: Sketch, *, seed: int, ground: GroundHeight, run: Runner, water: WaterPixels | None = None
 ) -> list[RiverCourse]:
-    """Return the courses of all painted networks, parents first; unchanged ones are the identical objects.
+    """Return the courses of all painted networks, parents first.
 
-    Ends beside `water`, a tree of rows and columns, lead into it; by default it is that of painted lakes.
+    Ends beside `water` lead into it; by default it is that of painted lakes.
     """
-    skeletons, outlines = _networks(sketch, seed, cache)
-    if not skeletons:
+    networks = _networks(sketch, seed, run)
+    if not networks:
         return []
     image = sketch.layers["river"]
-    rivers = [
-        (skeleton, outline)
-        for skeleton, outline in zip(skeletons, outlines, strict=True)
-        if isinstance(outline, tuple)
-    ]
-    closed = cache.get_or_compute(
-        ("closed", IdentityKey(image), *(IdentityKey(skeleton) for skeleton, _ in rivers)),
-        lambda: close_gaps(image, rivers, LAKE_GAP),
-    )
+    rivers = [each[1:] for each in networks if isinstance(each[2], tuple)]
+    closed = run(close_gaps, image, rivers, LAKE_GAP)
     if closed is not None:
         sketch = sketch.replace(layers={**sketch.layers, "river": closed})
-        skeletons, outlines = _networks(sketch, seed, cache)
-    lakes = sketch.layers["lake"]
+        networks = _networks(sketch, seed, run)
     if water is None:
-        water = cache.get_or_compute(("lake pixels", IdentityKey(lakes)), lambda: lake_pixels(sketch))
-    positions = [_end_positions(sketch, *each) for each in zip(skeletons, outlines, strict=True)]
+        water = run(lake_pixels, sketch.layers["lake"])
+    positions = [_end_positions(*each) for each in networks]
     around = [ring_around(sketch, each) for each in positions]
     found = heights_at(ground, [*positions, *around])
     courses: list[RiverCourse] = []
-    for skeleton, outline, heights, near in zip(
-        skeletons, outlines, found[: len(positions)], found[len(positions) :], strict=True
+    for network, heights, near in zip(
+        networks, found[: len(positions)], found[len(positions) :], strict=True
     ):
         means = near.reshape(len(heights), -1).mean(axis=1)
-        courses.extend(_courses(sketch, skeleton, outline, (heights, means), seed, water, cache))
+        courses.extend(_courses(sketch, network, (heights, means), seed, water, run))
     return courses
 
 
@@ -224,55 +217,49 @@ def heights_at(ground: GroundHeight, groups: Sequence[Float64Array]) -> list[Flo
     return np.split(rounded(heights), np.cumsum([len(group) for group in groups])[:-1])
 
 
-def river_settings(sketch: Sketch, seed: int) -> tuple[object, ...]:
-    """Return everything but pixels and vectors that courses depend on."""
-    labels = tuple((key, tuple(each.items())) for key, each in sketch.labels.items() if key[0] == "river")
-    return sketch.extent, sketch.height_px, sketch.width_px, sketch.fidelity, seed, labels
+def _networks(sketch: Sketch, seed: int, run: Runner) -> list[tuple[Sketch, Skeleton, _Outline]]:
+    """Return the skeletons of painted rivers, each with the part of the sketch that it depends on."""
+    river, found = sketch.part(*_READ), []
+    for skeleton in run(_skeletons, river):
+        part = river.replace(layers={"river": _surroundings(sketch.layers["river"], skeleton)})
+        found.append((part, skeleton, run(_outline, part, skeleton, seed)))
+    return found
 
 
-def _networks(
-    sketch: Sketch, seed: int, cache: LRUCache
-) -> tuple[tuple[Skeleton, ...], list[RiverCourse | tuple[RiverEnd, ...]]]:
-    """Return the skeletons of painted rivers, and for each the dab's course or its ends."""
-    image, settings = sketch.layers["river"], river_settings(sketch, seed)
-    skeletons: tuple[Skeleton, ...] = cache.get_or_compute(
-        ("skeletons", IdentityKey(image), settings), lambda: _skeletons(sketch, settings, cache)
-    )
-    return skeletons, [
-        cache.get_or_compute(
-            ("outline", IdentityKey(each), settings, _surroundings_key(sketch, each)),
-            partial(_outline, sketch, each, seed),
-        )
-        for each in skeletons
-    ]
+@lru_cache(maxsize=4)
+def _blank(size: tuple[int, int]) -> LabelImage:
+    blank = np.zeros(size, np.uint8)
+    blank.flags.writeable = False
+    return blank
 
 
-def _surroundings_key(sketch: Sketch, skeleton: Skeleton) -> IdentityKey | None:
-    """Return a key of the layer beside a skeleton if its width is as painted, else None."""
-    image = sketch.layers["river"]
-    labels = np.unique(image[skeleton.rows, skeleton.columns])
-    as_painted = any(sketch.properties("river", int(label))["width"] == 0.0 for label in labels)
-    return IdentityKey(image) if as_painted else None
+def _surroundings(image: LabelImage, skeleton: Skeleton) -> LabelImage:
+    """Return an image with the pixels from which a river has its labels and widths."""
+    margin = int(skeleton.depth.max()) + _MARGIN
+    top, left = (max(int(at.min()) - margin, 0) for at in (skeleton.rows, skeleton.columns))
+    box = top, left, int(skeleton.rows.max()) + margin + 1, int(skeleton.columns.max()) + margin + 1
+    near = np.zeros_like(image)
+    near[top : box[2], left : box[3]] = image[top : box[2], left : box[3]]
+    near.flags.writeable = False
+    derive_digest(near, _blank(image.shape), box)
+    return near
 
 
-def _skeletons(sketch: Sketch, settings: tuple[object, ...], cache: LRUCache) -> tuple[Skeleton, ...]:
+def _skeletons(sketch: Sketch, run: Runner) -> tuple[Skeleton, ...]:
     image = sketch.layers["river"]
     widths = _label_widths(sketch)
-
-    def compute(region: Region) -> Skeleton:
-        window = np.where(region.mask, image[region.rows, region.columns], 0)
-        corner = (region.rows.start, region.columns.start, window.shape)
-        return cache.get_or_compute(
-            ("skeleton", corner, blake2b(window.tobytes()).digest(), settings),
-            lambda: _weighted(sketch, thin_region(region, widths[window], image.shape)),
-        )
-
-    return sort_skeletons(compute(region) for region in find_regions((image > 0).astype(np.uint8)))
+    return sort_skeletons(
+        run(_skeleton, region, image[region.rows, region.columns], image.shape, widths, sketch.pixel_size)
+        for region in find_regions((image > 0).astype(np.uint8))
+    )
 
 
-def _weighted(sketch: Sketch, skeleton: Skeleton) -> Skeleton:
-    """Set the weight of rivers that are as wide as painted to their width."""
-    painted = 2.0 * skeleton.depth * sketch.pixel_size
+def _skeleton(
+    region: Region, window: LabelImage, size: tuple[int, int], widths: Float64Array, pixel_size: float
+) -> Skeleton:
+    """Return the skeleton of a region; the weight of rivers that are as wide as painted is their width."""
+    skeleton = thin_region(region, widths[np.where(region.mask, window, 0)], size)
+    painted = 2.0 * skeleton.depth * pixel_size
     return replace(skeleton, weight=np.where(skeleton.weight > 0, skeleton.weight, painted))
 
 
@@ -285,7 +272,7 @@ def _label_widths(sketch: Sketch) -> Float64Array:
     return widths
 
 
-def _outline(sketch: Sketch, skeleton: Skeleton, seed: int) -> RiverCourse | tuple[RiverEnd, ...]:
+def _outline(sketch: Sketch, skeleton: Skeleton, seed: int) -> _Outline:
     path = longest_path(skeleton)
     steps = np.hypot(np.diff(skeleton.rows[path]), np.diff(skeleton.columns[path]))
     if float(steps.sum()) <= max(2.0 * float(skeleton.depth[path].max()), _MAX_DAB):
@@ -293,9 +280,7 @@ def _outline(sketch: Sketch, skeleton: Skeleton, seed: int) -> RiverCourse | tup
     return river_ends(skeleton)
 
 
-def _end_positions(
-    sketch: Sketch, skeleton: Skeleton, outline: RiverCourse | tuple[RiverEnd, ...]
-) -> Float64Array:
+def _end_positions(sketch: Sketch, skeleton: Skeleton, outline: _Outline) -> Float64Array:
     if isinstance(outline, RiverCourse):
         return outline.line[[0, -1]]
     return pixel_positions(sketch, skeleton, np.array([end.pixel for end in outline]))
@@ -307,7 +292,7 @@ def _mouth(
     ends: tuple[RiverEnd, ...],
     heights: Float64Array,
     means: Float64Array,
-    lake: cKDTree | None,
+    lake: WaterPixels | None,
 ) -> int:
     """Return the end farthest along the label's flow, or the lowest: in the sea, else a lake or the edge.
 
@@ -318,7 +303,7 @@ def _mouth(
     preferred = np.array([exit_normal(skeleton, end.lead, size) is not None for end in ends])
     if lake is not None:
         pixels = np.stack([skeleton.rows[at], skeleton.columns[at]], axis=-1)
-        preferred |= lake.query(pixels)[0] <= skeleton.depth[at] + LAKE_GAP
+        preferred |= lake.tree.query(pixels)[0] <= skeleton.depth[at] + LAKE_GAP
     length = max(end.length for end in ends) * sketch.pixel_size
     positions, flow = pixel_positions(sketch, skeleton, at), _flow(sketch, skeleton)
     return ends[best_mouth(sketch, positions, flow, heights, means, preferred, length)].pixel
@@ -361,29 +346,27 @@ def _flow(sketch: Sketch, skeleton: Skeleton) -> float:
 
 def _courses(
     sketch: Sketch,
-    skeleton: Skeleton,
-    outline: RiverCourse | tuple[RiverEnd, ...],
+    network: tuple[Sketch, Skeleton, _Outline],
     heights: tuple[Float64Array, Float64Array],
     seed: int,
-    lake: cKDTree | None,
-    cache: LRUCache,
+    lake: WaterPixels | None,
+    run: Runner,
 ) -> list[RiverCourse]:
     """Lay out one network, parents first; `heights` (m) are those of its ends and of their surroundings."""
-    key = (IdentityKey(skeleton), river_settings(sketch, seed))
+    part, skeleton, outline = network
     if isinstance(outline, RiverCourse):
-        dab = outline
-        if heights[0][0] >= heights[0][1]:
-            return [dab]
-        return [cache.get_or_compute(("turned", *key), lambda: reversed_course(dab))]
+        return [outline if heights[0][0] >= heights[0][1] else run(reversed_course, outline)]
     mouth = _mouth(sketch, skeleton, outline, *heights, lake)
+    courses: list[RiverCourse] = run(_reaches, part, skeleton, mouth, seed, lake)
+    return courses
 
-    def compute() -> list[RiverCourse]:
-        courses: list[RiverCourse] = []
-        for reach in split_into_reaches(skeleton, mouth):
-            parent = courses[reach.parent] if reach.parent >= 0 else None
-            courses.append(reach_course(sketch, skeleton, reach, parent, seed=seed, lake=lake))
-        return courses
 
-    return cache.get_or_compute(
-        ("courses", *key, mouth, IdentityKey(lake), _surroundings_key(sketch, skeleton)), compute
-    )
+def _reaches(
+    sketch: Sketch, skeleton: Skeleton, mouth: int, seed: int, lake: WaterPixels | None
+) -> list[RiverCourse]:
+    courses: list[RiverCourse] = []
+    for reach in split_into_reaches(skeleton, mouth):
+        parent = courses[reach.parent] if reach.parent >= 0 else None
+        tree = None if lake is None else lake.tree
+        courses.append(reach_course(sketch, skeleton, reach, parent, seed=seed, lake=tree))
+    return courses

@@ -25,6 +25,11 @@ class Skeleton:
     # px between neighbours, both ways; no diagonal where two straight steps lead to the same pixel
     graph: sparse.csr_array
 
+    def digest_parts(self) -> tuple[object, ...]:
+        """Return what its digest is of."""
+        graph = self.graph.indptr, self.graph.indices, self.graph.data
+        return self.rows, self.columns, self.depth, self.weight, *graph
+
     def ends(self) -> Int64Array:
         """Return pixels with one neighbour, or the only pixel."""
         degree = np.diff(self.graph.indptr)

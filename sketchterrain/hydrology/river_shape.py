@@ -3,8 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
-from hashlib import blake2b
 from typing import Any
 
 import numpy as np
@@ -13,9 +11,9 @@ from numba import njit
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.hydrology.courses import RiverCourse, arc_length, smoothed
 from sketchterrain.placement.hashing import rounded, value_noise
+from sketchterrain.stages.runner import Runner
 
 MIN_GRADIENT = 1e-4
 """Least gradient of water, m per m."""
@@ -249,12 +247,12 @@ class Network:
 def build_network(
     courses: Sequence[RiverCourse],
     cuts: Sequence[Sequence[tuple[int, int]]],
-    cache: LRUCache | None = None,
+    run: Runner | None = None,
 ) -> Network:
     """Compute river widths, confluences and bends; `courses` have parents first, `cuts` as in `Network`."""
-    cache = LRUCache() if cache is None else cache
-    number_of = {id(course): number for number, course in enumerate(courses)}
-    parents = [-1 if course.parent is None else number_of[id(course.parent)] for course in courses]
+    run = Runner() if run is None else run
+    number_of = {course.id: number for number, course in enumerate(courses)}
+    parents = [-1 if course.parent is None else number_of[course.parent.id] for course in courses]
     arcs = [arc_length(course.line) for course in courses]
     widths: list[Float64Array] = [course.width for course in courses]
     for number in reversed(range(len(courses))):
@@ -279,11 +277,7 @@ def build_network(
     ]
     widths = _narrow_neighbours(courses, parents, arcs, widths, confluences)
     bends = [
-        cache.get_or_compute(
-            ("bends", IdentityKey(course), blake2b(width.tobytes()).digest()),
-            partial(_bends, course.line, arc, width),
-        )
-        for course, arc, width in zip(courses, arcs, widths, strict=True)
+        run(_bends, course.line, arc, width) for course, arc, width in zip(courses, arcs, widths, strict=True)
     ]
     return Network(courses, parents, arcs, widths, swings, confluences, bends, cuts)
 

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from hashlib import blake2b
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.edits import Edit
 from sketchterrain.hydrology.conflicts import (
     Resolution,
@@ -35,14 +33,14 @@ from sketchterrain.hydrology.layout import (
     separate_beyond_edge,
     shortened,
 )
-from sketchterrain.hydrology.river_shape import build_network
+from sketchterrain.hydrology.river_shape import Network, build_network
 from sketchterrain.hydrology.sea import CoursesToSea, above_sea, end_in_sea, sea_resolutions, tidal_reaches
 from sketchterrain.hydrology.streams import is_stream
 from sketchterrain.hydrology.vector_layout import lay_out_lines, lay_out_painted
 from sketchterrain.hydrology.water_levels import build_rivers
 from sketchterrain.placement.feature_types import LAYER_CODES, Lake, River
 from sketchterrain.placement.sea import sea_level
-from sketchterrain.placement.shapes import cached_regions
+from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -193,43 +191,30 @@ class Hydrology:
 
 
 def trace_hydrology(
-    sketch: Sketch, *, seed: int, ground: GroundHeight, cache: LRUCache | None = None
+    sketch: Sketch, *, seed: int, ground: GroundHeight, run: Runner | None = None
 ) -> Hydrology:
     """Trace rivers as `trace_rivers` does, and the lakes that they flow through and end in.
 
-    `ground` is called once more, for the shores of all lakes. Results with and without a cache are bit-equal.
+    `ground` is called once more, for the shores of all lakes.
     """
-    cache = LRUCache() if cache is None else cache
-    layout = lay_out_water(sketch, seed=seed, ground=ground, cache=cache)
-    return solve_water(sketch, layout, seed=seed, ground=ground, cache=cache)
+    run = Runner() if run is None else run
+    layout = lay_out_water(sketch, seed=seed, ground=ground, run=run)
+    return solve_water(sketch, layout, seed=seed, ground=ground, run=run)
 
 
-def lay_out_water(
-    sketch: Sketch,
-    *,
-    seed: int,
-    ground: GroundHeight,
-    cache: LRUCache,
-    checkpoint: Callable[[], None] = lambda: None,
-) -> WaterLayout:
+def lay_out_water(sketch: Sketch, *, seed: int, ground: GroundHeight, run: Runner) -> WaterLayout:
     """Return the courses of rivers and the outlines of lakes.
 
     `ground` decides which end of a river is its mouth; a coarse one will do.
-    `checkpoint` is called between steps and may raise to cancel.
     """
     level = sea_level(sketch)
-    lakes = painted_lakes(sketch, ground, cache, seed=seed, sea_level=level)
-    checkpoint()
-    drawn = lay_out_lines(sketch, seed=seed, ground=ground, cache=cache)
-    painted = lay_out_painted(sketch, drawn, seed=seed, ground=ground, cache=cache)
+    lakes = painted_lakes(sketch, ground, run, seed=seed, sea_level=level)
+    drawn = lay_out_lines(sketch, seed=seed, ground=ground, run=run)
+    painted = lay_out_painted(sketch, drawn, seed=seed, ground=ground, run=run)
     edits = [edit for edit in sketch.edits if not is_stream(edit.feature or 0)]
     courses, orphans = apply_river_edits([*drawn, *painted], edits)
-    checkpoint()
-    courses = cache.get_or_compute(
-        ("apart", sketch.size, *map(IdentityKey, courses)), lambda: separate_beyond_edge(courses, sketch.size)
-    )
     lakes, _ = apply_lake_edits(lakes, sketch.edits)
-    return WaterLayout(tuple(courses), tuple(lakes), orphans)
+    return WaterLayout(tuple(run(separate_beyond_edge, courses, sketch.size)), tuple(lakes), orphans)
 
 
 def solve_water(
@@ -238,35 +223,31 @@ def solve_water(
     *,
     seed: int,
     ground: GroundHeight,
-    cache: LRUCache,
+    run: Runner,
     streams: Sequence[RiverCourse] = (),
-    checkpoint: Callable[[], None] = lambda: None,
 ) -> Hydrology:
     """Return rivers and lakes with their water levels on the `ground` that drains to them.
 
-    `streams` are unpainted, and join painted rivers or each other, parents first. `checkpoint` is called
-    between steps and may raise to cancel.
+    `streams` are unpainted, and join painted rivers or each other, parents first.
     """
     level = sea_level(sketch)
     own = [edit for edit in sketch.edits if is_stream(edit.feature or 0)]
     all_courses, orphans = apply_river_edits([*layout.courses, *streams], own)
     to_sea = CoursesToSea(all_courses)
     if level is not None and to_sea.courses:
-        to_sea = _end_in_sea(to_sea.courses, ground, level, sketch.extent, cache)
-    courses, grounds = _shortened(sketch, to_sea, ground, cache)
-    checkpoint()
-    lakes = painted_lakes(sketch, ground, cache, seed=seed, sea_level=level)
-    lakes = with_deltas(lakes, courses, seed=seed, cache=cache)
+        courses = to_sea.courses
+        grounds = heights_at(ground, [course.line for course in courses])
+        to_sea = run(end_in_sea, courses, grounds, level, sketch.extent)
+    courses, grounds = _shortened(sketch, to_sea, ground, run)
+    lakes = painted_lakes(sketch, ground, run, seed=seed, sea_level=level)
+    lakes = with_deltas(lakes, courses, seed=seed, run=run)
     mouths = mouth_lakes(sketch, courses, seed=seed, at_sea=to_sea.at_sea)
     lakes, lake_orphans = apply_lake_edits([*lakes, *mouths], sketch.edits)
-    checkpoint()
-    cuts = _crossings(sketch, courses, cache)
-    rivers, lakes, grounds = _solve_levels(courses, grounds, cuts, lakes, cache, checkpoint, level)
-    checkpoint()
+    mountains = run(label_mountains, sketch.layers["mountain"])
+    cuts = _crossings(sketch, mountains, courses)
+    rivers, lakes, grounds = _solve_levels(courses, grounds, cuts, lakes, run, level)
     painted = [river for river in rivers if river.label]  # they come first
-    resolutions = resolve_conflicts(
-        sketch, _mountains(sketch, cache), painted, grounds[: len(painted)], lakes
-    )
+    resolutions = resolve_conflicts(sketch, mountains, painted, grounds[: len(painted)], lakes)
     resolutions += canyon_resolutions(sketch, painted)
     if level is not None:
         resolutions += sea_resolutions(sketch, level, to_sea, painted, lakes)
@@ -274,29 +255,12 @@ def solve_water(
     return Hydrology(tuple(rivers), tuple(lakes), resolutions, orphans, tuple(grounds))
 
 
-def _end_in_sea(
-    courses: list[RiverCourse], ground: GroundHeight, level: float, extent: float, cache: LRUCache
-) -> CoursesToSea:
-    grounds = heights_at(ground, [course.line for course in courses])
-    key = ("courses to sea", level, extent, *map(IdentityKey, courses), *(each.tobytes() for each in grounds))
-    return cache.get_or_compute(key, lambda: end_in_sea(courses, grounds, level=level, extent=extent))
-
-
-def _mountains(sketch: Sketch, cache: LRUCache) -> npt.NDArray[np.int64]:
-    image = sketch.layers["mountain"]
-    numbers: npt.NDArray[np.int64] = cache.get_or_compute(
-        ("mountains", IdentityKey(image)), lambda: label_mountains(sketch, cached_regions(image, cache))
-    )
-    return numbers
-
-
 def _crossings(
-    sketch: Sketch, courses: Sequence[RiverCourse], cache: LRUCache
+    sketch: Sketch, mountains: npt.NDArray[np.int64], courses: Sequence[RiverCourse]
 ) -> tuple[tuple[tuple[int, int], ...], ...]:
     """Return the first and last points of the runs of each painted course through mountains."""
-    mountains = _mountains(sketch, cache)
     return tuple(
-        tuple((run.first, run.last) for run in mountain_crossings(sketch, mountains, course.line))
+        tuple((part.first, part.last) for part in mountain_crossings(sketch, mountains, course.line))
         if course.label
         else ()
         for course in courses
@@ -304,7 +268,7 @@ def _crossings(
 
 
 def _shortened(
-    sketch: Sketch, to_sea: CoursesToSea, ground: GroundHeight, cache: LRUCache
+    sketch: Sketch, to_sea: CoursesToSea, ground: GroundHeight, run: Runner
 ) -> tuple[list[RiverCourse], list[Float64Array]]:
     """Return courses that end beyond the sketch where the ground does not let them on, and its heights."""
     courses = to_sea.courses
@@ -314,10 +278,9 @@ def _shortened(
     level = sea_level(sketch)
     dry = grounds if level is None else [np.maximum(each, level) for each in grounds]
     ranges = ranges_beyond_edge(courses, dry, sketch.size, to_sea.at_sea)
-    short = cache.get_or_compute(
-        ("shortened", *ranges, *map(IdentityKey, courses)), lambda: shortened(courses, ranges)
-    )
-    return short, [each[slice(*part)] for each, part in zip(grounds, ranges, strict=True)]
+    return run(shortened, courses, ranges), [
+        each[slice(*part)] for each, part in zip(grounds, ranges, strict=True)
+    ]
 
 
 def _solve_levels(
@@ -325,47 +288,26 @@ def _solve_levels(
     grounds: list[Float64Array],
     cuts: tuple[tuple[tuple[int, int], ...], ...],
     lakes: list[Lake],
-    cache: LRUCache,
-    checkpoint: Callable[[], None],
+    run: Runner,
     sea_level: float | None,
 ) -> tuple[list[River], list[Lake], list[Float64Array]]:
     """Solve water levels: return rivers sorted by id, lakes, and the terrain height along each river."""
     if not courses:
         return [], lakes, []
-    shape = cache.get_or_compute(
-        ("network", *map(IdentityKey, courses)), lambda: build_network(courses, [()] * len(courses), cache)
-    )
-    before = tuple((IdentityKey(lake.shape), lake.id, lake.level, lake.depth) for lake in lakes)
-    levels = tuple(each.tobytes() for each in grounds)
-    checkpoint()
-
-    def compute() -> tuple[list[River], list[Lake]]:
-        network = replace(shape, cuts=cuts)
-        above, tides = grounds, []
-        if sea_level is not None:
-            above = above_sea(network, grounds, sea_level)
-            tides = [tidal_reaches(*each, sea_level) for each in zip(courses, grounds, strict=True)]
-        filled, levels = solve_lake_levels(lakes, network, above, tides)
-        if sea_level is not None:  # sharp bends have lowered it by centimetres
-            levels = [np.maximum(level, sea_level) for level in levels]
-        return _reuse_unchanged(build_rivers(network, levels), cache), filled
-
-    rivers, filled = cache.get_or_compute(
-        ("water", IdentityKey(shape), cuts, before, levels, sea_level), compute
-    )
+    network = replace(run(build_network, courses, [()] * len(courses)), cuts=cuts)
+    rivers, filled = run(_levels, network, lakes, grounds, sea_level)
     order = sorted(range(len(rivers)), key=lambda number: rivers[number].id)
     return [rivers[number] for number in order], filled, [grounds[number] for number in order]
 
 
-def _reuse_unchanged(rivers: Sequence[River], cache: LRUCache) -> list[River]:
-    """Return the cached object for each river that is unchanged, bit for bit."""
-
-    def cached(river: River) -> River:
-        key = ("river", *(_bits(part) for part in vars(river).values()))
-        return cache.get_or_compute(key, lambda: river)
-
-    return [cached(river) for river in rivers]
-
-
-def _bits(part: object) -> object:
-    return blake2b(part.tobytes()).digest() if isinstance(part, np.ndarray) else part
+def _levels(
+    network: Network, lakes: list[Lake], grounds: list[Float64Array], sea_level: float | None
+) -> tuple[list[River], list[Lake]]:
+    above, tides = grounds, []
+    if sea_level is not None:
+        above = above_sea(network, grounds, sea_level)
+        tides = [tidal_reaches(*each, sea_level) for each in zip(network.courses, grounds, strict=True)]
+    filled, levels = solve_lake_levels(lakes, network, above, tides)
+    if sea_level is not None:  # sharp bends have lowered it by centimetres
+        levels = [np.maximum(level, sea_level) for level in levels]
+    return build_rivers(network, levels), filled

@@ -39,27 +39,27 @@ class CoursesToSea(NamedTuple):
 
 
 def end_in_sea(
-    courses: Sequence[RiverCourse], grounds: Sequence[Float64Array], *, level: float, extent: float
+    courses: Sequence[RiverCourse], grounds: Sequence[Float64Array], level: float, extent: float
 ) -> CoursesToSea:
     """Cut courses where they enter the sea; `grounds` (m,) each are terrain heights (m) along them.
 
     What lies downstream of an arm of the sea is left out, as is a head in the sea. A tributary that meets its
     parent in the sea becomes a river of its own. Courses without sea are the identical objects.
     """
-    # By old course: the new one, and the first and last point that are left.
+    # By id: the new one, and the first and last point that are left.
     left: dict[int, tuple[RiverCourse | None, int, int]] = {}
     at_sea, beyond, drowned = set(), set(), []
     for course, ground in zip(courses, grounds, strict=True):
         first, last, mouth = _dry_part(course, ground < level, extent)
         if last - first < 2:
-            left[id(course)] = None, 0, 0
+            left[course.id] = None, 0, 0
             if course.label:
                 drowned.append(course.line[len(course.line) // 2])
             continue
         part = part_of_course(course, first, last)
         parent, joint = course.parent, course.joint
         if parent is not None:
-            new, begin, end = left[id(parent)]
+            new, begin, end = left[parent.id]
             if new is None or mouth or not begin <= joint < end:
                 parent, joint = None, -1
             else:
@@ -71,8 +71,8 @@ def end_in_sea(
             at_sea.add(course.id)
             if (ground[last:] > level).any():
                 beyond.add(course.id)
-        left[id(course)] = part, first, last
-    kept = [left[id(course)][0] for course in courses]
+        left[course.id] = part, first, last
+    kept = [left[course.id][0] for course in courses]
     return CoursesToSea(
         [each for each in kept if each is not None], frozenset(at_sea), tuple(drowned), frozenset(beyond)
     )

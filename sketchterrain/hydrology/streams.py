@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int32Array, Int64Array
-from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.hydrology.courses import RiverCourse, arc_length, course_through, smoothed
 from sketchterrain.hydrology.drainage_constraints import NodeRaster
 from sketchterrain.placement.feature_types import LAYER_CODES
 from sketchterrain.placement.hashing import rounded, value_noise
+from sketchterrain.stages.runner import Runner
 
 _UNPAINTED_BIT = 1 << 47  # in the ids of streams
 _LEAST_AREA, _LEAST_SHARE = 0.5e6, 0.02  # m², and of the extent's square: what a spring drains
@@ -64,7 +63,7 @@ def stream_courses(
     runoff: float,
     seed: int,
     displaced: Callable[[Float64Array], Float64Array],
-    cache: LRUCache,
+    run: Runner,
 ) -> list[RiverCourse]:
     """Return the streams of a drained raster, parents first.
 
@@ -124,9 +123,7 @@ def stream_courses(
         if ends_dry:
             line[:, 2] *= _seeping(len(line))
         name = LAYER_CODES["river"] << 48 | _UNPAINTED_BIT | int(path[0])
-        key = ("stream", name, seed, raster.spacing, line.tobytes(), IdentityKey(parent))
-        compute = partial(_course, line, parent, raster.spacing, name=name, seed=seed)
-        found.append(cache.get_or_compute(key, compute))
+        found.append(run(_course, line, parent, raster.spacing, name, seed))
     return [each for each in found if each is not None]
 
 
@@ -179,7 +176,7 @@ def _seeping(count: int) -> Float64Array:
 
 
 def _course(
-    line: Float64Array, parent: RiverCourse | None, spacing: float, *, name: int, seed: int
+    line: Float64Array, parent: RiverCourse | None, spacing: float, name: int, seed: int
 ) -> RiverCourse | None:
     """Return the course along nodes with their widths and heights (m); None if it is too short or lost."""
     if len(line) < _LEAST_NODES:

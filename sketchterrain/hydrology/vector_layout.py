@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from PIL import Image, ImageDraw
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
-from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.label_layers import LabelImage, freeze_image, labels_in
 from sketchterrain.document.vectors import AREA, VectorLayer
 from sketchterrain.hydrology.courses import LAKE_GAP, RiverCourse, part_of_course
-from sketchterrain.hydrology.lakes import GroundHeight
+from sketchterrain.hydrology.lakes import GroundHeight, WaterPixels
 from sketchterrain.hydrology.layout import (
     best_mouth,
     heights_at,
     lay_out_rivers,
     ring_around,
-    river_settings,
 )
 from sketchterrain.hydrology.vector_rivers import (
     LineNetwork,
@@ -32,22 +30,24 @@ from sketchterrain.hydrology.vector_rivers import (
     line_sizes,
     network_courses,
 )
+from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
 
 
-def lay_out_lines(sketch: Sketch, *, seed: int, ground: GroundHeight, cache: LRUCache) -> list[RiverCourse]:
-    """Return the courses of lines, parents first; unchanged ones are the identical objects.
+_LINES: Final = ("vectors.river", "labels.river", "extent", "size", "fidelity")
+
+
+def lay_out_lines(sketch: Sketch, *, seed: int, ground: GroundHeight, run: Runner) -> list[RiverCourse]:
+    """Return the courses of lines, parents first.
 
     A network of lines without a direction flows to one end, as a painted one does.
     """
-    layer, settings = sketch.vectors["river"], river_settings(sketch, seed)
+    layer = sketch.vectors["river"]
     if not len(layer):
         return []
-    networks: list[LineNetwork] = cache.get_or_compute(
-        ("line networks", IdentityKey(layer), settings), lambda: line_networks(layer, line_sizes(sketch)[0])
-    )
+    networks: list[LineNetwork] = run(line_networks, layer, line_sizes(sketch)[0])
     mouths = [network.mouths() for network in networks]
     free = [number for number, nodes in enumerate(mouths) if not len(nodes)]
     if free:
@@ -62,8 +62,7 @@ def lay_out_lines(sketch: Sketch, *, seed: int, ground: GroundHeight, cache: LRU
             flow = float(flows[network.line[0]])
             best = best_mouth(sketch, at, flow, heights, means, is_edge, float(network.lengths.sum()))
             mouths[number] = network.ends()[[best]]
-    key = ("line courses", IdentityKey(layer), settings, *(nodes.tobytes() for nodes in mouths))
-    courses: list[RiverCourse] = cache.get_or_compute(key, partial(_courses, sketch, networks, mouths, seed))
+    courses: list[RiverCourse] = run(_courses, sketch.part(*_LINES), networks, mouths, seed)
     return courses
 
 
@@ -82,28 +81,47 @@ def _courses(
 
 
 def lay_out_painted(
-    sketch: Sketch, drawn: Sequence[RiverCourse], *, seed: int, ground: GroundHeight, cache: LRUCache
+    sketch: Sketch, drawn: Sequence[RiverCourse], *, seed: int, ground: GroundHeight, run: Runner
 ) -> list[RiverCourse]:
     """Return the courses of painted networks, parents first; those that end at one of `drawn` join it."""
-    lakes = with_vectors_painted(sketch, cache).layers["lake"]
-    sketch = with_areas_painted(sketch, cache)
-    if lakes is not sketch.layers["lake"]:
-        sketch = sketch.replace(layers={**sketch.layers, "lake": lakes})
+    lakes = sketch.part("layers.lake", "vectors.lake", "extent", "size")
+    sketch = with_areas_painted(sketch, run)
+    sketch = sketch.replace(layers={**sketch.layers, **vectors_painted(lakes, run)})
     if not drawn:
-        return lay_out_rivers(sketch, seed=seed, ground=ground, cache=cache)
-    key = ("drawn water", *map(IdentityKey, drawn), IdentityKey(sketch.layers["lake"]), sketch.extent)
-    tree, owner, water = cache.get_or_compute(key, partial(_drawn_water, sketch, drawn))
+        return lay_out_rivers(sketch, seed=seed, ground=ground, run=run)
+    near = _DrawnCourses(tuple(drawn))
+    water = run(_drawn_water, near, sketch.layers["lake"], sketch.pixel_size)
     after: dict[int, RiverCourse] = {}
-    for course in lay_out_rivers(sketch, seed=seed, ground=ground, cache=cache, water=water):
-        new, parent = course, None if course.parent is None else after[id(course.parent)]
-        if parent is None:
-            compute = partial(_joined_to, course, drawn, tree, owner, sketch.pixel_size)
-            new = cache.get_or_compute(("joined", IdentityKey(course), key), compute)
-        elif parent is not course.parent:
-            compute = partial(_with_parent, course, parent)
-            new = cache.get_or_compute(("joined", IdentityKey(course), IdentityKey(parent)), compute)
-        after[id(course)] = new
+    for course in lay_out_rivers(sketch, seed=seed, ground=ground, run=run, water=water):
+        new = course
+        if course.parent is None:
+            new = run(_joined_to, course, near, sketch.pixel_size)
+        elif (parent := after[course.parent.id]) is not course.parent:
+            new = _with_parent(course, parent)
+        after[course.id] = new
     return list(after.values())
+
+
+@dataclass(frozen=True, eq=False)
+class _DrawnCourses:
+    """Courses of lines, with a tree of their points."""
+
+    courses: tuple[RiverCourse, ...]
+
+    @cached_property
+    def line(self) -> Float64Array:
+        """Points of all courses, m."""
+        return np.concatenate([course.line for course in self.courses])
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Their tree."""
+        return cKDTree(self.line)
+
+    @cached_property
+    def owner(self) -> Int64Array:
+        """The course of each point."""
+        return np.repeat(np.arange(len(self.courses)), [len(course.line) for course in self.courses])
 
 
 def _with_parent(course: RiverCourse, parent: RiverCourse) -> RiverCourse:
@@ -113,19 +131,16 @@ def _with_parent(course: RiverCourse, parent: RiverCourse) -> RiverCourse:
     return replace(course, parent=None, joint=-1)
 
 
-def _drawn_water(sketch: Sketch, drawn: Sequence[RiverCourse]) -> tuple[cKDTree, Int64Array, cKDTree]:
-    """Return a tree of the points (m) of courses, the course of each, and a tree of pixels with lakes."""
-    line = np.concatenate([course.line for course in drawn])
-    owner = np.repeat(np.arange(len(drawn)), [len(course.line) for course in drawn])
-    x, y = line.T / sketch.pixel_size
-    pixels = np.stack([sketch.height_px - y - 0.5, x - 0.5], axis=-1)
-    return cKDTree(line), owner, cKDTree(np.concatenate([pixels, np.argwhere(sketch.layers["lake"] > 0)]))
+def _drawn_water(drawn: _DrawnCourses, lakes: LabelImage, pixel: float) -> WaterPixels:
+    """Return the pixels with lakes, and those of the points of courses."""
+    x, y = drawn.line.T / pixel
+    at = np.stack([len(lakes) - y - 0.5, x - 0.5], axis=-1)
+    return WaterPixels(np.concatenate([at, np.argwhere(lakes > 0)]))
 
 
-def _joined_to(
-    course: RiverCourse, drawn: Sequence[RiverCourse], tree: cKDTree, owner: Int64Array, pixel: float
-) -> RiverCourse:
-    """Return a course that ends at one of `drawn` as its tributary; others are returned as they are."""
+def _joined_to(course: RiverCourse, near: _DrawnCourses, pixel: float) -> RiverCourse:
+    """Return a course that ends at a drawn one as its tributary; others are returned as they are."""
+    drawn, tree, owner = near.courses, near.tree, near.owner
     away, nearest = (np.asarray(each) for each in tree.query(course.line))
     reach = 0.5 * np.array([each.width.max() for each in drawn])[owner[nearest]] + LAKE_GAP * pixel
     beside = away <= reach
@@ -150,43 +165,43 @@ def _joined_to(
     )
 
 
-def with_areas_painted(sketch: Sketch, cache: LRUCache) -> Sketch:
+def with_areas_painted(sketch: Sketch, run: Runner) -> Sketch:
     """Return a sketch whose areas of rivers without an axis are painted, as wide as they are."""
-    layer, image = sketch.vectors["river"], sketch.layers["river"]
+    layer = sketch.vectors["river"]
     if not (layer.kinds == AREA).any():
         return sketch
-    areas: BoolArray = cache.get_or_compute(
-        ("areas without axes", IdentityKey(layer)), lambda: (layer.kinds == AREA) & ~areas_with_axes(layer)
-    )
+    areas: BoolArray = run(_areas_without_axes, layer)
     if not areas.any():
         return sketch
-    used = labels_in(image)
+    used = labels_in(sketch.layers["river"])
     label = next(number for number in range(255, 0, -1) if number not in used)
-    painted: LabelImage = cache.get_or_compute(
-        ("areas painted", IdentityKey(layer), IdentityKey(image), sketch.extent),
-        lambda: _painted(sketch, "river", areas, label),
-    )
+    part = sketch.part("layers.river", "vectors.river", "labels.river", "extent", "size")
+    painted: LabelImage = run(_painted, part, "river", areas, label)
     properties = {**sketch.properties("river", int(layer.labels[areas][0])), "width": 0.0}
     labels = {**sketch.labels, ("river", label): properties}
     return sketch.replace(layers={**sketch.layers, "river": painted}, labels=labels)
 
 
-def with_vectors_painted(sketch: Sketch, cache: LRUCache) -> Sketch:
-    """Return a sketch whose label layers also show its vectors; the same sketch if it has none."""
-    painted = {
-        name: cache.get_or_compute(
-            (
-                "vectors painted",
-                IdentityKey(layer),
-                IdentityKey(sketch.layers[name]),
-                river_settings(sketch, 0),
-            ),
-            partial(_painted, sketch, name, np.ones(len(layer), np.bool_)),
-        )
-        for name, layer in sketch.vectors.items()
-        if len(layer) and name in sketch.layers
+def _areas_without_axes(layer: VectorLayer) -> BoolArray:
+    return np.asarray((layer.kinds == AREA) & ~areas_with_axes(layer))
+
+
+def vectors_painted(sketch: Sketch, run: Runner) -> dict[str, LabelImage]:
+    """Return the label layers with their vectors, by name."""
+    return {
+        name: run(_with_vectors, sketch.part(f"layers.{name}", f"vectors.{name}", *_sizes(name)), name)
+        if name in sketch.vectors and len(sketch.vectors[name])
+        else image
+        for name, image in sketch.layers.items()
     }
-    return sketch.replace(layers={**sketch.layers, **painted}) if painted else sketch
+
+
+def _sizes(name: str) -> tuple[str, ...]:
+    return ("extent", "size", "labels.river") if name == "river" else ("extent", "size")
+
+
+def _with_vectors(sketch: Sketch, name: str) -> LabelImage:
+    return _painted(sketch, name, np.ones(len(sketch.vectors[name]), np.bool_))
 
 
 def _painted(sketch: Sketch, name: str, selected: BoolArray, label: int | None = None) -> LabelImage:

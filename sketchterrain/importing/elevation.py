@@ -13,7 +13,6 @@ import shapely
 from scipy import ndimage
 
 from sketchterrain.array_types import BoolArray, Float64Array
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.parameters import GROUND, SKETCH
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
@@ -28,6 +27,7 @@ from sketchterrain.elevation.waters import flat_waters, water_findings
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.importing.vector_files import metric_crs_at, to_longitude_latitude
 from sketchterrain.io.crs import crs_text, parse_crs, parse_metric_crs
+from sketchterrain.stages.runner import Runner
 
 _MAX_SIDE: Final = 2048  # px of the sketch, of which each is a step of the data where that is allowed
 _SEA_SHARE, _RIM_POINTS = 0.01, 257  # of the rim that is no higher than 0 m beside a sea; along a side
@@ -59,7 +59,7 @@ def sketch_on_elevation(
             row, column = (0.5 * (each - 1) for each in first.shape)
             place = a * column + b * row + c, d * column + e * row + f
             crs = crs_text(metric_crs_at(parse_crs(first.crs), place)) if first.crs else ""
-    base = combine_rasters(sources, SketchFrame(crs), LRUCache(), vertical=vertical)
+    base = combine_rasters(sources, SketchFrame(crs), Runner(), vertical=vertical)
     west, south, east, north = _whole_area(base)
     if degrees is not None and crs:
         outline = shapely.segmentize(shapely.box(*degrees), 0.1)

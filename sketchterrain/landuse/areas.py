@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, fields
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +15,7 @@ from sketchterrain.array_types import Float32Array, Float64Array, Int64Array
 from sketchterrain.document.layers import CROPS, LAND_USES
 from sketchterrain.document.vectors import VectorLayer, starts
 from sketchterrain.placement.hashing import hash_unit
+from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -152,6 +152,12 @@ class LandUse:
             object.__setattr__(self, name, _join(self._pieces, name))
             return self.__dict__[name]
 
+    def digest_parts(self) -> tuple[object, ...]:
+        """Return what its digest is of."""
+        if len(self.pieces) > 1:
+            return self.pieces
+        return tuple(getattr(self, each.name) for each in fields(self))
+
     @property
     def pieces(self) -> tuple[LandUse, ...]:
         """Successive areas, those of pieces of the layer."""
@@ -162,7 +168,7 @@ class LandUse:
         """Return pieces, or the fields without cached properties."""
         if len(self.pieces) > 1:
             return _of_pieces, (self.pieces,)
-        return LandUse, tuple(getattr(self, each.name) for each in fields(self))
+        return LandUse, self.digest_parts()
 
     @cached_property
     def counts(self) -> Int64Array:
@@ -173,28 +179,16 @@ class LandUse:
 NO_LAND_USE: Final = LandUse()
 
 
-_known: WeakKeyDictionary[VectorLayer, tuple[object, LandUse]] = WeakKeyDictionary()
-"""Areas of layers and of their pieces, and the properties of labels that they were made with."""
-
-
-def land_use(sketch: Sketch) -> LandUse:
+def land_use(sketch: Sketch, run: Runner | None = None) -> LandUse:
     """Return the areas of a sketch's land use; unchanged pieces of an edited layer keep theirs."""
-    layer = sketch.vectors["landuse"]
+    layer, labels = sketch.vectors["landuse"], sketch.part("labels.landuse")
+    run = Runner() if run is None else run
     if not len(layer):
         return NO_LAND_USE
-    labels = {label: dict(each) for (name, label), each in sketch.labels.items() if name == "landuse"}
-    known = _known.get(layer)
-    if known is None or known[0] != labels:
-        pieces = []
-        for piece in layer.pieces:
-            own = _known.get(piece)
-            if own is None or own[0] != labels:
-                own = _known[piece] = labels, _areas_of(sketch, piece)
-            pieces.append(own[1])
-        if any(before.ids[-1] >= after.ids[0] for before, after in pairwise(pieces)):
-            pieces = [_by_id(_joined(pieces))]
-        known = _known[layer] = labels, pieces[0] if len(pieces) == 1 else _of_pieces(pieces)
-    return known[1]
+    pieces = [run.while_used(_areas_of, labels, piece) for piece in layer.pieces]
+    if any(before.ids[-1] >= after.ids[0] for before, after in pairwise(pieces)):
+        return _by_id(_joined(pieces))
+    return pieces[0] if len(pieces) == 1 else _of_pieces(pieces)
 
 
 def _areas_of(sketch: Sketch, layer: VectorLayer) -> LandUse:

@@ -9,7 +9,6 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.placement.feature_types import LAYER_CODES, Cover, ShapeField, even_wave
 from sketchterrain.placement.hashing import gaussian_filter
 from sketchterrain.placement.shapes import EDGE_OVERHANG, Shape, label_shapes
@@ -85,28 +84,11 @@ def _rounded(distance: Float64Array, mask: npt.NDArray[np.bool_], blur: float) -
 _MARGIN = (1.0, 7.0)
 
 
-def create_covers(sketch: Sketch, *, cache: LRUCache | None = None) -> tuple[Cover, ...]:
+def create_covers(sketch: Sketch) -> tuple[Cover, ...]:
     """Return the material layer's visible shapes, in reading order of their first pixels.
 
-    Shapes of one layer do not overlap; where two borders meet, the later one is on top. Unchanged covers are
-    the identical objects of the cache.
+    Shapes of one layer do not overlap; where two borders meet, the later one is on top.
     """
-    if cache is None:
-        return _create(sketch)
-    labels = tuple((key, tuple(each.items())) for key, each in sketch.labels.items() if key[0] == "material")
-    key = (
-        "covers",
-        IdentityKey(sketch.layers["material"]),
-        sketch.extent,
-        sketch.fidelity,
-        labels,
-        sketch.material_table.names,
-    )
-    covers: tuple[Cover, ...] = cache.get_or_compute(key, lambda: _create(sketch))
-    return covers
-
-
-def _create(sketch: Sketch) -> tuple[Cover, ...]:
     sharp, soft = _MARGIN
     margin = (soft + (sharp - soft) * sketch.fidelity) * sketch.pixel_size
     covers = []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from dataclasses import dataclass
 from itertools import chain
 
@@ -11,9 +10,10 @@ import numpy.typing as npt
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from sketchterrain.array_types import BoolArray, Float64Array
-from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.array_types import Float64Array
+from sketchterrain.caching import LRUCache
 from sketchterrain.document.label_layers import LabelImage
+from sketchterrain.stages.digests import digest_of
 
 _MAP_RATIO = 64  # pixels per query; with fewer queries a map of distances does not pay
 
@@ -62,13 +62,13 @@ class PaintedDistance:
 
 
 _distances = LRUCache(8)
-"""By image: a recipe needs those of several layers, and the next one shares most of them."""
+"""By the image's digest: a recipe needs those of several layers, and the next one shares most of them."""
 
 
 def painted_distance(image: LabelImage, pixel_size: float) -> PaintedDistance:
     """Return the distance to the painted pixels of a label image, which must not change."""
     return _distances.get_or_compute(
-        (IdentityKey(image), pixel_size), lambda: PaintedDistance(image > 0, pixel_size)
+        (digest_of(image), pixel_size), lambda: PaintedDistance(image > 0, pixel_size)
     )
 
 
@@ -136,9 +136,6 @@ def spread(positions: Float64Array) -> Float64Array:
     return np.asarray(np.sqrt((offset[..., 0] ** 2 + offset[..., 1] ** 2).max(axis=1)))
 
 
-_CACHE_MARGIN = 1 + 1e-6  # on radii, more than rounding
-
-
 @dataclass(frozen=True, eq=False)
 class FeatureSet:
     """Positions and sizes by id."""
@@ -146,59 +143,3 @@ class FeatureSet:
     ids: npt.NDArray[np.uint64]  # (n,) sorted, unique
     positions: Float64Array  # (n, 2) or candidates (n, k, 2), m
     sizes: Float64Array  # (n,) weight of a feature, or radius around each candidate, m
-
-    def same(self, other: FeatureSet) -> tuple[BoolArray, npt.NDArray[np.intp]]:
-        """Return which rows the other set has too, bit for bit, and their indices (arbitrary where not)."""
-        if len(other.ids) == 0 or self.positions.shape[1:] != other.positions.shape[1:]:
-            return np.zeros(len(self.ids), dtype=np.bool_), np.zeros(len(self.ids), dtype=np.intp)
-        row = np.minimum(np.searchsorted(other.ids, self.ids), len(other.ids) - 1)
-        equal = (other.ids[row] == self.ids) & (other.sizes[row] == self.sizes)
-        axes = tuple(range(1, self.positions.ndim))
-        return equal & (other.positions[row] == self.positions).all(axis=axes), row
-
-
-def density_around(features: FeatureSet, queries: FeatureSet, cache: LRUCache, key: Hashable) -> Float64Array:
-    """Return the density of `features` at groups of positions, (m, k), in units of its sizes.
-
-    Bit-equal to `DensityField.around`; only the neighbourhoods of what changed since the last call with a
-    key are computed.
-    """
-    count = queries.positions.shape[1]
-    result, changed = np.zeros((len(queries.ids), count)), np.ones(len(queries.ids), dtype=np.bool_)
-    last: tuple[FeatureSet, FeatureSet, Float64Array] | None = cache.get(key)
-    if last is not None:
-        features_then, queries_then, values = last
-        unchanged, row = queries.same(queries_then)
-        result[unchanged] = values[row[unchanged]]
-        changed = ~unchanged | _near_changes(features_then, features, queries)
-    positions, radius = queries.positions[changed], queries.sizes[changed]
-    if len(positions):
-        near = _in_box(features.positions, positions, float(radius.max()))
-        field = DensityField(features.positions[near], features.sizes[near])
-        result[changed] = field.around(positions, radius)
-    cache.store(key, (features, queries, result))
-    return result
-
-
-def _near_changes(before: FeatureSet, after: FeatureSet, queries: FeatureSet) -> BoolArray:
-    """Return which groups of positions an added or removed feature may affect."""
-    changed = np.concatenate(
-        [one.positions[~one.same(other)[0]] for one, other in ((before, after), (after, before))]
-    )
-    if len(changed) == 0 or len(queries.ids) == 0:
-        return np.zeros(len(queries.ids), dtype=np.bool_)
-    radius = (queries.sizes + spread(queries.positions)) * _CACHE_MARGIN
-    distance, _ = cKDTree(changed).query(
-        queries.positions[:, 0], distance_upper_bound=float(radius.max()) * _CACHE_MARGIN
-    )
-    return np.asarray(distance <= radius)
-
-
-def _in_box(features: Float64Array, queries: Float64Array, radius: float) -> BoolArray:
-    """Return which feature positions are in the bounding box of all queries, widened by a radius."""
-    every = queries.reshape(-1, 2)
-    low, high = (
-        every.min(axis=0) - radius * _CACHE_MARGIN,
-        every.max(axis=0) + radius * _CACHE_MARGIN,
-    )
-    return np.asarray(((low <= features) & (features <= high)).all(axis=1))

@@ -9,17 +9,14 @@ that a rectangle's features do not depend on which rectangle was queried.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
-from hashlib import blake2b
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, StructuredArray
-from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.layers import LAYERS, PATCH_LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.placement.density import painted_distance
@@ -35,6 +32,7 @@ from sketchterrain.placement.feature_types import (
 )
 from sketchterrain.placement.hashing import hash_keys, hash_unit
 from sketchterrain.placement.heights import unpainted_height
+from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
     from sketchterrain.document.label_layers import LabelImage
@@ -104,6 +102,14 @@ def _moments(low: float, high: float) -> tuple[float, float]:
     return (high - low) / span, (high**2 - low**2) / (2.0 * span)
 
 
+_Run: TypeAlias = Callable[..., Any]
+"""A runner, or `_called` where results are not kept."""
+
+
+def _called(function: _Run, *inputs: Any) -> Any:
+    return function(*inputs)
+
+
 def _clear_of_paint(
     features: StructuredArray, image: LabelImage, pixel_size: float, factor: float
 ) -> BoolArray:
@@ -112,7 +118,7 @@ def _clear_of_paint(
 
 
 def suppressed_by(
-    own: StructuredArray, rivals: StructuredArray, factor: float, radius: float, *, same: bool
+    own: StructuredArray, rivals: StructuredArray, factor: float, radius: float, same: bool
 ) -> BoolArray:
     """Return which features have a rival within `factor` times the sum of radii (if `same`: of lower id).
 
@@ -155,7 +161,7 @@ class Fill:
 
     @classmethod
     def from_sketch(
-        cls, sketch: Sketch, painted: StructuredArray, *, seed: int, cache: LRUCache | None = None
+        cls, sketch: Sketch, painted: StructuredArray, *, seed: int, run: Runner | None = None
     ) -> Fill:
         """Return the fill at a sketch's densities around `painted` features (`place`)."""
         rules = candidate_rules(sketch)
@@ -174,7 +180,7 @@ class Fill:
         if box is None:
             return fill
         # Most candidates near the sketch are those of the sketch before.
-        return replace(fill, near=fill._compute(box, 0.0, LRUCache(0) if cache is None else cache))
+        return replace(fill, near=fill._compute(box, 0.0, Runner() if run is None else run))
 
     @property
     def max_radius(self) -> float:
@@ -276,13 +282,13 @@ class Fill:
             or self.near is None
             or (box[0] < near[0] or box[1] < near[1] or box[2] > near[2] or box[3] > near[3])
         ):
-            return self._compute(box, min_radius, LRUCache(0))
+            return self._compute(box, min_radius, _called)
         selected: StructuredArray = self.near[_inside(self.near, box) & (self.near["radius"] >= min_radius)]
         return selected
 
-    def _compute(self, box: Bounds, min_radius: float, cache: LRUCache) -> StructuredArray:
+    def _compute(self, box: Bounds, min_radius: float, run: _Run) -> StructuredArray:
         rules = [rule for rule in self.rules.values() if rule.high >= min_radius]
-        candidates = self._candidates_around(box, rules, cache)
+        candidates = self._candidates_around(box, rules, run)
         parts = [np.zeros(0, dtype=FEATURE)]
         for rule in rules:
             own = candidates[rule.name]
@@ -293,14 +299,14 @@ class Fill:
                 if factor > 0.0 and len(own):
                     radius = factor * (rival.high + rule.high)
                     rivals = candidates[rival.name]
-                    survives &= ~suppressed_by(own, rivals, factor, radius, same=rival is rule)
+                    survives &= ~suppressed_by(own, rivals, factor, radius, rival is rule)
             parts.append(own[survives])
         found = np.concatenate(parts)
         ordered: StructuredArray = found[np.argsort(found["id"], kind="stable")]
         return ordered
 
     def _candidates_around(
-        self, box: Bounds, rules: list[CandidateRule], cache: LRUCache
+        self, box: Bounds, rules: list[CandidateRule], run: _Run
     ) -> dict[str, StructuredArray]:
         """Return candidates of each type in a rectangle, and around it as far as they may suppress others."""
         found = {}
@@ -308,71 +314,62 @@ class Fill:
             distances = [SPACING.get((rival.name, own.name), 0.0) * (rival.high + own.high) for own in rules]
             margin = max(distances, default=0.0)
             if margin > 0.0 or rival in rules:
-                proposed = self._propose(rival, widened(box, margin), cache)
-                found[rival.name] = proposed[self._clearance_mask(rival.name, proposed, cache)]
+                proposed = run(_candidates, rival, widened(box, margin), self.seed)
+                found[rival.name] = proposed[self._clearance_mask(rival.name, proposed, run)]
         return found
 
-    def _clearance_mask(self, name: str, features: StructuredArray, cache: LRUCache) -> BoolArray:
+    def _clearance_mask(self, name: str, features: StructuredArray, run: _Run) -> BoolArray:
         """Return which features of a type are clear of paint and of placed features."""
         clear = np.ones(len(features), dtype=np.bool_)
         if len(features) == 0:
             return clear
         for layer, image in self.images.items():
             if (name, layer) in CLEARANCE:
-                clear &= cache.get_or_compute(
-                    ("clearance", name, layer, IdentityKey(features), IdentityKey(image), self.pixel_size),
-                    partial(_clear_of_paint, features, image, self.pixel_size, CLEARANCE[name, layer]),
-                )
+                clear &= run(_clear_of_paint, features, image, self.pixel_size, CLEARANCE[name, layer])
         for code, other in enumerate(FEATURE_TYPES):
             factor = SPACING.get((other, name), 0.0)
             placed = self.painted[self.painted["type"] == code] if factor > 0.0 else self.painted[:0]
             if len(placed):
                 radius = factor * float(placed["radius"].max() + features["radius"].max())
-                digest = blake2b(placed.tobytes()).digest()
-                clear &= ~cache.get_or_compute(
-                    ("spacing", name, other, IdentityKey(features), digest),
-                    partial(suppressed_by, features, placed, factor, radius, same=False),
-                )
+                clear &= ~run(suppressed_by, features, placed, factor, radius, False)
         return clear
 
-    def _propose(self, rule: CandidateRule, box: Bounds, cache: LRUCache) -> StructuredArray:
-        """Return candidates of a type in a rectangle, ignoring paint."""
-        key = ("proposed", self.seed, rule, box)
-        return cache.get_or_compute(key, lambda: self._hash_candidates(rule, box))
 
-    def _hash_candidates(self, rule: CandidateRule, box: Bounds) -> StructuredArray:
-        name, cell, code = rule.name, rule.cell, FEATURE_TYPES.index(rule.name)
-        column = np.arange(math.floor(box[0] / cell), math.floor(box[2] / cell) + 1)[None, :, None]
-        row = np.arange(math.floor(box[1] / cell), math.floor(box[3] / cell) + 1)[:, None, None]
-        number = np.arange(math.ceil(rule.per_cell))[None, None, :]
-        count = np.floor(rule.per_cell + hash_unit(self.seed, f"{name} count", column, row))
-        rows, columns, numbers = np.nonzero(number < count)
-        keys = (column[0, columns, 0], row[rows, 0, 0], numbers)
+def _candidates(rule: CandidateRule, box: Bounds, seed: int) -> StructuredArray:
+    """Return candidates of a type in a rectangle, ignoring paint."""
+    name, cell, code = rule.name, rule.cell, FEATURE_TYPES.index(rule.name)
+    column = np.arange(math.floor(box[0] / cell), math.floor(box[2] / cell) + 1)[None, :, None]
+    row = np.arange(math.floor(box[1] / cell), math.floor(box[3] / cell) + 1)[:, None, None]
+    number = np.arange(math.ceil(rule.per_cell))[None, None, :]
+    count = np.floor(rule.per_cell + hash_unit(seed, f"{name} count", column, row))
+    rows, columns, numbers = np.nonzero(number < count)
+    keys = (column[0, columns, 0], row[rows, 0, 0], numbers)
 
-        x = (keys[0] + hash_unit(self.seed, f"{name} x", *keys)) * cell
-        y = (keys[1] + hash_unit(self.seed, f"{name} y", *keys)) * cell
-        inside = (box[0] <= x) & (x < box[2]) & (box[1] <= y) & (y < box[3])
-        keys = (keys[0][inside], keys[1][inside], keys[2][inside])
-        result = np.zeros(int(inside.sum()), dtype=FEATURE)
-        result["id"] = FILL_BIT | np.uint64(code << 60) | (hash_keys(self.seed, name, *keys) >> np.uint64(4))
-        result["type"], result["x"], result["y"] = code, x[inside], y[inside]
-        size = hash_unit(self.seed, f"{name} size", *keys)
-        result["radius"] = rule.low * (rule.high / rule.low) ** size
-        self._set_strength(result, rule, hash_unit(self.seed, f"{name} strength", *keys))
-        return result
+    x = (keys[0] + hash_unit(seed, f"{name} x", *keys)) * cell
+    y = (keys[1] + hash_unit(seed, f"{name} y", *keys)) * cell
+    inside = (box[0] <= x) & (x < box[2]) & (box[1] <= y) & (y < box[3])
+    keys = (keys[0][inside], keys[1][inside], keys[2][inside])
+    result = np.zeros(int(inside.sum()), dtype=FEATURE)
+    result["id"] = FILL_BIT | np.uint64(code << 60) | (hash_keys(seed, name, *keys) >> np.uint64(4))
+    result["type"], result["x"], result["y"] = code, x[inside], y[inside]
+    size = hash_unit(seed, f"{name} size", *keys)
+    result["radius"] = rule.low * (rule.high / rule.low) ** size
+    _set_strength(result, rule, hash_unit(seed, f"{name} strength", *keys))
+    return result
 
-    def _set_strength(self, features: StructuredArray, rule: CandidateRule, chance: Float64Array) -> None:
-        """Set strength and style from the properties of the layer's label 1, lower where it is smaller."""
-        properties = rule.properties
-        radius = features["radius"].astype(np.float64)
-        strength = properties[LAYERS[rule.name].main.name]
-        if LAYERS[rule.name].is_share:
-            strength = strength * (0.7 + 0.3 * chance)
-        else:
-            strength = strength * (radius / rule.high) ** 0.8 * (0.8 + 0.2 * chance)
-        features["strength"] = np.minimum(strength, TYPES[rule.name].fill_slope * radius)
-        for key, value in stored_style(rule.name, properties).items():
-            features[key] = value
+
+def _set_strength(features: StructuredArray, rule: CandidateRule, chance: Float64Array) -> None:
+    """Set strength and style from the properties of the layer's label 1, lower where it is smaller."""
+    properties = rule.properties
+    radius = features["radius"].astype(np.float64)
+    strength = properties[LAYERS[rule.name].main.name]
+    if LAYERS[rule.name].is_share:
+        strength = strength * (0.7 + 0.3 * chance)
+    else:
+        strength = strength * (radius / rule.high) ** 0.8 * (0.8 + 0.2 * chance)
+    features["strength"] = np.minimum(strength, TYPES[rule.name].fill_slope * radius)
+    for key, value in stored_style(rule.name, properties).items():
+        features[key] = value
 
 
 def _inside(features: StructuredArray, box: Bounds) -> BoolArray:

@@ -5,19 +5,16 @@ At fidelity 1 features stay where they were painted. Below, each compares nearby
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from hashlib import blake2b
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, StructuredArray
-from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.parameters import Properties
-from sketchterrain.placement.density import FeatureSet, cubic, density_around, painted_distance
+from sketchterrain.placement.density import DensityField, FeatureSet, cubic, painted_distance
 from sketchterrain.placement.feature_types import (
     FEATURE,
     FEATURE_TYPES,
@@ -31,6 +28,7 @@ from sketchterrain.placement.feature_types import (
 from sketchterrain.placement.hashing import hash_unit
 from sketchterrain.placement.heights import shape_height
 from sketchterrain.placement.user_features import layer_user_features
+from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -44,28 +42,22 @@ _MIN_RADIUS = 1.5  # px
 _MIN_SHARE = 0.36  # of its label's strength: lower features do not get larger radii
 
 
-def place(
-    sketch: Sketch,
-    *,
-    seed: int,
-    cache: LRUCache | None = None,
-    checkpoint: Callable[[], None] = lambda: None,
-) -> StructuredArray:
+def place(sketch: Sketch, *, seed: int, run: Runner | None = None) -> StructuredArray:
     """Place all painted features but rivers: an array of ``FEATURE``, sorted by id, at least one per shape.
 
-    The sketch's own seed is ignored. `checkpoint` is called between steps and may raise to cancel. Nothing
-    painted farther away than two of a feature's discs changes it. Results with and without a cache are
-    bit-equal.
+    The sketch's own seed is ignored. Nothing painted farther away than two of a feature's discs changes it.
+    Results with and without a runner are bit-equal.
     """
-    cache = LRUCache() if cache is None else cache
-    users = {}
-    for name in FEATURE_TYPES:
-        checkpoint()
-        users[name] = layer_user_features(sketch, name, seed=seed, cache=cache)
+    run = Runner() if run is None else run
+    users = {
+        name: run(
+            layer_user_features, sketch.part(f"layers.{name}", f"labels.{name}", "fidelity"), name, seed
+        )
+        for name in FEATURE_TYPES
+    }
     placed: dict[str, StructuredArray] = {}
-    context = _PlacementContext(sketch, users, placed, cache)
+    context = _PlacementContext(sketch, users, placed)
     for name in TYPES:
-        checkpoint()
         positions = _painted_positions(sketch, users[name])
         if sketch.fidelity < 1.0 and len(positions):
             positions = _preferred(context, name, seed)
@@ -89,19 +81,19 @@ class _PlacementContext:
         sketch: Sketch,
         users: dict[str, npt.NDArray[np.void]],
         placed: dict[str, StructuredArray],
-        cache: LRUCache,
     ) -> None:
         self.sketch = sketch
         self.users = users
         self._placed = placed
-        self._cache = cache
 
     def presence(self, preference: Preference, queries: FeatureSet) -> Float64Array:
         """Return how much of a preference's target is near each position: about 1 for one of like size."""
         disc = queries.sizes
         radius = preference.range * disc
         if preference.what == "layer":
-            away = self._distance_to_paint(preference.of, queries.positions)
+            away = painted_distance(self.sketch.layers[preference.of], self.sketch.pixel_size)(
+                *np.moveaxis(queries.positions, -1, 0)
+            )
             return cubic(away / radius[:, None])
         if preference.what == "user":
             features = self.painted(preference.of)
@@ -109,9 +101,7 @@ class _PlacementContext:
             final = self._placed[preference.of]
             at = np.stack([final["x"], final["y"]], axis=-1)
             features = FeatureSet(final["id"], at, final["radius"].astype(np.float64))
-        return self.density(
-            preference.feature, f"{preference.what} {preference.of}", features, queries, radius
-        )
+        return _density(features, queries, radius)
 
     def painted(self, name: str) -> FeatureSet:
         """Return the user features of a type: painted positions and discs (m)."""
@@ -120,22 +110,11 @@ class _PlacementContext:
             own["id"], _painted_positions(self.sketch, own), own["disc"] * self.sketch.pixel_size
         )
 
-    def density(
-        self, feature: str, term: str, features: FeatureSet, queries: FeatureSet, radius: Float64Array
-    ) -> Float64Array:
-        """Return the density of features within `radius` (m) of each position, relative to its disc."""
-        around = replace(queries, sizes=radius)
-        density = density_around(features, around, self._cache, ("density", feature, term))
-        return density / queries.sizes[:, None]
 
-    def _distance_to_paint(self, layer: str, positions: Float64Array) -> Float64Array:
-        """Return the distance (m) from positions (..., 2) to a layer's painted pixels."""
-        image, pixel = self.sketch.layers[layer], self.sketch.pixel_size
-        digest = blake2b(positions.tobytes()).digest()
-        return self._cache.get_or_compute(
-            ("paint distance", IdentityKey(image), pixel, positions.shape, digest),
-            lambda: painted_distance(image, pixel)(positions[..., 0], positions[..., 1]),
-        )
+def _density(features: FeatureSet, queries: FeatureSet, radius: Float64Array) -> Float64Array:
+    """Return the density of features within `radius` (m) of each position, relative to its disc."""
+    density = DensityField(features.positions, features.sizes).around(queries.positions, radius)
+    return density / queries.sizes[:, None]
 
 
 def _preferred(context: _PlacementContext, name: str, seed: int) -> Float64Array:
@@ -165,7 +144,7 @@ def _other_summits(
     radius = _SUMMIT_RADIUS * summits.sizes
     itself = np.hypot(*np.moveaxis(queries.positions - summits.positions[:, None], -1, 0))
     result = np.zeros(candidates.positions.shape[:2])
-    density = context.density(name, "other summits", summits, queries, radius)
+    density = _density(summits, queries, radius)
     result[summit] = density - cubic(itself / radius[:, None])
     return result
 

@@ -12,7 +12,6 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.placement.covers import shape_field
 from sketchterrain.placement.feature_types import (
@@ -25,6 +24,7 @@ from sketchterrain.placement.feature_types import (
 )
 from sketchterrain.placement.hashing import rounded
 from sketchterrain.placement.shapes import Shape, label_shapes
+from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -122,21 +122,17 @@ def noise_limit(extent: float, fidelity: float, depth: float) -> float:
     return float(0.5 * NOISE_REACH * CLIFF_NOISE * extent / 8 * np.sum(CLIFF_GAIN**octave * share))
 
 
-def create_plateaus(
-    sketch: Sketch, ground: GroundHeight, cache: LRUCache | None = None
-) -> tuple[Plateau, ...]:
+_READ: Final = ("layers.plateau", "layers.river", "labels.plateau", "extent", "size", "fidelity")
+
+
+def create_plateaus(sketch: Sketch, ground: GroundHeight, run: Runner | None = None) -> tuple[Plateau, ...]:
     """Return the plateaus of a sketch, in the order of their ids.
 
     A higher plateau inside another one stands on it. A painted river cuts a canyon down to the ground. Tops
     are those of rock layers, so that neighbours of similar heights are level.
     """
-    cache = LRUCache() if cache is None else cache
-    image, river = sketch.layers["plateau"], sketch.layers["river"]
-    labels = tuple((key, tuple(each.items())) for key, each in sketch.labels.items() if key[0] == "plateau")
-    outlines: list[tuple[Plateau, Float64Array]] = cache.get_or_compute(
-        ("plateaus", IdentityKey(image), IdentityKey(river), sketch.extent, sketch.fidelity, labels),
-        lambda: _outlines(sketch),
-    )
+    run = Runner() if run is None else run
+    outlines = run(_outlines, sketch.part(*_READ))
     if not outlines:
         return ()
     at = np.concatenate([border for _, border in outlines])

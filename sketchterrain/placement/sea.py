@@ -9,8 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import IdentityKey, LRUCache
-from sketchterrain.document.label_layers import LabelImage, labels_in
+from sketchterrain.document.label_layers import LabelImage
 from sketchterrain.document.parameters import COAST
 from sketchterrain.placement.covers import signed_distance
 from sketchterrain.placement.feature_types import ShapeField
@@ -64,26 +63,13 @@ def sea_level(sketch: Sketch) -> float | None:
     return 0.0 if sketch.layers["sea"].any() else None
 
 
-def create_sea(sketch: Sketch, *, cache: LRUCache | None = None) -> Sea | None:
+def create_sea(sketch: Sketch) -> Sea | None:
     """Return the sea of a sketch, None without one."""
     level = sea_level(sketch)
     if level is None:
         return None
-    image = sketch.layers["sea"]
-    depths = tuple(_depth_of(sketch, label) for label in labels_in(image))
-    settings = (sketch.extent, sketch.fidelity, *sketch.coast.values(), *depths)
-    cache = LRUCache() if cache is None else cache
-    sea: Sea = cache.get_or_compute(("sea", IdentityKey(image), *settings), lambda: _create(sketch, level))
-    return sea
-
-
-def _create(sketch: Sketch, level: float) -> Sea:
     fields = _fields(sketch) if sketch.layers["sea"].any() else (None, None)
     return Sea(level, float(sketch.coast["beach"]), float(sketch.coast["shelf"]), *fields)
-
-
-def _depth_of(sketch: Sketch, label: int) -> float:
-    return float(sketch.properties("sea", label)["depth"])
 
 
 def _fields(sketch: Sketch) -> tuple[ShapeField, ShapeField]:
@@ -120,7 +106,9 @@ def _fields(sketch: Sketch) -> tuple[ShapeField, ShapeField]:
 
 def _depths(sketch: Sketch, image: LabelImage, shelf: float) -> Float64Array:
     """Return the greatest depth (m) by the nearest label, with smooth transitions; `shelf` in samples."""
-    depths = np.array([0.0, *(_depth_of(sketch, label) for label in range(1, 256))])[image]
+    depths = np.array([0.0, *(float(sketch.properties("sea", label)["depth"]) for label in range(1, 256))])[
+        image
+    ]
     present = np.unique(depths[image > 0])
     if len(present) < 2:
         return np.full(image.shape, present.max(initial=1.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,7 +12,6 @@ from scipy import ndimage, sparse
 from scipy.sparse.csgraph import connected_components
 
 from sketchterrain.array_types import Float64Array, Int64Array
-from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.placement.feature_types import LAYER_CODES
 from sketchterrain.placement.hashing import hash_keys
 
@@ -53,18 +53,13 @@ class Region(NamedTuple):
 
 def label_shapes(layer: str, image: npt.NDArray[np.uint8]) -> tuple[Shape, ...]:
     """Return the shapes of a label image (0 is empty), in reading order of their first pixels."""
-    return tuple(measure_shape(layer, image, region) for region in find_regions(image))
+    return tuple(measure_shape(layer, image.shape, region) for region in find_regions(image))
 
 
-def cached_regions(image: npt.NDArray[np.uint8], cache: LRUCache) -> tuple[Region, ...]:
-    """Return the connected regions of a label image, which must not change."""
-    return cache.get_or_compute(("regions", IdentityKey(image)), lambda: find_regions(image))
-
-
-def region_numbers(image: npt.NDArray[np.uint8], cache: LRUCache) -> npt.NDArray[np.int64]:
+def region_numbers(image: npt.NDArray[np.uint8], regions: Iterable[Region]) -> npt.NDArray[np.int64]:
     """Return the number of the region at each pixel, −1 where nothing is painted."""
     number = np.full(image.shape, -1, np.int64)
-    for index, region in enumerate(cached_regions(image, cache)):
+    for index, region in enumerate(regions):
         number[region.rows, region.columns][region.mask] = index
     return number
 
@@ -123,10 +118,10 @@ def _touching(
     return sparse.coo_array((ones, (upper[same], lower[same])), shape=(len(row), len(row)))
 
 
-def measure_shape(layer: str, image: npt.NDArray[np.uint8], region: Region) -> Shape:
-    """Measure a region of a layer's image."""
+def measure_shape(layer: str, size: tuple[int, ...], region: Region) -> Shape:
+    """Measure a region of a layer's image, of a size (rows, columns; px)."""
     _, rows, columns, mask = region
-    depth = _depth(mask, rows, columns, image.shape)
+    depth = _depth(mask, rows, columns, size)
     first = int(np.argmax(mask[0]))
     total = float(depth.sum())
     along_rows = depth.sum(axis=1) @ np.arange(rows.start, rows.stop)
@@ -134,14 +129,14 @@ def measure_shape(layer: str, image: npt.NDArray[np.uint8], region: Region) -> S
     return Shape(
         layer=layer,
         label=region.label,
-        id=int(rows.start) * image.shape[1] + int(columns.start) + first,
+        id=int(rows.start) * size[1] + int(columns.start) + first,
         rows=rows,
         columns=columns,
         mask=mask,
         area=int(np.count_nonzero(mask)),
         centre=(float(along_rows) / total, float(along_columns) / total),
         depth=depth,
-        image_width=image.shape[1],
+        image_width=size[1],
     )
 
 

@@ -8,7 +8,6 @@ fill the remaining holes, as far as the fidelity requires.
 from __future__ import annotations
 
 import math
-from hashlib import blake2b
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,10 +15,10 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
-from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.placement.feature_types import LAYER_CODES, TYPES
 from sketchterrain.placement.hashing import hash_unit, value_noise
-from sketchterrain.placement.shapes import MIN_DISC, Region, Shape, ShapePixels, cached_regions, measure_shape
+from sketchterrain.placement.shapes import MIN_DISC, Region, Shape, ShapePixels, find_regions, measure_shape
+from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -273,35 +272,19 @@ def _shares(shape: Shape, features: npt.NDArray[np.void], fidelity: float, seed:
     return np.asarray(np.maximum(share, rule.min_share * fidelity**4))
 
 
-def layer_user_features(sketch: Sketch, layer: str, *, seed: int, cache: LRUCache) -> StructuredArray:
+def layer_user_features(sketch: Sketch, layer: str, seed: int, run: Runner) -> StructuredArray:
     """Return the user features of a layer, sorted by id; the sketch's own seed is ignored."""
-    image = sketch.layers[layer]
-    declared = tuple((key, _multitude(sketch, *key)) for key in sketch.labels if key[0] == layer)
-
-    def compute() -> StructuredArray:
-        regions = cached_regions(image, cache)
-        parts = [np.zeros(0, dtype=USER_FEATURE)]
-        parts += [_of_region(sketch, layer, region, seed, cache) for region in regions]
-        users = np.concatenate(parts)
-        ordered: StructuredArray = users[np.argsort(users["id"], kind="stable")]
-        return ordered
-
-    key = ("user features", layer, IdentityKey(image), seed, sketch.fidelity, declared)
-    return cache.get_or_compute(key, compute)
+    image, parts = sketch.layers[layer], [np.zeros(0, dtype=USER_FEATURE)]
+    for region in run(find_regions, image, hashed=False):
+        multitude = max(int(sketch.properties(layer, region.label)["multitude"]), 1)
+        parts.append(run(_of_region, layer, image.shape, region, multitude, sketch.fidelity, seed))
+    users = np.concatenate(parts)
+    ordered: StructuredArray = users[np.argsort(users["id"], kind="stable")]
+    return ordered
 
 
-def _of_region(sketch: Sketch, layer: str, region: Region, seed: int, cache: LRUCache) -> StructuredArray:
-    image, fidelity = sketch.layers[layer], sketch.fidelity
-    multitude = _multitude(sketch, layer, region.label)
-    box = (region.rows.start, region.rows.stop, region.columns.start, region.columns.stop)
-    pixels = blake2b(np.packbits(region.mask).tobytes(), digest_size=16).digest()
-    return cache.get_or_compute(
-        ("shape", layer, region.label, box, image.shape, multitude, fidelity, seed, pixels),
-        lambda: user_features(
-            measure_shape(layer, image, region), multitude=multitude, fidelity=fidelity, seed=seed
-        ),
-    )
-
-
-def _multitude(sketch: Sketch, layer: str, label: int) -> int:
-    return max(int(sketch.properties(layer, label)["multitude"]), 1)
+def _of_region(
+    layer: str, size: tuple[int, int], region: Region, multitude: int, fidelity: float, seed: int
+) -> StructuredArray:
+    shape = measure_shape(layer, size, region)
+    return user_features(shape, multitude=multitude, fidelity=fidelity, seed=seed)

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
-from sketchterrain.caching import IdentityKey
 from sketchterrain.drape.items import Items
 from sketchterrain.drape.painting import WHITE
 from sketchterrain.look.texture_maker import linear_from_hex
@@ -140,7 +139,7 @@ class FeatureCutter:
 
     def cut(self, drapes: Drapes, held: Held | None, squares: Squares) -> dict[int, Cut]:
         """Return what lies in squares, by their numbers: all features, or the held one."""
-        names = [(IdentityKey(drapes), held, key) for key in squares.keys]
+        names = [(drapes, held, key) for key in squares.keys]
         new = np.flatnonzero([name not in self._kept for name in names])
         for number, shown in zip(new.tolist(), self._near(drapes, held, squares, new).tolist(), strict=True):
             self._kept[names[number]] = self._cut(drapes, held, squares, number) if shown else _NOTHING
@@ -161,7 +160,7 @@ class FeatureCutter:
         return np.asarray(((low <= last) & (high >= first)).all(axis=1))
 
     def _held_items(self, drapes: Drapes, held: Held) -> Items:
-        name = IdentityKey(drapes), held
+        name = drapes, held
         if name != self._items[0]:
             self._items = name, drapes.only(held, drapes.layers[held[0]]["finest"])  # at any scale
         return self._items[1]
@@ -193,7 +192,7 @@ class PartBuffers:
 
         `array` has the vertices. Tables are bound.
         """
-        state = ([(number, IdentityKey(each.vertices)) for number, each in cuts.items()], IdentityKey(styles))
+        state = [(number, id(each.vertices)) for number, each in cuts.items()], id(styles)
         if state != self._state:
             parts, counts = ([len(each[k]) for each in cuts.values()] for k in (1, 0))
             vertices = np.concatenate([each.vertices for each in cuts.values()])

@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Int64Array
-from sketchterrain.caching import IdentityKey
 from sketchterrain.render.appearance import premultiplied
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.draped_buffer import DrapedBuffer
@@ -215,12 +214,12 @@ class RasterWindows:
         rows["square"][:, 3] = -1.0
         for number, (level, column, row) in enumerate(codes.tolist()):
             up = max(level - finest, 0)
-            key = (IdentityKey(source), level - up, column >> up, row >> up)
+            key = (source, level - up, column >> up, row >> up)
             if key not in self._slots and time.perf_counter() < end:
                 self._read(source, key)
             while key not in self._slots and up < MORE_LEVELS:
                 complete, up = False, up + 1
-                key = (IdentityKey(source), level - up, column >> up, row >> up)
+                key = (source, level - up, column >> up, row >> up)
             if key in self._slots:
                 self._slots[key] = slot = self._slots.pop(key)
                 share = 2.0**-up

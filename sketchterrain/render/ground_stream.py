@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds
-from sketchterrain.caching import IdentityKey
 from sketchterrain.document.materials import weight_words
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import Camera
@@ -92,7 +91,7 @@ class TerrainStream:
         self._resources = resources or ResourceCache()
         self.memory = self._resources.get_or_create(
             "vertices",
-            (IdentityKey(terrain.context), slots * tile_bytes, memory),
+            (terrain.context, slots * tile_bytes, memory),
             lambda: open_vertex_memory(context, terrain.context, slots * tile_bytes, kind=memory),
             close=GLVertexMemory.close,
         )

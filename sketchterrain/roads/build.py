@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
-from hashlib import blake2b
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
@@ -13,7 +11,6 @@ import numpy as np
 import shapely
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
-from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.layers import WAY_LAYERS, id_of_vector
 from sketchterrain.document.vectors import AREA, LINE
 from sketchterrain.hydrology.vector_rivers import line_path
@@ -22,6 +19,7 @@ from sketchterrain.roads.network import WayGraph, way_graph
 from sketchterrain.roads.profile import StationGraph, station_graph, united_reach
 from sketchterrain.roads.road_types import Pad, Road, RoadNetwork, Wall, Works
 from sketchterrain.roads.structures import FREEBOARD, Carried, bends_told, carry
+from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -30,10 +28,8 @@ Heights = Callable[[Float64Array, Float64Array], Float64Array]
 """Heights (m) at positions x and y (n,), m."""
 
 ROAD_LAYERS: Final = (*WAY_LAYERS, "pad", "wall")
-_EARLIER: Final = "roads by content"
 CROWN: Final = 0.025
 """Slope of a straight carriageway from its axis to its edges, of ways that have superelevation."""
-_STALE = 2  # times as many known positions as are asked for, from which on the others are dropped
 _GROUND_STEP = 8.0  # m between samples of the ground along a way
 _FRICTION = 0.12  # of tyres across the carriageway that superelevation leaves
 _LEVEL_ENDS, _WARP = 4.0, 20.0  # m beyond a junction's width with no crossfall; m over which it changes
@@ -42,65 +38,30 @@ _DAYLIGHT = 0.25  # of a slope that at least closes in on the ground beside it
 _PAD_SAMPLES = 24  # along a pad's longer side
 
 
-def road_network(sketch: Sketch, ground: Heights, water: Heights, cache: LRUCache, of: object) -> RoadNetwork:
+def road_network(sketch: Sketch, ground: Heights, water: Heights, run: Runner) -> RoadNetwork:
     """Return the roads, pads and walls of a sketch.
 
     Parameters
     ----------
-    ground : heights without roads and pads
-    water : levels of floods, NaN on land
-    cache : what does not depend on the ground is computed once
-    of : what the ground and water are of: their values are kept while it is the same object
+    ground : heights without roads and pads, with a digest
+    water : levels of floods, NaN on land, with a digest
     """
-    labels = [
-        (layer, label, *sorted(values.items()))
-        for (layer, label), values in sketch.labels.items()
-        if layer in WAY_LAYERS
-    ]
-    key = ("ways", *labels, *(IdentityKey(sketch.vectors[name]) for name in WAY_LAYERS))
-    line_ground, pad_ground = cache.get_or_compute(
-        ("ground of roads", IdentityKey(of)), lambda: (_Known(ground, water), _Known(ground, water))
-    )
     roads: tuple[Road, ...] = ()
     findings: tuple[str, ...] = ()
     if any(len(sketch.vectors[name]) for name in WAY_LAYERS):
-        ways = cache.get_or_compute(key, partial(_plan, sketch))
+        names = (f"{kind}.{name}" for kind in ("vectors", "labels") for name in WAY_LAYERS)
+        ways = run(_plan, sketch.part(*names), hashed=False)
         if ways is not None:
-            on_ground = ("roads", IdentityKey(ways), IdentityKey(of))
-            roads, findings = cache.get_or_compute(on_ground, partial(_roads, ways, line_ground, cache))
-    return RoadNetwork(roads, _pads(sketch, pad_ground), _walls(sketch), findings)
+            roads, findings = run(_roads, ways, ground, water)
+    return RoadNetwork(roads, _pads(sketch, ground, water, run), _walls(sketch), findings)
 
 
-class _Known:
-    """Ground and water at positions that were asked for before, by position."""
-
-    def __init__(self, ground: Heights, water: Heights) -> None:
-        self._ground = ground
-        self._water = water
-        self._keys = np.zeros(0, np.complex128)
-        self._values = np.zeros((0, 2))
-
-    def at(self, points: Float64Array) -> Float64Array:
-        """Return heights and levels of floods, (n, 2), at positions (n, 2), m."""
-        keys = np.ascontiguousarray(points).view(np.complex128)[:, 0]
-        place = np.minimum(np.searchsorted(self._keys, keys), max(len(self._keys) - 1, 0))
-        missing = keys != self._keys[place] if len(self._keys) else np.ones(len(keys), np.bool_)
-        found = np.empty((len(keys), 2))
-        if len(self._keys):
-            found[~missing] = self._values[place[~missing]]
-        if missing.any():
-            x, y = points[missing].T
-            found[missing] = np.stack([self._ground(x, y), self._water(x, y)], axis=1)
-            new, first = np.unique(keys[missing], return_index=True)
-            if len(self._keys) > _STALE * len(keys):
-                new, first = np.unique(keys, return_index=True)
-                self._keys, self._values = new, found[first]
-                return found
-            every = np.concatenate([self._keys, new])
-            order = np.argsort(every, kind="stable")
-            self._keys = every[order]
-            self._values = np.concatenate([self._values, found[missing][first]])[order]
-        return found
+def _ground_at(places: Sequence[Float64Array], ground: Heights, water: Heights) -> list[Float64Array]:
+    """Return heights and levels of floods, (..., 2), at each array of positions (..., 2), m."""
+    x, y = np.concatenate([each.reshape(-1, 2) for each in places]).T.copy()
+    found = np.stack([ground(x, y), water(x, y)], axis=1)
+    parts = np.split(found, np.cumsum([each.size // 2 for each in places])[:-1])
+    return [part.reshape(each.shape) for part, each in zip(parts, places, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +85,9 @@ def _plan(sketch: Sketch) -> _Plan | None:
     return _Plan(graph, line, station_graph(graph.ways, graph.legs, line), bends)
 
 
-def _roads(plan: _Plan, known: _Known, cache: LRUCache) -> tuple[tuple[Road, ...], tuple[str, ...]]:
+def _roads(
+    plan: _Plan, ground: Heights, floods: Heights, run: Runner
+) -> tuple[tuple[Road, ...], tuple[str, ...]]:
     graph, line = plan.graph, plan.line
     ways = graph.ways
     own = line.way >= 0
@@ -136,15 +99,17 @@ def _roads(plan: _Plan, known: _Known, cache: LRUCache) -> tuple[tuple[Road, ...
     aside = line.left * (half + shoulder)[:, None]
     sampled = _sampled(line)
     at, aside = line.at[sampled], aside[sampled]
-    found = known.at(np.concatenate([at, at + aside, at - aside])).reshape(3, -1, 2)
-    middle, left, right = (_between(line, sampled, heights) for heights in found[..., 0])
-    water = found[0, :, 1][np.searchsorted(sampled, np.arange(len(line.at)), side="right") - 1]
+    legs = np.searchsorted(sampled, line.first[1:-1])
+    places = np.split(np.stack([at, at + aside, at - aside], axis=1), legs)
+    found = np.concatenate(run.each(_ground_at, places, ground, floods))
+    middle, left, right = (_between(line, sampled, heights) for heights in found[..., 0].T)
+    water = found[:, 0, 1][np.searchsorted(sampled, np.arange(len(line.at)), side="right") - 1]
     carried = carry(graph, plan.stations, line, 0.5 * middle + 0.25 * (left + right), water)
     crossfall = _crossfall(graph, line, half)
     cut, fill = of_ways([way.works.cut for way in ways]), of_ways([way.works.fill for way in ways])
     extent = _extent(line, carried.profile.height, (left, middle, right), half + shoulder, cut, fill)
     roads = _parts(graph, line, carried, half, shoulder, crossfall, extent)
-    return _canonical(roads, cache), (*carried.findings, *plan.bends)
+    return tuple(roads), (*carried.findings, *plan.bends)
 
 
 def _sampled(line: Alignment) -> Int64Array:
@@ -278,29 +243,7 @@ def _parts(
     return roads
 
 
-def _canonical(roads: list[Road], cache: LRUCache) -> tuple[Road, ...]:
-    """Return the roads, those that are equal to earlier ones as the same objects."""
-    before = cache.get(_EARLIER) or {}
-    now = {}
-    for road in roads:
-        arrays = (
-            road.axis,
-            road.bend,
-            road.slope,
-            road.half_width,
-            road.shoulder,
-            road.crossfall,
-            road.reach,
-            road.deepest,
-        )
-        rest = (road.id, road.leg, road.part, road.structure, road.works, road.trees, road.ends)
-        key = blake2b(b"".join(map(bytes, arrays)), digest_size=16).digest(), rest
-        now[key] = before.get(key, road)
-    cache.store(_EARLIER, now)
-    return tuple(now.values())
-
-
-def _pads(sketch: Sketch, known: _Known) -> tuple[Pad, ...]:
+def _pads(sketch: Sketch, ground: Heights, floods: Heights, run: Runner) -> tuple[Pad, ...]:
     layer = sketch.vectors["pad"]
     indices = np.flatnonzero(layer.kinds == AREA).tolist()
     if not indices:
@@ -309,8 +252,7 @@ def _pads(sketch: Sketch, known: _Known) -> tuple[Pad, ...]:
     surface = sketch.vector_texts("pad", "surface")
     rings = [layer.ring(int(layer.parts[index])) for index in indices]
     rings = [ring if _signed_area(ring) > 0.0 else ring[::-1] for ring in rings]
-    samples = [_inside(ring) for ring in rings]
-    found = np.split(known.at(np.concatenate(samples)), np.cumsum([len(each) for each in samples])[:-1])
+    found = run.each(_ground_at, [_inside(ring) for ring in rings], ground, floods)
     pads = []
     for index, outline, (height, water) in zip(indices, rings, (each.T for each in found), strict=True):
         level = float(np.round(np.median(np.fmax(height, water + FREEBOARD)) * 1024.0) / 1024.0)

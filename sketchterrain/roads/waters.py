@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,35 +16,41 @@ _FLOOD: Final = 0.5  # of a river's depth, above its surface: its banks' tops
 _BANKS = 1.3  # half widths of a river with its banks
 
 
-def flood_levels(
-    rivers: Sequence[River],
-    lakes: Sequence[Lake],
-    sea_level: float | None,
-    ground: Callable[[Float64Array, Float64Array], Float64Array],
-    x: Float64Array,
-    y: Float64Array,
-) -> Float64Array:
-    """Return levels (m) of floods at positions (n,), m; NaN on land."""
-    level, at = np.full(len(x), np.nan), np.stack([x, y], axis=1)
-    if sea_level is not None:
-        level[ground(x, y) < sea_level] = sea_level
-    for lake in lakes:
-        field = lake.shape
-        size = (np.array(field.inside.shape[::-1]) - 1) * field.spacing
-        low = np.array([field.west, field.south])
-        near = np.flatnonzero(((at >= low) & (at <= low + size)).all(axis=1))
-        inside = near[distance_inside(field, at[near]) > 0.0]
-        level[inside] = np.fmax(level[inside], lake.level)
-    if rivers:
-        line = np.concatenate([river.centreline for river in rivers])
-        half = 0.5 * _BANKS * np.concatenate([river.centreline_width for river in rivers]).astype(np.float64)
-        depth = np.concatenate([river.centreline_depth for river in rivers]).astype(np.float64)
-        gap = 0.5 * max(
-            float(np.hypot(*np.diff(river.centreline[:, :2], axis=0).T).max()) for river in rivers
-        )
-        away, nearest = cKDTree(line[:, :2]).query(at, distance_upper_bound=float(half.max()) + gap)
-        found = np.isfinite(away)
-        nearest = np.where(found, nearest, 0)
-        wet = found & (away < half[nearest])
-        level[wet] = np.fmax(level[wet], (line[:, 2] + _FLOOD * depth)[nearest[wet]])
-    return level
+@dataclass(frozen=True, eq=False)
+class Floods:
+    """Levels (m) of the floods of waters as a function of positions (n,), m; NaN on land."""
+
+    rivers: Sequence[River]
+    lakes: Sequence[Lake]
+    sea_level: float | None
+    ground: Callable[[Float64Array, Float64Array], Float64Array]
+
+    def __call__(self, x: Float64Array, y: Float64Array) -> Float64Array:
+        """Return levels (n,), m."""
+        level, at = np.full(len(x), np.nan), np.stack([x, y], axis=1)
+        if self.sea_level is not None:
+            level[self.ground(x, y) < self.sea_level] = self.sea_level
+        for lake in self.lakes:
+            field = lake.shape
+            size = (np.array(field.inside.shape[::-1]) - 1) * field.spacing
+            low = np.array([field.west, field.south])
+            near = np.flatnonzero(((at >= low) & (at <= low + size)).all(axis=1))
+            inside = near[distance_inside(field, at[near]) > 0.0]
+            level[inside] = np.fmax(level[inside], lake.level)
+        if self.rivers:
+            line = np.concatenate([river.centreline for river in self.rivers])
+            half = (
+                0.5
+                * _BANKS
+                * np.concatenate([river.centreline_width for river in self.rivers]).astype(np.float64)
+            )
+            depth = np.concatenate([river.centreline_depth for river in self.rivers]).astype(np.float64)
+            gap = 0.5 * max(
+                float(np.hypot(*np.diff(river.centreline[:, :2], axis=0).T).max()) for river in self.rivers
+            )
+            away, nearest = cKDTree(line[:, :2]).query(at, distance_upper_bound=float(half.max()) + gap)
+            found = np.isfinite(away)
+            nearest = np.where(found, nearest, 0)
+            wet = found & (away < half[nearest])
+            level[wet] = np.fmax(level[wet], (line[:, 2] + _FLOOD * depth)[nearest[wet]])
+        return level

@@ -17,13 +17,13 @@ from scipy import ndimage
 from skimage.morphology import skeletonize
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import DRAW_ORDER, LAYERS, layer_of
-from sketchterrain.hydrology.vector_layout import with_vectors_painted
+from sketchterrain.hydrology.vector_layout import vectors_painted
 from sketchterrain.landuse.areas import NO_LAND_USE
 from sketchterrain.placement.feature_types import FEATURE_TYPES, TAN_70
 from sketchterrain.placement.heights import ShapeHeight, shape_height
 from sketchterrain.placement.shapes import Shape, label_shapes
+from sketchterrain.stages.runner import Runner
 from sketchterrain.terrain.adherence_rivers import RiverAdherence, measure_river_adherence, standing_water
 from sketchterrain.terrain.building import relief_without
 from sketchterrain.terrain.lattice import to_lattice
@@ -98,7 +98,7 @@ class SampledTerrain:
         terrain, _ = terrain.updated(terrain.sketch, bare)
         x, y = (to_lattice(axis, terrain.extent).ravel() for axis in pixel_centres(terrain.sketch))
         height, masks = terrain.evaluator.points(x, y, cell_size=0.0)
-        drawn = with_vectors_painted(terrain.sketch, LRUCache())
+        drawn = terrain.sketch.replace(layers=vectors_painted(terrain.sketch, Runner()))
         return cls(terrain, drawn, x, y, height.astype(np.float32), masks.astype(np.float32))
 
 
@@ -246,8 +246,7 @@ def _without(terrain: Terrain, layer: str) -> list[TerrainLayer]:
     """Return the changed layers of the terrain without a layer's painted features."""
     kind = LAYERS[layer].kind
     if kind == "summits":
-        memory = LRUCache() if terrain.memory is None else terrain.memory
-        return [relief_without(terrain.sketch, layer, memory)]
+        return [relief_without(terrain.sketch, layer, terrain.memory)]
     return (_without_points if kind == "patches" else _without_shapes)(terrain.recipe, layer)
 
 

@@ -49,16 +49,17 @@ class BaseGround:
     source: NodeSource  # procedural ground
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, BaseGround) and self._key() == other._key()
+        return isinstance(other, BaseGround) and self.digest_parts() == other.digest_parts()
 
     def __hash__(self) -> int:
-        return hash(self._key())
+        return hash(self.digest_parts())
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Leave out what is cached."""
         return BaseGround, (self.base, self.spacing, self.source)
 
-    def _key(self) -> tuple[bytes, float, NodeSource]:
+    def digest_parts(self) -> tuple[bytes, float, NodeSource]:
+        """Return what it is equal by."""
         return self.base.id, self.spacing, self.source
 
     def window(self, level: int, column: int, row: int, rows: int, columns: int) -> BaseNodes:

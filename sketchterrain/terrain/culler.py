@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import LatticeArray
-from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.caching import LRUCache
 from sketchterrain.terrain.changes import LayerChange
 from sketchterrain.terrain.index import BoxIndex, item_lists
 
@@ -76,10 +76,14 @@ class WholeCuller:
     def _upload(self, sampling: Sampling) -> tuple[Packed, dict[str, Any], BoxIndex | None]:
         packed = self._layer.pack(sampling, self._shared)
         buffers = {
-            name: self._shared.get_or_compute(IdentityKey(array), partial(_upload_real, self._context, array))
+            name: self._shared.get_or_compute(id(array), partial(self._held, array))[1]
             for name, array in packed.arrays.items()
         }
         return packed, buffers, None if packed.boxes is None else BoxIndex(packed.boxes)
+
+    def _held(self, array: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], Any]:
+        """Return an array, whose id is its own while it is held, and its buffer."""
+        return array, _upload_real(self._context, array)
 
 
 def upload_reals(context: ComputeContext, arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:

@@ -6,7 +6,8 @@ that results are the same on every machine.
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -21,6 +22,23 @@ from sketchterrain.terrain.noise import ValueSlope
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 _DRY_WATER, _INVERSE_WET = kernel_constants("world.clh", "DRY_WATER", "INVERSE_WET")
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """Heights (m) of a recipe for cells of a size (m), as a function of positions x and y (n,), m."""
+
+    recipe: TerrainRecipe
+    cell: float
+
+    def __call__(self, x: Float64Array, y: Float64Array) -> Float64Array:
+        """Return heights (n,), m."""
+        at = (to_lattice(each, self.recipe.extent) for each in (x, y))
+        return self._terrain.heights(*at, cell_size=self.cell)
+
+    @cached_property
+    def _terrain(self) -> HostTerrain:
+        return HostTerrain(self.recipe)
 
 
 class HostTerrain:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import LRUCache
-from sketchterrain.document.rasters import raster_problem
+from sketchterrain.document.rasters import content_digests, raster_problem
 from sketchterrain.elevation.pictures import read_picture
+from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
     from sketchterrain.document.rasters import RasterSource
@@ -72,15 +72,16 @@ class Orthophoto:
         return np.where(inside[..., None], found, np.float32(0.0))
 
 
-def orthophotos(sketch: Sketch, memory: LRUCache) -> tuple[Orthophoto, ...]:
+def orthophotos(sketch: Sketch, run: Runner) -> tuple[Orthophoto, ...]:
     """Return the orthophotos of a sketch that can be read, from the lowest to the highest."""
-    frame = tuple(sketch.frame[name] for name in ("crs", "east", "north"))
-
-    def read(source: RasterSource) -> Orthophoto:
-        return Orthophoto(*read_picture(source, sketch, side=_SIDE))
-
+    place = sketch.part("frame.crs", "frame.east", "frame.north", "extent", "size")
     return tuple(
-        memory.get_or_compute(("orthophoto", source, frame, sketch.size), partial(read, source))
+        run(_orthophoto, source, place, content_digests([source]), hashed=False)
         for source in sketch.rasters
         if source.role == "orthophoto" and not raster_problem(source)
     )
+
+
+def _orthophoto(source: RasterSource, place: Sketch, content: list[str]) -> Orthophoto:
+    del content  # a file that changes is read again
+    return Orthophoto(*read_picture(source, place, side=_SIDE))

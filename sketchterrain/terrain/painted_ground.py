@@ -8,15 +8,13 @@ hold what is added to them: see `blended_ground`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
-from hashlib import blake2b
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import map_coordinates, maximum_filter
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array
-from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.hydrology.courses import RiverCourse
 from sketchterrain.hydrology.drainage_constraints import (
     DrainageConstraints,
@@ -27,6 +25,7 @@ from sketchterrain.hydrology.lakes import GroundHeight
 from sketchterrain.hydrology.streams import Flow
 from sketchterrain.placement.feature_types import Lake
 from sketchterrain.placement.sea import Sea
+from sketchterrain.stages.runner import Runner
 from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.blended_ground import (
     BlendedLevel,
@@ -61,6 +60,10 @@ from sketchterrain.terrain.uplift import Outline, UpliftFeatures
 
 COARSE_LEVEL = 2
 """The finest level of ground that is drained to lay out rivers and lakes."""
+FINE = len(BARE_ROUNDS)
+"""Levels of the ground."""
+COARSE = FINE - COARSE_LEVEL
+"""Those that are drained to lay out rivers and lakes."""
 _DRAFT_CHANGE, _LEAST_CHANGE = 0.3, 0.04  # nodes: changes that drafts show, and the least ones around them
 _DRAFT_MARGIN = 4  # coarse nodes around them
 _DRAFT_REACH = 5.0  # radii around changed features, beyond which drafts keep the ground
@@ -72,10 +75,9 @@ _NO_NODES = PaintedNodes(
 
 @dataclass(frozen=True, eq=False)
 class RegionSources:
-    """What the painted region is drained from, but for paint; and a cache of what was drained."""
+    """What the painted region is drained from, but for paint."""
 
     beyond: UnpaintedSettings  # of unpainted ground, with its surroundings
-    memory: LRUCache
     base: BaseGround | None = None
 
     @cached_property
@@ -100,13 +102,6 @@ class PaintedWater:
         """Return it on ground without paint."""
         return replace(self, slopes=self.bare_slopes, bare_slopes=())
 
-    def key(self) -> tuple[object, ...]:
-        """Return all that its constraints depend on."""
-        lakes = tuple((lake.id, IdentityKey(lake.shape)) for lake in self.lakes)
-        points = tuple(each.tobytes() for each in (*self.slopes, *self.floors))
-        outlets = None if self.outlets is None else self.outlets.tobytes()
-        return tuple(map(IdentityKey, self.courses)), points, lakes, outlets, IdentityKey(self.sea)
-
 
 @dataclass(frozen=True, eq=False)
 class PaintedGround:
@@ -125,19 +120,6 @@ class PaintedLand:
 
     features: UpliftFeatures
     outlines: Mapping[str, Outline]
-    cache: LRUCache = field(init=False, default_factory=lambda: LRUCache(1))
-
-    def uplift(self, ground: DrainageInput, cell: float, rock: Float32Array) -> PaintedUplift:
-        """Return what they add to a region, which is the same each time."""
-        compute = partial(painted_uplift, self.features, ground, cell, rock, self.outlines)
-        return self.cache.get_or_compute((IdentityKey(ground), cell), compute)
-
-    def key(self) -> bytes:
-        """Return a digest of all that the ground depends on."""
-        parts = [np.ascontiguousarray(each).tobytes() for each in self.features]
-        for name, outline in self.outlines.items():
-            parts += [name.encode(), outline.depth.tobytes(), np.float64(outline.filling).tobytes()]
-        return blake2b(b"".join(parts)).digest()
 
     def changed_near(self, before: PaintedLand, nodes: PaintedNodes, cell: float) -> BoolArray:
         """Return whether coarse nodes are near features or outlines that differ from those before."""
@@ -164,18 +146,11 @@ class PaintedLand:
         return replace(self, features=self.features._replace(height=height))
 
 
-def painted_ground(
-    region: RegionSources, land: PaintedLand, water: PaintedWater, *, coarse: bool = False
-) -> DrainedRaster:
-    """Return the painted region as it is drained, or its coarse levels with empty finer ones."""
-    return _cached_ground(region, land, water, 4 - COARSE_LEVEL if coarse else 4).raster
-
-
-def data_heights(region: RegionSources, water: PaintedWater) -> GroundHeight:
+def data_heights(region: RegionSources, water: PaintedWater, run: Runner) -> GroundHeight:
     """Return heights (m) of the region with elevation data and without features, by its coarse nodes."""
-    count = 4 - COARSE_LEVEL
-    raster = _raster(_cached_levels(region)[0][count - 1], region.settings.spacing)
-    nodes = np.nan_to_num(_cached_blended(region, water, count)[-1].flow.height)
+    level = run(blended_ground, region, water.bare(), COARSE, hashed=False)[-1]
+    source = run(unpainted_levels, region.settings, hashed=False)[0][COARSE - 1]
+    raster, nodes = _raster(source, region.settings.spacing), np.nan_to_num(level.flow.height)
 
     def heights(x: Float64Array, y: Float64Array) -> Float64Array:
         at = (y - raster.south) / raster.spacing, (x - raster.west) / raster.spacing
@@ -219,32 +194,41 @@ def drafted_ground(
 
 
 def painted_flow(
-    region: RegionSources, land: PaintedLand, water: PaintedWater, plateaus: Outline | None = None
+    region: RegionSources,
+    ground: PaintedGround,
+    water: PaintedWater,
+    run: Runner,
+    plateaus: Outline | None = None,
 ) -> Flow:
     """Return how the painted region drains, level 0; plateaus and elevation data bar streams."""
-    finest, spacing = _cached_ground(region, land, water, 4).finest, region.settings.spacing
-    source = _cached_levels(region)[0][-1]
-    constraints = _cached_constraints(source, region, water)
+    finest = ground.finest
+    source = run(unpainted_levels, region.settings, hashed=False)[0][-1]
+    constraints = run(_constraints, source, region.settings.spacing, water, hashed=False)
     wet = (constraints.course >= 0) | (constraints.slope <= 0.0)
     wet |= ~np.isnan(constraints.base) & np.isnan(source.base)
     barred = np.zeros(wet.shape, np.bool_)
     if plateaus is not None:
-        barred = plateaus.depth_at(source.origin, wet.shape) > -spacing
-    for each in _cached_blended(region, water, 4)[3:]:
+        barred = plateaus.depth_at(source.origin, wet.shape) > -region.settings.spacing
+    for each in run(blended_ground, region, water.bare(), FINE, hashed=False)[3:]:
         barred |= each.weight > 0.0
-    raster = _raster(source, spacing)
+    raster = _raster(source, region.settings.spacing)
     return Flow(
         raster, finest.height, finest.area, finest.receiver, wet, barred, lake=constraints.slope <= 0.0
     )
 
 
 def ground_without(
-    region: RegionSources, land: PaintedLand, water: PaintedWater, removed: BoolArray
+    region: RegionSources,
+    ground: PaintedGround,
+    land: PaintedLand,
+    water: PaintedWater,
+    removed: BoolArray,
+    run: Runner,
 ) -> DrainedRaster:
     """Return the painted region without the uplift of some features, on the network drained with all."""
-    ground, cell = _cached_ground(region, land, water, 4), region.settings.spacing
-    blended = _cached_blended(region, water, 4)
-    uplift = _uplift(region, land.without(removed), water, 4)
+    cell = region.settings.spacing
+    blended = run(blended_ground, region, water.bare(), FINE, hashed=False)
+    uplift = _uplift(region, land.without(removed), water, FINE, run)
     if blended:
         own = sum(part for layer, part in ground.parts if removed[layer.members].all())
         drained = replace(ground.finest, height=ground.finest.height - own)
@@ -255,23 +239,19 @@ def ground_without(
     return DrainedRaster.from_drained([painted_nodes(drained, uplift, 3, cell, blended[3:])], beside)
 
 
-def _cached_ground(
-    region: RegionSources, land: PaintedLand, water: PaintedWater, count: int
+def painted_ground(
+    region: RegionSources, land: PaintedLand, water: PaintedWater, count: int, run: Runner
 ) -> PaintedGround:
-    key = ("painted ground", region.settings, region.base, land.key(), water.key(), count)
-    found: PaintedGround = region.memory.get_or_compute(key, lambda: _drained(region, land, water, count))
-    return found
-
-
-def _drained(region: RegionSources, land: PaintedLand, water: PaintedWater, count: int) -> PaintedGround:
-    cell, blended = region.settings.spacing, _cached_blended(region, water, count)
-    bare = [each.unchanged for each in blended] or _cached_bare(region, water, count)
-    uplift = _uplift(region, land, water, count)
+    """Return the painted region as it is drained, on the `count` coarsest levels; finer ones are empty."""
+    cell, blended = region.settings.spacing, run(blended_ground, region, water.bare(), count, hashed=False)
+    bare = [each.unchanged for each in blended]
+    bare = bare or run(bare_ground, region.settings, water.bare(), count, hashed=False)
+    uplift = _uplift(region, land, water, count, run)
     drained, factors = drain_painted(uplift, cell, bare)
     finest = blended[-1].flow if blended else drained[-1]
     parts: RaisedParts = ()
     if drained[-1] is not bare[-1]:
-        ground = _watered_ground(region, water, count)[-1]
+        ground = _watered(region.settings, water, count, run)[-1]
         ground = replace(ground, repose=np.maximum(ground.repose, uplift.ground[count - 1].repose))
         if blended:
             change, parts = raised(uplift, count - 1, ground, cell, blended[-1], drained[-1], factors)
@@ -280,19 +260,22 @@ def _drained(region: RegionSources, land: PaintedLand, water: PaintedWater, coun
             finest = carved(ground, cell, finest.height)
     nodes = painted_nodes(finest, uplift, count - 1, cell, blended[-1:])
     beside = blended[-1].beside if blended else None
-    raster = DrainedRaster.from_drained([_NO_NODES] * (4 - count) + [nodes], beside)
+    raster = DrainedRaster.from_drained([_NO_NODES] * (FINE - count) + [nodes], beside)
     return PaintedGround(raster, drained[-1], factors, finest, parts)
 
 
-def _uplift(region: RegionSources, land: PaintedLand, water: PaintedWater, count: int) -> PaintedUplift:
+def _uplift(
+    region: RegionSources, land: PaintedLand, water: PaintedWater, count: int, run: Runner
+) -> PaintedUplift:
     """Return the uplift of features on ground that is drained around them and to water."""
-    (unpainted, rock), cell = _cached_levels(region), region.settings.spacing
-    blended = _cached_blended(region, water, count)
-    bare = [] if blended else _cached_bare(region, water, count)
-    uplift = land.uplift(unpainted[-1], cell, np.zeros_like(rock) if blended else rock)
+    (unpainted, rock), cell = run(unpainted_levels, region.settings, hashed=False), region.settings.spacing
+    blended = run(blended_ground, region, water.bare(), count, hashed=False)
+    bare = [] if blended else run(bare_ground, region.settings, water.bare(), count, hashed=False)
+    rock = np.zeros_like(rock) if blended else rock
+    uplift = run(painted_uplift, land.features, unpainted[-1], cell, rock, land.outlines, hashed=False)
     levels = []
     for k, (ground, before) in enumerate(zip(uplift.ground[:count], unpainted, strict=False)):
-        constraints = _cached_constraints(ground, region, water)
+        constraints = run(_constraints, unpainted[k], cell, water, hashed=False)
         built = np.any([layer.inside[k] > 0.0 for layer in uplift.layers], axis=0)
         if blended:
             obeyed = _obeyed(ground, constraints, built | (blended[k].weight >= 1.0))
@@ -303,51 +286,40 @@ def _uplift(region: RegionSources, land: PaintedLand, water: PaintedWater, count
     return replace(uplift, ground=(*levels, *uplift.ground[count:]))
 
 
-def _cached_blended(region: RegionSources, water: PaintedWater, count: int) -> list[BlendedLevel]:
+def blended_ground(region: RegionSources, water: PaintedWater, count: int, run: Runner) -> list[BlendedLevel]:
     """Return levels of the region with elevation data, coarsest first; none without."""
-    base, cell, water = region.base, region.settings.spacing, water.bare()
+    base, cell = region.base, region.settings.spacing
     if base is None:
         return []
-
-    def compute() -> list[BlendedLevel]:
-        (levels, rock), bare = _cached_levels(region), _cached_bare(region, water, count)
-        return [
-            blended_level(base, source, cell, drained, at_level(rock, source, levels[-1]))
-            for source, drained in zip(_watered_ground(region, water, count), bare, strict=True)
-        ]
-
-    key = ("blended ground", region.settings, base, water.key(), count)
-    found: list[BlendedLevel] = region.memory.get_or_compute(key, compute)
-    return found
+    levels, rock = run(unpainted_levels, region.settings, hashed=False)
+    # Its water has no slopes of its own: data give them.
+    bare = run(bare_ground, region.settings, water.bare(), count, hashed=False)
+    return [
+        blended_level(base, source, cell, drained, at_level(rock, source, levels[-1]))
+        for source, drained in zip(_watered(region.settings, water, count, run), bare, strict=True)
+    ]
 
 
-def _cached_bare(region: RegionSources, water: PaintedWater, count: int) -> list[Drained]:
+def bare_ground(settings: UnpaintedSettings, water: PaintedWater, count: int, run: Runner) -> list[Drained]:
     """Return levels of the region with water but without features, coarsest first."""
-    water, cell = water.bare(), region.settings.spacing
-    key = ("bare ground", region.settings, water.key(), count)
-    found: list[Drained] = region.memory.get_or_compute(
-        key, lambda: drain(_watered_ground(region, water, count), cell, BARE_ROUNDS[:count])
-    )
-    return found
+    return drain(_watered(settings, water, count, run), settings.spacing, BARE_ROUNDS[:count])
 
 
-def _watered_ground(region: RegionSources, water: PaintedWater, count: int) -> list[DrainageInput]:
+def _watered(
+    settings: UnpaintedSettings, water: PaintedWater, count: int, run: Runner
+) -> list[DrainageInput]:
     """Return levels of the region without features, obeying the constraints of water; coarsest first."""
-    levels = _cached_levels(region)[0][:count]
-    return [_obeyed(each, _cached_constraints(each, region, water)) for each in levels]
+    levels = run(unpainted_levels, settings, hashed=False)[0][:count]
+    return [_obeyed(each, run(_constraints, each, settings.spacing, water, hashed=False)) for each in levels]
 
 
-def _cached_levels(region: RegionSources) -> tuple[tuple[DrainageInput, ...], Float32Array]:
+def unpainted_levels(settings: UnpaintedSettings) -> tuple[tuple[DrainageInput, ...], Float32Array]:
     """Return what levels of the painted region are drained from without paint, coarsest first; its rock."""
-
-    def compute() -> tuple[tuple[DrainageInput, ...], Float32Array]:
-        source, rock = _region(region.beyond)  # the same bits
-        levels = [source]
-        while len(levels) < len(BARE_ROUNDS):
-            levels.append(coarsened(levels[-1]))
-        return tuple(ramped(each, region.settings.spacing) for each in levels[::-1]), rock
-
-    return region.memory.get_or_compute(("unpainted region", region.settings), compute)
+    source, rock = _region(settings)
+    levels = [source]
+    while len(levels) < FINE:
+        levels.append(coarsened(levels[-1]))
+    return tuple(ramped(each, settings.spacing) for each in levels[::-1]), rock
 
 
 def _region(settings: UnpaintedSettings) -> tuple[DrainageInput, Float32Array]:
@@ -361,16 +333,6 @@ def _region(settings: UnpaintedSettings) -> tuple[DrainageInput, Float32Array]:
     origin = (region.row, region.column)
     source = DrainageInput(fields.uplift, fields.repose, rain, region.border, region.inside, free, origin, 0)
     return source, fields.rock
-
-
-def _cached_constraints(
-    source: DrainageInput, region: RegionSources, water: PaintedWater
-) -> DrainageConstraints:
-    key = ("constraints", region.settings, water.key(), source.level)
-    found: DrainageConstraints = region.memory.get_or_compute(
-        key, lambda: _constraints(source, region.settings.spacing, water)
-    )
-    return found
 
 
 def _constraints(source: DrainageInput, cell: float, water: PaintedWater) -> DrainageConstraints:

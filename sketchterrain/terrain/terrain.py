@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, Float32Array, Float64Array, LatticeArray, StructuredArray
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.materials import MaterialTable
 from sketchterrain.errors import InputError
+from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.appearance import Appearance
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, level_step, metres_per_unit, to_lattice
@@ -47,8 +47,8 @@ class Terrain:
     sketch : Sketch
     recipe : TerrainRecipe
     context : ComputeContext
-    memory : LRUCache or None
-        Cache of placement for the next recipe.
+    memory : Results or None
+        Results of stages, for the next recipe.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Terrain:
         recipe: TerrainRecipe,
         context: ComputeContext,
         *,
-        memory: LRUCache | None = None,
+        memory: Results | None = None,
         evaluator: Evaluator | None = None,
     ) -> None:
         self.memory = memory

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
@@ -17,11 +18,11 @@ from sketchterrain.array_types import (
     Int64Array,
     StructuredArray,
 )
-from sketchterrain.caching import IdentityKey, LRUCache
 from sketchterrain.document.layers import HEIGHT_LIMIT, LAYERS
 from sketchterrain.placement.feature_types import FEATURE_TYPES, TYPES, visible_radius
 from sketchterrain.placement.heights import built_height, exactness, shape_height
-from sketchterrain.placement.shapes import cached_regions, measure_shape, region_numbers
+from sketchterrain.placement.shapes import Region, find_regions, measure_shape, region_numbers
+from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -63,7 +64,7 @@ class UpliftFeatures(NamedTuple):
 
 
 def uplift_features(
-    sketch: Sketch, points: StructuredArray, cache: LRUCache | None = None, data: GroundHeight | None = None
+    sketch: Sketch, points: StructuredArray, run: Runner | None = None, data: GroundHeight | None = None
 ) -> UpliftFeatures:
     """Return the mountains and hills among placed features (``FEATURE``), with heights as they are built.
 
@@ -71,7 +72,7 @@ def uplift_features(
     of its own, with its radius as inradius. With elevation `data`, shapes whose heights are elevations rise
     to these from the mean height of the data at their features; features on higher ground raise nothing.
     """
-    cache = LRUCache() if cache is None else cache
+    run = Runner() if run is None else run
     points = points[np.isin(points["type"], [FEATURE_TYPES.index(name) for name in ("mountain", "hill")])]
     radius, height = np.zeros(len(points)), points["strength"].astype(np.float64)
     summit = np.full(len(points), -np.inf)
@@ -79,7 +80,7 @@ def uplift_features(
     region = np.zeros(len(points), np.int64)
     for name in ("mountain", "hill"):
         of_type = np.flatnonzero(points["type"] == FEATURE_TYPES.index(name))
-        shape, inradius, built, limit, top = _shapes_of(sketch, name, points[of_type], cache)
+        shape, inradius, built, limit, top = _shapes_of(sketch, name, points[of_type], run)
         number[of_type] = count + shape
         count += len(inradius)
         alone = inradius[shape] <= 0.0
@@ -121,7 +122,7 @@ def uplift_features(
 
 
 def _shapes_of(
-    sketch: Sketch, name: str, points: StructuredArray, cache: LRUCache
+    sketch: Sketch, name: str, points: StructuredArray, run: Runner
 ) -> tuple[Int64Array, Float64Array, Float64Array, Float64Array, Float64Array]:
     """Return each feature's shape; inradii, built heights (m), height limits and elevations of shapes.
 
@@ -129,12 +130,9 @@ def _shapes_of(
     their own, with inradius 0.
     """
     image = sketch.layers[name]
-    regions = cached_regions(image, cache)
-    number = region_numbers(image, cache)
-    inradii = cache.get_or_compute(
-        ("inradii", name, IdentityKey(image)),
-        lambda: [float(measure_shape(name, image, region).depth.max()) for region in regions],
-    )
+    regions = run(find_regions, image, hashed=False)
+    number = region_numbers(image, regions)
+    inradii = run.each(_inradii, regions, image.shape)
     measures = np.zeros((len(regions), 4))
     for index, region in enumerate(regions):
         inradius, properties = inradii[index] * sketch.pixel_size, sketch.properties(name, region.label)
@@ -150,6 +148,10 @@ def _shapes_of(
     added = np.tile([0.0, 0.0, HEIGHT_LIMIT, -np.inf], (len(alone), 1))
     inradius, built, limit, top = np.concatenate([measures, added]).T
     return shape, inradius, built, limit, top
+
+
+def _inradii(regions: Sequence[Region], size: tuple[int, int]) -> list[float]:
+    return [float(measure_shape("", size, region).depth.max()) for region in regions]
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +185,7 @@ def _window(
     return found
 
 
-def painted_outline(sketch: Sketch, layer: str, cell: float, cache: LRUCache) -> Outline | None:
+def painted_outline(sketch: Sketch, layer: str, cell: float, run: Runner) -> Outline | None:
     """Return the outline of a layer's shapes at nodes of a spacing (m); None where nothing is painted.
 
     Features fill their shapes, and rise from their outlines, as the sketch's fidelity asks.
@@ -204,7 +206,10 @@ def painted_outline(sketch: Sketch, layer: str, cell: float, cache: LRUCache) ->
     x = np.arange(columns) * cell / side - 0.5
     at = np.meshgrid(y, x, indexing="ij")
     depth = side * ndimage.map_coordinates(inset, at, order=1, mode="nearest")
-    number = region_numbers(sketch.layers[layer], cache)[stride // 2 :: stride, stride // 2 :: stride]
+    image = sketch.layers[layer]
+    number = region_numbers(image, run(find_regions, image, hashed=False))[
+        stride // 2 :: stride, stride // 2 :: stride
+    ]
     region = ndimage.map_coordinates(number, at, order=0, mode="nearest")
     filling, exact = _FILLING * sketch.fidelity, exactness(sketch.fidelity)
     return Outline(depth.astype(np.float32), region.astype(np.int32), filling, exact)

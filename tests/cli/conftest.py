@@ -12,10 +12,10 @@ import typer.main
 
 import sketchterrain.app.generate
 from sketchterrain.app.cli import main
-from sketchterrain.caching import LRUCache
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import save_sketch
+from sketchterrain.stages.runner import Results
 from sketchterrain.terrain import building
 from sketchterrain.terrain.terrain import Terrain
 
@@ -52,19 +52,19 @@ def small_sketch() -> Sketch:
     )
 
 
-PLACED = LRUCache()
+PLACED = Results()
 
 
 @pytest.fixture(scope="module", autouse=True)
 def shared_between_commands() -> Iterator[None]:
     """Let commands share the parser and one cache of placed features, as the terrains of a batch do."""
 
-    def build(sketch: Sketch, *, device: ComputeContext, memory: LRUCache) -> Terrain:
+    def build(sketch: Sketch, *, device: ComputeContext, memory: Results) -> Terrain:
         return building.build(sketch, device=device)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(typer.main, "get_command", cache(typer.main.get_command))
-        patch.setattr(building, "LRUCache", lambda: PLACED)
+        patch.setattr(building, "Results", lambda: PLACED)
         patch.setattr(sketchterrain.app.generate, "build", build)
         yield
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
@@ -18,6 +17,7 @@ from sketchterrain.elevation import grids
 from sketchterrain.elevation.base import BaseElevation, held_grids, load_base
 from sketchterrain.errors import InputError
 from sketchterrain.io.resources import preset
+from sketchterrain.stages.runner import Results, Runner
 
 from .conftest import ground
 from .test_grids import from_origin, write
@@ -43,7 +43,7 @@ def on(*sources: RasterSource, **fields: Any) -> Sketch:
 
 
 def base_of(*sources: RasterSource, **fields: Any) -> BaseElevation:
-    found = load_base(on(*sources, **fields), LRUCache())
+    found = load_base(on(*sources, **fields), Runner())
     assert found is not None
     return found
 
@@ -65,16 +65,16 @@ def test_samples_are_returned_in_sketch_metres(fine: RasterSource) -> None:
     assert base.weight(x, y)[5:-5, 5:-5].min() > 1.0 - 1e-9
     assert base.weight(x, np.full_like(y, -20.0)).max() == 0.0
     assert base.heights(np.zeros(0), np.zeros(0), 1.0).height.shape == (0,)
-    assert load_base(on(replace(fine, role="picture")), LRUCache()) is None
+    assert load_base(on(replace(fine, role="picture")), Runner()) is None
 
 
 def test_order_copies_and_history_of_rasters_change_no_bit(
     tmp_path: Path, fine: RasterSource, coarse: RasterSource
 ) -> None:
     third = raster_source(dem(tmp_path / "third.tif", 50.0, south_west=(1000.0, 500.0)), "elevation")
-    expected, memory = base_of(fine, coarse, third), LRUCache()
+    expected, memory = base_of(fine, coarse, third), Results()
     for sources in ((fine,), (third, fine), (third, coarse, fine), (coarse,), (fine, fine, coarse, third)):
-        found = load_base(on(*sources), memory)
+        found = load_base(on(*sources), Runner(memory))
         assert found is not None
         assert (found.id == expected.id) == ({each.path for each in sources} > {fine.path, coarse.path})
     assert any("1 rasters have the content and place" in line for line in found.findings)
@@ -91,18 +91,18 @@ def test_files_are_read_once_until_they_change(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     calls, original = [], module.read_grid
     monkeypatch.setattr(module, "read_grid", lambda *a, **k: calls.append(a) or original(*a, **k))
-    memory, source = LRUCache(), replace(fine, sha256="")
-    first = load_base(on(source), memory)
-    assert load_base(on(source, base={"margin": 100.0}), memory) != first
-    assert load_base(on(source, base={"detail": 0.0}), memory) == first
+    memory, source = Results(), replace(fine, sha256="")
+    first = load_base(on(source), Runner(memory))
+    assert load_base(on(source, base={"margin": 100.0}), Runner(memory)) != first
+    assert load_base(on(source, base={"detail": 0.0}), Runner(memory)) == first
     assert len(calls) == 1
-    again = load_base(on(source), LRUCache())  # as in another process
+    again = load_base(on(source), Runner())  # as in another process
     assert again == first
     assert again is not None
     assert again.findings == first.findings
     assert len(calls) == 1
     dem(Path(source.path), south_west=(600.0, 0.0))
-    assert load_base(on(source), memory) != first
+    assert load_base(on(source), Runner(memory)) != first
     assert len(calls) == 2
 
 
@@ -113,7 +113,7 @@ def test_rasters_read_by_rows_give_the_same_base(
     found = []
     for name in ("held", "rows"):
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / name))
-        base = load_base(sketch, LRUCache())
+        base = load_base(sketch, Runner())
         assert base is not None
         found.append((base.id, base.findings, base.grids[0].patches.law, held_grids(sketch)[0].id))
         monkeypatch.setattr(grids, "MAX_HELD", 0)
@@ -172,7 +172,7 @@ def test_stored_files_of_every_format_equal_those_on_disk(tmp_path: Path, fine: 
 
 def test_the_preset_andorra_lies_inside_of_its_data() -> None:
     sketch = load_sketch("andorra")
-    base = load_base(sketch, LRUCache())
+    base = load_base(sketch, Runner())
     assert base is not None
     x, y = np.meshgrid(*(np.linspace(0.0, side, 100) for side in sketch.size))
     height = base.heights(x, y, 60.0).height
@@ -250,7 +250,7 @@ def test_refusals_are_one_line_that_names_the_raster(tmp_path: Path, fine: Raste
         (RasterSource(str(voids), "elevation"), {}, "voids.tif: has no heights"),
     ):
         with pytest.raises(InputError) as refused:
-            load_base(on(source, **fields), LRUCache())
+            load_base(on(source, **fields), Runner())
         line = str(refused.value)
         assert line.startswith(f"raster {source.path}: ")
         assert problem in line

@@ -1,9 +1,10 @@
 """Rivers, lakes and the sea as constraints: paths of nodes are valid, and drained ground obeys them."""
 
+from itertools import count
+
 import numpy as np
 import pytest
 
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.store import load_sketch
 from sketchterrain.hydrology.courses import course_through
 from sketchterrain.hydrology.drainage_constraints import (
@@ -15,6 +16,7 @@ from sketchterrain.hydrology.drainage_constraints import (
 from sketchterrain.hydrology.rivers import lay_out_water
 from sketchterrain.io.resources import preset_names
 from sketchterrain.placement.sea import create_sea
+from sketchterrain.stages.runner import Runner
 from sketchterrain.terrain.drainage import DrainageInput, drain
 from tests.landforms.sketches import SKETCHES
 from tests.terrain.conftest import tiers
@@ -34,9 +36,12 @@ def border(raster, ground):
     return np.where(inside, np.nan, base)
 
 
+_ids = count(1)
+
+
 def course(*points, parent=None, joint=-1):
     line = np.column_stack([np.array(points, float), np.full((len(points), 2), [8.0, 1.0])])
-    return course_through(line, 1, 1, parent=parent, joint=joint, taper=0.0)
+    return course_through(line, next(_ids), 1, parent=parent, joint=joint, taper=0.0)
 
 
 def check_paths(raster, found):
@@ -91,7 +96,7 @@ def test_drained_ground_falls_along_courses_and_lakes_are_level(name):
     def ground(x, y):
         return 200 + 0.01 * x - 0.005 * y + 30 * np.sin(x / 1100) * np.cos(y / 900)
 
-    layout = lay_out_water(sketch, seed=sketch.seed, ground=ground, cache=LRUCache())
+    layout = lay_out_water(sketch, seed=sketch.seed, ground=ground, run=Runner())
     lakes = [lake for lake in layout.lakes if lake.label]
     sea = create_sea(sketch)
     outlets = lake_outlets(lakes, layout.courses, ground)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.hydrology.conflicts import label_mountains, mountain_crossings, resolve_conflicts
 from sketchterrain.hydrology.courses import RiverCourse, reversed_course
@@ -19,6 +18,7 @@ from sketchterrain.hydrology.lakes import (
     with_deltas,
 )
 from sketchterrain.placement.feature_types import Lake, River, ShapeField
+from sketchterrain.stages.runner import Runner
 
 SIZE = 64
 ROW, COLUMN = np.mgrid[:SIZE, :SIZE]
@@ -79,7 +79,7 @@ def test_deltas_take_land_from_the_lake_beside_the_mouth():
     width = np.full(80, 10.0)
     course = RiverCourse(1, 1, None, -1, line, np.array([0, 79]), width, width, 0.0)
     for each, grown in ((course, True), (reversed_course(course), False)):
-        (after,) = with_deltas([lake], [each], seed=1, cache=LRUCache())
+        (after,) = with_deltas([lake], [each], seed=1, run=Runner())
         lost = (lake.shape.inside > 0) & (after.shape.inside <= 0)
         assert lost.any() == grown
         row, column = np.nonzero(lost)
@@ -97,9 +97,9 @@ def test_painted_lakes_are_below_the_low_parts_of_their_shores():
     assert 0.1 * 200 < slope.level < 0.1 * 250  # the western shore, at 205 m
 
     layer = np.zeros((SIZE, SIZE), np.uint8)
-    assert lake_pixels(Sketch(layers={"lake": layer})) is None
+    assert lake_pixels(layer) is None
     layer[10, 20] = 1
-    tree = lake_pixels(Sketch(layers={"lake": layer}))
+    tree = lake_pixels(layer).tree
     assert tree is not None
     assert tree.query([10, 23])[0] == 3.0
 
@@ -123,18 +123,20 @@ def river(x=X):
 
 
 def resolved(plan, ground=60.0):
-    return resolve_conflicts(plan, label_mountains(plan), [river()], [np.full(len(X), ground)], [])
+    return resolve_conflicts(
+        plan, label_mountains(plan.layers["mountain"]), [river()], [np.full(len(X), ground)], []
+    )
 
 
 def test_crossings_are_runs_inside_mountains_numbered_in_reading_order():
-    numbers = label_mountains(sketch((5, 10), (20, 30)))
+    numbers = label_mountains(sketch((5, 10), (20, 30)).layers["mountain"])
     assert numbers[0, [0, 5, 9, 10, 20, 29, 30]].tolist() == [0, 1, 1, 0, 2, 2, 0]
 
     plan = sketch((5, 10), (20, 30))
-    found = mountain_crossings(plan, label_mountains(plan), river().centreline)
+    found = mountain_crossings(plan, label_mountains(plan.layers["mountain"]), river().centreline)
     assert [(run.first, run.last, run.mountain) for run in found] == [(10, 19, 1), (40, 59, 2)]
     outside = river().centreline + np.array([0.0, 900.0, 0.0])
-    assert mountain_crossings(plan, label_mountains(plan), outside) == []
+    assert mountain_crossings(plan, label_mountains(plan.layers["mountain"]), outside) == []
 
 
 def test_rivers_cross_begin_or_end_in_mountains():

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.edits import Edit
 from sketchterrain.hydrology.courses import arc_length, course_through
 from sketchterrain.hydrology.drainage_constraints import NodeRaster
 from sketchterrain.hydrology.streams import Flow, is_stream, stream_courses
 from sketchterrain.placement.feature_types import move_edit
+from sketchterrain.stages.runner import Runner
 from sketchterrain.terrain.building import make_recipe
 from sketchterrain.terrain.drainage import DrainageInput, drain
 from tests import terrains
@@ -48,7 +48,7 @@ def drained_valley(fall, *, cross=0.3):
 def streams_of(flow, courses=(), runoff=1.0, seed=1):
     size = ((SIDE - 1) * SPACING,) * 2
     return stream_courses(
-        flow, courses, size=size, runoff=runoff, seed=seed, displaced=lambda at: at, cache=LRUCache()
+        flow, courses, size=size, runoff=runoff, seed=seed, displaced=lambda at: at, run=Runner()
     )
 
 
@@ -115,10 +115,10 @@ def test_no_stream_runs_where_it_is_barred():
 
 
 def test_the_same_stream_is_the_same_object():
-    flow, cache = drained_valley(0.05), LRUCache()
+    flow, run = drained_valley(0.05), Runner()
     size = ((SIDE - 1) * SPACING,) * 2
     one, two = (
-        stream_courses(flow, (), size=size, runoff=1.0, seed=1, displaced=lambda at: at, cache=cache)
+        stream_courses(flow, (), size=size, runoff=1.0, seed=1, displaced=lambda at: at, run=run)
         for _ in range(2)
     )
     assert one[0] is two[0]

@@ -8,7 +8,6 @@ import pytest
 import rasterio
 from rasterio.transform import Affine
 
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
@@ -16,6 +15,7 @@ from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.elevation.base import load_base
 from sketchterrain.errors import InputError
 from sketchterrain.importing.elevation import aligned, elevation_files, sketch_on_elevation, with_lakes
+from sketchterrain.stages.runner import Runner
 
 UTM = Affine(50.0, 0.0, 600_000.0, 0.0, -50.0, 5_270_000.0)
 
@@ -46,7 +46,7 @@ def corners(sketch: Sketch) -> np.ndarray:
 
 def check_inside(sketch: Sketch) -> None:
     """The data have their whole weight everywhere in the sketch, corners included."""
-    base = load_base(sketch, LRUCache())
+    base = load_base(sketch, Runner())
     x, y = (np.linspace(0.0, side, 200) for side in sketch.size)
     grid = np.meshgrid(x, y)
     assert base.weight(*grid).min() > 1.0 - 1e-9
@@ -171,7 +171,7 @@ def test_offsets_of_overlapping_files_are_told_and_removed(tmp_path):
     assert any(line.startswith("a.tif lies 20.0 m below b.tif") for line in base.findings)
     level = aligned(sketch)
     assert sorted(abs(each.offset) for each in level.rasters) == pytest.approx([0.0, 20.0], abs=0.1)
-    assert not any("lies" in line for line in load_base(level, LRUCache()).findings)
+    assert not any("lies" in line for line in load_base(level, Runner()).findings)
     assert aligned(level).rasters == level.rasters
 
 

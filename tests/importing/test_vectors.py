@@ -13,7 +13,6 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.drape.drapes import Drapes
 from sketchterrain.errors import InputError
@@ -23,6 +22,7 @@ from sketchterrain.importing.legend import cluster_properties
 from sketchterrain.importing.vector_files import mean_longitude, metric_crs_at, reproject, sketch_area
 from sketchterrain.importing.vectors import _joined, paint_areas, paint_lines, sketch_from_vectors
 from sketchterrain.io.crs import parse_crs, parse_metric_crs
+from sketchterrain.stages.runner import Runner
 
 LON, LAT = 11.0, 47.0
 SQUARE = {"bounds": (0, 0, 1000, 1000), "size_px": 100}
@@ -161,7 +161,7 @@ def test_lines_that_nearly_meet_are_one_network(written, gap) -> None:
         line([250, 900], [250, 500 + gap], waterway="stream"),
     )
     sketch = sketch_from_vectors(path, bounds=(-500, 0, 1500, 2000)).sketch
-    water = lay_out_water(sketch, seed=0, ground=lambda x, y: 200 - 0.02 * x + 0 * y, cache=LRUCache())
+    water = lay_out_water(sketch, seed=0, ground=lambda x, y: 200 - 0.02 * x + 0 * y, run=Runner())
     main, stream = water.courses
     assert (main.line[0].tolist(), main.line[-1].tolist()) == ([500, 500], [1500, 500])
     assert stream.parent is main

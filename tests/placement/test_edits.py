@@ -3,18 +3,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.placement.feature_types import FEATURE_TYPES, FILL_BIT, lock_edit, move_edit
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.hashing import rounded
 from sketchterrain.placement.placement import place
+from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.building import make_recipe
 from sketchterrain.terrain.edits import apply_fill_edits, apply_painted_edits
 
 SIDE = 128
-MEMORY = LRUCache()
+MEMORY = Results()
 
 
 def _recipe(sketch):

@@ -14,7 +14,6 @@ from hypothesis.extra import numpy as arrays
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, StructuredArray
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import DENSITY, LAYERS, PAINTED_LAYERS
 from sketchterrain.document.parameters import Parameter
 from sketchterrain.document.sketch import Sketch
@@ -25,6 +24,7 @@ from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.heights import shape_height
 from sketchterrain.placement.placement import MAX_DISPLACEMENT, place
 from sketchterrain.placement.shapes import Shape, label_shapes
+from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.building import build, make_recipe
 from sketchterrain.terrain.host_heights import host_heights
 from sketchterrain.terrain.layers.covers import CoversLayer
@@ -336,7 +336,7 @@ def test_water_of_all_others(first) -> None:
 
 def check_watery(number: int) -> None:
     try:
-        sketch, memory = watery_sketch(number), LRUCache()
+        sketch, memory = watery_sketch(number), Results()
         natural = make_recipe(sketch.replace(vectors={}), memory=memory)
         check_ground_under_rivers(sketch, natural)
         check_recipe(sketch, natural)

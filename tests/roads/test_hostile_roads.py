@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from sketchterrain.caching import LRUCache
 from sketchterrain.errors import InputError
 from sketchterrain.roads.build import road_network
 from sketchterrain.roads.road_shapes import axis_points, grades
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL
+from sketchterrain.stages.runner import Runner
 from tests.sample_roads import (
+    Named,
     contents,
     hairpins,
     heights_with,
@@ -268,11 +269,11 @@ def test_a_hundred_undone_edits_give_the_same_bits() -> None:
     ]
     other = [("road", [(100, 300), (500, 340), (900, 300)]), ("road", [(500, 340), (540, 700)])]
     sketches = [sketch_with(*features), sketch_with(*other)]
-    memory = LRUCache()
+    run = Runner()
     expected = [contents(network_on(each)) for each in sketches]
     for number in range(100):
         which = number % 2
-        network = road_network(sketches[which], hills, no_water, memory, hills)
+        network = road_network(sketches[which], Named(hills), Named(no_water), run)
         assert contents(network) == expected[which]
 
 

@@ -19,6 +19,7 @@ from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, Cover,
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.plateaus import Plateau, layer_top
 from sketchterrain.placement.sea import Sea
+from sketchterrain.stages.runner import Results, Runner
 from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.layers import layer_stack
 from sketchterrain.terrain.layers.layer import WorldSettings
@@ -26,6 +27,7 @@ from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.materials import material_defines
 from sketchterrain.terrain.noise import corner_table
 from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.stages import STAGES, with_network
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.terrain.unpainted import Nodes
 from tests import terrains
@@ -169,6 +171,11 @@ def feature(kind, x, y, radius, strength, **more) -> np.ndarray[Any, Any]:
     for name, value in more.items():
         row[name] = value
     return row
+
+
+def with_roads(sketch: Sketch, recipe: TerrainRecipe, results: Results | None = None) -> TerrainRecipe:
+    run = Runner(results)
+    return with_network(recipe, STAGES["roads"].function(sketch, recipe, run), run)
 
 
 def octave_arguments(context, octaves, corner, step_bits) -> tuple[object, ...]:

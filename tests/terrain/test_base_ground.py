@@ -8,11 +8,11 @@ import pytest
 from scipy.ndimage import binary_dilation, gaussian_filter
 from skimage.morphology import reconstruction
 
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.elevation.surface import Heights
 from sketchterrain.hydrology.courses import course_through
 from sketchterrain.placement.placement import place
+from sketchterrain.stages.runner import Runner
 from sketchterrain.terrain import painted_ground as grounds
 from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.layers.relief import UnpaintedNodes
@@ -25,7 +25,7 @@ EXTENT, SIDE = 12000.0, 128
 SPACING = EXTENT / 256
 MIDDLE, RADIUS = (6000.0, 6000.0), 1700.0
 DRY = PaintedWater()
-MEMORY = LRUCache()
+RUN = Runner()
 
 
 @dataclass(frozen=True)
@@ -88,27 +88,31 @@ def painted(*shapes, labels=None):
 
 
 def land_of(sketch, data=None):
-    memory = LRUCache()
-    outlines = {name: painted_outline(sketch, name, SPACING, memory) for name in ("mountain", "hill")}
+    run = Runner()
+    outlines = {name: painted_outline(sketch, name, SPACING, run) for name in ("mountain", "hill")}
     points = place(sketch, seed=sketch.seed)
     found = {name: outline for name, outline in outlines.items() if outline is not None}
-    return PaintedLand(uplift_features(sketch, points, memory, data), found)
+    return PaintedLand(uplift_features(sketch, points, run, data), found)
 
 
-def region_of(base, memory=MEMORY):
+def region_of(base):
     settings = UnpaintedSettings.from_sketch(painted())
     ground = base and BaseGround(base, SPACING, UnpaintedNodes(settings))
-    return RegionSources(settings, memory, ground)
+    return RegionSources(settings, ground)
 
 
-def build(sketch, base=None, water=DRY, memory=MEMORY, data=False):
-    region = region_of(base or Waves(), memory)
-    heights = grounds.data_heights(region, water) if data else None
+def ground_of(region, land, water=DRY, run=RUN, levels=grounds.FINE):
+    return run(grounds.painted_ground, region, land, water, levels, hashed=False)
+
+
+def build(sketch, base=None, water=DRY, run=RUN, data=False):
+    region = region_of(base or Waves())
+    heights = grounds.data_heights(region, water, run) if data else None
     land = land_of(sketch, heights)
-    raster = grounds.painted_ground(region, land, water)
-    blended = grounds._cached_blended(region, water, 4)
-    flow = grounds.painted_flow(region, land, water)
-    uplift = grounds._uplift(region, land, water, 4)
+    ground = ground_of(region, land, water, run)
+    raster, flow = ground.raster, grounds.painted_flow(region, ground, water, run)
+    blended = run(grounds.blended_ground, region, water.bare(), grounds.FINE, hashed=False)
+    uplift = grounds._uplift(region, land, water, grounds.FINE, run)
     nodes, where = raster.levels[0], flow.raster
     x, y = where.positions().T.reshape(2, *where.shape)
     before = blended[-1].flow.height
@@ -149,7 +153,7 @@ def test_nothing_is_added_to_data_where_nothing_is_painted():
 
 
 def test_towards_the_rim_of_data_nodes_hold_the_share_of_procedural_ground(beside):
-    bare = grounds.painted_ground(region_of(None), beside.land, DRY).levels[0].height
+    bare = ground_of(region_of(None), beside.land).raster.levels[0].height
     at = 0, beside.nodes.column, beside.nodes.row, *bare.shape
     bare = bare + region_of(Waves(rim=5000.0)).base.window(*at).around
     assert np.nanmax(np.abs(beside.nodes.height[beside.weight == 1.0])) == 0.0
@@ -232,7 +236,11 @@ def test_relief_without_a_layer_is_the_data_and_the_other_layer(mountain):
     region, nodes = region_of(Waves()), mountain.nodes.height
     features = mountain.land.features
     for removed in (features.is_rock, ~features.is_rock):
-        left = grounds.ground_without(region, mountain.land, DRY, removed).levels[0].height
+        left = (
+            grounds.ground_without(region, ground_of(region, mountain.land), mountain.land, DRY, removed, RUN)
+            .levels[0]
+            .height
+        )
         own, others = (
             np.min(
                 [
@@ -251,15 +259,16 @@ def test_relief_without_a_layer_is_the_data_and_the_other_layer(mountain):
 def test_ground_has_the_same_bits_whatever_was_built_before_and_wherever_data_end(mountain):
     shapes = ("mountain", 1, MIDDLE, RADIUS), ("hill", 1, (9500.0, 9500.0), 900.0)
     labels = {("mountain", 1): {"height": 500.0}, ("hill", 1): {"height": 100.0}}
-    memory = LRUCache()
-    build(painted(("mountain", 1, (3000.0, 3000.0), RADIUS)), memory=memory)
-    again = build(painted(*shapes, labels=labels), Waves(rim=-1e6), memory=memory)
+    run = Runner()
+    build(painted(("mountain", 1, (3000.0, 3000.0), RADIUS)), run=run)
+    again = build(painted(*shapes, labels=labels), Waves(rim=-1e6), run=run)
     assert again.nodes.height.tobytes() == mountain.nodes.height.tobytes()
     assert again.nodes.wetness.tobytes() == mountain.nodes.wetness.tobytes()
 
 
 def test_streams_are_barred_by_data_and_rock_is_theirs_under_painted_rock(mountain, beside):
-    flow = grounds.painted_flow(region_of(Waves(rim=5000.0)), beside.land, DRY)
+    region = region_of(Waves(rim=5000.0))
+    flow = grounds.painted_flow(region, ground_of(region, beside.land), DRY, RUN)
     x = flow.raster.positions()[:, 0].reshape(flow.raster.shape)
     assert np.array_equal(flow.barred, x > 5000.0)
     core = np.hypot(mountain.x - MIDDLE[0], mountain.y - MIDDLE[1]) < 0.5 * RADIUS
@@ -268,8 +277,8 @@ def test_streams_are_barred_by_data_and_rock_is_theirs_under_painted_rock(mounta
 
 def test_drafts_show_coarse_changes_over_data(mountain):
     region, lands = region_of(Waves()), (land_of(painted()), mountain.land)
-    coarse = [grounds.painted_ground(region, land, DRY, coarse=True) for land in lands]
-    full = [grounds.painted_ground(region, land, DRY) for land in lands]
+    coarse = [ground_of(region, land, levels=grounds.COARSE).raster for land in lands]
+    full = [ground_of(region, land).raster for land in lands]
     draft = (
         grounds.drafted_ground(full[0], (lands[0], coarse[0]), (lands[1], coarse[1]), SPACING)
         .levels[0]
@@ -283,7 +292,7 @@ def test_drafts_show_coarse_changes_over_data(mountain):
 
 def test_coarser_nodes_fit_their_own_weights_of_the_data(beside):
     region = region_of(Waves(rim=5000.0))
-    raster = grounds.painted_ground(region, beside.land, DRY)
+    raster = ground_of(region, beside.land).raster
     other = region.base
     for level, nodes in enumerate(raster.levels[:5]):
         data = other.window(level, nodes.column, nodes.row, *nodes.height.shape)

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from sketchterrain.array_types import Bounds
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.placement.differences import row_difference
 from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, FILL_BIT, lock_edit
+from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.building import build, make_recipe, rebuild
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS
 from sketchterrain.terrain.changes import EVERYWHERE, changed_areas, touches
@@ -207,7 +207,7 @@ def river_areas(old: TerrainRecipe, new: TerrainRecipe) -> np.ndarray:
 
 @tiers("preset", [], PRESETS[:1], PRESETS[1:])
 def test_every_changed_arc_is_inside_the_river_areas(preset) -> None:
-    sketch, memory = load_sketch(preset), LRUCache()
+    sketch, memory = load_sketch(preset), Results()
     old = make_recipe(sketch, memory=memory)
     assert not len(river_areas(old, make_recipe(sketch)))
     changed = 0

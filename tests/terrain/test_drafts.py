@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.terrain.building import draft_recipe, plan_terrain, recipe_of_plan
+from sketchterrain.stages.runner import Results
+from sketchterrain.terrain.building import draft_recipe, evaluation
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.terrain import Terrain
 
@@ -19,7 +19,7 @@ def stroke(sketch, layer, row, column, radius):
 
 @pytest.fixture(scope="module")
 def built(valley):
-    return valley.sketch, valley.memory, plan_terrain(valley.sketch, valley.memory), valley.recipe
+    return valley.sketch, valley.memory, evaluation(valley.sketch, valley.memory), valley.recipe
 
 
 def test_a_draft_has_the_new_mountain_and_the_rest_of_the_old_ground(built, context):
@@ -27,9 +27,9 @@ def test_a_draft_has_the_new_mountain_and_the_rest_of_the_old_ground(built, cont
     side = sketch.width_px
     row, column, radius = round(0.88 * side), round(0.12 * side), round(0.06 * side)
     changed = stroke(sketch, "mountain", row, column, radius)
-    plan = plan_terrain(changed, memory)
-    draft = draft_recipe(plan, before, recipe)
-    final = recipe_of_plan(changed, plan, memory)
+    plan = evaluation(changed, memory)
+    draft = draft_recipe(plan, before)
+    final = plan["recipe"]
     assert [type(each) for each in draft.layers] == [type(each) for each in final.layers]
     assert draft.rivers == recipe.rivers
     pixel = sketch.pixel_size
@@ -49,18 +49,18 @@ def test_a_draft_has_the_new_mountain_and_the_rest_of_the_old_ground(built, cont
 
 
 def test_a_draft_of_the_same_ground_is_none(built):
-    sketch, memory, before, recipe = built
-    river = plan_terrain(stroke(sketch, "river", 20, 20, 4), memory)
-    assert draft_recipe(river, before, recipe) is None
+    sketch, memory, before, _ = built
+    river = evaluation(stroke(sketch, "river", 20, 20, 4), memory)
+    assert draft_recipe(river, before) is None
     for setting in ({"fidelity": 0.5}, {"extent": 2.0 * sketch.extent}):
         other = stroke(sketch, "mountain", 20, 20, 9).replace(**setting)
-        assert draft_recipe(plan_terrain(other, memory), before, recipe) is None
+        assert draft_recipe(evaluation(other, memory), before) is None
 
 
 def test_drafts_keep_all_that_did_not_change(built):
     sketch, memory, before, recipe = built
-    plan = plan_terrain(stroke(sketch, "mountain", 40, 40, 12), memory)
-    old, new = (each[ReliefLayer].painted.levels[0] for each in (recipe, draft_recipe(plan, before, recipe)))
+    plan = evaluation(stroke(sketch, "mountain", 40, 40, 12), memory)
+    old, new = (each[ReliefLayer].painted.levels[0] for each in (recipe, draft_recipe(plan, before)))
     assert (new.column, new.row) == (old.column, old.row)
     np.testing.assert_array_equal(new.wetness, old.wetness)
     assert np.isnan(new.height).sum() == np.isnan(old.height).sum()
@@ -68,10 +68,10 @@ def test_drafts_keep_all_that_did_not_change(built):
 
 
 def test_the_first_stroke_on_an_empty_sketch_has_a_draft(context):
-    sketch, memory = Sketch(extent=2048.0, layers={"mountain": np.zeros((64, 64), np.uint8)}), LRUCache()
-    before = plan_terrain(sketch, memory)
-    recipe = recipe_of_plan(sketch, before, memory)
+    sketch, memory = Sketch(extent=2048.0, layers={"mountain": np.zeros((64, 64), np.uint8)}), Results()
+    before = evaluation(sketch, memory)
+    recipe = before["recipe"]
     changed = stroke(sketch, "mountain", 32, 32, 9)
-    draft = draft_recipe(plan_terrain(changed, memory), before, recipe)
+    draft = draft_recipe(evaluation(changed, memory), before)
     flat, risen = (float(Terrain(sketch, each, context).heights(1024.0, 1024.0)) for each in (recipe, draft))
     assert risen > flat + 50.0

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 import shapely
 
-from sketchterrain.caching import LRUCache
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.layers import CROPS
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.landuse.areas import BUILT_UP, FIELD, FOREST, MEADOW, LandUse
 from sketchterrain.placement.feature_types import Lake
-from sketchterrain.terrain.building import with_roads
 from sketchterrain.terrain.changes import changed_areas
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_samples
@@ -26,6 +24,8 @@ from sketchterrain.vegetation.foliage import FoliageSampler
 from sketchterrain.vegetation.plants import SPECIES
 from tests.devices import each_other_device
 from tests.sample_roads import sketch_with
+
+from .conftest import with_roads
 
 EXTENT, UNIT = 4096.0, 4096.0 / 2**24
 WORLD = WorldSettings(EXTENT, 0, 0.0)
@@ -314,7 +314,7 @@ def test_materials_by_use_and_crop(bare, context) -> None:
 def test_a_road_lies_on_a_field(make_recipe, context) -> None:
     land = areas(square(1000, 1000, 400, use=FIELD, crop=CROPS.index("ploughed")))
     road = sketch_with(("road", [(1050, 1200), (1350, 1200)], {"id": 1, "surface": "asphalt"}), extent=EXTENT)
-    recipe = with_roads(road, with_land(make_recipe(ground={"relief": 10.0}), land), LRUCache())
+    recipe = with_roads(road, with_land(make_recipe(ground={"relief": 10.0}), land))
     for cell in (1.0, 5.0):
         axis = np.rint((np.arange(-9, 10) * cell)[None] / UNIT).astype(np.int64) + round(1200.0 / UNIT)
         surface = Evaluator(recipe, context).surface(axis, axis[:, ::-1], cell_size=cell)

@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.roads.road_shapes import axis_points
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL
+from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.base_ground import BaseGround
-from sketchterrain.terrain.building import with_roads
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_samples
 from sketchterrain.terrain.layers.layer import MASKS, WorldSettings
@@ -23,7 +22,7 @@ from sketchterrain.terrain.terrain import Terrain
 from tests.roads.test_profile import random_features
 from tests.sample_roads import SCENE, contents, make_road, sketch_with
 
-from .conftest import Waves, assert_same, small_base, tiers
+from .conftest import Waves, assert_same, small_base, tiers, with_roads
 
 EXTENT, UNIT = 4096.0, 4096.0 / 2**24
 CELLS = (0.0, 1.0, 2.5, 4.0, 6.0, 16.0)
@@ -36,7 +35,7 @@ def bare(make_recipe) -> TerrainRecipe:
 
 
 def built(bare: TerrainRecipe, *features) -> TerrainRecipe:
-    return with_roads(sketch_with(*features, extent=EXTENT), bare, LRUCache())
+    return with_roads(sketch_with(*features, extent=EXTENT), bare)
 
 
 @pytest.fixture(scope="module")
@@ -192,7 +191,7 @@ def edited(rng: np.random.Generator, scene: list[tuple], number: int) -> list[tu
 
 @tiers("first", [0], [1, 2, 3])
 def test_updates_equal_new_terrains_and_change_their_areas_only(bare, context, first) -> None:
-    rng, memory, scene = np.random.default_rng(first), LRUCache(), [*SCENE]
+    rng, memory, scene = np.random.default_rng(first), Results(), [*SCENE]
     old = Terrain(
         sketch_with(*scene, extent=EXTENT),
         with_roads(sketch_with(*scene, extent=EXTENT), bare, memory),

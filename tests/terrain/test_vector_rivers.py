@@ -5,13 +5,13 @@ import pytest
 import shapely
 
 import sketchterrain as st
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import vector_of
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.hydrology.lakes import area_field
 from sketchterrain.hydrology.rivers import lay_out_water
 from sketchterrain.hydrology.vector_rivers import line_path, line_tolerance, rounded_corners
+from sketchterrain.stages.runner import Runner
 from sketchterrain.terrain.adherence import measure_adherence
 from sketchterrain.terrain.adherence_rivers import standing_water
 from sketchterrain.terrain.building import make_recipe
@@ -45,8 +45,8 @@ def slope(x, y):
     return 200.0 - 0.02 * x + 0.0 * y
 
 
-def courses(of, ground=slope, cache=None):
-    return lay_out_water(of, seed=0, ground=ground, cache=LRUCache() if cache is None else cache).courses
+def courses(of, ground=slope, run=None):
+    return lay_out_water(of, seed=0, ground=ground, run=run or Runner()).courses
 
 
 def zigzag(count, seed=0):
@@ -234,12 +234,10 @@ def test_fields_of_areas_are_exact_distances():
 
 
 def test_unchanged_courses_are_the_same_objects():
-    cache, of = LRUCache(), sketch(line(*zigzag(20), directed=1), line([300, 300], [3000, 600]))
+    run, of = Runner(), sketch(line(*zigzag(20), directed=1), line([300, 300], [3000, 600]))
     hill = np.zeros((512, 512), np.uint8)
     hill[50:80, 50:80] = 1
-    before, after = (
-        courses(each, cache=cache) for each in (of, of.replace(layers={**of.layers, "hill": hill}))
-    )
+    before, after = (courses(each, run=run) for each in (of, of.replace(layers={**of.layers, "hill": hill})))
     assert all(a is b for a, b in zip(before, after, strict=True))
 
 

@@ -8,12 +8,12 @@ import shapely
 
 from sketchterrain.benchmarks.clipped_tree import BoxRival, ClippedTree, TreeRival, piece_boxes, random_edit
 from sketchterrain.benchmarks.synthetic_land import synthetic_land
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vector_edits import move_node
 from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.errors import InputError
 from sketchterrain.landuse.areas import land_use
+from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.building import build, rebuild
 from sketchterrain.terrain.index import BoxIndex
 from sketchterrain.terrain.lattice import LATTICE_BITS
@@ -180,7 +180,7 @@ def test_an_area_cut_into_many_parts_by_a_quad_is_that_of_its_parts(context) -> 
 
 
 def test_undoing_a_hundred_times_leaves_the_terrain_as_it_was(context) -> None:
-    memory = LRUCache()
+    memory = Results()
     sketch = dry_land(18)
     layer = sketch.vectors["landuse"]
     node = tuple(layer.vertices[len(layer.vertices) // 2].tolist())

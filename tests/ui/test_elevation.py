@@ -1,5 +1,6 @@
 """Real elevation in the window: new sketches, the Base panel, the hillshade beneath the paint."""
 
+from functools import wraps
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +9,12 @@ import rasterio
 from affine import Affine
 from PyQt6.QtWidgets import QFileDialog, QMessageBox
 
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.rasters import raster_source
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.elevation.base import load_base
 from sketchterrain.importing.elevation import sketch_on_elevation
+from sketchterrain.stages.runner import Runner
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.models.elevation import SketchElevation, hillshade
 from sketchterrain.ui.panels.base import BasePanel
@@ -118,7 +119,7 @@ def test_adding_elevation_is_one_step_and_gives_the_sketch_its_place(
     assert document.history.titles[1] == "Add 2 elevation grids"
     frame = document.sketch.frame
     assert frame["crs"] == "EPSG:25832"
-    base = load_base(document.sketch, LRUCache())
+    base = load_base(document.sketch, Runner())
     assert base.weight(*np.array([[0.0, 800.0], [0.0, 800.0]])) == pytest.approx(1.0)
     settle(qtbot, window.canvas.underlay)
     assert [page.text.text().splitlines()[0] for page in window._base.pages] == [
@@ -206,7 +207,7 @@ def test_the_hillshade_is_lit_from_the_north_west_and_ends_with_the_data(dem):
     wider = sketch.replace(
         frame={**sketch.frame, "east": WEST - 1000.0, "north": NORTH - 3000.0}, extent=4000.0
     )
-    pixels, (west, south, east, north) = hillshade(load_base(wider, LRUCache()), wider)
+    pixels, (west, south, east, north) = hillshade(load_base(wider, Runner()), wider)
     assert (west, south, east, north) == pytest.approx((1000.0, 3000.0 - CELL * SIDE, 2920.0, 3000.0))
     assert pixels.shape == (SIDE * 2, SIDE * 2, 4)
     inner = pixels[8:-8, 8:-8].astype(int)
@@ -215,7 +216,7 @@ def test_the_hillshade_is_lit_from_the_north_west_and_ends_with_the_data(dem):
     half = len(grey) // 2
     across = [grey[half + shift, half + shift] for shift in (-14, 14)]
     assert across[0] > across[1] + 50, "the ridge's north-western side is bright, the other one dark"
-    assert hillshade(load_base(wider, LRUCache()), wider.replace(extent=900.0)) is None
+    assert hillshade(load_base(wider, Runner()), wider.replace(extent=900.0)) is None
 
 
 def test_the_hillshade_lies_beneath_the_paint_and_can_be_hidden(
@@ -234,7 +235,8 @@ def test_the_hillshade_lies_beneath_the_paint_and_can_be_hidden(
     assert canvas.grab().toImage() == shaded
 
     made = []
-    monkeypatch.setattr("sketchterrain.ui.models.elevation.hillshade", lambda *_: made.append(1))
+    counted = wraps(hillshade)(lambda *_: made.append(1))
+    monkeypatch.setattr("sketchterrain.ui.models.elevation.hillshade", counted)
     source = on_dem.sketch.rasters[0]
     on_dem.do("Remove", on_dem.sketch.replace(rasters=()))
     assert canvas.underlay.hillshade == ()

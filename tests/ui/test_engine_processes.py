@@ -498,7 +498,7 @@ def test_an_invalid_sketch_and_a_defect_are_reported_and_the_next_sketch_is_plac
     placer.version = 1
     assert placer.placed(Sketch(extent=2000.0), layers).version == 2
     with monkeypatch.context() as patched:
-        patched.setattr(from_sketch, "recipe_of_plan", failing(ZeroDivisionError("oops")))
+        patched.setattr(from_sketch, "evaluation", failing(ZeroDivisionError("oops")))
         assert "oops" in placer.placed(Sketch(extent=2000.0), {"mountain": blob(21)}).line
     assert "ZeroDivisionError" in capsys.readouterr().err
     assert isinstance(placer.placed(Sketch(extent=2000.0), {"mountain": blob(22)}), msg.Placement)

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.edits import ADDED_BIT, MAX_EDITS
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError
+from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.building import make_recipe
 from sketchterrain.ui import commands as edits
 from sketchterrain.ui.commands import exists, find_parent_river, find_point, find_river, name_of
@@ -18,7 +18,7 @@ from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.selection import handles_of
 from sketchterrain.ui.models.workspace import Selection
 
-MEMORY = LRUCache()
+MEMORY = Results()
 
 
 def placed_of(sketch: Sketch) -> Placement:

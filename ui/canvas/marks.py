@@ -13,7 +13,7 @@ from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River, ShapeField
 from sketchterrain.ui.canvas.sketch_image import scroll_image
@@ -199,7 +199,7 @@ class FeatureMarks:
             places = np.stack([placed.points["x"], placed.points["y"]], axis=-1)
             return np.asarray(cKDTree(places).query(places, k=2)[0])[:, 1] if len(places) else np.empty(0)
 
-        return self._spacings.get_or_compute(IdentityKey(placed.points), compute)
+        return self._spacings.get_or_compute(placed, compute)
 
     def _draw_points(self, painter: QPainter, placed: Placement, area: QRectF) -> None:
         context, points, rings = self._context, placed.points, self._rings

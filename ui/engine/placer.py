@@ -1,20 +1,22 @@
 """The placer process: turns the newest sketch into a terrain recipe for the engine."""
 
+from __future__ import annotations
+
 import math
 import sys
 import time
 import traceback
 from collections.abc import Callable
-from dataclasses import fields
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, cast
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.stages.digests import digest_of
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.channel import Channel, ContentChannel, SketchMirror
 
 if TYPE_CHECKING:
-    from sketchterrain.terrain.building import TerrainPlan
+    from sketchterrain.stages.table import Evaluation
     from sketchterrain.terrain.recipe import TerrainRecipe
 
 _DRAFT_AFTER: Final = 0.2  # s; a placement expected to take longer is shown as a draft first
@@ -68,7 +70,6 @@ class CancellationPolicy:
         return self._expected
 
 
-_APPEARANCE: Final = frozenset({"name", "weather", "look", "frame"})  # settings that do not affect placement
 _REPORT_AFTER: Final = 0.3  # s, after which the window shows that features are being placed
 
 
@@ -87,14 +88,13 @@ class Placer:
     """Follows the window's sketch, places it, and reports to the window and the engine."""
 
     def __init__(self, window: Channel, engine: Channel) -> None:
-        from sketchterrain.caching import LRUCache
+        from sketchterrain.stages.runner import Results
 
         self._window, self._engine = window, engine
         self._mirror = SketchMirror()
-        self._memory = LRUCache()
+        self._memory = Results()
         self._policy = CancellationPolicy(window.has_message)
-        self._sketch: Sketch | None = None
-        self._last: tuple[TerrainPlan, TerrainRecipe] | None = None
+        self._last: Evaluation | None = None
         self._reported = False
         self._started = 0.0
 
@@ -120,14 +120,7 @@ class Placer:
 
     def _update(self) -> None:
         try:
-            sketch = self._mirror.sketch()
-            if self._affects_placement(sketch):
-                self._place(sketch)
-            else:
-                self._sketch = sketch
-                now = time.monotonic()
-                self._engine.send(msg.RecipeUpdate(self._mirror.version, sketch, None, now, now))
-                self._window.send(msg.Unchanged("placement", self._mirror.version))
+            self._place(self._mirror.sketch())
         except Superseded:
             pass
         except SketchterrainError as error:
@@ -139,50 +132,54 @@ class Placer:
             line = one_line(f"the sketch could not be placed: {type(error).__name__}: {error}")
             self._window.send(msg.ErrorReport("sketch", line))
 
-    def _affects_placement(self, sketch: Sketch) -> bool:
-        before = self._sketch
-        if before is None or any(sketch.layers[name] is not before.layers[name] for name in sketch.layers):
-            return True
-        names = [each.name for each in fields(sketch) if each.name not in _APPEARANCE | {"layers"}]
-        return any(getattr(sketch, name) != getattr(before, name) for name in names)
-
-    def _is_stroke(self, sketch: Sketch) -> bool:
+    def _is_stroke(self, stages: Evaluation) -> bool:
         """Return whether one layer was painted, instead of another sketch opened."""
-        before = self._sketch
+        if self._last is None:
+            return False
+        before = self._last.sketch.layers
         return (
-            before is not None
-            and sum(sketch.layers[name] is not before.layers[name] for name in sketch.layers) == 1
+            sum(digest_of(image) != digest_of(before[name]) for name, image in stages.sketch.layers.items())
+            == 1
         )
 
     def _place(self, sketch: Sketch) -> None:
-        from sketchterrain.terrain.building import draft_recipe, plan_terrain, recipe_of_plan
-        from sketchterrain.terrain.surfaces import TerrainFeatures
+        from sketchterrain.terrain.building import draft_recipe, evaluation
 
         version = self._mirror.version
         self._policy.start()
         self._started = started = time.monotonic()
         try:
-            plan = plan_terrain(sketch, self._memory, self._checkpoint)
-            if self._last is not None and self._policy.shows_drafts and self._is_stroke(sketch):
-                draft = draft_recipe(plan, *self._last)
+            stages = evaluation(sketch, self._memory, self._checkpoint)
+            if self._policy.shows_drafts and self._is_stroke(stages):
+                draft = draft_recipe(stages, cast("Evaluation", self._last))
                 if draft is not None:
                     update = msg.RecipeUpdate(version, sketch, draft, started, time.monotonic(), draft=True)
                     self._engine.send(update)
                     self._policy.drafted()
                     self._window.has_message(_REST)  # while the stroke goes on, the next draft comes first
                     self._checkpoint()
-            recipe = recipe_of_plan(sketch, plan, self._memory, self._checkpoint)
+            recipe: TerrainRecipe = stages["recipe"]
         finally:
             if self._reported:
                 self._reported = False
                 self._window.send(msg.Activity(""))
         placed = time.monotonic()
+        before, self._last = self._last, stages
+        if before is not None and recipe is before["recipe"]:
+            self._engine.send(msg.RecipeUpdate(version, sketch, None, placed, placed))
+            self._window.send(msg.Unchanged("placement", version))
+            return
         self._engine.send(msg.RecipeUpdate(version, sketch, recipe, started, placed))
-        self._sketch, self._last = sketch, (plan, recipe)
+        self._report(sketch, recipe)
+
+    def _report(self, sketch: Sketch, recipe: TerrainRecipe) -> None:
+        """Tell the window what was placed."""
+        from sketchterrain.terrain.surfaces import TerrainFeatures
+
         found = TerrainFeatures.from_recipe(recipe, sketch.size)
         self._window.send(
             msg.Placement(
-                version=version,
+                version=self._mirror.version,
                 points=found.points,
                 rivers=found.rivers,
                 lakes=found.lakes,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from PyQt6.QtCore import QObject, pyqtSignal
 
-from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.caching import LRUCache
 from sketchterrain.document.history import History, LayerChange
 from sketchterrain.document.label_layers import (
     MAX_LABELS,
@@ -71,7 +71,7 @@ class Document(QObject):
         self.draft: Draft | None = None  # the current stroke
         self._saved: object = self.state
         self.drapes = DrapeSources(self)
-        self._labels = LRUCache(len(PAINTED_LAYERS))  # that may occur in an image
+        self._labels = LRUCache(len(PAINTED_LAYERS))  # images by id, with the labels in them
 
     @property
     def sketch(self) -> Sketch:
@@ -166,12 +166,12 @@ class Document(QObject):
     def _checked(self, draft: Draft, change: LayerChange) -> LabelImage:
         """Freeze and return the stroke's image; labels are counted only as far as needed."""
         before = self.sketch.layers[draft.layer]
-        labels = self._labels.get_or_compute(IdentityKey(before), lambda: frozenset(labels_in(before)))
+        labels = self._labels.get_or_compute(id(before), lambda: (before, frozenset(labels_in(before))))[1]
         labels |= change.new_labels - {0}
         if len(labels) > MAX_LABELS:  # some of them may have been painted over
             check_image(draft.layer, draft.image)
             labels = frozenset(labels_in(draft.image))
-        self._labels.store(IdentityKey(draft.image), labels)
+        self._labels.store(id(draft.image), (draft.image, labels))
         return freeze_image(draft.image)
 
     def _do(

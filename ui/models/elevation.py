@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 from PyQt6.QtCore import QObject, QTimer, pyqtSignal
 
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.stages.runner import Results, Runner
 from sketchterrain.ui.models.background import BackgroundReader
 from sketchterrain.ui.models.document import Document
 
@@ -54,7 +54,7 @@ class SketchElevation(QObject):
         super().__init__(parent)
         self.document = document
         self.facts = ElevationFacts()
-        self.memory = LRUCache()  # of grids of the document
+        self.memory = Results()  # of grids of the document
         self._key: tuple[object, ...] = ()
         self._reader = BackgroundReader(self)
         self._reader.failed.connect(lambda line: self._show(ElevationFacts(problem=line)))
@@ -71,7 +71,7 @@ class SketchElevation(QObject):
         return self._reader.is_busy or self._timer.isActive()
 
     def _forget(self) -> None:
-        self._key, self.memory = (), LRUCache()
+        self._key, self.memory = (), Results()
         self._clear()
 
     def _clear(self) -> None:
@@ -108,7 +108,7 @@ def new_on_elevation(paths: Sequence[Path]) -> tuple[Sketch, BaseElevation]:
 
 
 def added_elevation(
-    paths: Sequence[Path], sketch: Sketch, memory: LRUCache
+    paths: Sequence[Path], sketch: Sketch, memory: Results
 ) -> tuple[tuple[RasterSource, ...], dict[str, Any]]:
     """Return elevation files as rasters that a sketch can read, and its frame, which they may give it."""
     from sketchterrain.elevation.base import load_base
@@ -117,7 +117,7 @@ def added_elevation(
     sources, frame = tuple(raster_source(path, "elevation") for path in paths), {**sketch.frame}
     if not (frame["crs"] or sketch.elevation_rasters):
         frame = {**sketch_on_elevation(sources, extent=sketch.extent, vertical=frame["vertical"])[0].frame}
-    load_base(sketch.replace(rasters=(*sketch.rasters, *sources), frame=frame), memory)
+    load_base(sketch.replace(rasters=(*sketch.rasters, *sources), frame=frame), Runner(memory))
     return sources, frame
 
 
@@ -135,10 +135,10 @@ def with_flat_lakes(sketch: Sketch) -> dict[str, Any]:
     return {"vectors": with_lakes(sketch)[0].vectors}
 
 
-def _read_facts(sketch: Sketch, memory: LRUCache) -> ElevationFacts:
+def _read_facts(sketch: Sketch, memory: Results) -> ElevationFacts:
     from sketchterrain.elevation.base import load_base  # GDAL, numba
 
-    base, sources = load_base(sketch, memory), sketch.elevation_rasters
+    base, sources = load_base(sketch, Runner(memory)), sketch.elevation_rasters
     if base is None:
         return ElevationFacts()
     grids = {each.name: each for each in base.grids}
@@ -151,7 +151,7 @@ def _read_facts(sketch: Sketch, memory: LRUCache) -> ElevationFacts:
         rows, columns = grid.patches.shape
         size = f"{columns} × {rows} samples, {grid.patches.step:.4g} m apart"
         lines[source.path] = (size, *(each.removeprefix(f"{source.title}: ") for each in own))
-    shade = memory.get_or_compute(("hillshade", base.id, sketch.size), lambda: hillshade(base, sketch))
+    shade = Runner(memory)(hillshade, base, sketch.part("extent", "size"))
     return ElevationFacts(lines, tuple(rest), hillshade=shade)
 
 

@@ -277,7 +277,7 @@ def painted_height(sketch: Sketch, layer: str, label: int, image: LabelImage, da
     for region in find_regions(np.where(small == label, small, 0)):
         top, left = row - region.rows.start, column - region.columns.start
         if region.mask[max(top - 1, 0) : max(top + 2, 0), max(left - 1, 0) : max(left + 2, 0)].any():
-            inradius = max(inradius, step * float(measure_shape(layer, small, region).depth.max()))
+            inradius = max(inradius, step * float(measure_shape(layer, small.shape, region).depth.max()))
     return shape_height(sketch.properties(layer, label), inradius * sketch.pixel_size, sketch.fidelity)
 
 

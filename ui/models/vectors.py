@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, Int64Array
-from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.caching import LRUCache
 from sketchterrain.document import vector_edits as edits
 from sketchterrain.document.layers import LAYERS, VECTOR_ORDER, storey
 from sketchterrain.document.sketch import Sketch
@@ -112,7 +112,7 @@ def outlines(shapes: Shapes) -> Shapes:
 
 def curves_of(layer: VectorLayer) -> Curves:
     """Return a layer's curves, cached."""
-    return _curves.get_or_compute(IdentityKey(layer), lambda: Curves.from_layer(layer))
+    return _curves.get_or_compute(layer, lambda: Curves.from_layer(layer))
 
 
 def _sampled(vertices: Float64Array, lengths: Int64Array) -> tuple[Float64Array, Int64Array]:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 from sketchterrain.array_types import Float64Array, StructuredArray
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.landuse.areas import NO_LAND_USE
 from sketchterrain.placement.feature_types import Cover, Lake, River
@@ -40,7 +39,6 @@ def layer_stack(
     sea: Sea | None = None,
     detail: float = 1.0,
     materials: tuple[str, ...] = BUILT_IN.names,
-    cache: LRUCache | None = None,
 ) -> tuple[TerrainLayer, ...]:
     """Return all layers of a terrain.
 
@@ -59,7 +57,7 @@ def layer_stack(
         PlateausLayer(tuple(plateaus)),
         SeaLayer.of(sea),
         LakesLayer(tuple(lakes)),
-        CorridorsLayer.of(rivers, valley_radii, extent, cache),
+        CorridorsLayer.of(rivers, valley_radii, extent),
         LandUseLayer(materials, NO_LAND_USE),
         PadsLayer(materials, ()),
         RoadsLayer(materials, ()),

@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
-from sketchterrain.caching import IdentityKey, LRUCache
+from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.placement.feature_types import River, cubic
+from sketchterrain.stages.runner import Runner
 from sketchterrain.terrain.centrelines import (
     LEAST_WIDTH,
     MAX_TOLERANCE,
@@ -119,29 +120,6 @@ class Course:
 
     pieces: StructuredArray  # `ITEM` rows: its parts between control points, by the inputs of their arcs
 
-    @classmethod
-    def prepare(
-        cls, river: River, valley_radius: Float64Array, meetings: Float64Array, extent: float, cache: LRUCache
-    ) -> Course:
-        """Prepare a river whose centreline meets others at some points (n, 2), m."""
-        unit = metres_per_unit(extent)
-        anchor = to_lattice(river.centreline[0, :2], extent)
-        away = np.append(anchor * unit, 0.0)
-        local = replace(river, points=river.points - away, centreline=river.centreline - away)
-        if river.centreline_width.min() < LEAST_WIDTH:
-            width = np.maximum(river.centreline_width, np.float32(LEAST_WIDTH))
-            local = replace(local, centreline_width=width)
-        met = meetings - away[:2]
-
-        def compute() -> Course:
-            line = prepare_centreline(local, valley_radius, met)
-            return cls(river, valley_radius, anchor, line, _pieces(anchor, line, unit))
-
-        own = meetings_on(local, met).tobytes()
-        return cache.get_or_compute(
-            ("course", IdentityKey(river), extent, valley_radius.tobytes(), own), compute
-        )
-
     def is_hidden(self, cell: float) -> bool:
         """Return whether it is a stream that cells of at least this size (m) do not show."""
         widest = self.line.river.centreline_width.max()
@@ -152,6 +130,19 @@ class Course:
         """Height (m) that a stream changes the ground by, at most."""
         radius, deep = float(self.valley_radius.max()), float(self.river.centreline_depth.max())
         return (1 + _BANK_RISE) * deep + radius / VALLEY_RUN_PER_DEPTH
+
+
+def _prepared(river: River, valley_radius: Float64Array, meetings: Float64Array, extent: float) -> Course:
+    """Prepare a river whose centreline meets others at some points (n, 2), m."""
+    unit = metres_per_unit(extent)
+    anchor = to_lattice(river.centreline[0, :2], extent)
+    away = np.append(anchor * unit, 0.0)
+    local = replace(river, points=river.points - away, centreline=river.centreline - away)
+    if river.centreline_width.min() < LEAST_WIDTH:
+        width = np.maximum(river.centreline_width, np.float32(LEAST_WIDTH))
+        local = replace(local, centreline_width=width)
+    line = prepare_centreline(local, valley_radius, meetings - away[:2])
+    return Course(river, valley_radius, anchor, line, _pieces(anchor, line, unit))
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,14 +159,21 @@ class CorridorsLayer(TerrainLayer):
         rivers: Sequence[River],
         valley_radii: Sequence[Float64Array],
         extent: float,
-        cache: LRUCache | None = None,
+        run: Runner | None = None,
     ) -> CorridorsLayer:
         """Return the layer of rivers with their valleys' radii at each point of the centreline, m."""
         ends = np.array([river.centreline[-1, :2] for river in rivers]).reshape(-1, 2)
-        cache = LRUCache(0) if cache is None else cache
+        run = Runner() if run is None else run
         return cls(
             tuple(
-                Course.prepare(river, radii, ends, extent, cache)
+                run(
+                    _prepared,
+                    river,
+                    radii,
+                    river.centreline[meetings_on(river, ends), :2],
+                    extent,
+                    hashed=False,
+                )
                 for river, radii in zip(rivers, valley_radii, strict=True)
             )
         )

@@ -1,0 +1,1 @@
+"""Stages: pure functions of declared inputs, whose results are cached by digests."""

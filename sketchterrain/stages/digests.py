@@ -1,0 +1,166 @@
+"""Content digests of values: equal digests mean equal canonical bytes, in any process.
+
+Values are scalars, strings, arrays, containers and frozen dataclasses of these; what a value is not equal
+by (fields with ``compare=False``) or is computed from the rest (``init=False``) is left out. A value that has
+a ``digest_parts`` method is digested by what it returns. Digests of objects are kept for as long as they
+live: neither they nor read-only arrays may change.
+"""
+
+from __future__ import annotations
+
+import struct
+import weakref
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import fields, is_dataclass
+from hashlib import blake2b
+from pathlib import PurePath
+from types import BuiltinFunctionType, FunctionType
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+_SIZE: Final = 16  # bytes
+_BLOCK: Final = 64  # px along the sides of blocks of images
+_SCALARS: Final = (str, bytes, int, float, complex, type(None), np.generic, PurePath)
+
+
+class _Known(weakref.ref[Any]):
+    """What is known of an object, as long as it lives."""
+
+    __slots__ = ("found",)
+    found: Any
+
+    @classmethod
+    def keep(cls, memory: dict[int, _Known], value: object, found: object) -> None:
+        name = id(value)
+
+        def forget(gone: weakref.ref[Any]) -> None:
+            if memory.get(name) is gone:
+                del memory[name]
+
+        memory[name] = own = cls(value, forget)
+        own.found = found
+
+    @staticmethod
+    def of(memory: dict[int, _Known], value: object) -> Any:
+        known = memory.get(id(value))
+        return known.found if known is not None and known() is value else None
+
+
+_digests: dict[int, _Known] = {}
+_blocks: dict[int, _Known] = {}
+"""Digests of objects by id, and of the blocks of read-only images."""
+
+
+def digest_of(value: object) -> bytes:
+    """Return the digest of a value; raise TypeError for one that is no plain value."""
+    known: bytes | None = _Known.of(_digests, value)
+    if known is not None:
+        return known
+    found = _image_digest(value) if _is_image(value) else _hashed(value)
+    if not isinstance(value, np.ndarray) or not value.flags.writeable:
+        remember(value, found)
+    return found
+
+
+def remember(value: object, digest: bytes) -> None:
+    """Keep a digest for a value that need not be hashed; without effect on values that have no address."""
+    if isinstance(value, np.ndarray) or is_dataclass(value) or hasattr(value, "digest_parts"):
+        _Known.keep(_digests, value, digest)
+
+
+def derive_digest(image: npt.NDArray[np.uint8], before: npt.NDArray[np.uint8], box: Sequence[int]) -> None:
+    """Prepare the digest of a read-only image that differs from another in a box (top, left, bottom, right).
+
+    Only blocks that the box meets are hashed.
+    """
+    if image.shape != before.shape or not _is_image(before):
+        return
+    top, left, bottom, right = (
+        box[0] // _BLOCK,
+        box[1] // _BLOCK,
+        -(-box[2] // _BLOCK),
+        -(-box[3] // _BLOCK),
+    )
+    blocks = _blocks_of(before).copy()
+    part = np.s_[top * _BLOCK : bottom * _BLOCK, left * _BLOCK : right * _BLOCK]
+    blocks[top:bottom, left:right] = _hashed_blocks(image[part])
+    _Known.keep(_blocks, image, blocks)
+
+
+def _is_image(value: object) -> bool:
+    return (
+        isinstance(value, np.ndarray)
+        and value.dtype == np.uint8
+        and value.ndim == 2
+        and not value.flags.writeable
+    )
+
+
+def _image_digest(image: Any) -> bytes:
+    return _hashed(("image", image.shape, _blocks_of(image).tobytes()))
+
+
+def _blocks_of(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.void]:
+    known: npt.NDArray[np.void] | None = _Known.of(_blocks, image)
+    if known is None:
+        known = _hashed_blocks(image)
+        _Known.keep(_blocks, image, known)
+    return known
+
+
+def _hashed_blocks(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.void]:
+    rows, columns = (-(-side // _BLOCK) for side in image.shape)
+    found = np.empty((rows, columns), f"V{_SIZE}")
+    for row in range(rows):
+        for column in range(columns):
+            part = image[row * _BLOCK :, column * _BLOCK :][:_BLOCK, :_BLOCK]
+            found[row, column] = blake2b(part.tobytes(), digest_size=_SIZE).digest()
+    return found
+
+
+def _hashed(value: object) -> bytes:
+    hasher = blake2b(digest_size=_SIZE)
+    _feed(hasher.update, value, outermost=True)
+    return hasher.digest()
+
+
+def _feed(update: Callable[[Any], None], value: Any, *, outermost: bool = False) -> None:
+    """Feed a value's canonical bytes; objects inside of it by their digests."""
+    kind = type(value)
+    if isinstance(value, np.ndarray):
+        if value.dtype.hasobject:
+            raise TypeError(f"expected an array of plain values, got {value.dtype}")
+        update(f"array {value.dtype.descr if value.dtype.fields else value.dtype.str} {value.shape}".encode())
+        update(np.ascontiguousarray(value).reshape(-1).view(np.uint8).data if value.size else b"")
+    elif isinstance(value, (bool, *_SCALARS)):
+        text = value if isinstance(value, bytes) else repr(value).encode()
+        update(b"%s %d " % (kind.__name__.encode(), len(text)))
+        update(text)
+    elif isinstance(value, (tuple, list, Set, Mapping)):
+        if isinstance(value, (tuple, list)) and all(type(each) is str for each in value):
+            update(f"texts {value!r}".encode())
+            return
+        items: Any = value.items() if isinstance(value, Mapping) else value
+        if isinstance(value, Set):
+            items = sorted(map(digest_of, value))
+        update(b"items " + struct.pack("<q", len(value)))
+        for each in items:
+            _feed(update, each)
+    elif isinstance(value, slice):
+        _feed(update, ("slice", value.start, value.stop, value.step))
+    elif isinstance(value, (FunctionType, BuiltinFunctionType, type)):
+        if "<" in value.__qualname__:
+            raise TypeError(f"expected a function of a module, got {value.__qualname__}")
+        update(f"name {value.__module__}.{value.__qualname__}".encode())
+    elif not outermost:
+        update(digest_of(value))
+    elif hasattr(value, "digest_parts"):
+        _feed(update, (kind, value.digest_parts()))
+    elif is_dataclass(value):
+        whole = not kind.__dataclass_params__.eq
+        names = [each.name for each in fields(value) if each.init and (whole or each.compare)]
+        _feed(update, (kind, [getattr(value, name) for name in names]))
+    else:
+        raise TypeError(f"expected a plain value, got {kind.__module__}.{kind.__qualname__}")

@@ -1,0 +1,116 @@
+"""Running pure functions once for equal inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from hashlib import blake2b
+from inspect import signature
+from typing import Any, TypeVar
+from weakref import WeakValueDictionary
+
+import numpy as np
+
+from sketchterrain.caching import LRUCache
+from sketchterrain.stages.digests import digest_of, remember
+
+Value = TypeVar("Value")
+
+
+class Results(LRUCache):
+    """Results of runs by the digests of function and inputs, and one object for each digest of a value."""
+
+    def __init__(self, capacity: int = 1 << 14, *, max_bytes: int = 1 << 29) -> None:
+        super().__init__(capacity, max_bytes=max_bytes)
+        self._objects: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
+
+    def named(self, digest: bytes, value: Value) -> Value:
+        """Return the object of a digest that is still in use, else this one, from now on."""
+        found: Value = self._objects.setdefault(digest, value)
+        return found
+
+    def in_use(self, digest: bytes) -> Any:
+        """Return the object of a digest that is still in use, else None."""
+        return self._objects.get(digest)
+
+    def canonical(self, value: Value) -> Value:
+        """Return the object that had the same digest before, or this one; of a sequence, with such items."""
+        found: Any = value
+        if isinstance(found, (tuple, list)):
+            items = [self.canonical(each) for each in found]
+            found = found._make(items) if hasattr(found, "_make") else type(found)(items)
+        elif isinstance(found, np.ndarray) or hasattr(found, "__dataclass_fields__"):
+            if isinstance(found, np.ndarray):
+                found.flags.writeable = False
+            found = self.named(digest_of(found), found)
+        result: Value = found
+        return result
+
+
+class Runner:
+    """Runs functions of modules: each once for inputs of equal digests, as long as its result is kept.
+
+    An equal result of other inputs is the same object as before, so that nothing runs that depends on it. A
+    function that has a parameter `run` is given the runner, for runs of its own.
+
+    Parameters
+    ----------
+    results
+        Those of earlier runs.
+    checkpoint
+        Called before each run; it may raise to cancel, which leaves the results valid.
+    """
+
+    def __init__(self, results: Results | None = None, checkpoint: Callable[[], None] = lambda: None) -> None:
+        self.results = Results() if results is None else results
+        self.checkpoint = checkpoint
+
+    def __call__(self, function: Callable[..., Value], *inputs: Any, hashed: bool = True) -> Value:
+        """Return the result of a function for some inputs.
+
+        Unless `hashed`, its digest is that of the run: nothing is saved where other inputs give the same.
+        """
+        key = digest_of((function, inputs))
+        if key in self.results:
+            found: Value = self.results.get(key)
+            return found
+        self.checkpoint()
+        result = function(*inputs, run=self) if _takes_runner(function) else function(*inputs)
+        if hashed:
+            result = self.results.canonical(result)
+        else:
+            remember(result, key)
+        return self.results.store(key, result)
+
+    def each(
+        self, function: Callable[..., Sequence[Value]], items: Sequence[Any], *inputs: Any
+    ) -> list[Value]:
+        """Return the results of a function for many items; those that are missing are computed at once.
+
+        `function` is given a list of items before the other inputs, and returns as many results.
+        """
+        common = digest_of((function, inputs))
+        keys = [blake2b(common + digest_of(item), digest_size=len(common)).digest() for item in items]
+        found = {key: self.results.get(key) for key in keys if key in self.results}
+        missing = {key: item for key, item in zip(keys, items, strict=True) if key not in found}
+        if missing:
+            self.checkpoint()
+            results = function(list(missing.values()), *inputs)
+            for key, result in zip(missing, results, strict=True):
+                found[key] = self.results.store(key, self.results.canonical(result))
+        return [found[key] for key in keys]
+
+    def while_used(self, function: Callable[..., Value], *inputs: Any) -> Value:
+        """Return the result of a function, a large object that is kept as long as something else uses it."""
+        key = digest_of((function, inputs))
+        found: Value | None = self.results.in_use(key)
+        if found is None:
+            self.checkpoint()
+            found = self.results.named(key, function(*inputs))
+            remember(found, key)
+        return found
+
+
+@cache
+def _takes_runner(function: Callable[..., Any]) -> bool:
+    return "run" in signature(function).parameters

@@ -1,0 +1,430 @@
+"""How a terrain is made: the stages from a sketch to its recipe, each after what it depends on.
+
+The parameters of a stage are the results of others, before it; `sketch` holds the fields named above it, and
+no others; `run` runs parts of it, one for each shape, network or leg, whose results are kept alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from sketchterrain.array_types import StructuredArray
+from sketchterrain.document.geology import Strata
+from sketchterrain.document.label_layers import LabelImage
+from sketchterrain.document.layers import (
+    PAINTED_LAYERS,
+    PATCH_LAYERS,
+    POINT_LAYERS,
+    VECTOR_LAYERS,
+)
+from sketchterrain.document.material_rules import resolved_rules
+from sketchterrain.document.rasters import content_digests
+from sketchterrain.elevation.base import BaseElevation, load_base
+from sketchterrain.elevation.raster_reader import file_stamps
+from sketchterrain.elevation.vertical import geoid_files
+from sketchterrain.hydrology.courses import RiverCourse
+from sketchterrain.hydrology.drainage_constraints import course_slopes, lake_outlets, valley_floors
+from sketchterrain.hydrology.rivers import Hydrology, WaterLayout, lay_out_water, solve_water
+from sketchterrain.hydrology.streams import stream_courses
+from sketchterrain.hydrology.vector_layout import vectors_painted
+from sketchterrain.landuse.areas import LandUse, land_use
+from sketchterrain.placement.covers import create_covers
+from sketchterrain.placement.feature_types import CLEARANCE, Cover
+from sketchterrain.placement.fill import Fill
+from sketchterrain.placement.placement import place
+from sketchterrain.placement.plateaus import create_plateaus
+from sketchterrain.placement.sea import Sea, create_sea
+from sketchterrain.roads.build import ROAD_LAYERS, road_network
+from sketchterrain.roads.road_types import RoadNetwork
+from sketchterrain.roads.waters import Floods
+from sketchterrain.stages.runner import Runner
+from sketchterrain.stages.table import StageTable
+from sketchterrain.terrain.base_ground import BaseGround
+from sketchterrain.terrain.centrelines import valley_radius
+from sketchterrain.terrain.edits import EditedPoints, apply_fill_edits, apply_painted_edits
+from sketchterrain.terrain.host_heights import Ground
+from sketchterrain.terrain.layers import layer_stack
+from sketchterrain.terrain.layers.corridors import CorridorsLayer
+from sketchterrain.terrain.layers.covers import CoversLayer
+from sketchterrain.terrain.layers.lakes import LakesLayer
+from sketchterrain.terrain.layers.landuse import LandUseLayer
+from sketchterrain.terrain.layers.layer import WorldSettings
+from sketchterrain.terrain.layers.pads import PadsLayer
+from sketchterrain.terrain.layers.plateaus import PlateausLayer
+from sketchterrain.terrain.layers.relief import ReliefLayer, UnpaintedNodes
+from sketchterrain.terrain.layers.roads import RoadsLayer
+from sketchterrain.terrain.node_raster import DrainedRaster
+from sketchterrain.terrain.noise import FINEST_CELL
+from sketchterrain.terrain.orthophotos import Orthophoto, orthophotos
+from sketchterrain.terrain.painted_ground import (
+    COARSE,
+    COARSE_LEVEL,
+    FINE,
+    PaintedGround,
+    PaintedLand,
+    PaintedWater,
+    RegionSources,
+    data_heights,
+    painted_flow,
+    painted_ground,
+)
+from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.relief_fields import UnpaintedSettings
+from sketchterrain.terrain.uplift import Outline, painted_outline, uplift_features
+
+if TYPE_CHECKING:
+    from sketchterrain.document.sketch import Sketch
+
+_PIXELS: Final = "extent", "size"
+_ROAD_CELL: Final = 2.0  # m: cell size of the ground that roads are laid on
+
+STAGES: Final = StageTable()
+"""All stages, in the order in which a terrain is made."""
+_stage = STAGES.stage
+
+
+def _named(kind: str, *names: str) -> tuple[str, ...]:
+    return tuple(f"{kind}.{name}" for name in names)
+
+
+@_stage(
+    "layers",
+    *_named("vectors", *(each for each in VECTOR_LAYERS if each in PAINTED_LAYERS)),
+    "labels.river",
+    *_PIXELS,
+)
+def painted(sketch: Sketch, run: Runner) -> dict[str, LabelImage]:
+    """The label layers, with the vectors of each."""
+    return vectors_painted(sketch, run)
+
+
+@_stage("rasters", fresh=True)
+def files(sketch: Sketch) -> Any:
+    """What linked files contain now."""
+    linked = [each.path for each in sketch.rasters if each.content is None]
+    return content_digests(sketch.rasters), [file_stamps(Path(path)) for path in linked], geoid_files()
+
+
+@_stage("rasters", "frame", "base.margin", *_PIXELS, cost=1.0)
+def elevation(sketch: Sketch, files: Any, run: Runner) -> BaseElevation | None:
+    """Real elevation beneath the sketch."""
+    del files
+    return load_base(sketch, run)
+
+
+_RAISED: Final = "mountain", "hill", "plateau"
+
+
+@_stage(
+    *("extent", "seed", "ground", "density.mountain", "density.hill", "climate.aridity"),
+    *(*_named("painted", *_RAISED), *_named("labels", *_RAISED)),
+)
+def unpainted(sketch: Sketch) -> UnpaintedSettings:
+    """What unpainted ground depends on."""
+    return UnpaintedSettings.from_sketch(sketch)
+
+
+@_stage()
+def region(unpainted: UnpaintedSettings, elevation: BaseElevation | None, run: Runner) -> RegionSources:
+    """What the ground of the sketch is drained from, but for paint."""
+    plain = unpainted.painted
+    if elevation is None:
+        return RegionSources(unpainted)
+    return RegionSources(unpainted, run(BaseGround, elevation, plain.spacing, UnpaintedNodes(plain)))
+
+
+@_stage(
+    *_named("painted", *POINT_LAYERS, "river"),
+    *_named("labels", *POINT_LAYERS),
+    *("fidelity", "seed", *_PIXELS),
+    cost=2.0,
+)
+def placed(sketch: Sketch, run: Runner) -> StructuredArray:
+    """Features of painted shapes."""
+    return place(sketch, seed=sketch.seed, run=run)
+
+
+@_stage("edits")
+def points(sketch: Sketch, placed: StructuredArray) -> EditedPoints:
+    """The same after the user's edits."""
+    return apply_painted_edits(placed, sketch.edits)
+
+
+@_stage(
+    *_named("painted", *sorted({layer for _, layer in CLEARANCE})),
+    *_named("labels", *PATCH_LAYERS),
+    *("density", "seed", *_PIXELS),
+    cost=1.0,
+)
+def fill(sketch: Sketch, points: EditedPoints, run: Runner) -> Fill:
+    """Features of unpainted ground."""
+    return Fill.from_sketch(sketch, points.points, seed=sketch.seed, run=run)
+
+
+@_stage("edits", *_PIXELS)
+def adopted(sketch: Sketch, fill: Fill) -> EditedPoints:
+    """Those of them that the user changed."""
+    return apply_fill_edits(fill, sketch.edits, size=sketch.size)
+
+
+@_stage()
+def features(points: EditedPoints, adopted: EditedPoints) -> StructuredArray:
+    """All features that are not of the fill."""
+    return np.concatenate([points.points, adopted.points])
+
+
+@_stage("painted.material", "labels.material", "materials", "fidelity", *_PIXELS)
+def covers(sketch: Sketch) -> tuple[Cover, ...]:
+    """Painted materials."""
+    return create_covers(sketch)
+
+
+@_stage("painted.sea", "labels.sea", "coast", "fidelity", *_PIXELS)
+def sea(sketch: Sketch) -> Sea | None:
+    """The sea and its coast."""
+    return create_sea(sketch)
+
+
+@_stage(*_named("painted", *_RAISED), "fidelity", *_PIXELS)
+def outlines(sketch: Sketch, unpainted: UnpaintedSettings, run: Runner) -> dict[str, Outline | None]:
+    """Outlines of painted shapes, by layer."""
+    parts = {layer: sketch.part(f"layers.{layer}", "fidelity", *_PIXELS) for layer in _RAISED}
+    return {layer: run(painted_outline, part, layer, unpainted.spacing) for layer, part in parts.items()}
+
+
+@_stage(*_named("painted", "mountain", "hill"), *_named("labels", "mountain", "hill"), "fidelity", *_PIXELS)
+def land(
+    sketch: Sketch,
+    features: StructuredArray,
+    outlines: dict[str, Outline | None],
+    region: RegionSources,
+    sea: Sea | None,
+    run: Runner,
+) -> PaintedLand:
+    """What raises the ground."""
+    data = None if region.base is None else data_heights(region, PaintedWater(sea=sea), run)
+    known = {name: each for name in ("mountain", "hill") if (each := outlines[name]) is not None}
+    return PaintedLand(uplift_features(sketch, features, run, data), known)
+
+
+@_stage(*("extent", "seed", "fidelity", "climate", "base.detail", "materials", "material_rules", "geology"))
+def dry(
+    sketch: Sketch,
+    region: RegionSources,
+    features: StructuredArray,
+    fill: Fill,
+    adopted: EditedPoints,
+    covers: tuple[Cover, ...],
+    sea: Sea | None,
+) -> TerrainRecipe:
+    """The terrain without its drained relief, plateaus, water and what lies on them."""
+    layers = layer_stack(
+        extent=sketch.extent,
+        relief=_relief(region),
+        painted=features,
+        fill=replace(fill, replaced=adopted.replaced),
+        covers=covers,
+        sea=sea,
+        detail=sketch.base["detail"],
+        materials=sketch.material_table.names,
+    )
+    return TerrainRecipe(
+        WorldSettings(sketch.extent, sketch.seed, sketch.fidelity),
+        sketch.climate,
+        layers,
+        sketch.material_table,
+        resolved_rules(sketch.material_rules),
+        strata=Strata.from_settings(sketch.geology),
+    )
+
+
+@_stage()
+def bare(dry: TerrainRecipe) -> TerrainRecipe:
+    """The same without covers and rules, on which heights do not depend."""
+    return replace(dry.with_layers([CoversLayer(())]), climate={}, material_rules=())
+
+
+@_stage(cost=4.0, hashed=False)
+def coarse_ground(region: RegionSources, land: PaintedLand, sea: Sea | None, run: Runner) -> PaintedGround:
+    """Coarse ground, drained to the sea."""
+    return painted_ground(region, land, PaintedWater(sea=sea), COARSE, run)
+
+
+@_stage(cost=2.0, hashed=False)
+def coarse_bare_ground(
+    region: RegionSources, land: PaintedLand, sea: Sea | None, run: Runner
+) -> PaintedGround:
+    """The same without features."""
+    nothing = PaintedLand(land.features.of(np.zeros(0, np.int64)), {})
+    return painted_ground(region, nothing, PaintedWater(sea=sea), COARSE, run)
+
+
+_WATERS: Final = (
+    *_named("layers", "lake", "river", "sea"),
+    *_named("vectors", "lake", "river"),
+    *_named("labels", "lake", "river"),
+    *("coast", "edits", "fidelity", "seed", *_PIXELS),
+)
+
+
+@_stage(*_WATERS, cost=4.0)
+def layout(
+    sketch: Sketch, region: RegionSources, bare: TerrainRecipe, coarse_ground: PaintedGround, run: Runner
+) -> WaterLayout:
+    """Courses of rivers and outlines of lakes."""
+    ground = _ground(bare, region, coarse_ground.raster, 1 << COARSE_LEVEL)
+    return lay_out_water(sketch, seed=sketch.seed, ground=ground, run=run)
+
+
+@_stage(cost=1.0)
+def water(
+    region: RegionSources,
+    bare: TerrainRecipe,
+    coarse_bare_ground: PaintedGround,
+    layout: WaterLayout,
+    land: PaintedLand,
+    sea: Sea | None,
+) -> PaintedWater:
+    """What the ground drains to."""
+    lakes = tuple(lake for lake in layout.lakes if lake.label)
+    ground = _ground(bare, region, coarse_bare_ground.raster, 1 << COARSE_LEVEL)
+    outlets = lake_outlets(lakes, layout.courses, ground)
+    bare_slopes, slopes = course_slopes(layout.courses, ground, land.features.cover)
+    floors = tuple(valley_floors(layout.courses, bare_slopes))
+    return PaintedWater(layout.courses, slopes, floors, bare_slopes, lakes, outlets, sea)
+
+
+@_stage(cost=30.0, hashed=False)
+def ground(region: RegionSources, land: PaintedLand, water: PaintedWater, run: Runner) -> PaintedGround:
+    """The ground of the sketch, drained to its water."""
+    return painted_ground(region, land, water, FINE, run)
+
+
+@_stage(*_named("painted", "plateau", "river"), "labels.plateau", "fidelity", *_PIXELS, cost=1.0)
+def plateaus(
+    sketch: Sketch, region: RegionSources, bare: TerrainRecipe, ground: PaintedGround, run: Runner
+) -> PlateausLayer:
+    """Plateaus on it."""
+    return PlateausLayer(create_plateaus(sketch, _ground(bare, region, ground.raster), run))
+
+
+@_stage("climate.aridity", "seed", *_PIXELS, cost=4.0)
+def streams(
+    sketch: Sketch,
+    region: RegionSources,
+    bare: TerrainRecipe,
+    ground: PaintedGround,
+    water: PaintedWater,
+    layout: WaterLayout,
+    outlines: dict[str, Outline | None],
+    run: Runner,
+) -> list[RiverCourse]:
+    """Unpainted rivers."""
+    relief, octaves = _relief(region, ground.raster), bare.sampling(FINEST_CELL).octaves
+    return stream_courses(
+        painted_flow(region, ground, water, run, outlines["plateau"]),
+        layout.courses,
+        size=sketch.size,
+        runoff=1.0 - float(sketch.climate["aridity"]),
+        seed=sketch.seed,
+        displaced=lambda at: relief.displaced(at, bare.world, octaves),
+        run=run,
+    )
+
+
+@_stage(*_WATERS, *_named("layers", "mountain", "plateau"), cost=20.0)
+def waters(
+    sketch: Sketch,
+    region: RegionSources,
+    bare: TerrainRecipe,
+    ground: PaintedGround,
+    plateaus: PlateausLayer,
+    layout: WaterLayout,
+    streams: list[RiverCourse],
+    run: Runner,
+) -> Hydrology:
+    """Rivers and lakes with their levels."""
+    heights = _ground(bare.with_layers([plateaus]), region, ground.raster)
+    return solve_water(sketch, layout, seed=sketch.seed, ground=heights, streams=streams, run=run)
+
+
+@_stage("extent", cost=8.0)
+def corridors(sketch: Sketch, waters: Hydrology, run: Runner) -> CorridorsLayer:
+    """Rivers and their valleys."""
+    radii = [valley_radius(*each) for each in zip(waters.rivers, waters.grounds, strict=True)]
+    return CorridorsLayer.of(waters.rivers, radii, sketch.extent, run)
+
+
+@_stage()
+def natural(
+    dry: TerrainRecipe,
+    region: RegionSources,
+    ground: PaintedGround,
+    plateaus: PlateausLayer,
+    waters: Hydrology,
+    corridors: CorridorsLayer,
+    points: EditedPoints,
+    adopted: EditedPoints,
+) -> TerrainRecipe:
+    """The terrain without roads and land use."""
+    relief = _relief(region, ground.raster)
+    return replace(
+        dry.with_layers([relief, plateaus, LakesLayer(waters.lakes), corridors]),
+        resolutions=waters.resolutions,
+        orphans=(*points.orphans, *adopted.orphans, *waters.orphans),
+    )
+
+
+@_stage(*_named("vectors", *ROAD_LAYERS), *_named("labels", *ROAD_LAYERS), cost=20.0)
+def roads(sketch: Sketch, natural: TerrainRecipe, run: Runner) -> RoadNetwork:
+    """Roads, railways, paths, pads and walls."""
+    ground = Ground(natural, _ROAD_CELL)
+    floods = Floods(natural.rivers, natural.lakes, natural.sea_level, ground)
+    return road_network(sketch, ground, floods, run)
+
+
+@_stage("vectors.landuse", "labels.landuse")
+def landuse(sketch: Sketch, run: Runner) -> LandUse:
+    """Fields, meadows, forests and built-up land."""
+    return land_use(sketch, run)
+
+
+@_stage("rasters", "frame", *_PIXELS)
+def photographs(sketch: Sketch, files: Any, run: Runner) -> tuple[Orthophoto, ...]:
+    """Photographs of the ground."""
+    del files
+    return orthophotos(sketch, run)
+
+
+@_stage()
+def recipe(
+    natural: TerrainRecipe,
+    roads: RoadNetwork,
+    landuse: LandUse,
+    photographs: tuple[Orthophoto, ...],
+    run: Runner,
+) -> TerrainRecipe:
+    """The terrain."""
+    land = run(LandUseLayer, natural.materials.names, landuse)
+    built = with_network(natural, roads, run)
+    return replace(built.with_layers([land]), orthophotos=photographs)
+
+
+def with_network(recipe: TerrainRecipe, network: RoadNetwork, run: Runner) -> TerrainRecipe:
+    """Return a terrain with roads, pads and walls."""
+    pads = run(PadsLayer, recipe.materials.names, network.pads)
+    roads = run(RoadsLayer, recipe.materials.names, network.roads)
+    return replace(recipe.with_layers([pads, roads]), network=network)
+
+
+def _relief(region: RegionSources, raster: DrainedRaster | None = None) -> ReliefLayer:
+    return ReliefLayer(UnpaintedNodes(region.beyond), raster, region.base)
+
+
+def _ground(recipe: TerrainRecipe, region: RegionSources, raster: DrainedRaster, nodes: int = 1) -> Ground:
+    """Return heights of a recipe with a drained ground, at so many of its nodes."""
+    return Ground(recipe.with_layers([_relief(region, raster)]), nodes * region.settings.spacing)

@@ -62,6 +62,7 @@ class Effort:
     landform_limits: tuple[float, ...] = (0.7, 1.33)  # of heights, inradii
     landform_strokes: int = 4
     live_strokes: int = 3
+    live_drags: int = 2
     live_dabs: int = 6
     batch_size: int = 257  # vertices along a side
     batch_files: tuple[str, ...] = ("without preview",)
@@ -141,6 +142,7 @@ FULL = replace(
     landform_limits=(0.7, 1.0, 1.33, 2.4),
     landform_strokes=100,
     live_strokes=60,
+    live_drags=10,
     live_dabs=120,
     batch_size=1025,
     batch_files=("all", "without preview"),

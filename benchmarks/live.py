@@ -40,6 +40,8 @@ from sketchterrain.terrain.building import build
 from sketchterrain.ui.app import new_window
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.models.painting import Stroke
+from sketchterrain.ui.models.selection import FeatureDrag, vertex_at
+from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.view3d.camera import overview
 
 if TYPE_CHECKING:
@@ -56,6 +58,14 @@ class Painted(NamedTuple):
     times: tuple[float, ...]
     drafts: tuple[float, ...]  # s until something of each sketch is shown: a draft, or the terrain
     stalls: tuple[float, ...]  # s that each beat of a timer in the event loop came too late
+
+
+class Dragged(NamedTuple):
+    """Terrains shown per second while a vertex was dragged; s of placing the last one, and to its tiles."""
+
+    rate: float
+    placing: float
+    final: float
 
 
 @cache
@@ -237,6 +247,35 @@ class LatencyProbe(EngineProbe):
         self._wait(self._is_there)
         return Painted(times, tuple(drafts), tuple(stalls.tolist()))
 
+    def names(self, layer: str) -> list[int]:
+        """Return the ids of a layer's vectors."""
+        names: list[int] = self._document.sketch.vectors[layer].ids.tolist()
+        return names
+
+    def drag(self, layer: str, name: int) -> Dragged:
+        """Drag a vertex of a vector for a second, wait for the terrain, and undo it."""
+        line = self._document.sketch.vectors[layer].feature(name).rings[0]
+        x, y = line[len(line) // 2].tolist()
+        handle = vertex_at(self._document.sketch, Selection(layer, name), x, y, reach=1.0)
+        assert handle is not None  # noqa: S101 # it is a vertex
+        self._created.clear()
+        self._followed.clear()
+        drag = FeatureDrag(self._document, self._link.placed, handle)
+        for step in range(1, _DRAG_STEPS + 1):
+            began = time.monotonic()
+            drag.to(x + 0.3 * step, y)
+            self._pause(began + _DRAG_RATE)
+        released = time.monotonic()
+        drag.finish()
+        self._wait(lambda: bool(self._created) and self._is_there())
+        last = max(self._created)
+        at = next(each for each in self._followed if each.version >= last)
+        shown = {each.version for each in self._followed if each.displayed <= released}
+        self._document.undo()
+        self._wait(self._is_there)
+        final = max(at.displayed - released, 0.0)
+        return Dragged(len(shown) / (_DRAG_STEPS * _DRAG_RATE), at.placed - at.started, final)
+
     def _is_there(self) -> bool:
         final = max((each.version for each in self._followed if not each.draft), default=-1)
         return all(version <= final for version in self._created)
@@ -267,6 +306,17 @@ _TURN: Final = 3.0  # degrees
 _SIZE: Final = 640, 360  # px of pictures that are compared
 _RATED: Final = 3.0  # s of the turning camera
 _LATER: Final = 1.0  # s after a view or a stroke, at which its picture is compared
+_DRAG_PRESETS: Final = ("mountain_pass", "andorra")
+_DRAG_STEPS, _DRAG_RATE = 60, 0.016  # motions of a drag, and s between them
+_DRAGS = (
+    Column("preset", "preset"),
+    Column("layer", "vertex of a"),
+    Column("drags", "drags"),
+    Column("rate", "terrains a second while dragging"),
+    Column("placing_ms", "placing, median, ms"),
+    Column("final_ms", "final after release, median, ms"),
+    Column("final_p95_ms", "95 %, ms"),
+)
 _VIEWS = (
     Column("preset", "preset"),
     Column("first_s", "first frame, s"),
@@ -315,16 +365,44 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         rows = [_row(probe, painting, count) for painting, count in counts.items()]
     finally:
         probe.end()
+    drags = tuple(row for preset in _DRAG_PRESETS for row in _drags(preset, effort.live_drags))
     views = tuple(_view(preset, effort) for preset in effort.view_presets)
     shapes = tuple(row for preset in effort.view_presets for row in _shapes(preset, effort))
     size = "{} × {}".format(*effort.view_sizes[-1])
     return Outcome(
         (
             Table(f"From a stroke to changed terrain, seed {SEED}", _COLUMNS, tuple(rows)),
+            Table("Dragging a vertex", _DRAGS, drags),
             Table(f"The view from start to still, {size}", _VIEWS, views),
             Table("Live picture beside the still of its camera, {} × {}".format(*_SIZE), _SHAPES, shapes),
         )
     )
+
+
+def _drags(preset: str, count: int) -> Iterator[Row]:
+    """Drag vertices of roads, rivers and lakes of a preset, each layer's features in turn."""
+    probe = LatencyProbe(load_sketch(preset))
+    try:
+        for layer in ("road", "river", "lake"):
+            names = probe.names(layer)
+            found = [
+                probe.drag(layer, names[7 * number % len(names)]) for number in range(count * bool(names))
+            ]
+            if not found:
+                continue
+            rates, placing, final = (np.array(each) for each in zip(*found, strict=True))
+            yield {
+                "preset": preset,
+                "layer": layer,
+                "drags": count,
+                "rate": float(np.median(rates)),
+                "placing_ms": float(np.median(placing)) * 1e3,
+                "final_ms": float(np.median(final)) * 1e3,
+                "final_p95_ms": float(np.percentile(final, 95)) * 1e3,
+                "seconds": final.tolist(),
+            }
+    finally:
+        probe.end()
 
 
 def _view(preset: str, effort: Effort) -> Row:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import struct
 import weakref
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import fields, is_dataclass
 from hashlib import blake2b
 from pathlib import PurePath
@@ -21,7 +21,9 @@ import numpy as np
 import numpy.typing as npt
 
 _SIZE: Final = 16  # bytes
-_BLOCK: Final = 64  # px along the sides of blocks of images
+_LARGE: Final = 1 << 12  # bytes of arrays whose digests are kept
+BLOCK: Final = 64
+"""Pixels along the sides of blocks of images."""
 _SCALARS: Final = (str, bytes, int, float, complex, type(None), np.generic, PurePath)
 
 
@@ -58,7 +60,7 @@ def digest_of(value: object) -> bytes:
     known: bytes | None = _Known.of(_digests, value)
     if known is not None:
         return known
-    found = _image_digest(value) if _is_image(value) else _hashed(value)
+    found = _image_digest(value) if is_image(value) else _hashed(value)
     if not isinstance(value, np.ndarray) or not value.flags.writeable:
         remember(value, found)
     return found
@@ -75,21 +77,46 @@ def derive_digest(image: npt.NDArray[np.uint8], before: npt.NDArray[np.uint8], b
 
     Only blocks that the box meets are hashed.
     """
-    if image.shape != before.shape or not _is_image(before):
+    if image.shape != before.shape or not is_image(before):
         return
-    top, left, bottom, right = (
-        box[0] // _BLOCK,
-        box[1] // _BLOCK,
-        -(-box[2] // _BLOCK),
-        -(-box[3] // _BLOCK),
-    )
-    blocks = _blocks_of(before).copy()
-    part = np.s_[top * _BLOCK : bottom * _BLOCK, left * _BLOCK : right * _BLOCK]
-    blocks[top:bottom, left:right] = _hashed_blocks(image[part])
+    blocks = blocks_of(before).copy()
+    where = np.zeros(blocks.shape, np.bool_)
+    where[box[0] // BLOCK : -(-box[2] // BLOCK), box[1] // BLOCK : -(-box[3] // BLOCK)] = True
+    blocks[where] = _hashed_blocks(image, where)
     _Known.keep(_blocks, image, blocks)
 
 
-def _is_image(value: object) -> bool:
+def places_of(where: npt.NDArray[np.bool_]) -> Iterator[tuple[slice, slice]]:
+    """Yield the pixels of some blocks of an image."""
+    for row, column in np.argwhere(where).tolist():
+        yield np.s_[row * BLOCK : (row + 1) * BLOCK, column * BLOCK : (column + 1) * BLOCK]
+
+
+def patched(
+    before: npt.NDArray[np.uint8] | None,
+    shape: tuple[int, ...],
+    blocks: npt.NDArray[np.int64],
+    pixels: bytearray,
+) -> npt.NDArray[np.uint8]:
+    """Return a read-only image with the pixels of some blocks in place of another's, which else is empty."""
+    image = np.zeros(shape, np.uint8) if before is None else before.copy()
+    where = np.zeros([-(-side // BLOCK) for side in shape], np.bool_)
+    where[tuple(blocks.T)] = True
+    start = 0
+    for place in places_of(where):
+        part = image[place]
+        part[:] = np.frombuffer(pixels, np.uint8, part.size, start).reshape(part.shape)
+        start += part.size
+    image.flags.writeable = False
+    if before is not None:
+        known = blocks_of(before).copy()
+        known[where] = _hashed_blocks(image, where)
+        _Known.keep(_blocks, image, known)
+    return image
+
+
+def is_image(value: object) -> bool:
+    """Return whether a value is digested by blocks: a read-only raster of bytes."""
     return (
         isinstance(value, np.ndarray)
         and value.dtype == np.uint8
@@ -99,25 +126,23 @@ def _is_image(value: object) -> bool:
 
 
 def _image_digest(image: Any) -> bytes:
-    return _hashed(("image", image.shape, _blocks_of(image).tobytes()))
+    return _hashed(("image", image.shape, blocks_of(image).tobytes()))
 
 
-def _blocks_of(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.void]:
+def blocks_of(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.void]:
+    """Return the digests of the blocks of a read-only image, (rows, columns)."""
     known: npt.NDArray[np.void] | None = _Known.of(_blocks, image)
     if known is None:
-        known = _hashed_blocks(image)
+        shape = [-(-side // BLOCK) for side in image.shape]
+        known = _hashed_blocks(image, np.ones(shape, np.bool_)).reshape(shape)
         _Known.keep(_blocks, image, known)
     return known
 
 
-def _hashed_blocks(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.void]:
-    rows, columns = (-(-side // _BLOCK) for side in image.shape)
-    found = np.empty((rows, columns), f"V{_SIZE}")
-    for row in range(rows):
-        for column in range(columns):
-            part = image[row * _BLOCK :, column * _BLOCK :][:_BLOCK, :_BLOCK]
-            found[row, column] = blake2b(part.tobytes(), digest_size=_SIZE).digest()
-    return found
+def _hashed_blocks(image: npt.NDArray[np.uint8], where: npt.NDArray[np.bool_]) -> npt.NDArray[np.void]:
+    """Return the digests of some blocks, (n,)."""
+    found = [blake2b(image[place].tobytes(), digest_size=_SIZE).digest() for place in places_of(where)]
+    return np.array(found, f"V{_SIZE}")
 
 
 def _hashed(value: object) -> bytes:
@@ -130,6 +155,9 @@ def _feed(update: Callable[[Any], None], value: Any, *, outermost: bool = False)
     """Feed a value's canonical bytes; objects inside of it by their digests."""
     kind = type(value)
     if isinstance(value, np.ndarray):
+        if not outermost and not value.flags.writeable and value.nbytes > _LARGE:
+            update(digest_of(value))
+            return
         if value.dtype.hasobject:
             raise TypeError(f"expected an array of plain values, got {value.dtype}")
         update(f"array {value.dtype.descr if value.dtype.fields else value.dtype.str} {value.shape}".encode())

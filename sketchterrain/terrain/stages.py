@@ -74,7 +74,7 @@ from sketchterrain.terrain.painted_ground import (
 )
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.relief_fields import UnpaintedSettings
-from sketchterrain.terrain.uplift import Outline, painted_outline, uplift_features
+from sketchterrain.terrain.uplift import NO_FEATURES, Outline, painted_outline, uplift_features
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -255,12 +255,9 @@ def coarse_ground(region: RegionSources, land: PaintedLand, sea: Sea | None, run
 
 
 @_stage(cost=2.0, hashed=False)
-def coarse_bare_ground(
-    region: RegionSources, land: PaintedLand, sea: Sea | None, run: Runner
-) -> PaintedGround:
+def coarse_bare_ground(region: RegionSources, sea: Sea | None, run: Runner) -> PaintedGround:
     """The same without features."""
-    nothing = PaintedLand(land.features.of(np.zeros(0, np.int64)), {})
-    return painted_ground(region, nothing, PaintedWater(sea=sea), COARSE, run)
+    return painted_ground(region, PaintedLand(NO_FEATURES, {}), PaintedWater(sea=sea), COARSE, run)
 
 
 _WATERS: Final = (

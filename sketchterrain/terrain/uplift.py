@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -61,6 +61,12 @@ class UpliftFeatures(NamedTuple):
         """Return whether positions (n, 2), m, are in the radius of any feature."""
         away = np.hypot(at[:, :1] - self.x, at[:, 1:2] - self.y)
         return np.asarray((away < self.radius).any(axis=1))
+
+
+_NONE, _NUMBERS, _FLAGS = np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.bool_)
+NO_FEATURES: Final = UpliftFeatures(
+    _NONE, _NONE, _NONE, _NONE, _NONE, _NONE, _NONE, _FLAGS, _NONE, _NUMBERS, _NUMBERS
+)
 
 
 def uplift_features(

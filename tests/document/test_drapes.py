@@ -183,7 +183,7 @@ def test_the_terrain_is_the_same_with_layers():
 
 
 def test_layers_go_through_a_channel_by_content():
-    message = channel.ContentPickler(channel._Message(channel._ContentMemory()))
+    message = channel.ContentPickler(channel._Message({}))
     before = (layer(), layer("/b", opacity=0.5))
     message.dumps({"drapes": before})
     assert len(message.parts) == 2

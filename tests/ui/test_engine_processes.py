@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.layers import PAINTED_LAYERS
+from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.terrain import building as from_sketch
@@ -18,7 +18,7 @@ from sketchterrain.ui.engine import link as link_module
 from sketchterrain.ui.engine import placer as placer_module
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.background import JobQueue
-from sketchterrain.ui.engine.channel import Channel, settings_of
+from sketchterrain.ui.engine.channel import Channel
 from sketchterrain.ui.engine.engine import Engine
 from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.engine.link import EngineLink, ViewSource
@@ -65,9 +65,7 @@ class Harness:
 
     def update(self, sketch, layers):
         self.version += 1
-        patches = {name: msg.LayerPatch(0, 0, image) for name, image in layers.items()}
-        shape = next(iter(layers.values())).shape
-        return msg.SketchUpdate(self.version, shape, settings_of(sketch), patches)
+        return msg.SketchUpdate(self.version, sketch.replace(layers=layers))
 
     def send_recipe(self, column):
         self.version += 1
@@ -299,7 +297,7 @@ def test_crashed_processes_restart_at_last_without_opengl(document, qtbot, launc
     link.start()
     assert launched[-1].peers[0].receive() == link.view
     assert launched[-1].peers[0].receive() == msg.UpdatePending(1, fresh=True)
-    assert set(launched[-1].peers[1].receive().layers) == set(PAINTED_LAYERS)
+    assert isinstance(launched[-1].peers[1].receive(), msg.SketchUpdate)
     ends = ((2, "restarting."), (3, "restarting without the 3-D view."), (3, "start the program again."))
     for count, line in ends:
         launched[-1].peers[0].close()
@@ -491,10 +489,11 @@ def test_an_invalid_sketch_and_a_defect_are_reported_and_the_next_sketch_is_plac
 ):
     placer.thread.start()
     layers = {"mountain": blob(20)}
-    placer.window.send(msg.SketchUpdate(1, (48, 48), {**settings_of(Sketch(extent=2000.0)), "seed": -5}, {}))
+    gone = RasterSource("/gone.tif", role="elevation")
+    placer.window.send(msg.SketchUpdate(1, Sketch(extent=2000.0, rasters=(gone,))))
     error, _ = placer.answer(msg.ErrorReport)
     assert error.source == "sketch"
-    assert "seed" in error.line
+    assert "gone.tif" in error.line
     placer.version = 1
     assert placer.placed(Sketch(extent=2000.0), layers).version == 2
     with monkeypatch.context() as patched:

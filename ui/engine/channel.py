@@ -1,4 +1,4 @@
-"""Messages between processes: pickled, arrays sent once and then by hash, and changes of a sketch."""
+"""Messages between processes: pickled, arrays and frozen values sent once and then by their digests."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ import socket
 import struct
 import subprocess
 import threading
-from collections import deque
+from collections import ChainMap, deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
-from hashlib import blake2b
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.document.label_layers import Box, LabelImage, freeze_image, union_box
-from sketchterrain.document.layers import PAINTED_LAYERS
+from sketchterrain.array_types import UInt8Array
+from sketchterrain.document.label_layers import freeze_image
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.io.system import module_command
-from sketchterrain.ui.engine.protocol import LayerPatch, SketchUpdate
+from sketchterrain.stages.digests import blocks_of, digest_of, is_image, patched, places_of, remember
+from sketchterrain.ui.engine.protocol import SketchUpdate
 
 if TYPE_CHECKING:
     from sketchterrain.ui.models.document import Document
@@ -35,14 +35,9 @@ if TYPE_CHECKING:
 _COUNT: Final = struct.Struct("<I")
 _LENGTH: Final = struct.Struct("<Q")
 _SEND_BUFFER: Final = 1 << 20  # bytes in flight before a writer blocks, as far as the system allows
-_LEAST: Final = 1024  # bytes of an array that is sent by its hash
-_CHUNK: Final = 1 << 14  # bytes that are sent again if one of them changes
-_DIGEST: Final = 16  # bytes of a hash
+_LEAST: Final = 1024  # bytes of an array that is sent by its digest
 _REMEMBERED: Final = 4  # messages with arrays
 _PLAIN: Final = frozenset({str, int, float, bool, bytes, tuple, list, dict, type(None), type})
-
-_Definition: TypeAlias = tuple[bytes, npt.DTypeLike | None, tuple[int, ...], tuple[bytes, ...]]
-"""Hash of a new value, type and shape of an array (None: any other value), hashes of its chunks."""
 
 
 def _read_only(values: dict[Any, Any]) -> MappingProxyType[Any, Any]:
@@ -52,75 +47,94 @@ def _read_only(values: dict[Any, Any]) -> MappingProxyType[Any, Any]:
 copyreg.pickle(MappingProxyType, lambda mapping: (_read_only, (dict(mapping),)))  # a sketch's settings
 
 
-class _Shared(NamedTuple):
-    """A value that both ends of a connection hold."""
+class _Held(NamedTuple):
+    """A value that both ends of a connection hold, and the digests of those that it refers to."""
 
     value: Any
-    content: memoryview  # an array's data; any other value pickled
-    chunks: tuple[bytes, ...]  # hashes of parts of the content
-    parts: tuple[bytes, ...]  # hashes of the shared values that it refers to
+    parts: tuple[bytes, ...] = ()
 
 
-class _ContentMemory:
-    """Values of the last messages in one direction by hash: both ends remember the same ones."""
+class _Definition(NamedTuple):
+    """How a new value is sent: pickled, or as an array; of an image the blocks that differ from another."""
 
-    def __init__(self) -> None:
-        self._messages: deque[dict[bytes, _Shared]] = deque(maxlen=_REMEMBERED)
-        self.shared: dict[bytes, _Shared] = {}
-        self.chunks: dict[bytes, memoryview] = {}
-        self.digests: dict[int, bytes] = {}  # by id of the values held here
-
-    def add_message(self, used: dict[bytes, _Shared]) -> None:
-        """Remember the values of a message and forget those of the oldest one."""
-        if not used:
-            return
-        self._messages.append(used)
-        self.shared = {digest: each for message in self._messages for digest, each in message.items()}
-        self.digests = {id(each.value): digest for digest, each in self.shared.items()}
-        self.chunks = {
-            name: chunk
-            for each in self.shared.values()
-            for name, chunk in zip(each.chunks, _split(each.content), strict=True)
-        }
+    digest: bytes
+    dtype: npt.DTypeLike | None = None
+    shape: tuple[int, ...] = ()
+    before: bytes | None = None
+    blocks: npt.NDArray[np.int64] | None = None
 
 
 class _Message:
     """The shared values of one message."""
 
-    def __init__(self, memory: _ContentMemory) -> None:
-        self.memory = memory
-        self.used: dict[bytes, _Shared] = {}
-        self.new: list[_Definition] = []  # parts before what refers to them
-        self.new_chunks: dict[bytes, memoryview | bytearray] = {}
+    def __init__(self, held: Mapping[bytes, _Held]) -> None:
+        self.held = held
+        self.used: dict[bytes, _Held] = {}
+        self.definitions: list[_Definition] = []  # parts before what refers to them
+        self.contents: list[memoryview] = []
 
-    def use(self, digest: bytes) -> Any:
-        """Return the value of a hash, and remember it and its parts with this message."""
-        shared = self.used.get(digest)
-        if shared is None:
-            shared = self.used[digest] = self.memory.shared[digest]
-            for part in shared.parts:
+    def use(self, digest: bytes) -> bool:
+        """Remember a value and its parts with this message; return whether it is known."""
+        if digest not in self.used and digest in self.held:
+            self.used[digest] = self.held[digest]
+            for part in self.held[digest].parts:
                 self.use(part)
-        return shared.value
+        return digest in self.used
 
-    def define(self, definition: _Definition) -> None:
-        """Assemble a new value from its chunks."""
-        digest, dtype, shape, names = definition
-        content = b"".join(self.new_chunks.get(name) or self.memory.chunks[name] for name in names)
+    def define(self, digest: bytes, value: Any) -> None:
+        """Note a value that the receiver does not have."""
         parts: tuple[bytes, ...] = ()
-        if dtype is None:
+        definition, content = _Definition(digest), memoryview(b"")
+        if is_image(value):
+            definition, content = self._image(digest, value)
+        elif isinstance(value, np.ndarray):
+            definition = _Definition(digest, value.dtype, value.shape)
+            content = value.reshape(-1).view(np.uint8).data
+        else:
+            inner = ContentPickler(self)
+            content, parts = inner.dumps(value), tuple(inner.parts)
+        self.used[digest] = _Held(value, parts)
+        self.definitions.append(definition)
+        self.contents.append(content)
+
+    def _image(self, digest: bytes, image: UInt8Array) -> tuple[_Definition, memoryview]:
+        """Return an image as what differs from the nearest known one."""
+        own, best = blocks_of(image), None
+        where = np.ones(own.shape, np.bool_)
+        for name, (other, _) in self.held.items():
+            if is_image(other) and other.shape == image.shape:
+                differs = blocks_of(other) != own
+                if best is None or differs.sum() < where.sum():
+                    best, where = name, differs
+        pixels = b"".join(image[place].tobytes() for place in places_of(where))
+        return _Definition(digest, image.dtype, image.shape, best, np.argwhere(where)), memoryview(pixels)
+
+    def assemble(self, definition: _Definition, content: bytearray) -> None:
+        """Read a new value."""
+        value: Any
+        parts: tuple[bytes, ...] = ()
+        if definition.blocks is not None:
+            before = None if definition.before is None else self.held[definition.before].value
+            value = patched(before, definition.shape, definition.blocks, content)
+        elif definition.dtype is not None:
+            value = np.frombuffer(content, definition.dtype).reshape(definition.shape)
+            value.flags.writeable = False
+        else:
             reader = _ContentUnpickler(content, self)
             value, parts = reader.load(), tuple(reader.parts)
-        else:
-            value = np.frombuffer(content, dtype).reshape(shape)
-        self.used[digest] = _Shared(value, memoryview(content), names, parts)
+        remember(value, definition.digest)
+        self.used[definition.digest] = _Held(value, parts)
 
 
 class ContentPickler(pickle.Pickler):
-    """Pickles a message; large arrays and frozen values as the hash of their content."""
+    """Pickles a message; large arrays and frozen values as their digests."""
 
     dispatch_table = copyreg.dispatch_table.copy()
     # A sketch would compress its layers.
-    dispatch_table[Sketch] = lambda sketch: (_sketch, (settings_of(sketch), dict(sketch.layers)))
+    dispatch_table[Sketch] = lambda sketch: (
+        _sketch,
+        ({each.name: getattr(sketch, each.name) for each in fields(sketch)},),
+    )
 
     def __init__(self, message: _Message) -> None:
         self._stream = io.BytesIO()
@@ -136,32 +150,13 @@ class ContentPickler(pickle.Pickler):
         return self._stream.getbuffer()
 
     def persistent_id(self, value: Any) -> bytes | None:
-        """Return the hash of a shared value; None if it is pickled in place."""
+        """Return the digest of a shared value; None if it is pickled in place."""
         if type(value) in _PLAIN or value is self._whole or not _is_shared(value):
             return None
-        digest = self._message.memory.digests.get(id(value)) or self._define(value)
-        self._message.use(digest)
+        digest = digest_of(value)
+        if not self._message.use(digest):
+            self._message.define(digest, value)
         self.parts[digest] = None
-        return digest
-
-    def _define(self, value: Any) -> bytes:
-        """Return the hash of a value, and note what of it the receiver does not have."""
-        message, dtype, shape = self._message, None, ()
-        parts: tuple[bytes, ...] = ()
-        if isinstance(value, np.ndarray):
-            content, dtype, shape = value.reshape(-1).view(np.uint8).data, value.dtype, value.shape
-        else:
-            inner = ContentPickler(message)
-            content, parts = inner.dumps(value), tuple(inner.parts)
-        chunks = _split(content)
-        names = tuple(_digest(chunk) for chunk in chunks)
-        digest = _digest(b"".join([*names, repr((dtype, shape)).encode()]))
-        if digest not in message.memory.shared and digest not in message.used:
-            known = message.memory.chunks
-            pairs = zip(names, chunks, strict=True)
-            message.new_chunks |= {name: chunk for name, chunk in pairs if name not in known}
-            message.new.append((digest, dtype, shape, names))
-            message.used[digest] = _Shared(value, content, names, parts)
         return digest
 
 
@@ -174,9 +169,10 @@ class _ContentUnpickler(pickle.Unpickler):
         self.parts: dict[bytes, None] = {}
 
     def persistent_load(self, digest: bytes) -> Any:
-        """Return the value of a hash."""
+        """Return the value of a digest."""
         self.parts[digest] = None
-        return self._message.use(digest)
+        self._message.use(digest)
+        return self._message.used[digest].value
 
 
 def _is_shared(value: object) -> bool:
@@ -189,17 +185,13 @@ def _is_shared(value: object) -> bool:
     return dataclass is not None and dataclass.frozen and not dataclass.eq
 
 
-def _split(content: memoryview) -> list[memoryview]:
-    return [content[start : start + _CHUNK] for start in range(0, len(content), _CHUNK)]
+def _values_of(sketch: Sketch) -> dict[str, Any]:
+    return {each.name: getattr(sketch, each.name) for each in fields(sketch)}
 
 
-def _digest(data: bytes | memoryview) -> bytes:
-    return blake2b(data, digest_size=_DIGEST).digest()
-
-
-def _sketch(settings: dict[str, Any], layers: dict[str, LabelImage]) -> Sketch:
-    valid = {name: freeze_image(image) for name, image in layers.items()}
-    return Sketch(**settings, layers=valid)
+def _sketch(values: dict[str, Any]) -> Sketch:
+    valid = {name: freeze_image(image) for name, image in values["layers"].items()}
+    return Sketch(**{**values, "layers": valid})
 
 
 class Channel:
@@ -208,7 +200,7 @@ class Channel:
     def __init__(self, end: socket.socket, *, patient: bool = True) -> None:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         self._socket = end
-        self._received = _ContentMemory()
+        self._received: deque[dict[bytes, _Held]] = deque(maxlen=_REMEMBERED)
         self._queue: queue.SimpleQueue[list[memoryview] | None] | None = None
         if not patient:
             self._queue = queue.SimpleQueue()
@@ -241,14 +233,14 @@ class Channel:
         (count,) = _COUNT.unpack(self._read(_COUNT.size))
         lengths = [_LENGTH.unpack(self._read(_LENGTH.size))[0] for _ in range(count)]
         head, data, *others = [self._read(length) for length in lengths]
-        message = _Message(self._received)
+        message = _Message(ChainMap(*self._received))
         # Only processes of this program hold the other end.
-        definitions, names = pickle.loads(head) if head else ((), ())  # noqa: S301
-        message.new_chunks.update(zip(names, others, strict=False))
-        for definition in definitions:
-            message.define(definition)
-        received = _ContentUnpickler(data, message, others[len(names) :]).load()
-        self._received.add_message(message.used)
+        definitions = pickle.loads(head) if head else ()  # noqa: S301
+        for definition, content in zip(definitions, others, strict=False):
+            message.assemble(definition, content)
+        received = _ContentUnpickler(data, message, others[len(definitions) :]).load()
+        if message.used:
+            self._received.append(message.used)
         return received
 
     def close(self, *, timeout: float = 0.2) -> None:
@@ -298,15 +290,15 @@ class ContentChannel(Channel):
     """A channel that sends of arrays and values only what the last messages did not contain."""
 
     def __init__(self, end: socket.socket, *, patient: bool = True) -> None:
-        self._sent = _ContentMemory()
+        self._sent: deque[dict[bytes, _Held]] = deque(maxlen=_REMEMBERED)
         super().__init__(end, patient=patient)
 
     def _pickle(self, message: Any) -> list[memoryview]:
-        parts = _Message(self._sent)
+        parts = _Message(ChainMap(*self._sent))
         data = ContentPickler(parts).dumps(message)
-        self._sent.add_message(parts.used)
-        head = pickle.dumps((parts.new, tuple(parts.new_chunks)), protocol=5)
-        return [memoryview(head), data, *(memoryview(chunk) for chunk in parts.new_chunks.values())]
+        if parts.used:
+            self._sent.append(parts.used)
+        return [memoryview(pickle.dumps(parts.definitions, protocol=5)), data, *parts.contents]
 
 
 def ready(channels: list[Channel], timeout: float | None = None) -> list[Channel]:
@@ -330,75 +322,21 @@ def start_process(
     return child
 
 
-def settings_of(sketch: Sketch) -> dict[str, Any]:
-    """Return every field of a sketch except its layers."""
-    return {each.name: getattr(sketch, each.name) for each in fields(sketch) if each.name != "layers"}
-
-
-def _placed_settings(sketch: Sketch) -> dict[str, Any]:
-    return {**settings_of(sketch), "drapes": ()}
-
-
-class SketchMirror:
-    """A copy of the sketch, assembled from updates.
-
-    Unchanged layers stay the same array, so that caches keyed by identity remain valid.
-    """
-
-    def __init__(self) -> None:
-        self.version = -1
-        self._layers: dict[str, LabelImage] = {}
-        self._settings: Mapping[str, Any] = {}
-
-    def apply(self, update: SketchUpdate) -> None:
-        """Apply an update."""
-        first = next(iter(self._layers.values()), None)
-        if first is None or first.shape != update.shape:
-            empty = np.zeros(update.shape, np.uint8)
-            empty.flags.writeable = False
-            self._layers = dict.fromkeys(PAINTED_LAYERS, empty)
-        for name, patch in update.layers.items():
-            self._patch(name, patch)
-        self._settings = update.settings
-        self.version = update.version
-
-    def sketch(self) -> Sketch:
-        """Return the sketch as of the last update."""
-        return Sketch(**self._settings, layers=self._layers)
-
-    def _patch(self, name: str, patch: LayerPatch) -> None:
-        image = self._layers[name]
-        rows, columns = patch.pixels.shape
-        place = (slice(patch.row, patch.row + rows), slice(patch.column, patch.column + columns))
-        if np.array_equal(image[place], patch.pixels):
-            return
-        if patch.pixels.shape == image.shape:
-            image = np.array(patch.pixels)
-        else:
-            image = image.copy()
-            image[place] = patch.pixels
-        image.flags.writeable = False
-        self._layers[name] = image
-
-
 class UpdateBuilder:
-    """Collects a document's changes, including the current stroke's, into updates."""
+    """Makes messages of a document's sketch, with the current stroke and without draped layers."""
 
     def __init__(self, document: Document) -> None:
         self._document = document
         self._version = 0
-        self._shape = (0, 0)
-        self._settings: dict[str, Any] = {}  # of the last update
-        self._boxes: dict[str, Box] = {}
-        self._all = self._fresh = True
+        self._sent = b""  # digest of the last update's sketch
+        self._fresh = True
         self._notify: Callable[[], None] | None = None
-        document.painted.connect(self._on_painted)
         document.opened.connect(self._on_opened)
 
     def start(self, notify: Callable[[], None]) -> None:
-        """Call `notify` on each change; the next update is complete."""
+        """Call `notify` on each change."""
         self.stop()
-        self._all, self._notify = True, notify
+        self._sent, self._notify = b"", notify
         self._document.live_changed.connect(notify)
 
     def stop(self) -> None:
@@ -408,34 +346,19 @@ class UpdateBuilder:
         self._notify = None
 
     def next(self) -> tuple[SketchUpdate, bool]:
-        """Return the changes since the last update, and whether another document was opened."""
-        sketch, fresh = self._document.sketch, self._fresh
-        shape = (sketch.height_px, sketch.width_px)
-        if self._all or shape != self._shape:
-            # Mirrors clear layers only where the shape differs, so empty ones are sent as well.
-            self._boxes = dict.fromkeys(PAINTED_LAYERS, (0, 0, *shape))
-        layers = {name: self._patch(name, box) for name, box in self._boxes.items()}
-        self._shape, self._boxes = shape, {}
-        self._all = self._fresh = False
+        """Return the newest sketch, and whether another document was opened since the last one."""
+        sketch, draft, fresh = self._document.sketch.replace(drapes=()), self._document.draft, self._fresh
+        if draft is not None:
+            sketch = sketch.replace(layers={**sketch.layers, draft.layer: draft.snapshot()})
         self._version += 1
-        self._settings = _placed_settings(sketch)
-        return SketchUpdate(self._version, shape, self._settings, layers), fresh
+        self._sent, self._fresh = digest_of(sketch), False
+        return SketchUpdate(self._version, sketch), fresh
 
     @property
     def is_empty(self) -> bool:
         """Whether nothing but draped layers, which the placer does not receive, has changed."""
-        unsent = self._all or bool(self._boxes) or self._document.draft is not None
-        return not unsent and _placed_settings(self._document.sketch) == self._settings
-
-    def _patch(self, name: str, box: Box) -> LayerPatch:
-        top, left, bottom, right = max(box[0], 0), max(box[1], 0), box[2], box[3]
-        image = self._document.layer(name)
-        pixels = image[top:bottom, left:right]
-        # A sketch's arrays never change; a stroke's do.
-        return LayerPatch(top, left, pixels.copy() if image.flags.writeable else pixels)
-
-    def _on_painted(self, layer: str, box: Box) -> None:
-        self._boxes[layer] = union_box(self._boxes.get(layer), box) or box
+        document = self._document
+        return document.draft is None and digest_of(document.sketch.replace(drapes=())) == self._sent
 
     def _on_opened(self) -> None:
-        self._all = self._fresh = True
+        self._fresh = True

@@ -13,7 +13,7 @@ from PyQt6.QtCore import QObject, Qt, QTimer, pyqtBoundSignal, pyqtSignal
 from PyQt6.QtGui import QImage
 
 from sketchterrain.ui.engine import protocol as msg
-from sketchterrain.ui.engine.channel import Channel, UpdateBuilder, start_process
+from sketchterrain.ui.engine.channel import Channel, ContentChannel, UpdateBuilder, start_process
 from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.models.document import Document
 
@@ -49,7 +49,7 @@ class EngineProcesses:
             options |= {"placer": placer_of_engine.fileno(), "placer_id": placer.pid}
             inherited.append(placer_of_engine)
             self._processes["placer"] = placer
-            self.channels["placer"] = Channel(placer_end, patient=False)
+            self.channels["placer"] = ContentChannel(placer_end, patient=False)
         self._processes["engine"] = start_process(
             "engine", [json.dumps(options)], inherited, self.frames.number
         )

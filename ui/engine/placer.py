@@ -13,7 +13,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.stages.digests import digest_of
 from sketchterrain.ui.engine import protocol as msg
-from sketchterrain.ui.engine.channel import Channel, ContentChannel, SketchMirror
+from sketchterrain.ui.engine.channel import Channel, ContentChannel
 
 if TYPE_CHECKING:
     from sketchterrain.stages.table import Evaluation
@@ -91,7 +91,7 @@ class Placer:
         from sketchterrain.stages.runner import Results
 
         self._window, self._engine = window, engine
-        self._mirror = SketchMirror()
+        self._newest: msg.SketchUpdate | None = None
         self._memory = Results()
         self._policy = CancellationPolicy(window.has_message)
         self._last: Evaluation | None = None
@@ -102,8 +102,8 @@ class Placer:
         """Serve until `Quit`, or until the window has ended."""
         try:
             while self._receive():
-                if self._mirror.version >= 0:
-                    self._update()
+                if self._newest is not None:
+                    self._update(self._newest)
         except (EOFError, OSError):
             return
 
@@ -114,13 +114,13 @@ class Placer:
             if isinstance(message, msg.Quit):
                 return False
             if isinstance(message, msg.SketchUpdate):
-                self._mirror.apply(message)
+                self._newest = message
             if not self._window.has_message():
                 return True
 
-    def _update(self) -> None:
+    def _update(self, update: msg.SketchUpdate) -> None:
         try:
-            self._place(self._mirror.sketch())
+            self._place(update.version, update.sketch)
         except Superseded:
             pass
         except SketchterrainError as error:
@@ -142,10 +142,9 @@ class Placer:
             == 1
         )
 
-    def _place(self, sketch: Sketch) -> None:
+    def _place(self, version: int, sketch: Sketch) -> None:
         from sketchterrain.terrain.building import draft_recipe, evaluation
 
-        version = self._mirror.version
         self._policy.start()
         self._started = started = time.monotonic()
         try:
@@ -170,16 +169,16 @@ class Placer:
             self._window.send(msg.Unchanged("placement", version))
             return
         self._engine.send(msg.RecipeUpdate(version, sketch, recipe, started, placed))
-        self._report(sketch, recipe)
+        self._report(version, sketch, recipe)
 
-    def _report(self, sketch: Sketch, recipe: TerrainRecipe) -> None:
+    def _report(self, version: int, sketch: Sketch, recipe: TerrainRecipe) -> None:
         """Tell the window what was placed."""
         from sketchterrain.terrain.surfaces import TerrainFeatures
 
         found = TerrainFeatures.from_recipe(recipe, sketch.size)
         self._window.send(
             msg.Placement(
-                version=self._mirror.version,
+                version=version,
                 points=found.points,
                 rivers=found.rivers,
                 lakes=found.lakes,

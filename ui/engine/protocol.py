@@ -26,22 +26,11 @@ MODES = ("orbit", "fly", "walk")  # camera modes
 
 
 @dataclass(frozen=True, eq=False)
-class LayerPatch:
-    """Changed labels of a layer, at the row and column of their first pixel."""
-
-    row: int
-    column: int
-    pixels: npt.NDArray[np.uint8]
-
-
-@dataclass(frozen=True, eq=False)
 class SketchUpdate:
-    """The difference between the newest sketch and the previous update's."""
+    """The newest sketch, with the current stroke, without draped layers."""
 
-    version: int  # increases; of several pending updates all patches are applied, the newest is placed
-    shape: tuple[int, int]  # rows, columns; the layers are cleared where it differs from the previous one
-    settings: Mapping[str, Any]  # every field of the sketch except its layers; no draped layers
-    layers: Mapping[str, LayerPatch]
+    version: int  # increases; of several pending updates the newest is placed
+    sketch: Sketch
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import Hashes, file_hashes
 from sketchterrain.errors import InputError
+from sketchterrain.stages.digests import derive_digest
 from sketchterrain.ui.models.drapes import DrapeSources
 
 
@@ -42,6 +43,13 @@ class Draft:
         self.box = union_box(self.box, box)
         self._document.painted.emit(self.layer, box)
         self._document.live_changed.emit()
+
+    def snapshot(self) -> LabelImage:
+        """Return the labels as they are now, with their digest."""
+        image = self.image.copy()
+        image.flags.writeable = False
+        derive_digest(image, self._document.sketch.layers[self.layer], self.box or (0, 0, 0, 0))
+        return freeze_image(image)
 
     def commit(self, title: str, box: Box | None = None) -> None:
         """Record the stroke as a history step, with a last box; raise InputError for too many labels."""
@@ -172,6 +180,8 @@ class Document(QObject):
             check_image(draft.layer, draft.image)
             labels = frozenset(labels_in(draft.image))
         self._labels.store(id(draft.image), (draft.image, labels))
+        draft.image.flags.writeable = False
+        derive_digest(draft.image, before, draft.box or (0, 0, 0, 0))
         return freeze_image(draft.image)
 
     def _do(

@@ -17,7 +17,7 @@ from sketchterrain.benchmarks.noise import open_ground, scattered_keys
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.terrain.evaluator import Evaluator
-from sketchterrain.terrain.host_heights import host_samples
+from sketchterrain.terrain.host_heights import HostTerrain
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import Surface
@@ -68,9 +68,9 @@ class _Sample:
         y = np.broadcast_to(self.y[:, :, None], x.shape)
         height = np.stack(
             [
-                host_samples(self.recipe, a.ravel(), b.ravel(), cell_size=self.cell_size).height.reshape(
-                    side, side
-                )
+                HostTerrain(self.recipe)
+                .samples(a.ravel(), b.ravel(), cell_size=self.cell_size)
+                .height.reshape(side, side)
                 for a, b in zip(x, y, strict=True)
             ]
         )

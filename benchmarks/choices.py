@@ -22,7 +22,7 @@ from sketchterrain.benchmarks.report import Column, Row, Table, value_of
 from sketchterrain.benchmarks.spline_methods import ARCS
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
 from sketchterrain.terrain.evaluator import Evaluator
-from sketchterrain.terrain.host_heights import host_samples
+from sketchterrain.terrain.host_heights import HostTerrain
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.layers.layer import WorldSettings
 from sketchterrain.terrain.layers.points import PackedFeatures, PointsLayer
@@ -131,7 +131,9 @@ class _Ground:
         """Return the heights in NumPy float64, m."""
         x, y = (axis[:, 1:-1] for axis in (self.x, self.y))
         grids = [np.meshgrid(a, b) for a, b in zip(x, y, strict=True)]
-        parts = [host_samples(recipe, a.ravel(), b.ravel(), cell_size=self.cell).height for a, b in grids]
+        parts = [
+            HostTerrain(recipe).samples(a.ravel(), b.ravel(), cell_size=self.cell).height for a, b in grids
+        ]
         return np.stack(parts).reshape(len(x), x.shape[1], x.shape[1])
 
 

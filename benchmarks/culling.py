@@ -97,7 +97,6 @@ class _World:
         self._extent = recipe.extent
         self._inputs = KernelInputs(recipe, context)
         self._terrain = Terrain(bare.sketch, recipe, context)
-        self._store = self._terrain.tile_store(_TILES**2)
         self.looks: list[_Look] = []
 
     def look(self) -> Lap:
@@ -108,11 +107,7 @@ class _World:
         self.looks.append(self._listed(second))
         keys = [(_LEVEL, first[0] + i, first[1] + j) for j in range(_TILES) for i in range(_TILES)]
 
-        def fill() -> None:
-            self._terrain.fill_tiles(keys, self._store, range(len(keys)))
-            self._context.download(self._store.ground, 1, self._context.real_dtype)
-
-        return self._context.lap(fill)
+        return self._context.lap(lambda: self._terrain.tiles(keys))
 
     def _listed(self, corner: tuple[int, int]) -> _Look:
         keys = [(corner[0] + i, corner[1] + j) for j in range(_TILES) for i in range(_TILES)]

@@ -28,7 +28,6 @@ from sketchterrain.benchmarks.draped_data import (
     write_layer,
     write_raster,
 )
-from sketchterrain.benchmarks.draped_lookup import NAME, register
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import open_ground
 from sketchterrain.benchmarks.plotting import HUES, SMALL, new_figure, plain_numbers
@@ -48,7 +47,7 @@ from sketchterrain.render.targets import depth_rows
 from sketchterrain.terrain.terrain import Terrain
 
 GROUND: Final = "valley_river"
-COMPARED: Final = ("tiles", "two-step", "geometry", NAME)
+COMPARED: Final = ("tiles", "two-step", "geometry")
 RANGES: Final = {"near": (0.0, 500.0), "far": (500.0, 1e6)}
 """Distances (m) from the eye over which errors are taken together."""
 _BARE: Final = ("clouds", "haze", "grass", "rocks", "shadows", "trees", "water", "detail")
@@ -535,7 +534,6 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     them; a layer restyled, hidden, moved: work of the first frame and of all until tiles show it, without the
     drawing of frames; a vertex dragged: work of a frame, with what is draped over it, without the rest.
     """
-    register()
     with TemporaryDirectory() as name:
         folder, terrain = Path(name), open_ground(GROUND, context)
         errors = tuple(error_rows(terrain, folder, effort))

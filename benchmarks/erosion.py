@@ -22,7 +22,7 @@ from sketchterrain.benchmarks.timing import TimedContext, lap, spread
 from sketchterrain.document.store import load_sketch
 from sketchterrain.terrain.building import make_recipe
 from sketchterrain.terrain.evaluator import Evaluator
-from sketchterrain.terrain.host_heights import host_heights, host_slope
+from sketchterrain.terrain.host_heights import HostTerrain, host_heights
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.layers.layer import WorldSettings
 from sketchterrain.terrain.layers.relief import ReliefLayer, ReliefScale
@@ -229,7 +229,7 @@ def _normals(recipes: dict[str, TerrainRecipe], axis: Float64Array) -> list[Row]
             lattice = (to_lattice(part, recipe.extent) for part in (x, y))
             found = {
                 "finite differences": _differences(recipe, x, y, cell, cell),
-                "analytic": np.stack(host_slope(recipe, *lattice, cell_size=cell)[1:]),
+                "analytic": np.stack(HostTerrain(recipe).slopes(*lattice, cell_size=cell)[1:]),
             }
             for method, slope in found.items():
                 angle = _angles(slope, true)

@@ -293,7 +293,7 @@ class OwnTiles:
     @property
     def whole(self) -> bool:
         """Whether the pool is large enough for what is asked."""
-        return self._stream.error_factor == 1.0
+        return self._stream._error_factor == 1.0
 
     def converge(self, view: CameraView) -> OwnFrame:
         """Generate all that a view wants; seconds count until the last tile that it shows is there.

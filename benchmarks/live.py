@@ -60,14 +60,6 @@ class Painted(NamedTuple):
     stalls: tuple[float, ...]  # s that each beat of a timer in the event loop came too late
 
 
-class Dragged(NamedTuple):
-    """Terrains shown per second while a vertex was dragged; s of placing the last one, and to its tiles."""
-
-    rate: float
-    placing: float
-    final: float
-
-
 @cache
 def _application() -> QCoreApplication:
     """Return Qt's application, kept to the end: all Qt objects would be deleted with it."""
@@ -247,34 +239,30 @@ class LatencyProbe(EngineProbe):
         self._wait(self._is_there)
         return Painted(times, tuple(drafts), tuple(stalls.tolist()))
 
-    def names(self, layer: str) -> list[int]:
-        """Return the ids of a layer's vectors."""
-        names: list[int] = self._document.sketch.vectors[layer].ids.tolist()
-        return names
-
-    def drag(self, layer: str, name: int) -> Dragged:
-        """Drag a vertex of a vector for a second, wait for the terrain, and undo it."""
-        line = self._document.sketch.vectors[layer].feature(name).rings[0]
+    def drag(self, layer: str, number: int) -> tuple[float, float, float]:
+        """Drag a vertex of a vector for a second and undo it; return what `_drags` tells of it."""
+        vectors = self._document.sketch.vectors[layer]
+        name = int(vectors.ids[number % len(vectors)])
+        line = vectors.feature(name).rings[0]
         x, y = line[len(line) // 2].tolist()
         handle = vertex_at(self._document.sketch, Selection(layer, name), x, y, reach=1.0)
         assert handle is not None  # noqa: S101 # it is a vertex
         self._created.clear()
         self._followed.clear()
         drag = FeatureDrag(self._document, self._link.placed, handle)
-        for step in range(1, _DRAG_STEPS + 1):
+        for step in range(_DRAG_STEPS):
             began = time.monotonic()
             drag.to(x + 0.3 * step, y)
             self._pause(began + _DRAG_RATE)
         released = time.monotonic()
         drag.finish()
         self._wait(lambda: bool(self._created) and self._is_there())
-        last = max(self._created)
-        at = next(each for each in self._followed if each.version >= last)
+        last = next(each for each in self._followed if each.version >= max(self._created))
         shown = {each.version for each in self._followed if each.displayed <= released}
         self._document.undo()
         self._wait(self._is_there)
-        final = max(at.displayed - released, 0.0)
-        return Dragged(len(shown) / (_DRAG_STEPS * _DRAG_RATE), at.placed - at.started, final)
+        placing, final = last.placed - last.started, max(last.displayed - released, 0.0)
+        return len(shown) / (_DRAG_STEPS * _DRAG_RATE), 1e3 * placing, 1e3 * final
 
     def _is_there(self) -> bool:
         final = max((each.version for each in self._followed if not each.draft), default=-1)
@@ -311,7 +299,6 @@ _DRAG_STEPS, _DRAG_RATE = 60, 0.016  # motions of a drag, and s between them
 _DRAGS = (
     Column("preset", "preset"),
     Column("layer", "vertex of a"),
-    Column("drags", "drags"),
     Column("rate", "terrains a second while dragging"),
     Column("placing_ms", "placing, median, ms"),
     Column("final_ms", "final after release, median, ms"),
@@ -380,27 +367,13 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
 
 
 def _drags(preset: str, count: int) -> Iterator[Row]:
-    """Drag vertices of roads, rivers and lakes of a preset, each layer's features in turn."""
-    probe = LatencyProbe(load_sketch(preset))
+    """Drag vertices: terrains shown per second meanwhile, ms of placing the last one, and to its tiles."""
+    probe, sketch = LatencyProbe(load_sketch(preset)), load_sketch(preset)
     try:
-        for layer in ("road", "river", "lake"):
-            names = probe.names(layer)
-            found = [
-                probe.drag(layer, names[7 * number % len(names)]) for number in range(count * bool(names))
-            ]
-            if not found:
-                continue
-            rates, placing, final = (np.array(each) for each in zip(*found, strict=True))
-            yield {
-                "preset": preset,
-                "layer": layer,
-                "drags": count,
-                "rate": float(np.median(rates)),
-                "placing_ms": float(np.median(placing)) * 1e3,
-                "final_ms": float(np.median(final)) * 1e3,
-                "final_p95_ms": float(np.percentile(final, 95)) * 1e3,
-                "seconds": final.tolist(),
-            }
+        for layer in filter(lambda name: len(sketch.vectors[name]), ("road", "river", "lake")):
+            found = np.array([probe.drag(layer, 7 * number) for number in range(count)])
+            values = *np.median(found, axis=0).tolist(), float(np.percentile(found[:, 2], 95))
+            yield dict(zip([each.key for each in _DRAGS], (preset, layer, *values), strict=True))
     finally:
         probe.end()
 

@@ -117,7 +117,8 @@ def _added(work: Patchwork, part: GridPatches) -> float:
     x, y = _middle(part)
     samples = np.random.default_rng(3).normal(size=(_INSET, _INSET)).astype(np.float32)
     grid = ElevationGrid(samples, (9.0, 4.0, x, 4.0, -9.0, y), frame=_FRAME)
-    return _timed(lambda: work.with_grid(build_patches(grid)).tops)
+    inset = build_patches(grid)
+    return _timed(lambda: Patchwork({**work.grids, inset.id: inset}).tops)
 
 
 if __name__ == "__main__":

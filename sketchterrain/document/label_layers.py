@@ -5,7 +5,6 @@ import struct
 import zlib
 from collections.abc import Iterable
 from functools import lru_cache
-from hashlib import sha256
 from itertools import product
 from typing import Any, TypeAlias
 from weakref import WeakValueDictionary
@@ -56,11 +55,6 @@ def label_areas(image: LabelImage) -> dict[int, int]:
 def labels_in(image: LabelImage) -> tuple[int, ...]:
     """Return the labels in an image, 1 to 255, ascending."""
     return tuple(label_areas(image))
-
-
-def image_digest(image: LabelImage) -> str:
-    """Return the SHA-256 of an image's shape and labels, as hexadecimal digits."""
-    return sha256(f"{image.shape}".encode() + image.tobytes()).hexdigest()
 
 
 def check_image(name: str, image: LabelImage) -> LabelImage:

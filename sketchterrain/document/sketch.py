@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Integral
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -73,122 +73,8 @@ DEFAULT_SIDE = 512
 """Pixels along each side of a sketch without any layer image."""
 
 
-class _Values:
-    """What follows from the fields of a sketch."""
-
-    if TYPE_CHECKING:
-        extent: float
-        vectors: Mapping[str, VectorLayer]
-        rasters: tuple[RasterSource, ...]
-        labels: Mapping[tuple[str, int], Properties]
-        materials: Mapping[str, Properties]
-        look: Mapping[str, Properties]
-
-        @property
-        def width_px(self) -> int: ...
-        @property
-        def height_px(self) -> int: ...
-
-    @property
-    def pixel_size(self) -> float:
-        """Metres along the side of a pixel."""
-        return self.extent / max(self.width_px, self.height_px)
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Metres (eastward, northward) that the sketch covers from the origin."""
-        return self.width_px * self.pixel_size, self.height_px * self.pixel_size
-
-    def properties(self, layer: str, label: int) -> Properties:
-        """Return all properties of a label, with defaults for those that are not declared.
-
-        Parameters
-        ----------
-        layer
-            A name in `LAYERS`.
-        label
-            1 to 255; it need not be declared.
-
-        Raises
-        ------
-        InputError
-            If the layer or label is invalid.
-        """
-        table = _layer(layer).parameters
-        declared = self.labels.get((layer, _check_label(layer, label)), {})
-        return MappingProxyType(defaults(table) | dict(declared))
-
-    def vector_values(self, layer: str, name: str, vectors: VectorLayer | None = None) -> Float64Array:
-        """Return a number of each vector of a layer, (n,), by its name: its own, else its label's.
-
-        `vectors`: others of that layer than all of the sketch's.
-        """
-        vectors = self.vectors[layer] if vectors is None else vectors
-        labels, number = np.unique(vectors.labels, return_inverse=True)
-        of_labels = np.array([float(self.properties(layer, int(label))[name]) for label in labels])
-        values, own = of_labels[number], vectors.columns.get(name)
-        return values if own is None else np.where(np.isnan(own), values, own)
-
-    def vector_texts(self, layer: str, name: str, vectors: VectorLayer | None = None) -> list[str]:
-        """Return a text of each vector of a layer, by its name, as `vector_values` does."""
-        vectors = self.vectors[layer] if vectors is None else vectors
-        labels, number = np.unique(vectors.labels, return_inverse=True)
-        of_labels = [str(self.properties(layer, int(label))[name]) for label in labels]
-        own = vectors.columns.get(name, [""] * len(vectors))
-        return [str(text) or of_labels[each] for text, each in zip(own, number, strict=True)]
-
-    def vector_widths(self, layer: str) -> Float64Array:
-        """Return the width of each vector of a layer, (n,), m; of ways without one, by their lanes."""
-        widths = self.vector_values(layer, "width")
-        if layer not in LANE_WIDTHS:
-            return widths
-        by_lanes = LANE_WIDTHS[layer] * self.vector_values(layer, "lanes")
-        return np.where(widths == 0.0, by_lanes, widths)
-
-    @property
-    def material_table(self) -> MaterialTable:
-        """The materials that the sketch can use."""
-        return material_table(self.materials)
-
-    @property
-    def elevation_rasters(self) -> tuple[RasterSource, ...]:
-        """The raster sources of real elevation beneath the sketch."""
-        return tuple(source for source in self.rasters if source.role == "elevation")
-
-    @property
-    def looks(self) -> Mapping[str, Properties]:
-        """Appearance of materials, its own ones included, by the names in `LOOK`."""
-        own = {
-            name: {key: values[key] for key in LOOK if key in values}
-            for name, values in self.materials.items()
-        }
-        return own | {name: {**own.get(name, {}), **values} for name, values in self.look.items()}
-
-    def part(self, *names: str) -> Sketch:
-        """Return the sketch with some of its fields; no others can be read.
-
-        Parameters
-        ----------
-        names : of fields, of items of theirs (``layers.river``, ``climate.aridity``), of the labels of a
-            layer (``labels.river``), or ``size``, the pixels along both sides
-        """
-        found: dict[str, Any] = {"labels": {}}
-        for name in names:
-            outer, _, inner = name.partition(".")
-            if name == "size":
-                found |= {"width_px": self.width_px, "height_px": self.height_px}
-            elif outer == "labels":
-                found[outer] |= {key: each for key, each in self.labels.items() if inner in ("", key[0])}
-            elif inner:
-                found.setdefault(outer, {})[inner] = getattr(self, outer)[inner]
-            else:
-                found[outer] = getattr(self, outer)
-        labelled = {name.removeprefix("labels.") for name in names if name.startswith("labels")}
-        return cast(Sketch, _Part(found, frozenset(LAYERS if "labels" in labelled else labelled)))
-
-
 @dataclass(frozen=True, eq=False)
-class Sketch(_Values):
+class Sketch:
     """Painted label layers and settings.
 
     A sketch is immutable; values are checked when it is created, and `replace` returns a changed one. Image
@@ -321,6 +207,81 @@ class Sketch(_Values):
         """Pixels from north to south."""
         return int(next(iter(self.layers.values())).shape[0])
 
+    @property
+    def pixel_size(self) -> float:
+        """Metres along the side of a pixel."""
+        return self.extent / max(self.width_px, self.height_px)
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Metres (eastward, northward) that the sketch covers from the origin."""
+        return self.width_px * self.pixel_size, self.height_px * self.pixel_size
+
+    def properties(self, layer: str, label: int) -> Properties:
+        """Return all properties of a label, with defaults for those that are not declared.
+
+        Parameters
+        ----------
+        layer
+            A name in `LAYERS`.
+        label
+            1 to 255; it need not be declared.
+
+        Raises
+        ------
+        InputError
+            If the layer or label is invalid.
+        """
+        table = _layer(layer).parameters
+        declared = self.labels.get((layer, _check_label(layer, label)), {})
+        return MappingProxyType(defaults(table) | dict(declared))
+
+    def vector_values(self, layer: str, name: str, vectors: VectorLayer | None = None) -> Float64Array:
+        """Return a number of each vector of a layer, (n,), by its name: its own, else its label's.
+
+        `vectors`: others of that layer than all of the sketch's.
+        """
+        vectors = self.vectors[layer] if vectors is None else vectors
+        labels, number = np.unique(vectors.labels, return_inverse=True)
+        of_labels = np.array([float(self.properties(layer, int(label))[name]) for label in labels])
+        values, own = of_labels[number], vectors.columns.get(name)
+        return values if own is None else np.where(np.isnan(own), values, own)
+
+    def vector_texts(self, layer: str, name: str, vectors: VectorLayer | None = None) -> list[str]:
+        """Return a text of each vector of a layer, by its name, as `vector_values` does."""
+        vectors = self.vectors[layer] if vectors is None else vectors
+        labels, number = np.unique(vectors.labels, return_inverse=True)
+        of_labels = [str(self.properties(layer, int(label))[name]) for label in labels]
+        own = vectors.columns.get(name, [""] * len(vectors))
+        return [str(text) or of_labels[each] for text, each in zip(own, number, strict=True)]
+
+    def vector_widths(self, layer: str) -> Float64Array:
+        """Return the width of each vector of a layer, (n,), m; of ways without one, by their lanes."""
+        widths = self.vector_values(layer, "width")
+        if layer not in LANE_WIDTHS:
+            return widths
+        by_lanes = LANE_WIDTHS[layer] * self.vector_values(layer, "lanes")
+        return np.where(widths == 0.0, by_lanes, widths)
+
+    @property
+    def material_table(self) -> MaterialTable:
+        """The materials that the sketch can use."""
+        return material_table(self.materials)
+
+    @property
+    def elevation_rasters(self) -> tuple[RasterSource, ...]:
+        """The raster sources of real elevation beneath the sketch."""
+        return tuple(source for source in self.rasters if source.role == "elevation")
+
+    @property
+    def looks(self) -> Mapping[str, Properties]:
+        """Appearance of materials, its own ones included, by the names in `LOOK`."""
+        own = {
+            name: {key: values[key] for key in LOOK if key in values}
+            for name, values in self.materials.items()
+        }
+        return own | {name: {**own.get(name, {}), **values} for name, values in self.look.items()}
+
     def replace(self, **changes: Any) -> Sketch:
         """Return a sketch with other values in the named fields, each replaced as a whole.
 
@@ -351,31 +312,6 @@ class Sketch(_Values):
         others = [each for each in self.edits if each.feature != edit.feature]
         was_added = any(each.action == "add" and each.feature == edit.feature for each in self.edits)
         return self.replace(edits=tuple(others) if was_added else (*others, edit))
-
-
-class _Part(_Values):
-    """Some fields of a sketch; no others can be read."""
-
-    def __init__(self, fields: dict[str, Any], labelled: frozenset[str]) -> None:
-        self.__dict__.update(fields)
-        self._labelled = labelled
-
-    def __getattr__(self, name: str) -> Any:
-        raise AttributeError(f"{name}: expected a declared field of the sketch, {', '.join(self.__dict__)}")
-
-    def digest_parts(self) -> dict[str, Any]:
-        """Return the fields, of which its digest is."""
-        return self.__dict__
-
-    def properties(self, layer: str, label: int) -> Properties:
-        """Return all properties of a label of a layer whose labels are declared."""
-        if layer not in self._labelled:
-            raise AttributeError(f"labels.{layer}: expected a layer of {', '.join(sorted(self._labelled))}")
-        return super().properties(layer, label)
-
-    def replace(self, **changes: Any) -> _Part:
-        """Return it with other values in the named fields."""
-        return _Part({**self.__dict__, **changes}, self._labelled)
 
 
 def _layer(name: str) -> Layer:

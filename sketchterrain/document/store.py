@@ -16,7 +16,7 @@ from typing import Any
 
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import relocated_drapes
-from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer, image_digest
+from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 from sketchterrain.document.own_materials import picture_files, relative_folders, resolved_folders
 from sketchterrain.document.rasters import (
@@ -412,7 +412,7 @@ def sketch_digests(sketch: Sketch) -> dict[str, Any]:
     rasters = [source for source in sketch.rasters if source.role != "picture"]
     return {
         "settings": settings_text(sketch),
-        "painted": {name: image_digest(image) for name, image in sketch.layers.items()},
+        "painted": {name: digest_of(image).hex() for name, image in sketch.layers.items()},
         "vectors": {name: layer.digest for name, layer in sketch.vectors.items()},
         "files": content_digests([*rasters, *map(RasterSource, paths)]),
     }

@@ -146,9 +146,7 @@ class VectorLayer:
 
     def digest_parts(self) -> tuple[object, ...]:
         """Return what its digest for stages is of: that of each piece is kept."""
-        if len(self.pieces) > 1:
-            return self.pieces
-        return (self.layer, *(getattr(self, name) for name in _FIELDS))
+        return self.pieces if len(self.pieces) > 1 else (self.layer, *self._arrays, self.columns)
 
     @property
     def _arrays(self) -> tuple[npt.NDArray[Any], ...]:

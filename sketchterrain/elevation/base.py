@@ -143,7 +143,7 @@ def combine_rasters(
     if len(grids) < len(loaded):
         findings.append(f"{len(loaded) - len(grids)} rasters have the content and place of another one")
     used_parts = [each.patches for each in grids]
-    work = run(_patchwork, sorted(used_parts, key=lambda part: part.id), hashed=False)
+    work = run(Patchwork, {part.id: part for part in used_parts}, hashed=False)
     names = [each.name for each in grids]
     offsets = run(measure_offsets, used_parts)
     findings += [line for each in offsets for line in each.finding(used_parts, names)]
@@ -153,16 +153,8 @@ def combine_rasters(
     if 0.0 <= margin != used:
         findings.append(f"margin = {margin:g}: {used:.4g} m is what the extent of the data allows")
     digest = blake2b(b"".join(work.grids) + np.array([used, start]).tobytes(), digest_size=16)
-    fade = run(_rim_fade, work, used, start, hashed=False)
+    fade = run(Patchwork.rim_fade, work, used, start, hashed=False)
     return BaseElevation(grids, work, fade, used, digest.digest(), tuple(findings))
-
-
-def _patchwork(parts: Sequence[GridPatches]) -> Patchwork:
-    return Patchwork({part.id: part for part in parts})
-
-
-def _rim_fade(work: Patchwork, margin: float, start: float) -> RimFade:
-    return work.rim_fade(margin, start)
 
 
 def _load_grid(source: RasterSource, frame: SketchFrame, datum: str, run: Runner) -> BaseGrid:

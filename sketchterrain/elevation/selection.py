@@ -95,14 +95,6 @@ class Patchwork:
             self._tops = self._tops_from(np.zeros(len(self.grids), np.int64))
         return self._tops
 
-    def with_grid(self, grid: GridPatches) -> Patchwork:
-        """Return the patchwork with one more grid."""
-        return self if grid.id in self.grids else Patchwork({**self.grids, grid.id: grid})
-
-    def without_grid(self, grid_id: bytes) -> Patchwork:
-        """Return the patchwork without a grid; patches that it made redundant are used again."""
-        return Patchwork({key: each for key, each in self.grids.items() if key != grid_id})
-
     def _tops_from(self, lowest: Int64Array) -> Tops:
         """Return tops among patches from each grid's lowest level on; those of finer ones are undefined.
 

@@ -12,7 +12,6 @@ mountain ends there. A lake in a mountain is a tarn: its rim is raised where the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -27,8 +26,7 @@ if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
 
 
-@dataclass(frozen=True)
-class Crossing:
+class Crossing(NamedTuple):
     """Run of a centreline inside a painted mountain."""
 
     first: int  # first point inside

@@ -21,6 +21,7 @@ from sketchterrain.placement.covers import shape_field
 from sketchterrain.placement.feature_types import LAYER_CODES, Lake, ShapeField, distance_inside, lake_centre
 from sketchterrain.placement.hashing import gaussian_filter, rounded, value_noise
 from sketchterrain.placement.shapes import label_shapes
+from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def painted_lakes(
     run = Runner() if run is None else run
     lowest = -np.inf if sea_level is None else sea_level + _ABOVE_SEA
     areas = sketch.vectors["lake"]
-    outlines: list[_LakeOutline] = run(_lake_outlines, sketch.part(*_PAINTED), seed)
+    outlines: list[_LakeOutline] = run(_lake_outlines, part_of(sketch, *_PAINTED), seed)
     if len(areas):
         outlines = outlines + run(_area_outlines, areas, sketch.pixel_size)
     if not outlines:

@@ -40,6 +40,7 @@ from sketchterrain.placement.hashing import rounded
 from sketchterrain.placement.sea import sea_level
 from sketchterrain.placement.shapes import Region, find_regions
 from sketchterrain.stages.digests import derive_digest
+from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
@@ -219,7 +220,7 @@ def heights_at(ground: GroundHeight, groups: Sequence[Float64Array]) -> list[Flo
 
 def _networks(sketch: Sketch, seed: int, run: Runner) -> list[tuple[Sketch, Skeleton, _Outline]]:
     """Return the skeletons of painted rivers, each with the part of the sketch that it depends on."""
-    river, found = sketch.part(*_READ), []
+    river, found = part_of(sketch, *_READ), []
     for skeleton in run(_skeletons, river):
         part = river.replace(layers={"river": _surroundings(sketch.layers["river"], skeleton)})
         found.append((part, skeleton, run(_outline, part, skeleton, seed)))

@@ -153,22 +153,6 @@ def _with_controls(course: RiverCourse, points: npt.NDArray[np.float64]) -> Rive
     )
 
 
-def trace_rivers(sketch: Sketch, *, seed: int, ground: GroundHeight) -> tuple[River, ...]:
-    """Return the painted rivers, sorted by id.
-
-    Touching regions of any label are one network, and so is an end painted a few pixels short of another
-    river's middle. A dab no longer than wide becomes a short straight reach. The mouth is the lowest end,
-    preferably at the sketch's edge; a river that reaches the edge continues beyond it for about a third of
-    the sketch. A loop becomes two arms that part at its top and meet at its bottom.
-
-    ``ground(x, y)`` returns the height (m) of the terrain without rivers at 1-D positions (m); it is called
-    twice: for all ends, then for all centrelines. The sketch's own seed is ignored. Along each centreline the
-    water falls by at least 1e-4 m per metre; a tributary's last point is a point of its stem's centreline, z
-    included.
-    """
-    return trace_hydrology(sketch, seed=seed, ground=ground).rivers
-
-
 @dataclass(frozen=True, eq=False)
 class WaterLayout:
     """Where rivers and lakes are, before the ground drains to them: courses and outlines without levels."""
@@ -190,22 +174,13 @@ class Hydrology:
     grounds: tuple[Float64Array, ...]
 
 
-def trace_hydrology(
-    sketch: Sketch, *, seed: int, ground: GroundHeight, run: Runner | None = None
-) -> Hydrology:
-    """Trace rivers as `trace_rivers` does, and the lakes that they flow through and end in.
-
-    `ground` is called once more, for the shores of all lakes.
-    """
-    run = Runner() if run is None else run
-    layout = lay_out_water(sketch, seed=seed, ground=ground, run=run)
-    return solve_water(sketch, layout, seed=seed, ground=ground, run=run)
-
-
 def lay_out_water(sketch: Sketch, *, seed: int, ground: GroundHeight, run: Runner) -> WaterLayout:
     """Return the courses of rivers and the outlines of lakes.
 
-    `ground` decides which end of a river is its mouth; a coarse one will do.
+    Touching regions of any label are one network, and so is an end painted a few pixels short of another
+    river's middle. A dab no longer than wide becomes a short straight reach. The mouth is the end where the
+    `ground` is lowest (a coarse one will do), preferably at the sketch's edge, beyond which a river goes on
+    for about a third of the sketch. A loop becomes two arms that part at its top and meet at its bottom.
     """
     level = sea_level(sketch)
     lakes = painted_lakes(sketch, ground, run, seed=seed, sea_level=level)
@@ -228,7 +203,8 @@ def solve_water(
 ) -> Hydrology:
     """Return rivers and lakes with their water levels on the `ground` that drains to them.
 
-    `streams` are unpainted, and join painted rivers or each other, parents first.
+    Along each centreline the water falls by at least 1e-4 m per metre; a tributary's last point is a point of
+    its stem's. `streams` are unpainted, and join painted rivers or each other, parents first.
     """
     level = sea_level(sketch)
     own = [edit for edit in sketch.edits if is_stream(edit.feature or 0)]
@@ -244,7 +220,10 @@ def solve_water(
     mouths = mouth_lakes(sketch, courses, seed=seed, at_sea=to_sea.at_sea)
     lakes, lake_orphans = apply_lake_edits([*lakes, *mouths], sketch.edits)
     mountains = run(label_mountains, sketch.layers["mountain"])
-    cuts = _crossings(sketch, mountains, courses)
+    cuts = [
+        [each[:2] for each in mountain_crossings(sketch, mountains, course.line)] if course.label else []
+        for course in courses
+    ]
     rivers, lakes, grounds = _solve_levels(courses, grounds, cuts, lakes, run, level)
     painted = [river for river in rivers if river.label]  # they come first
     resolutions = resolve_conflicts(sketch, mountains, painted, grounds[: len(painted)], lakes)
@@ -253,18 +232,6 @@ def solve_water(
         resolutions += sea_resolutions(sketch, level, to_sea, painted, lakes)
     orphans = layout.orphans + orphans + lake_orphans
     return Hydrology(tuple(rivers), tuple(lakes), resolutions, orphans, tuple(grounds))
-
-
-def _crossings(
-    sketch: Sketch, mountains: npt.NDArray[np.int64], courses: Sequence[RiverCourse]
-) -> tuple[tuple[tuple[int, int], ...], ...]:
-    """Return the first and last points of the runs of each painted course through mountains."""
-    return tuple(
-        tuple((part.first, part.last) for part in mountain_crossings(sketch, mountains, course.line))
-        if course.label
-        else ()
-        for course in courses
-    )
 
 
 def _shortened(
@@ -286,7 +253,7 @@ def _shortened(
 def _solve_levels(
     courses: list[RiverCourse],
     grounds: list[Float64Array],
-    cuts: tuple[tuple[tuple[int, int], ...], ...],
+    cuts: list[list[tuple[int, int]]],
     lakes: list[Lake],
     run: Runner,
     sea_level: float | None,

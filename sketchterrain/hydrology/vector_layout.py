@@ -30,6 +30,7 @@ from sketchterrain.hydrology.vector_rivers import (
     line_sizes,
     network_courses,
 )
+from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def lay_out_lines(sketch: Sketch, *, seed: int, ground: GroundHeight, run: Runne
             flow = float(flows[network.line[0]])
             best = best_mouth(sketch, at, flow, heights, means, is_edge, float(network.lengths.sum()))
             mouths[number] = network.ends()[[best]]
-    courses: list[RiverCourse] = run(_courses, sketch.part(*_LINES), networks, mouths, seed)
+    courses: list[RiverCourse] = run(_courses, part_of(sketch, *_LINES), networks, mouths, seed)
     return courses
 
 
@@ -84,7 +85,7 @@ def lay_out_painted(
     sketch: Sketch, drawn: Sequence[RiverCourse], *, seed: int, ground: GroundHeight, run: Runner
 ) -> list[RiverCourse]:
     """Return the courses of painted networks, parents first; those that end at one of `drawn` join it."""
-    lakes = sketch.part("layers.lake", "vectors.lake", "extent", "size")
+    lakes = part_of(sketch, "layers.lake", "vectors.lake", "extent", "size")
     sketch = with_areas_painted(sketch, run)
     sketch = sketch.replace(layers={**sketch.layers, **vectors_painted(lakes, run)})
     if not drawn:
@@ -110,17 +111,14 @@ class _DrawnCourses:
 
     @cached_property
     def line(self) -> Float64Array:
-        """Points of all courses, m."""
         return np.concatenate([course.line for course in self.courses])
 
     @cached_property
     def tree(self) -> cKDTree:
-        """Their tree."""
         return cKDTree(self.line)
 
     @cached_property
     def owner(self) -> Int64Array:
-        """The course of each point."""
         return np.repeat(np.arange(len(self.courses)), [len(course.line) for course in self.courses])
 
 
@@ -175,7 +173,7 @@ def with_areas_painted(sketch: Sketch, run: Runner) -> Sketch:
         return sketch
     used = labels_in(sketch.layers["river"])
     label = next(number for number in range(255, 0, -1) if number not in used)
-    part = sketch.part("layers.river", "vectors.river", "labels.river", "extent", "size")
+    part = part_of(sketch, "layers.river", "vectors.river", "labels.river", "extent", "size")
     painted: LabelImage = run(_painted, part, "river", areas, label)
     properties = {**sketch.properties("river", int(layer.labels[areas][0])), "width": 0.0}
     labels = {**sketch.labels, ("river", label): properties}
@@ -189,7 +187,7 @@ def _areas_without_axes(layer: VectorLayer) -> BoolArray:
 def vectors_painted(sketch: Sketch, run: Runner) -> dict[str, LabelImage]:
     """Return the label layers with their vectors, by name."""
     return {
-        name: run(_with_vectors, sketch.part(f"layers.{name}", f"vectors.{name}", *_sizes(name)), name)
+        name: run(_painted, part_of(sketch, f"layers.{name}", f"vectors.{name}", *_sizes(name)), name)
         if name in sketch.vectors and len(sketch.vectors[name])
         else image
         for name, image in sketch.layers.items()
@@ -200,18 +198,14 @@ def _sizes(name: str) -> tuple[str, ...]:
     return ("extent", "size", "labels.river") if name == "river" else ("extent", "size")
 
 
-def _with_vectors(sketch: Sketch, name: str) -> LabelImage:
-    return _painted(sketch, name, np.ones(len(sketch.vectors[name]), np.bool_))
-
-
-def _painted(sketch: Sketch, name: str, selected: BoolArray, label: int | None = None) -> LabelImage:
+def _painted(sketch: Sketch, name: str, selected: BoolArray | None = None, label: int = 0) -> LabelImage:
     """Return a layer's image with vectors, at least a pixel wide, beneath its paint."""
     layer, pixel = sketch.vectors[name], sketch.pixel_size
     image = sketch.layers[name].copy()
     widths = line_sizes(sketch)[0] / pixel if name == "river" else np.zeros(len(layer))
     drawn = Image.fromarray(np.zeros(image.shape, np.uint8))
     draw = ImageDraw.Draw(drawn)
-    for index in np.flatnonzero(selected).tolist():
+    for index in np.arange(len(layer))[slice(None) if selected is None else selected].tolist():
         is_area = layer.kinds[index] == AREA
         for number, path in enumerate(_paths(layer, index)):
             at = np.stack([path[:, 0] / pixel - 0.5, image.shape[0] - path[:, 1] / pixel - 0.5], axis=-1)

@@ -15,6 +15,7 @@ from sketchterrain.array_types import Float32Array, Float64Array, Int64Array
 from sketchterrain.document.layers import CROPS, LAND_USES
 from sketchterrain.document.vectors import VectorLayer, starts
 from sketchterrain.placement.hashing import hash_unit
+from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
@@ -154,9 +155,8 @@ class LandUse:
 
     def digest_parts(self) -> tuple[object, ...]:
         """Return what its digest is of."""
-        if len(self.pieces) > 1:
-            return self.pieces
-        return tuple(getattr(self, each.name) for each in fields(self))
+        own = (getattr(self, each.name) for each in fields(self))
+        return self.pieces if len(self.pieces) > 1 else tuple(own)
 
     @property
     def pieces(self) -> tuple[LandUse, ...]:
@@ -181,11 +181,11 @@ NO_LAND_USE: Final = LandUse()
 
 def land_use(sketch: Sketch, run: Runner | None = None) -> LandUse:
     """Return the areas of a sketch's land use; unchanged pieces of an edited layer keep theirs."""
-    layer, labels = sketch.vectors["landuse"], sketch.part("labels.landuse")
+    layer, labels = sketch.vectors["landuse"], part_of(sketch, "labels.landuse")
     run = Runner() if run is None else run
     if not len(layer):
         return NO_LAND_USE
-    pieces = [run.while_used(_areas_of, labels, piece) for piece in layer.pieces]
+    pieces = [run(_areas_of, labels, piece, hashed=False) for piece in layer.pieces]
     if any(before.ids[-1] >= after.ids[0] for before, after in pairwise(pieces)):
         return _by_id(_joined(pieces))
     return pieces[0] if len(pieces) == 1 else _of_pieces(pieces)

@@ -9,9 +9,9 @@ that a rectangle's features do not depend on which rectangle was queried.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -100,14 +100,6 @@ def _mean_square(factor: float, one: tuple[float, float], other: tuple[float, fl
 def _moments(low: float, high: float) -> tuple[float, float]:
     span = math.log(high / low)
     return (high - low) / span, (high**2 - low**2) / (2.0 * span)
-
-
-_Run: TypeAlias = Callable[..., Any]
-"""A runner, or `_called` where results are not kept."""
-
-
-def _called(function: _Run, *inputs: Any) -> Any:
-    return function(*inputs)
 
 
 def _clear_of_paint(
@@ -282,11 +274,11 @@ class Fill:
             or self.near is None
             or (box[0] < near[0] or box[1] < near[1] or box[2] > near[2] or box[3] > near[3])
         ):
-            return self._compute(box, min_radius, _called)
+            return self._compute(box, min_radius, Runner())
         selected: StructuredArray = self.near[_inside(self.near, box) & (self.near["radius"] >= min_radius)]
         return selected
 
-    def _compute(self, box: Bounds, min_radius: float, run: _Run) -> StructuredArray:
+    def _compute(self, box: Bounds, min_radius: float, run: Runner) -> StructuredArray:
         rules = [rule for rule in self.rules.values() if rule.high >= min_radius]
         candidates = self._candidates_around(box, rules, run)
         parts = [np.zeros(0, dtype=FEATURE)]
@@ -306,7 +298,7 @@ class Fill:
         return ordered
 
     def _candidates_around(
-        self, box: Bounds, rules: list[CandidateRule], run: _Run
+        self, box: Bounds, rules: list[CandidateRule], run: Runner
     ) -> dict[str, StructuredArray]:
         """Return candidates of each type in a rectangle, and around it as far as they may suppress others."""
         found = {}
@@ -318,7 +310,7 @@ class Fill:
                 found[rival.name] = proposed[self._clearance_mask(rival.name, proposed, run)]
         return found
 
-    def _clearance_mask(self, name: str, features: StructuredArray, run: _Run) -> BoolArray:
+    def _clearance_mask(self, name: str, features: StructuredArray, run: Runner) -> BoolArray:
         """Return which features of a type are clear of paint and of placed features."""
         clear = np.ones(len(features), dtype=np.bool_)
         if len(features) == 0:

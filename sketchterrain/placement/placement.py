@@ -5,7 +5,7 @@ At fidelity 1 features stay where they were painted. Below, each compares nearby
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,20 +14,20 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.parameters import Properties
-from sketchterrain.placement.density import DensityField, FeatureSet, cubic, painted_distance
+from sketchterrain.placement.density import cubic, density_around, painted_distance
 from sketchterrain.placement.feature_types import (
     FEATURE,
     FEATURE_TYPES,
     PREFERENCES,
     SUMMIT_REPULSION,
     TYPES,
-    Preference,
     stored_style,
     visible_radius,
 )
 from sketchterrain.placement.hashing import hash_unit
 from sketchterrain.placement.heights import shape_height
 from sketchterrain.placement.user_features import layer_user_features
+from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
@@ -51,16 +51,15 @@ def place(sketch: Sketch, *, seed: int, run: Runner | None = None) -> Structured
     run = Runner() if run is None else run
     users = {
         name: run(
-            layer_user_features, sketch.part(f"layers.{name}", f"labels.{name}", "fidelity"), name, seed
+            layer_user_features, part_of(sketch, f"layers.{name}", f"labels.{name}", "fidelity"), name, seed
         )
         for name in FEATURE_TYPES
     }
     placed: dict[str, StructuredArray] = {}
-    context = _PlacementContext(sketch, users, placed)
     for name in TYPES:
         positions = _painted_positions(sketch, users[name])
         if sketch.fidelity < 1.0 and len(positions):
-            positions = _preferred(context, name, seed)
+            positions = _preferred(sketch, name, users, placed, seed)
         placed[name] = _features(sketch, name, users[name], positions)
     everything = np.concatenate(list(placed.values()))
     ordered: StructuredArray = everything[np.argsort(everything["id"], kind="stable")]
@@ -73,84 +72,54 @@ def _painted_positions(sketch: Sketch, users: npt.NDArray[np.void]) -> Float64Ar
     return np.stack([x, y], axis=-1)
 
 
-class _PlacementContext:
-    """Everything a position is judged by: user features, placed features, painted pixels."""
+def _preferred(
+    sketch: Sketch,
+    name: str,
+    users: Mapping[str, npt.NDArray[np.void]],
+    placed: Mapping[str, StructuredArray],
+    seed: int,
+) -> Float64Array:
+    """Return the best of some positions (m) of each user feature of a type."""
+    own, pixel = users[name], sketch.pixel_size
+    painted, disc = _painted_positions(sketch, own), own["disc"] * pixel
+    number = np.arange(_CANDIDATES)
+    angle = 2.0 * np.pi * hash_unit(seed, "place angle", own["id"][:, None], number)
+    distance = np.sqrt(hash_unit(seed, "place distance", own["id"][:, None], number)) * (number > 0)
+    distance *= MAX_DISPLACEMENT * (1.0 - sketch.fidelity) * disc[:, None]
+    offset = np.stack([distance * np.cos(angle), distance * np.sin(angle)], axis=-1)
+    candidates = painted[:, None, :] + offset
 
-    def __init__(
-        self,
-        sketch: Sketch,
-        users: dict[str, npt.NDArray[np.void]],
-        placed: dict[str, StructuredArray],
-    ) -> None:
-        self.sketch = sketch
-        self.users = users
-        self._placed = placed
-
-    def presence(self, preference: Preference, queries: FeatureSet) -> Float64Array:
-        """Return how much of a preference's target is near each position: about 1 for one of like size."""
-        disc = queries.sizes
+    score = np.zeros(candidates.shape[:2])
+    for preference in PREFERENCES:
+        if preference.feature != name:
+            continue
         radius = preference.range * disc
         if preference.what == "layer":
-            away = painted_distance(self.sketch.layers[preference.of], self.sketch.pixel_size)(
-                *np.moveaxis(queries.positions, -1, 0)
-            )
-            return cubic(away / radius[:, None])
-        if preference.what == "user":
-            features = self.painted(preference.of)
+            away = painted_distance(sketch.layers[preference.of], pixel)(*np.moveaxis(candidates, -1, 0))
+            presence = cubic(away / radius[:, None])
+        elif preference.what == "user":
+            others = users[preference.of]
+            at = _painted_positions(sketch, others), others["disc"] * pixel
+            presence = density_around(*at, candidates, radius) / disc[:, None]
         else:
-            final = self._placed[preference.of]
-            at = np.stack([final["x"], final["y"]], axis=-1)
-            features = FeatureSet(final["id"], at, final["radius"].astype(np.float64))
-        return _density(features, queries, radius)
-
-    def painted(self, name: str) -> FeatureSet:
-        """Return the user features of a type: painted positions and discs (m)."""
-        own = self.users[name]
-        return FeatureSet(
-            own["id"], _painted_positions(self.sketch, own), own["disc"] * self.sketch.pixel_size
-        )
-
-
-def _density(features: FeatureSet, queries: FeatureSet, radius: Float64Array) -> Float64Array:
-    """Return the density of features within `radius` (m) of each position, relative to its disc."""
-    density = DensityField(features.positions, features.sizes).around(queries.positions, radius)
-    return density / queries.sizes[:, None]
-
-
-def _preferred(context: _PlacementContext, name: str, seed: int) -> Float64Array:
-    own = context.painted(name)
-    number = np.arange(_CANDIDATES)
-    angle = 2.0 * np.pi * hash_unit(seed, "place angle", own.ids[:, None], number)
-    distance = np.sqrt(hash_unit(seed, "place distance", own.ids[:, None], number)) * (number > 0)
-    distance *= MAX_DISPLACEMENT * (1.0 - context.sketch.fidelity) * own.sizes[:, None]
-    offset = np.stack([distance * np.cos(angle), distance * np.sin(angle)], axis=-1)
-    candidates = replace(own, positions=own.positions[:, None, :] + offset)
-
-    score = np.zeros(candidates.positions.shape[:2])
-    for preference in PREFERENCES:
-        if preference.feature == name:
-            score += preference.weight * context.presence(preference, candidates)
-    score += SUMMIT_REPULSION * _other_summits(context, name, own, candidates)
+            final = placed[preference.of]
+            at = np.stack([final["x"], final["y"]], axis=-1), final["radius"].astype(np.float64)
+            presence = density_around(*at, candidates, radius) / disc[:, None]
+        score += preference.weight * presence
+    score += SUMMIT_REPULSION * _other_summits(np.flatnonzero(own["summit"]), painted, disc, candidates)
     best = np.argmax(score, axis=1)
-    return np.asarray(candidates.positions[np.arange(len(best)), best])
+    return np.asarray(candidates[np.arange(len(best)), best])
 
 
 def _other_summits(
-    context: _PlacementContext, name: str, own: FeatureSet, candidates: FeatureSet
+    summit: npt.NDArray[np.intp], painted: Float64Array, disc: Float64Array, candidates: Float64Array
 ) -> Float64Array:
     """Return the density of the other summits of this type, as painted; 0 for support features."""
-    summit = np.flatnonzero(context.users[name]["summit"])
-    summits, queries = _rows(own, summit), _rows(candidates, summit)
-    radius = _SUMMIT_RADIUS * summits.sizes
-    itself = np.hypot(*np.moveaxis(queries.positions - summits.positions[:, None], -1, 0))
-    result = np.zeros(candidates.positions.shape[:2])
-    density = _density(summits, queries, radius)
-    result[summit] = density - cubic(itself / radius[:, None])
+    radius, result = _SUMMIT_RADIUS * disc[summit], np.zeros(candidates.shape[:2])
+    itself = np.hypot(*np.moveaxis(candidates[summit] - painted[summit][:, None], -1, 0))
+    density = density_around(painted[summit], disc[summit], candidates[summit], radius)
+    result[summit] = density / disc[summit][:, None] - cubic(itself / radius[:, None])
     return result
-
-
-def _rows(of: FeatureSet, indices: npt.NDArray[np.intp]) -> FeatureSet:
-    return FeatureSet(of.ids[indices], of.positions[indices], of.sizes[indices])
 
 
 def _features(

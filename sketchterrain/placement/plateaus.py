@@ -24,6 +24,7 @@ from sketchterrain.placement.feature_types import (
 )
 from sketchterrain.placement.hashing import rounded
 from sketchterrain.placement.shapes import Shape, label_shapes
+from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
@@ -132,7 +133,7 @@ def create_plateaus(sketch: Sketch, ground: GroundHeight, run: Runner | None = N
     are those of rock layers, so that neighbours of similar heights are level.
     """
     run = Runner() if run is None else run
-    outlines = run(_outlines, sketch.part(*_READ))
+    outlines = run(_outlines, part_of(sketch, *_READ))
     if not outlines:
         return ()
     at = np.concatenate([border for _, border in outlines])

@@ -19,6 +19,7 @@ from sketchterrain.roads.network import WayGraph, way_graph
 from sketchterrain.roads.profile import StationGraph, station_graph, united_reach
 from sketchterrain.roads.road_types import Pad, Road, RoadNetwork, Wall, Works
 from sketchterrain.roads.structures import FREEBOARD, Carried, bends_told, carry
+from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def road_network(sketch: Sketch, ground: Heights, water: Heights, run: Runner) -
     findings: tuple[str, ...] = ()
     if any(len(sketch.vectors[name]) for name in WAY_LAYERS):
         names = (f"{kind}.{name}" for kind in ("vectors", "labels") for name in WAY_LAYERS)
-        ways = run(_plan, sketch.part(*names), hashed=False)
+        ways = run(_plan, part_of(sketch, *names), hashed=False)
         if ways is not None:
             roads, findings = run(_roads, ways, ground, water)
     return RoadNetwork(roads, _pads(sketch, ground, water, run), _walls(sketch), findings)
@@ -301,8 +302,3 @@ def _walls(sketch: Sketch) -> tuple[Wall, ...]:
         )
         for index in numbers.tolist()
     )
-
-
-def has_roads(sketch: Sketch) -> bool:
-    """Return whether a sketch has roads, railways, paths, pads or walls."""
-    return any(len(sketch.vectors[name]) for name in ROAD_LAYERS)

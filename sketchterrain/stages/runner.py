@@ -24,15 +24,6 @@ class Results(LRUCache):
         super().__init__(capacity, max_bytes=max_bytes)
         self._objects: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
 
-    def named(self, digest: bytes, value: Value) -> Value:
-        """Return the object of a digest that is still in use, else this one, from now on."""
-        found: Value = self._objects.setdefault(digest, value)
-        return found
-
-    def in_use(self, digest: bytes) -> Any:
-        """Return the object of a digest that is still in use, else None."""
-        return self._objects.get(digest)
-
     def canonical(self, value: Value) -> Value:
         """Return the object that had the same digest before, or this one; of a sequence, with such items."""
         found: Any = value
@@ -42,7 +33,7 @@ class Results(LRUCache):
         elif isinstance(found, np.ndarray) or hasattr(found, "__dataclass_fields__"):
             if isinstance(found, np.ndarray):
                 found.flags.writeable = False
-            found = self.named(digest_of(found), found)
+            found = self._objects.setdefault(digest_of(found), found)
         result: Value = found
         return result
 
@@ -51,14 +42,8 @@ class Runner:
     """Runs functions of modules: each once for inputs of equal digests, as long as its result is kept.
 
     An equal result of other inputs is the same object as before, so that nothing runs that depends on it. A
-    function that has a parameter `run` is given the runner, for runs of its own.
-
-    Parameters
-    ----------
-    results
-        Those of earlier runs.
-    checkpoint
-        Called before each run; it may raise to cancel, which leaves the results valid.
+    function that has a parameter `run` is given the runner, for runs of its own. `checkpoint` is called
+    before each run; it may raise to cancel, which leaves the results valid.
     """
 
     def __init__(self, results: Results | None = None, checkpoint: Callable[[], None] = lambda: None) -> None:
@@ -99,16 +84,6 @@ class Runner:
             for key, result in zip(missing, results, strict=True):
                 found[key] = self.results.store(key, self.results.canonical(result))
         return [found[key] for key in keys]
-
-    def while_used(self, function: Callable[..., Value], *inputs: Any) -> Value:
-        """Return the result of a function, a large object that is kept as long as something else uses it."""
-        key = digest_of((function, inputs))
-        found: Value | None = self.results.in_use(key)
-        if found is None:
-            self.checkpoint()
-            found = self.results.named(key, function(*inputs))
-            remember(found, key)
-        return found
 
 
 @cache

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import signature
 from typing import Any, Final
 
+from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 
 _PAINTED: Final = "painted."
@@ -14,64 +15,34 @@ _PAINTED: Final = "painted."
 
 @dataclass(frozen=True)
 class Stage:
-    """A pure function of declared inputs.
-
-    Attributes
-    ----------
-    name
-    function
-        Its parameters are those `inputs`; `sketch`, a part of the sketch; `run`, for runs of its own.
-    inputs
-        Names of other stages.
-    reads
-        Fields of the sketch, as of `Sketch.part`; it has no access to others. ``painted.NAME`` is the image
-        of a layer in the result of the stage ``painted``.
-    cost
-        Its share of the time that the whole takes, in proportion to others.
-    hashed
-        Whether its result is compared with earlier ones; if not, its digest is that of its inputs.
-    fresh
-        Whether it reads what may change without the sketch, and is run each time.
-    """
+    """A pure function of declared inputs."""
 
     name: str
-    function: Callable[..., Any]
-    inputs: tuple[str, ...]
-    reads: tuple[str, ...] = ()
-    cost: float = 0.0
-    hashed: bool = True
-    fresh: bool = False
+    function: Callable[..., Any]  # of `sketch`, a part of it, of the inputs, and of `run`, for its own runs
+    inputs: tuple[str, ...]  # names of other stages
+    # Fields of the sketch, as of `Sketch.part`; ``painted.NAME`` is a layer's image in the stage ``painted``.
+    reads: tuple[str, ...]
+    hashed: bool  # whether its result is compared with earlier ones; else its digest is that of its inputs
+    fresh: bool  # whether it reads what may change without the sketch, and runs each time
 
 
-class StageTable(Mapping[str, Stage]):
+class StageTable(dict[str, Stage]):
     """Stages in the order in which they are declared: each after its inputs."""
 
-    def __init__(self) -> None:
-        self._stages: dict[str, Stage] = {}
-
-    def __getitem__(self, name: str) -> Stage:
-        return self._stages[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._stages)
-
-    def __len__(self) -> int:
-        return len(self._stages)
-
     def stage(
-        self, *reads: str, cost: float = 0.0, hashed: bool = True, fresh: bool = False
+        self, *reads: str, hashed: bool = True, fresh: bool = False
     ) -> Callable[[Callable[..., Any]], Stage]:
         """Declare a function as the stage of its name, and its parameters as its inputs."""
 
         def declare(function: Callable[..., Any]) -> Stage:
             inputs = tuple(name for name in signature(function).parameters if name not in ("sketch", "run"))
-            unknown = [name for name in inputs if name not in self._stages]
+            unknown = [name for name in inputs if name not in self]
             if unknown:
                 raise TypeError(
                     f"stage {function.__name__}: expected inputs declared before it, got {unknown}"
                 )
-            found = Stage(function.__name__, function, inputs, reads, cost, hashed, fresh)
-            self._stages[found.name] = found
+            found = Stage(function.__name__, function, inputs, reads, hashed, fresh)
+            self[found.name] = found
             return found
 
         return declare
@@ -99,7 +70,7 @@ class Evaluation:
     def _part(self, reads: Sequence[str]) -> Any:
         """Return the declared fields, and images of layers with their vectors."""
         images = [name.removeprefix(_PAINTED) for name in reads if name.startswith(_PAINTED)]
-        part = self.sketch.part(*(name for name in reads if not name.startswith(_PAINTED)))
+        part = part_of(self.sketch, *(name for name in reads if not name.startswith(_PAINTED)))
         if not images:
             return part
         return part.replace(layers={name: self["painted"][name] for name in images})

@@ -93,7 +93,7 @@ def evaluation(
 def draft_recipe(now: Evaluation, before: Evaluation) -> TerrainRecipe | None:
     """Return a quick recipe to show while a stroke goes on: coarse changes of the ground, water as it was.
 
-    None where the ground changes by nothing but water, or as a whole.
+    None where more than a stroke on one layer differs, or the ground by nothing but water, or as a whole.
 
     Parameters
     ----------
@@ -102,11 +102,10 @@ def draft_recipe(now: Evaluation, before: Evaluation) -> TerrainRecipe | None:
     recipe: TerrainRecipe = before["recipe"]
     region: RegionSources = before["region"]
     ground = recipe[ReliefLayer].painted
+    strokes = sum(image is not before.sketch.layers[name] for name, image in now.sketch.layers.items())
     # What a first mountain changes of the surroundings waits for the final terrain.
-    was, is_now = (
-        (each["region"].settings, each["region"].base, each["dry"].world) for each in (before, now)
-    )
-    if was != is_now or ground is None or now["land"] is before["land"]:
+    kinds = {(each["region"].settings, each["region"].base, each["dry"].world) for each in (before, now)}
+    if strokes != 1 or len(kinds) > 1 or ground is None or now["land"] is before["land"]:
         return None
     old, new = ((each["land"], each["coarse_ground"].raster) for each in (before, now))
     drafted = drafted_ground(ground, old, new, region.settings.spacing)

@@ -157,18 +157,6 @@ class Evaluator:
         self._patches_at_once.run(len(keys), evaluate, on_shrink=self.release_buffers)
         return surface, bounds
 
-    def write(
-        self, keys: Sequence[tuple[int, int]], level: int, store: SurfaceStore, slots: npt.NDArray[np.integer]
-    ) -> Float64Array:
-        """Enqueue tiles into slots of a store; only their detail bounds come back."""
-        bounds = np.empty(len(keys))
-
-        def evaluate(part: slice) -> None:
-            bounds[part] = self._enqueue_tiles(keys[part], level, store, slots[part])
-
-        self._patches_at_once.run(len(keys), evaluate, on_shrink=self.release_buffers)
-        return bounds
-
     def _enqueue_tiles(
         self, keys: Sequence[tuple[int, int]], level: int, store: SurfaceStore, slots: npt.NDArray[np.integer]
     ) -> Float64Array:

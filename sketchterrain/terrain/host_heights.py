@@ -18,7 +18,7 @@ from sketchterrain.terrain.layers.base import BaseLayer
 from sketchterrain.terrain.layers.layer import HostSamples, HostSite, effective_cell
 from sketchterrain.terrain.layers.points import PointFinder
 from sketchterrain.terrain.layers.relief import ReliefLayer
-from sketchterrain.terrain.noise import ValueSlope
+from sketchterrain.terrain.noise import FINEST_CELL, ValueSlope
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 _DRY_WATER, _INVERSE_WET = kernel_constants("world.clh", "DRY_WATER", "INVERSE_WET")
@@ -35,6 +35,11 @@ class Ground:
         """Return heights (n,), m."""
         at = (to_lattice(each, self.recipe.extent) for each in (x, y))
         return self._terrain.heights(*at, cell_size=self.cell)
+
+    def displaced(self, at: Float64Array) -> Float64Array:
+        """Return where nodes of the relief (n, 2), m, appear."""
+        octaves = self.recipe.sampling(FINEST_CELL).octaves
+        return self.recipe[ReliefLayer].displaced(at, self.recipe.world, octaves)
 
     @cached_property
     def _terrain(self) -> HostTerrain:
@@ -89,17 +94,3 @@ def host_heights(
     x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
     at = (to_lattice(each.ravel(), recipe.extent) for each in (x, y))
     return HostTerrain(recipe).heights(*at, cell_size=cell_size).reshape(x.shape)
-
-
-def host_samples(
-    recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, *, cell_size: float = 0.0
-) -> HostSamples:
-    """Return the terrain at lattice positions of shape (n,), in float64."""
-    return HostTerrain(recipe).samples(x, y, cell_size=cell_size)
-
-
-def host_slope(
-    recipe: TerrainRecipe, x: LatticeArray, y: LatticeArray, *, cell_size: float = 0.0
-) -> ValueSlope:
-    """Return heights (m) and slopes at lattice positions of shape (n,); see `HostTerrain.slopes`."""
-    return HostTerrain(recipe).slopes(x, y, cell_size=cell_size)

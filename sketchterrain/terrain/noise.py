@@ -175,14 +175,6 @@ class ValueSlope(NamedTuple):
     north: Float64Array
 
 
-def simplex(u: LatticeArray, v: LatticeArray, shift: int, seed: int) -> ValueSlope:
-    """Return noise at skewed positions in cells of 2^shift, with its slope per cell."""
-    cell_u, cell_v = u >> shift, v >> shift
-    fu = (u - (cell_u << shift)) / 2.0**shift
-    fv = (v - (cell_v << shift)) / 2.0**shift
-    return _simplex_in(cell_u, cell_v, fu, fv, seed)
-
-
 def fbm(octaves: OctaveTable, stack: str, x: LatticeArray, y: LatticeArray) -> Float64Array:
     """Return a stack's sum of octaves at lattice positions."""
     return fbm_slope(octaves, stack, x, y).value

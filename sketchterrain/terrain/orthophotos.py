@@ -12,6 +12,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.rasters import content_digests, raster_problem
 from sketchterrain.elevation.pictures import read_picture
+from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ class Orthophoto:
 
 def orthophotos(sketch: Sketch, run: Runner) -> tuple[Orthophoto, ...]:
     """Return the orthophotos of a sketch that can be read, from the lowest to the highest."""
-    place = sketch.part("frame.crs", "frame.east", "frame.north", "extent", "size")
+    place = part_of(sketch, "frame.crs", "frame.east", "frame.north", "extent", "size")
     return tuple(
         run(_orthophoto, source, place, content_digests([source]), hashed=False)
         for source in sketch.rasters

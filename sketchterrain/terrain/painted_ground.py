@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from scipy.ndimage import map_coordinates, maximum_filter
@@ -56,7 +57,7 @@ from sketchterrain.terrain.painted_uplift import (
 )
 from sketchterrain.terrain.relief_fields import UnpaintedSettings
 from sketchterrain.terrain.unpainted import unpainted_ground
-from sketchterrain.terrain.uplift import Outline, UpliftFeatures
+from sketchterrain.terrain.uplift import NO_FEATURES, Outline, UpliftFeatures
 
 COARSE_LEVEL = 2
 """The finest level of ground that is drained to lay out rivers and lakes."""
@@ -144,6 +145,9 @@ class PaintedLand:
         """Return it with features that raise nothing."""
         height = np.where(removed, 0.0, self.features.height)
         return replace(self, features=self.features._replace(height=height))
+
+
+NO_LAND: Final = PaintedLand(NO_FEATURES, {})
 
 
 def data_heights(region: RegionSources, water: PaintedWater, run: Runner) -> GroundHeight:

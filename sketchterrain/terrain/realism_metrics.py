@@ -117,8 +117,10 @@ def _geomorphons(height, cell, horizon, flatness, table):  # type: ignore[no-unt
     return form
 
 
-def measure_window(height: npt.ArrayLike, cell: float, masked: BoolArray | None = None) -> dict[str, float]:
-    """Return all metrics of a window, NaN where one cannot be measured.
+def measure_window_maps(
+    height: npt.ArrayLike, cell: float, masked: BoolArray | None = None
+) -> tuple[dict[str, float], WindowMaps]:
+    """Return all metrics of a window (NaN: cannot be measured), and maps of hollows, rises and slopes.
 
     Parameters
     ----------
@@ -130,13 +132,6 @@ def measure_window(height: npt.ArrayLike, cell: float, masked: BoolArray | None 
         Cells that are no ground, (rows, columns): slopes, heights, curvature, landforms and hollows are those
         of the others, while water flows across.
     """
-    return measure_window_maps(height, cell, masked)[0]
-
-
-def measure_window_maps(
-    height: npt.ArrayLike, cell: float, masked: BoolArray | None = None
-) -> tuple[dict[str, float], WindowMaps]:
-    """Return the metrics of :func:`measure_window`, and maps of where hollows, rises and slopes are."""
     z = np.ascontiguousarray(height, np.float64)
     if z.ndim != 2 or min(z.shape) < MIN_WINDOW or not np.isfinite(z).all():
         raise ValueError(f"expected finite heights of at least {MIN_WINDOW}² cells, got shape {z.shape}")

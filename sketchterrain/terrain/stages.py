@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
@@ -29,11 +29,11 @@ from sketchterrain.elevation.vertical import geoid_files
 from sketchterrain.hydrology.courses import RiverCourse
 from sketchterrain.hydrology.drainage_constraints import course_slopes, lake_outlets, valley_floors
 from sketchterrain.hydrology.rivers import Hydrology, WaterLayout, lay_out_water, solve_water
-from sketchterrain.hydrology.streams import stream_courses
+from sketchterrain.hydrology.streams import Flow, stream_courses
 from sketchterrain.hydrology.vector_layout import vectors_painted
 from sketchterrain.landuse.areas import LandUse, land_use
 from sketchterrain.placement.covers import create_covers
-from sketchterrain.placement.feature_types import CLEARANCE, Cover
+from sketchterrain.placement.feature_types import CLEARANCE
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.placement import place
 from sketchterrain.placement.plateaus import create_plateaus
@@ -41,6 +41,7 @@ from sketchterrain.placement.sea import Sea, create_sea
 from sketchterrain.roads.build import ROAD_LAYERS, road_network
 from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.roads.waters import Floods
+from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 from sketchterrain.stages.table import StageTable
 from sketchterrain.terrain.base_ground import BaseGround
@@ -57,13 +58,12 @@ from sketchterrain.terrain.layers.pads import PadsLayer
 from sketchterrain.terrain.layers.plateaus import PlateausLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer, UnpaintedNodes
 from sketchterrain.terrain.layers.roads import RoadsLayer
-from sketchterrain.terrain.node_raster import DrainedRaster
-from sketchterrain.terrain.noise import FINEST_CELL
 from sketchterrain.terrain.orthophotos import Orthophoto, orthophotos
 from sketchterrain.terrain.painted_ground import (
     COARSE,
     COARSE_LEVEL,
     FINE,
+    NO_LAND,
     PaintedGround,
     PaintedLand,
     PaintedWater,
@@ -74,13 +74,15 @@ from sketchterrain.terrain.painted_ground import (
 )
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.relief_fields import UnpaintedSettings
-from sketchterrain.terrain.uplift import NO_FEATURES, Outline, painted_outline, uplift_features
+from sketchterrain.terrain.uplift import Outline, painted_outline, uplift_features
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
 
 _PIXELS: Final = "extent", "size"
 _ROAD_CELL: Final = 2.0  # m: cell size of the ground that roads are laid on
+
+_Outlines: TypeAlias = dict[str, Outline | None]
 
 STAGES: Final = StageTable()
 """All stages, in the order in which a terrain is made."""
@@ -91,12 +93,10 @@ def _named(kind: str, *names: str) -> tuple[str, ...]:
     return tuple(f"{kind}.{name}" for name in names)
 
 
-@_stage(
-    "layers",
-    *_named("vectors", *(each for each in VECTOR_LAYERS if each in PAINTED_LAYERS)),
-    "labels.river",
-    *_PIXELS,
-)
+_SHAPES: Final = tuple(each for each in VECTOR_LAYERS if each in PAINTED_LAYERS)
+
+
+@_stage("layers", *_named("vectors", *_SHAPES), "labels.river", *_PIXELS)
 def painted(sketch: Sketch, run: Runner) -> dict[str, LabelImage]:
     """The label layers, with the vectors of each."""
     return vectors_painted(sketch, run)
@@ -109,7 +109,7 @@ def files(sketch: Sketch) -> Any:
     return content_digests(sketch.rasters), [file_stamps(Path(path)) for path in linked], geoid_files()
 
 
-@_stage("rasters", "frame", "base.margin", *_PIXELS, cost=1.0)
+@_stage("rasters", "frame", "base.margin", *_PIXELS)
 def elevation(sketch: Sketch, files: Any, run: Runner) -> BaseElevation | None:
     """Real elevation beneath the sketch."""
     del files
@@ -141,7 +141,6 @@ def region(unpainted: UnpaintedSettings, elevation: BaseElevation | None, run: R
     *_named("painted", *POINT_LAYERS, "river"),
     *_named("labels", *POINT_LAYERS),
     *("fidelity", "seed", *_PIXELS),
-    cost=2.0,
 )
 def placed(sketch: Sketch, run: Runner) -> StructuredArray:
     """Features of painted shapes."""
@@ -158,7 +157,6 @@ def points(sketch: Sketch, placed: StructuredArray) -> EditedPoints:
     *_named("painted", *sorted({layer for _, layer in CLEARANCE})),
     *_named("labels", *PATCH_LAYERS),
     *("density", "seed", *_PIXELS),
-    cost=1.0,
 )
 def fill(sketch: Sketch, points: EditedPoints, run: Runner) -> Fill:
     """Features of unpainted ground."""
@@ -177,12 +175,6 @@ def features(points: EditedPoints, adopted: EditedPoints) -> StructuredArray:
     return np.concatenate([points.points, adopted.points])
 
 
-@_stage("painted.material", "labels.material", "materials", "fidelity", *_PIXELS)
-def covers(sketch: Sketch) -> tuple[Cover, ...]:
-    """Painted materials."""
-    return create_covers(sketch)
-
-
 @_stage("painted.sea", "labels.sea", "coast", "fidelity", *_PIXELS)
 def sea(sketch: Sketch) -> Sea | None:
     """The sea and its coast."""
@@ -190,9 +182,9 @@ def sea(sketch: Sketch) -> Sea | None:
 
 
 @_stage(*_named("painted", *_RAISED), "fidelity", *_PIXELS)
-def outlines(sketch: Sketch, unpainted: UnpaintedSettings, run: Runner) -> dict[str, Outline | None]:
+def outlines(sketch: Sketch, unpainted: UnpaintedSettings, run: Runner) -> _Outlines:
     """Outlines of painted shapes, by layer."""
-    parts = {layer: sketch.part(f"layers.{layer}", "fidelity", *_PIXELS) for layer in _RAISED}
+    parts = {layer: part_of(sketch, f"layers.{layer}", "fidelity", *_PIXELS) for layer in _RAISED}
     return {layer: run(painted_outline, part, layer, unpainted.spacing) for layer, part in parts.items()}
 
 
@@ -200,7 +192,7 @@ def outlines(sketch: Sketch, unpainted: UnpaintedSettings, run: Runner) -> dict[
 def land(
     sketch: Sketch,
     features: StructuredArray,
-    outlines: dict[str, Outline | None],
+    outlines: _Outlines,
     region: RegionSources,
     sea: Sea | None,
     run: Runner,
@@ -211,23 +203,29 @@ def land(
     return PaintedLand(uplift_features(sketch, features, run, data), known)
 
 
-@_stage(*("extent", "seed", "fidelity", "climate", "base.detail", "materials", "material_rules", "geology"))
+_COVERED: Final = ("layers.material", "labels.material", "materials", "fidelity", *_PIXELS)
+
+
+@_stage(
+    *("painted.material", "labels.material", "materials", "material_rules", "geology", "climate"),
+    *("base.detail", "seed", "fidelity", *_PIXELS),
+)
 def dry(
     sketch: Sketch,
     region: RegionSources,
     features: StructuredArray,
     fill: Fill,
     adopted: EditedPoints,
-    covers: tuple[Cover, ...],
     sea: Sea | None,
+    run: Runner,
 ) -> TerrainRecipe:
     """The terrain without its drained relief, plateaus, water and what lies on them."""
     layers = layer_stack(
         extent=sketch.extent,
-        relief=_relief(region),
+        relief=ReliefLayer(UnpaintedNodes(region.beyond), None, region.base),
         painted=features,
         fill=replace(fill, replaced=adopted.replaced),
-        covers=covers,
+        covers=run(create_covers, part_of(sketch, *_COVERED)),
         sea=sea,
         detail=sketch.base["detail"],
         materials=sketch.material_table.names,
@@ -248,16 +246,23 @@ def bare(dry: TerrainRecipe) -> TerrainRecipe:
     return replace(dry.with_layers([CoversLayer(())]), climate={}, material_rules=())
 
 
-@_stage(cost=4.0, hashed=False)
+@_stage(hashed=False)
 def coarse_ground(region: RegionSources, land: PaintedLand, sea: Sea | None, run: Runner) -> PaintedGround:
     """Coarse ground, drained to the sea."""
     return painted_ground(region, land, PaintedWater(sea=sea), COARSE, run)
 
 
-@_stage(cost=2.0, hashed=False)
-def coarse_bare_ground(region: RegionSources, sea: Sea | None, run: Runner) -> PaintedGround:
-    """The same without features."""
-    return painted_ground(region, PaintedLand(NO_FEATURES, {}), PaintedWater(sea=sea), COARSE, run)
+@_stage()
+def coarse_heights(bare: TerrainRecipe, region: RegionSources, coarse_ground: PaintedGround) -> Ground:
+    """Its heights."""
+    return _heights(bare, region, coarse_ground, 1 << COARSE_LEVEL)
+
+
+@_stage()
+def featureless_heights(bare: TerrainRecipe, region: RegionSources, sea: Sea | None, run: Runner) -> Ground:
+    """Those of coarse ground without features."""
+    ground = run(painted_ground, region, NO_LAND, PaintedWater(sea=sea), COARSE, hashed=False)
+    return _heights(bare, region, ground, 1 << COARSE_LEVEL)
 
 
 _WATERS: Final = (
@@ -268,88 +273,81 @@ _WATERS: Final = (
 )
 
 
-@_stage(*_WATERS, cost=4.0)
-def layout(
-    sketch: Sketch, region: RegionSources, bare: TerrainRecipe, coarse_ground: PaintedGround, run: Runner
-) -> WaterLayout:
+@_stage(*_WATERS)
+def layout(sketch: Sketch, coarse_heights: Ground, run: Runner) -> WaterLayout:
     """Courses of rivers and outlines of lakes."""
-    ground = _ground(bare, region, coarse_ground.raster, 1 << COARSE_LEVEL)
-    return lay_out_water(sketch, seed=sketch.seed, ground=ground, run=run)
+    return lay_out_water(sketch, seed=sketch.seed, ground=coarse_heights, run=run)
 
 
-@_stage(cost=1.0)
+@_stage()
 def water(
-    region: RegionSources,
-    bare: TerrainRecipe,
-    coarse_bare_ground: PaintedGround,
-    layout: WaterLayout,
-    land: PaintedLand,
-    sea: Sea | None,
+    featureless_heights: Ground, layout: WaterLayout, land: PaintedLand, sea: Sea | None
 ) -> PaintedWater:
     """What the ground drains to."""
     lakes = tuple(lake for lake in layout.lakes if lake.label)
-    ground = _ground(bare, region, coarse_bare_ground.raster, 1 << COARSE_LEVEL)
-    outlets = lake_outlets(lakes, layout.courses, ground)
-    bare_slopes, slopes = course_slopes(layout.courses, ground, land.features.cover)
+    outlets = lake_outlets(lakes, layout.courses, featureless_heights)
+    bare_slopes, slopes = course_slopes(layout.courses, featureless_heights, land.features.cover)
     floors = tuple(valley_floors(layout.courses, bare_slopes))
     return PaintedWater(layout.courses, slopes, floors, bare_slopes, lakes, outlets, sea)
 
 
-@_stage(cost=30.0, hashed=False)
+@_stage(hashed=False)
 def ground(region: RegionSources, land: PaintedLand, water: PaintedWater, run: Runner) -> PaintedGround:
     """The ground of the sketch, drained to its water."""
     return painted_ground(region, land, water, FINE, run)
 
 
-@_stage(*_named("painted", "plateau", "river"), "labels.plateau", "fidelity", *_PIXELS, cost=1.0)
-def plateaus(
-    sketch: Sketch, region: RegionSources, bare: TerrainRecipe, ground: PaintedGround, run: Runner
-) -> PlateausLayer:
+@_stage()
+def heights(bare: TerrainRecipe, region: RegionSources, ground: PaintedGround) -> Ground:
+    """Its heights."""
+    return _heights(bare, region, ground)
+
+
+@_stage(*_named("painted", "plateau", "river"), "labels.plateau", "fidelity", *_PIXELS)
+def plateaus(sketch: Sketch, heights: Ground, run: Runner) -> PlateausLayer:
     """Plateaus on it."""
-    return PlateausLayer(create_plateaus(sketch, _ground(bare, region, ground.raster), run))
+    return PlateausLayer(create_plateaus(sketch, heights, run))
 
 
-@_stage("climate.aridity", "seed", *_PIXELS, cost=4.0)
+@_stage(hashed=False)
+def flow(
+    region: RegionSources, ground: PaintedGround, water: PaintedWater, outlines: _Outlines, run: Runner
+) -> Flow:
+    """How it drains between plateaus."""
+    return painted_flow(region, ground, water, run, outlines["plateau"])
+
+
+@_stage("climate.aridity", "seed", *_PIXELS)
 def streams(
-    sketch: Sketch,
-    region: RegionSources,
-    bare: TerrainRecipe,
-    ground: PaintedGround,
-    water: PaintedWater,
-    layout: WaterLayout,
-    outlines: dict[str, Outline | None],
-    run: Runner,
+    sketch: Sketch, heights: Ground, flow: Flow, layout: WaterLayout, run: Runner
 ) -> list[RiverCourse]:
     """Unpainted rivers."""
-    relief, octaves = _relief(region, ground.raster), bare.sampling(FINEST_CELL).octaves
     return stream_courses(
-        painted_flow(region, ground, water, run, outlines["plateau"]),
+        flow,
         layout.courses,
         size=sketch.size,
         runoff=1.0 - float(sketch.climate["aridity"]),
         seed=sketch.seed,
-        displaced=lambda at: relief.displaced(at, bare.world, octaves),
+        displaced=heights.displaced,
         run=run,
     )
 
 
-@_stage(*_WATERS, *_named("layers", "mountain", "plateau"), cost=20.0)
+@_stage(*_WATERS, *_named("layers", "mountain", "plateau"))
 def waters(
     sketch: Sketch,
-    region: RegionSources,
-    bare: TerrainRecipe,
-    ground: PaintedGround,
+    heights: Ground,
     plateaus: PlateausLayer,
     layout: WaterLayout,
     streams: list[RiverCourse],
     run: Runner,
 ) -> Hydrology:
     """Rivers and lakes with their levels."""
-    heights = _ground(bare.with_layers([plateaus]), region, ground.raster)
-    return solve_water(sketch, layout, seed=sketch.seed, ground=heights, streams=streams, run=run)
+    raised = replace(heights, recipe=heights.recipe.with_layers([plateaus]))
+    return solve_water(sketch, layout, seed=sketch.seed, ground=raised, streams=streams, run=run)
 
 
-@_stage("extent", cost=8.0)
+@_stage("extent")
 def corridors(sketch: Sketch, waters: Hydrology, run: Runner) -> CorridorsLayer:
     """Rivers and their valleys."""
     radii = [valley_radius(*each) for each in zip(waters.rivers, waters.grounds, strict=True)]
@@ -359,8 +357,7 @@ def corridors(sketch: Sketch, waters: Hydrology, run: Runner) -> CorridorsLayer:
 @_stage()
 def natural(
     dry: TerrainRecipe,
-    region: RegionSources,
-    ground: PaintedGround,
+    heights: Ground,
     plateaus: PlateausLayer,
     waters: Hydrology,
     corridors: CorridorsLayer,
@@ -368,15 +365,12 @@ def natural(
     adopted: EditedPoints,
 ) -> TerrainRecipe:
     """The terrain without roads and land use."""
-    relief = _relief(region, ground.raster)
-    return replace(
-        dry.with_layers([relief, plateaus, LakesLayer(waters.lakes), corridors]),
-        resolutions=waters.resolutions,
-        orphans=(*points.orphans, *adopted.orphans, *waters.orphans),
-    )
+    layers = [heights.recipe[ReliefLayer], plateaus, LakesLayer(waters.lakes), corridors]
+    orphans = (*points.orphans, *adopted.orphans, *waters.orphans)
+    return replace(dry.with_layers(layers), resolutions=waters.resolutions, orphans=orphans)
 
 
-@_stage(*_named("vectors", *ROAD_LAYERS), *_named("labels", *ROAD_LAYERS), cost=20.0)
+@_stage(*_named("vectors", *ROAD_LAYERS), *_named("labels", *ROAD_LAYERS))
 def roads(sketch: Sketch, natural: TerrainRecipe, run: Runner) -> RoadNetwork:
     """Roads, railways, paths, pads and walls."""
     ground = Ground(natural, _ROAD_CELL)
@@ -418,10 +412,7 @@ def with_network(recipe: TerrainRecipe, network: RoadNetwork, run: Runner) -> Te
     return replace(recipe.with_layers([pads, roads]), network=network)
 
 
-def _relief(region: RegionSources, raster: DrainedRaster | None = None) -> ReliefLayer:
-    return ReliefLayer(UnpaintedNodes(region.beyond), raster, region.base)
-
-
-def _ground(recipe: TerrainRecipe, region: RegionSources, raster: DrainedRaster, nodes: int = 1) -> Ground:
+def _heights(recipe: TerrainRecipe, region: RegionSources, ground: PaintedGround, nodes: int = 1) -> Ground:
     """Return heights of a recipe with a drained ground, at so many of its nodes."""
-    return Ground(recipe.with_layers([_relief(region, raster)]), nodes * region.settings.spacing)
+    relief = ReliefLayer(UnpaintedNodes(region.beyond), ground.raster, region.base)
+    return Ground(recipe.with_layers([relief]), nodes * region.settings.spacing)

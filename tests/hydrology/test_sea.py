@@ -7,9 +7,9 @@ import pytest
 from scipy import ndimage
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.hydrology.rivers import trace_hydrology
 from sketchterrain.terrain.building import make_recipe
 from sketchterrain.terrain.host_heights import host_heights
+from tests.traced import trace_hydrology
 
 SIZE, PIXEL = 96, 40.0
 ROW, COLUMN = np.mgrid[:SIZE, :SIZE]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from sketchterrain.placement.density import DensityField, PaintedDistance, cubic
+from sketchterrain.placement.density import PaintedDistance, cubic, density_around
 from sketchterrain.placement.feature_types import (
     VISIBLE_SHARE,
     flank,
@@ -70,17 +70,16 @@ def test_density_is_the_plain_sum_also_for_groups_and_empty_fields():
     points, sizes = rng.random((200, 2)) * 100, rng.random(200) + 0.5
     at, radius = rng.random((50, 1, 2)) * 100, rng.random(50) * 30 + 1
     weight = cubic(np.linalg.norm(at - points, axis=-1) / radius[:, None]) * sizes
-    field = DensityField(points, sizes)
-    np.testing.assert_allclose(field.around(at, radius)[:, 0], weight.sum(1), atol=1e-12)
+    np.testing.assert_allclose(density_around(points, sizes, at, radius)[:, 0], weight.sum(1), atol=1e-12)
     assert cubic(np.array([0.0, 0.5, 1.0, 2.0])).tolist() == [1.0, 0.5, 0.0, 0.0]
 
-    empty = DensityField(np.zeros((0, 2)), np.zeros(0))
-    assert empty.around(np.ones((3, 1, 2)), np.ones(3)).tolist() == [[0.0]] * 3
-    assert field.around(np.zeros((0, 2, 2)), np.zeros(0)).shape == (0, 2)
+    nothing = np.zeros((0, 2)), np.zeros(0)
+    assert density_around(*nothing, np.ones((3, 1, 2)), np.ones(3)).tolist() == [[0.0]] * 3
+    assert density_around(points, sizes, np.zeros((0, 2, 2)), np.zeros(0)).shape == (0, 2)
 
     groups, radius = rng.random((40, 1, 2)) * 100 + rng.normal(0, 4, (40, 8, 2)), rng.random(40) * 20 + 1
-    single = field.around(groups.reshape(-1, 1, 2), np.repeat(radius, 8)).reshape(40, 8)
-    np.testing.assert_array_equal(field.around(groups, radius), single)
+    single = density_around(points, sizes, groups.reshape(-1, 1, 2), np.repeat(radius, 8)).reshape(40, 8)
+    np.testing.assert_array_equal(density_around(points, sizes, groups, radius), single)
 
 
 def test_few_and_many_queries_get_the_bits_of_a_distance_map():

@@ -18,7 +18,6 @@ from sketchterrain.document.layers import DENSITY, LAYERS, PAINTED_LAYERS
 from sketchterrain.document.parameters import Parameter
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import VectorLayer
-from sketchterrain.hydrology.rivers import trace_rivers
 from sketchterrain.placement.feature_types import FEATURE_TYPES, LAYER_CODES, TYPES, River, visible_radius
 from sketchterrain.placement.fill import Fill
 from sketchterrain.placement.heights import shape_height
@@ -31,6 +30,7 @@ from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Terrain
 from tests import terrains
+from tests.traced import trace_hydrology
 
 COUNT = 300
 
@@ -412,7 +412,7 @@ def rolling(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def check_tiny(sketch: Sketch) -> None:
     placed = check_placed(sketch)
-    check_rivers(sketch, trace_rivers(sketch, seed=sketch.seed, ground=rolling))
+    check_rivers(sketch, trace_hydrology(sketch, seed=sketch.seed, ground=rolling).rivers)
     check_fill(Fill.from_sketch(sketch, placed, seed=sketch.seed), -2000.0, -2000.0, 6000.0, 6000.0)
 
 

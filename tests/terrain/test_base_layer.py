@@ -56,7 +56,7 @@ def test_bits_depend_neither_on_launches_nor_on_slots(recipe, context, monkeypat
 
 def test_bits_do_not_depend_on_the_order_of_grids(recipe, context, base) -> None:
     parts = list(base.patchwork.grids.values())
-    turned = Patchwork().with_grid(parts[1]).with_grid(parts[0])
+    turned = Patchwork({each.id: each for each in parts[1::-1]})
     other = replace(base, patchwork=turned)
     changed = recipe.with_layers([BaseLayer.of(other, 1.0)])
     x, y = np.random.default_rng(1).integers(0, 1 << 24, (2, 3000))

@@ -12,7 +12,7 @@ from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.parameters import GEOLOGY, defaults
 from sketchterrain.placement.feature_types import ShapeField
 from sketchterrain.terrain.evaluator import Evaluator
-from sketchterrain.terrain.host_heights import host_samples
+from sketchterrain.terrain.host_heights import HostTerrain
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.covers import CoversLayer
@@ -65,7 +65,7 @@ def expected_ground(case: tuple[str, TerrainRecipe], cell_size: float) -> HostSa
     """Return the host's samples at `places()`, evaluated once per case and cell size."""
     name, recipe = case
     if (name, cell_size) not in _EXPECTED:
-        _EXPECTED[name, cell_size] = host_samples(recipe, *places(), cell_size=cell_size)
+        _EXPECTED[name, cell_size] = HostTerrain(recipe).samples(*places(), cell_size=cell_size)
     return _EXPECTED[name, cell_size]
 
 
@@ -150,7 +150,7 @@ def test_heights_are_within_a_millimetre_of_numpy(kind, corners, make_recipe, co
         places = middle + np.random.default_rng(2).uniform(-1400, 1400, (6000, 2))
         x, y = (np.rint(axis / unit).astype(np.int64) for axis in places.T)
         height, _ = Evaluator(recipe, context).points(x, y, cell_size=0.0)
-        error = np.abs(height - host_samples(recipe, x, y).height)
+        error = np.abs(height - HostTerrain(recipe).samples(x, y).height)
         assert np.ptp(height) > 20
         assert error.max() < HEIGHT_M, corner
         assert np.percentile(error, 99.9) < HEIGHT_M / 2, corner

@@ -15,7 +15,7 @@ from sketchterrain.landuse.areas import BUILT_UP, FIELD, FOREST, MEADOW, LandUse
 from sketchterrain.placement.feature_types import Lake
 from sketchterrain.terrain.changes import changed_areas
 from sketchterrain.terrain.evaluator import Evaluator
-from sketchterrain.terrain.host_heights import host_samples
+from sketchterrain.terrain.host_heights import HostTerrain
 from sketchterrain.terrain.index import BoxIndex
 from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.layers.layer import MASKS, WorldSettings
@@ -113,7 +113,7 @@ def test_kernels_agree_with_numpy_float64(bare, context, double_context) -> None
     recipe = with_land(bare, SCENE)
     x, y = grid(950, 950, 700)
     for cell in CELLS:
-        expected = host_samples(recipe, x, y, cell_size=cell).forest
+        expected = HostTerrain(recipe).samples(x, y, cell_size=cell).forest
         assert np.ptp(expected) > 0.5
         for opened, share in ((context, 3e-5), (double_context, 1e-9)):
             _, masks = Evaluator(recipe, opened).points(x, y, cell_size=cell)
@@ -132,7 +132,7 @@ def test_shares_are_those_of_the_cell_that_an_area_covers(bare) -> None:
     shape = shapely.Polygon(ring, [hole])
     recipe = with_land(bare, areas(([ring, hole], {})))
     x, y = np.rint(rng.uniform(1490.0, 1710.0, (2, 4000)) / UNIT).astype(np.int64)
-    found = host_samples(recipe, x, y, cell_size=cell).forest
+    found = HostTerrain(recipe).samples(x, y, cell_size=cell).forest
     exact = shapely.area(shapely.intersection(cells_about(x, y, cell), shape)) / cell**2
     corners = shapely.multipoints(np.concatenate([ring, hole]))
     away = shapely.distance(shapely.points(x * UNIT, y * UNIT), corners) > cell
@@ -160,9 +160,9 @@ def test_shares_of_a_partition_add_up_to_one(bare, context, far) -> None:
 def test_the_highest_id_is_on_top_and_takes_its_share_first(bare) -> None:
     low, high = square(1000, 1000, 100, density=1.0), square(1050, 1000, 100, density=0.25)
     x, y = grid(1010, 1010, 80, 40)
-    found = host_samples(with_land(bare, areas(low, high)), x, y, cell_size=0.0).forest
+    found = HostTerrain(with_land(bare, areas(low, high))).samples(x, y, cell_size=0.0).forest
     assert np.array_equal(found, np.where(x * UNIT < 1050.0, 1.0, 0.25))
-    found = host_samples(with_land(bare, areas(high, low)), x, y, cell_size=0.0).forest
+    found = HostTerrain(with_land(bare, areas(high, low))).samples(x, y, cell_size=0.0).forest
     assert np.array_equal(found, np.where(x * UNIT < 1100.0, 1.0, 0.25))
 
 

@@ -24,7 +24,7 @@ from sketchterrain.document.store import load_sketch
 from sketchterrain.terrain.building import rebuild
 from sketchterrain.terrain.changes import EVERYWHERE, changed_areas
 from sketchterrain.terrain.evaluator import Evaluator
-from sketchterrain.terrain.host_heights import host_samples
+from sketchterrain.terrain.host_heights import HostTerrain
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.layers.fields import field_distance, pack_fields
@@ -116,7 +116,7 @@ def beds(recipe: TerrainRecipe, x, y, z, slopes, mottle, cell_size: float) -> np
 
 def patch_weights(recipe: TerrainRecipe, x: np.ndarray, y: np.ndarray, cell_size: float) -> np.ndarray:
     """Return weights in float64 at the vertices (rows, columns) of a patch inside its border."""
-    ground = host_samples(recipe, x.ravel(), y.ravel(), cell_size=cell_size)
+    ground = HostTerrain(recipe).samples(x.ravel(), y.ravel(), cell_size=cell_size)
     z, inner = ground.height.reshape(x.shape), (slice(1, -1), slice(1, -1))
     east, north = z[1:-1, 2:] - z[1:-1, :-2], z[:-2, 1:-1] - z[2:, 1:-1]
     around = z[1:-1, 2:] + z[1:-1, :-2] + z[:-2, 1:-1] + z[2:, 1:-1]

@@ -21,7 +21,7 @@ from sketchterrain.terrain.realism_metrics import (
     FORMS,
     geomorphons,
     key_saddles,
-    measure_window,
+    measure_window_maps,
     spectral_slopes,
 )
 from tests import terrains
@@ -75,6 +75,10 @@ STORED = {
 
 SIDE, CELL = 128, 30.0
 Y, X = np.mgrid[:SIDE, :SIDE].astype(float)
+
+
+def measure_window(*window):
+    return measure_window_maps(*window)[0]
 
 
 def fbm(seed, exponent, side=SIDE):

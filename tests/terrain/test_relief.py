@@ -14,7 +14,7 @@ from sketchterrain.io.disk_cache import RecordCache
 from sketchterrain.terrain.building import build
 from sketchterrain.terrain.changes import difference
 from sketchterrain.terrain.evaluator import Evaluator
-from sketchterrain.terrain.host_heights import host_samples
+from sketchterrain.terrain.host_heights import HostTerrain
 from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.node_raster import DrainedRaster, NodeReader, PaintedNodes, node_level
@@ -68,7 +68,7 @@ def test_a_plane_is_read_exactly_and_without_waves_of_its_nodes(make_recipe) -> 
     recipe = make_recipe(relief=ReliefLayer(Plane()))
     x = np.random.default_rng(1).integers(0, 1 << 24, (2, 2000))
     # At a cell of four nodes nothing is displaced and no detail is left.
-    ground = host_samples(recipe, *x, cell_size=64.0).height
+    ground = HostTerrain(recipe).samples(*x, cell_size=64.0).height
     np.testing.assert_allclose(ground, 0.25 * x[0] * recipe.world.unit, atol=0.02)
 
 
@@ -76,7 +76,7 @@ def test_a_plane_is_read_exactly_and_without_waves_of_its_nodes(make_recipe) -> 
 def test_kernel_equals_the_host_on_a_painted_region(recipes, context, cell) -> None:
     x, y = np.random.default_rng(2).integers(-(1 << 22), 3 << 23, (2, 3000))
     height, masks = Evaluator(recipes[0], context).points(x, y, cell_size=cell)
-    expected = host_samples(recipes[0], x, y, cell_size=cell)
+    expected = HostTerrain(recipes[0]).samples(x, y, cell_size=cell)
     np.testing.assert_allclose(height, expected.height, atol=3e-3, rtol=0)
     for name in ("mountain", "wetness"):
         mask = masks[:, MASKS.index(name)]

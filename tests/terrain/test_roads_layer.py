@@ -13,7 +13,7 @@ from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL
 from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.evaluator import Evaluator
-from sketchterrain.terrain.host_heights import host_samples
+from sketchterrain.terrain.host_heights import HostTerrain
 from sketchterrain.terrain.layers.layer import MASKS, WorldSettings
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.layers.roads import RoadsLayer
@@ -64,7 +64,7 @@ def test_the_scene_has_every_structure(recipe) -> None:
 def test_kernels_agree_with_numpy_float64(recipe, context, double_context) -> None:
     x, y = places(recipe)
     for cell in CELLS:
-        expected = host_samples(recipe, x, y, cell_size=cell)
+        expected = HostTerrain(recipe).samples(x, y, cell_size=cell)
         for opened, metres, share in ((context, 3e-4, 1e-5), (double_context, 1e-5, 1e-6)):
             height, masks = Evaluator(recipe, opened).points(x, y, cell_size=cell)
             assert np.abs(height - expected.height).max() < metres, cell
@@ -236,4 +236,4 @@ def test_roads_over_voids_of_elevation_are_on_the_ground(make_recipe, context) -
     assert np.abs(height - axis_points(road, 0.01).position[:, 2]).max() < 0.02
     x, y = places(recipe, 2000)
     height, _ = Evaluator(recipe, context).points(x, y, cell_size=0.0)
-    assert np.abs(height - host_samples(recipe, x, y).height).max() < 3e-3
+    assert np.abs(height - HostTerrain(recipe).samples(x, y).height).max() < 3e-3

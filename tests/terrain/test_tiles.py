@@ -7,7 +7,6 @@ import pytest
 
 import sketchterrain as st
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.errors import InputError
 from sketchterrain.io.resources import preset_names
 from sketchterrain.placement.differences import row_difference
@@ -21,7 +20,7 @@ from sketchterrain.terrain.terrain import Terrain
 from tests import terrains
 from tests.devices import DEVICES
 
-from .conftest import CASES, LAKES, PLATEAUS, SEAS, assert_same, half_sums, launches, straight_river, tiers
+from .conftest import CASES, LAKES, PLATEAUS, SEAS, assert_same, half_sums, straight_river, tiers
 
 
 def vertices(tile: st.Tile) -> tuple[np.ndarray, np.ndarray]:
@@ -111,10 +110,10 @@ def test_invalid_queries_are_errors(valley) -> None:
         valley.tile(19, 0, 0)
     with pytest.raises(InputError, match="at least 2"):
         valley.raster(1)
-    store = valley.tile_store(4)
+    store = valley.vertex_store(4)
     for slots in ([0], [1, 1], [0, 4], [-1, 0]):
         with pytest.raises(InputError, match="slots"):
-            valley.fill_tiles([(3, 0, 0), (3, 1, 0)], store, slots)
+            valley.write_tiles([(3, 0, 0), (3, 1, 0)], slots, [-1, -1], store)
     assert valley.heights(np.zeros(0), np.zeros(0)).shape == (0,)
 
 
@@ -152,48 +151,6 @@ def test_32_and_64_bit_positions_give_the_same_bits(valley, level, monkeypatch) 
     monkeypatch.setattr("sketchterrain.terrain.patches.fits_patches", lambda *_: False)
     for one, two in zip(near, valley.tiles(keys), strict=True):
         assert_same(one, two, parents=True)
-
-
-def test_fill_tiles_writes_only_its_slots(valley) -> None:
-    """Of several levels in one call."""
-    keys = [(6, 20, 31), (6, 21, 31), (2, 1, 2), (9, -4, 700), (6, 30, 30)]
-    slots = [7, 0, 3, 6, 2]
-    store = valley.tile_store(9)
-    buffers = {
-        "ground": (store.ground, 4),
-        "materials": (store.materials, len(MATERIALS)),
-        "parent": (store.parent, 4),
-    }
-    for buffer, width in buffers.values():
-        valley.context.write(buffer, np.full(9 * 65 * 65 * width, np.nan, np.float32)).wait()
-    bounds = valley.fill_tiles(keys, store, slots)
-    filled = {
-        name: valley.context.download(buffer, (9, 65, 65, width), np.float32)
-        for name, (buffer, width) in buffers.items()
-    }
-    for tile, slot, bound in zip(valley.tiles(keys), slots, bounds, strict=True):
-        assert bound == tile.detail_bound
-        np.testing.assert_array_equal(filled["ground"][slot, ..., 3], tile.height)
-        np.testing.assert_array_equal(filled["ground"][slot, ..., :3], tile.normal)
-        np.testing.assert_array_equal(filled["materials"][slot], tile.materials)
-        np.testing.assert_array_equal(filled["parent"][slot, ..., 3], tile.parent_height)
-        np.testing.assert_array_equal(filled["parent"][slot, ..., :3], tile.parent_normal)
-    assert all(np.isnan(part[[1, 4, 5, 8]]).all() for part in filled.values())
-
-
-@pytest.mark.parametrize("bare", [False, True])
-def test_filling_again_neither_allocates_nor_waits(bare, valley, make_recipe, calls) -> None:
-    """A batch is one transfer per launch of heights, once buffers and features are cached."""
-    terrain = Terrain(valley.sketch, make_recipe(), valley.context) if bare else valley
-    keys = [(5, c, r) for c in range(10, 18) for r in range(10, 18)]
-    store = terrain.tile_store(len(keys))
-    terrain.fill_tiles(keys, store, range(len(keys)))
-    calls.clear()
-    again = [(5, c + 10 * bare, r) for _, c, r in keys]
-    terrain.fill_tiles(again, store, range(len(keys)))
-    assert launches(calls) == ["patches", "surfaces", "patches", "parents"]
-    # A transfer may wait for the one three before it.
-    assert {call for call in calls if not call.startswith("launching")} == {"uploading"}
 
 
 def test_omitted_rules_have_no_weight(valley, desert, monkeypatch) -> None:

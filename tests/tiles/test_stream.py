@@ -174,7 +174,7 @@ def test_a_small_pool_tolerates_more_error_without_holes(toy):
     for _ in range(200):
         toy.go(stream, view, tiles=64)
     draws = toy.go(stream, view)
-    assert stream.error_factor > 1
+    assert stream._error_factor > 1
     assert stream.pool.count <= 300
     assert toy.is_whole(draws, view)
 

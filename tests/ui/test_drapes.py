@@ -376,7 +376,6 @@ def test_files_are_added_by_dialog_and_drop_and_layers_saved(
 def test_the_engine_gets_changes_at_once_and_the_placer_none(draped, blank, link, workspace):
     sent = [each for each in link.requests if isinstance(each, msg.SetDrapes)]
     assert sent[-1].layers == blank.sketch.drapes
-    link._updates.start(lambda: None)
     link._updates.next()
     model.change_drape(blank, 0, "Set", opacity=0.25)
     assert link.requests[-1].layers[0]["opacity"] == 0.25

@@ -177,10 +177,7 @@ def small_document(qapp):
 
 @pytest.fixture
 def builder(small_document):
-    created = UpdateBuilder(small_document)
-    created.start(lambda: None)
-    yield created
-    created.stop()
+    return UpdateBuilder(small_document)
 
 
 def live(document):

@@ -13,7 +13,7 @@ import struct
 import subprocess
 import threading
 from collections import ChainMap, deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
@@ -328,22 +328,9 @@ class UpdateBuilder:
     def __init__(self, document: Document) -> None:
         self._document = document
         self._version = 0
-        self._sent = b""  # digest of the last update's sketch
+        self.sent = b""  # digest of the last update's sketch
         self._fresh = True
-        self._notify: Callable[[], None] | None = None
         document.opened.connect(self._on_opened)
-
-    def start(self, notify: Callable[[], None]) -> None:
-        """Call `notify` on each change."""
-        self.stop()
-        self._sent, self._notify = b"", notify
-        self._document.live_changed.connect(notify)
-
-    def stop(self) -> None:
-        """Stop notifying."""
-        if self._notify is not None:
-            self._document.live_changed.disconnect(self._notify)
-        self._notify = None
 
     def next(self) -> tuple[SketchUpdate, bool]:
         """Return the newest sketch, and whether another document was opened since the last one."""
@@ -351,14 +338,14 @@ class UpdateBuilder:
         if draft is not None:
             sketch = sketch.replace(layers={**sketch.layers, draft.layer: draft.snapshot()})
         self._version += 1
-        self._sent, self._fresh = digest_of(sketch), False
+        self.sent, self._fresh = digest_of(sketch), False
         return SketchUpdate(self._version, sketch), fresh
 
     @property
     def is_empty(self) -> bool:
         """Whether nothing but draped layers, which the placer does not receive, has changed."""
         document = self._document
-        return document.draft is None and digest_of(document.sketch.replace(drapes=())) == self._sent
+        return document.draft is None and digest_of(document.sketch.replace(drapes=())) == self.sent
 
     def _on_opened(self) -> None:
         self._fresh = True

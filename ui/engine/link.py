@@ -259,6 +259,7 @@ class EngineLink(ViewSource):
         super().__init__(msg.ViewState())
         self._document = document
         document.drapes.changed.connect(self._send_drapes)
+        document.live_changed.connect(self._schedule)
         self.adherence: msg.Adherence | None = None
         self._started_at = 0.0
         self._crashes = 0
@@ -287,14 +288,13 @@ class EngineLink(ViewSource):
 
     def stop(self) -> None:
         self._timer.stop()
-        self._updates.stop()
         super().stop()
 
     def _restart(self, *, draws: bool) -> None:
         self.stop()
         self._started_at = time.monotonic()
         self._run(EngineProcesses(device=self.device, draws=draws))
-        self._updates.start(self._schedule)
+        self._updates.sent = b""
         if self._document.drapes.current is not None:
             self._send_drapes()
         self._send_sketch()

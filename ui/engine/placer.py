@@ -7,11 +7,10 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final, cast
+from typing import TYPE_CHECKING, Final
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import SketchterrainError, one_line
-from sketchterrain.stages.digests import digest_of
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.channel import Channel, ContentChannel
 
@@ -132,25 +131,16 @@ class Placer:
             line = one_line(f"the sketch could not be placed: {type(error).__name__}: {error}")
             self._window.send(msg.ErrorReport("sketch", line))
 
-    def _is_stroke(self, stages: Evaluation) -> bool:
-        """Return whether one layer was painted, instead of another sketch opened."""
-        if self._last is None:
-            return False
-        before = self._last.sketch.layers
-        return (
-            sum(digest_of(image) != digest_of(before[name]) for name, image in stages.sketch.layers.items())
-            == 1
-        )
-
     def _place(self, version: int, sketch: Sketch) -> None:
         from sketchterrain.terrain.building import draft_recipe, evaluation
+        from sketchterrain.terrain.surfaces import TerrainFeatures
 
         self._policy.start()
         self._started = started = time.monotonic()
         try:
             stages = evaluation(sketch, self._memory, self._checkpoint)
-            if self._policy.shows_drafts and self._is_stroke(stages):
-                draft = draft_recipe(stages, cast("Evaluation", self._last))
+            if self._policy.shows_drafts and self._last is not None:
+                draft = draft_recipe(stages, self._last)
                 if draft is not None:
                     update = msg.RecipeUpdate(version, sketch, draft, started, time.monotonic(), draft=True)
                     self._engine.send(update)
@@ -169,12 +159,6 @@ class Placer:
             self._window.send(msg.Unchanged("placement", version))
             return
         self._engine.send(msg.RecipeUpdate(version, sketch, recipe, started, placed))
-        self._report(version, sketch, recipe)
-
-    def _report(self, version: int, sketch: Sketch, recipe: TerrainRecipe) -> None:
-        """Tell the window what was placed."""
-        from sketchterrain.terrain.surfaces import TerrainFeatures
-
         found = TerrainFeatures.from_recipe(recipe, sketch.size)
         self._window.send(
             msg.Placement(

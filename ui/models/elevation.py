@@ -13,6 +13,7 @@ from PyQt6.QtCore import QObject, QTimer, pyqtSignal
 
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Results, Runner
 from sketchterrain.ui.models.background import BackgroundReader
 from sketchterrain.ui.models.document import Document
@@ -151,7 +152,7 @@ def _read_facts(sketch: Sketch, memory: Results) -> ElevationFacts:
         rows, columns = grid.patches.shape
         size = f"{columns} × {rows} samples, {grid.patches.step:.4g} m apart"
         lines[source.path] = (size, *(each.removeprefix(f"{source.title}: ") for each in own))
-    shade = Runner(memory)(hillshade, base, sketch.part("extent", "size"))
+    shade = Runner(memory)(hillshade, base, part_of(sketch, "extent", "size"))
     return ElevationFacts(lines, tuple(rest), hillshade=shade)
 
 

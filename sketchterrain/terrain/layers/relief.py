@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, lru_cache
-from importlib.resources import files
+from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
@@ -14,7 +13,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.io.disk_cache import RecordCache
-from sketchterrain.io.resources import kernel_constants
+from sketchterrain.io.resources import code_digest, kernel_constants
 from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.erosion import FEED, GULLY_PEAK, STEEPEST, gully_octave, gully_steepness
@@ -104,15 +103,8 @@ class UnpaintedNodes:
 
 @lru_cache(maxsize=4)
 def _disk_cache(settings: UnpaintedSettings) -> RecordCache:
-    """Return the cache on disk of chunks, by the settings and the sources that nodes depend on."""
-    return RecordCache("ground", f"{settings}\n{_sources()}")
-
-
-@cache
-def _sources() -> str:
-    folders = files("sketchterrain.placement"), files("sketchterrain.terrain")
-    sources = [each for folder in folders for each in folder.iterdir() if each.name.endswith(".py")]
-    return "".join(each.read_text("utf-8") for each in sorted(sources, key=str))
+    """Return the cache on disk of chunks, by the settings and the program's sources."""
+    return RecordCache("ground", f"{settings}\n{code_digest()}")
 
 
 @dataclass(frozen=True)

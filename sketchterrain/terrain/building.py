@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.array_types import Bounds
 from sketchterrain.compute.context import ComputeContext
+from sketchterrain.stages.digests import digest_of
 from sketchterrain.stages.runner import Results, Runner
 from sketchterrain.stages.table import Evaluation
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
@@ -102,7 +103,8 @@ def draft_recipe(now: Evaluation, before: Evaluation) -> TerrainRecipe | None:
     recipe: TerrainRecipe = before["recipe"]
     region: RegionSources = before["region"]
     ground = recipe[ReliefLayer].painted
-    strokes = sum(image is not before.sketch.layers[name] for name, image in now.sketch.layers.items())
+    images = zip(now.sketch.layers.values(), before.sketch.layers.values(), strict=True)
+    strokes = sum(digest_of(image) != digest_of(other) for image, other in images)
     # What a first mountain changes of the surroundings waits for the final terrain.
     kinds = {(each["region"].settings, each["region"].base, each["dry"].world) for each in (before, now)}
     if strokes != 1 or len(kinds) > 1 or ground is None or now["land"] is before["land"]:

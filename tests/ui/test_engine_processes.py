@@ -2,6 +2,7 @@
 
 import socket
 import threading
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -11,14 +12,16 @@ import pytest
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.terrain import building as from_sketch
 from sketchterrain.terrain.building import make_recipe
+from sketchterrain.terrain.stages import STAGES
 from sketchterrain.ui.engine import link as link_module
 from sketchterrain.ui.engine import placer as placer_module
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.background import JobQueue
-from sketchterrain.ui.engine.channel import Channel
+from sketchterrain.ui.engine.channel import Channel, ContentChannel
 from sketchterrain.ui.engine.engine import Engine
 from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.engine.link import EngineLink, ViewSource
@@ -501,3 +504,23 @@ def test_an_invalid_sketch_and_a_defect_are_reported_and_the_next_sketch_is_plac
         assert "oops" in placer.placed(Sketch(extent=2000.0), {"mountain": blob(21)}).line
     assert "ZeroDivisionError" in capsys.readouterr().err
     assert isinstance(placer.placed(Sketch(extent=2000.0), {"mountain": blob(22)}), msg.Placement)
+
+
+@pytest.mark.slow
+def test_ten_edits_of_a_road_leave_the_natural_terrain_as_it_is(placer):
+    placer.window = ContentChannel(placer.window._socket)
+    placer.thread.start()
+    sketch = load_sketch("andorra")
+    assert isinstance(placer.placed(sketch, sketch.layers), msg.Placement)
+    before = placer.served._last
+    road = sketch.vectors["road"]
+    for step in range(1, 11):
+        vertices = road.vertices.copy()
+        vertices[len(vertices) // 2] += step
+        changed = sketch.replace(vectors={**sketch.vectors, "road": replace(road, vertices=vertices)})
+        assert isinstance(placer.placed(changed, sketch.layers), msg.Placement)
+    after = placer.served._last
+    assert after["roads"] is not before["roads"]
+    assert after.sketch.vectors["river"] is before.sketch.vectors["river"]
+    others = [name for name in STAGES if name not in ("files", "roads", "recipe")]
+    assert [name for name in others if after[name] is not before[name]] == []

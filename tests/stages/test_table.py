@@ -1,0 +1,209 @@
+"""A stage has what it declares, runs when that differs, and otherwise its result is the same object."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sketchterrain.document.edits import Edit
+from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
+from sketchterrain.document.material_rules import RuleChange
+from sketchterrain.document.parameters import SKETCH
+from sketchterrain.document.sketch import TABLES, Sketch
+from sketchterrain.stages.digests import digest_of
+from sketchterrain.stages.parts import part_of
+from sketchterrain.stages.runner import Results, Runner
+from sketchterrain.stages.table import Evaluation, StageTable
+from sketchterrain.terrain.stages import STAGES
+from tests.conftest import ROOT
+from tests.sample_roads import sketch_with
+
+SIDE = 48
+
+
+def painted(layer, *boxes):
+    image = np.zeros((SIDE, SIDE), np.uint8)
+    for top, left, bottom, right in boxes:
+        image[top:bottom, left:right] = 1
+    return {layer: image}
+
+
+def base():
+    layers = (
+        painted("mountain", (4, 4, 14, 16))
+        | painted("hill", (20, 30, 28, 40))
+        | painted("forest", (36, 6, 42, 14))
+        | painted("lake", (30, 18, 36, 26))
+        | painted("river", (16, 2, 18, 30))
+        | painted("plateau", (38, 32, 46, 44))
+        | painted("material", (2, 34, 8, 44))
+    )
+    road = sketch_with(("road", [(100, 900), (900, 950)]), extent=2048.0).vectors["road"]
+    labels = {(name, 1): {} for name in layers} | {("road", 1): {}}
+    density = {"forest": 0.5, "dune": 0.1}
+    return Sketch(
+        extent=2048.0, layers=layers, vectors={"road": road}, labels=labels, density=density, seed=3
+    )
+
+
+class LoggedRunner(Runner):
+    """Notes the stages that it runs."""
+
+    def __init__(self, results):
+        self.ran: list[str] = []
+        super().__init__(results)
+
+    def __call__(self, function, *inputs, hashed=True):
+        if getattr(STAGES.get(function.__name__), "function", None) is not function:
+            return super().__call__(function, *inputs, hashed=hashed)
+        if digest_of((function, inputs)) not in self.results:
+            self.ran.append(function.__name__)
+        return super().__call__(function, *inputs, hashed=hashed)
+
+
+def changed_value(parameter, value):
+    if parameter.choices:
+        return next(each for each in parameter.choices if each != value)
+    if parameter.kind is str:
+        return None
+    low, high = parameter.soft_range or (parameter.low, parameter.high)
+    for other in (value + (high - low) / 7.0, value - (high - low) / 7.0, high, low):
+        other = parameter.kind(other)
+        if low <= other <= high and other != value:
+            return other
+    return None
+
+
+def changes(sketch):
+    """Yield names of fields as stages declare them, and sketches that differ in them alone."""
+    for name, parameter in SKETCH.items():
+        if name not in ("name", "extent"):
+            yield name, sketch.replace(**{name: changed_value(parameter, getattr(sketch, name))})
+    for table, parameters in TABLES.items():
+        for name, parameter in parameters.items():
+            value = changed_value(parameter, getattr(sketch, table)[name])
+            if table != "frame" and value is not None:
+                yield f"{table}.{name}", sketch.replace(**{table: {**getattr(sketch, table), name: value}})
+    for (layer, label), values in sketch.labels.items():
+        for name, parameter in LAYERS[layer].parameters.items():
+            value = changed_value(parameter, sketch.properties(layer, label)[name])
+            if value is not None:
+                labels = {**sketch.labels, (layer, label): {**values, name: value}}
+                yield f"labels.{layer}", sketch.replace(labels=labels)
+    for name in PAINTED_LAYERS:
+        image = sketch.layers[name].copy()
+        image[24, 44] = 1 - min(image[24, 44], 1)
+        yield f"layers.{name}", sketch.replace(layers={**sketch.layers, name: image})
+    road = sketch.vectors["road"]
+    moved = dataclasses.replace(road, vertices=road.vertices + np.array([[0.0, 0.0], [10.0, 5.0]]))
+    yield "vectors.road", sketch.replace(vectors={**sketch.vectors, "road": moved})
+    edit = Edit("add", type="hill", x=600.0, y=700.0, radius=90.0, strength=30.0)
+    yield "edits", sketch.replace(edits=(edit,))
+    yield "material_rules", sketch.replace(material_rules=(RuleChange("dry_soil", material="rock"),))
+
+
+def reads(stage, field):
+    """Return whether a stage declares a field, painted layers included."""
+    outer, _, inner = field.partition(".")
+    names = {each.replace("painted.", "layers.") for each in stage.reads}
+    return field in names or (bool(inner) and outer in names) or (field == "labels" and "labels" in names)
+
+
+def check(before, field, sketch, results, seen):
+    run = LoggedRunner(results)
+    after = Evaluation(STAGES, sketch, run)
+    after["recipe"]
+    for stage in STAGES.values():
+        if stage.fresh:
+            continue
+        declared = [digest_of(each._part(stage.reads)) for each in (before, after)] if stage.reads else [0, 0]
+        inputs = [name for name in stage.inputs if digest_of(before[name]) != digest_of(after[name])]
+        assert reads(stage, field) or declared[0] == declared[1], (field, stage.name)
+        if declared[0] == declared[1] and not inputs:
+            assert stage.name not in run.ran, (field, stage.name)
+            assert after[stage.name] is before[stage.name], (field, stage.name)
+        else:  # unless an earlier case had the same inputs
+            key = stage.name, declared[1], *(digest_of(after[name]) for name in stage.inputs)
+            assert (stage.name in run.ran) == (key not in seen), (field, stage.name)
+            seen.add(key)
+
+
+def cases(step):
+    sketch, results = base(), Results(max_bytes=1 << 32)
+    before = Evaluation(STAGES, sketch, Runner(results))
+    before["recipe"]
+    found = list(changes(sketch))
+    assert len(found) > 70
+    seen = set()
+    for field, changed in found[::step]:
+        check(before, field, changed, results, seen)
+    again = LoggedRunner(results)
+    assert Evaluation(STAGES, base(), again)["recipe"] is before["recipe"]
+    assert again.ran == []
+
+
+def test_some_fields_run_the_stages_that_declare_them_and_what_differs_after():
+    cases(17)
+
+
+@pytest.mark.slow
+def test_each_field_runs_the_stages_that_declare_it_and_what_differs_after():
+    cases(1)
+
+
+def test_roads_leave_the_natural_terrain_as_it_is():
+    sketch, results = base(), Results(max_bytes=1 << 32)
+    before = Evaluation(STAGES, sketch, Runner(results))
+    before["recipe"]
+    changed = dict(changes(sketch))["vectors.road"]
+    run = LoggedRunner(results)
+    after = Evaluation(STAGES, changed, run)
+    after["recipe"]
+    assert run.ran == ["roads", "recipe"]
+    assert after["natural"] is before["natural"]
+
+
+def test_a_stage_has_no_access_to_what_it_does_not_declare():
+    table, stage = StageTable(), None
+    stage = table.stage
+
+    @stage("extent", "labels.hill")
+    def one(sketch):
+        return sketch.seed
+
+    @stage("layers.hill")
+    def two(sketch):
+        return sketch.layers["mountain"]
+
+    @stage("labels.hill", "extent")
+    def three(sketch):
+        return sketch.properties("mountain", 1)
+
+    @stage("extent")
+    def four(sketch):
+        return sketch.pixel_size
+
+    for name in ("one", "two", "three", "four"):
+        with pytest.raises((AttributeError, KeyError)):
+            table[name].function(part_of(base(), *table[name].reads))
+    with pytest.raises(TypeError, match="declared before it, got \\['later'\\]"):
+
+        @stage()
+        def early(later):
+            return later
+
+
+def test_a_part_has_the_methods_of_its_sketch():
+    sketch = base()
+    part = part_of(sketch, "extent", "size", "layers.hill", "labels.hill", "climate.aridity")
+    assert (part.pixel_size, part.size) == (sketch.pixel_size, sketch.size)
+    assert part.properties("hill", 1) == sketch.properties("hill", 1)
+    assert dict(part.climate) == {"aridity": sketch.climate["aridity"]}
+    assert digest_of(part_of(part, "extent")) == digest_of(part_of(sketch, "extent"))
+
+
+def test_the_architecture_names_the_stages_in_their_order():
+    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    rows = [row.split(" | ") for row in text.splitlines() if row.count(" | ") == 3 and row.startswith("| ")]
+    found = [(name[2:], after) for name, _, after, _ in rows if name[2:] in STAGES]
+    assert found == [(stage.name, ", ".join(stage.inputs)) for stage in STAGES.values()]

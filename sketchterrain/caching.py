@@ -52,11 +52,11 @@ class LRUCache:
                 self._bytes -= self._values.popitem(last=False)[1][1]
         return value
 
-    def get(self, key: Hashable) -> Any:
-        """Return the value cached for a key, now the most recently used, or None."""
+    def get(self, key: Hashable, default: Any = None) -> Any:
+        """Return the value cached for a key, now the most recently used, or a default."""
         with self._lock:
             if key not in self._values:
-                return None
+                return default
             self._values.move_to_end(key)
             return self._values[key][0]
 

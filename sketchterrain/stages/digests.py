@@ -30,7 +30,6 @@ _SCALARS: Final = (str, bytes, int, float, complex, type(None), np.generic, Pure
 class _Known(weakref.ref[Any]):
     """What is known of an object, as long as it lives."""
 
-    __slots__ = ("found",)
     found: Any
 
     @classmethod
@@ -81,7 +80,7 @@ def derive_digest(image: npt.NDArray[np.uint8], before: npt.NDArray[np.uint8], b
         return
     blocks = blocks_of(before).copy()
     where = np.zeros(blocks.shape, np.bool_)
-    where[box[0] // BLOCK : -(-box[2] // BLOCK), box[1] // BLOCK : -(-box[3] // BLOCK)] = True
+    where[max(box[0], 0) // BLOCK : -(-box[2] // BLOCK), max(box[1], 0) // BLOCK : -(-box[3] // BLOCK)] = True
     blocks[where] = _hashed_blocks(image, where)
     _Known.keep(_blocks, image, blocks)
 

@@ -16,6 +16,8 @@ from sketchterrain.stages.digests import digest_of, remember
 
 Value = TypeVar("Value")
 
+_MISSING: Any = object()
+
 
 class Results(LRUCache):
     """Results of runs by the digests of function and inputs, and one object for each digest of a value."""
@@ -56,8 +58,8 @@ class Runner:
         Unless `hashed`, its digest is that of the run: nothing is saved where other inputs give the same.
         """
         key = digest_of((function, inputs))
-        if key in self.results:
-            found: Value = self.results.get(key)
+        found: Value = self.results.get(key, _MISSING)
+        if found is not _MISSING:
             return found
         self.checkpoint()
         result = function(*inputs, run=self) if _takes_runner(function) else function(*inputs)
@@ -76,8 +78,8 @@ class Runner:
         """
         common = digest_of((function, inputs))
         keys = [blake2b(common + digest_of(item), digest_size=len(common)).digest() for item in items]
-        found = {key: self.results.get(key) for key in keys if key in self.results}
-        missing = {key: item for key, item in zip(keys, items, strict=True) if key not in found}
+        found = {key: self.results.get(key, _MISSING) for key in keys}
+        missing = {key: item for key, item in zip(keys, items, strict=True) if found[key] is _MISSING}
         if missing:
             self.checkpoint()
             results = function(list(missing.values()), *inputs)

@@ -1,7 +1,6 @@
 """How a terrain is made: the stages from a sketch to its recipe, each after what it depends on.
 
-The parameters of a stage are the results of others, before it; `sketch` holds the fields named above it, and
-no others; `run` runs parts of it, one for each shape, network or leg, whose results are kept alone.
+Parameters are results of other stages; `sketch` has the fields named above alone; `run` runs parts of a stage.
 """
 
 from __future__ import annotations
@@ -104,9 +103,10 @@ def painted(sketch: Sketch, run: Runner) -> dict[str, LabelImage]:
 
 @_stage("rasters", fresh=True)
 def files(sketch: Sketch) -> Any:
-    """What linked files contain now."""
-    linked = [each.path for each in sketch.rasters if each.content is None]
-    return content_digests(sketch.rasters), [file_stamps(Path(path)) for path in linked], geoid_files()
+    """What files of elevation and photographs contain now."""
+    rasters = [each for each in sketch.rasters if each.role != "picture"]
+    stamps = [file_stamps(Path(each.path)) for each in rasters if each.content is None]
+    return content_digests(rasters), stamps, geoid_files()
 
 
 @_stage("rasters", "frame", "base.margin", *_PIXELS)

@@ -68,11 +68,11 @@ def test_an_edited_images_digest_hashes_its_blocks_and_is_that_of_a_new_one(monk
     before = frozen(image)
     digest_of(before)
     for box in (
-        (0, 0, 1, 1),
+        (-9, -70, 1, 1),
         (BLOCK - 1, 3, BLOCK + 1, BLOCK),
         (3 * BLOCK, 2 * BLOCK, 3 * BLOCK + 7, 2 * BLOCK + 1),
     ):
-        image[box[0] : box[2], box[1] : box[3]] += 1
+        image[max(box[0], 0) : box[2], max(box[1], 0) : box[3]] += 1
         after = frozen(image)
         derive_digest(after, before, box)
         hashed = []

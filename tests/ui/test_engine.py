@@ -142,16 +142,18 @@ def finish_messages(link, listener):
 
 
 @pytest.mark.slow
-def test_committing_a_stroke_already_sent_only_updates_the_version(running):
+def test_committing_a_stroke_already_sent_sends_nothing(running, qapp):
     document, link, _ = running
     draft = paint(document, "mountain", (60, 60, 72, 72), title=None)
     wait(converged(link, newest(link) + 1))
     heights, version = link.relief.height, newest(link)
     draft.commit("Paint mountains")
-    wait(converged(link, version + 1))
-    assert link.relief.height is heights
+    qapp.processEvents()
+    assert link._updates.is_empty
+    assert not link._timer.isActive()
+    assert (newest(link), link.relief.height is heights) == (version, True)
     document.undo()
-    wait(converged(link, version + 2))
+    wait(converged(link, version + 1))
     assert link.relief.height is not heights
 
 

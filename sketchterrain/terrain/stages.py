@@ -1,6 +1,6 @@
 """How a terrain is made: the stages from a sketch to its recipe, each after what it depends on.
 
-Parameters are results of other stages; `sketch` has the fields named above alone; `run` runs parts of a stage.
+Parameters are results of other stages; `sketch` has the fields named above alone; `run` runs parts of one.
 """
 
 from __future__ import annotations

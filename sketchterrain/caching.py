@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 Value = TypeVar("Value")
+_PLAIN = frozenset({int, float, str, bytes, bool, type(None)})
 
 
 class LRUCache:
@@ -81,5 +82,5 @@ def _array_bytes(value: object) -> int:
     if isinstance(value, np.ndarray):
         return value.nbytes
     if isinstance(value, (tuple, list)):
-        return sum(map(_array_bytes, value))
+        return sum(_array_bytes(each) for each in value if type(each) not in _PLAIN)
     return sum(map(_array_bytes, vars(value).values())) if hasattr(value, "__dataclass_fields__") else 0

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import struct
 import weakref
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, is_dataclass
 from hashlib import blake2b
 from pathlib import PurePath
-from types import BuiltinFunctionType, FunctionType
+from types import BuiltinFunctionType, FunctionType, MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -24,6 +24,7 @@ _SIZE: Final = 16  # bytes
 _LARGE: Final = 1 << 12  # bytes of arrays whose digests are kept
 BLOCK: Final = 64
 """Pixels along the sides of blocks of images."""
+_CONTAINERS: Final = (tuple, list, dict, MappingProxyType, set, frozenset)
 _SCALARS: Final = (str, bytes, int, float, complex, type(None), np.generic, PurePath)
 
 
@@ -161,17 +162,15 @@ def _feed(update: Callable[[Any], None], value: Any, *, outermost: bool = False)
             raise TypeError(f"expected an array of plain values, got {value.dtype}")
         update(f"array {value.dtype.descr if value.dtype.fields else value.dtype.str} {value.shape}".encode())
         update(np.ascontiguousarray(value).reshape(-1).view(np.uint8).data if value.size else b"")
-    elif isinstance(value, (bool, *_SCALARS)):
+    elif isinstance(value, _SCALARS):
         text = value if isinstance(value, bytes) else repr(value).encode()
-        update(b"%s %d " % (kind.__name__.encode(), len(text)))
-        update(text)
-    elif isinstance(value, (tuple, list, Set, Mapping)):
+        update(b"%s %d %s" % (kind.__name__.encode(), len(text), text))
+    elif isinstance(value, _CONTAINERS):
         if isinstance(value, (tuple, list)) and all(type(each) is str for each in value):
             update(f"texts {value!r}".encode())
             return
-        items: Any = value.items() if isinstance(value, Mapping) else value
-        if isinstance(value, Set):
-            items = sorted(map(digest_of, value))
+        is_set = isinstance(value, (set, frozenset))
+        items: Any = sorted(map(digest_of, value)) if is_set else getattr(value, "items", lambda: value)()
         update(b"items " + struct.pack("<q", len(value)))
         for each in items:
             _feed(update, each)

@@ -19,7 +19,7 @@ from sketchterrain.terrain.layers.plateaus import PlateausLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer, UnpaintedNodes
 from sketchterrain.terrain.layers.roads import RoadsLayer
 from sketchterrain.terrain.layers.sea import SeaLayer
-from sketchterrain.terrain.painted_ground import RegionSources, drafted_ground, ground_without
+from sketchterrain.terrain.painted_ground import Sources, drafted_ground, ground_without
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.stages import STAGES
 from sketchterrain.terrain.terrain import Terrain
@@ -101,7 +101,7 @@ def draft_recipe(now: Evaluation, before: Evaluation) -> TerrainRecipe | None:
     before : of an earlier sketch
     """
     recipe: TerrainRecipe = before["recipe"]
-    region: RegionSources = before["region"]
+    region: Sources = before["region"]
     ground = recipe[ReliefLayer].painted
     images = zip(now.sketch.layers.values(), before.sketch.layers.values(), strict=True)
     strokes = sum(digest_of(image) != digest_of(other) for image, other in images)

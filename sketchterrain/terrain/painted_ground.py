@@ -75,7 +75,7 @@ _NO_NODES = PaintedNodes(
 
 
 @dataclass(frozen=True, eq=False)
-class RegionSources:
+class Sources:
     """What the painted region is drained from, but for paint."""
 
     beyond: UnpaintedSettings  # of unpainted ground, with its surroundings
@@ -150,7 +150,7 @@ class PaintedLand:
 NO_LAND: Final = PaintedLand(NO_FEATURES, {})
 
 
-def data_heights(region: RegionSources, water: PaintedWater, run: Runner) -> GroundHeight:
+def data_heights(region: Sources, water: PaintedWater, run: Runner) -> GroundHeight:
     """Return heights (m) of the region with elevation data and without features, by its coarse nodes."""
     level = run(blended_ground, region, water.bare(), COARSE, hashed=False)[-1]
     source = run(unpainted_levels, region.settings, hashed=False)[0][COARSE - 1]
@@ -198,16 +198,12 @@ def drafted_ground(
 
 
 def painted_flow(
-    region: RegionSources,
-    ground: PaintedGround,
-    water: PaintedWater,
-    run: Runner,
-    plateaus: Outline | None = None,
+    region: Sources, ground: PaintedGround, water: PaintedWater, run: Runner, plateaus: Outline | None = None
 ) -> Flow:
     """Return how the painted region drains, level 0; plateaus and elevation data bar streams."""
     finest = ground.finest
     source = run(unpainted_levels, region.settings, hashed=False)[0][-1]
-    constraints = run(_constraints, source, region.settings.spacing, water, hashed=False)
+    constraints = _limits(source, region.settings.spacing, water, run)
     wet = (constraints.course >= 0) | (constraints.slope <= 0.0)
     wet |= ~np.isnan(constraints.base) & np.isnan(source.base)
     barred = np.zeros(wet.shape, np.bool_)
@@ -222,7 +218,7 @@ def painted_flow(
 
 
 def ground_without(
-    region: RegionSources,
+    region: Sources,
     ground: PaintedGround,
     land: PaintedLand,
     water: PaintedWater,
@@ -244,7 +240,7 @@ def ground_without(
 
 
 def painted_ground(
-    region: RegionSources, land: PaintedLand, water: PaintedWater, count: int, run: Runner
+    region: Sources, land: PaintedLand, water: PaintedWater, count: int, run: Runner
 ) -> PaintedGround:
     """Return the painted region as it is drained, on the `count` coarsest levels; finer ones are empty."""
     cell, blended = region.settings.spacing, run(blended_ground, region, water.bare(), count, hashed=False)
@@ -255,7 +251,7 @@ def painted_ground(
     finest = blended[-1].flow if blended else drained[-1]
     parts: RaisedParts = ()
     if drained[-1] is not bare[-1]:
-        ground = _watered(region.settings, water, count, run)[-1]
+        ground = _wet(region.settings, water, count, run)[-1]
         ground = replace(ground, repose=np.maximum(ground.repose, uplift.ground[count - 1].repose))
         if blended:
             change, parts = raised(uplift, count - 1, ground, cell, blended[-1], drained[-1], factors)
@@ -269,7 +265,7 @@ def painted_ground(
 
 
 def _uplift(
-    region: RegionSources, land: PaintedLand, water: PaintedWater, count: int, run: Runner
+    region: Sources, land: PaintedLand, water: PaintedWater, count: int, run: Runner
 ) -> PaintedUplift:
     """Return the uplift of features on ground that is drained around them and to water."""
     (unpainted, rock), cell = run(unpainted_levels, region.settings, hashed=False), region.settings.spacing
@@ -279,7 +275,7 @@ def _uplift(
     uplift = run(painted_uplift, land.features, unpainted[-1], cell, rock, land.outlines, hashed=False)
     levels = []
     for k, (ground, before) in enumerate(zip(uplift.ground[:count], unpainted, strict=False)):
-        constraints = run(_constraints, unpainted[k], cell, water, hashed=False)
+        constraints = _limits(unpainted[k], cell, water, run)
         built = np.any([layer.inside[k] > 0.0 for layer in uplift.layers], axis=0)
         if blended:
             obeyed = _obeyed(ground, constraints, built | (blended[k].weight >= 1.0))
@@ -290,7 +286,7 @@ def _uplift(
     return replace(uplift, ground=(*levels, *uplift.ground[count:]))
 
 
-def blended_ground(region: RegionSources, water: PaintedWater, count: int, run: Runner) -> list[BlendedLevel]:
+def blended_ground(region: Sources, water: PaintedWater, count: int, run: Runner) -> list[BlendedLevel]:
     """Return levels of the region with elevation data, coarsest first; none without."""
     base, cell = region.base, region.settings.spacing
     if base is None:
@@ -300,21 +296,19 @@ def blended_ground(region: RegionSources, water: PaintedWater, count: int, run: 
     bare = run(bare_ground, region.settings, water.bare(), count, hashed=False)
     return [
         blended_level(base, source, cell, drained, at_level(rock, source, levels[-1]))
-        for source, drained in zip(_watered(region.settings, water, count, run), bare, strict=True)
+        for source, drained in zip(_wet(region.settings, water, count, run), bare, strict=True)
     ]
 
 
 def bare_ground(settings: UnpaintedSettings, water: PaintedWater, count: int, run: Runner) -> list[Drained]:
     """Return levels of the region with water but without features, coarsest first."""
-    return drain(_watered(settings, water, count, run), settings.spacing, BARE_ROUNDS[:count])
+    return drain(_wet(settings, water, count, run), settings.spacing, BARE_ROUNDS[:count])
 
 
-def _watered(
-    settings: UnpaintedSettings, water: PaintedWater, count: int, run: Runner
-) -> list[DrainageInput]:
+def _wet(settings: UnpaintedSettings, water: PaintedWater, count: int, run: Runner) -> list[DrainageInput]:
     """Return levels of the region without features, obeying the constraints of water; coarsest first."""
     levels = run(unpainted_levels, settings, hashed=False)[0][:count]
-    return [_obeyed(each, run(_constraints, each, settings.spacing, water, hashed=False)) for each in levels]
+    return [_obeyed(each, _limits(each, settings.spacing, water, run)) for each in levels]
 
 
 def unpainted_levels(settings: UnpaintedSettings) -> tuple[tuple[DrainageInput, ...], Float32Array]:
@@ -337,6 +331,11 @@ def _region(settings: UnpaintedSettings) -> tuple[DrainageInput, Float32Array]:
     origin = (region.row, region.column)
     source = DrainageInput(fields.uplift, fields.repose, rain, region.border, region.inside, free, origin, 0)
     return source, fields.rock
+
+
+def _limits(source: DrainageInput, cell: float, water: PaintedWater, run: Runner) -> DrainageConstraints:
+    # Slopes on bare ground are not among them.
+    return run(_constraints, source, cell, replace(water, bare_slopes=()), hashed=False)
 
 
 def _constraints(source: DrainageInput, cell: float, water: PaintedWater) -> DrainageConstraints:

@@ -66,7 +66,7 @@ from sketchterrain.terrain.painted_ground import (
     PaintedGround,
     PaintedLand,
     PaintedWater,
-    RegionSources,
+    Sources,
     data_heights,
     painted_flow,
     painted_ground,
@@ -129,12 +129,12 @@ def unpainted(sketch: Sketch) -> UnpaintedSettings:
 
 
 @_stage()
-def region(unpainted: UnpaintedSettings, elevation: BaseElevation | None, run: Runner) -> RegionSources:
+def region(unpainted: UnpaintedSettings, elevation: BaseElevation | None, run: Runner) -> Sources:
     """What the ground of the sketch is drained from, but for paint."""
     plain = unpainted.painted
     if elevation is None:
-        return RegionSources(unpainted)
-    return RegionSources(unpainted, run(BaseGround, elevation, plain.spacing, UnpaintedNodes(plain)))
+        return Sources(unpainted)
+    return Sources(unpainted, run(BaseGround, elevation, plain.spacing, UnpaintedNodes(plain)))
 
 
 @_stage(
@@ -193,7 +193,7 @@ def land(
     sketch: Sketch,
     features: StructuredArray,
     outlines: _Outlines,
-    region: RegionSources,
+    region: Sources,
     sea: Sea | None,
     run: Runner,
 ) -> PaintedLand:
@@ -212,7 +212,7 @@ _COVERED: Final = ("layers.material", "labels.material", "materials", "fidelity"
 )
 def dry(
     sketch: Sketch,
-    region: RegionSources,
+    region: Sources,
     features: StructuredArray,
     fill: Fill,
     adopted: EditedPoints,
@@ -247,19 +247,19 @@ def bare(dry: TerrainRecipe) -> TerrainRecipe:
 
 
 @_stage(hashed=False)
-def coarse_ground(region: RegionSources, land: PaintedLand, sea: Sea | None, run: Runner) -> PaintedGround:
+def coarse_ground(region: Sources, land: PaintedLand, sea: Sea | None, run: Runner) -> PaintedGround:
     """Coarse ground, drained to the sea."""
     return painted_ground(region, land, PaintedWater(sea=sea), COARSE, run)
 
 
 @_stage()
-def coarse_heights(bare: TerrainRecipe, region: RegionSources, coarse_ground: PaintedGround) -> Ground:
+def coarse_heights(bare: TerrainRecipe, region: Sources, coarse_ground: PaintedGround) -> Ground:
     """Its heights."""
     return _heights(bare, region, coarse_ground, 1 << COARSE_LEVEL)
 
 
 @_stage()
-def featureless_heights(bare: TerrainRecipe, region: RegionSources, sea: Sea | None, run: Runner) -> Ground:
+def featureless_heights(bare: TerrainRecipe, region: Sources, sea: Sea | None, run: Runner) -> Ground:
     """Those of coarse ground without features."""
     ground = run(painted_ground, region, NO_LAND, PaintedWater(sea=sea), COARSE, hashed=False)
     return _heights(bare, region, ground, 1 << COARSE_LEVEL)
@@ -292,13 +292,13 @@ def water(
 
 
 @_stage(hashed=False)
-def ground(region: RegionSources, land: PaintedLand, water: PaintedWater, run: Runner) -> PaintedGround:
+def ground(region: Sources, land: PaintedLand, water: PaintedWater, run: Runner) -> PaintedGround:
     """The ground of the sketch, drained to its water."""
     return painted_ground(region, land, water, FINE, run)
 
 
 @_stage()
-def heights(bare: TerrainRecipe, region: RegionSources, ground: PaintedGround) -> Ground:
+def heights(bare: TerrainRecipe, region: Sources, ground: PaintedGround) -> Ground:
     """Its heights."""
     return _heights(bare, region, ground)
 
@@ -311,7 +311,7 @@ def plateaus(sketch: Sketch, heights: Ground, run: Runner) -> PlateausLayer:
 
 @_stage(hashed=False)
 def flow(
-    region: RegionSources, ground: PaintedGround, water: PaintedWater, outlines: _Outlines, run: Runner
+    region: Sources, ground: PaintedGround, water: PaintedWater, outlines: _Outlines, run: Runner
 ) -> Flow:
     """How it drains between plateaus."""
     return painted_flow(region, ground, water, run, outlines["plateau"])
@@ -412,7 +412,7 @@ def with_network(recipe: TerrainRecipe, network: RoadNetwork, run: Runner) -> Te
     return replace(recipe.with_layers([pads, roads]), network=network)
 
 
-def _heights(recipe: TerrainRecipe, region: RegionSources, ground: PaintedGround, nodes: int = 1) -> Ground:
+def _heights(recipe: TerrainRecipe, region: Sources, ground: PaintedGround, nodes: int = 1) -> Ground:
     """Return heights of a recipe with a drained ground, at so many of its nodes."""
     relief = ReliefLayer(UnpaintedNodes(region.beyond), ground.raster, region.base)
     return Ground(recipe.with_layers([relief]), nodes * region.settings.spacing)

@@ -16,7 +16,7 @@ from sketchterrain.stages.runner import Runner
 from sketchterrain.terrain import painted_ground as grounds
 from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.layers.relief import UnpaintedNodes
-from sketchterrain.terrain.painted_ground import PaintedLand, PaintedWater, RegionSources
+from sketchterrain.terrain.painted_ground import PaintedLand, PaintedWater, Sources
 from sketchterrain.terrain.painted_uplift import _as_read
 from sketchterrain.terrain.relief_fields import UnpaintedSettings
 from sketchterrain.terrain.uplift import painted_outline, uplift_features
@@ -98,7 +98,7 @@ def land_of(sketch, data=None):
 def region_of(base):
     settings = UnpaintedSettings.from_sketch(painted())
     ground = base and BaseGround(base, SPACING, UnpaintedNodes(settings))
-    return RegionSources(settings, ground)
+    return Sources(settings, ground)
 
 
 def ground_of(region, land, water=DRY, run=RUN, levels=grounds.FINE):

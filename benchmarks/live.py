@@ -240,7 +240,7 @@ class LatencyProbe(EngineProbe):
         return Painted(times, tuple(drafts), tuple(stalls.tolist()))
 
     def drag(self, layer: str, number: int) -> tuple[float, float, float]:
-        """Drag a vertex of a vector for a second and undo it; return what `_drags` tells of it."""
+        """Drag a vertex of a vector for a second and undo it; return the figures of `_drags`."""
         vectors = self._document.sketch.vectors[layer]
         name = int(vectors.ids[number % len(vectors)])
         line = vectors.feature(name).rings[0]

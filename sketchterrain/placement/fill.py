@@ -9,9 +9,9 @@ that a rectangle's features do not depend on which rectangle was queried.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -274,11 +274,11 @@ class Fill:
             or self.near is None
             or (box[0] < near[0] or box[1] < near[1] or box[2] > near[2] or box[3] > near[3])
         ):
-            return self._compute(box, min_radius, Runner())
+            return self._compute(box, min_radius, lambda function, *inputs: function(*inputs))
         selected: StructuredArray = self.near[_inside(self.near, box) & (self.near["radius"] >= min_radius)]
         return selected
 
-    def _compute(self, box: Bounds, min_radius: float, run: Runner) -> StructuredArray:
+    def _compute(self, box: Bounds, min_radius: float, run: Callable[..., Any]) -> StructuredArray:
         rules = [rule for rule in self.rules.values() if rule.high >= min_radius]
         candidates = self._candidates_around(box, rules, run)
         parts = [np.zeros(0, dtype=FEATURE)]
@@ -298,7 +298,7 @@ class Fill:
         return ordered
 
     def _candidates_around(
-        self, box: Bounds, rules: list[CandidateRule], run: Runner
+        self, box: Bounds, rules: list[CandidateRule], run: Callable[..., Any]
     ) -> dict[str, StructuredArray]:
         """Return candidates of each type in a rectangle, and around it as far as they may suppress others."""
         found = {}
@@ -310,7 +310,7 @@ class Fill:
                 found[rival.name] = proposed[self._clearance_mask(rival.name, proposed, run)]
         return found
 
-    def _clearance_mask(self, name: str, features: StructuredArray, run: Runner) -> BoolArray:
+    def _clearance_mask(self, name: str, features: StructuredArray, run: Callable[..., Any]) -> BoolArray:
         """Return which features of a type are clear of paint and of placed features."""
         clear = np.ones(len(features), dtype=np.bool_)
         if len(features) == 0:

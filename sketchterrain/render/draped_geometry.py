@@ -205,7 +205,7 @@ class PartBuffers:
             bound, self._parts, self._styles, self.commands = map(self._context.buffer, content)
             bindings = [(bound, *_FORMAT), *self._instances]
             self.array = self._context.vertex_array(self._program, bindings, skip_errors=True)
-            self._state, self.nbytes = state, sum(map(len, content))
+            self.nbytes, self._state, self._held = sum(map(len, content)), state, (cuts, styles)  # of the ids
         self._parts.bind_to_storage_buffer(2)
         self._styles.bind_to_storage_buffer(3)
 

@@ -79,9 +79,14 @@ def derive_digest(image: npt.NDArray[np.uint8], before: npt.NDArray[np.uint8], b
     """
     if image.shape != before.shape or not is_image(before):
         return
-    blocks = blocks_of(before).copy()
-    where = np.zeros(blocks.shape, np.bool_)
+    where = np.zeros(blocks_of(before).shape, np.bool_)
     where[max(box[0], 0) // BLOCK : -(-box[2] // BLOCK), max(box[1], 0) // BLOCK : -(-box[3] // BLOCK)] = True
+    _derive_blocks(image, before, where)
+
+
+def _derive_blocks(image: npt.NDArray[np.uint8], before: Any, where: npt.NDArray[np.bool_]) -> None:
+    """Keep the digests of an image's blocks, which are another's but for some."""
+    blocks = blocks_of(before).copy()
     blocks[where] = _hashed_blocks(image, where)
     _Known.keep(_blocks, image, blocks)
 
@@ -93,25 +98,18 @@ def places_of(where: npt.NDArray[np.bool_]) -> Iterator[tuple[slice, slice]]:
 
 
 def patched(
-    before: npt.NDArray[np.uint8] | None,
-    shape: tuple[int, ...],
-    blocks: npt.NDArray[np.int64],
-    pixels: bytearray,
+    base: npt.NDArray[np.uint8] | None, shape: tuple[int, ...], where: npt.NDArray[np.bool_], data: bytearray
 ) -> npt.NDArray[np.uint8]:
     """Return a read-only image with the pixels of some blocks in place of another's, which else is empty."""
-    image = np.zeros(shape, np.uint8) if before is None else before.copy()
-    where = np.zeros([-(-side // BLOCK) for side in shape], np.bool_)
-    where[tuple(blocks.T)] = True
+    image = np.zeros(shape, np.uint8) if base is None else base.copy()
     start = 0
     for place in places_of(where):
         part = image[place]
-        part[:] = np.frombuffer(pixels, np.uint8, part.size, start).reshape(part.shape)
+        part[:] = np.frombuffer(data, np.uint8, part.size, start).reshape(part.shape)
         start += part.size
     image.flags.writeable = False
-    if before is not None:
-        known = blocks_of(before).copy()
-        known[where] = _hashed_blocks(image, where)
-        _Known.keep(_blocks, image, known)
+    if base is not None:
+        _derive_blocks(image, base, where)
     return image
 
 

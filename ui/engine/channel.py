@@ -61,7 +61,7 @@ class _Definition(NamedTuple):
     dtype: npt.DTypeLike | None = None
     shape: tuple[int, ...] = ()
     before: bytes | None = None
-    blocks: npt.NDArray[np.int64] | None = None
+    blocks: npt.NDArray[np.bool_] | None = None
 
 
 class _Message:
@@ -107,7 +107,7 @@ class _Message:
                 if best is None or differs.sum() < where.sum():
                     best, where = name, differs
         pixels = b"".join(image[place].tobytes() for place in places_of(where))
-        return _Definition(digest, image.dtype, image.shape, best, np.argwhere(where)), memoryview(pixels)
+        return _Definition(digest, image.dtype, image.shape, best, where), memoryview(pixels)
 
     def assemble(self, definition: _Definition, content: bytearray) -> None:
         """Read a new value."""
@@ -131,10 +131,7 @@ class ContentPickler(pickle.Pickler):
 
     dispatch_table = copyreg.dispatch_table.copy()
     # A sketch would compress its layers.
-    dispatch_table[Sketch] = lambda sketch: (
-        _sketch,
-        ({each.name: getattr(sketch, each.name) for each in fields(sketch)},),
-    )
+    dispatch_table[Sketch] = lambda sketch: (_sketch, (_values_of(sketch),))
 
     def __init__(self, message: _Message) -> None:
         self._stream = io.BytesIO()
@@ -334,7 +331,7 @@ class UpdateBuilder:
 
     def next(self) -> tuple[SketchUpdate, bool]:
         """Return the newest sketch, and whether another document was opened since the last one."""
-        sketch, draft, fresh = self._document.sketch.replace(drapes=()), self._document.draft, self._fresh
+        sketch, draft, fresh = self._placed_sketch(), self._document.draft, self._fresh
         if draft is not None:
             sketch = sketch.replace(layers={**sketch.layers, draft.layer: draft.snapshot()})
         self._version += 1
@@ -344,8 +341,10 @@ class UpdateBuilder:
     @property
     def is_empty(self) -> bool:
         """Whether nothing but draped layers, which the placer does not receive, has changed."""
-        document = self._document
-        return document.draft is None and digest_of(document.sketch.replace(drapes=())) == self.sent
+        return self._document.draft is None and digest_of(self._placed_sketch()) == self.sent
+
+    def _placed_sketch(self) -> Sketch:
+        return self._document.sketch.replace(drapes=())
 
     def _on_opened(self) -> None:
         self._fresh = True

@@ -46,10 +46,12 @@ class Draft:
 
     def snapshot(self) -> LabelImage:
         """Return the labels as they are now, with their digest."""
-        image = self.image.copy()
-        image.flags.writeable = False
-        derive_digest(image, self._document.sketch.layers[self.layer], self.box or (0, 0, 0, 0))
-        return freeze_image(image)
+        return self.frozen(self.image.copy())
+
+    def frozen(self, image: LabelImage) -> LabelImage:
+        """Freeze and return the labels or a copy of them; only what the stroke touched is hashed."""
+        derive_digest(freeze_image(image), self._document.sketch.layers[self.layer], self.box or (0, 0, 0, 0))
+        return image
 
     def commit(self, title: str, box: Box | None = None) -> None:
         """Record the stroke as a history step, with a last box; raise InputError for too many labels."""
@@ -180,9 +182,7 @@ class Document(QObject):
             check_image(draft.layer, draft.image)
             labels = frozenset(labels_in(draft.image))
         self._labels.store(id(draft.image), (draft.image, labels))
-        draft.image.flags.writeable = False
-        derive_digest(draft.image, before, draft.box or (0, 0, 0, 0))
-        return freeze_image(draft.image)
+        return draft.frozen(draft.image)
 
     def _do(
         self,

@@ -21,9 +21,9 @@ from sketchterrain.benchmarks.plotting import BLUE, GREY, SMALL, new_figure, pla
 from sketchterrain.benchmarks.report import Column, Row, Table, value_of
 from sketchterrain.benchmarks.spline_methods import ARCS
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
+from sketchterrain.geometry.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import HostTerrain
-from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.layers.layer import WorldSettings
 from sketchterrain.terrain.layers.points import PackedFeatures, PointsLayer
 from sketchterrain.terrain.recipe import TerrainRecipe

@@ -13,9 +13,9 @@ from sketchterrain.array_types import Float64Array, Int64Array, LatticeArray
 from sketchterrain.benchmarks.plotting import BLUE, SMALL, VERMILION, new_figure
 from sketchterrain.benchmarks.report import Column, Row, Table, value_of
 from sketchterrain.benchmarks.synthetic_land import EXTENT, SEED, synthetic_land
+from sketchterrain.geometry.box_index import BoxIndex
+from sketchterrain.geometry.lattice import LATTICE_BITS, to_lattice
 from sketchterrain.landuse.areas import land_use
-from sketchterrain.terrain.index import BoxIndex
-from sketchterrain.terrain.lattice import LATTICE_BITS, to_lattice
 
 _NONE = np.zeros(0, np.int64)
 _DELTA = 16  # a quad's changes are merged with its pieces once they are this share of them

@@ -13,13 +13,13 @@ from sketchterrain.benchmarks.noise import BARE, BARE_SEED, open_ground
 from sketchterrain.benchmarks.plotting import BLUE, GREEN, PURPLE, SMALL, VERMILION, new_figure
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
-from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES
+from sketchterrain.generation.terrain import Terrain
+from sketchterrain.landforms.placement.feature_types import FEATURE, FEATURE_TYPES
 from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.layers.dunes import DunesLayer
 from sketchterrain.terrain.layers.points import PointFinder
 from sketchterrain.terrain.patches import tile_patches
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.terrain.terrain import Terrain
 
 DENSITY = 25.0
 """Dunes a square kilometre; about ten of them reach a tile."""

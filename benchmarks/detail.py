@@ -19,11 +19,11 @@ from sketchterrain.elevation.detail_law import DetailLaw, measure_detail
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
 from sketchterrain.elevation.mips import without_voids
 from sketchterrain.elevation.selection import Patchwork
-from sketchterrain.terrain.lattice import to_lattice
+from sketchterrain.geometry.lattice import to_lattice
+from sketchterrain.measure.realism_metrics import spectral_slopes
 from sketchterrain.terrain.layers.base_detail import BaseDetail
 from sketchterrain.terrain.layers.layer import HostSite, Sampling, WorldSettings
 from sketchterrain.terrain.noise import FINEST_CELL, ValueSlope, octave_noise, octave_table
-from sketchterrain.terrain.realism_metrics import spectral_slopes
 
 VARIABLE = "SKETCHTERRAIN_DEMS"
 """Folder of the DEMs beside matplotlib's, if there is one."""

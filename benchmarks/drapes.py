@@ -38,13 +38,13 @@ from sketchterrain.drape.drapes import Drapes
 from sketchterrain.drape.feature_edits import move_vertex
 from sketchterrain.drape.levels import Level
 from sketchterrain.drape.raster_source import RasterSource
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import canvas
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
 from sketchterrain.render.targets import depth_rows
-from sketchterrain.terrain.terrain import Terrain
 
 GROUND: Final = "valley_river"
 COMPARED: Final = ("tiles", "two-step", "geometry")

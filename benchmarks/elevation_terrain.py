@@ -17,11 +17,11 @@ from sketchterrain.benchmarks.report import Column, Row, Table
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate
 from sketchterrain.document.rasters import raster_source
 from sketchterrain.document.store import load_sketch
+from sketchterrain.generation.building import build
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.importing.elevation import sketch_on_elevation
 from sketchterrain.render.camera import Camera
-from sketchterrain.terrain.building import build
 from sketchterrain.terrain.layers.base_culler import PatchSlotBuffers
-from sketchterrain.terrain.terrain import Terrain
 
 _PRESET = "andorra"
 _TILES = 64  # of a level that are timed

@@ -20,10 +20,10 @@ from sketchterrain.benchmarks.plotting import BLUE, GREEN, PURPLE, SMALL, VERMIL
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, samples_of, value_of
 from sketchterrain.benchmarks.timing import TimedContext, lap, spread
 from sketchterrain.document.store import load_sketch
-from sketchterrain.terrain.building import make_recipe
+from sketchterrain.generation.building import make_recipe
+from sketchterrain.geometry.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import HostTerrain, host_heights
-from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.layers.layer import WorldSettings
 from sketchterrain.terrain.layers.relief import ReliefLayer, ReliefScale
 from sketchterrain.terrain.noise import NoiseStack, fbm, octave_table

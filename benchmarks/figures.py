@@ -25,6 +25,8 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
+from sketchterrain.generation.building import build
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.files import write_atomic
 from sketchterrain.io.resources import preset_names
 from sketchterrain.look.texture_maker import emboss, paint_layer
@@ -34,9 +36,7 @@ from sketchterrain.render.offscreen import canvas, read_picture, render_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun, Weather
-from sketchterrain.terrain.building import build
 from sketchterrain.terrain.layers.lakes import LakesLayer
-from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
 from sketchterrain.vegetation.plants import PLANT
 
@@ -178,8 +178,8 @@ def draw_foliage(context: ComputeContext) -> Any:
     """Draw how far apart plants are to stand at a forest's edge, and those that do."""
     from matplotlib.colors import LogNorm
 
+    from sketchterrain.geometry.lattice import metres_per_unit
     from sketchterrain.terrain.evaluator import Evaluator
-    from sketchterrain.terrain.lattice import metres_per_unit
     from sketchterrain.vegetation.plants import SpacingBlocks
     from sketchterrain.vegetation.woods import MAX_SPACING, MIN_SPACING, Woods
 

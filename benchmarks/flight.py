@@ -30,7 +30,7 @@ from sketchterrain.benchmarks.flight_scene import (
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
 from sketchterrain.benchmarks.screen_error import ErrorSummary
 from sketchterrain.benchmarks.timing import TimedContext
-from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.tiles.lod import inside_frustum
 from sketchterrain.tiles.quadtree import tile_indices
 

@@ -30,7 +30,7 @@ from sketchterrain.benchmarks.flight_scene import (
 )
 from sketchterrain.benchmarks.thesis import ThesisView, feature_discs
 from sketchterrain.benchmarks.timing import lap
-from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.tiles.lod import inside_frustum
 from sketchterrain.tiles.stream import QUADS
 

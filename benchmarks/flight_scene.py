@@ -15,11 +15,11 @@ from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.benchmarks.screen_error import Picture, ScreenSamples, screen_distances
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.store import load_sketch
+from sketchterrain.generation.building import build
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import Flight, Keyframe
-from sketchterrain.terrain.building import build
 from sketchterrain.terrain.surfaces import vertex_dtype
-from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.tiles.lod import CameraView, ScreenError, inside_frustum, morph_weights
 from sketchterrain.tiles.quadtree import tile_indices
 from sketchterrain.tiles.stream import TileStream

@@ -20,14 +20,14 @@ from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
 from sketchterrain.document.materials import BUILT_IN
+from sketchterrain.generation.terrain import Terrain
+from sketchterrain.geometry.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.look.texture_maker import emboss, paint_layer
 from sketchterrain.terrain.appearance import Appearance
 from sketchterrain.terrain.inputs import KernelInputs
-from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.patches import Patches, PatchLauncher, sample_stride
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import SurfaceStore, vertex_dtype
-from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
 
 SIZES = (16, 32, 64, 128)

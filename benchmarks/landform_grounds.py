@@ -14,26 +14,26 @@ from scipy import ndimage
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.benchmarks.timing import lap
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.placement.placement import place
-from sketchterrain.stages.runner import Runner
-from sketchterrain.terrain import drainage
-from sketchterrain.terrain.building import make_recipe
-from sketchterrain.terrain.drainage import BARE_ROUNDS, DrainageInput, Drained
-from sketchterrain.terrain.evaluator import Evaluator
-from sketchterrain.terrain.lattice import to_lattice
-from sketchterrain.terrain.layers.relief import ReliefLayer, UnpaintedNodes
-from sketchterrain.terrain.mesh import SITE_BITS
-from sketchterrain.terrain.node_raster import DrainedRaster, PaintedNodes
-from sketchterrain.terrain.painted_uplift import (
+from sketchterrain.generation.building import make_recipe
+from sketchterrain.geometry.lattice import to_lattice
+from sketchterrain.landforms import drainage
+from sketchterrain.landforms.drainage import BARE_ROUNDS, DrainageInput, Drained
+from sketchterrain.landforms.mesh import SITE_BITS
+from sketchterrain.landforms.node_raster import DrainedRaster, PaintedNodes
+from sketchterrain.landforms.painted_uplift import (
     PaintedUplift,
     drain_painted,
     height_without,
     painted_uplift,
 )
-from sketchterrain.terrain.relief_fields import UnpaintedSettings
-from sketchterrain.terrain.unpainted import UnpaintedGround
-from sketchterrain.terrain.uplift import UpliftFeatures, painted_outline, uplift_features
-from sketchterrain.terrain.wetness import wetness
+from sketchterrain.landforms.placement.placement import place
+from sketchterrain.landforms.relief_fields import UnpaintedSettings
+from sketchterrain.landforms.unpainted import UnpaintedGround
+from sketchterrain.landforms.uplift import UpliftFeatures, painted_outline, uplift_features
+from sketchterrain.landforms.wetness import wetness
+from sketchterrain.stages.runner import Runner
+from sketchterrain.terrain.evaluator import Evaluator
+from sketchterrain.terrain.layers.relief import ReliefLayer, UnpaintedNodes
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext

@@ -34,16 +34,16 @@ from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError
-from sketchterrain.placement.heights import shape_height
-from sketchterrain.placement.shapes import label_shapes
+from sketchterrain.generation.building import build, make_recipe
+from sketchterrain.geometry.lattice import to_lattice
+from sketchterrain.landforms.drainage import ROUNDS
+from sketchterrain.landforms.placement.heights import shape_height
+from sketchterrain.landforms.placement.shapes import label_shapes
+from sketchterrain.measure.adherence import agreement
+from sketchterrain.measure.realism import Realism, measure_realism, measure_terrain_realism
 from sketchterrain.stages.runner import Results
-from sketchterrain.terrain.adherence import agreement
-from sketchterrain.terrain.building import build, make_recipe
-from sketchterrain.terrain.drainage import ROUNDS
-from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.noise import NoiseStack, fbm, octave_table
-from sketchterrain.terrain.realism import Realism, measure_realism, measure_terrain_realism
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 _FAR = 3.0  # widths of the changed shape, beyond which ground should stay

@@ -34,9 +34,9 @@ from sketchterrain.benchmarks.timing import TimedContext, spread
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceError
-from sketchterrain.placement.feature_types import FEATURE_TYPES
+from sketchterrain.generation.building import build
+from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.render.camera import Camera
-from sketchterrain.terrain.building import build
 from sketchterrain.ui.app import new_window
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.models.painting import Stroke

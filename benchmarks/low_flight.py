@@ -13,12 +13,12 @@ from scipy.optimize import brentq
 from sketchterrain.array_types import Bounds, Float64Array, StructuredArray
 from sketchterrain.benchmarks.plotting import BLUE, INK, SMALL, VERMILION, new_figure
 from sketchterrain.benchmarks.report import Column, Row, Table, samples_of
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.render.appearance import AppearanceTextures
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground_stream import QUAD, QUAD_PER_TOLERANCE, view_of
 from sketchterrain.render.quality import Quality, TimeBudget
 from sketchterrain.terrain.surfaces import vertex_dtype
-from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.tiles.lod import CameraView, ScreenError
 from sketchterrain.tiles.stream import TileStream
 from sketchterrain.tiles.tile_pool import Batch

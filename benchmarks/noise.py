@@ -15,14 +15,14 @@ from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
+from sketchterrain.generation.building import build
+from sketchterrain.generation.terrain import Terrain
+from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.io.resources import kernel_struct
-from sketchterrain.placement.fill import Fill
-from sketchterrain.terrain.building import build
-from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.landforms.placement.fill import Fill
 from sketchterrain.terrain.layers import layer_stack
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.noise import NoiseStack, corner_table, fbm, fbm_slope, octave_table
-from sketchterrain.terrain.terrain import Terrain
 
 OCTAVES = 8
 SEED = 7

@@ -19,6 +19,7 @@ from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_o
 from sketchterrain.benchmarks.timing import run_program, spread
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceError
+from sketchterrain.generation.building import build
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.programs import close_context, open_context
@@ -26,7 +27,6 @@ from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import find_sun
 from sketchterrain.render.views import find_view, tour
-from sketchterrain.terrain.building import build
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
     from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.generation.terrain import Terrain
     from sketchterrain.render.sky import Sun
-    from sketchterrain.terrain.terrain import Terrain
 
 
 BEST: Final = 1.0

@@ -27,6 +27,9 @@ from sketchterrain.document.layers import id_of_vector
 from sketchterrain.document.rasters import raster_source
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
+from sketchterrain.generation.building import make_recipe
+from sketchterrain.generation.terrain import Terrain
+from sketchterrain.geometry.lattice import QUADS
 from sketchterrain.importing.elevation import sketch_on_elevation
 from sketchterrain.importing.vectors import with_vectors_of
 from sketchterrain.io.resources import kernel_constants
@@ -36,10 +39,7 @@ from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, RoadNetwork, 
 from sketchterrain.roads.structures import TUNNEL_HEIGHT
 from sketchterrain.roads.waters import Floods
 from sketchterrain.stages.runner import Results, Runner
-from sketchterrain.terrain.building import make_recipe
 from sketchterrain.terrain.host_heights import Ground, host_heights
-from sketchterrain.terrain.lattice import QUADS
-from sketchterrain.terrain.terrain import Terrain
 
 DEMS, OSM = "SKETCHTERRAIN_DEMS", "SKETCHTERRAIN_OSM"
 """Environment variables: the folder with `N42E001.hgt.zip`, and a file of OpenStreetMap with its roads."""

@@ -21,8 +21,8 @@ from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, s
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
 from sketchterrain.document.materials import MATERIALS
+from sketchterrain.geometry.lattice import QUADS
 from sketchterrain.terrain.inputs import KernelInputs
-from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.patches import PatchLauncher, tile_patches
 from sketchterrain.terrain.surfaces import SurfaceStore
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.hydrology.splines import cubics
+from sketchterrain.geometry.splines import cubics
 from sketchterrain.terrain.centrelines import flatten, position
 
 if TYPE_CHECKING:

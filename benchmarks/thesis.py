@@ -19,9 +19,9 @@ from sketchterrain.benchmarks.noise import BARE, TileKey, central_keys, open_gro
 from sketchterrain.benchmarks.report import Column, Row, Table
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.placement.feature_types import FEATURE_TYPES
+from sketchterrain.geometry.lattice import QUADS
+from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.terrain.inputs import KernelInputs
-from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.layers import corridors
 from sketchterrain.terrain.noise import FINEST_CELL
 from sketchterrain.terrain.patches import PatchLauncher, tile_patches

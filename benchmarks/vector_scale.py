@@ -26,12 +26,12 @@ from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.document.vector_edits import move_node
 from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.errors import InputError
+from sketchterrain.generation.building import build, make_recipe
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.system import peak_memory
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground_stream import view_of
 from sketchterrain.stages.runner import Results
-from sketchterrain.terrain.building import build, make_recipe
-from sketchterrain.terrain.terrain import Terrain
 
 _LEVELS: Final = {7: 4, 9: 8, 12: 8, 15: 8}
 """Levels of tiles, and tiles along the side of a square of them in the middle of every country."""

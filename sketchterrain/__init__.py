@@ -19,18 +19,18 @@ from sketchterrain.io.files import cache_folder
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.document.store import load_sketch, new_sketch, save_sketch
-    from sketchterrain.terrain.building import build
+    from sketchterrain.generation.building import build
+    from sketchterrain.generation.terrain import Terrain
     from sketchterrain.terrain.surfaces import Tile
-    from sketchterrain.terrain.terrain import Terrain
     from sketchterrain.vegetation.plants import SPECIES
 
 _MODULES = {
     "MATERIALS": "document.materials",
     "SPECIES": "vegetation.plants",
     "Sketch": "document.sketch",
-    "Terrain": "terrain.terrain",
+    "Terrain": "generation.terrain",
     "Tile": "terrain.surfaces",
-    "build": "terrain.building",
+    "build": "generation.building",
     "load_sketch": "document.store",
     "new_sketch": "document.store",
     "save_sketch": "document.store",

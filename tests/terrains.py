@@ -10,8 +10,8 @@ import numpy as np
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
-from sketchterrain.terrain.building import build
-from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.generation.building import build
+from sketchterrain.generation.terrain import Terrain
 
 EXTENT = 1024.0  # m
 SIDE = 64  # px

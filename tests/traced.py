@@ -1,6 +1,6 @@
 """Rivers and lakes of a sketch on a given ground."""
 
-from sketchterrain.hydrology.rivers import lay_out_water, solve_water
+from sketchterrain.landforms.hydrology.rivers import lay_out_water, solve_water
 from sketchterrain.stages.runner import Runner
 
 

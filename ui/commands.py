@@ -21,8 +21,15 @@ from sketchterrain.document.parameters import SKETCH, Parameter, Value
 from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.errors import InputError
-from sketchterrain.placement.feature_types import FEATURE_TYPES, TYPES, Lake, River, lock_edit, move_edit
-from sketchterrain.placement.heights import UNSET_HEIGHT
+from sketchterrain.landforms.placement.feature_types import (
+    FEATURE_TYPES,
+    TYPES,
+    Lake,
+    River,
+    lock_edit,
+    move_edit,
+)
+from sketchterrain.landforms.placement.heights import UNSET_HEIGHT
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.workspace import Selection
 

@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from sketchterrain.app.console import Stages
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.io.console import Stages
 from sketchterrain.ui.engine.protocol import ExportRequest, Request, TargetRequest, WorldRequest
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def main() -> int:
     except (KeyboardInterrupt, BrokenPipeError):  # cancelled, or the window is gone
         return 130
     except Exception as error:  # noqa: BLE001 - any failure is reported in one line
-        from sketchterrain.app.console import describe_error
+        from sketchterrain.io.console import describe_error
 
         emit({"failed": one_line(describe_error(error)[0])})
         return 1
@@ -72,7 +72,7 @@ def _export(request: Request, sketch: Sketch, emit: Emit) -> dict[str, Any]:
 
 def _export_target(request: TargetRequest, sketch: Sketch, stages: Stages) -> dict[str, Any]:
     with stages.stage("program", "Loading the program"):
-        from sketchterrain.app.export import export
+        from sketchterrain.jobs.export import export
     done = export(
         sketch,
         request.folder,
@@ -93,9 +93,9 @@ def _export_target(request: TargetRequest, sketch: Sketch, stages: Stages) -> di
 
 def _generate(request: ExportRequest, sketch: Sketch, stages: Stages) -> dict[str, Any]:
     with stages.stage("program", "Loading the program"):
-        from sketchterrain.app.estimates import check_size
-        from sketchterrain.app.generate import GenerateOptions, generate
         from sketchterrain.export.foliage_files import FoliageOptions
+        from sketchterrain.jobs.estimates import check_size
+        from sketchterrain.jobs.generate import GenerateOptions, generate
 
         check_size(sketch, request.size)
     foliage = FoliageOptions(request.foliage, request.grass)
@@ -153,7 +153,7 @@ def write_world(request: WorldRequest, sketch: Sketch, stages: Stages, emit: Emi
 
 def _world_job(request: WorldRequest, sketch: Sketch, stages: Stages) -> Job:
     with stages.stage("program", "Loading the program"):
-        from sketchterrain.terrain.building import make_recipe
+        from sketchterrain.generation.building import make_recipe
         from sketchterrain.world.journal import check_output_unused
         from sketchterrain.world.options import output_form
 

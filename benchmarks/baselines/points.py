@@ -28,7 +28,7 @@ from scipy.stats import qmc
 
 from sketchterrain.benchmarks.baselines.noise import Absent
 from sketchterrain.benchmarks.timing import Lap, lap
-from sketchterrain.placement.hashing import hash_keys
+from sketchterrain.geometry.hashing import hash_keys
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext

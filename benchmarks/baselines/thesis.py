@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import FloatArray
-from sketchterrain.placement.feature_types import FEATURE_TYPES
-from sketchterrain.terrain.lattice import QUADS
+from sketchterrain.geometry.lattice import QUADS
+from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.noise import FINEST_WAVELENGTH
 from sketchterrain.terrain.recipe import TerrainRecipe

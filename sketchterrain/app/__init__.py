@@ -1,1 +1,1 @@
-"""Work of the commands: generate, export, render, fly; progress and reports."""
+"""The command line."""

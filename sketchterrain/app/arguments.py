@@ -16,19 +16,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sketchterrain.app.console import Stages, print_note
 from sketchterrain.app.option_groups import reject_combination
 from sketchterrain.document.parameters import SKIES
+from sketchterrain.io.console import Stages, print_note
 
 if TYPE_CHECKING:
-    from sketchterrain.app.pictures import PictureOptions
     from sketchterrain.document.drapes import DrapedLayer
     from sketchterrain.document.rasters import RasterSource
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.export.target import ExportOptions
     from sketchterrain.importing.rasters import RasterArea
-
-Point = tuple[float, float, float]
+    from sketchterrain.jobs.pictures import PictureOptions
 
 _PIXELS = range(16, 8193)  # a picture's side
 _MAX_COORDINATE = 1e9  # m
@@ -500,7 +498,7 @@ class PictureArguments:
 
     def options(self, *, top_down: bool = False) -> PictureOptions:
         """Return picture options; `top_down` for a map."""
-        from sketchterrain.app.pictures import PictureOptions
+        from sketchterrain.jobs.pictures import PictureOptions
 
         return PictureOptions(
             size=self.size,

@@ -23,18 +23,7 @@ from sketchterrain.app.commands.new import new
 from sketchterrain.app.commands.realism import realism
 from sketchterrain.app.commands.trace import trace
 from sketchterrain.app.commands.world import stats, view, world
-from sketchterrain.app.console import (
-    DEBUG,
-    INTERRUPTED,
-    PARTIAL,
-    USAGE_ERROR,
-    Stages,
-    describe_error,
-    fail,
-    standard_streams,
-)
 from sketchterrain.app.listings import (
-    adherence_lines,
     device_lines,
     device_test_entry,
     flight_lines,
@@ -45,15 +34,25 @@ from sketchterrain.app.listings import (
     print_json,
     print_lines,
     print_result,
-    sketch_notes,
 )
 from sketchterrain.app.option_groups import reject_combination, with_option_groups
+from sketchterrain.io.console import (
+    DEBUG,
+    INTERRUPTED,
+    PARTIAL,
+    USAGE_ERROR,
+    Stages,
+    describe_error,
+    fail,
+    standard_streams,
+)
 from sketchterrain.io.system import restore_default_sigterm, sigterm_as_interrupt
+from sketchterrain.measure.lines import adherence_lines
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.adherence import Adherence
-    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.generation.terrain import Terrain
+    from sketchterrain.measure.adherence import Adherence
 
 app = typer.Typer(
     name="sketchterrain",
@@ -135,9 +134,9 @@ def generate(
     with Stages() as stages:
         document = args.read_sketch(sketch, seed, stages, layer)
         with stages.stage("program", "Loading the program"):
-            from sketchterrain.app import generate as app
-            from sketchterrain.app.estimates import check_size
             from sketchterrain.export.foliage_files import FoliageOptions
+            from sketchterrain.jobs import generate as app
+            from sketchterrain.jobs.estimates import check_size
 
             check_size(document, size)
             plants = FoliageOptions(foliage, grass)
@@ -174,7 +173,7 @@ def render(
     with Stages() as stages:
         document = args.read_sketch(sketch, seed, stages, picture.layer)
         with stages.stage("program", "Loading the program"):
-            from sketchterrain.app import pictures as app
+            from sketchterrain.jobs import pictures as app
         options = picture.options(top_down=top_down)
         legend = app.render_to_file(document, output, options, device=device, fast=fast, stages=stages)
     print_lines(str(output), *legend_lines(legend))
@@ -207,7 +206,7 @@ def fly(
     with Stages() as stages:
         document = args.read_sketch(sketch, seed, stages, layer)
         with stages.stage("program", "Loading the program"):
-            from sketchterrain.app import pictures as app
+            from sketchterrain.jobs import pictures as app
             from sketchterrain.render.flight import load_flight
             from sketchterrain.render.overlays import check_overlays
 
@@ -236,10 +235,11 @@ def adherence(
     with Stages() as stages:
         document = args.read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
-            from sketchterrain.app.export import DeviceFallback
+            from sketchterrain.document.sketch import sketch_notes
             from sketchterrain.export.files import prepare_folder
-            from sketchterrain.terrain.adherence import measure_adherence
-            from sketchterrain.terrain.building import build
+            from sketchterrain.generation.building import build
+            from sketchterrain.jobs.export import DeviceFallback
+            from sketchterrain.measure.adherence import measure_adherence
 
             if output is not None:
                 prepare_folder(output.parent)
@@ -299,8 +299,8 @@ def devices(as_json: args.AsJson = False) -> None:
     from sketchterrain.compute.device import choose_device, list_devices
     from sketchterrain.compute.device_check import clear_check_results
     from sketchterrain.errors import DeviceFailedError
+    from sketchterrain.generation.self_test import self_test
     from sketchterrain.render.sharing_probe import Sharing, probe_sharing
-    from sketchterrain.terrain.self_test import self_test
 
     clear_check_results()  # a missing driver or linker may be installed by now
     default, tested = None, []

@@ -15,8 +15,6 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from rich.progress import TaskID
 
-from sketchterrain.app.console import progress_bars
-from sketchterrain.app.estimates import check_size, memory_needed, plant_bytes
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import sketch_digests
 from sketchterrain.errors import InputError, one_line
@@ -24,8 +22,10 @@ from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.planning import memory_needed as export_memory
 from sketchterrain.export.rasters import write_picture
 from sketchterrain.export.target import ExportOptions
+from sketchterrain.io.console import progress_bars
 from sketchterrain.io.files import hash_file, write_atomic
 from sketchterrain.io.resources import code_digest
+from sketchterrain.jobs.estimates import check_size, memory_needed, plant_bytes
 
 MANIFEST = "manifest.json"
 # Names of a manifest must not lead outside the batch's folder.

@@ -15,22 +15,6 @@ import numpy as np
 import numpy.typing as npt
 from msgspec.structs import replace
 
-from sketchterrain.app.console import Stages, describe_error
-from sketchterrain.app.estimates import Estimate, free_memory
-from sketchterrain.app.export import DeviceFallback, write_export
-from sketchterrain.app.generate import (
-    REPORT,
-    GenerateOptions,
-    GenerateResult,
-    SharedResources,
-    generate,
-    measure_terrain,
-    render_preview,
-    report_header,
-    rounded,
-    run_statistics,
-)
-from sketchterrain.app.pictures import sketch_weather
 from sketchterrain.batch.plan import Item
 from sketchterrain.batch.results import (
     DEFAULT_SIZE,
@@ -55,12 +39,28 @@ from sketchterrain.export.foliage_files import FoliageOptions
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.rasters import write_picture
 from sketchterrain.export.target import ExportOptions
+from sketchterrain.generation.building import build
+from sketchterrain.generation.terrain import Terrain
+from sketchterrain.io.console import Stages, describe_error
 from sketchterrain.io.files import check_disk, hash_file
 from sketchterrain.io.system import Interrupts, exclusive_run
+from sketchterrain.jobs.estimates import Estimate, free_memory
+from sketchterrain.jobs.export import DeviceFallback, write_export
+from sketchterrain.jobs.generate import (
+    REPORT,
+    GenerateOptions,
+    GenerateResult,
+    SharedResources,
+    generate,
+    measure_terrain,
+    render_preview,
+    report_header,
+    rounded,
+    run_statistics,
+)
+from sketchterrain.jobs.pictures import sketch_weather
 from sketchterrain.render.offscreen import SnapshotRenderer
 from sketchterrain.render.views import check_view
-from sketchterrain.terrain.building import build
-from sketchterrain.terrain.terrain import Terrain
 
 _POLL: Final = 0.2  # s between two checks for Ctrl-C
 _SHARE: Final = 0.9  # of the free memory, which a batch may take

@@ -257,3 +257,19 @@ def _by_pyopencl_ctx(setting: str, devices: tuple[Device, ...]) -> list[Device]:
 
 def _part_matches(part: str, number: int, name: str) -> bool:
     return part == "" or (int(part) == number if part.isdigit() else part.lower() in name.lower())
+
+
+def device_entry(device: Device) -> dict[str, Any]:
+    """Return the facts about a device; memory in bytes."""
+    return {
+        "index": device.index,
+        "name": device.name,
+        "version": device.version,
+        "platform": device.platform,
+        "driver": device.driver,
+        "type": device.type,
+        "memory": device.memory_bytes,
+        "compute_units": device.compute_units,
+        "float64": device.has_double,
+        "gl_sharing": device.gl_sharing,
+    }

@@ -375,3 +375,13 @@ def _check_layers(layers: Mapping[str, LabelImage]) -> Mapping[str, LabelImage]:
         empty = freeze_image(np.zeros(shape, dtype=np.uint8))
         images |= {name: empty for name in PAINTED_LAYERS if name not in images}
     return MappingProxyType({name: images[name] for name in PAINTED_LAYERS})
+
+
+def sketch_notes(sketch: Sketch) -> list[str]:
+    """Return notes on a sketch's images, and for each painted label without a table, maybe a mistake."""
+    return [*sketch.notes] + [
+        f"label {label} of {layer} is painted, but sketch.toml has no [{layer}.{label}]: defaults are used"
+        for layer, image in sketch.layers.items()
+        for label in labels_in(image)
+        if (layer, label) not in sketch.labels
+    ]

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, Int64Array
-from sketchterrain.terrain.index import expanded
+from sketchterrain.geometry.box_index import expanded
 
 STROKE, FILL, POINT = range(3)
 

@@ -13,7 +13,7 @@ import shapely
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array, StructuredArray
 from sketchterrain.document.vector_formats import Shapes, single_parts, valid_areas
 from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE
-from sketchterrain.terrain.index import expanded
+from sketchterrain.geometry.box_index import expanded
 
 RUN: Final = 64
 """The most segments of a line in one item."""

@@ -25,7 +25,7 @@ from sketchterrain.terrain.orthophotos import WHITE as PICTURE_WHITE
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.drape.drapes import Drapes, LayerStyle
-    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.generation.terrain import Terrain
 
 WHITE: Final = 0.8
 """Albedo of white in styles: that of paper, so that colours keep below what sunlit ground can reflect."""

@@ -21,7 +21,7 @@ from sketchterrain.io.crs import parse_crs
 
 if TYPE_CHECKING:
     from sketchterrain.drape.drapes import Drapes
-    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.generation.terrain import Terrain
 
 _POINTS_AT_ONCE: Final = 1 << 20
 

@@ -15,11 +15,11 @@ from sketchterrain.export.files import format_rows, write_json, write_json_list
 from sketchterrain.export.sampled import TerrainSamples, interpolate_heights
 from sketchterrain.export.target import Export, ExportOptions, TileWindow
 from sketchterrain.export.vectors import lake_outline
-from sketchterrain.placement.feature_types import Lake, River
+from sketchterrain.landforms.placement.feature_types import Lake, River
 from sketchterrain.terrain.surfaces import TerrainFeatures
 
 if TYPE_CHECKING:  # load SciPy and OpenCL
-    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.generation.terrain import Terrain
 
 Direction = Literal["east", "north", "up", "south"]
 PLANT_FIELDS: Final = (

@@ -21,7 +21,7 @@ from sketchterrain.io.files import atomic_file, check_disk, wrap_os_errors
 from sketchterrain.vegetation.plants import STOREYS
 
 if TYPE_CHECKING:  # loads OpenCL
-    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.generation.terrain import Terrain
 
 FOLIAGE = {"csv": ("csv",), "ply": ("ply",), "both": ("csv", "ply"), "none": ()}
 """File formats of each value of the option."""

@@ -44,7 +44,7 @@ from sketchterrain.look.texture_maker import linear_from_hex
 
 if TYPE_CHECKING:  # load OpenCL
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.generation.terrain import Terrain
 
 AXES: Final = EngineAxes("east", "up", "south")
 MAX_BYTES: Final = (1 << 32) - 1  # of a GLB

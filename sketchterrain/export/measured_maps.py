@@ -14,9 +14,9 @@ from sketchterrain.document.layers import LAYERS
 from sketchterrain.export.files import write_png
 
 if TYPE_CHECKING:
-    from sketchterrain.terrain.adherence import Adherence
-    from sketchterrain.terrain.realism import Realism
-    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.generation.terrain import Terrain
+    from sketchterrain.measure.adherence import Adherence
+    from sketchterrain.measure.realism import Realism
 
 # Okabe and Ito's palette for colour-blind readers.
 _COLOURS = {"both": (0, 158, 115), "painted only": (230, 130, 0), "terrain only": (204, 70, 150)}

@@ -23,7 +23,7 @@ from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.terrain.surfaces import TerrainFeatures
 
 if TYPE_CHECKING:
-    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.generation.terrain import Terrain
 
 MIN_ERROR: Final = 0.001  # m; about the precision of float32 for heights of kilometres
 

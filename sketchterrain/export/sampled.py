@@ -16,7 +16,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.terrain.surfaces import Band
 
 if TYPE_CHECKING:
-    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.generation.terrain import Terrain
 
 
 CHANNELS = ("red", "green", "blue", "alpha")

@@ -16,7 +16,7 @@ from sketchterrain.export.sampled import SampleGrid, TerrainSamples
 if TYPE_CHECKING:
     from sketchterrain.export.drapes import DrapedShapes
     from sketchterrain.export.scene import SceneView
-    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.generation.terrain import Terrain
 
 
 _FIELDS = ("name", "x", "y")
@@ -155,7 +155,7 @@ class ExportOptions:
 
 
 class ProgressStages(Protocol):
-    """Timed stages of work, see `sketchterrain.app.console.Stages`."""
+    """Timed stages of work, see `sketchterrain.io.console.Stages`."""
 
     def stage(self, name: str, title: str) -> AbstractContextManager[Callable[[float], None]]:
         """Time a stage, and yield a function that reports its progress, 0 … 1."""

@@ -21,7 +21,7 @@ from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.sampled import TerrainSamples
 from sketchterrain.io.crs import plain_path
 from sketchterrain.io.files import write_atomic
-from sketchterrain.placement.feature_types import (
+from sketchterrain.landforms.placement.feature_types import (
     FEATURE_TYPES,
     Lake,
     River,

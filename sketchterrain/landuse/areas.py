@@ -14,7 +14,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float32Array, Float64Array, Int64Array
 from sketchterrain.document.layers import CROPS, LAND_USES
 from sketchterrain.document.vectors import VectorLayer, starts
-from sketchterrain.placement.hashing import hash_unit
+from sketchterrain.geometry.hashing import hash_unit
 from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 

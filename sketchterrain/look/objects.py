@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.array_types import Bounds, Float32Array, Float64Array
-    from sketchterrain.placement.feature_types import Lake, River, ShapeField
+    from sketchterrain.landforms.placement.feature_types import Lake, River, ShapeField
     from sketchterrain.terrain.surfaces import TerrainFeatures
 
 

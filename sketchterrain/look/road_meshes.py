@@ -27,7 +27,7 @@ from sketchterrain.roads.road_shapes import AxisPoints, axis_points
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Road, RoadNetwork
 
 if TYPE_CHECKING:
-    from sketchterrain.placement.feature_types import River
+    from sketchterrain.landforms.placement.feature_types import River
 
 CHORD: Final = 0.02  # m, deviation of meshes from arcs and vertical curves
 SHOULDER: Final = "gravel"

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.drape.items import Items
 from sketchterrain.drape.painting import WHITE
+from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.look.texture_maker import linear_from_hex
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.draped_buffer import DrapedBuffer
@@ -20,7 +21,6 @@ from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.programs import set_uniforms
 from sketchterrain.render.targets import RenderTargets
 from sketchterrain.render.vertex_memory import COMMAND
-from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.tiles.quadtree import Boxes
 from sketchterrain.tiles.tile_pool import DrawList
 

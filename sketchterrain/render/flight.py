@@ -13,7 +13,7 @@ import numpy as np
 from sketchterrain.document.parameters import Parameter, check_items, parameter_table
 from sketchterrain.document.toml_format import load_toml
 from sketchterrain.errors import InputError, check_keys, check_tables, format_value, one_line, prefix_errors
-from sketchterrain.hydrology.splines import catmull_rom
+from sketchterrain.geometry.splines import catmull_rom
 from sketchterrain.io.files import wrap_read_errors, write_atomic
 from sketchterrain.render.camera import Floats, HeightFunction, Vector
 

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.errors import InputError
+from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.render.programs import Textures, build_program, set_uniforms
 from sketchterrain.render.vertex_memory import COMMAND, clipping
-from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.tiles import quadtree as borders
 from sketchterrain.tiles.stream import QUADS
 from sketchterrain.tiles.tile_pool import DrawList

@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.drape.drapes import Drapes
+    from sketchterrain.generation.terrain import Terrain
     from sketchterrain.render.flight import CameraStates
     from sketchterrain.render.overlays import LegendEntry
     from sketchterrain.render.scene import Sketch, TerrainSource
     from sketchterrain.render.sky import Sun
-    from sketchterrain.terrain.terrain import Terrain
 
 MAX_SIDE = 8192  # px
 

@@ -14,8 +14,8 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.materials import Colour
 from sketchterrain.errors import InputError
+from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, ShapeField
 from sketchterrain.look.objects import shore_lines, terrain_objects
-from sketchterrain.placement.feature_types import FEATURE_TYPES, ShapeField
 from sketchterrain.render.programs import build_program, fullscreen_pass, set_uniforms
 from sketchterrain.render.scene import TerrainSource, sample_heights, visible_rectangle
 from sketchterrain.roads.road_shapes import axis_points

@@ -65,7 +65,7 @@ def shared_with_gl(terrain: T) -> T:
 
     The argument is returned if buffers cannot be shared, are shared already, or it is not a `Terrain`.
     """
-    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.generation.terrain import Terrain
 
     if not isinstance(terrain, Terrain) or terrain.context.gl is not None:
         return terrain
@@ -76,7 +76,7 @@ def shared_with_gl(terrain: T) -> T:
 
 def moved_to_context(terrain: T, context: ComputeContext) -> T:
     """Return a `Terrain` in another compute context; anything else is returned unchanged."""
-    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.generation.terrain import Terrain
 
     if not isinstance(terrain, Terrain) or terrain.context is context:
         return terrain

@@ -11,8 +11,8 @@ from scipy.ndimage import maximum_filter, uniform_filter
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array
+from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, Lake, River
 from sketchterrain.look.tree_species import HEIGHTS
-from sketchterrain.placement.feature_types import FEATURE_TYPES, Lake, River
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.scene import (
     HeightMap,
@@ -24,7 +24,7 @@ from sketchterrain.render.scene import (
 from sketchterrain.render.sky import Weather, sun_at
 
 if TYPE_CHECKING:
-    from sketchterrain.placement.plateaus import Plateau
+    from sketchterrain.landforms.placement.plateaus import Plateau
 
     LightScore = Callable[[Float64Array], Float64Array]
     """Score of views by bearing (rad)."""

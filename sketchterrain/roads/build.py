@@ -13,7 +13,7 @@ import shapely
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.document.layers import WAY_LAYERS, id_of_vector
 from sketchterrain.document.vectors import AREA, LINE
-from sketchterrain.hydrology.vector_rivers import line_path
+from sketchterrain.landforms.hydrology.vector_rivers import line_path
 from sketchterrain.roads.alignment import Alignment, align
 from sketchterrain.roads.network import WayGraph, way_graph
 from sketchterrain.roads.profile import StationGraph, station_graph, united_reach

@@ -14,7 +14,7 @@ import shapely
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.document.layers import WAY_LAYERS, id_of_vector, storey, vector_of
 from sketchterrain.document.vectors import STEP, VectorLayer, on_grid
-from sketchterrain.hydrology.vector_rivers import line_path
+from sketchterrain.landforms.hydrology.vector_rivers import line_path
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Works
 
 if TYPE_CHECKING:

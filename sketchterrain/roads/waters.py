@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.placement.feature_types import Lake, River, distance_inside
+from sketchterrain.landforms.placement.feature_types import Lake, River, distance_inside
 
 _FLOOD: Final = 0.5  # of a river's depth, above its surface: its banks' tops
 _BANKS = 1.3  # half widths of a river with its banks

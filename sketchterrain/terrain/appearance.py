@@ -14,10 +14,10 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array, LatticeArray
 from sketchterrain.caching import LRUCache
+from sketchterrain.geometry.box_index import BoxIndex, item_lists
+from sketchterrain.geometry.hashing import hash_unit
+from sketchterrain.geometry.lattice import LATTICE_BITS, metres_per_unit, to_lattice
 from sketchterrain.io.resources import kernel_columns, kernel_constants
-from sketchterrain.placement.hashing import hash_unit
-from sketchterrain.terrain.index import BoxIndex, item_lists
-from sketchterrain.terrain.lattice import LATTICE_BITS, metres_per_unit, to_lattice
 from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.painted_roads import PaintedRoads, painted_roads
 

@@ -11,12 +11,12 @@ import numpy.typing as npt
 from scipy.ndimage import maximum_filter1d
 
 from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray
-from sketchterrain.hydrology.courses import arc_length
-from sketchterrain.hydrology.river_shape import bank_sway, bend_lean
-from sketchterrain.hydrology.splines import catmull_rom, cubics
+from sketchterrain.geometry.hashing import gaussian_filter, rounded
+from sketchterrain.geometry.splines import catmull_rom, cubics
 from sketchterrain.io.resources import kernel_constants
-from sketchterrain.placement.feature_types import River
-from sketchterrain.placement.hashing import gaussian_filter, rounded
+from sketchterrain.landforms.hydrology.courses import arc_length
+from sketchterrain.landforms.hydrology.river_shape import bank_sway, bend_lean
+from sketchterrain.landforms.placement.feature_types import River
 from sketchterrain.terrain.noise import FINEST_CELL
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sketchterrain.array_types import Bounds, LatticeArray
-from sketchterrain.placement.differences import merge_boxes
+from sketchterrain.geometry.differences import merge_boxes
 
 if TYPE_CHECKING:
     from sketchterrain.terrain.recipe import TerrainRecipe

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import LatticeArray
 from sketchterrain.caching import LRUCache
+from sketchterrain.geometry.box_index import BoxIndex, item_lists
 from sketchterrain.terrain.changes import LayerChange
-from sketchterrain.terrain.index import BoxIndex, item_lists
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext

@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, Float64Array, LatticeArray, StructuredArray
 from sketchterrain.compute.buffers import StagingBuffer
+from sketchterrain.geometry.lattice import QUADS
+from sketchterrain.landforms.node_raster import NODE_BITS, node_level
 from sketchterrain.terrain.changes import EVERYWHERE, difference
 from sketchterrain.terrain.culler import list_arrays
 from sketchterrain.terrain.detail_bounds import DetailBound
 from sketchterrain.terrain.inputs import KernelInputs
-from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.layers.layer import MASKS
-from sketchterrain.terrain.node_raster import NODE_BITS, node_level
 from sketchterrain.terrain.patches import GROUP, Batches, Patches, PatchLauncher, rounded_up, tile_patches
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import Surface, SurfaceStore, require_finite

@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from sketchterrain.array_types import Float64Array, LatticeArray
+from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.io.resources import kernel_constants
-from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.base import BaseLayer
 from sketchterrain.terrain.layers.layer import HostSamples, HostSite, effective_cell
 from sketchterrain.terrain.layers.points import PointFinder

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, LatticeArray
+from sketchterrain.geometry.hashing import hash_keys
+from sketchterrain.geometry.lattice import QUADS, metres_per_unit
 from sketchterrain.io.resources import kernel_constants
-from sketchterrain.placement.hashing import hash_keys
-from sketchterrain.terrain.lattice import QUADS, metres_per_unit
 
 FINEST_WAVELENGTH = 0.5
 """Shortest noise wavelength, m: well resolved by samples 0.1 m apart."""

@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, LatticeArray
 from sketchterrain.document.layers import LANE_WIDTHS
+from sketchterrain.geometry.box_index import BoxIndex
+from sketchterrain.geometry.lattice import metres_per_unit, to_lattice
 from sketchterrain.io.resources import kernel_columns
 from sketchterrain.roads.road_types import BRIDGE, GROUND, Road, RoadNetwork
 from sketchterrain.terrain.centrelines import arc_boxes
-from sketchterrain.terrain.index import BoxIndex
-from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 
 _PIECE: Final = kernel_columns("appearance.clh", "PaintedRoad")
 _SURFACES: Final = {"asphalt": 0, "gravel": 1, "soil": 2, "rock": 3}

@@ -14,8 +14,8 @@ from sketchterrain.array_types import Float64Array, LatticeArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.compute.buffers import BufferSet, StagingBuffer
 from sketchterrain.errors import DeviceMemoryError
+from sketchterrain.geometry.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.culler import list_arrays
-from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.noise import corner_table, fits_patches, whole_step_bits
 from sketchterrain.terrain.surfaces import SurfaceStore

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float32Array, FloatArray, LatticeArray, UInt8Array
 from sketchterrain.errors import DeviceError, InputError
-from sketchterrain.terrain.lattice import QUADS, to_lattice
+from sketchterrain.geometry.lattice import QUADS, to_lattice
 from sketchterrain.terrain.materials import material_defines
 from sketchterrain.terrain.surfaces import Band, SurfaceStore, non_finite
 

@@ -16,8 +16,8 @@ from sketchterrain.document.geology import Strata
 from sketchterrain.document.material_rules import DEFAULT_RULES, MaterialRule
 from sketchterrain.document.materials import BUILT_IN, MaterialTable
 from sketchterrain.document.parameters import GEOLOGY, defaults
+from sketchterrain.landforms.placement.feature_types import Lake, River
 from sketchterrain.landuse.areas import LandUse
-from sketchterrain.placement.feature_types import Lake, River
 from sketchterrain.roads.road_types import NO_ROADS, RoadNetwork
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.forests import COVER_NOISE
@@ -31,8 +31,8 @@ from sketchterrain.terrain.noise import FINEST_CELL, NoiseStack, OctaveTable, oc
 from sketchterrain.terrain.orthophotos import Orthophoto
 
 if TYPE_CHECKING:
-    from sketchterrain.hydrology.conflicts import Resolution
-    from sketchterrain.placement.plateaus import Plateau
+    from sketchterrain.landforms.hydrology.conflicts import Resolution
+    from sketchterrain.landforms.placement.plateaus import Plateau
 
 _Layer = TypeVar("_Layer", bound=TerrainLayer)
 

@@ -19,14 +19,14 @@ from sketchterrain.array_types import (
 )
 from sketchterrain.document.materials import weight_words
 from sketchterrain.errors import DeviceFailedError, InputError
-from sketchterrain.placement.feature_types import Lake, River
+from sketchterrain.geometry.lattice import QUADS
+from sketchterrain.landforms.placement.feature_types import Lake, River
 from sketchterrain.roads.road_types import NO_ROADS, RoadNetwork
-from sketchterrain.terrain.lattice import QUADS
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.compute.device import Device
-    from sketchterrain.placement.plateaus import Plateau
+    from sketchterrain.landforms.placement.plateaus import Plateau
     from sketchterrain.terrain.recipe import TerrainRecipe
 
 
@@ -214,7 +214,7 @@ def vertex_dtype(materials: int) -> np.dtype[np.void]:
 
 
 FACTS: Final = np.dtype([("low", "f8"), ("high", "f8"), ("error", "f8")])
-"""Facts of a tile, m: see :meth:`~sketchterrain.terrain.terrain.Terrain.write_tiles`."""
+"""Facts of a tile, m: see :meth:`~sketchterrain.generation.terrain.Terrain.write_tiles`."""
 
 TILE_QUADS: Final = (16, 32, 64, 128, 256)
 """Valid numbers of quads along a tile's side."""

@@ -14,10 +14,10 @@ import numpy.typing as npt
 from sketchterrain.array_types import Bounds, Float32Array, Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.compute.buffers import BufferSet, StagingBuffer
+from sketchterrain.geometry.lattice import LATTICE_BITS, QUADS, finest_level
+from sketchterrain.landforms.node_raster import node_level
 from sketchterrain.terrain.changes import touches
 from sketchterrain.terrain.inputs import KernelInputs
-from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, finest_level
-from sketchterrain.terrain.node_raster import node_level
 from sketchterrain.terrain.noise import FINEST_CELL
 from sketchterrain.terrain.patches import (
     Batches,

@@ -20,9 +20,9 @@ from sketchterrain.array_types import (
 )
 from sketchterrain.caching import LRUCache
 from sketchterrain.errors import InputError
-from sketchterrain.placement.hashing import hash_keys
+from sketchterrain.geometry.hashing import hash_keys
+from sketchterrain.geometry.lattice import metres_per_unit, to_lattice
 from sketchterrain.roads.built_ground import BuiltGround, trees_along
-from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.vegetation.farmland import ROWS, Farmland, PlantedRows
 from sketchterrain.vegetation.graded_poisson import GradedPoisson, run_to_completion
 from sketchterrain.vegetation.plants import (

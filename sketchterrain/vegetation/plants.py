@@ -10,8 +10,8 @@ import numpy as np
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, FloatArray, LatticeArray
 from sketchterrain.caching import LRUCache
-from sketchterrain.placement.hashing import hash_unit, value_noise
-from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.geometry.hashing import hash_unit, value_noise
+from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.vegetation.graded_poisson import SpacingRaster
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from sketchterrain.array_types import LatticeArray
-from sketchterrain.placement.hashing import hash_keys
+from sketchterrain.geometry.hashing import hash_keys
 
 if TYPE_CHECKING:
     from sketchterrain.compute.buffers import BufferSet

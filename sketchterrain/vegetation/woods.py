@@ -13,9 +13,9 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float32Array, FloatArray, LatticeArray, UInt8Array
 from sketchterrain.caching import LRUCache
+from sketchterrain.geometry.lattice import metres_per_unit
+from sketchterrain.landforms.placement.feature_types import conifer_share, has_parameter
 from sketchterrain.landuse.areas import FOREST
-from sketchterrain.placement.feature_types import conifer_share, has_parameter
-from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.layers.points import support_radii
 from sketchterrain.vegetation.plants import (

@@ -20,11 +20,11 @@ from distributed.protocol.pickle import dumps
 from distributed.scheduler import KilledWorker
 from distributed.security import Security
 
-from sketchterrain.app.console import DEBUG
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import choose_device, list_devices
 from sketchterrain.compute.device_check import is_usable
 from sketchterrain.errors import DeviceError, InputError, SketchterrainError, one_line
+from sketchterrain.io.console import DEBUG
 from sketchterrain.world.job import Job, Task, TaskResult, shard_store
 from sketchterrain.world.task_runner import TaskRunner
 from sketchterrain.world.worker import WorkerSetup, run_task, sample_digest

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, get_args
 
-from sketchterrain.app.estimates import Estimate, format_count, layer_bytes, plant_bytes
-from sketchterrain.app.listings import pluralize
 from sketchterrain.document.frame import georeference
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, one_line, prefix_errors
-from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.geometry.lattice import metres_per_unit, to_lattice
+from sketchterrain.io.console import pluralize
+from sketchterrain.jobs.estimates import Estimate, format_count, layer_bytes, plant_bytes
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.world.grid import DEFAULT_LAYERS, LAYERS, Shard, World
 from sketchterrain.world.job import Form, Job, PlantsForm, require, shard_store, task_count

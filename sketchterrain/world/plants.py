@@ -16,9 +16,9 @@ from rasterio.crs import CRS
 
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.vectors import Origin
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.crs import plain_path
 from sketchterrain.io.files import atomic_path, wrap_os_errors
-from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.world.grid import SHARD, World
 from sketchterrain.world.job import Georeference, Job, Task, plants_folder
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec import structs
 
-from sketchterrain.app.console import progress_bars
-from sketchterrain.app.estimates import format_duration
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.io.console import progress_bars
 from sketchterrain.io.system import Interrupts, exclusive_run
+from sketchterrain.jobs.estimates import format_duration
 from sketchterrain.world.job import (
     Job,
     Task,

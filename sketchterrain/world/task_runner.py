@@ -15,10 +15,10 @@ from sketchterrain.compute.device import Device, choose_device, fallback_device
 from sketchterrain.drape.painting import draped_appearance
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.export.sampled import quantise_normals, quantise_weights
+from sketchterrain.generation.self_test import self_test
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.terrain.rasters import QuantizedBand
-from sketchterrain.terrain.self_test import self_test
 from sketchterrain.terrain.surfaces import Band
-from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.world.grid import SHARD, Level, Shard, ShardData
 from sketchterrain.world.job import Job, Task, TaskResult, WrittenFile, plant_store, shard_store
 from sketchterrain.world.journal import PLANTS, OutputLayout

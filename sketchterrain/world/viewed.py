@@ -12,9 +12,6 @@ from typing import Any, Final, NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.app.console import Stages
-from sketchterrain.app.export import DeviceFallback
-from sketchterrain.app.pictures import PictureOptions, check_picture, draw_picture, sketch_weather
 from sketchterrain.array_types import Bounds
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.drapes import DrapedLayer
@@ -22,13 +19,16 @@ from sketchterrain.document.materials import BEDROCK, BUILT_IN, MaterialTable, w
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.export.files import prepare_folder
-from sketchterrain.placement.feature_types import FEATURE, Lake, River, ShapeField
-from sketchterrain.placement.plateaus import Plateau
+from sketchterrain.generation.building import build
+from sketchterrain.generation.terrain import Terrain
+from sketchterrain.geometry.lattice import LATTICE_BITS, QUADS, finest_level
+from sketchterrain.io.console import Stages
+from sketchterrain.jobs.export import DeviceFallback
+from sketchterrain.jobs.pictures import PictureOptions, check_picture, draw_picture, sketch_weather
+from sketchterrain.landforms.placement.feature_types import FEATURE, Lake, River, ShapeField
+from sketchterrain.landforms.placement.plateaus import Plateau
 from sketchterrain.render.overlays import LegendEntry
-from sketchterrain.terrain.building import build
-from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, finest_level
 from sketchterrain.terrain.surfaces import FACTS, TerrainFeatures, VertexMemory, VertexStore, vertex_dtype
-from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.terrain.vertex_writer import geometric_error
 from sketchterrain.tiles.quadtree import code_of, intersects_bounds
 from sketchterrain.vegetation.graded_poisson import run_to_completion

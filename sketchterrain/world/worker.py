@@ -19,8 +19,8 @@ from distributed import Reschedule, Worker, WorkerPlugin, get_worker
 from distributed.core import Status
 from distributed.utils import sync
 
-from sketchterrain.app.console import DEBUG
 from sketchterrain.errors import DeviceError, SketchterrainError, one_line
+from sketchterrain.io.console import DEBUG
 from sketchterrain.io.resources import code_digest
 from sketchterrain.world.grid import Shard
 from sketchterrain.world.job import Task, TaskResult
@@ -109,7 +109,7 @@ class WorkerSetup(WorkerPlugin):  # type: ignore[misc]  # dask has no types
             raise RefusedError(f"its sketchterrain {own} has different code of the same version")
         check_folder(*self._probe)
         from sketchterrain.compute.context import ComputeContext
-        from sketchterrain.terrain.self_test import self_test
+        from sketchterrain.generation.self_test import self_test
         from sketchterrain.world.task_runner import TaskRunner
 
         device = choose_worker_device(self._selector, rank)

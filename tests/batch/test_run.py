@@ -22,8 +22,6 @@ import numpy as np
 import pytest
 
 from sketchterrain.app.cli import main
-from sketchterrain.app.console import Stages
-from sketchterrain.app.generate import GenerateResult
 from sketchterrain.batch import results as manifest_module
 from sketchterrain.batch import run as run_module
 from sketchterrain.batch.plan import Source, plan
@@ -34,7 +32,9 @@ from sketchterrain.document.store import save_sketch
 from sketchterrain.errors import DeviceError, InputError, SketchterrainError
 from sketchterrain.export.files import move_files, prepare_folder, staging
 from sketchterrain.export.target import ExportOptions
+from sketchterrain.io.console import Stages
 from sketchterrain.io.files import write_atomic
+from sketchterrain.jobs.generate import GenerateResult
 
 OUTPUT = Output(size=17, preview=False)
 LOCK = threading.Lock()

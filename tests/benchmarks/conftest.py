@@ -7,7 +7,7 @@ import pytest
 from sketchterrain.benchmarks.effort import QUICK, Effort
 from sketchterrain.benchmarks.flight_scene import open_world
 from sketchterrain.benchmarks.timing import TimedContext
-from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.generation.terrain import Terrain
 
 TINY = replace(
     QUICK,

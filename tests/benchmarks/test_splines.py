@@ -16,7 +16,7 @@ from sketchterrain.benchmarks.spline_methods import (
 )
 from sketchterrain.benchmarks.splines import CELL_SIZES, failures
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.hydrology.splines import catmull_rom, cubics
+from sketchterrain.geometry.splines import catmull_rom, cubics
 from sketchterrain.terrain.centrelines import flatten, nearest_on_arc, position
 from tests.devices import DEVICES
 

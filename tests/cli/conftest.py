@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import typer.main
 
-import sketchterrain.app.generate
+import sketchterrain.jobs.generate
 from sketchterrain.app.cli import main
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import save_sketch
+from sketchterrain.generation import building
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.stages.runner import Results
-from sketchterrain.terrain import building
-from sketchterrain.terrain.terrain import Terrain
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def shared_between_commands() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(typer.main, "get_command", cache(typer.main.get_command))
         patch.setattr(building, "Results", lambda: PLACED)
-        patch.setattr(sketchterrain.app.generate, "build", build)
+        patch.setattr(sketchterrain.jobs.generate, "build", build)
         yield
 
 

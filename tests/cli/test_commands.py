@@ -16,13 +16,13 @@ from affine import Affine
 from numpy.typing import NDArray
 from PIL import Image
 
-import sketchterrain.app.console
-import sketchterrain.app.pictures
+import sketchterrain.io.console
+import sketchterrain.jobs.pictures
 import sketchterrain.render.offscreen
-from sketchterrain.app.console import Stages
 from sketchterrain.compute.device import list_devices
 from sketchterrain.document.store import load_sketch
 from sketchterrain.export.map import relief
+from sketchterrain.io.console import Stages
 from sketchterrain.io.resources import preset_names
 from sketchterrain.render.overlays import LegendEntry
 from sketchterrain.render.quality import Quality
@@ -216,7 +216,7 @@ def pictures(monkeypatch) -> list[dict[str, Any]]:
         legend.extend(LegendEntry((255, 0, 16), name) for name in options["overlays"])
         return np.zeros((size[1], size[0], 3), np.uint8)
 
-    monkeypatch.setattr(sketchterrain.app.pictures, "render_picture", picture)
+    monkeypatch.setattr(sketchterrain.jobs.pictures, "render_picture", picture)
     return requests
 
 
@@ -349,10 +349,10 @@ def run_stages() -> dict[str, float]:
 
 
 def test_stages_are_timed_and_displayed_on_terminals_or_if_slow(capsys, terminal, monkeypatch):
-    monkeypatch.setattr(sketchterrain.app.console, "_SLOW", 600.0)
+    monkeypatch.setattr(sketchterrain.io.console, "_SLOW", 600.0)
     assert list(run_stages()) == ["a"]
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr(sketchterrain.app.console, "_SLOW", 0.001)
+    monkeypatch.setattr(sketchterrain.io.console, "_SLOW", 0.001)
     with Stages() as stages, stages.stage("a", "Slow"):
         for thread in threading.enumerate():
             if isinstance(thread, threading.Timer):

@@ -9,12 +9,12 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
-import sketchterrain.app.export
+import sketchterrain.jobs.export
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import save_sketch
 from sketchterrain.errors import DeviceFailedError
-from sketchterrain.terrain.self_test import Verdict, self_test
+from sketchterrain.generation.self_test import Verdict, self_test
 from tests.devices import KNOWN, needs_known_device
 
 pytestmark = needs_known_device
@@ -147,8 +147,8 @@ def test_failure_in_the_preview_restarts(call, tiny, tmp_path, monkeypatch):
             raise DeviceFailedError("it broke")
         return np.zeros((4, 4, 3), np.uint8)
 
-    monkeypatch.setattr("sketchterrain.app.generate._picture_taker", lambda *_: picture)
-    monkeypatch.setattr("sketchterrain.app.pictures.render_picture", picture)
+    monkeypatch.setattr("sketchterrain.jobs.generate._picture_taker", lambda *_: picture)
+    monkeypatch.setattr("sketchterrain.jobs.pictures.render_picture", picture)
     size = ["--size", 9, "--device", KNOWN[0].index]
     assert call("generate", tiny, "-o", tmp_path, *size).code == 0
     data = report(tmp_path)
@@ -179,7 +179,7 @@ def test_exhausted_device_memory_is_an_error(call, tiny, tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_other_bits_print_a_note(call, tiny, tmp_path, monkeypatch):
     verdict = Verdict("other", "wrong in inverse_sqrt")
-    monkeypatch.setattr(sketchterrain.app.export, "self_test", lambda device, *, compare: verdict)
+    monkeypatch.setattr(sketchterrain.jobs.export, "self_test", lambda device, *, compare: verdict)
     done = generate(call, tiny, tmp_path)
     assert (done.code, "self-test of" in done.err) == (0, True)
     assert any(line.endswith("other bits: wrong in inverse_sqrt") for line in done.err.splitlines())
@@ -206,7 +206,7 @@ def test_a_device_that_fails_its_self_test_is_replaced(call, tiny, tmp_path, mon
             return Verdict("failed", "the self-test crashed (SIGSEGV)")
         return Verdict("same", "")
 
-    monkeypatch.setattr(sketchterrain.app.export, "self_test", verdict)
+    monkeypatch.setattr(sketchterrain.jobs.export, "self_test", verdict)
     done = generate(call, tiny, tmp_path, "--device", failing.index)
     assert done.code == 0
     (restart,) = report(tmp_path)["restarts"]

@@ -13,14 +13,14 @@ from typing import Any
 
 import pytest
 
-import sketchterrain.app.export
 import sketchterrain.export.files
 import sketchterrain.export.planning
 import sketchterrain.export.sidecar
+import sketchterrain.jobs.export
 from sketchterrain.app.arguments import TARGETS
-from sketchterrain.app.export import file_name
 from sketchterrain.export.sampled import TerrainSamples
 from sketchterrain.export.targets import TARGET_NAMES, target_named
+from sketchterrain.jobs.export import file_name
 
 # The plainest target in the default tier, all others in the slow one.
 EACH_TARGET = pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_listing_targets_loads_no_driver():
 def test_disk_space_is_checked_first(call, sketch, tmp_path, monkeypatch):
     usage = shutil.disk_usage(tmp_path)._replace(free=1 << 20)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
-    monkeypatch.setattr(sketchterrain.app.export, "sample_terrain", None)
+    monkeypatch.setattr(sketchterrain.jobs.export, "sample_terrain", None)
     done = call("export", sketch, "--to", "raw", "-o", tmp_path / "out")
     assert done.code == 3
     assert f"{tmp_path / 'out'} has 1.0 MiB free" in done.error
@@ -166,7 +166,7 @@ def test_library_errors_on_a_full_disk_are_raised(call, sketch, tmp_path, monkey
         return sampled
 
     (tmp_path / "terrain.json").write_text("mine")
-    monkeypatch.setattr(sketchterrain.app.export, "sample_terrain", then_full)
+    monkeypatch.setattr(sketchterrain.jobs.export, "sample_terrain", then_full)
     try:
         done = call("export", sketch, "--to", target, "-o", tmp_path, *smallest(target))
     finally:

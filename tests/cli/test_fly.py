@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import sketchterrain.app.pictures
+import sketchterrain.jobs.pictures
 from sketchterrain.render.flight import Flight, Keyframe, save_flight
 from sketchterrain.render.offscreen import CapturedFrame
 from sketchterrain.render.quality import Quality
@@ -40,7 +40,7 @@ def captures(monkeypatch) -> list[dict[str, Any]]:
             width, height = options["size"]
             yield shot, np.full((height, width, 3), 9 * number, np.uint8) if options["pixels"] else None
 
-    monkeypatch.setattr(sketchterrain.app.pictures, "capture_frames", capture_frames)
+    monkeypatch.setattr(sketchterrain.jobs.pictures, "capture_frames", capture_frames)
     return calls
 
 

@@ -11,7 +11,7 @@ from PIL import Image
 from scipy import ndimage
 
 import sketchterrain as st
-import sketchterrain.app.generate
+import sketchterrain.jobs.generate
 from sketchterrain.app.cli import main
 from sketchterrain.errors import DeviceError
 from sketchterrain.export.foliage_files import VERTEX
@@ -165,7 +165,7 @@ def test_without_opengl_only_the_preview_is_missing(call, sketch, tmp_path, monk
     def refuse(*_: object, **__: object) -> None:
         raise DeviceError("no OpenGL 4.3 through EGL")
 
-    monkeypatch.setattr(sketchterrain.app.generate, "_picture_taker", lambda *_: refuse)
+    monkeypatch.setattr(sketchterrain.jobs.generate, "_picture_taker", lambda *_: refuse)
     done = call("generate", sketch, "-o", tmp_path, "--size", 9, "--foliage", "none")
     assert done.code == 5
     assert done.error == "no preview, all other files are written: no OpenGL 4.3 through EGL"
@@ -178,7 +178,7 @@ def test_write_error_leaves_old_files(call, sketch, tmp_path, monkeypatch):
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device", "normal.png")
 
-    monkeypatch.setattr(sketchterrain.app.generate, "write_normal_png", full)
+    monkeypatch.setattr(sketchterrain.jobs.generate, "write_normal_png", full)
     done = call("generate", sketch, "-o", tmp_path, "--size", 9, "--no-preview", "--foliage", "none")
     assert (done.code, done.error) == (1, "normal.png: No space left on device")
     assert (tmp_path / "report.json").read_text() == "old"
@@ -247,7 +247,7 @@ def test_map_and_view_options(call, sketch, tmp_path, monkeypatch):
         requested.update(options)
         return np.zeros((18, 32, 3), np.uint8)
 
-    monkeypatch.setattr(sketchterrain.app.generate, "_picture_taker", lambda *_: picture)
+    monkeypatch.setattr(sketchterrain.jobs.generate, "_picture_taker", lambda *_: picture)
     look = ["--view", "air", "--time", "17", "--clouds", "1", "--map", "svg"]
     done = call("generate", sketch, "-o", tmp_path, "--size", 9, *look)
     assert done.code == 0, done.err

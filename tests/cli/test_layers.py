@@ -7,7 +7,7 @@ import numpy as np
 import pyogrio
 import pytest
 
-import sketchterrain.app.pictures
+import sketchterrain.jobs.pictures
 from sketchterrain.app.arguments import DRAPE_METHODS, read_layers
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError
@@ -95,7 +95,7 @@ def test_pictures_show_the_sketchs_layers_and_those_of_the_command(call, place, 
         asked.append(options)
         return np.zeros((48, 64, 3), np.uint8)
 
-    monkeypatch.setattr(sketchterrain.app.pictures, "render_picture", picture)
+    monkeypatch.setattr(sketchterrain.jobs.pictures, "render_picture", picture)
     plain = tmp_path / "notes.txt"
     plain.write_text("no layer")
     options = ("--layer", f"{trail},width=4", "--layer", plain, "--drape-method", "geometry")

@@ -12,7 +12,7 @@ import pytest
 
 from sketchterrain.app.cli import main
 from sketchterrain.document.store import load_sketch
-from sketchterrain.terrain.building import build
+from sketchterrain.generation.building import build
 from sketchterrain.world.stored_world import open_world
 
 SMALL = ("--bounds", "-10,20,310,180", "--cell", 4)

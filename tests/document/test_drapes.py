@@ -24,7 +24,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import SETTINGS, file_limit, load_sketch, save_sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text
 from sketchterrain.errors import InputError
-from sketchterrain.terrain.building import make_recipe
+from sketchterrain.generation.building import make_recipe
 from sketchterrain.ui.engine import channel
 
 from .conftest import refusal, same

@@ -8,7 +8,7 @@ from sketchterrain.document.own_materials import MAX_MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError
-from sketchterrain.terrain.building import build
+from sketchterrain.generation.building import build
 
 
 def pictures(folder, *names):

@@ -11,12 +11,12 @@ from sketchterrain.benchmarks.draped_data import random_lines, write_layer
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.drape.drapes import Drapes
 from sketchterrain.drape.feature_edits import move_feature
+from sketchterrain.generation.building import rebuild
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
-from sketchterrain.terrain.building import rebuild
 from tests import terrains
 from tests.render.conftest import SharedTextures
 

@@ -22,6 +22,7 @@ from sketchterrain.drape.label_layout import (
     label_text,
     place_labels,
 )
+from sketchterrain.generation.building import build
 from sketchterrain.render import labels as labels_module
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.labels import LIFT, Labels, draw_text, text_size
@@ -29,7 +30,6 @@ from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
 from sketchterrain.render.targets import FrameBlock
-from sketchterrain.terrain.building import build
 
 SIZE = (1280, 720)
 FPS = 60.0

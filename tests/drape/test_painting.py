@@ -15,6 +15,7 @@ from sketchterrain.drape.drapes import Drapes, LayerStyle
 from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE, Items
 from sketchterrain.drape.painting import TEXEL_PIXELS, WHITE, DrapedAppearance
 from sketchterrain.export.sampled import SampleGrid, sample_appearance
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.look.texture_maker import linear_from_hex
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import canvas, read_picture
@@ -22,7 +23,6 @@ from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
 from sketchterrain.terrain.appearance import SIDE
-from sketchterrain.terrain.terrain import Terrain
 from tests import terrains
 from tests.devices import DEVICES, needs_device
 

@@ -9,13 +9,13 @@ import pytest
 import shapely
 
 import sketchterrain as st
-from sketchterrain.app.console import Stages
-from sketchterrain.app.export import write_export
 from sketchterrain.document.drapes import DrapeClass, draped_layer
 from sketchterrain.export.drapes import DrapedShapes, write_drapes
 from sketchterrain.export.gltf import GlbWriter, add_drapes
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions
+from sketchterrain.io.console import Stages
+from sketchterrain.jobs.export import write_export
 
 EAST, NORTH = 600_000.0, 5_270_000.0
 LINE = [(100.0, 200.0), (700.0, 260.0), (720.0, 900.0)]

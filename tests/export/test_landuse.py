@@ -17,7 +17,7 @@ from sketchterrain.export.landuse import land_entries, land_facts, land_layer, l
 from sketchterrain.export.map.relief import LAND_OPACITY, LAND_TINTS, MapFrame, MapSamples, shaded_relief
 from sketchterrain.export.map.sheet import legend_entries
 from sketchterrain.export.vectors import Origin, geopackage, write_features
-from sketchterrain.placement.feature_types import FEATURE
+from sketchterrain.landforms.placement.feature_types import FEATURE
 from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.terrain.surfaces import TerrainFeatures
 

@@ -38,7 +38,7 @@ from sketchterrain.export.map.relief import (
     shaded_relief,
 )
 from sketchterrain.export.map.sheet import map_sheet, write_map, write_sheet
-from sketchterrain.terrain.adherence_rivers import standing_water
+from sketchterrain.measure.adherence_rivers import standing_water
 
 SVG = "{http://www.w3.org/2000/svg}"
 

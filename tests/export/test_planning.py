@@ -15,7 +15,7 @@ from sketchterrain.export.sampled import BYTES_PER_VERTEX, SampleGrid, quantise_
 from sketchterrain.export.target import ExportOptions, ExportOutput, Target, TileWindow, Tiling
 from sketchterrain.export.targets import TARGET_NAMES, target_named
 from sketchterrain.export.vectors import write_features
-from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, Lake, ShapeField
+from sketchterrain.landforms.placement.feature_types import FEATURE, FEATURE_TYPES, Lake, ShapeField
 from sketchterrain.terrain import rasters as raster_windows
 from sketchterrain.terrain.surfaces import TerrainFeatures
 

@@ -14,7 +14,7 @@ from sketchterrain.export.roads import built_ground, coverage, road_content, roa
 from sketchterrain.export.sampled import SampleGrid, TerrainSamples
 from sketchterrain.export.target import Export, ExportOptions, Tiling
 from sketchterrain.export.vectors import Origin, geopackage, write_features
-from sketchterrain.placement.feature_types import FEATURE
+from sketchterrain.landforms.placement.feature_types import FEATURE
 from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.terrain.surfaces import TerrainFeatures
 from tests.sample_roads import curved_road, make_network, make_road, straight_road

@@ -16,11 +16,11 @@ import numpy as np
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.store import load_sketch
-from sketchterrain.placement.feature_types import FEATURE_TYPES
-from sketchterrain.terrain.building import build
+from sketchterrain.generation.building import build
+from sketchterrain.generation.terrain import Terrain
+from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.surfaces import Tile
-from sketchterrain.terrain.terrain import Terrain
 
 Hashes = dict[str, dict[str, str]]
 """By part (what was placed, the plants, a tile level) and array."""

@@ -8,7 +8,7 @@ import pytest
 from numpy._core import _multiarray_umath
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.terrain.self_test import self_test
+from sketchterrain.generation.self_test import self_test
 from tests.devices import DEVICES, device_params, needs_device
 
 from . import frozen_results as frozen

@@ -200,7 +200,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.render import vertex_memory
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.offscreen import render_picture
-from sketchterrain.terrain.building import build
+from sketchterrain.generation.building import build
 import numpy as np
 
 folder, method, *indices = sys.argv[1:]

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.store import load_sketch
-from sketchterrain.hydrology.courses import course_through
-from sketchterrain.hydrology.drainage_constraints import (
+from sketchterrain.io.resources import preset_names
+from sketchterrain.landforms.drainage import DrainageInput, drain
+from sketchterrain.landforms.hydrology.courses import course_through
+from sketchterrain.landforms.hydrology.drainage_constraints import (
     NodeRaster,
     course_path,
     drainage_constraints,
     lake_outlets,
 )
-from sketchterrain.hydrology.rivers import lay_out_water
-from sketchterrain.io.resources import preset_names
-from sketchterrain.placement.sea import create_sea
+from sketchterrain.landforms.hydrology.rivers import lay_out_water
+from sketchterrain.landforms.placement.sea import create_sea
 from sketchterrain.stages.runner import Runner
-from sketchterrain.terrain.drainage import DrainageInput, drain
 from tests.landforms.sketches import SKETCHES
 from tests.terrain.conftest import tiers
 

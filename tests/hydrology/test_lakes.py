@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.hydrology.conflicts import label_mountains, mountain_crossings, resolve_conflicts
-from sketchterrain.hydrology.courses import RiverCourse, reversed_course
-from sketchterrain.hydrology.lakes import (
+from sketchterrain.landforms.hydrology.conflicts import label_mountains, mountain_crossings, resolve_conflicts
+from sketchterrain.landforms.hydrology.courses import RiverCourse, reversed_course
+from sketchterrain.landforms.hydrology.lakes import (
     distance_inside,
     lake_centre,
     lake_pixels,
@@ -17,7 +17,7 @@ from sketchterrain.hydrology.lakes import (
     runs_inside,
     with_deltas,
 )
-from sketchterrain.placement.feature_types import Lake, River, ShapeField
+from sketchterrain.landforms.placement.feature_types import Lake, River, ShapeField
 from sketchterrain.stages.runner import Runner
 
 SIZE = 64

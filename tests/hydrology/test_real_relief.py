@@ -5,7 +5,7 @@ import pytest
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
-from sketchterrain.terrain.building import make_recipe
+from sketchterrain.generation.building import make_recipe
 from tests.terrain.conftest import tiers
 
 SIDE, STROKES = 256, 24  # px; strokes of a sketch

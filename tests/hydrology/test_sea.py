@@ -7,7 +7,7 @@ import pytest
 from scipy import ndimage
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.terrain.building import make_recipe
+from sketchterrain.generation.building import make_recipe
 from sketchterrain.terrain.host_heights import host_heights
 from tests.traced import trace_hydrology
 

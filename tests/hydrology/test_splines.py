@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.hydrology.splines import catmull_rom, drop_repeats, sample_catmull_rom
+from sketchterrain.geometry.splines import catmull_rom, drop_repeats, sample_catmull_rom
 
 WILD = np.array([[0, 0], [10, 0], [10.5, 0.2], [10.4, 5], [-40, 5], [-40, 5.3], [-39, 60]], float)
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.edits import Edit
-from sketchterrain.hydrology.courses import arc_length, course_through
-from sketchterrain.hydrology.drainage_constraints import NodeRaster
-from sketchterrain.hydrology.streams import Flow, is_stream, stream_courses
-from sketchterrain.placement.feature_types import move_edit
+from sketchterrain.generation.building import make_recipe
+from sketchterrain.landforms.drainage import DrainageInput, drain
+from sketchterrain.landforms.hydrology.courses import arc_length, course_through
+from sketchterrain.landforms.hydrology.drainage_constraints import NodeRaster
+from sketchterrain.landforms.hydrology.streams import Flow, is_stream, stream_courses
+from sketchterrain.landforms.placement.feature_types import move_edit
 from sketchterrain.stages.runner import Runner
-from sketchterrain.terrain.building import make_recipe
-from sketchterrain.terrain.drainage import DrainageInput, drain
 from tests import terrains
 
 SPACING, SIDE = 20.0, 121

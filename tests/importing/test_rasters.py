@@ -13,8 +13,8 @@ from sketchterrain.document.rasters import RasterSource, embedded
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.elevation.pictures import read_picture
 from sketchterrain.errors import InputError
+from sketchterrain.generation.building import build
 from sketchterrain.importing.rasters import raster_area
-from sketchterrain.terrain.building import build
 
 RED, GREEN = (200, 30, 40, 255), (20, 180, 60, 255)
 UTM = {"crs": "EPSG:25832", "east": 600000.0, "north": 5269000.0}

@@ -16,12 +16,12 @@ from scipy import ndimage
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.drape.drapes import Drapes
 from sketchterrain.errors import InputError
-from sketchterrain.hydrology.rivers import lay_out_water
 from sketchterrain.importing.images import detect_kind
 from sketchterrain.importing.legend import cluster_properties
 from sketchterrain.importing.vector_files import mean_longitude, metric_crs_at, reproject, sketch_area
 from sketchterrain.importing.vectors import _joined, paint_areas, paint_lines, sketch_from_vectors
 from sketchterrain.io.crs import parse_crs, parse_metric_crs
+from sketchterrain.landforms.hydrology.rivers import lay_out_water
 from sketchterrain.stages.runner import Runner
 
 LON, LAT = 11.0, 47.0

@@ -8,10 +8,10 @@ import pytest
 
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.placement import user_features as user_features_module
-from sketchterrain.placement.placement import place
+from sketchterrain.generation.building import make_recipe
+from sketchterrain.landforms.placement import user_features as user_features_module
+from sketchterrain.landforms.placement.placement import place
 from sketchterrain.stages.runner import Results, Runner
-from sketchterrain.terrain.building import make_recipe
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 
 

@@ -5,13 +5,13 @@ import pytest
 
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.placement.feature_types import FEATURE_TYPES, FILL_BIT, lock_edit, move_edit
-from sketchterrain.placement.fill import Fill
-from sketchterrain.placement.hashing import rounded
-from sketchterrain.placement.placement import place
+from sketchterrain.generation.building import make_recipe
+from sketchterrain.geometry.hashing import rounded
+from sketchterrain.landforms.edits import apply_fill_edits, apply_painted_edits
+from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, FILL_BIT, lock_edit, move_edit
+from sketchterrain.landforms.placement.fill import Fill
+from sketchterrain.landforms.placement.placement import place
 from sketchterrain.stages.runner import Results
-from sketchterrain.terrain.building import make_recipe
-from sketchterrain.terrain.edits import apply_fill_edits, apply_painted_edits
 
 SIDE = 128
 MEMORY = Results()

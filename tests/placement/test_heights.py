@@ -7,9 +7,9 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.document.toml_format import starter_sketch
 from sketchterrain.io.resources import preset_names
-from sketchterrain.placement.heights import built_height, shape_height
-from sketchterrain.placement.placement import place
-from sketchterrain.placement.shapes import label_shapes
+from sketchterrain.landforms.placement.heights import built_height, shape_height
+from sketchterrain.landforms.placement.placement import place
+from sketchterrain.landforms.placement.shapes import label_shapes
 
 PIXEL = 10.0
 

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from sketchterrain.placement.density import PaintedDistance, cubic, density_around
-from sketchterrain.placement.feature_types import (
+from sketchterrain.geometry.hashing import STEP, gaussian_filter, hash_keys, hash_unit, rounded, value_noise
+from sketchterrain.landforms.placement.density import PaintedDistance, cubic, density_around
+from sketchterrain.landforms.placement.feature_types import (
     VISIBLE_SHARE,
     flank,
     hill_profile,
     mountain_profile,
     visible_radius,
 )
-from sketchterrain.placement.hashing import STEP, gaussian_filter, hash_keys, hash_unit, rounded, value_noise
 
 
 def test_hashes_depend_on_every_key_and_are_uniform_uncorrelated_and_smooth():

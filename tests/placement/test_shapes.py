@@ -9,10 +9,10 @@ from scipy import ndimage
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
-from sketchterrain.placement.covers import create_covers, shape_field
-from sketchterrain.placement.placement import place
-from sketchterrain.placement.shapes import EDGE_OVERHANG, find_regions, label_shapes
-from sketchterrain.placement.user_features import mean_size, user_features
+from sketchterrain.landforms.placement.covers import create_covers, shape_field
+from sketchterrain.landforms.placement.placement import place
+from sketchterrain.landforms.placement.shapes import EDGE_OVERHANG, find_regions, label_shapes
+from sketchterrain.landforms.placement.user_features import mean_size, user_features
 
 
 def image(*rows):

@@ -18,17 +18,23 @@ from sketchterrain.document.layers import DENSITY, LAYERS, PAINTED_LAYERS
 from sketchterrain.document.parameters import Parameter
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import VectorLayer
-from sketchterrain.placement.feature_types import FEATURE_TYPES, LAYER_CODES, TYPES, River, visible_radius
-from sketchterrain.placement.fill import Fill
-from sketchterrain.placement.heights import shape_height
-from sketchterrain.placement.placement import MAX_DISPLACEMENT, place
-from sketchterrain.placement.shapes import Shape, label_shapes
+from sketchterrain.generation.building import build, make_recipe
+from sketchterrain.generation.terrain import Terrain
+from sketchterrain.landforms.placement.feature_types import (
+    FEATURE_TYPES,
+    LAYER_CODES,
+    TYPES,
+    River,
+    visible_radius,
+)
+from sketchterrain.landforms.placement.fill import Fill
+from sketchterrain.landforms.placement.heights import shape_height
+from sketchterrain.landforms.placement.placement import MAX_DISPLACEMENT, place
+from sketchterrain.landforms.placement.shapes import Shape, label_shapes
 from sketchterrain.stages.runner import Results
-from sketchterrain.terrain.building import build, make_recipe
 from sketchterrain.terrain.host_heights import host_heights
 from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.terrain.terrain import Terrain
 from tests import terrains
 from tests.traced import trace_hydrology
 

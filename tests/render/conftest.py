@@ -7,7 +7,7 @@ import pytest
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.parameters import GEOLOGY, defaults
-from sketchterrain.placement.feature_types import FEATURE
+from sketchterrain.landforms.placement.feature_types import FEATURE
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.renderer import Renderer

@@ -7,11 +7,11 @@ import pytest
 from skimage.color import deltaE_ciede2000, rgb2lab
 
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.generation.building import build
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Sun, Weather
-from sketchterrain.terrain.building import build
 
 SIZE = 480, 270
 EXTENT, PIXELS = 6000.0, 64

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
+from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.io.resources import source
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground import TileRenderer
@@ -15,7 +16,6 @@ from sketchterrain.render.programs import FRAME_BINDING, set_uniforms
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Sun, Weather
 from sketchterrain.render.targets import FrameBlock
-from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.tiles.lod import CameraView, ScreenError
 from sketchterrain.tiles.stream import TileStream
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from sketchterrain.benchmarks.live_shape import Shape, columns_alike, still_shape, water_overlap
+from sketchterrain.generation.building import rebuild
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import canvas
 from sketchterrain.render.quality import ON_CPU, Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
 from sketchterrain.render.views import find_view
-from sketchterrain.terrain.building import rebuild
 from sketchterrain.ui.view3d.camera import overview
 from tests import terrains
 

@@ -10,7 +10,7 @@ import pytest
 
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
-from sketchterrain.placement.feature_types import FEATURE
+from sketchterrain.landforms.placement.feature_types import FEATURE
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.offscreen import capture_frames, read_picture, render_picture

@@ -8,6 +8,7 @@ import pytest
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
+from sketchterrain.generation.building import build
 from sketchterrain.io.resources import preset_names
 from sketchterrain.render.camera import Camera, draw_distance
 from sketchterrain.render.ground_stream import JUMP, TerrainStream, view_of
@@ -15,7 +16,6 @@ from sketchterrain.render.offscreen import render_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.scene import BoundedTerrain, visible_rectangle
 from sketchterrain.render.sky import Sun, Weather
-from sketchterrain.terrain.building import build
 from sketchterrain.tiles.lod import ScreenError
 from sketchterrain.world.viewed import StoredTerrain
 from tests.devices import DEVICES, NO_DEVICE

@@ -10,6 +10,8 @@ import pytest
 import sketchterrain as st
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceError, InputError
+from sketchterrain.generation.building import build
+from sketchterrain.measure.adherence_rivers import standing_water
 from sketchterrain.render.offscreen import SnapshotRenderer, render_picture
 from sketchterrain.render.programs import ResourceCache, open_context
 from sketchterrain.render.quality import Quality
@@ -17,8 +19,6 @@ from sketchterrain.render.scene import HeightMap, sample_heights
 from sketchterrain.render.sky import Weather, sun_at
 from sketchterrain.render.viewpoints import TREES, LandCover, sun_preference, unobstructed_distance
 from sketchterrain.render.views import find_view
-from sketchterrain.terrain.adherence_rivers import standing_water
-from sketchterrain.terrain.building import build
 
 HEIGHTS = {"auto": (15.0, 195.0), "ground": (1.7, 4.0), "hill": (1.7, 4.0), "air": (240.0, 710.0)}
 """m above the terrain."""

@@ -7,13 +7,13 @@ from rasterio.transform import Affine
 from sketchterrain.app.cli import main
 from sketchterrain.document.rasters import raster_source
 from sketchterrain.document.store import load_sketch
+from sketchterrain.generation.building import build
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.importing.elevation import sketch_on_elevation
 from sketchterrain.roads.road_shapes import axis_points
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL
-from sketchterrain.terrain.building import build
 from sketchterrain.terrain.layers.pads import PadsLayer
 from sketchterrain.terrain.layers.roads import RoadsLayer
-from sketchterrain.terrain.terrain import Terrain
 from tests import terrains
 from tests.importing.test_roads import osm_of
 

@@ -10,11 +10,11 @@ from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.document.material_rules import RuleChange
 from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import TABLES, Sketch
+from sketchterrain.generation.stages import STAGES
 from sketchterrain.stages.digests import digest_of
 from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Results, Runner
 from sketchterrain.stages.table import Evaluation, StageTable
-from sketchterrain.terrain.stages import STAGES
 from tests.conftest import ROOT
 from tests.sample_roads import sketch_with
 

@@ -13,23 +13,30 @@ from sketchterrain.elevation.base import BaseElevation, BaseGrid
 from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid
 from sketchterrain.elevation.selection import Patchwork
+from sketchterrain.generation.stages import STAGES, with_network
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io import resources
 from sketchterrain.io.resources import Defines
-from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, Cover, Lake, River, ShapeField
-from sketchterrain.placement.fill import Fill
-from sketchterrain.placement.plateaus import Plateau, layer_top
-from sketchterrain.placement.sea import Sea
+from sketchterrain.landforms.base_ground import BaseGround
+from sketchterrain.landforms.placement.feature_types import (
+    FEATURE,
+    FEATURE_TYPES,
+    Cover,
+    Lake,
+    River,
+    ShapeField,
+)
+from sketchterrain.landforms.placement.fill import Fill
+from sketchterrain.landforms.placement.plateaus import Plateau, layer_top
+from sketchterrain.landforms.placement.sea import Sea
+from sketchterrain.landforms.unpainted import Nodes
 from sketchterrain.stages.runner import Results, Runner
-from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.layers import layer_stack
 from sketchterrain.terrain.layers.layer import WorldSettings
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.materials import material_defines
 from sketchterrain.terrain.noise import corner_table
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.terrain.stages import STAGES, with_network
-from sketchterrain.terrain.terrain import Terrain
-from sketchterrain.terrain.unpainted import Nodes
 from tests import terrains
 from tests.devices import DEVICES, NO_DEVICE
 

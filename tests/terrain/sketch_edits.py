@@ -17,8 +17,8 @@ from sketchterrain.document.parameters import LOOK, SKETCH, WEATHER, Parameter, 
 from sketchterrain.document.sketch import TABLES, LabelImage, Sketch
 from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError
-from sketchterrain.placement.feature_types import FILL_BIT, lock_edit, move_edit
-from sketchterrain.terrain.terrain import TerrainFeatures
+from sketchterrain.generation.terrain import TerrainFeatures
+from sketchterrain.landforms.placement.feature_types import FILL_BIT, lock_edit, move_edit
 
 Rng = np.random.Generator
 

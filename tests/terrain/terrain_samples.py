@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sketchterrain.array_types import Bounds
-from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.generation.terrain import Terrain
 
 _CELLS = (0.0, 1 / 100)  # of the extent
 _POINTS = ((0.5, 0.5, 1.3, 120), (-30.0, 20.0, 0.1, 12))  # x, y and width of squares in extents; how many

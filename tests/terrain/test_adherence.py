@@ -10,19 +10,19 @@ from scipy import ndimage
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
+from sketchterrain.generation.building import build, relief_without
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.resources import preset_names
-from sketchterrain.placement.heights import ShapeHeight
-from sketchterrain.placement.placement import place
-from sketchterrain.placement.shapes import label_shapes
-from sketchterrain.terrain.adherence import (
+from sketchterrain.landforms.placement.heights import ShapeHeight
+from sketchterrain.landforms.placement.placement import place
+from sketchterrain.landforms.placement.shapes import label_shapes
+from sketchterrain.measure.adherence import (
     Adherence,
     SampledTerrain,
     agreement,
     measure_adherence,
     measure_layer,
 )
-from sketchterrain.terrain.building import build, relief_without
-from sketchterrain.terrain.terrain import Terrain
 from tests.landforms.sketches import SKETCHES
 
 from .conftest import tiers

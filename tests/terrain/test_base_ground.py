@@ -10,16 +10,16 @@ from skimage.morphology import reconstruction
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.elevation.surface import Heights
-from sketchterrain.hydrology.courses import course_through
-from sketchterrain.placement.placement import place
+from sketchterrain.landforms import painted_ground as grounds
+from sketchterrain.landforms.base_ground import BaseGround
+from sketchterrain.landforms.hydrology.courses import course_through
+from sketchterrain.landforms.painted_ground import PaintedLand, PaintedWater, Sources
+from sketchterrain.landforms.painted_uplift import _as_read
+from sketchterrain.landforms.placement.placement import place
+from sketchterrain.landforms.relief_fields import UnpaintedSettings
+from sketchterrain.landforms.uplift import painted_outline, uplift_features
 from sketchterrain.stages.runner import Runner
-from sketchterrain.terrain import painted_ground as grounds
-from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.layers.relief import UnpaintedNodes
-from sketchterrain.terrain.painted_ground import PaintedLand, PaintedWater, Sources
-from sketchterrain.terrain.painted_uplift import _as_read
-from sketchterrain.terrain.relief_fields import UnpaintedSettings
-from sketchterrain.terrain.uplift import painted_outline, uplift_features
 
 EXTENT, SIDE = 12000.0, 128
 SPACING = EXTENT / 256

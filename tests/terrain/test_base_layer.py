@@ -9,10 +9,10 @@ import pytest
 from sketchterrain.elevation.base import BaseElevation
 from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.selection import Patchwork
-from sketchterrain.terrain.base_ground import BaseGround
+from sketchterrain.geometry.lattice import to_lattice
+from sketchterrain.landforms.base_ground import BaseGround
 from sketchterrain.terrain.changes import difference
 from sketchterrain.terrain.evaluator import Evaluator
-from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers import base_culler
 from sketchterrain.terrain.layers.base import BaseLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer

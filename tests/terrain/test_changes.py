@@ -12,17 +12,17 @@ from sketchterrain.array_types import Bounds
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
-from sketchterrain.placement.differences import row_difference
-from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES, FILL_BIT, lock_edit
+from sketchterrain.generation.building import build, make_recipe, rebuild
+from sketchterrain.generation.terrain import Terrain
+from sketchterrain.geometry.differences import row_difference
+from sketchterrain.geometry.lattice import metres_per_unit
+from sketchterrain.landforms.placement.feature_types import FEATURE, FEATURE_TYPES, FILL_BIT, lock_edit
 from sketchterrain.stages.runner import Results
-from sketchterrain.terrain.building import build, make_recipe, rebuild
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS
 from sketchterrain.terrain.changes import EVERYWHERE, changed_areas, touches
-from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.terrain.terrain import Terrain
 from tests import terrains
 
 from .conftest import tiers
@@ -350,7 +350,7 @@ def test_a_pickled_recipe_gives_the_same_heights(valley, context) -> None:
 
 @pytest.mark.parametrize("block", [1, 3, 8, 4096])
 def test_row_difference_equals_that_of_sets(monkeypatch, block) -> None:
-    monkeypatch.setattr("sketchterrain.placement.differences._BLOCK", block)
+    monkeypatch.setattr("sketchterrain.geometry.differences._BLOCK", block)
     rng = np.random.default_rng(block)
     for _ in range(100):
         arrays = []

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.generation.building import draft_recipe, evaluation
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.stages.runner import Results
-from sketchterrain.terrain.building import draft_recipe, evaluation
 from sketchterrain.terrain.layers.relief import ReliefLayer
-from sketchterrain.terrain.terrain import Terrain
 
 
 def stroke(sketch, layer, row, column, radius):

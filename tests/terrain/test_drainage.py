@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sketchterrain.terrain.drainage import (
+from sketchterrain.landforms.drainage import (
     ROUNDS,
     DrainageInput,
     Drained,
@@ -15,7 +15,7 @@ from sketchterrain.terrain.drainage import (
     drain,
     on_network,
 )
-from sketchterrain.terrain.drainage_rounds import LEAST_SLOPE
+from sketchterrain.landforms.drainage_rounds import LEAST_SLOPE
 
 CELL = 30.0
 

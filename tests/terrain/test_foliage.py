@@ -10,11 +10,11 @@ import sketchterrain as st
 from sketchterrain.array_types import Bounds
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.placement.feature_types import conifer_code
-from sketchterrain.terrain.building import build, rebuild
+from sketchterrain.generation.building import build, rebuild
+from sketchterrain.geometry.lattice import metres_per_unit, to_lattice
+from sketchterrain.landforms.placement.feature_types import conifer_code
 from sketchterrain.terrain.changes import touches
 from sketchterrain.terrain.evaluator import Evaluator
-from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.vegetation import foliage
 from sketchterrain.vegetation import plants as plant_spacing

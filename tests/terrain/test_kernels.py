@@ -10,10 +10,10 @@ import pytest
 from sketchterrain.document.geology import Strata
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.parameters import GEOLOGY, defaults
-from sketchterrain.placement.feature_types import ShapeField
+from sketchterrain.geometry.lattice import metres_per_unit
+from sketchterrain.landforms.placement.feature_types import ShapeField
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import HostTerrain
-from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.layers.lakes import LakesLayer

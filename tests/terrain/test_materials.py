@@ -21,11 +21,11 @@ from sketchterrain.document.material_rules import (
 )
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.store import load_sketch
-from sketchterrain.terrain.building import rebuild
+from sketchterrain.generation.building import rebuild
+from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.terrain.changes import EVERYWHERE, changed_areas
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import HostTerrain
-from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.layers.fields import field_distance, pack_fields
 from sketchterrain.terrain.layers.layer import MASKS

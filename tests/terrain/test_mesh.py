@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.placement.hashing import hash_keys
-from sketchterrain.terrain import mesh as meshes
-from sketchterrain.terrain import mesh_nodes
-from sketchterrain.terrain.hashed_noise import value_noise
-from sketchterrain.terrain.relief_fields import UnpaintedSettings
-from sketchterrain.terrain.unpainted import UnpaintedGround, unpainted_ground
+from sketchterrain.geometry.hashing import hash_keys
+from sketchterrain.landforms import mesh as meshes
+from sketchterrain.landforms import mesh_nodes
+from sketchterrain.landforms.hashed_noise import value_noise
+from sketchterrain.landforms.relief_fields import UnpaintedSettings
+from sketchterrain.landforms.unpainted import UnpaintedGround, unpainted_ground
 
 from .conftest import tiers
 

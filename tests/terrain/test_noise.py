@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.terrain.layers.layer import HostSite
 from sketchterrain.terrain.layers.relief import ReliefLayer, gullies
 from sketchterrain.terrain.noise import (

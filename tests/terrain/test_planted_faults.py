@@ -17,11 +17,12 @@ import pytest
 
 from sketchterrain.document.layers import CROPS, DENSITY
 from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
+from sketchterrain.generation.building import build
+from sketchterrain.generation.terrain import Terrain
+from sketchterrain.geometry import differences as row_differences
+from sketchterrain.landforms.placement.feature_types import FEATURE, FEATURE_TYPES
+from sketchterrain.landforms.placement.fill import Fill
 from sketchterrain.landuse.areas import LandUse
-from sketchterrain.placement import differences as row_differences
-from sketchterrain.placement.feature_types import FEATURE, FEATURE_TYPES
-from sketchterrain.placement.fill import Fill
-from sketchterrain.terrain.building import build
 from sketchterrain.terrain.centrelines import PreparedCentreline
 from sketchterrain.terrain.changes import EVERYWHERE
 from sketchterrain.terrain.layers import corridors, relief
@@ -32,7 +33,6 @@ from sketchterrain.terrain.layers.layer import TerrainLayer, WorldSettings
 from sketchterrain.terrain.layers.points import PointsLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer, UnpaintedNodes
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.terrain.terrain import Terrain
 
 from .conftest import tiers
 from .sketch_edits import random_sketch

@@ -7,10 +7,10 @@ import pytest
 from scipy import ndimage
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.placement.feature_types import VISIBLE_SHARE
-from sketchterrain.placement.plateaus import create_plateaus, layer_phase, noise_limit
-from sketchterrain.terrain.adherence import measure_adherence
-from sketchterrain.terrain.building import build, make_recipe
+from sketchterrain.generation.building import build, make_recipe
+from sketchterrain.landforms.placement.feature_types import VISIBLE_SHARE
+from sketchterrain.landforms.placement.plateaus import create_plateaus, layer_phase, noise_limit
+from sketchterrain.measure.adherence import measure_adherence
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import host_heights
 from sketchterrain.terrain.layers.plateaus import PlateausLayer

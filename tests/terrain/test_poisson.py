@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.benchmarks.poisson_disk import PoissonDisk
 from sketchterrain.errors import InputError
-from sketchterrain.placement.hashing import hash_keys
+from sketchterrain.geometry.hashing import hash_keys
 from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
 from sketchterrain.vegetation.poisson_grids import GREATEST_DENSITY, SIDE, schedule
 

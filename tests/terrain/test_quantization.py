@@ -9,8 +9,8 @@ import pytest
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.errors import DeviceError, DeviceFailedError, InputError
 from sketchterrain.export.sampled import quantise_weights
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.terrain.rasters import GridWindow, quantized_bands
-from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.world.task_runner import quantised_bands
 from tests.devices import DEVICES, each_other_device
 

@@ -8,8 +8,8 @@ import pytest
 from scipy import ndimage
 
 from sketchterrain.errors import InputError
-from sketchterrain.terrain.flow_routing import route_flow
-from sketchterrain.terrain.realism import (
+from sketchterrain.landforms.flow_routing import route_flow
+from sketchterrain.measure.realism import (
     compare,
     interpolate_across,
     kinds_of_land,
@@ -17,7 +17,7 @@ from sketchterrain.terrain.realism import (
     measure_terrain_realism,
     nearest_land,
 )
-from sketchterrain.terrain.realism_metrics import (
+from sketchterrain.measure.realism_metrics import (
     FORMS,
     geomorphons,
     key_saddles,

@@ -10,17 +10,17 @@ import numpy.typing as npt
 import pytest
 
 from sketchterrain.document.layers import DENSITY
+from sketchterrain.generation.building import build
 from sketchterrain.io.disk_cache import RecordCache
-from sketchterrain.terrain.building import build
+from sketchterrain.landforms.node_raster import DrainedRaster, NodeReader, PaintedNodes, node_level
+from sketchterrain.landforms.relief_fields import UnpaintedSettings
+from sketchterrain.landforms.unpainted import Nodes, UnpaintedGround
 from sketchterrain.terrain.changes import difference
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import HostTerrain
 from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.layers.relief import ReliefLayer
-from sketchterrain.terrain.node_raster import DrainedRaster, NodeReader, PaintedNodes, node_level
 from sketchterrain.terrain.patches import tile_patches, tile_samples
-from sketchterrain.terrain.relief_fields import UnpaintedSettings
-from sketchterrain.terrain.unpainted import Nodes, UnpaintedGround
 from tests import terrains
 
 from .conftest import Waves, tiers

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.materials import MATERIALS
+from sketchterrain.generation.terrain import Terrain
+from sketchterrain.landforms.base_ground import BaseGround
 from sketchterrain.roads.road_shapes import axis_points
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL
 from sketchterrain.stages.runner import Results
-from sketchterrain.terrain.base_ground import BaseGround
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import HostTerrain
 from sketchterrain.terrain.layers.layer import MASKS, WorldSettings
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.layers.roads import RoadsLayer
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.terrain.terrain import Terrain
 from tests.roads.test_profile import random_features
 from tests.sample_roads import SCENE, contents, make_road, sketch_with
 

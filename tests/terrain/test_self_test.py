@@ -8,16 +8,16 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
-import sketchterrain.terrain.self_test as verdicts
+import sketchterrain.generation.self_test as verdicts
 from sketchterrain.compute import device_check
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device_check import DeviceCheck, check_device, clear_check_results
 from sketchterrain.errors import DeviceFailedError, DeviceMemoryError
+from sketchterrain.generation.self_test import self_test
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.system import ChildFailedError
 from sketchterrain.terrain.layers.covers import CoversLayer
 from sketchterrain.terrain.patches import Batches
-from sketchterrain.terrain.self_test import self_test
-from sketchterrain.terrain.terrain import Terrain
 from tests.devices import DEVICES, KNOWN, device_params, needs_known_device
 
 from .conftest import tiers

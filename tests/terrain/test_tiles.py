@@ -8,15 +8,15 @@ import pytest
 import sketchterrain as st
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.errors import InputError
+from sketchterrain.generation.terrain import Terrain
+from sketchterrain.geometry.box_index import BoxIndex
+from sketchterrain.geometry.differences import row_difference
+from sketchterrain.geometry.lattice import QUADS
 from sketchterrain.io.resources import preset_names
-from sketchterrain.placement.differences import row_difference
-from sketchterrain.terrain.index import BoxIndex
 from sketchterrain.terrain.inputs import KernelInputs
-from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.layers.points import PointFinder
 from sketchterrain.terrain.noise import NOISE_PEAK, UNSKEW
 from sketchterrain.terrain.patches import tile_patches
-from sketchterrain.terrain.terrain import Terrain
 from tests import terrains
 from tests.devices import DEVICES
 
@@ -50,7 +50,7 @@ def test_heights_at_vertices_are_those_of_tiles_and_rasters(valley) -> None:
 def test_culling_changes_no_bit(valley, monkeypatch) -> None:
     keys = [(5, 12, 14), (5, 20, 9), (5, 25, 30), (3, 3, 3)]
     culled = valley.tiles(keys)
-    monkeypatch.setattr("sketchterrain.terrain.index.BoxIndex.touching", everything_touches)
+    monkeypatch.setattr("sketchterrain.geometry.box_index.BoxIndex.touching", everything_touches)
     # A terrain without caches: all painted features are in the list of every block.
     uncut = Terrain(valley.sketch, valley.recipe, valley.context)
     for one, two in zip(culled, uncut.tiles(keys), strict=True):
@@ -237,7 +237,7 @@ def brute_force(low, high, reach, blocks):
 
 
 def test_the_index_equals_brute_force(monkeypatch) -> None:
-    monkeypatch.setattr("sketchterrain.terrain.index._FEW", -1)
+    monkeypatch.setattr("sketchterrain.geometry.box_index._FEW", -1)
     for seed, far in itertools.product(range(6), (0, -(1 << 50), 1 << 50)):
         rng = np.random.default_rng(seed)
         count, blocks = (int(n) for n in rng.integers(1, (3000, 60)))
@@ -262,7 +262,7 @@ def test_the_index_equals_brute_force(monkeypatch) -> None:
 
 def test_an_updated_index_equals_a_new_one(monkeypatch) -> None:
     """Rows of sorted ids are removed, added and changed, in many rounds; differences find them."""
-    monkeypatch.setattr("sketchterrain.terrain.index._FEW_ITEMS", 8)
+    monkeypatch.setattr("sketchterrain.geometry.box_index._FEW_ITEMS", 8)
     rng = np.random.default_rng(5)
     layout = np.dtype([("id", "u8"), ("box", "i8", 4)])
 

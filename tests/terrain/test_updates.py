@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.terrain.building import build, rebuild
+from sketchterrain.generation.building import build, rebuild
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.terrain.changes import EVERYWHERE
-from sketchterrain.terrain.terrain import Terrain
 
 from .conftest import tiers
 from .sketch_edits import CHANGES, COMPILED, COSMETIC, SETTINGS, State, random_sketch

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.placement.heights import built_height
-from sketchterrain.placement.placement import place
-from sketchterrain.terrain.drainage import BARE_ROUNDS, DrainageInput, coarsened, confined, drain
-from sketchterrain.terrain.painted_uplift import drain_painted, height_without, painted_uplift
-from sketchterrain.terrain.uplift import UpliftFeatures, uplift_features
+from sketchterrain.landforms.drainage import BARE_ROUNDS, DrainageInput, coarsened, confined, drain
+from sketchterrain.landforms.painted_uplift import drain_painted, height_without, painted_uplift
+from sketchterrain.landforms.placement.heights import built_height
+from sketchterrain.landforms.placement.placement import place
+from sketchterrain.landforms.uplift import UpliftFeatures, uplift_features
 from tests.landforms.sketches import SKETCHES
 
 CELL = 24.0

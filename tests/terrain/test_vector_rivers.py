@@ -8,13 +8,13 @@ import sketchterrain as st
 from sketchterrain.document.layers import vector_of
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
-from sketchterrain.hydrology.lakes import area_field
-from sketchterrain.hydrology.rivers import lay_out_water
-from sketchterrain.hydrology.vector_rivers import line_path, line_tolerance, rounded_corners
+from sketchterrain.generation.building import make_recipe
+from sketchterrain.landforms.hydrology.lakes import area_field
+from sketchterrain.landforms.hydrology.rivers import lay_out_water
+from sketchterrain.landforms.hydrology.vector_rivers import line_path, line_tolerance, rounded_corners
+from sketchterrain.measure.adherence import measure_adherence
+from sketchterrain.measure.adherence_rivers import standing_water
 from sketchterrain.stages.runner import Runner
-from sketchterrain.terrain.adherence import measure_adherence
-from sketchterrain.terrain.adherence_rivers import standing_water
-from sketchterrain.terrain.building import make_recipe
 
 from .conftest import tiers
 

@@ -12,11 +12,11 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vector_edits import move_node
 from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.errors import InputError
+from sketchterrain.generation.building import build, rebuild
+from sketchterrain.geometry.box_index import BoxIndex
+from sketchterrain.geometry.lattice import LATTICE_BITS
 from sketchterrain.landuse.areas import land_use
 from sketchterrain.stages.runner import Results
-from sketchterrain.terrain.building import build, rebuild
-from sketchterrain.terrain.index import BoxIndex
-from sketchterrain.terrain.lattice import LATTICE_BITS
 from sketchterrain.terrain.layers.landuse import LandUseLayer
 
 from .conftest import tiers
@@ -38,7 +38,7 @@ def assert_same_views(one, other, level: int, place: tuple[int, int]) -> None:
 @tiers("capacity", [300], [1 << 13])
 def test_a_clipped_tree_finds_what_the_index_of_boxes_finds(boxes, capacity, monkeypatch) -> None:
     """Before and after edits, also where quads are dropped and made again."""
-    monkeypatch.setattr("sketchterrain.terrain.index._FEW_ITEMS", 64)
+    monkeypatch.setattr("sketchterrain.geometry.box_index._FEW_ITEMS", 64)
     plain, tree = BoxRival(boxes), TreeRival(boxes)
     tree.tree = ClippedTree(boxes, capacity=capacity)
     rng = np.random.default_rng(2)
@@ -72,7 +72,7 @@ def test_an_edit_of_a_tree_visits_what_it_changes_however_many_others_there_are(
 
 
 def test_points_are_found_in_boxes_of_an_edited_index(boxes, monkeypatch) -> None:
-    monkeypatch.setattr("sketchterrain.terrain.index._FEW_ITEMS", 64)
+    monkeypatch.setattr("sketchterrain.geometry.box_index._FEW_ITEMS", 64)
     rng, index = np.random.default_rng(3), BoxIndex(boxes)
     for _ in range(30):
         numbers, moved = random_edit(index, rng)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import DeviceFailedError, InputError
-from sketchterrain.terrain.node_raster import node_level
+from sketchterrain.landforms.node_raster import node_level
 from sketchterrain.terrain.surfaces import TILE_QUADS, vertex_dtype
 from sketchterrain.terrain.vertex_writer import deviation_weights, sample_cell
 

@@ -11,16 +11,16 @@ from scipy.spatial import cKDTree
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.hydrology.splines import catmull_rom
-from sketchterrain.placement.feature_types import Cover, Lake, River, ShapeField, distance_inside
-from sketchterrain.terrain.building import build
+from sketchterrain.generation.building import build
+from sketchterrain.generation.terrain import Terrain
+from sketchterrain.geometry.lattice import metres_per_unit, to_lattice
+from sketchterrain.geometry.splines import catmull_rom
+from sketchterrain.landforms.placement.feature_types import Cover, Lake, River, ShapeField, distance_inside
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS, nearest_on_arc, tolerance_cell
 from sketchterrain.terrain.evaluator import Evaluator
-from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.layers.corridors import ARC, CorridorsLayer
 from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.terrain.terrain import Terrain
 from tests import terrains
 
 from .conftest import lake as round_lake

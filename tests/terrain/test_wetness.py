@@ -3,10 +3,10 @@
 import numpy as np
 
 from sketchterrain.document.store import load_sketch
+from sketchterrain.landforms.relief_fields import UnpaintedSettings
+from sketchterrain.landforms.unpainted import unpainted_ground
+from sketchterrain.landforms.wetness import wetness
 from sketchterrain.terrain.layers.relief import ReliefLayer
-from sketchterrain.terrain.relief_fields import UnpaintedSettings
-from sketchterrain.terrain.unpainted import unpainted_ground
-from sketchterrain.terrain.wetness import wetness
 from tests import terrains
 
 CELL = 20.0

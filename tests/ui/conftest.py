@@ -11,7 +11,7 @@ import pytest
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
-from sketchterrain.terrain.building import make_recipe
+from sketchterrain.generation.building import make_recipe
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.document import Document

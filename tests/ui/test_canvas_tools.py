@@ -7,8 +7,8 @@ import pytest
 from PyQt6.QtCore import QEvent, QPoint, QPointF, Qt
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.placement.heights import built_height, shape_height
-from sketchterrain.placement.shapes import label_shapes
+from sketchterrain.landforms.placement.heights import built_height, shape_height
+from sketchterrain.landforms.placement.shapes import label_shapes
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.canvas.paint_tools import height_text
 from sketchterrain.ui.engine.protocol import GoTo, Placement, Relief

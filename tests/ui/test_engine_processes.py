@@ -14,9 +14,9 @@ from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceFailedError, InputError
-from sketchterrain.terrain import building as from_sketch
-from sketchterrain.terrain.building import make_recipe
-from sketchterrain.terrain.stages import STAGES
+from sketchterrain.generation import building as from_sketch
+from sketchterrain.generation.building import make_recipe
+from sketchterrain.generation.stages import STAGES
 from sketchterrain.ui.engine import link as link_module
 from sketchterrain.ui.engine import placer as placer_module
 from sketchterrain.ui.engine import protocol as msg

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.layers import id_of_vector
-from sketchterrain.placement.feature_types import FEATURE, FILL_BIT, lake_centre
+from sketchterrain.landforms.placement.feature_types import FEATURE, FILL_BIT, lake_centre
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.selection import FeatureDrag, Handle, handles_of, select_at
 from sketchterrain.ui.models.workspace import Selection

@@ -48,19 +48,21 @@ def main(kind: str, folder: Path) -> None:
     from PIL import Image
     from PyQt6.QtWidgets import QApplication
 
-    from sketchterrain.app.listings import adherence_lines, preset_entry, sketch_notes
+    from sketchterrain.app.listings import preset_entry
     from sketchterrain.batch.plan import parse_setting, with_settings
     from sketchterrain.document.layers import DRAW_ORDER, LAYERS, PAINTED_LAYERS, layer_of
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.document.store import load_sketch, save_sketch
+    from sketchterrain.generation.building import build, rebuild
     from sketchterrain.importing.images import read_map
     from sketchterrain.importing.layered import trace_mask
     from sketchterrain.importing.legend import OWN_LEGEND, feature_label, parse_layer_name
     from sketchterrain.importing.traced_layers import TraceOptions, sketch_picture
     from sketchterrain.importing.vectors import sketch_from_vectors
+    from sketchterrain.jobs.generate import sketch_notes
+    from sketchterrain.measure.adherence import measure_adherence
+    from sketchterrain.measure.lines import adherence_lines
     from sketchterrain.render.overlays import FEATURE_COLOURS
-    from sketchterrain.terrain.adherence import measure_adherence
-    from sketchterrain.terrain.building import build, rebuild
     from sketchterrain.ui.actions import COMMANDS
     from sketchterrain.ui.canvas.compositing import hatches_of, paints_of
     from sketchterrain.ui.dialogs.trace import meaning_box

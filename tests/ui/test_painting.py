@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.document.label_layers import union_box
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.hydrology.splines import sample_catmull_rom
+from sketchterrain.geometry.splines import sample_catmull_rom
 from sketchterrain.ui.models.painting import (
     Stroke,
     StrokeSmoother,

@@ -10,8 +10,8 @@ from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError
+from sketchterrain.generation.building import make_recipe
 from sketchterrain.stages.runner import Results
-from sketchterrain.terrain.building import make_recipe
 from sketchterrain.ui import commands as edits
 from sketchterrain.ui.commands import exists, find_parent_river, find_point, find_river, name_of
 from sketchterrain.ui.engine.protocol import Placement

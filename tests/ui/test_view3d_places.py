@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sketchterrain.placement.feature_types import FEATURE
+from sketchterrain.landforms.placement.feature_types import FEATURE
 from sketchterrain.render.camera import Camera
 from sketchterrain.ui.engine.protocol import FrameFacts, Placement, Pose, Relief
 from sketchterrain.ui.models.workspace import Selection

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.terrain.building import make_recipe
+from sketchterrain.generation.building import make_recipe
 from sketchterrain.world.grid import Shard, ShardData, World
 from sketchterrain.world.job import Job, TaskResult
 from sketchterrain.world.journal import BrokenFile

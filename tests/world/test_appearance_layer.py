@@ -8,8 +8,8 @@ import shapely
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.vectors import VectorLayer
-from sketchterrain.terrain.building import make_recipe
-from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.generation.building import make_recipe
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.world.grid import World
 from sketchterrain.world.run import run_world
 from sketchterrain.world.stored_world import open_world

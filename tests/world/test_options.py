@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sketchterrain.app import estimates as shared_estimates
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.terrain.building import make_recipe
+from sketchterrain.generation.building import make_recipe
+from sketchterrain.jobs import estimates as shared_estimates
 from sketchterrain.world import job
 from sketchterrain.world.grid import World
 from sketchterrain.world.job import Job

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from sketchterrain.errors import DeviceFailedError, InputError, SketchterrainError
-from sketchterrain.terrain.self_test import Verdict
+from sketchterrain.generation.self_test import Verdict
 from sketchterrain.world import task_runner
 from sketchterrain.world.job import Task, TaskResult
 from sketchterrain.world.journal import BrokenFile

@@ -19,7 +19,7 @@ from PyQt6.QtGui import (
 )
 from PyQt6.QtWidgets import QToolTip
 
-from sketchterrain.placement.feature_types import FEATURE_TYPES
+from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.actions import (
     ContextMenu,
     ShortcutOverride,

@@ -8,8 +8,8 @@ from PyQt6.QtGui import QColor, QPainter, QPen, QPolygonF
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.vectors import AREA, LINE, VectorFeature, on_grid
 from sketchterrain.errors import InputError
-from sketchterrain.hydrology.splines import drop_repeats
-from sketchterrain.placement.heights import ShapeHeight, shape_height
+from sketchterrain.geometry.splines import drop_repeats
+from sketchterrain.landforms.placement.heights import ShapeHeight, shape_height
 from sketchterrain.ui.canvas.compositing import visible_layers
 from sketchterrain.ui.canvas.decorations import write_beside
 from sketchterrain.ui.canvas.tool_context import REACH, Pointer, Tool, ToolContext

@@ -7,7 +7,6 @@ from typing import Any, Final
 
 from PyQt6.QtGui import QIntValidator
 
-from sketchterrain.app.estimates import check_size, memory_needed
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.export.planning import ExportPlan, checked_plan, option_names
@@ -15,6 +14,7 @@ from sketchterrain.export.planning import memory_needed as memory_of_plan
 from sketchterrain.export.sidecar import SIDECAR
 from sketchterrain.export.target import ExportOptions, Target, Tiling
 from sketchterrain.io.files import format_bytes
+from sketchterrain.jobs.estimates import check_size, memory_needed
 from sketchterrain.ui.dialogs.form import Field, Form, Line, note
 from sketchterrain.ui.engine.protocol import ExportRequest, TargetRequest
 

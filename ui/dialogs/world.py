@@ -8,10 +8,10 @@ from typing import Any, Final
 from PyQt6.QtCore import QTimer
 from PyQt6.QtWidgets import QFileDialog, QPushButton, QWidget
 
-from sketchterrain.app.estimates import format_duration
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.io.files import format_bytes
+from sketchterrain.jobs.estimates import format_duration
 from sketchterrain.ui.dialogs.form import Field, Form, JobDialog, JobProgress, Line, show_note, titled
 from sketchterrain.ui.engine.protocol import WorldRequest
 from sketchterrain.ui.look.theme import MARGIN, column

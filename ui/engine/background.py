@@ -17,8 +17,8 @@ from sketchterrain.ui.engine.protocol import Adherence, ErrorReport, MeasureJob,
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
+    from sketchterrain.generation.terrain import Terrain
     from sketchterrain.terrain.recipe import TerrainRecipe
-    from sketchterrain.terrain.terrain import Terrain
 
 _Job: TypeAlias = MeasureJob | PictureJob
 _Answer: TypeAlias = Adherence | PictureWritten | ErrorReport
@@ -96,8 +96,8 @@ def run_job(job: _Job) -> _Answer:
 
 
 def _measure(job: MeasureJob) -> Adherence:
-    from sketchterrain.terrain.adherence import measure_adherence, pixel_centres
-    from sketchterrain.terrain.realism import measure_terrain_realism
+    from sketchterrain.measure.adherence import measure_adherence, pixel_centres
+    from sketchterrain.measure.realism import measure_terrain_realism
 
     terrain = _terrain(job.sketch, job.recipe)
     found = measure_adherence(terrain)
@@ -133,7 +133,7 @@ def _render(job: PictureJob) -> PictureWritten:
 
 def _terrain(sketch: Sketch, recipe: TerrainRecipe) -> Terrain:
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.generation.terrain import Terrain
 
     return Terrain(sketch, recipe, ComputeContext())
 

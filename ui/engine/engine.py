@@ -316,8 +316,8 @@ def _main(options: dict[str, Any]) -> None:
 def _open(window: Channel, options: dict[str, Any]) -> dict[str, Any]:
     """Return the engine's session, pacer, jobs and facts."""
     from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.landforms.unpainted import load_compiled_code
     from sketchterrain.render.sharing_probe import open_device
-    from sketchterrain.terrain.unpainted import load_compiled_code
     from sketchterrain.ui.engine.view_renderer import ViewRenderer
 
     renderer, opengl_error = None, "OpenGL failed twice: start it again"

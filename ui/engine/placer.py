@@ -132,7 +132,7 @@ class Placer:
             self._window.send(msg.ErrorReport("sketch", line))
 
     def _place(self, version: int, sketch: Sketch) -> None:
-        from sketchterrain.terrain.building import draft_recipe, evaluation
+        from sketchterrain.generation.building import draft_recipe, evaluation
         from sketchterrain.terrain.surfaces import TerrainFeatures
 
         self._policy.start()

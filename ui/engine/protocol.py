@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sketchterrain.document.parameters import Properties
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.export.target import ExportOptions
-    from sketchterrain.placement.feature_types import Lake, River
+    from sketchterrain.landforms.placement.feature_types import Lake, River
     from sketchterrain.roads.road_types import Road
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.world.options import WorldOptions
@@ -290,10 +290,10 @@ class Adherence:
     """Agreement of the terrain with the sketch, and its realism."""
 
     version: int
-    figures: Mapping[str, Any]  # `sketchterrain.terrain.adherence.Adherence.as_dict`
+    figures: Mapping[str, Any]  # `sketchterrain.measure.adherence.Adherence.as_dict`
     # by layer: painted, visible; (rows, columns) bool
     images: Mapping[str, tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]] = field(default_factory=dict)
-    realism: Mapping[str, Any] | None = None  # `sketchterrain.terrain.realism.Realism.as_dict`
+    realism: Mapping[str, Any] | None = None  # `sketchterrain.measure.realism.Realism.as_dict`
     faults: npt.NDArray[np.uint8] | None = None  # (rows, columns) indices into `FAULTS`
 
 

@@ -20,7 +20,7 @@ from sketchterrain.ui.engine.protocol import RecipeUpdate, Relief, WorldFacts
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.generation.terrain import Terrain
     from sketchterrain.world.viewed import StoredTerrain
 
 
@@ -187,8 +187,8 @@ class TerrainSession:
         return "there is no other device"
 
     def _update_terrain(self, sketch: Sketch | None = None) -> None:
+        from sketchterrain.generation.terrain import Terrain
         from sketchterrain.terrain.changes import EVERYWHERE
-        from sketchterrain.terrain.terrain import Terrain
 
         sketch, recipe = sketch or self.sketch, self._shown
         if self._context is None or sketch is None or recipe is None:
@@ -228,7 +228,7 @@ class WorldSession(TerrainSession):
         return WorldFacts(world.corner, world.bounds, world.finest_cell, middle, tuple(world.missing_parts))
 
     def _update_terrain(self, _: Sketch | None = None) -> None:
-        from sketchterrain.terrain.building import build
+        from sketchterrain.generation.building import build
         from sketchterrain.world.viewed import StoredTerrain
 
         if self._context is not None:

@@ -17,7 +17,7 @@ from PyQt6.QtCore import QObject, pyqtSignal
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.drapes import MAX_CLASSES, DrapeClass, DrapedLayer, class_value, draped_layer
 from sketchterrain.errors import InputError
-from sketchterrain.hydrology.splines import drop_repeats
+from sketchterrain.geometry.splines import drop_repeats
 from sketchterrain.ui.models.background import BackgroundReader
 from sketchterrain.ui.models.workspace import Selection, Workspace
 

@@ -12,7 +12,12 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vector_edits import set_value
 from sketchterrain.document.vectors import LINE, on_grid
 from sketchterrain.errors import InputError
-from sketchterrain.placement.feature_types import FEATURE_TYPES, River, distance_inside, height_profile
+from sketchterrain.landforms.placement.feature_types import (
+    FEATURE_TYPES,
+    River,
+    distance_inside,
+    height_profile,
+)
 from sketchterrain.ui import commands
 from sketchterrain.ui.commands import (
     drag_title,

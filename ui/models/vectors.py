@@ -18,7 +18,7 @@ from sketchterrain.document.layers import LAYERS, VECTOR_ORDER, storey
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer, on_grid
 from sketchterrain.errors import InputError
-from sketchterrain.hydrology.splines import cubics
+from sketchterrain.geometry.splines import cubics
 from sketchterrain.ui.commands import with_vectors
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.drapes import delete_draped, insert_draped_vertex

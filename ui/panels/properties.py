@@ -12,7 +12,7 @@ from sketchterrain.document.edits import ACTIONS, ADDED_BIT
 from sketchterrain.document.layers import LAYERS, POINT_LAYERS, layer_of
 from sketchterrain.document.own_materials import with_materials
 from sketchterrain.document.parameters import Parameter, Value
-from sketchterrain.placement.feature_types import FILL_BIT, River
+from sketchterrain.landforms.placement.feature_types import FILL_BIT, River
 from sketchterrain.ui import commands
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import Placement

@@ -11,9 +11,10 @@ from PyQt6.QtGui import QPainter, QPaintEvent, QPalette
 from PyQt6.QtWidgets import QProgressBar, QPushButton, QSizePolicy, QWidget
 from superqt import QElidingLabel
 
-from sketchterrain.app.listings import limited_lines, pluralize
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
+from sketchterrain.io.console import pluralize
 from sketchterrain.io.system import memory_in_use
+from sketchterrain.measure.lines import limited_lines
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import MeasureAdherence

@@ -10,7 +10,7 @@ from PyQt6.QtGui import QMouseEvent, QWheelEvent
 from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.errors import InputError
-from sketchterrain.placement.feature_types import FEATURE_TYPES
+from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.actions import ContextMenu, add_selection_commands, add_vector_commands
 from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.commands import exists

@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sketchterrain.app import arguments as args
-from sketchterrain.app.console import PARTIAL, USAGE_ERROR, Stages, fail, print_note
 from sketchterrain.app.listings import (
     exported_lines,
-    pluralize,
     print_json,
     print_lines,
     print_result,
@@ -22,6 +20,7 @@ from sketchterrain.app.listings import (
     target_lines,
 )
 from sketchterrain.app.option_groups import with_option_groups
+from sketchterrain.io.console import PARTIAL, USAGE_ERROR, Stages, fail, pluralize, print_note
 
 if TYPE_CHECKING:
     from sketchterrain.batch.plan import Item
@@ -49,7 +48,7 @@ def export(
     with Stages() as stages:
         document = args.read_sketch(sketch, seed, stages, layer)
         with stages.stage("program", "Loading the program"):
-            from sketchterrain.app import export as app
+            from sketchterrain.jobs import export as app
         done = app.export(document, output, target, options, device=device, fast=fast, stages=stages)
     entry = done.report | {"folder": str(output), "timings": stages.seconds | {"total": stages.elapsed}}
     print_result(entry, exported_lines(done.report, output, stages.elapsed), as_json=as_json)

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from sketchterrain.app import arguments as args
-from sketchterrain.app.console import USAGE_ERROR, Stages
-from sketchterrain.app.listings import pluralize, print_lines
+from sketchterrain.app.listings import print_lines
+from sketchterrain.io.console import USAGE_ERROR, Stages, pluralize
 
 
 def new(

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sketchterrain.app import arguments as args
-from sketchterrain.app.console import USAGE_ERROR, Stages
-from sketchterrain.app.listings import print_result, realism_lines
+from sketchterrain.app.listings import print_result
+from sketchterrain.io.console import USAGE_ERROR, Stages
+from sketchterrain.measure.lines import realism_lines
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.realism import Realism
+    from sketchterrain.measure.realism import Realism
 
 _RASTERS = (".tif", ".tiff", ".npy")
 
@@ -55,7 +56,7 @@ def realism(
                 raise USAGE_ERROR("--seed and --device are for sketches, not for rasters")
             with stages.stage("realism", "Comparing with real land"):
                 from sketchterrain.importing.heights import read_heights
-                from sketchterrain.terrain.realism import measure_realism
+                from sketchterrain.measure.realism import measure_realism
 
                 height, step = read_heights(Path(source), cell)
                 found, header = measure_realism(height, step, kinds=kinds), {"file": source}
@@ -81,9 +82,9 @@ def _measure_sketch(
 ) -> tuple[Realism, dict[str, Any]]:
     document = args.read_sketch(source, seed, stages)
     with stages.stage("program", "Loading the program"):
-        from sketchterrain.app.export import DeviceFallback
-        from sketchterrain.terrain.building import build
-        from sketchterrain.terrain.realism import DEFAULT_CELL, measure_terrain_realism
+        from sketchterrain.generation.building import build
+        from sketchterrain.jobs.export import DeviceFallback
+        from sketchterrain.measure.realism import DEFAULT_CELL, measure_terrain_realism
 
     def work(context: ComputeContext, _: tuple[str, ...]) -> Realism:
         with stages.stage("features", "Placing features"):

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sketchterrain.app import arguments as args
-from sketchterrain.app.console import USAGE_ERROR, Stages
 from sketchterrain.app.listings import print_json, print_lines
+from sketchterrain.io.console import USAGE_ERROR, Stages
 
 if TYPE_CHECKING:
     import numpy as np

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sketchterrain.app import arguments as args
-from sketchterrain.app.console import PARTIAL, USAGE_ERROR, Stages, fail, print_note
-from sketchterrain.app.estimates import format_count, format_duration
-from sketchterrain.app.listings import legend_lines, pluralize, print_json, print_lines, print_result
+from sketchterrain.app.listings import legend_lines, print_json, print_lines, print_result
 from sketchterrain.app.option_groups import with_option_groups
+from sketchterrain.io.console import PARTIAL, USAGE_ERROR, Stages, fail, pluralize, print_note
 from sketchterrain.io.files import format_bytes
 from sketchterrain.io.system import restore_default_sigterm
+from sketchterrain.jobs.estimates import format_count, format_duration
 
 if TYPE_CHECKING:
     from sketchterrain.world.journal import BrokenFile
@@ -92,7 +92,7 @@ def world(
         document = args.read_sketch(sketch, seed, stages, layer)
         with stages.stage("program", "Loading the program"):
             from sketchterrain.compute.device import choose_device
-            from sketchterrain.terrain.building import make_recipe
+            from sketchterrain.generation.building import make_recipe
             from sketchterrain.world.journal import check_output_unused
             from sketchterrain.world.options import WorldOptions, check_layers, estimate_world, output_form
 
@@ -179,7 +179,7 @@ def stats(
                 broken = list(check_world(store, progress=progress))
         else:
             with stages.stage("open", "Opening the world"):
-                from sketchterrain.placement.sea import sea_level
+                from sketchterrain.landforms.placement.sea import sea_level
                 from sketchterrain.world.statistics import compute_statistics
                 from sketchterrain.world.stored_world import open_world
 

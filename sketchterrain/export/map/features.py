@@ -11,7 +11,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter, label, maximu
 
 from sketchterrain.export.map.drawing import Colour, Label, LabelSpace, Points, Polygons, Polylines, Shape
 from sketchterrain.export.map.relief import Grid, MapSamples, nearest_round
-from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.generation.terrain import Terrain
 
 INDEX: Final = 5  # every 5th contour is an index contour: heavier and labelled
 STEEP_SHARE: Final = 85.0  # percentile of slope for which the interval is chosen

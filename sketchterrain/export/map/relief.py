@@ -14,7 +14,7 @@ from sketchterrain.document.layers import LAND_USES
 from sketchterrain.document.materials import Material, MaterialTable
 from sketchterrain.export.landuse import land_shares
 from sketchterrain.export.map.drawing import Box, Points
-from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.generation.terrain import Terrain
 
 Grid: TypeAlias = npt.NDArray[np.float32]
 

@@ -50,9 +50,9 @@ from sketchterrain.export.map.relief import (
     shaded_relief,
 )
 from sketchterrain.export.map.roads import draw_roads, road_legend
+from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.files import write_atomic
 from sketchterrain.roads.road_types import RoadNetwork
-from sketchterrain.terrain.terrain import Terrain
 
 if TYPE_CHECKING:
     from sketchterrain.drape.drapes import Drapes

@@ -13,6 +13,7 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.elevation.base import BaseElevation
 from sketchterrain.elevation.surface import Heights, PatchSlots
 from sketchterrain.io.resources import kernel_columns
+from sketchterrain.landforms.node_raster import node_level
 from sketchterrain.terrain.layers.base_detail import BaseDetail, DetailScale, no_detail
 from sketchterrain.terrain.layers.layer import (
     DetailState,
@@ -23,7 +24,6 @@ from sketchterrain.terrain.layers.layer import (
     TerrainLayer,
     WorldSettings,
 )
-from sketchterrain.terrain.node_raster import node_level
 from sketchterrain.terrain.noise import NoiseStack, ValueSlope
 
 if TYPE_CHECKING:

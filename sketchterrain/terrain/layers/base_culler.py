@@ -11,9 +11,9 @@ import numpy as np
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, LatticeArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.elevation.patches import COEFFICIENTS
+from sketchterrain.geometry.box_index import BoxIndex, item_lists
 from sketchterrain.terrain.changes import LayerChange
 from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culled, upload_reals
-from sketchterrain.terrain.index import BoxIndex, item_lists
 from sketchterrain.terrain.layers.base import ROW_VALUES, BaseLayer, pack_rows
 from sketchterrain.terrain.layers.layer import Sampling, TerrainLayer, WorldSettings
 from sketchterrain.terrain.noise import FINEST_CELL

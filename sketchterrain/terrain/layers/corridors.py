@@ -12,8 +12,10 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
+from sketchterrain.geometry.box_index import ITEM, BoxIndex, content_items
+from sketchterrain.geometry.lattice import metres_per_unit, to_lattice
 from sketchterrain.io.resources import kernel_columns, kernel_constants
-from sketchterrain.placement.feature_types import River, cubic
+from sketchterrain.landforms.placement.feature_types import River, cubic
 from sketchterrain.stages.runner import Runner
 from sketchterrain.terrain.centrelines import (
     LEAST_WIDTH,
@@ -30,10 +32,7 @@ from sketchterrain.terrain.centrelines import (
     tolerance_cell,
     typical_half_width,
 )
-from sketchterrain.terrain.index import BoxIndex
-from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.layers.layer import (
-    ITEM,
     ITEMS,
     DetailState,
     HostSamples,
@@ -42,7 +41,6 @@ from sketchterrain.terrain.layers.layer import (
     Sampling,
     TerrainLayer,
     WorldSettings,
-    content_items,
     mask_bits,
     smooth_rise,
 )

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import StructuredArray
 from sketchterrain.caching import LRUCache
-from sketchterrain.placement.feature_types import Cover
+from sketchterrain.landforms.placement.feature_types import Cover
 from sketchterrain.terrain.layers.fields import field_items, pack_fields
 from sketchterrain.terrain.layers.layer import ITEMS, Packed, Sampling, TerrainLayer, WorldSettings
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
+from sketchterrain.geometry.box_index import content_items
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
@@ -19,7 +20,6 @@ from sketchterrain.terrain.layers.layer import (
     Sampling,
     TerrainLayer,
     WorldSettings,
-    content_items,
     smooth_rise,
 )
 from sketchterrain.terrain.layers.points import SLOT_DUNE, outline_warp

@@ -10,9 +10,9 @@ import numpy.typing as npt
 from scipy.ndimage import spline_filter
 
 from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
-from sketchterrain.placement.feature_types import ShapeField
-from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
-from sketchterrain.terrain.layers.layer import content_items
+from sketchterrain.geometry.box_index import content_items
+from sketchterrain.geometry.lattice import metres_per_unit, to_lattice
+from sketchterrain.landforms.placement.feature_types import ShapeField
 
 # Samples repeated around a field, so that a spline at its rim reads the rim only.
 _PAD = 2

@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, StructuredArray
 from sketchterrain.caching import LRUCache
+from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.io.resources import kernel_columns, kernel_constants
-from sketchterrain.placement.feature_types import Lake, cubic
-from sketchterrain.terrain.index import BoxIndex
+from sketchterrain.landforms.placement.feature_types import Lake, cubic
 from sketchterrain.terrain.layers.fields import PackedFields, field_distance, field_items, pack_fields
 from sketchterrain.terrain.layers.layer import (
     ITEMS,

@@ -13,11 +13,11 @@ import numpy.typing as npt
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, LatticeArray
 from sketchterrain.document.layers import CROPS
 from sketchterrain.document.vectors import starts
+from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.landuse.areas import BUILT_UP, FIELD, FOREST, MEADOW, LandUse
 from sketchterrain.terrain.changes import LayerChange
 from sketchterrain.terrain.culler import Culled
-from sketchterrain.terrain.index import BoxIndex
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
     MASKS,

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, fields
-from hashlib import blake2b
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
@@ -12,10 +11,11 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
+from sketchterrain.geometry.box_index import ITEM
+from sketchterrain.geometry.differences import row_difference
+from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.io.resources import kernel_struct
-from sketchterrain.placement.differences import row_difference
 from sketchterrain.terrain.changes import LayerChange
-from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.noise import (
     FINEST_CELL,
     NOISE_PEAK,
@@ -28,9 +28,6 @@ from sketchterrain.terrain.noise import (
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
     from sketchterrain.terrain.culler import Culled, Culler
-
-ITEM: Final = np.dtype([("id", "u8"), ("digest", "u8"), ("low", "i8", 2), ("high", "i8", 2)])
-"""An item by its content: a hash of 128 bits, and the corners of the box that it affects, lattice units."""
 
 ITEMS: Final = {"items": True}
 """Metadata of dataclass fields that hold items, which a layer's key leaves out."""
@@ -226,18 +223,6 @@ class TerrainLayer:
 def mask_bits(**present: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
     """Return the bits of masks that are present."""
     return np.asarray(sum(each.astype(np.int32) << MASKS.index(name) for name, each in present.items()))
-
-
-def content_items(
-    contents: Sequence[bytes | tuple[bytes, ...]], low: LatticeArray, high: LatticeArray
-) -> StructuredArray:
-    """Return `ITEM` rows of contents and their boxes (n, 2), sorted."""
-    rows = np.zeros(len(contents), ITEM)
-    for row, parts in zip(rows, contents, strict=True):
-        digest = blake2b(b"".join(parts) if isinstance(parts, tuple) else parts, digest_size=16).digest()
-        row["id"], row["digest"] = np.frombuffer(digest, np.uint64)
-    rows["low"], rows["high"] = low, high
-    return np.asarray(rows[np.argsort(rows, order=("id", "digest"))])
 
 
 def smooth_rise(x: Float64Array, start: float, width: float) -> Float64Array:

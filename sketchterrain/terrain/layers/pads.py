@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.caching import LRUCache
+from sketchterrain.geometry.box_index import BoxIndex, content_items
+from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.roads.road_types import Pad
-from sketchterrain.terrain.index import BoxIndex
-from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.earthworks import Strips, with_strips
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
@@ -24,7 +24,6 @@ from sketchterrain.terrain.layers.layer import (
     Sampling,
     TerrainLayer,
     WorldSettings,
-    content_items,
 )
 
 if TYPE_CHECKING:

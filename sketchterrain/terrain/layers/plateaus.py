@@ -10,9 +10,10 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
+from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.io.resources import kernel_columns, kernel_constants
-from sketchterrain.placement.feature_types import cubic, even_wave
-from sketchterrain.placement.plateaus import (
+from sketchterrain.landforms.placement.feature_types import cubic, even_wave
+from sketchterrain.landforms.placement.plateaus import (
     CLIFF_GAIN,
     CLIFF_NOISE,
     NOISE_REACH,
@@ -22,7 +23,6 @@ from sketchterrain.placement.plateaus import (
     noise_limit,
     octave_share,
 )
-from sketchterrain.terrain.index import BoxIndex
 from sketchterrain.terrain.layers.fields import PackedFields, field_distance, field_items, pack_fields
 from sketchterrain.terrain.layers.layer import (
     ITEMS,

@@ -9,9 +9,9 @@ import numpy as np
 
 from sketchterrain.array_types import BoolArray, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
+from sketchterrain.geometry.box_index import BoxIndex, slot_lists
 from sketchterrain.terrain.changes import LayerChange
 from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culled, upload_reals
-from sketchterrain.terrain.index import BoxIndex, slot_lists
 from sketchterrain.terrain.layers.layer import Sampling, TerrainLayer, WorldSettings
 from sketchterrain.terrain.layers.points import (
     PackedFeatures,

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array, LatticeArray
-from sketchterrain.placement.feature_types import area_profile
+from sketchterrain.landforms.placement.feature_types import area_profile
 from sketchterrain.terrain.noise import OctaveTable, fbm
 
 if TYPE_CHECKING:

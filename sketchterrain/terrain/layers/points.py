@@ -12,17 +12,17 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
+from sketchterrain.geometry.box_index import BoxIndex
+from sketchterrain.geometry.differences import row_difference, rows_only_in
+from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.io.resources import kernel_columns, kernel_constants
-from sketchterrain.placement.differences import row_difference, rows_only_in
-from sketchterrain.placement.feature_types import (
+from sketchterrain.landforms.placement.feature_types import (
     FEATURE_TYPES,
     area_profile,
     conifer_share,
 )
-from sketchterrain.placement.fill import Fill
+from sketchterrain.landforms.placement.fill import Fill
 from sketchterrain.terrain.changes import LayerChange
-from sketchterrain.terrain.index import BoxIndex
-from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
     DetailState,

@@ -12,13 +12,23 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
+from sketchterrain.geometry.box_index import ITEM
+from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.io.disk_cache import RecordCache
 from sketchterrain.io.resources import code_digest, kernel_constants
-from sketchterrain.terrain.base_ground import BaseGround
-from sketchterrain.terrain.lattice import to_lattice
+from sketchterrain.landforms.base_ground import BaseGround
+from sketchterrain.landforms.node_raster import (
+    APRON,
+    CHUNK,
+    NODE_BITS,
+    DrainedRaster,
+    NodeReader,
+    Nodes,
+    NodeSource,
+    node_level,
+)
 from sketchterrain.terrain.layers.erosion import FEED, GULLY_PEAK, STEEPEST, gully_octave, gully_steepness
 from sketchterrain.terrain.layers.layer import (
-    ITEM,
     ITEMS,
     DetailState,
     HostSamples,
@@ -29,16 +39,6 @@ from sketchterrain.terrain.layers.layer import (
     WorldSettings,
     mask_bits,
     scaled_slope,
-)
-from sketchterrain.terrain.node_raster import (
-    APRON,
-    CHUNK,
-    NODE_BITS,
-    DrainedRaster,
-    NodeReader,
-    Nodes,
-    NodeSource,
-    node_level,
 )
 from sketchterrain.terrain.noise import (
     NOISE_PEAK,
@@ -52,11 +52,11 @@ from sketchterrain.terrain.noise import (
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.base_ground import BaseGround
+    from sketchterrain.landforms.base_ground import BaseGround
+    from sketchterrain.landforms.relief_fields import UnpaintedSettings
+    from sketchterrain.landforms.unpainted import UnpaintedGround
     from sketchterrain.terrain.culler import Culled
     from sketchterrain.terrain.layers.relief_culler import NearNodes, ReliefCuller
-    from sketchterrain.terrain.relief_fields import UnpaintedSettings
-    from sketchterrain.terrain.unpainted import UnpaintedGround
 
 _HEADER: Final = "layers/relief.clh"
 _GENTLE_GULLIES, _SMOOTH, _LEVEL, _SLOPE_LIMIT, _ROUNDED_UP = kernel_constants(
@@ -96,7 +96,7 @@ class UnpaintedNodes:
 
     @property
     def _ground(self) -> UnpaintedGround:
-        from sketchterrain.terrain.unpainted import unpainted_ground
+        from sketchterrain.landforms.unpainted import unpainted_ground
 
         return unpainted_ground(self.settings)
 

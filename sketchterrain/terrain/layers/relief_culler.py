@@ -9,11 +9,7 @@ import numpy as np
 
 from sketchterrain.array_types import Float64Array, Int64Array, LatticeArray
 from sketchterrain.caching import LRUCache
-from sketchterrain.terrain.changes import LayerChange
-from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culled, upload_reals
-from sketchterrain.terrain.layers.layer import Sampling, TerrainLayer, WorldSettings
-from sketchterrain.terrain.layers.relief import ReliefLayer
-from sketchterrain.terrain.node_raster import (
+from sketchterrain.landforms.node_raster import (
     APRON,
     CHUNK,
     NODE_BITS,
@@ -23,6 +19,10 @@ from sketchterrain.terrain.node_raster import (
     node_level,
     square_extremes,
 )
+from sketchterrain.terrain.changes import LayerChange
+from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culled, upload_reals
+from sketchterrain.terrain.layers.layer import Sampling, TerrainLayer, WorldSettings
+from sketchterrain.terrain.layers.relief import ReliefLayer
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext

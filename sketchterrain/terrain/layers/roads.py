@@ -13,14 +13,13 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
+from sketchterrain.geometry.box_index import ITEM, BoxIndex, content_items
+from sketchterrain.geometry.lattice import metres_per_unit, to_lattice
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.roads.road_types import GROUND, TUNNEL, Road, vertical_curve
 from sketchterrain.terrain.centrelines import arc_boxes, nearest_on_arc, signed_square
-from sketchterrain.terrain.index import BoxIndex
-from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.layers.earthworks import Strips, coverage, with_strips
 from sketchterrain.terrain.layers.layer import (
-    ITEM,
     ITEMS,
     DetailState,
     HostSamples,
@@ -29,7 +28,6 @@ from sketchterrain.terrain.layers.layer import (
     Sampling,
     TerrainLayer,
     WorldSettings,
-    content_items,
     smooth_rise,
 )
 

@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
+from sketchterrain.geometry.box_index import BoxIndex, content_items
+from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.io.resources import kernel_constants
-from sketchterrain.placement.feature_types import ShapeField, cubic
-from sketchterrain.placement.sea import Sea, cliff_reach, raggedness, wandering
-from sketchterrain.terrain.index import BoxIndex
-from sketchterrain.terrain.lattice import to_lattice
+from sketchterrain.landforms.placement.feature_types import ShapeField, cubic
+from sketchterrain.landforms.placement.sea import Sea, cliff_reach, raggedness, wandering
 from sketchterrain.terrain.layers.fields import PackedFields, field_distance
 from sketchterrain.terrain.layers.forests import COVER_NOISE, COVER_NOISE_CONTRAST
 from sketchterrain.terrain.layers.layer import (
@@ -27,7 +27,6 @@ from sketchterrain.terrain.layers.layer import (
     Sampling,
     TerrainLayer,
     WorldSettings,
-    content_items,
     mask_bits,
     smooth_rise,
 )

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import sketchterrain as st
-from sketchterrain.app.console import Stages
-from sketchterrain.app.export import write_export
 from sketchterrain.document.edits import Edit
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.hydrology.streams import is_stream
-from sketchterrain.terrain.building import make_recipe
+from sketchterrain.generation.building import make_recipe
+from sketchterrain.io.console import Stages
+from sketchterrain.jobs.export import write_export
+from sketchterrain.landforms.hydrology.streams import is_stream
 
 
 @dataclass(frozen=True)

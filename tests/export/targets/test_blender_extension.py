@@ -19,11 +19,11 @@ from PIL import Image, ImageFilter
 import sketchterrain as st
 import sketchterrain.export
 from sketchterrain.app.cli import main
-from sketchterrain.app.console import Stages
-from sketchterrain.app.export import write_export
 from sketchterrain.export.blender_package import write_extension
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions
+from sketchterrain.io.console import Stages
+from sketchterrain.jobs.export import write_export
 
 PARENT = Path(sketchterrain.export.__file__).parent
 SIZE = 65

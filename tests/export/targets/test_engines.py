@@ -11,14 +11,14 @@ from PIL import Image
 from scipy.interpolate import RegularGridInterpolator
 
 import sketchterrain as st
-from sketchterrain.app.console import Stages
-from sketchterrain.app.export import write_export
 from sketchterrain.document.materials import MATERIALS, weight_words
 from sketchterrain.errors import InputError
 from sketchterrain.export.planning import HeightQuantisation, checked_plan, plan_export
 from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.export.targets import godot, target_named, unreal
+from sketchterrain.io.console import Stages
+from sketchterrain.jobs.export import write_export
 
 ENGINES = {"unity": {"size": 129}, "unreal": {"size": 253}, "godot": {"format": "exr"}}
 

@@ -9,15 +9,15 @@ import tifffile
 from scipy import ndimage
 
 import sketchterrain as st
-from sketchterrain.app.console import Stages
-from sketchterrain.app.export import write_export
 from sketchterrain.document.vectors import VectorLayer as Drawn
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.vectors import Origin, VectorLayer, geopackage, lake_layer
 from sketchterrain.importing.vectors import sketch_from_vectors
-from sketchterrain.placement.feature_types import Lake, ShapeField
+from sketchterrain.io.console import Stages
+from sketchterrain.jobs.export import write_export
+from sketchterrain.landforms.placement.feature_types import Lake, ShapeField
 
 EAST, NORTH = 512_000.0, 5_403_000.0
 PLACED = {"crs": "EPSG:25832", "origin": (EAST, NORTH)}

@@ -15,14 +15,14 @@ import rasterio
 from PIL import Image
 
 import sketchterrain as st
-import sketchterrain.app.export
-from sketchterrain.app.console import Stages
-from sketchterrain.app.export import write_export
+import sketchterrain.jobs.export
 from sketchterrain.document.drapes import DrapeClass, draped_layer
 from sketchterrain.errors import InputError
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.scene import SceneView
 from sketchterrain.export.target import ExportOptions
+from sketchterrain.io.console import Stages
+from sketchterrain.jobs.export import write_export
 
 EAST, NORTH = 600_000.0, 5_270_000.0
 PLACED = {"crs": "EPSG:25832", "origin": (EAST, NORTH)}
@@ -97,7 +97,7 @@ def test_projects_are_relative_complete_and_deterministic(draped, tmp_path, monk
     scene = scene._replace(
         eye=(500.0, 0.0, 90.0), target=(500.0, 9.0, 40.0), sun_azimuth=90.0, sun_elevation=60.0
     )
-    monkeypatch.setattr(sketchterrain.app.export, "scene_view", lambda terrain: scene)
+    monkeypatch.setattr(sketchterrain.jobs.export, "scene_view", lambda terrain: scene)
     done, terrain = export(draped, tmp_path / "a", size=33, plants=False)
     (tmp_path / "b").mkdir()
     plan = checked_plan(draped, "qgis", ExportOptions(size=33, plants=False))

@@ -9,14 +9,14 @@ import pyogrio.raw
 import pytest
 import shapely
 
-from sketchterrain.app.console import Stages
-from sketchterrain.app.export import write_export
 from sketchterrain.export.map import relief
 from sketchterrain.export.map.drawing import Polygons
 from sketchterrain.export.map.sheet import map_sheet
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.generation.terrain import Terrain
+from sketchterrain.io.console import Stages
+from sketchterrain.jobs.export import write_export
 
 
 def features_json(folder):

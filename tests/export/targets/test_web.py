@@ -126,8 +126,8 @@ def test_page_is_small_and_all_there(page):
 
 
 def test_reproducible_and_refused(corner, terrain, page, tmp_path):
-    from sketchterrain.app.console import Stages
-    from sketchterrain.app.export import write_export
+    from sketchterrain.io.console import Stages
+    from sketchterrain.jobs.export import write_export
 
     write_export(checked_plan(corner, "web", ExportOptions(size=100)), terrain, tmp_path, stages=Stages())
     for path in tmp_path.iterdir():

@@ -1,0 +1,128 @@
+"""From a sketch to a terrain: recipes built and rebuilt."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from sketchterrain.array_types import Bounds
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.generation.stages import STAGES
+from sketchterrain.generation.terrain import Terrain
+from sketchterrain.landforms.painted_ground import Sources, drafted_ground, ground_without
+from sketchterrain.stages.digests import digest_of
+from sketchterrain.stages.runner import Results, Runner
+from sketchterrain.stages.table import Evaluation
+from sketchterrain.terrain.layers.corridors import CorridorsLayer
+from sketchterrain.terrain.layers.lakes import LakesLayer
+from sketchterrain.terrain.layers.landuse import LandUseLayer
+from sketchterrain.terrain.layers.pads import PadsLayer
+from sketchterrain.terrain.layers.plateaus import PlateausLayer
+from sketchterrain.terrain.layers.relief import ReliefLayer, UnpaintedNodes
+from sketchterrain.terrain.layers.roads import RoadsLayer
+from sketchterrain.terrain.layers.sea import SeaLayer
+from sketchterrain.terrain.recipe import TerrainRecipe
+
+if TYPE_CHECKING:
+    from sketchterrain.document.sketch import Sketch
+
+
+def build(
+    sketch: Sketch,
+    *,
+    seed: int | None = None,
+    device: str | ComputeContext | None = None,
+    memory: Results | None = None,
+) -> Terrain:
+    """Place a sketch's features and open a device; no part of the terrain is computed yet.
+
+    Parameters
+    ----------
+    sketch
+    seed
+        Overrides the sketch's own.
+    device
+        An open :class:`~sketchterrain.compute.context.ComputeContext`, or a selector as for
+        :func:`~sketchterrain.compute.device.choose_device`.
+    memory
+        Results of stages of earlier terrains, of any sketch; they save time.
+
+    Raises
+    ------
+    DeviceError
+        If there is no such device.
+    """
+    context = device if isinstance(device, ComputeContext) else ComputeContext(device)
+    if seed is not None:
+        sketch = sketch.replace(seed=seed)
+    memory = Results() if memory is None else memory
+    return Terrain(sketch, make_recipe(sketch, memory=memory), context, memory=memory)
+
+
+def rebuild(
+    terrain: Terrain, sketch: Sketch, *, checkpoint: Callable[[], None] = lambda: None
+) -> tuple[Terrain, list[Bounds]]:
+    """Return the terrain of a changed sketch on the same device, and the areas where it may differ.
+
+    Stages whose inputs are unchanged do not run again; the bits are those of `build`. Only tiles that the
+    areas touch have changed, see :func:`~sketchterrain.terrain.changes.changed_areas`. ``checkpoint`` is as
+    for `make_recipe`.
+    """
+    return terrain.updated(sketch, make_recipe(sketch, memory=terrain.memory, checkpoint=checkpoint))
+
+
+def make_recipe(
+    sketch: Sketch, *, memory: Results | None = None, checkpoint: Callable[[], None] = lambda: None
+) -> TerrainRecipe:
+    """Return the recipe of a sketch, in plain NumPy without a device.
+
+    ``memory`` holds results of stages of earlier recipes, of any sketch; the bits are the same.
+    ``checkpoint`` is called before each run of a function; it may raise to cancel.
+    """
+    recipe: TerrainRecipe = evaluation(sketch, memory, checkpoint)["recipe"]
+    return recipe
+
+
+def evaluation(
+    sketch: Sketch, memory: Results | None = None, checkpoint: Callable[[], None] = lambda: None
+) -> Evaluation:
+    """Return the stages of a sketch's terrain, by name; see `make_recipe`."""
+    return Evaluation(STAGES, sketch, Runner(memory, checkpoint))
+
+
+def draft_recipe(now: Evaluation, before: Evaluation) -> TerrainRecipe | None:
+    """Return a quick recipe to show while a stroke goes on: coarse changes of the ground, water as it was.
+
+    None where more than a stroke on one layer differs, or the ground by nothing but water, or as a whole.
+
+    Parameters
+    ----------
+    before : of an earlier sketch
+    """
+    recipe: TerrainRecipe = before["recipe"]
+    region: Sources = before["region"]
+    ground = recipe[ReliefLayer].painted
+    images = zip(now.sketch.layers.values(), before.sketch.layers.values(), strict=True)
+    strokes = sum(digest_of(image) != digest_of(other) for image, other in images)
+    # What a first mountain changes of the surroundings waits for the final terrain.
+    kinds = {(each["region"].settings, each["region"].base, each["dry"].world) for each in (before, now)}
+    if strokes != 1 or len(kinds) > 1 or ground is None or now["land"] is before["land"]:
+        return None
+    old, new = ((each["land"], each["coarse_ground"].raster) for each in (before, now))
+    drafted = drafted_ground(ground, old, new, region.settings.spacing)
+    kept = (PlateausLayer, LakesLayer, CorridorsLayer, SeaLayer, LandUseLayer, PadsLayer, RoadsLayer)
+    relief = ReliefLayer(UnpaintedNodes(region.beyond), drafted, region.base)
+    dry: TerrainRecipe = now["dry"]
+    draft = dry.with_layers([relief, *(recipe[kind] for kind in kept)])
+    return replace(draft, network=recipe.network, orthophotos=recipe.orthophotos)
+
+
+def relief_without(sketch: Sketch, layer: str, memory: Results | None) -> ReliefLayer:
+    """Return the drained ground without the uplift of a layer's painted features, on the same network."""
+    run = Runner(memory)
+    stages = Evaluation(STAGES, sketch, run)
+    region, land = stages["region"], stages["land"]
+    removed = land.features.is_rock if layer == "mountain" else ~land.features.is_rock
+    raster = ground_without(region, stages["ground"], land, stages["water"], removed, run)
+    return ReliefLayer(UnpaintedNodes(region.beyond), raster, region.base)

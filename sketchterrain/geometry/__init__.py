@@ -1,0 +1,1 @@
+"""Lattice, hashing, splines, boxes and differences, which all packages share."""

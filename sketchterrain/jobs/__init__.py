@@ -1,0 +1,1 @@
+"""Work of the commands: generate, export, render, fly; what it needs."""

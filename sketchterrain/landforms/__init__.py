@@ -1,0 +1,1 @@
+"""What makes ground from paint: placement, hydrology and drained relief."""

@@ -1,0 +1,529 @@
+"""Uplift of painted features on a raster, and its control while the ground is drained.
+
+A feature raises a core, as far as its visible radius and the outline of its painted shape, and a collar
+outside: foothills that stay below a quarter of its height, so that its outline stays where it was painted.
+Mountains and hills add up; streams that come from elsewhere cut through them. Only a zone around features
+drains anew: the ground beyond keeps its heights.
+
+Heights follow from drainage alone: between two routings the uplift of every feature, then of every shape, is
+scaled by how far its crest is from the height asked for, above the same network of valleys without its
+layer's uplift.
+"""
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import sqrt
+from types import MappingProxyType
+
+import numpy as np
+from numba import njit
+from scipy.ndimage import distance_transform_edt
+
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
+from sketchterrain.landforms.drainage import (
+    ROUNDS,
+    DrainageInput,
+    Drained,
+    LevelSolver,
+    at_level,
+    coarsened,
+    drain,
+    on_network,
+)
+from sketchterrain.landforms.hashed_noise import value_noise_row
+from sketchterrain.landforms.mesh import SIDE
+from sketchterrain.landforms.uplift import Outline, UpliftFeatures
+
+COLLAR = 0.5  # width of the collar, visible radii
+_ZONE = 1.2  # visible radii around features, beyond which the ground stays as it is
+_CLEARANCE = 0.9  # visible radii, within which unpainted ground is calmed
+_CALM = 0.7  # share of its uplift that it loses there, all of it on rock
+_EDGE = 0.1  # half the width of the step between core and collar, visible radii
+_FRONT = 0.3  # visible radii over which slopes grow from the collar's to the core's
+_OUTSET = 0.16  # of the step beyond the outline: spurs that reach beyond it make up for valleys inside
+# Over the mean slope from a feature's outline to its summit:
+_CORE_UPLIFT, _COLLAR_UPLIFT = 2.0, 4.0
+_COLLAR_SLOPE = 0.9 * 0.25 / COLLAR
+_APRON, _APRON_RISE = 0.4, 0.9  # shares of it: at the collar's edge, and how much more at the core
+# For a fidelity up to 0.8, and of 1: steep sides keep to their outlines.
+_STEEPNESS, _EROSION_STEEPNESS = (1.0, 1.4), 0.3
+_HILL_STEEPNESS, _EROSION_HILL_STEEPNESS, _HILL_BASE = (1.3, 1.8), 0.8, 0.05
+_REPOSE, _EROSION_REPOSE = 0.7, 0.2  # tangents
+_STEEPEST = 1.08  # over these, where the ground is least even
+_PEAK = 0.5  # share of the uplift that peakiness moves from the outline to the summit
+_UNEVEN = 0.35  # by how much uplift and slopes vary from place to place
+# Hash keys, bits of the cells (mesh units) and amplitudes of the noise by which they do; the fine one sets in
+# between two depths inside the outline (visible radii), which is to stay where it is, as rivers beside it.
+_BROAD, _FINE = ((31, 9, 0.6), (32, 7, 0.5)), ((33, 6, 0.7), (34, 5, 0.4))
+_FINE_FROM, _FINE_FULL = -0.1, 0.3
+_FOREIGN = 1.5  # weight of drainage area from elsewhere: streams that come from there cut through features
+_NEIGHBOUR = 0.15  # weight of features of other shapes inside a shape
+_ROCK_DEPTH = 0.3  # visible radii inside the outline, where all is rock
+_LIFT, _GAIN_CLIP = 0.2, 1.5
+_SUMMIT = 0.3  # visible radii inside the outline, beyond which ground counts as summit
+_LEAST_FACTOR, _MOST_FACTOR = 0.1, 8.0
+ADJUST_SHARE = 0.7  # of what features lack: what they gain at a routing; at the last one, all
+PASSES = 2  # adjustments of whole shapes, at the last routing
+
+_LEVELS = 4
+_OUTSIDE = -9.0
+_REACH = 0.9  # visible radii beyond its outline that a feature may raise
+_compiled = njit(cache=True, nogil=True, error_model="numpy")
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureLayer:
+    """Features of one layer on a raster: what they add to the ground at all levels, coarsest first."""
+
+    members: Int64Array  # numbers of the features
+    collar: tuple[Float64Array, ...]
+    core: tuple[Float64Array, ...]  # scaled by the features' factors
+    inside: tuple[Float64Array, ...]  # 0 … 1: what drains from here is their own
+    target: Float64Array  # (rows, columns) of level 0: height (m) of a crest there
+    region: Int32Array  # (rows, columns) of level 0: number of the painted shape, −1 outside
+    owner: Int64Array  # the member nearest to its summit, −1 outside of all cores
+    highest: Float64Array  # m, of each shape
+    risen: BoolArray  # (rows, columns): where both heights are elevations
+
+
+@dataclass(frozen=True, eq=False)
+class PaintedUplift:
+    """A region of ground with painted features, at all levels, coarsest first."""
+
+    features: UpliftFeatures
+    ground: tuple[DrainageInput, ...]  # calmed around features, slopes as great as features ask for
+    layers: tuple[FeatureLayer, ...]
+    rock: Float32Array  # 0 … 1: where mountains are
+    zone: BoolArray  # (rows, columns) of level 0: what features change
+
+    def zone_of(self, index: int) -> BoolArray:
+        """Return the zone at the nodes of a level."""
+        return at_level(self.zone, self.ground[index], self.ground[-1])
+
+
+def painted_uplift(
+    features: UpliftFeatures,
+    ground: DrainageInput,
+    cell: float,
+    rock: Float32Array | None = None,
+    outlines: Mapping[str, Outline] = MappingProxyType({}),
+) -> PaintedUplift:
+    """Return the uplift of painted features on top of a region's ground.
+
+    Parameters
+    ----------
+    features
+        From `uplift_features`.
+    ground
+        Level 0 of the region as it is unpainted. Painted lakes and the sea are outlets (``base``), painted
+        rivers are courses.
+    cell
+        Spacing of level 0 (m).
+    rock
+        Share of rock, 0 … 1, of the unpainted ground.
+    outlines
+        Painted shapes of mountains and hills, which features fill beyond their radii.
+    """
+    shape = ground.base.shape
+    centre = _centres(features, ground, cell)
+    radius = np.maximum(features.radius / cell, 1.0)
+    rock = np.zeros(shape, np.float32) if rock is None else rock
+    near = _nearness(centre, radius, shape)
+    strata = np.zeros(shape)
+    calm = _smooth((near + _CLEARANCE) / _CLEARANCE)
+    uplift = ground.uplift * (1.0 - calm * (_CALM + (1.0 - _CALM) * rock))
+    broad, fine = (_unevenness(ground.origin, shape, octaves) for octaves in (_BROAD, _FINE))
+    repose = ground.repose
+    rock = rock * (1.0 - calm).astype(np.float32)
+    layers = []
+    for name in ("mountain", "hill"):
+        is_rock = name == "mountain"
+        members = np.flatnonzero((features.is_rock == is_rock) & (features.height > 0.0))
+        if not len(members):
+            continue
+        part = features.of(members)
+        region, exact = np.full(shape, -1, np.int32), 0.0
+        if name in outlines:
+            region, exact = outlines[name].region_at(ground.origin, shape), outlines[name].exactness
+        position, owner, means = _features_at(
+            (centre[0][members], centre[1][members]),
+            radius[members],
+            np.stack([part.height, part.peakiness, part.erosion, part.radius, part.strata], axis=-1),
+            (part.region, region),
+        )
+        inside = position > _OUTSIDE
+        if name in outlines:
+            inset = outlines[name].depth_at(ground.origin, shape)
+            within = np.minimum(inset / np.maximum(means[..., 3], cell), position + outlines[name].filling)
+            position = np.where(inside, np.maximum(position, within), _OUTSIDE)
+        height, peakiness, erosion, wide, layered = np.moveaxis(means, -1, 0)
+        slope = np.where(inside, height / np.maximum(wide, 1e-9), 0.0)
+        core = _smooth((position + _OUTSET + _EDGE) / (2.0 * _EDGE))
+        collar = _smooth((position + COLLAR) / COLLAR) * (1.0 - core)
+        rise = np.clip(position, 0.0, 1.0)
+        uneven = broad + fine * _smooth((position - _FINE_FROM) / (_FINE_FULL - _FINE_FROM))
+        uneven = 1.0 + _UNEVEN * uneven
+        peak = 1.0 + _PEAK * (peakiness - 0.5) * (2.0 * rise - 1.0)
+        steepness, hill_steepness = (
+            loose + exact * (strict - loose) for loose, strict in (_STEEPNESS, _HILL_STEEPNESS)
+        )
+        steep = np.maximum(
+            _REPOSE + _EROSION_REPOSE * erosion, (steepness + _EROSION_STEEPNESS * erosion) * slope
+        )
+        if not is_rock:
+            most = hill_steepness + _EROSION_HILL_STEEPNESS * erosion
+            steep = np.minimum(steep, most * slope + _HILL_BASE)
+        foot = _smooth((position + COLLAR) / (0.6 * COLLAR))
+        front = _smooth((position + _OUTSET + _EDGE) / _FRONT)
+        apron = _COLLAR_SLOPE * slope * (_APRON + _APRON_RISE * _smooth((position + COLLAR) / COLLAR))
+        ramp = _STEEPEST * np.minimum(uneven, 1.0) * (apron * (1.0 - front) + steep * front)
+        own = np.maximum(ground.repose * (1.0 - core) * (1.0 - foot), ramp)
+        repose = np.where(inside, np.maximum(own, np.where(repose is ground.repose, 0.0, repose)), repose)
+        risen = (owner >= 0) & (part.summit > -np.inf)[owner]
+        # Data that lie higher at the foot of a slope are not what rises.
+        owner = np.where(risen & (position < _SUMMIT), -1, owner)
+        layers.append(
+            FeatureLayer(
+                members,
+                _coarsened_fields(_COLLAR_UPLIFT * slope * collar, ground),
+                _coarsened_fields(_CORE_UPLIFT * slope * core * peak * uneven, ground),
+                _coarsened_fields(np.where(inside, core, 0.0), ground),
+                np.where(risen, part.summit[owner], height),
+                region,
+                owner,
+                _highest(part),
+                risen & (owner >= 0),
+            )
+        )
+        if is_rock:
+            rock = np.maximum(rock, np.where(inside, _smooth(position / _ROCK_DEPTH), 0.0)).astype(np.float32)
+            strata = np.where(inside, layered * core, 0.0)
+    levels = _levels(replace(ground, uplift=uplift, repose=np.maximum(repose, 0.3 * uplift), strata=strata))
+    return PaintedUplift(features, levels, tuple(layers), rock.astype(np.float32), near > -_ZONE)
+
+
+def _centres(
+    features: UpliftFeatures, level: DrainageInput, cell: float
+) -> tuple[Float64Array, Float64Array]:
+    """Return columns and rows of the features among the nodes of level 0."""
+    return features.x / cell - level.origin[1], features.y / cell - level.origin[0]
+
+
+def _as_read(nodes: Float64Array) -> Float64Array:
+    """Return what quadratic B-splines read at nodes; NaN beside missing ones."""
+    padded = np.pad(nodes, 1, mode="edge")
+    rows = 0.125 * (padded[:-2] + padded[2:]) + 0.75 * padded[1:-1]
+    return np.asarray(0.125 * (rows[:, :-2] + rows[:, 2:]) + 0.75 * rows[:, 1:-1])
+
+
+def _highest(features: UpliftFeatures) -> Float64Array:
+    """Return the greatest height (m) of the features of each shape."""
+    highest = np.full(int(features.shape.max()) + 1, 1e-9)
+    top = np.where(np.isinf(features.summit), features.height, features.summit)
+    np.maximum.at(highest, features.shape, top)
+    return highest
+
+
+def _smooth(t: Float64Array) -> Float64Array:
+    t = np.clip(t, 0.0, 1.0)
+    return np.asarray(t * t * (3.0 - 2.0 * t))
+
+
+def _levels(finest: DrainageInput) -> tuple[DrainageInput, ...]:
+    """Return all levels of a region, coarsest first."""
+    levels = [finest]
+    while len(levels) < _LEVELS:
+        levels.append(coarsened(levels[-1]))
+    return tuple(reversed(levels))
+
+
+def _coarsened_fields(values: Float64Array, finest: DrainageInput) -> tuple[Float64Array, ...]:
+    """Return a field at all levels, coarsest first."""
+    return tuple(each.uplift for each in _levels(replace(finest, uplift=values)))
+
+
+class HeightControl:
+    """Uplift of painted features at each level, scaled until their crests reach their heights."""
+
+    def __init__(
+        self, painted: PaintedUplift, cell: float, factors: Float64Array | None = None, routings: int = 0
+    ) -> None:
+        self._painted, self._routings = painted, routings
+        features, finest = painted.features, painted.ground[-1]
+        self._centre = _centres(features, finest, cell)
+        self._radius = np.maximum(features.radius / cell, 1.0)
+        self.factors = np.ones(len(features.x)) if factors is None else factors
+
+    def uplift(self, index: int, solver: LevelSolver) -> Float64Array:
+        """Return the uplift of a level on its present network."""
+        parts = self._parts(index, self._shares(index, solver))
+        return np.asarray(self._painted.ground[index].uplift + sum(parts))
+
+    def adjusted(self, index: int, solver: LevelSolver) -> Float64Array:
+        """Return the uplift of a level on its present network, adjusted for features and then for shapes."""
+        shares = self._shares(index, solver)
+        parts = self._parts(index, shares)
+        self._routings -= 1
+        is_last = self._routings == 0
+        for number in range(1 + PASSES * is_last):
+            self._adjust(index, solver, parts, whole=number > 0, share=1.0 if is_last else ADJUST_SHARE)
+            parts = self._parts(index, shares)
+        return np.asarray(self._painted.ground[index].uplift + sum(parts))
+
+    def _shares(self, index: int, solver: LevelSolver) -> list[Float64Array]:
+        """Return how much each layer raises streams: those that come from elsewhere cut through it."""
+        own = [solver.shares_from(layer.inside[index]) for layer in self._painted.layers]
+        return [each / (each + _FOREIGN * (1.0 - each) + 1e-9) for each in own]
+
+    def _adjust(
+        self, index: int, solver: LevelSolver, parts: Sequence[Float64Array], *, whole: bool, share: float
+    ) -> None:
+        """Build the heights of a level and scale its features by a share of what they lack.
+
+        Each feature is scaled on its own, or, as `whole`, all those of a shape together.
+        """
+        painted, ground = self._painted, self._painted.ground[index].uplift
+        _, start, step = self._place(index)
+        height = solver.heights(ground + sum(parts))
+        for layer, part in zip(painted.layers, parts, strict=True):
+            without = solver.heights(ground + np.maximum(sum(parts) - part, 0.0))
+            factors, effect = self.factors[layer.members], _as_read(height - without)
+            owner, below = layer.owner, self._below(layer, index)
+            if whole:
+                shape = painted.features.shape[layer.members]
+                _adjust_shapes(effect, (layer.highest, shape, owner, below), start, step, factors, share)
+            else:
+                _adjust_factors(effect, (layer.target, owner, below), start, step, factors, share)
+            self.factors[layer.members] = factors
+
+    def gain(self, index: int, layer: FeatureLayer, effect: Float64Array) -> Float64Array:
+        """Return by how much a layer's effect (m) at a level falls short of its shapes' heights."""
+        _, start, step = self._place(index)
+        gains, shape = np.ones(len(layer.members)), self._painted.features.shape[layer.members]
+        nearest = distance_transform_edt(layer.owner < 0, return_distances=False, return_indices=True)
+        aims = layer.highest, shape, layer.owner[tuple(nearest)], self._below(layer, index)
+        _adjust_shapes(_as_read(effect), aims, start, step, gains, 1.0)
+        return self._spread(layer, index, gains)
+
+    def radius(self, index: int) -> Float64Array:
+        """Return the radius (m) of features near the nodes of a level, at least 1."""
+        radius = self._painted.features.radius
+        found = [self._spread(each, index, radius[each.members]) for each in self._painted.layers]
+        return np.asarray(np.maximum.reduce(found, initial=1.0))
+
+    def _below(self, layer: FeatureLayer, index: int) -> Float64Array:
+        """Return the height (m) of the ground at a level's nodes where heights are elevations, else 0."""
+        level = self._painted.ground[index]
+        if level.ground is None:
+            return np.zeros(level.base.shape)
+        return np.where(at_level(layer.risen, level, self._painted.ground[-1]), level.ground, 0.0)
+
+    def _parts(self, index: int, shares: Sequence[Float64Array]) -> list[Float64Array]:
+        """Return what each layer adds to a level."""
+        layers = self._painted.layers
+        return [share * self._layer(layer, index) for layer, share in zip(layers, shares, strict=True)]
+
+    def _layer(self, layer: FeatureLayer, index: int) -> Float64Array:
+        """Return what the features of a layer add to a level."""
+        factors = self._spread(layer, index, self.factors[layer.members])
+        return np.asarray(layer.collar[index] + layer.core[index] * factors)
+
+    def _spread(self, layer: FeatureLayer, index: int, factors: Float64Array) -> Float64Array:
+        """Return the means of factors of a layer's members at the nodes of a level."""
+        level, start, step = self._place(index)
+        centre = self._centre[0][layer.members], self._centre[1][layer.members]
+        regions = self._painted.features.region[layer.members], layer.region
+        place, radius = (start, step, level.base.shape), self._radius[layer.members]
+        return np.asarray(_mean_factors(centre, radius, factors, place, regions))
+
+    def _place(self, index: int) -> tuple[DrainageInput, tuple[int, int], int]:
+        """Return a level, its first node among those of level 0, and its spacing."""
+        level, first = self._painted.ground[index], self._painted.ground[-1].origin
+        step = 1 << level.level
+        return level, (level.origin[0] * step - first[0], level.origin[1] * step - first[1]), step
+
+
+def drain_painted(
+    painted: PaintedUplift, cell: float, bare: Sequence[Drained], *, rounds: Sequence[int] = ROUNDS
+) -> tuple[list[Drained], Float64Array]:
+    """Drain a region with its painted features so that they reach their heights; coarsest level first.
+
+    Returns the factors of the features, too.
+
+    Parameters
+    ----------
+    bare : levels of the region without features, coarsest first; levels that are missing are left out
+    """
+    levels = len(bare)
+    control = HeightControl(painted, cell, routings=sum(rounds[:levels]))
+    if not painted.layers:
+        return list(bare), control.factors
+    drained = drain(painted.ground[:levels], cell, rounds[:levels], onto=bare, raise_ground=control.adjusted)
+    return drained, control.factors
+
+
+def height_without(
+    painted: PaintedUplift, drained: Drained, factors: Float64Array, cell: float
+) -> Float64Array:
+    """Return the heights (m) of level 0 with the uplift of some features, on the network drained with all.
+
+    Parameters
+    ----------
+    painted : with the features that stay
+    drained, factors : level 0 and factors from `drain_painted` with all of them
+    """
+    solver = on_network(painted.ground[-1], cell, drained)
+    if painted.layers:
+        control = HeightControl(painted, cell, factors)
+        solver.set_uplift(control.uplift(len(painted.ground) - 1, solver))
+    solver.settle()
+    return solver.result().height
+
+
+@_compiled
+def _box(x, y, reach, start, step, shape):
+    """Return the ranges of rows and columns within reach of a feature."""
+    south = max(int(np.floor((y - reach - start[0]) / step)), 0)
+    north = min(int(np.floor((y + reach - start[0]) / step)) + 2, shape[0])
+    west = max(int(np.floor((x - reach - start[1]) / step)), 0)
+    east = min(int(np.floor((x + reach - start[1]) / step)) + 2, shape[1])
+    return south, north, west, east
+
+
+@_compiled
+def _unevenness(origin, shape, octaves):
+    """Return noise of short wavelengths, about −1 … 1, at nodes of level 0."""
+    noise = np.zeros(shape)
+    for key, bits, amplitude in octaves:
+        for i in range(shape[0]):
+            y = (origin[0] + i) * SIDE
+            value_noise_row(np.uint64(key), origin[1] * SIDE, SIDE, y, bits, amplitude, noise[i])
+    return noise
+
+
+@_compiled
+def _nearness(centre, radius, shape):
+    """Return the greatest depth inside any feature over its radius, negative outside."""
+    near = np.full(shape, _OUTSIDE)
+    for k in range(radius.size):
+        x, y, own = centre[0][k], centre[1][k], radius[k]
+        reach = own * (1.0 + _ZONE) + 2.0
+        south, north, west, east = _box(x, y, reach, (0, 0), 1, shape)
+        for i in range(south, north):
+            for j in range(west, east):
+                away = sqrt((i - y) * (i - y) + (j - x) * (j - x))
+                if away < reach:
+                    near[i, j] = max(near[i, j], 1.0 - away / own)
+    return near
+
+
+@_compiled
+def _features_at(centre, radius, values, regions):
+    """Return, at nodes, where they lie in features and weighted means of these.
+
+    Depth inside the outline of any feature over its radius, negative outside; the deepest feature; means of
+    values (n, m).
+    """
+    belongs, region = regions
+    shape = rows, columns = region.shape
+    depth = np.full((rows, columns), _OUTSIDE)
+    deepest, owner = np.full((rows, columns), _OUTSIDE), np.full((rows, columns), -1, np.int64)
+    weights, radii = np.zeros((rows, columns)), np.zeros((rows, columns))
+    means = np.zeros((rows, columns, values.shape[1]))
+    for k in range(radius.size):
+        x, y, own = centre[0][k], centre[1][k], radius[k]
+        reach = own * (1.0 + _REACH) + 2.0
+        south, north, west, east = _box(x, y, reach, (0, 0), 1, shape)
+        for i in range(south, north):
+            for j in range(west, east):
+                away = sqrt((i - y) * (i - y) + (j - x) * (j - x))
+                if away >= reach:
+                    continue
+                inside = own - away
+                t = 1.0 - away / reach
+                weight = t * t * t * own * own
+                if region[i, j] >= 0 and region[i, j] != belongs[k]:
+                    weight *= _NEIGHBOUR
+                weights[i, j] += weight
+                radii[i, j] += weight * own
+                for value in range(values.shape[1]):
+                    means[i, j, value] += weight * values[k, value]
+                depth[i, j] = max(depth[i, j], inside) if depth[i, j] > _OUTSIDE else inside
+                if inside / own > deepest[i, j]:
+                    deepest[i, j] = inside / own
+                    owner[i, j] = k
+    for i in range(rows):
+        for j in range(columns):
+            if weights[i, j] > 0.0:
+                depth[i, j] = max(depth[i, j] / (radii[i, j] / weights[i, j]), -1.0)
+                for value in range(values.shape[1]):
+                    means[i, j, value] /= weights[i, j]
+                if deepest[i, j] <= _LIFT:
+                    owner[i, j] = -1
+    return depth, owner, means
+
+
+@_compiled
+def _mean_factors(centre, radius, factors, place, regions):
+    """Return the weighted mean of the factors of features near nodes, 1 away from them."""
+    (start, step, shape), (belongs, region) = place, regions
+    sums, weights = np.zeros(shape), np.zeros(shape)
+    for k in range(radius.size):
+        x, y, own = centre[0][k], centre[1][k], radius[k]
+        reach = own * (1.0 + _REACH) + 2.0
+        south, north, west, east = _box(x, y, reach, start, step, shape)
+        for i in range(south, north):
+            for j in range(west, east):
+                row, column = start[0] + i * step, start[1] + j * step
+                away = sqrt((row - y) * (row - y) + (column - x) * (column - x))
+                if away < reach:
+                    t = 1.0 - away / reach
+                    weight = t * t * t * own * own
+                    if region[row, column] >= 0 and region[row, column] != belongs[k]:
+                        weight *= _NEIGHBOUR
+                    weights[i, j] += weight
+                    sums[i, j] += weight * factors[k]
+    for i in range(shape[0]):
+        for j in range(shape[1]):
+            sums[i, j] = sums[i, j] / weights[i, j] if weights[i, j] > 0.0 else 1.0
+    return sums
+
+
+@_compiled
+def _adjust_factors(effect, aims, start, step, factors, share):
+    """Scale each factor by how far the highest crest of its feature is from its aim."""
+    target, owner, below = aims
+    reached = np.zeros(factors.size)
+    for i in range(effect.shape[0]):
+        for j in range(effect.shape[1]):
+            row, column = start[0] + i * step, start[1] + j * step
+            k = owner[row, column]
+            if k >= 0 and target[row, column] - below[i, j] > 1e-3:
+                reached[k] = max(reached[k], effect[i, j] / (target[row, column] - below[i, j]))
+    _scale(factors, reached, share)
+
+
+@_compiled
+def _adjust_shapes(effect, aims, start, step, factors, share):
+    """Scale the factors of each shape by how far its highest crest is from its aim."""
+    highest, shape, owner, below = aims
+    reached = np.zeros(highest.size)
+    for i in range(effect.shape[0]):
+        for j in range(effect.shape[1]):
+            k = owner[start[0] + i * step, start[1] + j * step]
+            if k >= 0 and highest[shape[k]] - below[i, j] > 0.0:
+                most = highest[shape[k]] - below[i, j]
+                reached[shape[k]] = max(reached[shape[k]], effect[i, j] / most)
+    _scale(factors, reached[shape], share)
+
+
+@_compiled
+def _scale(factors, reached, share):
+    for k in range(factors.size):
+        if reached[k] > 0.0:
+            change = min(max(1.0 / reached[k], 1.0 / _GAIN_CLIP), _GAIN_CLIP)
+            change = 1.0 + share * (change - 1.0)
+            factors[k] = min(max(factors[k] * change, _LEAST_FACTOR), _MOST_FACTOR)

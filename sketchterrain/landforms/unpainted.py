@@ -1,0 +1,367 @@
+"""Unpainted ground: an unbounded raster of drained relief, mesh cell by mesh cell.
+
+Node (i, j) of level k stands (i, j) · r0 · 2^k m east and north of the sketch's south-west corner, with r0 =
+extent / 256. Each cell of the `mesh` is drained alone, its border at the heights of the mesh's edges, so a
+node's value depends on the settings alone: on no window, no neighbour and no order. From level 4 on, nodes
+follow the mesh, then a smooth mean of the ground.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache, cached_property, lru_cache, partial
+from itertools import chain
+from typing import NamedTuple
+
+import numpy as np
+from numpy import typing as npt
+
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array
+from sketchterrain.caching import LRUCache
+from sketchterrain.landforms import mesh as meshes
+from sketchterrain.landforms import mesh_nodes, mesh_vertices, relief_fields, wetness
+from sketchterrain.landforms.drainage import BARE_ROUNDS
+from sketchterrain.landforms.mesh import SIDE, SITE_BITS, MeshTable
+from sketchterrain.landforms.mesh_nodes import CellNodes
+from sketchterrain.landforms.relief_fields import UnpaintedSettings
+
+_Block = tuple[Float64Array, Int64Array, Int64Array, Float64Array]
+Site = tuple[int, int]  # column and row of a site of the mesh
+
+LEVELS = 4
+"""Levels that are drained: 0 … 3; the next two follow the mesh's crests and valleys, others a smooth mean."""
+_MESH_LEVELS = 6
+_CREST = 1.2  # height of a cell's crest above its lowest vertex, over the relief
+
+_SLOPE_CAP = 0.25  # of tributary valleys between mesh vertices
+_FALL = 0.13  # of a trunk valley along L, over the ground's relief
+_PASS_RISE, _PASS_LOW_RISE = 1.0, 1.8  # of passes, over the relief: see `PassRule`
+_PASS_SLOPE = 1.2  # … and over the slope of hillslopes
+_HEAD = 2.7  # (drainage area where channels begin, over r0²)^(3/8); slopes above are straight
+_TALUS = 1.5  # greatest slope below passes, over that of hillslopes
+_MOST_THREADS = 4
+_MAX_WINDOW_BYTES = 1 << 24  # of windows that were read
+_GROUP = 8  # cells along the side of a group that is drained together
+
+
+class Nodes(NamedTuple):
+    """A window of nodes, (rows, columns): heights (m), rock (0 … 1), drainage areas (m²), wetness (0 … 1)."""
+
+    height: Float64Array
+    rock: Float32Array
+    area: Float32Array
+    wetness: Float32Array
+
+
+class UpliftNodes(NamedTuple):
+    """What raises the ground at a window of nodes: uplift, greatest slope, and how much is rock (0 … 1)."""
+
+    uplift: Float64Array
+    repose: Float64Array
+    rock: Float32Array
+
+
+@dataclass(frozen=True, eq=False)
+class PaintedRegion:
+    """Nodes of a level that belong to the cells which overlap the sketch, drained as one raster.
+
+    Its size depends on the extent and the seed only. Rows run northward from node (column, row).
+    """
+
+    column: int
+    row: int
+    inside: BoolArray
+    border: Float64Array  # heights (m) of nodes with an 8-neighbour outside, NaN elsewhere
+
+
+@dataclass(frozen=True, eq=False)
+class _Cell:
+    """A drained cell at one level: its rectangle of nodes, NaN outside of the cell."""
+
+    column: int
+    row: int
+    levels: int  # that have been drained up to this one
+    drained: Float64Array  # heights (m), from which the next finer level starts
+    height: Float64Array  # (m) with talus
+    area: Float32Array
+    wetness: Float32Array
+
+
+_NOTHING = _Cell(0, 0, 0, *np.empty((2, 0, 0)), *np.empty((2, 0, 0), np.float32))
+
+
+class UnpaintedGround:
+    """Windows of the raster of unpainted ground, with a bounded cache of drained cells; thread-safe."""
+
+    def __init__(
+        self, settings: UnpaintedSettings, *, max_bytes: int = 1 << 27, executor: Executor | None = None
+    ) -> None:
+        self.settings = settings
+        self.mesh = meshes.mesh_parameters(settings.seed, _FALL * settings.ground_relief)
+        self.fields = relief_fields.uplift_fields(settings)
+        slope = _PASS_SLOPE * self.fields.per_relief / _HEAD
+        length = settings.spacing * 2**SITE_BITS
+        self._passes = meshes.PassRule(_PASS_RISE, _PASS_LOW_RISE, slope, length)
+        self._cells = LRUCache(max_bytes=max_bytes)
+        self._blocks = LRUCache(64)
+        self._windows = LRUCache(max_bytes=_MAX_WINDOW_BYTES)
+        self._executor = executor
+
+    def window(
+        self, level: int, column: int, row: int, rows: int, columns: int, *, painted: bool = True
+    ) -> Nodes:
+        """Return a window of nodes of a level; (column, row) is its south-western node.
+
+        Unless `painted`, nodes of the painted region are left out: their heights are NaN.
+        """
+        at = level, column, row, rows, columns
+        if level >= LEVELS:
+            return self._windows.get_or_compute(at, partial(self._coarse_window, *at))
+        return self._windows.get_or_compute((*at, painted), partial(self._drained_window, *at, painted))
+
+    def prepare(
+        self, level: int, corners: Int64Array, rows: int, columns: int, *, painted: bool = True
+    ) -> None:
+        """Drain at once what windows of a size need, by their south-western nodes (n, 2)."""
+        if level < LEVELS:
+            windows = ((level, column, row, rows, columns) for column, row in corners.tolist())
+            sites = (self._sites(*at, painted) for at in windows)
+            self._drained(level, list(dict.fromkeys(chain.from_iterable(sites))))
+
+    def _sites(self, level: int, column: int, row: int, rows: int, columns: int, painted: bool) -> list[Site]:
+        """Return the sites of the cells that may have nodes in a window."""
+        table = self._table_of_nodes(level, column, row, rows, columns)
+        west, south, east, north = np.moveaxis(self._bounds(level, table)[1:, 1:], -1, 0)
+        near = (west < column + columns) & (south < row + rows) & (east >= column) & (north >= row)
+        sites = [(table.column + 1 + i, table.row + 1 + j) for j, i in np.argwhere(near).tolist()]
+        return sites if painted else [site for site in sites if site not in self.painted_sites]
+
+    def _drained_window(
+        self, level: int, column: int, row: int, rows: int, columns: int, painted: bool
+    ) -> Nodes:
+        """Return a window of nodes of a level that is drained, with those of the painted region or not."""
+        sites = self._sites(level, column, row, rows, columns, painted)
+        height = np.full((rows, columns), np.nan)
+        area, wet = np.zeros((2, rows, columns), np.float32)
+        for cell in self._drained(level, sites).values():
+            corner = cell.row - row, cell.column - column
+            mesh_nodes.paste((height, area, wet), (cell.height, cell.area, cell.wetness), corner)
+        _, share = relief_fields.relief_raster(self.fields, level, column, row, rows, columns)
+        return Nodes(height, share.astype(np.float32), area, wet)
+
+    def _bounds(self, level: int, table: MeshTable) -> Int64Array:
+        """Return the first and last nodes (west, south, east, north) that cells of inner sites may have."""
+        side = 1 << (SITE_BITS - level)
+        at = mesh_nodes.cell_bounds(table)
+        corner = side * np.array([table.column, table.row])
+        first, last = corner + np.floor(side * at[..., :2]), corner + np.ceil(side * at[..., 2:])
+        return np.concatenate([first, last], axis=-1).astype(np.int64)
+
+    def _coarse_window(self, level: int, column: int, row: int, rows: int, columns: int) -> Nodes:
+        """Return a window of nodes of a level that is not drained."""
+        at = level, column, row, rows, columns
+        area = np.full((rows, columns), (self.settings.spacing * 2.0**level) ** 2, np.float32)
+        if level >= _MESH_LEVELS:
+            height, share = relief_fields.mean_ground(self.mesh, self.fields, *at)
+        else:
+            table = self._table_of_nodes(*at)
+            height = mesh_nodes.mesh_heights(self.mesh, table, *at, self._passes, _CREST)
+            _, share = relief_fields.relief_raster(self.fields, *at)
+        share = share.astype(np.float32)
+        return Nodes(height, share, area, wetness.mean_wetness(share))
+
+    def _table_of_nodes(self, *window: int) -> MeshTable:
+        """Return sites and vertices around a window of nodes, from all threads; not to be called on one."""
+        quads = mesh_nodes.quads_of_nodes(*window)
+        missing = [at for at in _blocks_of(*quads) if at not in self._blocks]
+        if self._executor is not None and len(missing) > 1:
+            list(self._executor.map(self._cached_block, missing))
+        return self.table(*quads)
+
+    def table(self, column: int, row: int, rows: int, columns: int) -> MeshTable:
+        """Return sites and vertices of a rectangle of quads."""
+        x, y, diagonal = meshes.lattice_sites(self.mesh, column, row, rows, columns)
+        height, relief = np.empty((2, rows, columns, 2))
+        receiver, upstream = np.empty((2, rows, columns, 2), np.int64)
+        size = mesh_vertices.BLOCK
+        for at in _blocks_of(column, row, rows, columns):
+            block = self._cached_block(at)
+            first_column, first_row = _first_quad(at)
+            south, west = max(first_row, row), max(first_column, column)
+            north, east = min(first_row + size, row + rows), min(first_column + size, column + columns)
+            into = np.s_[south - row : north - row, west - column : east - column]
+            out = np.s_[south - first_row : north - first_row, west - first_column : east - first_column]
+            for target, source in zip((height, receiver, upstream, relief), block, strict=True):
+                target[into] = source[out]
+        sites = relief_fields.site_relief(self.fields, column, row, x, y)
+        low = mesh_vertices.lowest_around_sites(diagonal, height)
+        return MeshTable(column, row, x, y, diagonal, height, receiver, upstream, relief, sites, low)
+
+    def _cached_block(self, at: tuple[int, int]) -> _Block:
+        return self._blocks.get_or_compute(at, partial(self._block, at))
+
+    def _block(self, at: tuple[int, int]) -> _Block:
+        """Return heights, receivers, numbers upstream and relief of the vertices of a block."""
+        size, margin = mesh_vertices.BLOCK, mesh_vertices.MARGIN
+        column, row = _first_quad(at)
+        first = column - margin, row - margin
+        count = size + 2 * margin
+        x, y, diagonal = meshes.lattice_sites(self.mesh, *first, count, count)
+        centre, probe = mesh_vertices.vertices(self.mesh, *first, x, y, diagonal)
+        plain = relief_fields.uplift_fields(self.settings.painted)  # ranges beyond the sketch come last
+        relief = relief_fields.vertex_relief(plain, centre)
+        level, course = mesh_vertices.receivers(self.mesh, diagonal, probe, relief)
+        power = self.fields.per_relief, _SLOPE_CAP, self.settings.spacing / SIDE
+        order = np.argsort(-level.ravel(), kind="stable")
+        vertices = diagonal, centre, level, order, course, relief, power
+        height, upstream = mesh_vertices.vertex_heights(self.mesh, *vertices)
+        # Captures reach less far than what drains through a vertex.
+        reach = mesh_vertices.CAPTURES + 1
+        near = slice(margin - reach, margin + size + reach)
+        sites = slice(near.start, near.stop + 1)
+        at_sites = first[0] + near.start, first[1] + near.start, x[sites, sites], y[sites, sites]
+        low, receiver = mesh_vertices.captured(
+            self.mesh,
+            *(each[near, near] for each in (diagonal, centre, height, relief)),
+            relief_fields.site_relief(plain, *at_sites),
+            power,
+        )
+        core, inner = slice(margin, margin + size), slice(reach, reach + size)
+        if self.settings.surroundings > 0.0:
+            rise = relief_fields.valley_rise(self.fields, centre[near, near])
+            order = np.argsort(-low.ravel(), kind="stable")
+            metres = self.settings.spacing / SIDE
+            at_vertices = diagonal[near, near], centre[near, near]
+            low, receiver = mesh_vertices.raised(*at_vertices, low, order, receiver, rise, metres)
+            relief[core, core] = relief_fields.vertex_relief(self.fields, centre[core, core])
+        return (
+            low[inner, inner].copy(),
+            receiver[inner, inner].copy(),
+            upstream[core, core].copy(),
+            relief[core, core].copy(),
+        )
+
+    def _drained(self, level: int, sites: list[Site]) -> dict[Site, _Cell]:
+        """Return the cells of sites at a level."""
+        result = {site: self._cells.get((level, *site)) for site in sites}
+        missing = [site for site in sites if result[site] is None]
+        coarser = self._drained(level + 1, missing) if missing and level < LEVELS - 1 else {}
+        groups: dict[Site, list[Site]] = {}
+        for site in missing:
+            groups.setdefault((site[0] // _GROUP, site[1] // _GROUP), []).append(site)
+        run = map if self._executor is None or len(groups) == 1 else self._executor.map
+        for cells in run(lambda group: self._drain_group(level, group, coarser), groups.values()):
+            result |= cells
+        return result
+
+    def _drain_group(self, level: int, sites: list[Site], coarser: dict[Site, _Cell]) -> dict[Site, _Cell]:
+        """Drain cells of neighbouring sites, each from its next coarser level, and cache them."""
+        finest = self.settings.spacing
+        nodes = self._cells_of(level, sites)
+        result = {}
+        for number, (site, box) in enumerate(zip(sites, nodes.boxes.tolist(), strict=True)):
+            if not any(box):
+                result[site] = self._cells.store((level, *site), _NOTHING)
+                continue
+            start = coarser.get(site, _NOTHING)
+            corner, rounds = (start.row, start.column), BARE_ROUNDS[start.levels]
+            drained, *fields = mesh_nodes.drain_cell(
+                nodes, number, start.drained, corner, finest, rounds, _TALUS
+            )
+            if level == 0:  # there is no finer one
+                drained = drained[:0].copy()
+            cell = _Cell(nodes.column + box[1], nodes.row + box[0], start.levels + 1, drained, *fields)
+            result[site] = self._cells.store((level, *site), cell)
+        return result
+
+    def _cells_of(self, level: int, sites: Sequence[Site]) -> CellNodes:
+        """Return the rasters around cells of neighbouring sites, from which these are drained."""
+        columns, rows = [site[0] for site in sites], [site[1] for site in sites]
+        west, south, east, north = min(columns), min(rows), max(columns), max(rows)
+        table = self.table(west - 5, south - 5, north - south + 10, east - west + 10)
+        at = tuple(np.transpose([(j - table.row, i - table.column) for i, j in sites]))
+        bounds = self._bounds(level, table)[at]
+        column, row = (bounds[:, :2].min(axis=0) - 1).tolist()
+        shape = int(bounds[:, 3].max()) + 2 - row, int(bounds[:, 2].max()) + 2 - column
+        place, third, _ = mesh_nodes.owners(self.mesh, table, level, column, row, *shape)
+        owner = mesh_nodes.owner_index(place, table.site_x.shape[1])
+        # a node's cell as its place in the list of sites, −1 for others
+        number = np.full(table.site_x.shape, -1, np.int32)
+        number[at] = np.arange(len(sites))
+        owner = number.ravel()[owner]
+        base, inflow = mesh_nodes.borders(table, place, third, owner, self._passes)
+        fields = self.uplift(level, column, row, *shape)
+        boxes = mesh_nodes.boxes(owner, len(sites))
+        return CellNodes(level, column, row, owner, base, fields.uplift, fields.repose, inflow, boxes)
+
+    def uplift(self, level: int, column: int, row: int, rows: int, columns: int) -> UpliftNodes:
+        """Return what raises unpainted ground at nodes of a level."""
+        fields = self.fields
+        relief, rock = relief_fields.relief_raster(fields, level, column, row, rows, columns)
+        uplift = relief_fields.roughened(fields, relief, level, column, row)
+        return UpliftNodes(uplift, uplift / (_HEAD + uplift), rock.astype(np.float32))
+
+    @cached_property
+    def painted_sites(self) -> tuple[Site, ...]:
+        """Sites of the cells that overlap the sketch's square, in ascending order: the painted region."""
+        table = self.table(-3, -3, 10, 10)
+        side = 256
+        place, _, _ = mesh_nodes.owners(self.mesh, table, 0, 0, 0, side + 1, side + 1)
+        stride = table.site_x.shape[1]
+        owner = np.unique(mesh_nodes.owner_index(place, stride))
+        return tuple(sorted((table.column + int(k) % stride, table.row + int(k) // stride) for k in owner))
+
+    def painted_region(self, level: int) -> PaintedRegion:
+        """Return the nodes of a level that belong to the painted region, and the heights of its border."""
+        cells = self._cells_of(level, self.painted_sites)
+        inside = cells.owner >= 0
+        outlets = mesh_nodes.outer_borders(inside, cells.base)
+        rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+        box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        return PaintedRegion(
+            cells.column + int(columns[0]), cells.row + int(rows[0]), inside[box].copy(), outlets[box].copy()
+        )
+
+    def base_level(self, east: npt.ArrayLike, north: npt.ArrayLike) -> Float64Array:
+        """Return the height (m) of trunk valleys at points (m)."""
+        unit = self.settings.spacing / SIDE
+        x, y = np.broadcast_arrays(np.asarray(east, np.float64), np.asarray(north, np.float64))
+        x, y = np.rint(x / unit).astype(np.int64), np.rint(y / unit).astype(np.int64)
+        return np.asarray(meshes.base_levels(self.mesh, x.ravel(), y.ravel()).reshape(x.shape))
+
+
+def _blocks_of(column: int, row: int, rows: int, columns: int) -> list[tuple[int, int]]:
+    """Return columns and rows of the blocks of vertices in a rectangle of quads."""
+    (west, south), (east, north) = (
+        [(quad + mesh_vertices.BLOCK // 2) // mesh_vertices.BLOCK for quad in corner]
+        for corner in ((column, row), (column + columns - 1, row + rows - 1))
+    )
+    return [(p, q) for q in range(south, north + 1) for p in range(west, east + 1)]
+
+
+def _first_quad(block: tuple[int, int]) -> tuple[int, int]:
+    """Return column and row of the first quad of a block, by its column and row."""
+    column, row = (number * mesh_vertices.BLOCK - mesh_vertices.BLOCK // 2 for number in block)
+    return column, row
+
+
+@cache
+def _threads() -> Executor:
+    """Return the threads that drain cells; compiled code does not hold Python's lock."""
+    return ThreadPoolExecutor(min(_MOST_THREADS, os.cpu_count() or 1), thread_name_prefix="drainage")
+
+
+def load_compiled_code() -> None:
+    """Load what drains ground, which takes a second, before it is needed."""
+    ground = UnpaintedGround(UnpaintedSettings(extent=1e4, seed=0))
+    for level in (0, LEVELS, _MESH_LEVELS):
+        ground.window(level, 0, 0, 1, 1)
+
+
+@lru_cache(maxsize=4)
+def unpainted_ground(settings: UnpaintedSettings) -> UnpaintedGround:
+    """Return the ground of some settings, with its cache."""
+    return UnpaintedGround(settings, executor=_threads())

@@ -12,10 +12,12 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
+import shapely
 from PIL import Image
 
 from sketchterrain.array_types import UInt8Array
 from sketchterrain.benchmarks import live_shape
+from sketchterrain.benchmarks.draped_data import random_lines, write_layer
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.pictures import block_differences
 from sketchterrain.benchmarks.plotting import (
@@ -31,6 +33,7 @@ from sketchterrain.benchmarks.plotting import (
 )
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, samples_of, value_of
 from sketchterrain.benchmarks.timing import TimedContext, spread
+from sketchterrain.document.drapes import draped_layer
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceError
@@ -39,8 +42,9 @@ from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.render.camera import Camera
 from sketchterrain.ui.app import new_window
 from sketchterrain.ui.engine import protocol as msg
+from sketchterrain.ui.models.drapes import draped_handles
 from sketchterrain.ui.models.painting import Stroke
-from sketchterrain.ui.models.selection import FeatureDrag, vertex_at
+from sketchterrain.ui.models.selection import FeatureDrag, Handle, vertex_at
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.view3d.camera import overview
 
@@ -239,30 +243,43 @@ class LatencyProbe(EngineProbe):
         self._wait(self._is_there)
         return Painted(times, tuple(drafts), tuple(stalls.tolist()))
 
-    def drag(self, layer: str, number: int) -> tuple[float, float, float]:
-        """Drag a vertex of a vector for a second and undo it; return the figures of `_drags`."""
+    def vertex(self, layer: str, number: int) -> Handle:
+        """Return the middle vertex of a vector, the number counted round."""
         vectors = self._document.sketch.vectors[layer]
         name = int(vectors.ids[number % len(vectors)])
         line = vectors.feature(name).rings[0]
-        x, y = line[len(line) // 2].tolist()
-        handle = vertex_at(self._document.sketch, Selection(layer, name), x, y, reach=1.0)
-        assert handle is not None  # noqa: S101 # it is a vertex
+        found = vertex_at(self._document.sketch, Selection(layer, name), *line[len(line) // 2], reach=1.0)
+        assert found is not None  # noqa: S101 # it is a vertex
+        return found
+
+    def draped_vertex(self, feature: int) -> Handle:
+        """Return the first vertex of a feature of the first draped layer."""
+        self._wait(lambda: self._document.drapes.current is not None)
+        return draped_handles(self._document, Selection("drape", feature, layer=0))[0]
+
+    def drag(self, handle: Handle) -> tuple[float, float, float]:
+        """Drag a vertex for a second and undo it; return the figures of `_drags`."""
         self._created.clear()
         self._followed.clear()
+        before = len(self.frames)
         drag = FeatureDrag(self._document, self._link.placed, handle)
         for step in range(_DRAG_STEPS):
             began = time.monotonic()
-            drag.to(x + 0.3 * step, y)
+            drag.to(handle.x + 0.3 * step, handle.y)
             self._pause(began + _DRAG_RATE)
-        released = time.monotonic()
+        released, count = time.monotonic(), len(self.frames) - before
         drag.finish()
-        self._wait(lambda: bool(self._created) and self._is_there())
-        last = next(each for each in self._followed if each.version >= max(self._created))
-        shown = {each.version for each in self._followed if each.displayed <= released}
+        placing, final = 0.0, 0.0
+        if handle.selection.is_draped:
+            final = self.turn()  # messages are answered in order: its picture shows the edit
+        else:
+            self._wait(lambda: bool(self._created) and self._is_there())
+            last = next(each for each in self._followed if each.version >= max(self._created))
+            count = len({each.version for each in self._followed if each.displayed <= released})
+            placing, final = last.placed - last.started, max(last.displayed - released, 0.0)
         self._document.undo()
         self._wait(self._is_there)
-        placing, final = last.placed - last.started, max(last.displayed - released, 0.0)
-        return len(shown) / (_DRAG_STEPS * _DRAG_RATE), 1e3 * placing, 1e3 * final
+        return count / (_DRAG_STEPS * _DRAG_RATE), 1e3 * placing, 1e3 * final
 
     def _is_there(self) -> bool:
         final = max((each.version for each in self._followed if not each.draft), default=-1)
@@ -296,10 +313,11 @@ _RATED: Final = 3.0  # s of the turning camera
 _LATER: Final = 1.0  # s after a view or a stroke, at which its picture is compared
 _DRAG_PRESETS: Final = ("mountain_pass", "andorra")
 _DRAG_STEPS, _DRAG_RATE = 60, 0.016  # motions of a drag, and s between them
+_DRAPED_LINES: Final = 10_000
 _DRAGS = (
     Column("preset", "preset"),
     Column("layer", "vertex of a"),
-    Column("rate", "terrains a second while dragging"),
+    Column("rate", "terrains (drape: pictures) a second while dragging"),
     Column("placing_ms", "placing, median, ms"),
     Column("final_ms", "final after release, median, ms"),
     Column("final_p95_ms", "95 %, ms"),
@@ -367,15 +385,30 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
 
 
 def _drags(preset: str, count: int) -> Iterator[Row]:
-    """Drag vertices: terrains shown per second meanwhile, ms of placing the last one, and to its tiles."""
-    probe, sketch = LatencyProbe(load_sketch(preset)), load_sketch(preset)
-    try:
-        for layer in filter(lambda name: len(sketch.vectors[name]), ("road", "river", "lake")):
-            found = np.array([probe.drag(layer, 7 * number) for number in range(count)])
-            values = *np.median(found, axis=0).tolist(), float(np.percentile(found[:, 2], 95))
-            yield dict(zip([each.key for each in _DRAGS], (preset, layer, *values), strict=True))
-    finally:
-        probe.end()
+    """Drag vertices: what is shown a second meanwhile, ms of placing the last one, and until it is shown."""
+    sketch = load_sketch(preset)
+    with TemporaryDirectory(prefix="sketchterrain-lines-") as folder:
+        lines = random_lines(_DRAPED_LINES, sketch.extent)
+        layer = draped_layer(write_layer(Path(folder, "lines.fgb"), lines))
+        middle = shapely.points(0.5 * np.array(sketch.size))
+        near = np.argsort(shapely.distance(lines, middle))[:count].tolist()
+        probe = LatencyProbe(sketch.replace(drapes=(layer,)))
+        try:
+            for name in (*filter(lambda name: len(sketch.vectors[name]), ("road", "river", "lake")), "drape"):
+                found = np.array(
+                    [
+                        probe.drag(
+                            probe.draped_vertex(near[number])
+                            if name == "drape"
+                            else probe.vertex(name, 7 * number)
+                        )
+                        for number in range(count)
+                    ]
+                )
+                values = *np.median(found, axis=0).tolist(), float(np.percentile(found[:, 2], 95))
+                yield dict(zip([each.key for each in _DRAGS], (preset, name, *values), strict=True))
+        finally:
+            probe.end()
 
 
 def _view(preset: str, effort: Effort) -> Row:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +24,7 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.geometry.box_index import ITEM, content_items
 from sketchterrain.io.disk_cache import RecordCache
 from sketchterrain.io.resources import kernel_constants
-from sketchterrain.landforms.base_ground import BaseGround
+from sketchterrain.landforms.base_ground import BaseGround, NodeSource
 
 NODE_BITS = int(kernel_constants("layers/relief.clh", "NODE_BITS")[0])
 """Of the spacing of level 0, lattice units."""
@@ -40,36 +40,6 @@ _ITEM_NODES = 32  # of level 0 along a side of an item
 _PAINTED_LEVELS = 6
 _MAX_CHUNKS_BYTES = 1 << 25
 _ROUNDING = 4  # lattice units
-
-
-class Nodes(Protocol):
-    """Heights (m), shares of rock (0 … 1) and wetness (0 … 1) of a window of nodes, (rows, columns)."""
-
-    @property
-    def height(self) -> Float64Array: ...  # noqa: D102
-    @property
-    def rock(self) -> Float32Array: ...  # noqa: D102
-    @property
-    def wetness(self) -> Float32Array: ...  # noqa: D102
-
-
-class NodeSource(Protocol):
-    """Unpainted ground as a value: equal and hashable by all that its nodes depend on."""
-
-    def window(
-        self, level: int, column: int, row: int, rows: int, columns: int, *, painted: bool = True
-    ) -> Nodes:
-        """Return a window of nodes from the south-western one on, rows northward.
-
-        Unless ``painted``, heights of the painted region's nodes may be NaN.
-        """
-        ...
-
-    def prepare(
-        self, level: int, corners: LatticeArray, rows: int, columns: int, *, painted: bool = True
-    ) -> None:
-        """Compute at once what windows of a size need, by their south-western nodes (n, 2)."""
-        ...
 
 
 def node_level(cell: float, extent: float) -> int:

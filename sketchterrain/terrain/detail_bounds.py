@@ -8,8 +8,7 @@ import numpy as np
 
 from sketchterrain.array_types import Float64Array, LatticeArray
 from sketchterrain.caching import LRUCache
-from sketchterrain.terrain.culler import Culled
-from sketchterrain.terrain.layers.layer import DetailState, Sampling
+from sketchterrain.terrain.layers.layer import Culled, DetailState, Sampling
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 _ROUNDING = 1e-6  # of the height

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -12,15 +12,40 @@ from sketchterrain.array_types import LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_arguments
 from sketchterrain.terrain.changes import RecipeChange
-from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culled, Culler, upload_reals
-from sketchterrain.terrain.layers.layer import MASKS, Sampling, effective_cell
+from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culler, WholeCuller, upload_reals
+from sketchterrain.terrain.layers.base import BaseLayer
+from sketchterrain.terrain.layers.base_culler import BaseCuller
+from sketchterrain.terrain.layers.landuse import LandUseCuller, LandUseLayer
+from sketchterrain.terrain.layers.layer import (
+    MASKS,
+    Culled,
+    Sampling,
+    TerrainLayer,
+    WorldSettings,
+    effective_cell,
+)
 from sketchterrain.terrain.layers.point_culler import PointCuller
 from sketchterrain.terrain.layers.points import PointsLayer
+from sketchterrain.terrain.layers.relief import ReliefLayer
+from sketchterrain.terrain.layers.relief_culler import ReliefCuller
 from sketchterrain.terrain.materials import material_defines, pack_rules
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
+
+# Cullers of layers that are not on the device as a whole.
+_CULLERS: Final[Mapping[type[TerrainLayer], Callable[[Any, ComputeContext, WorldSettings], Culler]]] = {
+    PointsLayer: PointCuller,
+    BaseLayer: BaseCuller,
+    ReliefLayer: ReliefCuller,
+    LandUseLayer: LandUseCuller,
+}
+
+
+def culler_of(layer: TerrainLayer, context: ComputeContext, world: WorldSettings) -> Culler:
+    """Return a layer's arguments and lists on a device."""
+    return _CULLERS.get(type(layer), WholeCuller)(layer, context, world)
 
 
 class KernelInputs:
@@ -38,7 +63,7 @@ class KernelInputs:
         self.defines = material_defines(recipe.materials)
         self.rules = _upload_rules(recipe, context) if rules is None else rules
         self.cullers = (
-            {layer.name: layer.culler(context, recipe.world) for layer in recipe.layers}
+            {layer.name: culler_of(layer, context, recipe.world) for layer in recipe.layers}
             if cullers is None
             else dict(cullers)
         )

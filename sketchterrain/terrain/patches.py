@@ -16,12 +16,11 @@ from sketchterrain.compute.buffers import BufferSet, StagingBuffer
 from sketchterrain.errors import DeviceMemoryError
 from sketchterrain.geometry.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.culler import list_arrays
-from sketchterrain.terrain.layers.layer import MASKS
+from sketchterrain.terrain.layers.layer import MASKS, Culled
 from sketchterrain.terrain.noise import corner_table, fits_patches, whole_step_bits
 from sketchterrain.terrain.surfaces import SurfaceStore
 
 if TYPE_CHECKING:
-    from sketchterrain.terrain.culler import Culled
     from sketchterrain.terrain.inputs import KernelInputs
 
     Keys = Sequence[tuple[int, int]] | LatticeArray

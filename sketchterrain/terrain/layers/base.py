@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 
-from sketchterrain.array_types import Float64Array, LatticeArray
+from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.elevation.base import BaseElevation
 from sketchterrain.elevation.surface import Heights, PatchSlots
@@ -16,6 +16,7 @@ from sketchterrain.io.resources import kernel_columns
 from sketchterrain.landforms.node_raster import node_level
 from sketchterrain.terrain.layers.base_detail import BaseDetail, DetailScale, no_detail
 from sketchterrain.terrain.layers.layer import (
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
@@ -26,15 +27,20 @@ from sketchterrain.terrain.layers.layer import (
 )
 from sketchterrain.terrain.noise import NoiseStack, ValueSlope
 
-if TYPE_CHECKING:
-    from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.culler import Culled
-    from sketchterrain.terrain.layers.base_culler import BaseCuller, NearPatches
-
 _HEADER: Final = "layers/base.clh"
 _ROW: Final = kernel_columns(_HEADER, "BaseRow")
 ROW_VALUES: Final = 24
 """Values of a ``BaseRow``."""
+
+
+@dataclass(frozen=True, eq=False)
+class NearPatches:
+    """Bounds of the patches near n blocks, m."""
+
+    is_reached: BoolArray
+    low: Float64Array
+    high: Float64Array
+    error: Float64Array  # of patches that full detail has finer ones for
 
 
 class HostBase(NamedTuple):
@@ -92,12 +98,6 @@ class BaseLayer(TerrainLayer):
         if self.detail is not None:
             return Packed(self.detail.pack(sampling))
         return Packed(no_detail(sampling))
-
-    def culler(self, context: ComputeContext, world: WorldSettings) -> BaseCuller:
-        """Return the patches on a device."""
-        from sketchterrain.terrain.layers.base_culler import BaseCuller
-
-        return BaseCuller(self, context, world)
 
     def omitted(self, state: DetailState, culled: Culled, sampling: Sampling) -> None:
         """Add the errors of patches that finer ones replace at full detail, and octaves of detail."""

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, LatticeArray
+from sketchterrain.array_types import Float64Array, Int64Array, LatticeArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.elevation.patches import COEFFICIENTS
 from sketchterrain.geometry.box_index import BoxIndex, item_lists
-from sketchterrain.terrain.changes import LayerChange
-from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culled, upload_reals
-from sketchterrain.terrain.layers.base import ROW_VALUES, BaseLayer, pack_rows
-from sketchterrain.terrain.layers.layer import Sampling, TerrainLayer, WorldSettings
+from sketchterrain.terrain.culler import MAX_CELL_SIZES, upload_reals
+from sketchterrain.terrain.layers.base import ROW_VALUES, BaseLayer, NearPatches, pack_rows
+from sketchterrain.terrain.layers.layer import Culled, LayerChange, Sampling, TerrainLayer, WorldSettings
 from sketchterrain.terrain.noise import FINEST_CELL
 
 if TYPE_CHECKING:
@@ -26,16 +25,6 @@ SLOTS: Final = 8192
 """Patches on a device, 50 MB; more only if one launch needs them."""
 
 _ROUNDING = 2  # lattice units
-
-
-@dataclass(frozen=True, eq=False)
-class NearPatches:
-    """Bounds of the patches near n blocks, m."""
-
-    is_reached: BoolArray
-    low: Float64Array
-    high: Float64Array
-    error: Float64Array  # of patches that full detail has finer ones for
 
 
 @dataclass(frozen=True, eq=False)

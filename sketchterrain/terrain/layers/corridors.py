@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +34,7 @@ from sketchterrain.terrain.centrelines import (
 )
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
@@ -45,9 +46,6 @@ from sketchterrain.terrain.layers.layer import (
     smooth_rise,
 )
 from sketchterrain.terrain.noise import FINEST_CELL
-
-if TYPE_CHECKING:
-    from sketchterrain.terrain.culler import Culled
 
 _HEADER: Final = "layers/corridors.clh"
 ARC: Final = kernel_columns(_HEADER, "ArcRow")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from sketchterrain.geometry.box_index import content_items
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
@@ -24,9 +25,6 @@ from sketchterrain.terrain.layers.layer import (
 )
 from sketchterrain.terrain.layers.points import SLOT_DUNE, outline_warp
 from sketchterrain.terrain.noise import NoiseStack, band_weight, fbm
-
-if TYPE_CHECKING:
-    from sketchterrain.terrain.culler import Culled
 
 _HEADER: Final = "layers/dunes.clh"
 _CREST_SHIFT, _LEVEL, _VIGOUR_MIN, _VIGOUR_RANGE, _VIGOUR_START, _WINDWARD, _LEE = kernel_constants(

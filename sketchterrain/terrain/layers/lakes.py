@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ from sketchterrain.landforms.placement.feature_types import Lake, cubic
 from sketchterrain.terrain.layers.fields import PackedFields, field_distance, field_items, pack_fields
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
@@ -26,9 +27,6 @@ from sketchterrain.terrain.layers.layer import (
     mask_bits,
     soft_positive,
 )
-
-if TYPE_CHECKING:
-    from sketchterrain.terrain.culler import Culled
 
 _HEADER: Final = "layers/lakes.clh"
 LAKE: Final = kernel_columns(_HEADER, "LakeRow")

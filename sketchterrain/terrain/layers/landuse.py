@@ -16,13 +16,13 @@ from sketchterrain.document.vectors import starts
 from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.landuse.areas import BUILT_UP, FIELD, FOREST, MEADOW, LandUse
-from sketchterrain.terrain.changes import LayerChange
-from sketchterrain.terrain.culler import Culled
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
     MASKS,
+    Culled,
     HostSamples,
     HostSite,
+    LayerChange,
     Sampling,
     TerrainLayer,
     WorldSettings,
@@ -31,7 +31,6 @@ from sketchterrain.terrain.layers.layer import (
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.culler import Culler
 
 _HEADER: Final = "layers/landuse.clh"
 (_CELLS,) = kernel_constants(_HEADER, "LAND_CELLS")
@@ -116,10 +115,6 @@ class LandUseLayer(TerrainLayer):
         if change and world.extent in old._indices:
             self._indices[world.extent] = old.index(world).updated(self.areas, change, world)
         return change
-
-    def culler(self, context: ComputeContext, world: WorldSettings) -> Culler:
-        """Return its lists."""
-        return _LandUseCuller(self, context, world)
 
     def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
         """Return the bit of forests for blocks with one."""
@@ -226,7 +221,7 @@ class LandUseLayer(TerrainLayer):
         return material, cover
 
 
-class _LandUseCuller:
+class LandUseCuller:
     """Areas on a device: each launch gets those near its blocks, with their edges."""
 
     def __init__(self, layer: LandUseLayer, context: ComputeContext, world: WorldSettings) -> None:
@@ -234,9 +229,11 @@ class _LandUseCuller:
         self._context = context
         self._world = world
 
-    def updated(self, layer: TerrainLayer, change: LayerChange) -> Culler:
+    def updated(self, layer: TerrainLayer, change: LayerChange) -> LandUseCuller:
         """Return the culler of a changed layer."""
-        return layer.culler(self._context, self._world)
+        del change
+        assert isinstance(layer, LandUseLayer)  # noqa: S101 # a layer is followed by one of its kind
+        return LandUseCuller(layer, self._context, self._world)
 
     def cull(self, blocks: LatticeArray, sampling: Sampling, around: LatticeArray | None = None) -> Culled:
         """Return the areas near blocks and their edges (``LandUse`` of ``kernels/layers/landuse.clh``)."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,6 @@ from sketchterrain.geometry.box_index import ITEM
 from sketchterrain.geometry.differences import row_difference
 from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.io.resources import kernel_struct
-from sketchterrain.terrain.changes import LayerChange
 from sketchterrain.terrain.noise import (
     FINEST_CELL,
     NOISE_PEAK,
@@ -24,10 +23,6 @@ from sketchterrain.terrain.noise import (
     ValueSlope,
     omitted_amplitudes,
 )
-
-if TYPE_CHECKING:
-    from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.culler import Culled, Culler
 
 ITEMS: Final = {"items": True}
 """Metadata of dataclass fields that hold items, which a layer's key leaves out."""
@@ -102,6 +97,15 @@ class Packed:
     details: Any = None  # what the layer's bounds read
 
 
+@dataclass(frozen=True, eq=False)
+class Culled:
+    """A layer's part of a launch."""
+
+    buffers: Mapping[str, Any]  # on the device, by the names of the kernels' arguments
+    lists: Mapping[str, npt.NDArray[Any]]  # what affects which block, to be uploaded
+    details: Any  # what the layer's bounds read
+
+
 @dataclass
 class HostSite:
     """Points that layers are evaluated at on the host, in float64."""
@@ -146,6 +150,25 @@ class DetailState:
         """Return the state before the first layer."""
         bound, low, high, scale = np.zeros((4, len(blocks)))
         return cls(blocks, bound, low, high, scale, cache)
+
+
+def no_boxes() -> LatticeArray:
+    """Return no boxes."""
+    return np.zeros((0, 4), np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class LayerChange:
+    """Items that only the old or only the new of two layers has."""
+
+    removed: LatticeArray  # rows of the old layer, ascending
+    added: LatticeArray  # rows of the new one
+    boxes: LatticeArray  # (n, 4) of all that differ, lattice units
+    unbounded: LatticeArray = field(default_factory=no_boxes)  # (m, 4) where features without end differ
+
+    def __bool__(self) -> bool:
+        """Return whether anything differs."""
+        return bool(len(self.removed) or len(self.added) or len(self.unbounded))
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,13 +221,6 @@ class TerrainLayer:
     def pack_key(self, cell: float) -> float:
         """Return a number for cell sizes that have the same packed values."""
         return cell
-
-    def culler(self, context: ComputeContext, world: WorldSettings) -> Culler:
-        """Return its arguments and lists on a device."""
-        from sketchterrain.terrain.culler import WholeCuller
-
-        del world
-        return WholeCuller(self, context)
 
     def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
         """Return the bits of `MASKS` that it may set in each of the blocks it was culled for."""

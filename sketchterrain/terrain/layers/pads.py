@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from sketchterrain.roads.road_types import Pad
 from sketchterrain.terrain.layers.earthworks import Strips, with_strips
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
@@ -25,9 +26,6 @@ from sketchterrain.terrain.layers.layer import (
     TerrainLayer,
     WorldSettings,
 )
-
-if TYPE_CHECKING:
-    from sketchterrain.terrain.culler import Culled
 
 _HEADER: Final = "layers/pads.clh"
 PAD: Final = kernel_columns(_HEADER, "PadRow")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,7 @@ from sketchterrain.landforms.placement.plateaus import (
 from sketchterrain.terrain.layers.fields import PackedFields, field_distance, field_items, pack_fields
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
@@ -44,9 +45,6 @@ from sketchterrain.terrain.noise import (
     octave_noise,
     omitted_amplitudes,
 )
-
-if TYPE_CHECKING:
-    from sketchterrain.terrain.culler import Culled
 
 _HEADER: Final = "layers/plateaus.clh"
 PLATEAU: Final = kernel_columns(_HEADER, "PlateauRow")

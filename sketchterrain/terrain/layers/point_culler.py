@@ -10,11 +10,10 @@ import numpy as np
 from sketchterrain.array_types import BoolArray, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.geometry.box_index import BoxIndex, slot_lists
-from sketchterrain.terrain.changes import LayerChange
-from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culled, upload_reals
-from sketchterrain.terrain.layers.layer import Sampling, TerrainLayer, WorldSettings
+from sketchterrain.terrain.culler import MAX_CELL_SIZES, upload_reals
+from sketchterrain.terrain.layers.layer import Culled, LayerChange, Sampling, TerrainLayer, WorldSettings
+from sketchterrain.terrain.layers.point_site import PackedFeatures
 from sketchterrain.terrain.layers.points import (
-    PackedFeatures,
     PointFinder,
     PointsLayer,
     support_radii,

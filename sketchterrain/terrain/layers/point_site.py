@@ -5,17 +5,32 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array, LatticeArray
+from sketchterrain.io.resources import kernel_columns
 from sketchterrain.landforms.placement.feature_types import area_profile
 from sketchterrain.terrain.noise import OctaveTable, fbm
 
-if TYPE_CHECKING:
-    from sketchterrain.terrain.layers.points import PackedFeatures
+FEATURE_COLUMNS: Final = kernel_columns("layers/points.clh", "FeatureRow")
+"""Columns of packed features."""
+
+
+@dataclass(frozen=True)
+class PackedFeatures:
+    """Features that may affect the blocks of one launch, in the order of their ids."""
+
+    at: LatticeArray  # (n, 2) centres, lattice units
+    row: Float64Array  # (n, 4) columns of `FEATURE_COLUMNS`
+    support: Float64Array  # (n,) radius of influence, m
+    slot: LatticeArray  # (n,) kind of feature: the index of its list in a block
+
+    def __getitem__(self, name: str) -> Float64Array:
+        """Return a column of `FEATURE_COLUMNS`, shape (n,)."""
+        return self.row[:, FEATURE_COLUMNS[name]]
 
 
 def outline_bend(

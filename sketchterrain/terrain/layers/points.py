@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -15,19 +15,20 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.geometry.differences import row_difference, rows_only_in
 from sketchterrain.geometry.lattice import to_lattice
-from sketchterrain.io.resources import kernel_columns, kernel_constants
+from sketchterrain.io.resources import kernel_constants
 from sketchterrain.landforms.placement.feature_types import (
     FEATURE_TYPES,
     area_profile,
     conifer_share,
 )
 from sketchterrain.landforms.placement.fill import Fill
-from sketchterrain.terrain.changes import LayerChange
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
+    LayerChange,
     Packed,
     Sampling,
     TerrainLayer,
@@ -35,38 +36,17 @@ from sketchterrain.terrain.layers.layer import (
     effective_cell,
     mask_bits,
 )
-from sketchterrain.terrain.layers.point_site import PointSite, outline_bend
+from sketchterrain.terrain.layers.point_site import FEATURE_COLUMNS, PackedFeatures, PointSite, outline_bend
 from sketchterrain.terrain.noise import NoiseStack
-
-if TYPE_CHECKING:
-    from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.culler import Culled
-    from sketchterrain.terrain.layers.point_culler import PointCuller
 
 _HEADER: Final = "layers/points.clh"
 SLOT_FOREST, SLOT_DUNE = (int(slot) for slot in kernel_constants(_HEADER, "SLOT_FOREST", "SLOT_DUNE"))
 """Indices of a block's lists by kind of feature; dunes have one for each style from `SLOT_DUNE` on."""
-FEATURE_COLUMNS: Final = kernel_columns(_HEADER, "FeatureRow")
-"""Columns of packed features."""
 _SLOTS = ("forest",)  # then the styles of dunes
 _AREAS = [FEATURE_TYPES.index(name) for name in (*_SLOTS, "dune")]
 
 # Noises must not depend on placed features: an edit in one corner would reshape the whole world.
 _WARP_SHARE = 1 / 5  # of the extent
-
-
-@dataclass(frozen=True)
-class PackedFeatures:
-    """Features that may affect the blocks of one launch, in the order of their ids."""
-
-    at: LatticeArray  # (n, 2) centres, lattice units
-    row: Float64Array  # (n, 4) columns of `FEATURE_COLUMNS`
-    support: Float64Array  # (n,) radius of influence, m
-    slot: LatticeArray  # (n,) kind of feature: the index of its list in a block
-
-    def __getitem__(self, name: str) -> Float64Array:
-        """Return a column of `FEATURE_COLUMNS`, shape (n,)."""
-        return self.row[:, FEATURE_COLUMNS[name]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,12 +169,6 @@ class PointsLayer(TerrainLayer):
             of_style = is_dune & (features["wavelength"] == wavelength) & (features["wind"] == wind)
             slot[of_style] = len(_SLOTS) + number
         return slot
-
-    def culler(self, context: ComputeContext, world: WorldSettings) -> PointCuller:
-        """Return the cache of features around evaluated blocks."""
-        from sketchterrain.terrain.layers.point_culler import PointCuller
-
-        return PointCuller(self, context, world)
 
     def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
         """Return the masks of the kinds of features near each block."""

@@ -16,20 +16,19 @@ from sketchterrain.geometry.box_index import ITEM
 from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.io.disk_cache import RecordCache
 from sketchterrain.io.resources import code_digest, kernel_constants
-from sketchterrain.landforms.base_ground import BaseGround
+from sketchterrain.landforms.base_ground import BaseGround, Nodes, NodeSource
 from sketchterrain.landforms.node_raster import (
     APRON,
     CHUNK,
     NODE_BITS,
     DrainedRaster,
     NodeReader,
-    Nodes,
-    NodeSource,
     node_level,
 )
 from sketchterrain.terrain.layers.erosion import FEED, GULLY_PEAK, STEEPEST, gully_octave, gully_steepness
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
@@ -51,12 +50,8 @@ from sketchterrain.terrain.noise import (
 )
 
 if TYPE_CHECKING:
-    from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.landforms.base_ground import BaseGround
     from sketchterrain.landforms.relief_fields import UnpaintedSettings
     from sketchterrain.landforms.unpainted import UnpaintedGround
-    from sketchterrain.terrain.culler import Culled
-    from sketchterrain.terrain.layers.relief_culler import NearNodes, ReliefCuller
 
 _HEADER: Final = "layers/relief.clh"
 _GENTLE_GULLIES, _SMOOTH, _LEVEL, _SLOPE_LIMIT, _ROUNDED_UP = kernel_constants(
@@ -117,6 +112,14 @@ class ReliefScale:
 
 
 @dataclass(frozen=True, eq=False)
+class NearNodes:
+    """Extremes of the nodes around n blocks."""
+
+    level: int
+    extremes: Float64Array  # (n, 5) as of `square_extremes`
+
+
+@dataclass(frozen=True, eq=False)
 class ReliefLayer(TerrainLayer):
     """The drained ground: unpainted nodes without end, and the painted region."""
 
@@ -168,12 +171,6 @@ class ReliefLayer(TerrainLayer):
             "node_bits": bits,
         }
         return Packed({"relief_params": sampling.struct(_HEADER, "ReliefParams", scalars)})
-
-    def culler(self, context: ComputeContext, world: WorldSettings) -> ReliefCuller:
-        """Return the cache of nodes around evaluated blocks."""
-        from sketchterrain.terrain.layers.relief_culler import ReliefCuller
-
-        return ReliefCuller(self, context, world)
 
     def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
         """Return the masks of rock and wetness."""

@@ -19,10 +19,9 @@ from sketchterrain.landforms.node_raster import (
     node_level,
     square_extremes,
 )
-from sketchterrain.terrain.changes import LayerChange
-from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culled, upload_reals
-from sketchterrain.terrain.layers.layer import Sampling, TerrainLayer, WorldSettings
-from sketchterrain.terrain.layers.relief import ReliefLayer
+from sketchterrain.terrain.culler import MAX_CELL_SIZES, upload_reals
+from sketchterrain.terrain.layers.layer import Culled, LayerChange, Sampling, TerrainLayer, WorldSettings
+from sketchterrain.terrain.layers.relief import NearNodes, ReliefLayer
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
@@ -32,14 +31,6 @@ _MAX_RECTANGLES = 24
 _MAX_EXTREMES_BYTES = 1 << 22
 # Nodes of blocks are uploaded as one rectangle if that has at most so many times the chunks that they read.
 _MAX_SURPLUS = 3
-
-
-@dataclass(frozen=True, eq=False)
-class NearNodes:
-    """Extremes of the nodes around n blocks."""
-
-    level: int
-    extremes: Float64Array  # (n, 5) as of `square_extremes`
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
-from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from sketchterrain.terrain.centrelines import arc_boxes, nearest_on_arc, signed_
 from sketchterrain.terrain.layers.earthworks import Strips, coverage, with_strips
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
@@ -30,9 +31,6 @@ from sketchterrain.terrain.layers.layer import (
     WorldSettings,
     smooth_rise,
 )
-
-if TYPE_CHECKING:
-    from sketchterrain.terrain.culler import Culled
 
 _HEADER: Final = "layers/roads.clh"
 ROAD: Final = kernel_columns(_HEADER, "RoadRow")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ from sketchterrain.terrain.layers.fields import PackedFields, field_distance
 from sketchterrain.terrain.layers.forests import COVER_NOISE, COVER_NOISE_CONTRAST
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
@@ -31,9 +32,6 @@ from sketchterrain.terrain.layers.layer import (
     smooth_rise,
 )
 from sketchterrain.terrain.noise import NOISE_PEAK, NoiseStack, fbm, omitted_amplitudes
-
-if TYPE_CHECKING:
-    from sketchterrain.terrain.culler import Culled
 
 _HEADER: Final = "layers/sea.clh"
 _EASED, _LOWLAND, _CLIFF, _RAGGED, _OCTAVES, _WANDERING, _BARS = kernel_constants(

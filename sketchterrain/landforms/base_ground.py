@@ -18,6 +18,7 @@ from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Lat
 from sketchterrain.caching import LRUCache
 from sketchterrain.elevation.base import NODE_REACH, BaseElevation
 from sketchterrain.geometry.hashing import gaussian_filter, rounded
+from sketchterrain.landforms.placement.feature_types import smoothstep
 
 _MAX_BYTES = 1 << 25
 _WEIGHT_STEP = 2.0**-20
@@ -114,8 +115,7 @@ class BaseGround:
         # No node has a weight where displaced splines would read it beside the data.
         weight[minimum_filter(found.weight, 2 * NODE_REACH + 1) < 1.0] = 0.0
         height, slope = np.where(weight > 0.0, [found.height, np.hypot(found.east, found.north)], 0.0)
-        share = np.clip((slope - _ROCK_FROM) / (_ROCK_FULL - _ROCK_FROM), 0.0, 1.0)
-        rock = (share * share * (3.0 - 2.0 * share)).astype(np.float32)
+        rock = smoothstep((slope - _ROCK_FROM) / (_ROCK_FULL - _ROCK_FROM)).astype(np.float32)
         return BaseNodes(height[inner].copy(), weight[inner].copy(), rock[inner].copy(), around)
 
     @cached_property

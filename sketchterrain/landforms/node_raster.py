@@ -7,6 +7,7 @@ extent / 256. Samples of a cell size read the coarsest level whose spacing it re
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -178,7 +179,6 @@ class NodeReader:
         self,
         source: NodeSource,
         painted: DrainedRaster | None,
-        chunks: LRUCache | None = None,
         disk: RecordCache | None = None,
         base: BaseGround | None = None,
     ) -> None:
@@ -186,21 +186,15 @@ class NodeReader:
         self._painted = painted
         self._base = base
         self._disk = disk
-        self._chunks = LRUCache(max_bytes=_MAX_CHUNKS_BYTES) if chunks is None else chunks
+        self._chunks = LRUCache(max_bytes=_MAX_CHUNKS_BYTES)
 
     def updated(self, painted: DrainedRaster | None, boxes: LatticeArray) -> NodeReader:
         """Return the reader of another painted raster that differs in boxes (n, 4), lattice units."""
-        return NodeReader(
-            self._source,
-            painted,
-            self._chunks.retained(
-                key
-                for key in self._chunks.keys()  # noqa: SIM118 # no mapping
-                if not _touches(boxes, *key)
-            ),
-            self._disk,
-            self._base,
-        )
+        other = copy(self)
+        other._painted = painted
+        keys = self._chunks.keys()
+        other._chunks = self._chunks.retained(key for key in keys if not _touches(boxes, *key))
+        return other
 
     def chunks(self, level: int, places: LatticeArray) -> list[NodeWindow]:
         """Return chunks (n, 2) of a level by their columns and rows."""
@@ -245,13 +239,12 @@ class NodeReader:
         shares = [np.rint(np.clip(each, 0, 1) * 255).astype(np.uint8) for each in (nodes.rock, nodes.wetness)]
         window: list[npt.NDArray[Any]] = [nodes.height.astype(np.float32), *shares]
         chunks, records = [], {}
-        for r in range(rows):
-            for c in range(columns):
-                part = np.s_[r * CHUNK : (r + 1) * CHUNK, c * CHUNK : (c + 1) * CHUNK]
-                own = [each[part].copy() for each in window]
-                key = level, int(low[0]) + c, int(low[1]) + r
-                records[self._disk_key(key)] = b"".join(each.tobytes() for each in own)
-                chunks.append(self._chunks.store(key, self._finished(own, key)))
+        for r, c in np.ndindex(rows, columns):
+            part = np.s_[r * CHUNK : (r + 1) * CHUNK, c * CHUNK : (c + 1) * CHUNK]
+            own = [each[part].copy() for each in window]
+            key = level, int(low[0]) + c, int(low[1]) + r
+            records[self._disk_key(key)] = b"".join(each.tobytes() for each in own)
+            chunks.append(self._chunks.store(key, self._finished(own, key)))
         if self._disk is not None:
             self._disk.add(records)
         return chunks

@@ -61,20 +61,14 @@ def open_shared_context(device: Device, handles: GLHandles) -> Any:
     values = (*handles.properties, _PLATFORM, device.handle.platform.int_ptr, 0)
     properties = (ctypes.c_ssize_t * len(values))(*values)
     devices = (ctypes.c_void_p * 1)(device.handle.int_ptr)
-    create = _function("clCreateContext", ctypes.c_void_p)
-    status = ctypes.c_int32()
-    handle = create(properties, ctypes.c_uint32(1), devices, None, None, ctypes.byref(status))
-    _check(device, "clCreateContext", status.value)
+    handle = _created(device, "clCreateContext", properties, ctypes.c_uint32(1), devices, None, None)
     return cl.Context.from_int_ptr(handle, retain=False)
 
 
 def wrap_gl_buffer(device: Device, context: Any, name: int) -> Any:
     """Return an OpenGL buffer, by name, as a buffer of a context opened by :func:`open_shared_context`."""
-    create = _function("clCreateFromGLBuffer", ctypes.c_void_p)
-    status = ctypes.c_int32()
-    flags = ctypes.c_uint64(int(cl.mem_flags.READ_WRITE))
-    handle = create(ctypes.c_void_p(context.int_ptr), flags, ctypes.c_uint32(name), ctypes.byref(status))
-    _check(device, "clCreateFromGLBuffer", status.value)
+    flags, owner = ctypes.c_uint64(int(cl.mem_flags.READ_WRITE)), ctypes.c_void_p(context.int_ptr)
+    handle = _created(device, "clCreateFromGLBuffer", owner, flags, ctypes.c_uint32(name))
     return cl.Buffer.from_int_ptr(handle, retain=False)
 
 
@@ -95,6 +89,14 @@ def _transfer_ownership(device: Device, name: str, queue: Any, buffer: Any) -> N
         ctypes.c_void_p(queue.int_ptr), ctypes.c_uint32(1), buffers, ctypes.c_uint32(0), None, None
     )
     _check(device, name, status)
+
+
+def _created(device: Device, name: str, *arguments: Any) -> Any:
+    """Return what a library function creates, whose last argument is the status."""
+    status = ctypes.c_int32()
+    handle = _function(name, ctypes.c_void_p)(*arguments, ctypes.byref(status))
+    _check(device, name, status.value)
+    return handle
 
 
 def _check(device: Device, name: str, status: int) -> None:

@@ -440,12 +440,10 @@ def _sum_edges(edges, values, total):  # type: ignore[no-untyped-def]
                     total[row, column, channel] += int(np.rint(values[k, channel] * part * share))
             for channel in range(4):
                 ahead[row, max(last + 1, first), channel] += int(np.rint(values[k, channel] * part))
-    for row in range(rows):
-        for column in range(columns):
-            for channel in range(4):
-                if column > 0:
-                    ahead[row, column, channel] += ahead[row, column - 1, channel]
-                total[row, column, channel] += ahead[row, column, channel]
+    for row, column, channel in np.ndindex(rows, columns, 4):
+        if column > 0:
+            ahead[row, column, channel] += ahead[row, column - 1, channel]
+        total[row, column, channel] += ahead[row, column, channel]
 
 
 @numba.njit(cache=True)

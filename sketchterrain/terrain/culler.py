@@ -51,7 +51,7 @@ class WholeCuller:
         self._context = context
         self._world = world
         self._packed = LRUCache(MAX_CELL_SIZES)
-        self._shared = LRUCache(MAX_CELL_SIZES)  # arrays and buffers that do not depend on the cell size
+        self._shared = LRUCache(MAX_CELL_SIZES)  # buffers of arrays, by these
 
     def updated(self, layer: TerrainLayer, change: LayerChange) -> WholeCuller:
         """Return the culler of a changed layer."""
@@ -71,7 +71,7 @@ class WholeCuller:
         return Culled(buffers, {f"{prefix}_starts": starts, f"{prefix}_list": members}, packed)
 
     def _upload(self, sampling: Sampling) -> tuple[Packed, dict[str, Any], BoxIndex | None]:
-        packed = self._layer.pack(sampling, self._shared)
+        packed = self._layer.pack(sampling)
         buffers = {
             name: self._shared.get_or_compute(id(array), partial(self._held, array))[1]
             for name, array in packed.arrays.items()

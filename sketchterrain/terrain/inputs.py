@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -13,8 +14,7 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_arguments
 from sketchterrain.terrain.changes import RecipeChange
 from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culler, WholeCuller, upload_reals
-from sketchterrain.terrain.layers.base import BaseLayer
-from sketchterrain.terrain.layers.base_culler import BaseCuller
+from sketchterrain.terrain.layers.base import BaseCuller, BaseLayer
 from sketchterrain.terrain.layers.landuse import LandUseCuller, LandUseLayer
 from sketchterrain.terrain.layers.layer import (
     MASKS,
@@ -51,32 +51,21 @@ def culler_of(layer: TerrainLayer, context: ComputeContext, world: WorldSettings
 class KernelInputs:
     """A recipe on an open device: the arguments of its kernels, by name."""
 
-    def __init__(
-        self,
-        recipe: TerrainRecipe,
-        context: ComputeContext,
-        cullers: Mapping[str, Culler] | None = None,
-        rules: list[Any] | None = None,
-    ) -> None:
+    def __init__(self, recipe: TerrainRecipe, context: ComputeContext) -> None:
         self.recipe = recipe
         self.context = context
         self.defines = material_defines(recipe.materials)
-        self.rules = _upload_rules(recipe, context) if rules is None else rules
-        self.cullers = (
-            {layer.name: culler_of(layer, context, recipe.world) for layer in recipe.layers}
-            if cullers is None
-            else dict(cullers)
-        )
+        self.rules = _upload_rules(recipe, context)
+        self.cullers = {layer.name: culler_of(layer, context, recipe.world) for layer in recipe.layers}
         self._worlds = LRUCache(MAX_CELL_SIZES)
 
     def updated(self, change: RecipeChange) -> KernelInputs:
         """Return the inputs of a changed recipe, sharing unchanged buffers."""
-        cullers = dict(self.cullers)
+        other = copy(self)
+        other.recipe, other.cullers = change.recipe, dict(self.cullers)
         for layer in change.recipe.layers:
             if layer.name in change.layers:
-                cullers[layer.name] = cullers[layer.name].updated(layer, change.layers[layer.name])
-        other = KernelInputs(change.recipe, self.context, cullers, self.rules)
-        other._worlds = self._worlds
+                other.cullers[layer.name] = self.cullers[layer.name].updated(layer, change.layers[layer.name])
         return other
 
     def point_features(self, blocks: LatticeArray) -> StructuredArray:

@@ -8,7 +8,6 @@ from typing import ClassVar, Final
 import numpy as np
 
 from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
-from sketchterrain.caching import LRUCache
 from sketchterrain.geometry.box_index import content_items
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.terrain.layers.layer import (
@@ -61,9 +60,8 @@ class DunesLayer(TerrainLayer):
         del rows, world
         return np.zeros((0, 4), np.int64)
 
-    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
+    def pack(self, sampling: Sampling) -> Packed:
         """Return the scalars and the styles."""
-        del cache
         scalars = {"styles": len(self.styles)} | sampling.ranges("crest")
         params = sampling.struct(_HEADER, "DuneParams", scalars)
         return Packed({"dune_params": params, "dune_styles": self._pack_styles(sampling)})

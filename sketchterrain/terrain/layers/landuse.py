@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 
 import numba
@@ -94,13 +93,7 @@ class LandUseLayer(TerrainLayer):
 
     def index(self, world: WorldSettings) -> AreaIndex:
         """Return the index of its areas; the one of a changed layer follows from that before."""
-        if world.extent not in self._indices:
-            self._indices[world.extent] = AreaIndex.of(self.areas, world)
-        return self._indices[world.extent]
-
-    @cached_property
-    def _indices(self) -> dict[float, AreaIndex]:
-        return {}
+        return self.cache.get_or_compute(world.extent, lambda: AreaIndex.of(self.areas, world))
 
     def change(self, old: TerrainLayer, world: WorldSettings) -> LayerChange | None:
         """Return what differs from another one."""
@@ -112,8 +105,8 @@ class LandUseLayer(TerrainLayer):
         if len(boxes) > _MANY:
             boxes = np.concatenate([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])[None]
         change = LayerChange(removed, added, boxes)
-        if change and world.extent in old._indices:
-            self._indices[world.extent] = old.index(world).updated(self.areas, change, world)
+        if change and world.extent in old.cache:
+            self.cache.store(world.extent, old.index(world).updated(self.areas, change, world))
         return change
 
     def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:

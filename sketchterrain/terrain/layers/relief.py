@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
-from sketchterrain.caching import LRUCache
 from sketchterrain.geometry.box_index import ITEM
 from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.io.disk_cache import RecordCache
@@ -159,9 +158,8 @@ class ReliefLayer(TerrainLayer):
         del world
         return np.zeros(0, ITEM) if self.painted is None else self.painted.items()
 
-    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
+    def pack(self, sampling: Sampling) -> Packed:
         """Return the scalars; nodes near some blocks are packed for these."""
-        del cache
         scale, bits = self.scale(sampling.world), NODE_BITS + node_level(sampling.cell, sampling.world.extent)
         scalars = sampling.ranges("bend_u", "bend_v", "gully", "detail") | {
             "inverse_spacing": 2.0**-bits / sampling.unit,

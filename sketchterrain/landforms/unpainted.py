@@ -290,7 +290,7 @@ class UnpaintedGround:
         # a node's cell as its place in the list of sites, −1 for others
         number = np.full(table.site_x.shape, -1, np.int32)
         number[at] = np.arange(len(sites))
-        owner = number.ravel()[mesh_nodes.owner_index(place, number.shape[1])]
+        owner = number.ravel()[mesh_nodes.owner_index(place, table.site_x.shape[1])]
         base, inflow = mesh_nodes.borders(table, place, third, owner, self._passes)
         fields = self.uplift(level, column, row, *shape)
         boxes = mesh_nodes.boxes(owner, len(sites))

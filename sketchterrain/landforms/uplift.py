@@ -112,8 +112,9 @@ def uplift_features(
             own[shape == k] = np.maximum(summit[at] - ground, 0.0) * (rise > 0.0)
         height[of_type] = own
     is_rock = np.asarray(points["type"] == FEATURE_TYPES.index("mountain"))
-    x, y, *style = (points[name].astype(np.float64) for name in ("x", "y", "peakiness", "erosion", "strata"))
-    return UpliftFeatures(x, y, radius, height, *style, is_rock, summit, number, region)
+    names = "x", "y", "peakiness", "erosion", "strata"
+    x, y, peakiness, erosion, strata = (points[name].astype(np.float64) for name in names)
+    return UpliftFeatures(x, y, radius, height, peakiness, erosion, strata, is_rock, summit, number, region)
 
 
 def _shapes_of(

@@ -141,7 +141,8 @@ class Appearance:
     def _sum_near(self, areas: Int64Array, corner: LatticeArray, texel: float) -> Int64Array | None:
         """Return `_sum_of` those of some areas that may be in a square, None without any."""
         box = _blocks(corner[None], texel / metres_per_unit(self.extent), 1)
-        near = areas[_meets(self._areas.boxes_of(areas), box)]
+        boxes = self._areas.boxes_of(areas)
+        near = areas[((boxes[:, :2] <= box[:, 2:]) & (boxes[:, 2:] >= box[:, :2])).all(axis=1)]
         return self._sum_of(near, corner, texel) if len(near) else None
 
     def changed_areas(self, old: Appearance) -> Float64Array:
@@ -364,11 +365,6 @@ class Appearance:
         edges[:, :2] += np.repeat((at - corner) * metres_per_unit(self.extent) + texel, form[:, 1], axis=0)
         _sum_edges(edges / texel, _WHOLE * np.repeat(colour, form[:, 1], axis=0), total)
         return total
-
-
-def _meets(boxes: LatticeArray, box: LatticeArray) -> BoolArray:
-    """Return which of boxes (n, 4) touch another one, (1, 4)."""
-    return np.asarray(((boxes[:, :2] <= box[:, 2:]) & (boxes[:, 2:] >= box[:, :2])).all(axis=1))
 
 
 def _corners(tiles: Int64Array) -> LatticeArray:

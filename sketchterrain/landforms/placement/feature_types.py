@@ -136,7 +136,7 @@ def is_inside(field: ShapeField, at: Float64Array) -> npt.NDArray[np.bool_]:
     """Return which positions (n, 2), m, are in a shape; beyond its field, none are."""
     low = np.array([field.west, field.south])
     size = field.spacing * (np.array(field.inside.shape[::-1]) - 1)
-    near = np.all((at >= low) & (at <= low + size), axis=1)
+    near = np.asarray(np.all((at >= low) & (at <= low + size), axis=1), np.bool_)
     near[near] = distance_inside(field, at[near]) > 0.0
     return near
 

@@ -193,9 +193,8 @@ def painted_uplift(
             )
         )
         if is_rock:
-            rock = np.maximum(rock, np.where(inside, smoothstep(position / _ROCK_DEPTH), 0.0)).astype(
-                np.float32
-            )
+            bare = np.where(inside, smoothstep(position / _ROCK_DEPTH), 0.0)
+            rock = np.maximum(rock, bare).astype(np.float32)
             strata = np.where(inside, layered * core, 0.0)
     levels = _levels(replace(ground, uplift=uplift, repose=np.maximum(repose, 0.3 * uplift), strata=strata))
     return PaintedUplift(features, levels, tuple(layers), rock.astype(np.float32), near > -_ZONE)

@@ -21,7 +21,7 @@ from sketchterrain.generation.building import build
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.importing.elevation import sketch_on_elevation
 from sketchterrain.render.camera import Camera
-from sketchterrain.terrain.layers.base_culler import PatchSlotBuffers
+from sketchterrain.terrain.layers.base import PatchSlotBuffers
 
 _PRESET = "andorra"
 _TILES = 64  # of a level that are timed

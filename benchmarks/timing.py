@@ -41,11 +41,11 @@ class Lap:
 
 
 class TimedContext(ComputeContext):
-    """A compute context that also counts the work items of each launch."""
+    """A compute context that also remembers each launch, with its work items."""
 
     def __init__(self, device: str | None = None, *, real: str = "float", fast: bool = False) -> None:
         super().__init__(device, real=real, fast=fast)
-        self._items: list[int] = []
+        self._launches: list[tuple[str, int, Any]] = []
 
     def launch(
         self,
@@ -55,21 +55,23 @@ class TimedContext(ComputeContext):
         *arguments: object,
         group: Sequence[int] | None = None,
         defines: Defines = (),
-    ) -> None:
+    ) -> Any:
         """Enqueue one kernel; see :meth:`ComputeContext.launch`."""
-        super().launch(file, kernel, size, *arguments, group=group, defines=defines)
-        self._items.append(math.prod(size))
+        event = super().launch(file, kernel, size, *arguments, group=group, defines=defines)
+        self._launches.append((kernel, math.prod(size), event))
+        return event
 
     def lap(self, work: Callable[[], object]) -> Lap:
         """Do a piece of work once and time it and its launches."""
-        self._items.clear()
-        self.start_profile()
+        self._launches.clear()
         start = perf_counter()
         work()
         wall = perf_counter() - start
-        times = self.stop_profile()
-        pairs = zip(times, self._items, strict=True)
-        return Lap(wall, tuple(Launch(time.kernel, items, time.seconds) for time, items in pairs))
+        launches = []
+        for kernel, items, event in self._launches:
+            self.wait(event, action="profiling")
+            launches.append(Launch(kernel, items, (event.profile.end - event.profile.start) * 1e-9))
+        return Lap(wall, tuple(launches))
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,10 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 import sketchterrain
 
@@ -141,6 +144,69 @@ def test_planted_violations_are_found() -> None:
         ("models/painting.py", "from sketchterrain.ui import window"),
     ):
         assert ui_violations(ROOT / "ui" / file, imports(planted)) != [], (file, planted)
+
+
+def imports_by_kind(name: str, text: str) -> list[tuple[str, str, int]]:
+    """Return the names that a module imports, how (``top``, ``lazy``, ``type``) and at which line."""
+    found: list[tuple[str, str, int]] = []
+
+    def visit(node: ast.AST, kind: str) -> None:
+        if isinstance(node, ast.ImportFrom):
+            source = name.split(".")[: -node.level] if node.level else []
+            source += [node.module] if node.module else []
+            found.extend((".".join([*source, alias.name]), kind, node.lineno) for alias in node.names)
+        elif isinstance(node, ast.Import):
+            found.extend((alias.name, kind, node.lineno) for alias in node.names)
+        elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            kind = "type"
+        elif isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            kind = "lazy"
+        for child in ast.iter_child_nodes(node):
+            visit(child, kind)
+
+    visit(ast.parse(text), "top")
+    return found
+
+
+def circular_imports(texts: dict[str, str]) -> list[str]:
+    """Return imports among modules that close a circle: all at the top level, others without a comment."""
+    numbers = {name: number for number, name in enumerate(texts)}
+    edges = []
+    for name, text in texts.items():
+        for imported, kind, line in imports_by_kind(name, text):
+            target = imported if imported in numbers else imported.rpartition(".")[0]
+            if target in numbers and target != name:
+                edges.append((name, target, kind, line))
+    bad = []
+    for kinds in ({"top"}, {"top", "lazy", "type"}):
+        chosen = [edge for edge in edges if edge[2] in kinds]
+        ends = np.array([[numbers[name], numbers[target]] for name, target, *_ in chosen]).reshape(-1, 2).T
+        graph = coo_array((np.ones(len(chosen)), tuple(ends)), shape=(len(texts), len(texts)))
+        _, circle = connected_components(graph, connection="strong")
+        for name, target, kind, line in chosen:
+            above, own = ["", *texts[name].splitlines()][line - 1 : line + 1]
+            is_explained = above.lstrip().startswith("# ") or re.search(r"# (?!noqa|type:)", own)
+            is_judged = kinds == {"top"} or (kind != "top" and not is_explained)
+            if is_judged and circle[numbers[name]] == circle[numbers[target]]:
+                bad.append(f"{name}:{line} {kind} {target}")
+    return bad
+
+
+def test_circular_imports_are_lazy_or_for_types_and_a_comment_says_why() -> None:
+    texts = {}
+    for path in modules():
+        name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        texts[name if name.startswith("sketchterrain") else f"sketchterrain.{name}"] = path.read_text("utf-8")
+    assert circular_imports(texts) == []
+    types = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    "
+    for planted in (
+        {"a": "from b import f", "b": "from c import g", "c": "import a"},
+        {"a": "from b import f", "b": "def f():\n    from a import g"},
+        {"a": "from b import f", "b": f"{types}from a import G  # noqa: TC001"},
+    ):
+        assert circular_imports(planted) != [], planted
+    for why in ("from a import G  # why", "# why\n    from a import G"):
+        assert circular_imports({"a": "from b import f", "b": types + why}) == []
 
 
 def test_one_place_decides_about_caches_and_no_assertion_has_an_effect() -> None:

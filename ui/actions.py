@@ -23,7 +23,7 @@ from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, RecentFiles, Sele
 
 if TYPE_CHECKING:
     from sketchterrain.ui.engine.protocol import Placement
-    from sketchterrain.ui.files import Files
+    from sketchterrain.ui.files import Files  # which takes actions
     from sketchterrain.ui.models.document import Document
 
 

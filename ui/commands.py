@@ -34,7 +34,7 @@ from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.workspace import Selection
 
 if TYPE_CHECKING:  # it imports this module
-    from sketchterrain.ui.models.selection import Handle
+    from sketchterrain.ui.models.selection import Handle  # which runs commands
 
 _DIGITS = 3  # of a metre, resolution of dragged values
 _SAME_PLACE = 0.01  # m; tolerance of a control point's position in an edit

@@ -30,7 +30,7 @@ from sketchterrain.ui.models.workspace import Preferences, RecentFiles
 
 if TYPE_CHECKING:
     from sketchterrain.importing.rasters import RasterArea
-    from sketchterrain.ui.world_window import WorldWindow
+    from sketchterrain.ui.world_window import WorldWindow  # which offers the same files
 
 
 _Button = QMessageBox.StandardButton
@@ -460,7 +460,7 @@ class OpenDialogs(QObject):
 
     def show_world(self, path: Path) -> None:
         """Show a stored world; its window reports errors."""
-        from sketchterrain.ui.world_window import WorldWindow
+        from sketchterrain.ui.world_window import WorldWindow  # which use these
 
         self._preferences.last_folder = path.absolute().parent
         world = WorldWindow(path.absolute(), device=self._preferences.device)
@@ -533,19 +533,19 @@ class OpenDialogs(QObject):
             self._picture_file.write(picture, dialog.path)
 
     def preferences(self) -> None:
-        from sketchterrain.ui.dialogs.help import PreferencesDialog
+        from sketchterrain.ui.dialogs.help import PreferencesDialog  # which use these
 
         run_dialog(PreferencesDialog(self._preferences, self._window))
 
     def find(self) -> None:
-        from sketchterrain.ui.dialogs.help import FindDialog
+        from sketchterrain.ui.dialogs.help import FindDialog  # which use these
 
         dialog = FindDialog(self._actions, self._window)
         if run_dialog(dialog) and dialog.selected is not None:
             dialog.selected.trigger()
 
     def _show_help(self, name: str) -> None:
-        from sketchterrain.ui.dialogs.help import AboutDialog, FirstStepsDialog, KeysDialog
+        from sketchterrain.ui.dialogs.help import AboutDialog, FirstStepsDialog, KeysDialog  # they use it
 
         dialogs: dict[str, Callable[[QWidget], QDialog]] = {
             "first-steps": FirstStepsDialog,

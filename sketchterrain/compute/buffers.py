@@ -1,8 +1,13 @@
-"""Device buffers: a pool of reusable ones, and staging of many small arrays in one transfer."""
+"""Device buffers: a pool of reusable ones, staging of small arrays, and vertices that OpenGL draws from.
+
+OpenGL gets vertices by three methods. ``extension``: its buffer is the device's (``cl_khr_gl_sharing``).
+``mapped``: a CPU device writes to the mapped OpenGL buffer. ``copy``: the device writes to its own memory,
+and changes are copied to OpenGL.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +16,8 @@ import numpy.typing as npt
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
+
+    Ranges = Sequence[tuple[int, int]]
 
 
 class BufferSet:
@@ -101,3 +108,74 @@ class StagingBuffer:
                 self._context.wait(transfer)
         self._sizes, self._start, self._buffer, self._parts = sizes, start, buffer, parts
         self._transfers = [(np.zeros(int(ends[-1]), np.uint8), None) for _ in range(_MAX_TRANSFERS)]
+
+
+def sharing_methods(context: ComputeContext) -> tuple[str, ...]:
+    """Return the sharing methods that may work in a context, the best first."""
+    methods = ["extension"] if context.gl is not None else []
+    if context.device.type == "CPU":
+        methods.append("mapped")
+    return (*methods, "copy")
+
+
+class _DeviceMemory:
+    """Device buffer that OpenGL draws from."""
+
+    def __init__(self, context: ComputeContext, buffer: Any, nbytes: int) -> None:
+        self._context = context
+        self.buffer = buffer
+        self.nbytes = nbytes
+
+    def acquire(self) -> None:
+        """Acquire the buffer if it is shared; OpenGL must have finished with the ranges to be written."""
+
+    def close(self) -> None:
+        """Release the device buffer."""
+        self.buffer.release()
+
+
+class MappedMemory(_DeviceMemory):
+    """Persistently mapped OpenGL memory (uint8) that a CPU device's kernels write in place."""
+
+    def __init__(self, context: ComputeContext, host: npt.NDArray[np.uint8]) -> None:
+        super().__init__(context, context.wrap_host_memory(host), host.nbytes)
+
+    def release(self, ranges: Ranges) -> None:
+        """Wait for the kernels; OpenCL guarantees visibility only where the host maps the ranges."""
+        self._context.synchronize_host(self.buffer, ranges)
+
+
+class CopiedMemory(_DeviceMemory):
+    """Device memory whose written ranges are copied out by ``write(start, bytes)``."""
+
+    def __init__(
+        self, context: ComputeContext, nbytes: int, write: Callable[[int, npt.NDArray[np.uint8]], None]
+    ) -> None:
+        super().__init__(context, context.empty(nbytes, np.uint8), nbytes)
+        self._write = write
+        self._host = np.empty(0, np.uint8)
+
+    def release(self, ranges: Ranges) -> None:
+        """Wait for the kernels and copy out the ranges they wrote."""
+        largest = max((size for _, size in ranges), default=0)
+        if self._host.nbytes < largest:
+            self._host = np.empty(largest, np.uint8)
+        for start, size in ranges:
+            host = self._host[:size]
+            self._context.download_into(self.buffer, host, start=start)
+            self._write(start, host)
+
+
+class ExtensionMemory(_DeviceMemory):
+    """An OpenGL buffer, by name, shared by the driver; DeviceError if the driver refuses."""
+
+    def __init__(self, context: ComputeContext, name: int, nbytes: int) -> None:
+        super().__init__(context, context.from_gl(name), nbytes)
+
+    def acquire(self) -> None:
+        """Acquire the buffer from OpenGL, which must have finished."""
+        self._context.acquire_gl(self.buffer)
+
+    def release(self, ranges: Ranges) -> None:
+        """Wait for the kernels and release the buffer."""
+        self._context.release_gl(self.buffer)

@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from threading import Lock
 from typing import Any, TypeVar
@@ -67,14 +66,6 @@ T = TypeVar("T")
 _BUILDING = Lock()  # threads need not all build the same, and share Python's warnings
 
 
-@dataclass(frozen=True)
-class KernelTime:
-    """Device time (s) of one launch, from the profiling events."""
-
-    kernel: str
-    seconds: float  # from the profiling events: end minus start
-
-
 class ComputeContext:
     """An OpenCL context with one in-order queue on one device.
 
@@ -106,7 +97,6 @@ class ComputeContext:
         profiling = cl.command_queue_properties.PROFILING_ENABLE
         self._queue = self._call("opening", cl.CommandQueue, self._context, properties=profiling)
         self._kernels: dict[tuple[str, str, Defines], Any] = {}
-        self._launches: list[tuple[str, Any]] | None = None
 
     def launch(
         self,
@@ -116,17 +106,15 @@ class ComputeContext:
         *arguments: object,
         group: Sequence[int] | None = None,
         defines: Defines = (),
-    ) -> None:
+    ) -> Any:
         """Enqueue one kernel with global and local work sizes; builds its file with macros before.
 
-        Arguments are buffers and NumPy scalars of the exact type, in the kernel's order.
+        Returns the event, which knows its times on the device (``event.profile``, ns). Arguments are buffers
+        and NumPy scalars of the exact type, in the kernel's order.
         """
         shape = (tuple(size), None if group is None else tuple(group))
-        event = self._call(
-            f"launching {kernel}", self._kernel(file, kernel, defines), self._queue, *shape, *arguments
-        )
-        if self._launches is not None:
-            self._launches.append((kernel, event))
+        work = self._kernel(file, kernel, defines)
+        return self._call(f"launching {kernel}", work, self._queue, *shape, *arguments)
 
     def max_group_size(self, file: str, kernel: str, defines: Defines = ()) -> int:
         """Return the largest work-group size of a kernel on this device."""
@@ -211,16 +199,6 @@ class ComputeContext:
         self._call("downloading", self._queue.flush)
         return event
 
-    def start_profile(self) -> None:
-        """Record each launch from now on."""
-        self._launches = []
-
-    def stop_profile(self) -> list[KernelTime]:
-        """Wait for the queue, stop recording and return the device time of each recorded launch."""
-        self._call("finishing", self._queue.finish)
-        launches, self._launches = self._launches or [], None
-        return [KernelTime(name, self._call("profiling", _seconds, event)) for name, event in launches]
-
     def _kernel(self, file: str, name: str, defines: Defines) -> Any:
         key = file, name, defines
         if key not in self._kernels:
@@ -260,7 +238,3 @@ def _built(context: Any, source: str, options: tuple[str, ...]) -> Any:
         # Drivers write to the log of successful builds.
         warnings.simplefilter("ignore", cl.CompilerWarning)
         return cl.Program(context, source).build(options=list(options))
-
-
-def _seconds(event: Any) -> float:
-    return float(event.profile.end - event.profile.start) * 1e-9

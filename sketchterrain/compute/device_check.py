@@ -24,7 +24,7 @@ from sketchterrain.io.files import cache_folder, write_atomic
 from sketchterrain.io.system import ChildFailedError, ChildTimedOutError, module_result
 
 if TYPE_CHECKING:
-    from sketchterrain.compute.device import Device
+    from sketchterrain.compute.device import Device  # which lists devices by their checks
 
 TWIN_VARIABLE: Final = "SKETCHTERRAIN_TWIN_DEVICE"  # adds a second entry of a working device to the list
 _MODULE: Final = "sketchterrain.compute.arithmetic"

@@ -1,7 +1,4 @@
-"""OpenCL/OpenGL buffer sharing: vertex memory that kernels write and OpenGL draws from, by three methods.
-
-``extension``: OpenGL's buffer is the device's (``cl_khr_gl_sharing``). ``mapped``: a CPU device writes to the
-mapped OpenGL buffer. ``copy``: the device writes to its own memory, and changes are copied to OpenGL.
+"""OpenCL/OpenGL buffer sharing by ``cl_khr_gl_sharing``.
 
 PyPI's pyopencl is built without the sharing calls (``cl.have_gl()`` is False), so they go through ctypes,
 with the OpenCL library that pyopencl uses.
@@ -10,23 +7,15 @@ with the OpenCL library that pyopencl uses.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-import numpy as np
-import numpy.typing as npt
 import pyopencl as cl
 
 from sketchterrain.compute.device import Device
 from sketchterrain.errors import DeviceError
-
-if TYPE_CHECKING:
-    from sketchterrain.compute.context import ComputeContext
-
-    Ranges = Sequence[tuple[int, int]]
 
 # Names of properties in the order of cl.h, cl_gl.h.
 _PLATFORM: Final = 0x1084
@@ -72,20 +61,14 @@ def open_shared_context(device: Device, handles: GLHandles) -> Any:
     values = (*handles.properties, _PLATFORM, device.handle.platform.int_ptr, 0)
     properties = (ctypes.c_ssize_t * len(values))(*values)
     devices = (ctypes.c_void_p * 1)(device.handle.int_ptr)
-    create = _function("clCreateContext", ctypes.c_void_p)
-    status = ctypes.c_int32()
-    handle = create(properties, ctypes.c_uint32(1), devices, None, None, ctypes.byref(status))
-    _check(device, "clCreateContext", status.value)
+    handle = _created(device, "clCreateContext", properties, ctypes.c_uint32(1), devices, None, None)
     return cl.Context.from_int_ptr(handle, retain=False)
 
 
 def wrap_gl_buffer(device: Device, context: Any, name: int) -> Any:
     """Return an OpenGL buffer, by name, as a buffer of a context opened by :func:`open_shared_context`."""
-    create = _function("clCreateFromGLBuffer", ctypes.c_void_p)
-    status = ctypes.c_int32()
-    flags = ctypes.c_uint64(int(cl.mem_flags.READ_WRITE))
-    handle = create(ctypes.c_void_p(context.int_ptr), flags, ctypes.c_uint32(name), ctypes.byref(status))
-    _check(device, "clCreateFromGLBuffer", status.value)
+    flags, owner = ctypes.c_uint64(int(cl.mem_flags.READ_WRITE)), ctypes.c_void_p(context.int_ptr)
+    handle = _created(device, "clCreateFromGLBuffer", owner, flags, ctypes.c_uint32(name))
     return cl.Buffer.from_int_ptr(handle, retain=False)
 
 
@@ -106,6 +89,14 @@ def _transfer_ownership(device: Device, name: str, queue: Any, buffer: Any) -> N
         ctypes.c_void_p(queue.int_ptr), ctypes.c_uint32(1), buffers, ctypes.c_uint32(0), None, None
     )
     _check(device, name, status)
+
+
+def _created(device: Device, name: str, *arguments: Any) -> Any:
+    """Return what a library function creates, whose last argument is the status."""
+    status = ctypes.c_int32()
+    handle = _function(name, ctypes.c_void_p)(*arguments, ctypes.byref(status))
+    _check(device, name, status.value)
+    return handle
 
 
 def _check(device: Device, name: str, status: int) -> None:
@@ -142,74 +133,3 @@ def _address(library: str, function: str) -> int:
         return 0
     found.restype = ctypes.c_void_p
     return found() or 0
-
-
-def sharing_methods(context: ComputeContext) -> tuple[str, ...]:
-    """Return the sharing methods that may work in a context, the best first."""
-    methods = ["extension"] if context.gl is not None else []
-    if context.device.type == "CPU":
-        methods.append("mapped")
-    return (*methods, "copy")
-
-
-class _DeviceMemory:
-    """Device buffer that OpenGL draws from."""
-
-    def __init__(self, context: ComputeContext, buffer: Any, nbytes: int) -> None:
-        self._context = context
-        self.buffer = buffer
-        self.nbytes = nbytes
-
-    def acquire(self) -> None:
-        """Acquire the buffer if it is shared; OpenGL must have finished with the ranges to be written."""
-
-    def close(self) -> None:
-        """Release the device buffer."""
-        self.buffer.release()
-
-
-class MappedMemory(_DeviceMemory):
-    """Persistently mapped OpenGL memory (uint8) that a CPU device's kernels write in place."""
-
-    def __init__(self, context: ComputeContext, host: npt.NDArray[np.uint8]) -> None:
-        super().__init__(context, context.wrap_host_memory(host), host.nbytes)
-
-    def release(self, ranges: Ranges) -> None:
-        """Wait for the kernels; OpenCL guarantees visibility only where the host maps the ranges."""
-        self._context.synchronize_host(self.buffer, ranges)
-
-
-class CopiedMemory(_DeviceMemory):
-    """Device memory whose written ranges are copied out by ``write(start, bytes)``."""
-
-    def __init__(
-        self, context: ComputeContext, nbytes: int, write: Callable[[int, npt.NDArray[np.uint8]], None]
-    ) -> None:
-        super().__init__(context, context.empty(nbytes, np.uint8), nbytes)
-        self._write = write
-        self._host = np.empty(0, np.uint8)
-
-    def release(self, ranges: Ranges) -> None:
-        """Wait for the kernels and copy out the ranges they wrote."""
-        largest = max((size for _, size in ranges), default=0)
-        if self._host.nbytes < largest:
-            self._host = np.empty(largest, np.uint8)
-        for start, size in ranges:
-            host = self._host[:size]
-            self._context.download_into(self.buffer, host, start=start)
-            self._write(start, host)
-
-
-class ExtensionMemory(_DeviceMemory):
-    """An OpenGL buffer, by name, shared by the driver; DeviceError if the driver refuses."""
-
-    def __init__(self, context: ComputeContext, name: int, nbytes: int) -> None:
-        super().__init__(context, context.from_gl(name), nbytes)
-
-    def acquire(self) -> None:
-        """Acquire the buffer from OpenGL, which must have finished."""
-        self._context.acquire_gl(self.buffer)
-
-    def release(self, ranges: Ranges) -> None:
-        """Wait for the kernels and release the buffer."""
-        self._context.release_gl(self.buffer)

@@ -16,7 +16,7 @@ from sketchterrain.document.parameters import Parameter, Properties, parameter_t
 from sketchterrain.errors import InputError, format_value
 
 if TYPE_CHECKING:
-    from sketchterrain.document.vectors import VectorLayer
+    from sketchterrain.document.vectors import VectorLayer  # whose values these are
 
 POINT, LINE, AREA = range(3)
 KINDS: Final = ("point", "line", "area")

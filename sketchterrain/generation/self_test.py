@@ -91,9 +91,8 @@ def self_test(device: Device, *, compare: bool = True) -> Verdict:
     if check.failure:
         return Verdict("failed", check.failure)
     if not compare:
-        if check.wrong:
-            return Verdict("other", _off_in(check.wrong))
-        return Verdict("same", "correct arithmetic")
+        wrong = _named(check.wrong)
+        return Verdict("other", *wrong) if wrong else Verdict("same", "correct arithmetic")
     others = tuple(
         other
         for other in list_devices()
@@ -193,11 +192,7 @@ def _millimetres(one: FloatArray, other: FloatArray) -> float:
 
 
 def _named(wrong: tuple[str, ...]) -> list[str]:
-    return [_off_in(wrong)] if wrong else []
-
-
-def _off_in(wrong: tuple[str, ...]) -> str:
-    return f"wrong in {', '.join(wrong)}"
+    return [f"wrong in {', '.join(wrong)}"] if wrong else []
 
 
 def _main(index: str, file: str) -> None:

@@ -33,7 +33,7 @@ def hash_keys(seed: int, stream: str, *keys: Key) -> npt.NDArray[np.uint64]:
     """
     state: int | npt.NDArray[np.uint64] = _start(seed & _MASK, stream)
     for key in keys:
-        word = _word(key & _MASK) if isinstance(key, int) else _mixed(_words(key))
+        word = _word(key & _MASK) if isinstance(key, int) else _mixed(np.asarray(key).astype(np.uint64))
         # Python integers are mixed as such: NumPy's overhead would dominate.
         both_whole = isinstance(state, int) and isinstance(word, int)
         state = (
@@ -72,10 +72,6 @@ def _word(state: int) -> int:
     state = ((state ^ (state >> 30)) * int(_FIRST)) & _MASK
     state = ((state ^ (state >> 27)) * int(_SECOND)) & _MASK
     return state ^ (state >> 31)
-
-
-def _words(key: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.uint64]:
-    return np.asarray(key).astype(np.uint64)
 
 
 def _as_word(state: int | npt.NDArray[np.uint64]) -> np.uint64 | npt.NDArray[np.uint64]:

@@ -10,8 +10,6 @@ LATTICE_BITS = 24
 QUADS = 64
 """Quads along a tile's side."""
 COARSEST_LEVEL = -12
-FINEST_LEVEL = LATTICE_BITS - QUADS.bit_length() + 1
-"""The level whose vertices are one lattice unit apart, of tiles of QUADS quads."""
 
 # Beyond it a skewed coordinate (times 1399) and its octave's offset could leave 64 bits.
 _FARTHEST_UNIT = 2.0**51
@@ -29,6 +27,26 @@ def to_lattice(metres: npt.ArrayLike, extent: float) -> LatticeArray:
         farthest = _FARTHEST_UNIT * metres_per_unit(extent)
         raise InputError(f"coordinates must be finite and within ±{farthest:.3g} m of the origin")
     return np.asarray(np.rint(units), dtype=np.int64)
+
+
+def covered_places(first: LatticeArray, last: LatticeArray) -> tuple[LatticeArray, LatticeArray]:
+    """Return columns and rows (k, 2) from a first to a last one of each of n ranges, and the ranges' numbers.
+
+    The numbers come first, ascending.
+    """
+    most = (last - first).max(axis=0) + 1
+    step = np.indices(tuple(most)).reshape(2, -1).T
+    inside = np.all(step <= (last - first)[:, None], axis=-1)
+    return np.nonzero(inside)[0], (first[:, None] + step)[inside]
+
+
+def unique_places(place: LatticeArray) -> LatticeArray:
+    """Return different columns and rows (n, 2), ascending."""
+    low = place.min(axis=0)
+    rows = int(np.ptp(place[:, 1])) + 1
+    # As one number each: np.unique of rows is many times slower.
+    number = np.unique((place[:, 0] - low[0]) * rows + (place[:, 1] - low[1]))
+    return np.asarray(np.stack(np.divmod(number, rows), axis=-1) + low)
 
 
 def finest_level(quads: int) -> int:

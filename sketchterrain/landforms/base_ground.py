@@ -9,18 +9,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy.ndimage import map_coordinates, minimum_filter
 
-from sketchterrain.array_types import BoolArray, Float32Array, Float64Array
+from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.elevation.base import NODE_REACH, BaseElevation
 from sketchterrain.geometry.hashing import gaussian_filter, rounded
-
-if TYPE_CHECKING:
-    from sketchterrain.landforms.node_raster import NodeSource
+from sketchterrain.landforms.placement.feature_types import smoothstep
 
 _MAX_BYTES = 1 << 25
 _WEIGHT_STEP = 2.0**-20
@@ -29,6 +27,36 @@ _MOST_NODES = 64  # along the data's longer side; as many again on each side
 _BLURS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # nodes, until all is continued
 _LEAST_SHARE = 0.02  # of nodes with data in a blur
 _ROCK_FROM, _ROCK_FULL = 0.6, 1.1  # slopes
+
+
+class Nodes(Protocol):
+    """Heights (m), shares of rock (0 … 1) and wetness (0 … 1) of a window of nodes, (rows, columns)."""
+
+    @property
+    def height(self) -> Float64Array: ...  # noqa: D102
+    @property
+    def rock(self) -> Float32Array: ...  # noqa: D102
+    @property
+    def wetness(self) -> Float32Array: ...  # noqa: D102
+
+
+class NodeSource(Protocol):
+    """Unpainted ground as a value: equal and hashable by all that its nodes depend on."""
+
+    def window(
+        self, level: int, column: int, row: int, rows: int, columns: int, *, painted: bool = True
+    ) -> Nodes:
+        """Return a window of nodes from the south-western one on, rows northward.
+
+        Unless ``painted``, heights of the painted region's nodes may be NaN.
+        """
+        ...
+
+    def prepare(
+        self, level: int, corners: LatticeArray, rows: int, columns: int, *, painted: bool = True
+    ) -> None:
+        """Compute at once what windows of a size need, by their south-western nodes (n, 2)."""
+        ...
 
 
 class BaseNodes(NamedTuple):
@@ -87,8 +115,7 @@ class BaseGround:
         # No node has a weight where displaced splines would read it beside the data.
         weight[minimum_filter(found.weight, 2 * NODE_REACH + 1) < 1.0] = 0.0
         height, slope = np.where(weight > 0.0, [found.height, np.hypot(found.east, found.north)], 0.0)
-        share = np.clip((slope - _ROCK_FROM) / (_ROCK_FULL - _ROCK_FROM), 0.0, 1.0)
-        rock = (share * share * (3.0 - 2.0 * share)).astype(np.float32)
+        rock = smoothstep((slope - _ROCK_FROM) / (_ROCK_FULL - _ROCK_FROM)).astype(np.float32)
         return BaseNodes(height[inner].copy(), weight[inner].copy(), rock[inner].copy(), around)
 
     @cached_property

@@ -137,7 +137,10 @@ def confined(source: DrainageInput, drained: Drained, zone: BoolArray) -> Draina
     zone : (rows, columns)
     """
     fixed = source.domain & (~zone | (source.repose <= 0.0) | ~np.isnan(source.base))
-    rain = source.rain + drainage_levels.inflow(drained.receiver, drained.area, zone & ~fixed)
+    inside, to = (zone & ~fixed).ravel(), drained.receiver.ravel()
+    enters = (to >= 0) & ~inside & inside[to]
+    inflow = np.bincount(to[enters], drained.area.ravel()[enters], minlength=to.size)
+    rain = source.rain + inflow.reshape(zone.shape)
     course = np.where(fixed, -1, source.course).astype(np.int32)
     return replace(source, base=np.where(fixed, drained.height, np.nan), rain=rain, course=course)
 
@@ -180,30 +183,10 @@ def coarsened(source: DrainageInput) -> DrainageInput:
     rows, first_row = _halved(source.origin[0], source.base.shape[0])
     columns, first_column = _halved(source.origin[1], source.base.shape[1])
     start = (2 * first_row - source.origin[0], 2 * first_column - source.origin[1])
-    uplift, repose, rain, base, domain, course = drainage_levels.coarsened(
-        source.uplift,
-        source.repose,
-        source.rain,
-        source.base,
-        source.domain,
-        source.course,
-        start,
-        (rows, columns),
-    )
-    return replace(
-        source,
-        uplift=uplift,
-        repose=repose,
-        rain=rain,
-        base=base,
-        domain=domain,
-        course=course,
-        origin=(first_row, first_column),
-        level=source.level + 1,
-        least=None,
-        strata=None,
-        ground=None,
-    )
+    names = "uplift", "repose", "rain", "base", "domain", "course"
+    fields = drainage_levels.coarsened(*(getattr(source, name) for name in names), start, (rows, columns))
+    origin, level = (first_row, first_column), source.level + 1
+    return DrainageInput(**dict(zip(names, fields, strict=True)), origin=origin, level=level)
 
 
 def at_level(values: npt.NDArray[Any], level: DrainageInput, finest: DrainageInput) -> npt.NDArray[Any]:
@@ -252,11 +235,9 @@ class LevelSolver:
             (self._kind, self._forced),
         )
         self._topology = self._kind, self._forced
-        least, strata = np.full(self._width, -np.inf), np.zeros(self._width)
-        if source.least is not None:
-            least[1:-1, 1:-1] = source.least
-        if source.strata is not None:
-            strata[1:-1, 1:-1] = source.strata
+        least = np.full(self._shape, -np.inf) if source.least is None else source.least
+        least = np.pad(least, 1, constant_values=-np.inf)
+        strata = np.pad(np.zeros(self._shape) if source.strata is None else source.strata, 1)
         self._fields = self._uplift, self._repose, self._rain, least.ravel(), strata.ravel()
         self._ground: Float64Array | None = None
         if source.ground is not None:
@@ -279,7 +260,9 @@ class LevelSolver:
 
     def follow(self, receiver: Int32Array) -> None:
         """Take receivers as they are, instead of finding them."""
-        drainage_levels.pack_receivers(receiver, self._receiver)
+        row, column = np.divmod(receiver, self._shape[1])
+        packed = np.where(receiver >= 0, (row + 1) * self._width[1] + column + 1, -1)
+        self._receiver.reshape(self._width)[1:-1, 1:-1] = packed
         self._count = drainage_rounds.accumulate(self._topology, self._fields, self._state)
 
     def integrate(self) -> None:
@@ -328,6 +311,11 @@ class LevelSolver:
 
     def result(self) -> Drained:
         """Return the level as it is."""
-        return Drained(
-            *drainage_levels.unpacked(self._kind, self._height, self._area, self._receiver, self._shape)
+        kind, height, area, receiver = (
+            each.reshape(self._width)[1:-1, 1:-1]
+            for each in (self._kind, self._height, self._area, self._receiver)
         )
+        inside = kind != drainage_rounds.OUTSIDE
+        row, column = np.divmod(receiver, self._width[1])
+        to = np.where(inside & (receiver >= 0), (row - 1) * self._shape[1] + column - 1, -1)
+        return Drained(np.where(inside, height, np.nan), np.where(inside, area, 0.0), to.astype(np.int32))

@@ -2,18 +2,17 @@
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators, disable-error-code=assignment
 
 import numpy as np
-from numba import njit
 
-from sketchterrain.landforms.drainage_rounds import INNER, LEAST_RISE, OPEN_END, OUTLET, OUTSIDE
+from sketchterrain.landforms.drainage_rounds import INNER, LEAST_RISE, OPEN_END, OUTLET
+from sketchterrain.landforms.hashed_noise import compiled
 
 WARP = 0.5  # coarse nodes by which heights are moved when they start a finer level: channels leave D8's axes
 COARSE_REPOSE = 0.92  # share of repose that a level has of that of the finer one: channels there lie closer
 
 RAMP, LEAST_RAMP, RAMP_SWEEPS = 0.8, 0.7, 2
-_compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
-@_compiled
+@compiled
 def _hash(row, column, level):
     """Return 64 hashed bits of a node (SplitMix64's finalizer)."""
     h = np.uint64(row) * np.uint64(0x9E3779B97F4A7C15)
@@ -23,7 +22,7 @@ def _hash(row, column, level):
     return h ^ (h >> np.uint64(31))
 
 
-@_compiled
+@compiled
 def pack(fields, topology, coarse, packed_fields, packed_topology):
     """Copy a level into rasters with a margin.
 
@@ -38,10 +37,9 @@ def pack(fields, topology, coarse, packed_fields, packed_topology):
     rows, columns = base.shape
     width = columns + 2
     lowest = np.inf
-    for i in range(rows):
-        for j in range(columns):
-            if domain[i, j] and base[i, j] < lowest:
-                lowest = base[i, j]
+    for i, j in np.ndindex(rows, columns):
+        if domain[i, j] and base[i, j] < lowest:
+            lowest = base[i, j]
     if lowest == np.inf:
         lowest = 0.0
     gentler = 1.0
@@ -49,48 +47,46 @@ def pack(fields, topology, coarse, packed_fields, packed_topology):
         gentler *= COARSE_REPOSE
     shifts = _shifts(start.shape, start_origin, level)
     courses = False
-    for i in range(rows):
-        for j in range(columns):
-            if not domain[i, j]:
-                continue
-            at = (i + 1) * width + j + 1
-            uplifts[at], reposes[at], rains[at] = uplift[i, j], gentler * repose[i, j], rain[i, j]
-            if base[i, j] == base[i, j]:
-                kinds[at] = OUTLET
-                heights[at] = base[i, j]
-                continue
-            kinds[at] = INNER
-            to = course[i, j]
-            if to >= 0 and domain[to // columns, to % columns]:
-                if max(abs(to // columns - i), abs(to % columns - j)) != 1:
-                    raise ValueError("a course must lead to one of a node's eight neighbours")
-                forced[at] = (to // columns + 1) * width + to % columns + 1
-                courses = True
-            z = np.nan
-            if start.size:
-                z = _upsampled(
-                    start, shifts, i + origin[0] - 2 * start_origin[0], j + origin[1] - 2 * start_origin[1]
-                )
-            if onto.size and onto[i, j] == onto[i, j]:
-                heights[at] = onto[i, j] + (z if z == z else 0.0)
-            elif z == z:
-                heights[at] = z
-            else:
-                noise = np.float64(_hash(i + origin[0], j + origin[1], level) >> np.uint64(11)) * 2.0**-53
-                heights[at] = lowest + (0.01 * spacing) * noise
+    for i, j in np.ndindex(rows, columns):
+        if not domain[i, j]:
+            continue
+        at = (i + 1) * width + j + 1
+        uplifts[at], reposes[at], rains[at] = uplift[i, j], gentler * repose[i, j], rain[i, j]
+        if base[i, j] == base[i, j]:
+            kinds[at] = OUTLET
+            heights[at] = base[i, j]
+            continue
+        kinds[at] = INNER
+        to = course[i, j]
+        if to >= 0 and domain[to // columns, to % columns]:
+            if max(abs(to // columns - i), abs(to % columns - j)) != 1:
+                raise ValueError("a course must lead to one of a node's eight neighbours")
+            forced[at] = (to // columns + 1) * width + to % columns + 1
+            courses = True
+        z = np.nan
+        if start.size:
+            z = _upsampled(
+                start, shifts, i + origin[0] - 2 * start_origin[0], j + origin[1] - 2 * start_origin[1]
+            )
+        if onto.size and onto[i, j] == onto[i, j]:
+            heights[at] = onto[i, j] + (z if z == z else 0.0)
+        elif z == z:
+            heights[at] = z
+        else:
+            noise = np.float64(_hash(i + origin[0], j + origin[1], level) >> np.uint64(11)) * 2.0**-53
+            heights[at] = lowest + (0.01 * spacing) * noise
     if courses:
         _carve_courses(kinds, forced, heights)
 
 
-@_compiled
+@compiled
 def ramps(base, repose, domain, spacing):
     """Return heights from which the ground falls away from outlets at a share of repose."""
     rows, columns = base.shape
     least = base.copy()
-    for i in range(rows):
-        for j in range(columns):
-            if base[i, j] != base[i, j]:
-                least[i, j] = -np.inf
+    for i, j in np.ndindex(rows, columns):
+        if base[i, j] != base[i, j]:
+            least[i, j] = -np.inf
     for sweep in range(2 * RAMP_SWEEPS):
         back = sweep % 2
         for p in range(rows):
@@ -108,20 +104,19 @@ def ramps(base, repose, domain, spacing):
     return least
 
 
-@_compiled
+@compiled
 def _shifts(shape, origin, level):
     """Return hashed vectors, in coarse nodes, at the coarse nodes and one more on each side."""
     shifts = np.empty((shape[0] + 2, shape[1] + 2, 2))
     scale = 2.0 * WARP * 2.0**-32
-    for i in range(shape[0] + 2):
-        for j in range(shape[1] + 2):
-            bits = _hash(i - 1 + origin[0], j - 1 + origin[1], level)
-            shifts[i, j, 0] = scale * np.float64(bits >> np.uint64(32)) - WARP
-            shifts[i, j, 1] = scale * np.float64(bits & np.uint64(0xFFFFFFFF)) - WARP
+    for i, j in np.ndindex(shape[0] + 2, shape[1] + 2):
+        bits = _hash(i - 1 + origin[0], j - 1 + origin[1], level)
+        shifts[i, j, 0] = scale * np.float64(bits >> np.uint64(32)) - WARP
+        shifts[i, j, 1] = scale * np.float64(bits & np.uint64(0xFFFFFFFF)) - WARP
     return shifts
 
 
-@_compiled
+@compiled
 def _upsampled(coarse, shifts, row, column):
     """Interpolate coarse heights near a fine node, at a place moved by the vectors around it.
 
@@ -151,17 +146,16 @@ def _upsampled(coarse, shifts, row, column):
         if z == z:
             return z
     total, weights = 0.0, 0.0
-    for a in range(2):
-        for b in range(2):
-            p, q = i + a, j + b
-            if 0 <= p < coarse.shape[0] and 0 <= q < coarse.shape[1] and coarse[p, q] == coarse[p, q]:
-                weight = (y if a else 1.0 - y) * (x if b else 1.0 - x)
-                total += weight * coarse[p, q]
-                weights += weight
+    for a, b in np.ndindex(2, 2):
+        p, q = i + a, j + b
+        if 0 <= p < coarse.shape[0] and 0 <= q < coarse.shape[1] and coarse[p, q] == coarse[p, q]:
+            weight = (y if a else 1.0 - y) * (x if b else 1.0 - x)
+            total += weight * coarse[p, q]
+            weights += weight
     return total / weights if weights > 0.0 else np.nan
 
 
-@_compiled
+@compiled
 def _carve_courses(kinds, forced, heights):
     """Lower nodes below the course that flows into them: courses with an open end must not lead uphill."""
     heads = np.zeros(forced.size, np.bool_)
@@ -187,87 +181,40 @@ def _carve_courses(kinds, forced, heights):
                 kinds[to] = OPEN_END
 
 
-@_compiled
-def unpacked(kinds, height, area, receiver, shape):
-    """Return heights, areas and receivers without the margin."""
-    rows, columns = shape
-    heights, areas = np.full((rows, columns), np.nan), np.zeros((rows, columns))
-    receivers = np.full((rows, columns), -1, np.int32)
-    width = columns + 2
-    for i in range(rows):
-        for j in range(columns):
-            at = (i + 1) * width + j + 1
-            if kinds[at] == OUTSIDE:
-                continue
-            heights[i, j], areas[i, j] = height[at], area[at]
-            to = receiver[at]
-            if to >= 0:
-                step = to - at
-                step -= 2 if step > 1 else -2 if step < -1 else 0
-                receivers[i, j] = i * columns + j + step
-    return heights, areas, receivers
-
-
-@_compiled
-def inflow(receiver, area, zone):
-    """Return the drainage area (m²) that enters a zone at each of its nodes, (rows, columns)."""
-    rows, columns = receiver.shape
-    result = np.zeros((rows, columns))
-    for i in range(rows):
-        for j in range(columns):
-            to = receiver[i, j]
-            if to >= 0 and not zone[i, j] and zone[to // columns, to % columns]:
-                result[to // columns, to % columns] += area[i, j]
-    return result
-
-
-@_compiled
-def pack_receivers(receiver, packed):
-    """Copy receivers into a raster with a margin; the inverse of `unpacked`."""
-    rows, columns = receiver.shape
-    width = columns + 2
-    for i in range(rows):
-        for j in range(columns):
-            to = receiver[i, j]
-            at = (i + 1) * width + j + 1
-            packed[at] = (to // columns + 1) * width + to % columns + 1 if to >= 0 else -1
-
-
-@_compiled
+@compiled
 def coarsened(uplift, repose, rain, base, domain, course, start, shape):
     """Reduce the arrays of a level by two, from the first node of an even global index on."""
     rows, columns = shape
     width = base.shape[1]
     uplifts, reposes, rains = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     bases, domains = np.full(shape, np.nan), np.zeros(shape, np.bool_)
-    for i in range(rows):
-        for j in range(columns):
-            p, q = 2 * i + start[0], 2 * j + start[1]
-            if not domain[p, q]:
-                continue
-            domains[i, j] = True
-            count, lowest = 0.0, np.inf
-            for a in range(max(p - 1, 0), min(p + 2, base.shape[0])):
-                for b in range(max(q - 1, 0), min(q + 2, width)):
-                    if not domain[a, b]:
-                        continue
-                    count += 1.0
-                    uplifts[i, j] += uplift[a, b]
-                    reposes[i, j] += repose[a, b]
-                    rains[i, j] += rain[a, b]
-                    if base[a, b] < lowest:
-                        lowest = base[a, b]
-            uplifts[i, j] /= count
-            reposes[i, j] /= count
-            rains[i, j] *= 4.0 / count
-            if base[p, q] == base[p, q]:
-                bases[i, j] = base[p, q]
-            elif lowest < np.inf:
-                bases[i, j] = lowest
+    for i, j in np.ndindex(rows, columns):
+        p, q = 2 * i + start[0], 2 * j + start[1]
+        if not domain[p, q]:
+            continue
+        domains[i, j] = True
+        count, lowest = 0.0, np.inf
+        for a in range(max(p - 1, 0), min(p + 2, base.shape[0])):
+            for b in range(max(q - 1, 0), min(q + 2, width)):
+                if not domain[a, b]:
+                    continue
+                count += 1.0
+                uplifts[i, j] += uplift[a, b]
+                reposes[i, j] += repose[a, b]
+                rains[i, j] += rain[a, b]
+                if base[a, b] < lowest:
+                    lowest = base[a, b]
+        uplifts[i, j] /= count
+        reposes[i, j] /= count
+        rains[i, j] *= 4.0 / count
+        if base[p, q] == base[p, q]:
+            bases[i, j] = base[p, q]
+        elif lowest < np.inf:
+            bases[i, j] = lowest
     return uplifts, reposes, rains, bases, domains, _coarsened_courses(course, domains, start, shape)
 
 
-@_compiled
+@compiled
 def _coarsened_courses(course, domains, start, shape):
     """Walk fine courses over coarse nodes: each drains to what the last fine node in it leads to."""
     rows, columns = shape
@@ -289,14 +236,14 @@ def _coarsened_courses(course, domains, start, shape):
     return result
 
 
-@_compiled
+@compiled
 def _coarse_node(at, width, start, shape):
     """Return the coarse node nearest to a fine one (halves are rounded up), −1 if the raster has none."""
     i, j = (at // width - start[0] + 1) // 2, (at % width - start[1] + 1) // 2
     return i * shape[1] + j if 0 <= i < shape[0] and 0 <= j < shape[1] else -1
 
 
-@_compiled
+@compiled
 def _steps_to_end(course):
     """Return the steps from each node of a course to its end, −1 elsewhere."""
     left = np.full(course.size, -1, np.int64)

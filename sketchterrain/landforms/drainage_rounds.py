@@ -9,7 +9,8 @@ from heapq import heappop, heappush
 from math import floor, sqrt
 
 import numpy as np
-from numba import njit
+
+from sketchterrain.landforms.hashed_noise import compiled
 
 LEAST_SLOPE = 2.0**-13  # of a node to its receiver, where nothing is uplifted
 SLOPE_SWEEPS = 2  # each there and back
@@ -23,10 +24,8 @@ RELAXATION = 0.5  # share of the step to the built heights that every round but 
 OUTSIDE, INNER, OUTLET, OPEN_END = 0, 1, 2, 3  # odd: drained; an open end is the last node of a course
 _DIAGONAL = sqrt(0.5)
 
-_compiled = njit(cache=True, nogil=True, error_model="numpy")
 
-
-@_compiled
+@compiled
 def new_state(size):
     """Return the state of nodes before a level is packed.
 
@@ -45,7 +44,7 @@ def new_state(size):
     )
 
 
-@_compiled
+@compiled
 def run(topology, fields, state, geometry, rounds):
     """Route and integrate some times; every round but the last goes a part of the way."""
     height, previous = state[0], state[-1]
@@ -58,13 +57,13 @@ def run(topology, fields, state, geometry, rounds):
     settle(topology, fields, state, geometry)
 
 
-@_compiled
+@compiled
 def settle(topology, fields, state, geometry):
     """Build the heights that belong to the receivers as they are after the last round."""
     integrate(topology, fields, state, geometry, accumulate(topology, fields, state))
 
 
-@_compiled
+@compiled
 def route(topology, fields, state, geometry):
     """Find receivers and drainage areas; return the number of nodes in the order of flow."""
     kinds, forced = topology
@@ -80,7 +79,7 @@ def route(topology, fields, state, geometry):
     return _accumulate(kinds, fields[2], receiver, donors, area, order)
 
 
-@_compiled
+@compiled
 def accumulate(topology, fields, state):
     """Sum drainage areas along given receivers; return the number of nodes in the order of flow."""
     _, area, receiver, order, donors, _, _ = state
@@ -88,7 +87,7 @@ def accumulate(topology, fields, state):
     return _accumulate(topology[0], fields[2], receiver, donors, area, order)
 
 
-@_compiled
+@compiled
 def accumulate_inside(weight, rain, area, state, count):
     """Turn weights of nodes, 0 … 1, into the shares that they have of drainage areas (in place)."""
     receiver, order = state[2], state[3]
@@ -101,7 +100,7 @@ def accumulate_inside(weight, rain, area, state, count):
         weight[at] /= area[at]
 
 
-@_compiled
+@compiled
 def integrate(topology, fields, state, geometry, count):
     """Build heights up from the outlets, against the order of flow.
 
@@ -129,14 +128,14 @@ def integrate(topology, fields, state, geometry, count):
             height[at] = max(height[to] + up, least[at])
 
 
-@_compiled
+@compiled
 def _smooth_minimum(a, b):
     """Return (a⁻⁴ + b⁻⁴)^(−1/4) of two positive numbers."""
     share = a * a / (b * b) if a < b else b * b / (a * a)
     return min(a, b) / sqrt(sqrt(1.0 + share * share))
 
 
-@_compiled
+@compiled
 def _resistance(z, strata):
     """Return the slope over that of even rock at a height, in pairs of layers."""
     cliff, bench = 1.0 + strata * (CLIFF - 1.0), 1.0 + strata * (BENCH - 1.0)
@@ -144,7 +143,7 @@ def _resistance(z, strata):
     return bench + (cliff - bench) * hard
 
 
-@_compiled
+@compiled
 def limit_slopes(topology, fields, state, geometry):
     """Lower nodes that stand above any neighbour by more than repose allows, and let them drain there.
 
@@ -161,7 +160,7 @@ def limit_slopes(topology, fields, state, geometry):
     sink_courses(topology, height, width)
 
 
-@_compiled
+@compiled
 def sink_courses(topology, height, width):
     """Lower courses to the lowest ground beside them, so that it drains to them; none leads uphill."""
     kinds, forced = topology
@@ -179,7 +178,7 @@ def sink_courses(topology, height, width):
             at = forced[at]
 
 
-@_compiled
+@compiled
 def _limit_sweep(kinds, forced, height, receiver, repose, spacing, width, direction):
     """Limit heights by the four neighbours that precede a node in reading order, or in its reverse."""
     diagonal = sqrt(2.0)
@@ -199,7 +198,7 @@ def _limit_sweep(kinds, forced, height, receiver, repose, spacing, width, direct
             height[at], receiver[at] = z, to
 
 
-@_compiled
+@compiled
 def carve(kinds, floor, state, geometry, count):
     """Lower nodes that stand above those which drain to them, down the flow, but not below a floor."""
     height, receiver, order = state[0], state[2], state[3]
@@ -210,7 +209,7 @@ def carve(kinds, floor, state, geometry, count):
             height[to] = min(height[to], max(height[at] - LEAST_SLOPE * geometry[1], floor[to]))
 
 
-@_compiled
+@compiled
 def relax(kinds, height, previous):
     """Move heights back towards those before the last routing: fewer channels change their course."""
     for at in range(height.size):
@@ -218,7 +217,7 @@ def relax(kinds, height, previous):
             height[at] = previous[at] + RELAXATION * (height[at] - previous[at])
 
 
-@_compiled
+@compiled
 def _find_lowest(height, receiver):
     """Find each node's neighbour of steepest descent, −1 if there is none."""
     rows, width = height.shape
@@ -245,7 +244,7 @@ def _find_lowest(height, receiver):
             to[j] = i * width + j + step if fall > 0.0 else -1
 
 
-@_compiled
+@compiled
 def _apply_courses(kinds, forced, receiver, donors, roots):
     """Apply courses, count donors, and list drained nodes without receiver; return their number."""
     donors[:] = 0
@@ -265,7 +264,7 @@ def _apply_courses(kinds, forced, receiver, donors, roots):
     return count
 
 
-@_compiled
+@compiled
 def _count_donors(receiver, donors):
     donors[:] = 0
     for to in receiver:
@@ -273,7 +272,7 @@ def _count_donors(receiver, donors):
             donors[to] += 1
 
 
-@_compiled
+@compiled
 def _connect(roots, height, kinds, forced, width, receiver):
     """Route the basins of pits through their lowest passes: the minimum spanning tree of basins, by Borůvka.
 
@@ -339,7 +338,7 @@ def _connect(roots, height, kinds, forced, width, receiver):
             _release(roots[number], height, kinds, forced, steps, receiver)
 
 
-@_compiled
+@compiled
 def _component(joined, label):
     """Return the component that a basin has been joined with."""
     while joined[label] != label:
@@ -348,7 +347,7 @@ def _component(joined, label):
     return label
 
 
-@_compiled
+@compiled
 def _upstream(root, label, receiver, steps, basin, nodes, count):
     """Label what drains to a root, and append it to the nodes; return their number."""
     basin[root] = label
@@ -366,7 +365,7 @@ def _upstream(root, label, receiver, steps, basin, nodes, count):
     return count
 
 
-@_compiled
+@compiled
 def _reroot(at, to, receiver):
     """Reverse the path from a node to its pit, and let the node drain elsewhere."""
     while at >= 0:
@@ -375,7 +374,7 @@ def _reroot(at, to, receiver):
         to, at = at, following
 
 
-@_compiled
+@compiled
 def _release(root, height, kinds, forced, steps, receiver):
     """Route a pit that a course leads to out of its basin, the least-cost way that crosses no course."""
     basin = np.full(height.size, -1, np.int32)
@@ -402,7 +401,7 @@ def _release(root, height, kinds, forced, steps, receiver):
             heappush(heap, (max(level, height[other]), np.int64(other)))
 
 
-@_compiled
+@compiled
 def _accumulate(kinds, rain, receiver, donors, area, order):
     """Sum drainage areas; write nodes in an order in which donors come before their receivers."""
     for at in range(area.size):

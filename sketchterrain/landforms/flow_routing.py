@@ -57,15 +57,7 @@ class FlowNetwork:
 
 
 def route_flow(height: Float64Array, cell: float) -> FlowNetwork:
-    """Fill the depressions of heights (rows, columns), m, and route their water to the border.
-
-    Parameters
-    ----------
-    height
-        Finite heights, m.
-    cell
-        Side of a cell, m.
-    """
+    """Fill the depressions of finite heights (m) of cells (m), and route their water to the border."""
     rows, columns = height.shape
     height = np.ascontiguousarray(height, np.float64)
     filled, parent = _priority_flood(height, GRADIENT * cell)
@@ -85,11 +77,10 @@ def _priority_flood(height, gradient):  # type: ignore[no-untyped-def]
     parent = np.full(rows * columns, -1, np.int64)
     heap = [(height[0, 0], 0)]
     reached[0, 0] = True
-    for i in range(rows):
-        for j in range(columns):
-            if (i == 0 or j == 0 or i == rows - 1 or j == columns - 1) and not reached[i, j]:
-                heapq.heappush(heap, (height[i, j], i * columns + j))
-                reached[i, j] = True
+    for i, j in np.ndindex(rows, columns):
+        if (i == 0 or j == 0 or i == rows - 1 or j == columns - 1) and not reached[i, j]:
+            heapq.heappush(heap, (height[i, j], i * columns + j))
+            reached[i, j] = True
     while len(heap) > 0:
         level, cell = heapq.heappop(heap)
         i, j = cell // columns, cell % columns

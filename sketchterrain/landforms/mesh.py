@@ -16,11 +16,10 @@ from math import floor, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.geometry.hashing import hash_keys, hash_unit
-from sketchterrain.landforms.hashed_noise import hashed, value_noise, value_noise_row
+from sketchterrain.landforms.hashed_noise import compiled, hashed, value_noise, value_noise_row
 
 UNIT_BITS = 10
 """Bits of the mesh units along the spacing of sites."""
@@ -48,8 +47,6 @@ _SWELL_HALF, _SWELL_WIDTH, _SWELL = 2.0, 2.0, 3.5
 # Corners of a quad's triangles, by diagonal and half: 0 south-west, 1 south-east, 2 north-east, 3 north-west.
 CORNERS = np.array([[[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]])
 CORNER_X, CORNER_Y = np.array([0, 1, 1, 0]), np.array([0, 0, 1, 1])
-
-_compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
 class MeshParameters(NamedTuple):
@@ -81,7 +78,7 @@ def mesh_parameters(seed: int, fall: float) -> MeshParameters:
     return MeshParameters(jitter, warp_x, warp_y, sway, fall, *direction, halfway[0], halfway[1])
 
 
-@_compiled
+@compiled
 def _wave(t):
     """Return a wave of slope ±1 with rounded crests and troughs, of period 1."""
     t = t - floor(t)
@@ -93,7 +90,7 @@ def _wave(t):
     return 0.5 * t
 
 
-@_compiled
+@compiled
 def base_level(mesh, x, y):
     """Return the height (m) that trunk valleys have at a point (mesh units, integers)."""
     scale = 1.0 / (1 << UNIT_BITS)
@@ -117,16 +114,7 @@ def base_level(mesh, x, y):
     return level * mesh.fall
 
 
-@_compiled
-def base_levels(mesh, x, y):
-    """Return the base level (m) at several points (mesh units)."""
-    result = np.empty(x.size)
-    for k in range(x.size):
-        result[k] = base_level(mesh, x[k], y[k])
-    return result
-
-
-@_compiled
+@compiled
 def site_offsets(mesh, column, row):
     """Return how far a site is from its lattice point, in L."""
     bits = hashed(mesh.jitter, column, row)
@@ -135,13 +123,13 @@ def site_offsets(mesh, column, row):
     return _JITTER * (2.0 * low - 1.0), _JITTER * (2.0 * high - 1.0)
 
 
-@_compiled
+@compiled
 def _turn(ax, ay, bx, by, cx, cy):
     """Return twice the signed area of a triangle."""
     return (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
 
 
-@_compiled
+@compiled
 def _diagonal(ax, ay, bx, by, cx, cy, dx, dy):
     """Return the diagonal of a quad: 0 from its south-west corner, 1 from its south-east one."""
     if _turn(ax, ay, bx, by, cx, cy) <= 0.0 or _turn(ax, ay, cx, cy, dx, dy) <= 0.0:
@@ -171,24 +159,22 @@ class MeshTable(NamedTuple):
     site_low: Float64Array  # height of the lowest vertex around sites, m
 
 
-@_compiled
+@compiled
 def lattice_sites(mesh, column, row, rows, columns):
     """Return offsets of sites (L) and diagonals of quads."""
     x, y = np.empty((rows + 1, columns + 1)), np.empty((rows + 1, columns + 1))
-    for j in range(rows + 1):
-        for i in range(columns + 1):
-            x[j, i], y[j, i] = site_offsets(mesh, column + i, row + j)
+    for j, i in np.ndindex(rows + 1, columns + 1):
+        x[j, i], y[j, i] = site_offsets(mesh, column + i, row + j)
     diagonal = np.empty((rows, columns), np.int64)
-    for j in range(rows):
-        for i in range(columns):
-            diagonal[j, i] = _diagonal(
-                x[j, i], y[j, i], 1.0 + x[j, i + 1], y[j, i + 1],
-                1.0 + x[j + 1, i + 1], 1.0 + y[j + 1, i + 1], x[j + 1, i], 1.0 + y[j + 1, i],
-            )  # fmt: skip
+    for j, i in np.ndindex(rows, columns):
+        diagonal[j, i] = _diagonal(
+            x[j, i], y[j, i], 1.0 + x[j, i + 1], y[j, i + 1],
+            1.0 + x[j + 1, i + 1], 1.0 + y[j + 1, i + 1], x[j + 1, i], 1.0 + y[j + 1, i],
+        )  # fmt: skip
     return x, y, diagonal
 
 
-@_compiled
+@compiled
 def neighbour(diagonal, row, column, half, side):
     """Return row, column and half of the triangle beyond a side; row −1 if the table ends there.
 
@@ -209,15 +195,15 @@ def neighbour(diagonal, row, column, half, side):
     return row, column - 1, diagonal[row, column - 1]
 
 
-@_compiled
+@compiled
 def triangle_sides(diagonal, half):
-    """Return the two sides of the quad that a triangle has."""
+    """Return the sides of a triangle: two of the quad, and the diagonal."""
     if half == 0:
-        return 0, (1 if diagonal == 0 else 3)
-    return 2, (3 if diagonal == 0 else 1)
+        return 0, (1 if diagonal == 0 else 3), 4
+    return 2, (3 if diagonal == 0 else 1), 4
 
 
-@_compiled
+@compiled
 def quad_side(first, second):
     """Return the side between two corners of a quad, 4 for a diagonal."""
     if first + second == 1:
@@ -229,7 +215,7 @@ def quad_side(first, second):
     return 1 if first + second == 3 and first != 0 and second != 0 else 3
 
 
-@_compiled
+@compiled
 def side_corners(diagonal, side):
     """Return the corners of a quad at the ends of a side."""
     if side == 4:
@@ -237,7 +223,7 @@ def side_corners(diagonal, side):
     return side, (side + 1) % 4
 
 
-@_compiled
+@compiled
 def border_warp_row(mesh, x, step, y, east, north):
     """Write the displacements (L) of a row of points, `step` mesh units apart from (x, y) on."""
     east[:] = 0.0
@@ -247,7 +233,7 @@ def border_warp_row(mesh, x, step, y, east, north):
         value_noise_row(mesh.warp_y + np.uint64(bits), x, step, y, bits, amplitude, north)
 
 
-@_compiled
+@compiled
 def displaced(table, x, y, east, north):
     """Return the quad (row, column) of a point (mesh units), displaced (L), and the point in it (L)."""
     scale = 1.0 / (1 << UNIT_BITS)
@@ -257,40 +243,41 @@ def displaced(table, x, y, east, north):
     return row + shift_y - table.row, column + shift_x - table.column, px - shift_x, py - shift_y
 
 
-@_compiled
+@compiled
 def triangle_at(table, row, column, x, y):
     """Return row, column and half of the triangle of a point, in L from the lattice point of its quad."""
+    sites = table.diagonal, table.site_x, table.site_y
     for trial in range(18):
         # the quad of the point first, then those around it
         a = (trial // 2 + 4) % 9
         j, i, half = row + a // 3 - 1, column + a % 3 - 1, trial % 2
-        if min(corner_areas(triangle_corners(table, j, i, half), x - (i - column), y - (j - row))) >= 0.0:
+        if min(corner_areas(triangle_corners(*sites, j, i, half), x - (i - column), y - (j - row))) >= 0.0:
             return j, i, half
     return -1, -1, 0
 
 
-@_compiled
-def triangle_corners(table, row, column, half):
+@compiled
+def triangle_corners(diagonal, site_x, site_y, row, column, half):
     """Return x and y of a triangle's corners, in L from the lattice point of its quad."""
-    a, b, c = CORNERS[table.diagonal[row, column], half]
+    a, b, c = CORNERS[diagonal[row, column], half]
     return (
-        CORNER_X[a] + table.site_x[row + CORNER_Y[a], column + CORNER_X[a]],
-        CORNER_Y[a] + table.site_y[row + CORNER_Y[a], column + CORNER_X[a]],
-        CORNER_X[b] + table.site_x[row + CORNER_Y[b], column + CORNER_X[b]],
-        CORNER_Y[b] + table.site_y[row + CORNER_Y[b], column + CORNER_X[b]],
-        CORNER_X[c] + table.site_x[row + CORNER_Y[c], column + CORNER_X[c]],
-        CORNER_Y[c] + table.site_y[row + CORNER_Y[c], column + CORNER_X[c]],
+        CORNER_X[a] + site_x[row + CORNER_Y[a], column + CORNER_X[a]],
+        CORNER_Y[a] + site_y[row + CORNER_Y[a], column + CORNER_X[a]],
+        CORNER_X[b] + site_x[row + CORNER_Y[b], column + CORNER_X[b]],
+        CORNER_Y[b] + site_y[row + CORNER_Y[b], column + CORNER_X[b]],
+        CORNER_X[c] + site_x[row + CORNER_Y[c], column + CORNER_X[c]],
+        CORNER_Y[c] + site_y[row + CORNER_Y[c], column + CORNER_X[c]],
     )
 
 
-@_compiled
+@compiled
 def corner_areas(corners, x, y):
     """Return twice the signed areas of a point's triangles with the sides opposite to each corner."""
     ax, ay, bx, by, cx, cy = corners
     return _turn(x, y, bx, by, cx, cy), _turn(ax, ay, x, y, cx, cy), _turn(ax, ay, bx, by, x, y)
 
 
-@_compiled
+@compiled
 def nearest_corners(areas, corners):
     """Return a point's nearest and second corner, and two of its barycentric coordinates.
 
@@ -309,7 +296,7 @@ def nearest_corners(areas, corners):
     return k0, k1, three / total, (one - two) / total
 
 
-@_compiled
+@compiled
 def edge_relief(relief, site_relief, triangle, beyond, corners):
     """Return the relief (m) at the middle of an edge between two triangles, or beside it if it is less there.
 
@@ -332,7 +319,7 @@ class PassRule(NamedTuple):
     length: float  # of L, m
 
 
-@_compiled
+@compiled
 def _centroid(table, origin, triangle):
     """Return the centroid of a triangle, in L from a lattice point near it."""
     row, column, half = triangle
@@ -345,7 +332,7 @@ def _centroid(table, origin, triangle):
     return x / 3.0, y / 3.0
 
 
-@_compiled
+@compiled
 def pass_height(table, triangle, beyond, corners, rule):
     """Return the height (m) of the pass half way between two vertices."""
     row, column, half = triangle
@@ -367,7 +354,7 @@ def pass_height(table, triangle, beyond, corners, rule):
     return max(top, here, there)
 
 
-@_compiled
+@compiled
 def edge_inflow(table, triangle, corners):
     """Return the area (L²) that drains into the edge between two corners' cells from its upper end."""
     row, column, half = triangle
@@ -380,7 +367,7 @@ def edge_inflow(table, triangle, corners):
     return 0.0
 
 
-@_compiled
+@compiled
 def edge_height(table, triangle, corners, third, rule):
     """Return the height (m) of the edge between two corners' cells, by the third barycentric coordinate.
 

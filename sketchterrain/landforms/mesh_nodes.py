@@ -7,12 +7,13 @@ Loops stand instead of array expressions, which take numba seconds to compile.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from scipy.ndimage import find_objects
 
 from sketchterrain.array_types import Float64Array, Int32Array, Int64Array
 from sketchterrain.landforms.drainage import FIRST_ROUNDS, FIRST_UPLIFT
 from sketchterrain.landforms.drainage_levels import pack
 from sketchterrain.landforms.drainage_rounds import new_state, run
+from sketchterrain.landforms.hashed_noise import compiled
 from sketchterrain.landforms.mesh import (
     CORNER_X,
     CORNER_Y,
@@ -52,10 +53,7 @@ class CellNodes(NamedTuple):
     boxes: Int64Array
 
 
-_compiled = njit(cache=True, nogil=True, error_model="numpy")
-
-
-@_compiled
+@compiled
 def owners(mesh, table, level, column, row, rows, columns):
     """Return the triangle and nearest corners of each node, and its coordinates of `nearest_corners`.
 
@@ -75,7 +73,8 @@ def owners(mesh, table, level, column, row, rows, columns):
             areas = corner_areas(corners, px - (p - c), py - (q - r))
             if min(areas) < _CLEARLY:  # not in the triangle of the node before
                 q, p, half = triangle_at(table, r, c, px, py)
-                numbers, corners = CORNERS[table.diagonal[q, p], half], triangle_corners(table, q, p, half)
+                numbers = CORNERS[table.diagonal[q, p], half]
+                corners = triangle_corners(table.diagonal, table.site_x, table.site_y, q, p, half)
                 areas = corner_areas(corners, px - (p - c), py - (q - r))
             first, second, third[j, i], away[j, i] = nearest_corners(areas, numbers)
             here = place[j, i]
@@ -83,7 +82,7 @@ def owners(mesh, table, level, column, row, rows, columns):
     return place, third, away
 
 
-@_compiled
+@compiled
 def cell_bounds(table):
     """Return boxes (rows, columns, 4) of the cells of a table's inner sites: west, south, east, north, in L.
 
@@ -116,7 +115,7 @@ def cell_bounds(table):
     return bounds
 
 
-@_compiled
+@compiled
 def mesh_heights(mesh, table, level, column, row, rows, columns, rule, rise):
     """Return heights (m) of nodes between the edges of their cells and crests at the sites.
 
@@ -124,29 +123,16 @@ def mesh_heights(mesh, table, level, column, row, rows, columns, rule, rise):
     """
     place, third, away = owners(mesh, table, level, column, row, rows, columns)
     height = np.empty((rows, columns))
-    for j in range(rows):
-        for i in range(columns):
-            q, p, half, first, second = place[j, i]
-            edge = edge_height(table, (q, p, half), (first, second), third[j, i], rule)
-            site = q + CORNER_Y[first], p + CORNER_X[first]
-            crest = table.site_low[site] + rise * table.site_relief[site]
-            height[j, i] = edge + (max(crest, edge) - edge) * away[j, i] * (2.0 - away[j, i])
+    for j, i in np.ndindex(rows, columns):
+        q, p, half, first, second = place[j, i]
+        edge = edge_height(table, (q, p, half), (first, second), third[j, i], rule)
+        site = q + CORNER_Y[first], p + CORNER_X[first]
+        crest = table.site_low[site] + rise * table.site_relief[site]
+        height[j, i] = edge + (max(crest, edge) - edge) * away[j, i] * (2.0 - away[j, i])
     return height
 
 
-@_compiled
-def owner_index(place, stride):
-    """Return each node's cell: row · stride + column of its site in the table."""
-    rows, columns = place.shape[:2]
-    owner = np.empty((rows, columns), np.int32)
-    for j in range(rows):
-        for i in range(columns):
-            first = place[j, i, 3]
-            owner[j, i] = (place[j, i, 0] + CORNER_Y[first]) * stride + place[j, i, 1] + CORNER_X[first]
-    return owner
-
-
-@_compiled
+@compiled
 def borders(table, place, third, owner, rule):
     """Return heights of edges and areas (m²) that drain into them from above, at nodes of borders.
 
@@ -168,35 +154,7 @@ def borders(table, place, third, owner, rule):
     return base, inflow
 
 
-@_compiled
-def outer_borders(inside, base):
-    """Return the heights of nodes with an 8-neighbour outside, NaN elsewhere."""
-    rows, columns = inside.shape
-    result = np.full((rows, columns), np.nan)
-    for j in range(1, rows - 1):
-        for i in range(1, columns - 1):
-            if inside[j, i] and not inside[j - 1 : j + 2, i - 1 : i + 2].all():
-                result[j, i] = base[j, i]
-    return result
-
-
-@_compiled
-def boxes(owner, count):
-    """Return first row, first column, end row, end column of each cell; 0 of one without nodes."""
-    boxes = np.zeros((count, 4), np.int64)
-    for j in range(owner.shape[0]):
-        for i in range(owner.shape[1]):
-            k = owner[j, i]
-            if k < 0:
-                continue
-            if boxes[k, 2] == 0:
-                boxes[k, 0], boxes[k, 1] = j, i
-            boxes[k, 0], boxes[k, 1] = min(boxes[k, 0], j), min(boxes[k, 1], i)
-            boxes[k, 2], boxes[k, 3] = max(boxes[k, 2], j + 1), max(boxes[k, 3], i + 1)
-    return boxes
-
-
-@_compiled
+@compiled
 def drain_cell(cells, number, coarser, corner, cell, rounds, talus):
     """Drain a cell alone, as `drainage.drain` does; return what `_Cell` has of its box.
 
@@ -216,11 +174,10 @@ def drain_cell(cells, number, coarser, corner, cell, rounds, talus):
     rows, columns = north - south, east - west
     shape = rows, columns
     domain, base = np.empty(shape, np.bool_), np.full(shape, np.nan)
-    for i in range(rows):
-        for j in range(columns):
-            domain[i, j] = cells.owner[south + i, west + j] == number
-            if domain[i, j]:
-                base[i, j] = cells.base[south + i, west + j]
+    for i, j in np.ndindex(rows, columns):
+        domain[i, j] = cells.owner[south + i, west + j] == number
+        if domain[i, j]:
+            base[i, j] = cells.base[south + i, west + j]
     size = (rows + 2) * (columns + 2)
     spacing = cell * 2.0**cells.level
     kinds, forced = np.zeros(size, np.int8), np.full(size, -1, np.int32)
@@ -241,36 +198,33 @@ def drain_cell(cells, number, coarser, corner, cell, rounds, talus):
         run(topology, even, state, geometry, np.int64(FIRST_ROUNDS))  # a literal would be compiled anew
     run(topology, fields, state, geometry, rounds)
     height, area, narrow = np.full(shape, np.nan), np.zeros(shape), np.zeros(shape, np.float32)
-    for i in range(rows):
-        for j in range(columns):
-            if domain[i, j]:
-                at = (i + 1) * (columns + 2) + j + 1
-                height[i, j] = state[0][at]
-                area[i, j] = state[1][at] + cells.inflow[south + i, west + j]
-                narrow[i, j] = area[i, j]
+    for i, j in np.ndindex(rows, columns):
+        if domain[i, j]:
+            at = (i + 1) * (columns + 2) + j + 1
+            height[i, j] = state[0][at]
+            area[i, j] = state[1][at] + cells.inflow[south + i, west + j]
+            narrow[i, j] = area[i, j]
     piled = height.copy()
     _pile_talus(piled, base, cells.repose[part], talus * spacing)
     return height, piled, narrow, wetness(piled, area, spacing, cell)
 
 
-@_compiled
+@compiled
 def _pile_talus(height, base, repose, slope):
     """Raise ground below passes that stand above it until it is no steeper than talus (in place)."""
     rows, columns = height.shape
-    for turn in range(2):
-        for a in range(rows):
-            for b in range(columns):
-                j, i = (a, b) if turn == 0 else (rows - 1 - a, columns - 1 - b)
-                if base[j, i] == base[j, i] or height[j, i] != height[j, i]:
-                    continue
-                step = slope * repose[j, i]
-                for q, p, reach in ((-1, -1, 1.4142), (-1, 0, 1.0), (-1, 1, 1.4142), (0, -1, 1.0)):
-                    y, x = (j + q, i + p) if turn == 0 else (j - q, i - p)
-                    if 0 <= y < rows and 0 <= x < columns and height[y, x] - step * reach > height[j, i]:
-                        height[j, i] = height[y, x] - step * reach
+    for turn, a, b in np.ndindex(2, rows, columns):
+        j, i = (a, b) if turn == 0 else (rows - 1 - a, columns - 1 - b)
+        if base[j, i] == base[j, i] or height[j, i] != height[j, i]:
+            continue
+        step = slope * repose[j, i]
+        for q, p, reach in ((-1, -1, 1.4142), (-1, 0, 1.0), (-1, 1, 1.4142), (0, -1, 1.0)):
+            y, x = (j + q, i + p) if turn == 0 else (j - q, i - p)
+            if 0 <= y < rows and 0 <= x < columns and height[y, x] - step * reach > height[j, i]:
+                height[j, i] = height[y, x] - step * reach
 
 
-@_compiled
+@compiled
 def paste(window, cell, corner):
     """Copy the nodes of a cell into a window's heights, areas and wetness; its first is `corner` there."""
     rows, columns = cell[0].shape
@@ -281,6 +235,21 @@ def paste(window, cell, corner):
                 window[0][j, i] = cell[0][j - row, i - column]
                 window[1][j, i] = cell[1][j - row, i - column]
                 window[2][j, i] = cell[2][j - row, i - column]
+
+
+def owner_index(place: Int32Array, stride: int) -> Int64Array:
+    """Return each node's cell: row · stride + column of its site in the table."""
+    row, column, _, first, _ = np.moveaxis(place, -1, 0)
+    return np.asarray((row + CORNER_Y[first]) * stride + column + CORNER_X[first])
+
+
+def boxes(owner: Int32Array, count: int) -> Int64Array:
+    """Return first row, first column, end row, end column of each cell; 0 of one without nodes."""
+    found = np.zeros((count, 4), np.int64)
+    for number, box in enumerate(find_objects(owner + 1, max_label=count)):
+        if box is not None:
+            found[number] = box[0].start, box[1].start, box[0].stop, box[1].stop
+    return found
 
 
 def quads_of_nodes(level: int, column: int, row: int, rows: int, columns: int) -> tuple[int, int, int, int]:

@@ -7,8 +7,9 @@ extent / 256. Samples of a cell size read the coarsest level whose spacing it re
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +25,7 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.geometry.box_index import ITEM, content_items
 from sketchterrain.io.disk_cache import RecordCache
 from sketchterrain.io.resources import kernel_constants
-from sketchterrain.landforms.base_ground import BaseGround
+from sketchterrain.landforms.base_ground import BaseGround, NodeSource
 
 NODE_BITS = int(kernel_constants("layers/relief.clh", "NODE_BITS")[0])
 """Of the spacing of level 0, lattice units."""
@@ -40,36 +41,6 @@ _ITEM_NODES = 32  # of level 0 along a side of an item
 _PAINTED_LEVELS = 6
 _MAX_CHUNKS_BYTES = 1 << 25
 _ROUNDING = 4  # lattice units
-
-
-class Nodes(Protocol):
-    """Heights (m), shares of rock (0 … 1) and wetness (0 … 1) of a window of nodes, (rows, columns)."""
-
-    @property
-    def height(self) -> Float64Array: ...  # noqa: D102
-    @property
-    def rock(self) -> Float32Array: ...  # noqa: D102
-    @property
-    def wetness(self) -> Float32Array: ...  # noqa: D102
-
-
-class NodeSource(Protocol):
-    """Unpainted ground as a value: equal and hashable by all that its nodes depend on."""
-
-    def window(
-        self, level: int, column: int, row: int, rows: int, columns: int, *, painted: bool = True
-    ) -> Nodes:
-        """Return a window of nodes from the south-western one on, rows northward.
-
-        Unless ``painted``, heights of the painted region's nodes may be NaN.
-        """
-        ...
-
-    def prepare(
-        self, level: int, corners: LatticeArray, rows: int, columns: int, *, painted: bool = True
-    ) -> None:
-        """Compute at once what windows of a size need, by their south-western nodes (n, 2)."""
-        ...
 
 
 def node_level(cell: float, extent: float) -> int:
@@ -208,7 +179,6 @@ class NodeReader:
         self,
         source: NodeSource,
         painted: DrainedRaster | None,
-        chunks: LRUCache | None = None,
         disk: RecordCache | None = None,
         base: BaseGround | None = None,
     ) -> None:
@@ -216,21 +186,15 @@ class NodeReader:
         self._painted = painted
         self._base = base
         self._disk = disk
-        self._chunks = LRUCache(max_bytes=_MAX_CHUNKS_BYTES) if chunks is None else chunks
+        self._chunks = LRUCache(max_bytes=_MAX_CHUNKS_BYTES)
 
     def updated(self, painted: DrainedRaster | None, boxes: LatticeArray) -> NodeReader:
         """Return the reader of another painted raster that differs in boxes (n, 4), lattice units."""
-        return NodeReader(
-            self._source,
-            painted,
-            self._chunks.retained(
-                key
-                for key in self._chunks.keys()  # noqa: SIM118 # no mapping
-                if not _touches(boxes, *key)
-            ),
-            self._disk,
-            self._base,
-        )
+        other = copy(self)
+        other._painted = painted
+        keys = self._chunks.keys()
+        other._chunks = self._chunks.retained(key for key in keys if not _touches(boxes, *key))
+        return other
 
     def chunks(self, level: int, places: LatticeArray) -> list[NodeWindow]:
         """Return chunks (n, 2) of a level by their columns and rows."""
@@ -275,13 +239,12 @@ class NodeReader:
         shares = [np.rint(np.clip(each, 0, 1) * 255).astype(np.uint8) for each in (nodes.rock, nodes.wetness)]
         window: list[npt.NDArray[Any]] = [nodes.height.astype(np.float32), *shares]
         chunks, records = [], {}
-        for r in range(rows):
-            for c in range(columns):
-                part = np.s_[r * CHUNK : (r + 1) * CHUNK, c * CHUNK : (c + 1) * CHUNK]
-                own = [each[part].copy() for each in window]
-                key = level, int(low[0]) + c, int(low[1]) + r
-                records[self._disk_key(key)] = b"".join(each.tobytes() for each in own)
-                chunks.append(self._chunks.store(key, self._finished(own, key)))
+        for r, c in np.ndindex(rows, columns):
+            part = np.s_[r * CHUNK : (r + 1) * CHUNK, c * CHUNK : (c + 1) * CHUNK]
+            own = [each[part].copy() for each in window]
+            key = level, int(low[0]) + c, int(low[1]) + r
+            records[self._disk_key(key)] = b"".join(each.tobytes() for each in own)
+            chunks.append(self._chunks.store(key, self._finished(own, key)))
         if self._disk is not None:
             self._disk.add(records)
         return chunks

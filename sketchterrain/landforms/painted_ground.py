@@ -43,7 +43,6 @@ from sketchterrain.landforms.hydrology.drainage_constraints import (
     NodeRaster,
     drainage_constraints,
 )
-from sketchterrain.landforms.hydrology.lakes import GroundHeight
 from sketchterrain.landforms.hydrology.streams import Flow
 from sketchterrain.landforms.node_raster import DrainedRaster, PaintedNodes
 from sketchterrain.landforms.painted_uplift import (
@@ -52,7 +51,7 @@ from sketchterrain.landforms.painted_uplift import (
     height_without,
     painted_uplift,
 )
-from sketchterrain.landforms.placement.feature_types import Lake
+from sketchterrain.landforms.placement.feature_types import GroundHeight, Lake
 from sketchterrain.landforms.placement.sea import Sea
 from sketchterrain.landforms.relief_fields import UnpaintedSettings
 from sketchterrain.landforms.unpainted import unpainted_ground

@@ -17,9 +17,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
-from numba import njit
 from scipy.ndimage import distance_transform_edt
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
@@ -33,8 +33,9 @@ from sketchterrain.landforms.drainage import (
     drain,
     on_network,
 )
-from sketchterrain.landforms.hashed_noise import value_noise_row
+from sketchterrain.landforms.hashed_noise import compiled, value_noise_row
 from sketchterrain.landforms.mesh import SIDE
+from sketchterrain.landforms.placement.feature_types import smoothstep
 from sketchterrain.landforms.uplift import Outline, UpliftFeatures
 
 COLLAR = 0.5  # width of the collar, visible radii
@@ -71,7 +72,6 @@ PASSES = 2  # adjustments of whole shapes, at the last routing
 _LEVELS = 4
 _OUTSIDE = -9.0
 _REACH = 0.9  # visible radii beyond its outline that a feature may raise
-_compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,17 +115,11 @@ def painted_uplift(
 
     Parameters
     ----------
-    features
-        From `uplift_features`.
-    ground
-        Level 0 of the region as it is unpainted. Painted lakes and the sea are outlets (``base``), painted
-        rivers are courses.
-    cell
-        Spacing of level 0 (m).
-    rock
-        Share of rock, 0 … 1, of the unpainted ground.
-    outlines
-        Painted shapes of mountains and hills, which features fill beyond their radii.
+    ground : level 0 of the region as it is unpainted; painted lakes and the sea are outlets (``base``),
+        painted rivers are courses
+    cell : spacing of level 0 (m)
+    rock : share of rock, 0 … 1, of the unpainted ground
+    outlines : painted shapes of mountains and hills, which features fill beyond their radii
     """
     shape = ground.base.shape
     centre = _centres(features, ground, cell)
@@ -133,7 +127,7 @@ def painted_uplift(
     rock = np.zeros(shape, np.float32) if rock is None else rock
     near = _nearness(centre, radius, shape)
     strata = np.zeros(shape)
-    calm = _smooth((near + _CLEARANCE) / _CLEARANCE)
+    calm = smoothstep((near + _CLEARANCE) / _CLEARANCE)
     uplift = ground.uplift * (1.0 - calm * (_CALM + (1.0 - _CALM) * rock))
     broad, fine = (_unevenness(ground.origin, shape, octaves) for octaves in (_BROAD, _FINE))
     repose = ground.repose
@@ -161,10 +155,10 @@ def painted_uplift(
             position = np.where(inside, np.maximum(position, within), _OUTSIDE)
         height, peakiness, erosion, wide, layered = np.moveaxis(means, -1, 0)
         slope = np.where(inside, height / np.maximum(wide, 1e-9), 0.0)
-        core = _smooth((position + _OUTSET + _EDGE) / (2.0 * _EDGE))
-        collar = _smooth((position + COLLAR) / COLLAR) * (1.0 - core)
+        core = smoothstep((position + _OUTSET + _EDGE) / (2.0 * _EDGE))
+        collar = smoothstep((position + COLLAR) / COLLAR) * (1.0 - core)
         rise = np.clip(position, 0.0, 1.0)
-        uneven = broad + fine * _smooth((position - _FINE_FROM) / (_FINE_FULL - _FINE_FROM))
+        uneven = broad + fine * smoothstep((position - _FINE_FROM) / (_FINE_FULL - _FINE_FROM))
         uneven = 1.0 + _UNEVEN * uneven
         peak = 1.0 + _PEAK * (peakiness - 0.5) * (2.0 * rise - 1.0)
         steepness, hill_steepness = (
@@ -176,9 +170,9 @@ def painted_uplift(
         if not is_rock:
             most = hill_steepness + _EROSION_HILL_STEEPNESS * erosion
             steep = np.minimum(steep, most * slope + _HILL_BASE)
-        foot = _smooth((position + COLLAR) / (0.6 * COLLAR))
-        front = _smooth((position + _OUTSET + _EDGE) / _FRONT)
-        apron = _COLLAR_SLOPE * slope * (_APRON + _APRON_RISE * _smooth((position + COLLAR) / COLLAR))
+        foot = smoothstep((position + COLLAR) / (0.6 * COLLAR))
+        front = smoothstep((position + _OUTSET + _EDGE) / _FRONT)
+        apron = _COLLAR_SLOPE * slope * (_APRON + _APRON_RISE * smoothstep((position + COLLAR) / COLLAR))
         ramp = _STEEPEST * np.minimum(uneven, 1.0) * (apron * (1.0 - front) + steep * front)
         own = np.maximum(ground.repose * (1.0 - core) * (1.0 - foot), ramp)
         repose = np.where(inside, np.maximum(own, np.where(repose is ground.repose, 0.0, repose)), repose)
@@ -199,7 +193,8 @@ def painted_uplift(
             )
         )
         if is_rock:
-            rock = np.maximum(rock, np.where(inside, _smooth(position / _ROCK_DEPTH), 0.0)).astype(np.float32)
+            bare = np.where(inside, smoothstep(position / _ROCK_DEPTH), 0.0)
+            rock = np.maximum(rock, bare).astype(np.float32)
             strata = np.where(inside, layered * core, 0.0)
     levels = _levels(replace(ground, uplift=uplift, repose=np.maximum(repose, 0.3 * uplift), strata=strata))
     return PaintedUplift(features, levels, tuple(layers), rock.astype(np.float32), near > -_ZONE)
@@ -225,11 +220,6 @@ def _highest(features: UpliftFeatures) -> Float64Array:
     top = np.where(np.isinf(features.summit), features.height, features.summit)
     np.maximum.at(highest, features.shape, top)
     return highest
-
-
-def _smooth(t: Float64Array) -> Float64Array:
-    t = np.clip(t, 0.0, 1.0)
-    return np.asarray(t * t * (3.0 - 2.0 * t))
 
 
 def _levels(finest: DrainageInput) -> tuple[DrainageInput, ...]:
@@ -291,22 +281,24 @@ class HeightControl:
         for layer, part in zip(painted.layers, parts, strict=True):
             without = solver.heights(ground + np.maximum(sum(parts) - part, 0.0))
             factors, effect = self.factors[layer.members], _as_read(height - without)
-            owner, below = layer.owner, self._below(layer, index)
+            aims = layer.target, self._below(layer, index), layer.owner, np.arange(len(factors)), 1e-3
             if whole:
-                shape = painted.features.shape[layer.members]
-                _adjust_shapes(effect, (layer.highest, shape, owner, below), start, step, factors, share)
-            else:
-                _adjust_factors(effect, (layer.target, owner, below), start, step, factors, share)
+                aims = self._shape_aims(layer, index, layer.owner)
+            _adjust_factors(effect, aims, start, step, factors, share)
             self.factors[layer.members] = factors
 
     def gain(self, index: int, layer: FeatureLayer, effect: Float64Array) -> Float64Array:
         """Return by how much a layer's effect (m) at a level falls short of its shapes' heights."""
         _, start, step = self._place(index)
-        gains, shape = np.ones(len(layer.members)), self._painted.features.shape[layer.members]
         nearest = distance_transform_edt(layer.owner < 0, return_distances=False, return_indices=True)
-        aims = layer.highest, shape, layer.owner[tuple(nearest)], self._below(layer, index)
-        _adjust_shapes(_as_read(effect), aims, start, step, gains, 1.0)
+        aims, gains = self._shape_aims(layer, index, layer.owner[tuple(nearest)]), np.ones(len(layer.members))
+        _adjust_factors(_as_read(effect), aims, start, step, gains, 1.0)
         return self._spread(layer, index, gains)
+
+    def _shape_aims(self, layer: FeatureLayer, index: int, owner: Int64Array) -> tuple[Any, ...]:
+        """Return the aims of `_adjust_factors` for whole shapes."""
+        shape = self._painted.features.shape[layer.members]
+        return layer.highest[shape[owner]], self._below(layer, index), owner, shape, 0.0
 
     def radius(self, index: int) -> Float64Array:
         """Return the radius (m) of features near the nodes of a level, at least 1."""
@@ -324,12 +316,11 @@ class HeightControl:
     def _parts(self, index: int, shares: Sequence[Float64Array]) -> list[Float64Array]:
         """Return what each layer adds to a level."""
         layers = self._painted.layers
-        return [share * self._layer(layer, index) for layer, share in zip(layers, shares, strict=True)]
-
-    def _layer(self, layer: FeatureLayer, index: int) -> Float64Array:
-        """Return what the features of a layer add to a level."""
-        factors = self._spread(layer, index, self.factors[layer.members])
-        return np.asarray(layer.collar[index] + layer.core[index] * factors)
+        factors = [self._spread(each, index, self.factors[each.members]) for each in layers]
+        return [
+            share * (layer.collar[index] + layer.core[index] * factor)
+            for layer, share, factor in zip(layers, shares, factors, strict=True)
+        ]
 
     def _spread(self, layer: FeatureLayer, index: int, factors: Float64Array) -> Float64Array:
         """Return the means of factors of a layer's members at the nodes of a level."""
@@ -383,7 +374,7 @@ def height_without(
     return solver.result().height
 
 
-@_compiled
+@compiled
 def _box(x, y, reach, start, step, shape):
     """Return the ranges of rows and columns within reach of a feature."""
     south = max(int(np.floor((y - reach - start[0]) / step)), 0)
@@ -393,7 +384,7 @@ def _box(x, y, reach, start, step, shape):
     return south, north, west, east
 
 
-@_compiled
+@compiled
 def _unevenness(origin, shape, octaves):
     """Return noise of short wavelengths, about −1 … 1, at nodes of level 0."""
     noise = np.zeros(shape)
@@ -404,7 +395,7 @@ def _unevenness(origin, shape, octaves):
     return noise
 
 
-@_compiled
+@compiled
 def _nearness(centre, radius, shape):
     """Return the greatest depth inside any feature over its radius, negative outside."""
     near = np.full(shape, _OUTSIDE)
@@ -420,7 +411,7 @@ def _nearness(centre, radius, shape):
     return near
 
 
-@_compiled
+@compiled
 def _features_at(centre, radius, values, regions):
     """Return, at nodes, where they lie in features and weighted means of these.
 
@@ -455,18 +446,17 @@ def _features_at(centre, radius, values, regions):
                 if inside / own > deepest[i, j]:
                     deepest[i, j] = inside / own
                     owner[i, j] = k
-    for i in range(rows):
-        for j in range(columns):
-            if weights[i, j] > 0.0:
-                depth[i, j] = max(depth[i, j] / (radii[i, j] / weights[i, j]), -1.0)
-                for value in range(values.shape[1]):
-                    means[i, j, value] /= weights[i, j]
-                if deepest[i, j] <= _LIFT:
-                    owner[i, j] = -1
+    for i, j in np.ndindex(rows, columns):
+        if weights[i, j] > 0.0:
+            depth[i, j] = max(depth[i, j] / (radii[i, j] / weights[i, j]), -1.0)
+            for value in range(values.shape[1]):
+                means[i, j, value] /= weights[i, j]
+            if deepest[i, j] <= _LIFT:
+                owner[i, j] = -1
     return depth, owner, means
 
 
-@_compiled
+@compiled
 def _mean_factors(centre, radius, factors, place, regions):
     """Return the weighted mean of the factors of features near nodes, 1 away from them."""
     (start, step, shape), (belongs, region) = place, regions
@@ -486,44 +476,27 @@ def _mean_factors(centre, radius, factors, place, regions):
                         weight *= _NEIGHBOUR
                     weights[i, j] += weight
                     sums[i, j] += weight * factors[k]
-    for i in range(shape[0]):
-        for j in range(shape[1]):
-            sums[i, j] = sums[i, j] / weights[i, j] if weights[i, j] > 0.0 else 1.0
+    for i, j in np.ndindex(shape):
+        sums[i, j] = sums[i, j] / weights[i, j] if weights[i, j] > 0.0 else 1.0
     return sums
 
 
-@_compiled
+@compiled
 def _adjust_factors(effect, aims, start, step, factors, share):
-    """Scale each factor by how far the highest crest of its feature is from its aim."""
-    target, owner, below = aims
-    reached = np.zeros(factors.size)
-    for i in range(effect.shape[0]):
-        for j in range(effect.shape[1]):
-            row, column = start[0] + i * step, start[1] + j * step
-            k = owner[row, column]
-            if k >= 0 and target[row, column] - below[i, j] > 1e-3:
-                reached[k] = max(reached[k], effect[i, j] / (target[row, column] - below[i, j]))
-    _scale(factors, reached, share)
+    """Scale the factors of groups of features by how far their highest crests are from their aims.
 
-
-@_compiled
-def _adjust_shapes(effect, aims, start, step, factors, share):
-    """Scale the factors of each shape by how far its highest crest is from its aim."""
-    highest, shape, owner, below = aims
-    reached = np.zeros(highest.size)
-    for i in range(effect.shape[0]):
-        for j in range(effect.shape[1]):
-            k = owner[start[0] + i * step, start[1] + j * step]
-            if k >= 0 and highest[shape[k]] - below[i, j] > 0.0:
-                most = highest[shape[k]] - below[i, j]
-                reached[shape[k]] = max(reached[shape[k]], effect[i, j] / most)
-    _scale(factors, reached[shape], share)
-
-
-@_compiled
-def _scale(factors, reached, share):
+    `aims` are heights (m) that crests have at nodes, the ground below them, the feature at each node, the
+    group of each feature, and the least rise (m) that counts.
+    """
+    target, below, owner, group, least = aims
+    reached = np.zeros(group.max() + 1)
+    for i, j in np.ndindex(effect.shape):
+        row, column = start[0] + i * step, start[1] + j * step
+        k, rise = owner[row, column], target[row, column] - below[i, j]
+        if k >= 0 and rise > least:
+            reached[group[k]] = max(reached[group[k]], effect[i, j] / rise)
     for k in range(factors.size):
-        if reached[k] > 0.0:
-            change = min(max(1.0 / reached[k], 1.0 / _GAIN_CLIP), _GAIN_CLIP)
+        if reached[group[k]] > 0.0:
+            change = min(max(1.0 / reached[group[k]], 1.0 / _GAIN_CLIP), _GAIN_CLIP)
             change = 1.0 + share * (change - 1.0)
             factors[k] = min(max(factors[k] * change, _LEAST_FACTOR), _MOST_FACTOR)

@@ -14,11 +14,10 @@ from statistics import NormalDist
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from sketchterrain.document.label_layers import labels_in
 from sketchterrain.geometry.hashing import hash_keys, rounded
-from sketchterrain.landforms.hashed_noise import gradient_noise, value_noise_row
+from sketchterrain.landforms.hashed_noise import compiled, gradient_noise, value_noise_row
 from sketchterrain.landforms.mesh import SIDE, SITE_BITS, UNIT_BITS, base_level
 from sketchterrain.landforms.placement.feature_types import TYPES
 from sketchterrain.landforms.placement.heights import unpainted_height
@@ -38,8 +37,6 @@ _RANGE_RELIEF, _RANGE_VALLEYS = 0.65, 0.45
 _LOW_RANGES, _LOW_SLOPE = 150.0, 0.03  # m, and over the extent: height around level sketches
 _RANGE_SLOPE = 0.12  # greatest height over the extent
 _SKETCH_SIDE = 256 >> SITE_BITS  # L
-
-_compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
 @dataclass(frozen=True)
@@ -166,7 +163,7 @@ def uplift_fields(settings: UnpaintedSettings) -> UpliftFields:
     )
 
 
-@_compiled
+@compiled
 def range_noise(key, x, y):
     """Return noise of joined, elongated shapes, their direction varying over the land; a swing per unit."""
     turn = 2.0 * gradient_noise(key, 0.11 * x, 0.11 * y)
@@ -190,13 +187,13 @@ def range_noise(key, x, y):
     return value + 0.35 * gradient_noise(key + np.uint64(7), 2.1 * x, 2.1 * y)
 
 
-@_compiled
+@compiled
 def _smooth(t):
     t = min(max(t, 0.0), 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
-@_compiled
+@compiled
 def range_at(fields, x, y):
     """Return the height (m) of ranges beyond the sketch at a point (mesh units): 0 near its square."""
     scale, half = 1.0 / (1 << UNIT_BITS), 0.5 * _SKETCH_SIDE
@@ -210,7 +207,7 @@ def range_at(fields, x, y):
     return _smooth(far) * _smooth(0.5 + 0.42 * above) * height * fields.range
 
 
-@_compiled
+@compiled
 def relief_at(fields, x, y):
     """Return the relief (m) of ground above its valleys at a point (mesh units), and the mountains' share."""
     key = fields.key
@@ -243,56 +240,48 @@ def relief_at(fields, x, y):
     return sqrt(square), share
 
 
-@_compiled
+@compiled
 def vertex_relief(fields, centre):
     """Return the relief (m) at vertices, of shape (rows, columns, 2)."""
-    rows, columns = centre.shape[:2]
-    result = np.empty((rows, columns, 2))
-    for j in range(rows):
-        for i in range(columns):
-            for half in range(2):
-                result[j, i, half], _ = relief_at(fields, centre[j, i, half, 0], centre[j, i, half, 1])
+    result = np.empty(centre.shape[:3])
+    for j, i, half in np.ndindex(result.shape):
+        result[j, i, half], _ = relief_at(fields, centre[j, i, half, 0], centre[j, i, half, 1])
     return result
 
 
-@_compiled
+@compiled
 def valley_rise(fields, centre):
     """Return what ranges beyond the sketch raise valleys by (m), at vertices (rows, columns, 2)."""
-    rows, columns = centre.shape[:2]
-    rise = np.empty((rows, columns, 2))
-    for j in range(rows):
-        for i in range(columns):
-            for half in range(2):
-                beyond = range_at(fields, centre[j, i, half, 0], centre[j, i, half, 1])
-                rise[j, i, half] = _RANGE_VALLEYS * beyond
+    rise = np.empty(centre.shape[:3])
+    for j, i, half in np.ndindex(rise.shape):
+        beyond = range_at(fields, centre[j, i, half, 0], centre[j, i, half, 1])
+        rise[j, i, half] = _RANGE_VALLEYS * beyond
     return rise
 
 
-@_compiled
+@compiled
 def site_relief(fields, column, row, x, y):
     """Return the relief (m) at sites by their offsets (L)."""
     relief = np.empty(x.shape)
-    for j in range(x.shape[0]):
-        for i in range(x.shape[1]):
-            east = ((column + i) << UNIT_BITS) + floor(x[j, i] * (1 << UNIT_BITS))
-            north = ((row + j) << UNIT_BITS) + floor(y[j, i] * (1 << UNIT_BITS))
-            relief[j, i], _ = relief_at(fields, east, north)
+    for j, i in np.ndindex(x.shape):
+        east = ((column + i) << UNIT_BITS) + floor(x[j, i] * (1 << UNIT_BITS))
+        north = ((row + j) << UNIT_BITS) + floor(y[j, i] * (1 << UNIT_BITS))
+        relief[j, i], _ = relief_at(fields, east, north)
     return relief
 
 
-@_compiled
+@compiled
 def _relief_nodes(fields, level, column, row, rows, columns):
     """Return relief (m) and the mountains' share at nodes."""
     relief, share = np.empty((rows, columns)), np.empty((rows, columns))
-    for j in range(rows):
-        for i in range(columns):
-            relief[j, i], share[j, i] = relief_at(
-                fields, ((column + i) << level) * SIDE, ((row + j) << level) * SIDE
-            )
+    for j, i in np.ndindex(rows, columns):
+        relief[j, i], share[j, i] = relief_at(
+            fields, ((column + i) << level) * SIDE, ((row + j) << level) * SIDE
+        )
     return relief, share
 
 
-@_compiled
+@compiled
 def relief_raster(fields, level, column, row, rows, columns):
     """Return relief (m) and the mountains' share at nodes, below level 3 interpolated between its nodes."""
     if level >= 3:
@@ -319,7 +308,7 @@ def relief_raster(fields, level, column, row, rows, columns):
     return relief, share
 
 
-@_compiled
+@compiled
 def roughened(fields, relief, level, column, row):
     """Return uplift at nodes, varied over 8 and 16 nodes of level 0."""
     rows, columns = relief.shape
@@ -335,15 +324,12 @@ def roughened(fields, relief, level, column, row):
     return uplift
 
 
-@_compiled
+@compiled
 def mean_ground(mesh, fields, level, column, row, rows, columns):
     """Return heights (m) of the smooth mean of the ground, and the mountains' share."""
     height, share = np.empty((rows, columns)), np.empty((rows, columns))
-    for j in range(rows):
-        for i in range(columns):
-            x, y = ((column + i) << level) * SIDE, ((row + j) << level) * SIDE
-            relief, share[j, i] = relief_at(fields, x, y)
-            height[j, i] = (
-                base_level(mesh, x, y) + 0.85 * relief + 0.6 * _RANGE_VALLEYS * range_at(fields, x, y)
-            )
+    for j, i in np.ndindex(rows, columns):
+        x, y = ((column + i) << level) * SIDE, ((row + j) << level) * SIDE
+        relief, share[j, i] = relief_at(fields, x, y)
+        height[j, i] = base_level(mesh, x, y) + 0.85 * relief + 0.6 * _RANGE_VALLEYS * range_at(fields, x, y)
     return height, share

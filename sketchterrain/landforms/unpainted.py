@@ -17,7 +17,7 @@ from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
-from numpy import typing as npt
+from scipy.ndimage import binary_erosion
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array
 from sketchterrain.caching import LRUCache
@@ -287,11 +287,10 @@ class UnpaintedGround:
         column, row = (bounds[:, :2].min(axis=0) - 1).tolist()
         shape = int(bounds[:, 3].max()) + 2 - row, int(bounds[:, 2].max()) + 2 - column
         place, third, _ = mesh_nodes.owners(self.mesh, table, level, column, row, *shape)
-        owner = mesh_nodes.owner_index(place, table.site_x.shape[1])
         # a node's cell as its place in the list of sites, −1 for others
         number = np.full(table.site_x.shape, -1, np.int32)
         number[at] = np.arange(len(sites))
-        owner = number.ravel()[owner]
+        owner = number.ravel()[mesh_nodes.owner_index(place, table.site_x.shape[1])]
         base, inflow = mesh_nodes.borders(table, place, third, owner, self._passes)
         fields = self.uplift(level, column, row, *shape)
         boxes = mesh_nodes.boxes(owner, len(sites))
@@ -318,19 +317,12 @@ class UnpaintedGround:
         """Return the nodes of a level that belong to the painted region, and the heights of its border."""
         cells = self._cells_of(level, self.painted_sites)
         inside = cells.owner >= 0
-        outlets = mesh_nodes.outer_borders(inside, cells.base)
+        outlets = np.where(inside & ~binary_erosion(inside, np.ones((3, 3), np.bool_)), cells.base, np.nan)
         rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
         box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
         return PaintedRegion(
             cells.column + int(columns[0]), cells.row + int(rows[0]), inside[box].copy(), outlets[box].copy()
         )
-
-    def base_level(self, east: npt.ArrayLike, north: npt.ArrayLike) -> Float64Array:
-        """Return the height (m) of trunk valleys at points (m)."""
-        unit = self.settings.spacing / SIDE
-        x, y = np.broadcast_arrays(np.asarray(east, np.float64), np.asarray(north, np.float64))
-        x, y = np.rint(x / unit).astype(np.int64), np.rint(y / unit).astype(np.int64)
-        return np.asarray(meshes.base_levels(self.mesh, x.ravel(), y.ravel()).reshape(x.shape))
 
 
 def _blocks_of(column: int, row: int, rows: int, columns: int) -> list[tuple[int, int]]:

@@ -19,14 +19,13 @@ from sketchterrain.array_types import (
     StructuredArray,
 )
 from sketchterrain.document.layers import HEIGHT_LIMIT, LAYERS
-from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, TYPES, visible_radius
+from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, TYPES, GroundHeight, visible_radius
 from sketchterrain.landforms.placement.heights import built_height, exactness, shape_height
 from sketchterrain.landforms.placement.shapes import Region, find_regions, measure_shape, region_numbers
 from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
-    from sketchterrain.landforms.hydrology.lakes import GroundHeight
 
 Number = TypeVar("Number", bound=np.generic)
 
@@ -112,19 +111,10 @@ def uplift_features(
             summit[at] = mean + own[shape == k] / max(built[k], 1e-9) * max(rise, 0.0)
             own[shape == k] = np.maximum(summit[at] - ground, 0.0) * (rise > 0.0)
         height[of_type] = own
-    return UpliftFeatures(
-        points["x"].astype(np.float64),
-        points["y"].astype(np.float64),
-        radius,
-        height,
-        points["peakiness"].astype(np.float64),
-        points["erosion"].astype(np.float64),
-        points["strata"].astype(np.float64),
-        np.asarray(points["type"] == FEATURE_TYPES.index("mountain")),
-        summit,
-        number,
-        region,
-    )
+    is_rock = np.asarray(points["type"] == FEATURE_TYPES.index("mountain"))
+    names = "x", "y", "peakiness", "erosion", "strata"
+    x, y, peakiness, erosion, strata = (points[name].astype(np.float64) for name in names)
+    return UpliftFeatures(x, y, radius, height, peakiness, erosion, strata, is_rock, summit, number, region)
 
 
 def _shapes_of(
@@ -204,11 +194,8 @@ def painted_outline(sketch: Sketch, layer: str, cell: float, run: Runner) -> Out
     side = stride * sketch.pixel_size
     inset = ndimage.distance_transform_edt(np.pad(painted, 1))[1:-1, 1:-1]
     inset -= ndimage.distance_transform_edt(~painted)
-    rows, columns = (
-        int(each / cell) + 1
-        for each in (sketch.height_px * sketch.pixel_size, sketch.width_px * sketch.pixel_size)
-    )
-    y = (sketch.height_px * sketch.pixel_size - np.arange(rows) * cell) / side - 0.5
+    columns, rows = (int(each / cell) + 1 for each in sketch.size)
+    y = (sketch.size[1] - np.arange(rows) * cell) / side - 0.5
     x = np.arange(columns) * cell / side - 0.5
     at = np.meshgrid(y, x, indexing="ij")
     depth = side * ndimage.map_coordinates(inset, at, order=1, mode="nearest")

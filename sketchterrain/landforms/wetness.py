@@ -13,9 +13,9 @@ The logarithm is linear between powers of two, so that its bits depend on no lib
 from math import nan, sqrt
 
 import numpy as np
-from numba import njit
 
 from sketchterrain.array_types import Float32Array
+from sketchterrain.landforms.hashed_noise import compiled
 
 _LEVEL = 1 / 32  # slope below which ground is level
 _SPREAD, _RISE = 0.5, 12.0  # of the index, over the spacing of level 0
@@ -23,10 +23,8 @@ _DRY, _WET = 7.0, 13.0  # index that gives 0, and 1
 _MEAN, _MEAN_ROCK = 0.3, 0.06  # of ground without rock, and of rock
 _SWEEPS = 2
 
-_compiled = njit(cache=True, nogil=True, error_model="numpy")
 
-
-@_compiled
+@compiled
 def wetness(height, area, spacing, finest):
     """Return the wetness, 0 … 1, float32, of nodes of a spacing (m), whose heights (m) may be NaN.
 
@@ -35,9 +33,8 @@ def wetness(height, area, spacing, finest):
     rows, columns = height.shape
     # with a margin of NaN, which no comparison chooses
     z, index = np.full((rows + 2, columns + 2), nan), np.full((rows + 2, columns + 2), nan)
-    for j in range(rows):
-        for i in range(columns):
-            z[j + 1, i + 1] = height[j, i]
+    for j, i in np.ndindex(rows, columns):
+        z[j + 1, i + 1] = height[j, i]
     ratio = np.empty(columns)
     for j in range(1, rows + 1):
         _start(z[j - 1], z[j], z[j + 1], area[j - 1], spacing, finest, ratio, index[j])
@@ -55,19 +52,19 @@ def wetness(height, area, spacing, finest):
     return _smoothed(index)
 
 
-@_compiled
+@compiled
 def _higher(a, b):
     """Return b if it is greater than a, which nothing is if either is NaN."""
     return b if b > a else a
 
 
-@_compiled
+@compiled
 def _left(index, rise, way, finest):
     """Return what is left of the index after a way (m) and a rise (m), if any."""
     return index - (_SPREAD * way + _RISE * (rise if rise > 0.0 else 0.0)) / finest
 
 
-@_compiled
+@compiled
 def _start(south, here, north, area, spacing, finest, ratio, index):
     """Write the index of a row of nodes before it spreads, from their areas and the three rows of heights."""
     own, width, level = spacing * spacing - finest * finest, finest * spacing, _LEVEL * spacing
@@ -86,7 +83,7 @@ def _start(south, here, north, area, spacing, finest, ratio, index):
         index[i + 1] = index[i + 1] + ratio[i] - 2
 
 
-@_compiled
+@compiled
 def _spread(before, here, given, index, spacing, finest):
     """Raise the index of a row of nodes to what the row before it leaves to it."""
     for i in range(here.size - 2):
@@ -97,24 +94,22 @@ def _spread(before, here, given, index, spacing, finest):
         index[i + 1] = _higher(_higher(_higher(index[i + 1], west), east), south)
 
 
-@_compiled
+@compiled
 def _smoothed(index):
     """Return the wetness of means (1 2 1) of an index with a margin of NaN; 0 where it is NaN."""
     rows, columns = index.shape[0] - 2, index.shape[1] - 2
     value, weight = np.zeros(index.shape), np.zeros(index.shape)
     result = np.zeros((rows, columns), np.float32)
-    for j in range(rows + 2):
-        for i in range(columns + 2):
-            inside = index[j, i] == index[j, i]
-            value[j, i], weight[j, i] = (index[j, i], 1.0) if inside else (0.0, 0.0)
-    for j in range(rows):
-        for i in range(columns):
-            wet = (_mean(value, j, i) / max(_mean(weight, j, i), 1.0) - _DRY) / (_WET - _DRY)
-            result[j, i] = min(max(wet, 0.0), 1.0) if weight[j + 1, i + 1] else 0.0
+    for j, i in np.ndindex(rows + 2, columns + 2):
+        inside = index[j, i] == index[j, i]
+        value[j, i], weight[j, i] = (index[j, i], 1.0) if inside else (0.0, 0.0)
+    for j, i in np.ndindex(rows, columns):
+        wet = (_mean(value, j, i) / max(_mean(weight, j, i), 1.0) - _DRY) / (_WET - _DRY)
+        result[j, i] = min(max(wet, 0.0), 1.0) if weight[j + 1, i + 1] else 0.0
     return result
 
 
-@_compiled
+@compiled
 def _mean(a, j, i):
     """Return the weighted sum (1 2 1) of the nodes from (j, i) on."""
     south = a[j, i] + 2 * a[j, i + 1] + a[j, i + 2]

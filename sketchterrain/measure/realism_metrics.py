@@ -71,16 +71,9 @@ class WindowMaps(NamedTuple):
 
 
 def geomorphons(height: Float64Array, cell: float, *, horizon: float = HORIZON) -> npt.NDArray[np.int8]:
-    """Return the landform of each cell, an index into :data:`FORMS`.
+    """Return the landform of each cell (m) of heights (m), an index into :data:`FORMS`.
 
-    Parameters
-    ----------
-    height
-        Heights (rows, columns), m.
-    cell
-        Side of a cell, m.
-    horizon
-        Distance that lines of sight reach, cells.
+    Lines of sight reach as far as the `horizon` (cells).
     """
     return np.asarray(
         _geomorphons(np.ascontiguousarray(height, np.float64), cell, horizon, _FLATNESS, _FORM_TABLE)
@@ -91,29 +84,28 @@ def geomorphons(height: Float64Array, cell: float, *, horizon: float = HORIZON) 
 def _geomorphons(height, cell, horizon, flatness, table):  # type: ignore[no-untyped-def]
     rows, columns = height.shape
     form = np.zeros((rows, columns), np.int8)
-    for i in range(rows):
-        for j in range(columns):
-            lower = higher = 0
-            for a in range(-1, 2):
-                for b in range(-1, 2):
-                    if a == 0 and b == 0:
-                        continue
-                    step = math.sqrt(a * a + b * b)
-                    up, down, p, q = -math.inf, math.inf, i, j
-                    for k in range(1, int(horizon / step) + 1):
-                        p, q = p + a, q + b
-                        if p < 0 or q < 0 or p >= rows or q >= columns:
-                            break
-                        tangent = (height[p, q] - height[i, j]) / (step * cell * k)
-                        up, down = max(up, tangent), min(down, tangent)
-                    if up == -math.inf:
-                        continue
-                    difference = math.atan(up) + math.atan(down)
-                    if difference > flatness:
-                        higher += 1
-                    elif difference < -flatness:
-                        lower += 1
-            form[i, j] = table[lower, higher]
+    for i, j in np.ndindex(rows, columns):
+        lower = higher = 0
+        for a in range(-1, 2):
+            for b in range(-1, 2):
+                if a == 0 and b == 0:
+                    continue
+                step = math.sqrt(a * a + b * b)
+                up, down, p, q = -math.inf, math.inf, i, j
+                for k in range(1, int(horizon / step) + 1):
+                    p, q = p + a, q + b
+                    if p < 0 or q < 0 or p >= rows or q >= columns:
+                        break
+                    tangent = (height[p, q] - height[i, j]) / (step * cell * k)
+                    up, down = max(up, tangent), min(down, tangent)
+                if up == -math.inf:
+                    continue
+                difference = math.atan(up) + math.atan(down)
+                if difference > flatness:
+                    higher += 1
+                elif difference < -flatness:
+                    lower += 1
+        form[i, j] = table[lower, higher]
     return form
 
 
@@ -124,13 +116,10 @@ def measure_window_maps(
 
     Parameters
     ----------
-    height
-        Finite heights (rows, columns), m, at least 96 cells each way; real land has 192.
-    cell
-        Side of a cell, m.
-    masked
-        Cells that are no ground, (rows, columns): slopes, heights, curvature, landforms and hollows are those
-        of the others, while water flows across.
+    height : finite heights (rows, columns), m, at least 96 cells each way; real land has 192
+    cell : side of a cell, m
+    masked : cells that are no ground, (rows, columns): slopes, heights, curvature, landforms and hollows are
+        those of the others, while water flows across
     """
     z = np.ascontiguousarray(height, np.float64)
     if z.ndim != 2 or min(z.shape) < MIN_WINDOW or not np.isfinite(z).all():

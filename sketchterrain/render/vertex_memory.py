@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.compute.buffers import CopiedMemory, ExtensionMemory, MappedMemory, sharing_methods
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.gl_interop import CopiedMemory, ExtensionMemory, MappedMemory, sharing_methods
 from sketchterrain.errors import DeviceError
 
 if TYPE_CHECKING:

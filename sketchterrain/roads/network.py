@@ -14,6 +14,7 @@ import shapely
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.document.layers import WAY_LAYERS, id_of_vector, storey, vector_of
 from sketchterrain.document.vectors import STEP, VectorLayer, on_grid
+from sketchterrain.geometry.splines import drop_repeats
 from sketchterrain.landforms.hydrology.vector_rivers import line_path
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Works
 
@@ -87,7 +88,7 @@ def way_graph(sketch: Sketch) -> WayGraph:
         if len(layer):
             ways += _ways(sketch, layer)
             paths += [on_grid(line_path(layer, index)) for index in range(len(layer))]
-    paths = [_without_repeats(path) for path in paths]
+    paths = [drop_repeats(path) for path in paths]
     whole = [number for number, path in enumerate(paths) if len(path) > 1]
     whole.sort(key=lambda number: ways[number].id)
     ways, paths = [ways[number] for number in whole], [paths[number] for number in whole]
@@ -119,11 +120,6 @@ def _ways(sketch: Sketch, layer: VectorLayer) -> list[Way]:
 
 
 _NUMBERS = ("shoulder", "grade", "radius", "superelevation", "cut", "fill", "level", "trees")
-
-
-def _without_repeats(path: Float64Array) -> Float64Array:
-    keep = np.append(True, (path[1:] != path[:-1]).any(axis=1))
-    return np.asarray(path[keep])
 
 
 def _with_crossings(
@@ -168,7 +164,7 @@ def _with_vertices(path: Float64Array, places: Float64Array) -> Float64Array:
     place, segment = shapely.STRtree(segments).query(points, predicate="dwithin", distance=_ON_LINE)
     along = segment + shapely.line_locate_point(segments[segment], points[place], normalized=True)
     order = np.argsort(np.append(np.arange(len(path)), along), kind="stable")
-    return _without_repeats(np.concatenate([path, places[place]])[order])
+    return drop_repeats(np.concatenate([path, places[place]])[order])
 
 
 def _legs(ways: Sequence[Way], paths: Sequence[Float64Array]) -> list[Leg]:

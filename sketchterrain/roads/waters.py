@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.landforms.placement.feature_types import Lake, River, distance_inside
+from sketchterrain.landforms.placement.feature_types import Lake, River, is_inside
 
 _FLOOD: Final = 0.5  # of a river's depth, above its surface: its banks' tops
 _BANKS = 1.3  # half widths of a river with its banks
@@ -31,11 +31,7 @@ class Floods:
         if self.sea_level is not None:
             level[self.ground(x, y) < self.sea_level] = self.sea_level
         for lake in self.lakes:
-            field = lake.shape
-            size = (np.array(field.inside.shape[::-1]) - 1) * field.spacing
-            low = np.array([field.west, field.south])
-            near = np.flatnonzero(((at >= low) & (at <= low + size)).all(axis=1))
-            inside = near[distance_inside(field, at[near]) > 0.0]
+            inside = is_inside(lake.shape, at)
             level[inside] = np.fmax(level[inside], lake.level)
         if self.rivers:
             line = np.concatenate([river.centreline for river in self.rivers])

@@ -141,7 +141,8 @@ class Appearance:
     def _sum_near(self, areas: Int64Array, corner: LatticeArray, texel: float) -> Int64Array | None:
         """Return `_sum_of` those of some areas that may be in a square, None without any."""
         box = _blocks(corner[None], texel / metres_per_unit(self.extent), 1)
-        near = areas[_meets(self._areas.boxes_of(areas), box)]
+        boxes = self._areas.boxes_of(areas)
+        near = areas[((boxes[:, :2] <= box[:, 2:]) & (boxes[:, 2:] >= box[:, :2])).all(axis=1)]
         return self._sum_of(near, corner, texel) if len(near) else None
 
     def changed_areas(self, old: Appearance) -> Float64Array:
@@ -366,11 +367,6 @@ class Appearance:
         return total
 
 
-def _meets(boxes: LatticeArray, box: LatticeArray) -> BoolArray:
-    """Return which of boxes (n, 4) touch another one, (1, 4)."""
-    return np.asarray(((boxes[:, :2] <= box[:, 2:]) & (boxes[:, 2:] >= box[:, :2])).all(axis=1))
-
-
 def _corners(tiles: Int64Array) -> LatticeArray:
     """Return the south-west corners (n, 2) of tiles (n, 3), lattice units."""
     return np.asarray(tiles[:, 1:] << (LATTICE_BITS - tiles[:, :1]))
@@ -440,12 +436,10 @@ def _sum_edges(edges, values, total):  # type: ignore[no-untyped-def]
                     total[row, column, channel] += int(np.rint(values[k, channel] * part * share))
             for channel in range(4):
                 ahead[row, max(last + 1, first), channel] += int(np.rint(values[k, channel] * part))
-    for row in range(rows):
-        for column in range(columns):
-            for channel in range(4):
-                if column > 0:
-                    ahead[row, column, channel] += ahead[row, column - 1, channel]
-                total[row, column, channel] += ahead[row, column, channel]
+    for row, column, channel in np.ndindex(rows, columns, 4):
+        if column > 0:
+            ahead[row, column, channel] += ahead[row, column - 1, channel]
+        total[row, column, channel] += ahead[row, column, channel]
 
 
 @numba.njit(cache=True)

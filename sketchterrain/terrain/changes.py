@@ -4,37 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
-from sketchterrain.array_types import Bounds, LatticeArray
+from sketchterrain.array_types import Bounds
 from sketchterrain.geometry.differences import merge_boxes
-
-if TYPE_CHECKING:
-    from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.layers.layer import LayerChange, no_boxes
+from sketchterrain.terrain.recipe import TerrainRecipe
 
 EVERYWHERE: Bounds = (-math.inf, -math.inf, math.inf, math.inf)
 """The whole world."""
-
-
-def _no_boxes() -> LatticeArray:
-    return np.zeros((0, 4), np.int64)
-
-
-@dataclass(frozen=True, eq=False)
-class LayerChange:
-    """Items that only the old or only the new of two layers has."""
-
-    removed: LatticeArray  # rows of the old layer, ascending
-    added: LatticeArray  # rows of the new one
-    boxes: LatticeArray  # (n, 4) of all that differ, lattice units
-    unbounded: LatticeArray = field(default_factory=_no_boxes)  # (m, 4) where features without end differ
-
-    def __bool__(self) -> bool:
-        """Return whether anything differs."""
-        return bool(len(self.removed) or len(self.added) or len(self.unbounded))
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +41,7 @@ def difference(old: TerrainRecipe, new: TerrainRecipe) -> RecipeChange | None:
         if change:
             changes[now.name] = change
         layers.append(now if change else before)
-    areas = np.concatenate([_no_boxes(), *(change.boxes for change in changes.values())]) * new.world.unit
+    areas = np.concatenate([no_boxes(), *(change.boxes for change in changes.values())]) * new.world.unit
     return RecipeChange(
         new.with_layers(layers), changes, merge_boxes((w, s, e, n) for w, s, e, n in areas.tolist())
     )

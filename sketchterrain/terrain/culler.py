@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -13,23 +12,20 @@ import numpy.typing as npt
 from sketchterrain.array_types import LatticeArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.geometry.box_index import BoxIndex, item_lists
-from sketchterrain.terrain.changes import LayerChange
+from sketchterrain.terrain.layers.layer import (
+    Culled,
+    LayerChange,
+    Packed,
+    Sampling,
+    TerrainLayer,
+    WorldSettings,
+)
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.layers.layer import Packed, Sampling, TerrainLayer
 
 MAX_CELL_SIZES = 64
 """Cell sizes that packed layers are cached for."""
-
-
-@dataclass(frozen=True, eq=False)
-class Culled:
-    """A layer's part of a launch."""
-
-    buffers: Mapping[str, Any]  # on the device, by the names of the kernels' arguments
-    lists: Mapping[str, npt.NDArray[Any]]  # what affects which block, to be uploaded
-    details: Any  # what the layer's bounds read
 
 
 class Culler(Protocol):
@@ -50,16 +46,17 @@ class Culler(Protocol):
 class WholeCuller:
     """A layer all of whose items are on the device at once."""
 
-    def __init__(self, layer: TerrainLayer, context: ComputeContext) -> None:
+    def __init__(self, layer: TerrainLayer, context: ComputeContext, world: WorldSettings) -> None:
         self._layer = layer
         self._context = context
+        self._world = world
         self._packed = LRUCache(MAX_CELL_SIZES)
-        self._shared = LRUCache(MAX_CELL_SIZES)  # arrays and buffers that do not depend on the cell size
+        self._shared = LRUCache(MAX_CELL_SIZES)  # buffers of arrays, by these
 
     def updated(self, layer: TerrainLayer, change: LayerChange) -> WholeCuller:
         """Return the culler of a changed layer."""
         del change
-        return WholeCuller(layer, self._context)
+        return WholeCuller(layer, self._context, self._world)
 
     def cull(self, blocks: LatticeArray, sampling: Sampling, around: LatticeArray | None = None) -> Culled:
         """Return what affects blocks."""
@@ -74,7 +71,7 @@ class WholeCuller:
         return Culled(buffers, {f"{prefix}_starts": starts, f"{prefix}_list": members}, packed)
 
     def _upload(self, sampling: Sampling) -> tuple[Packed, dict[str, Any], BoxIndex | None]:
-        packed = self._layer.pack(sampling, self._shared)
+        packed = self._layer.pack(sampling)
         buffers = {
             name: self._shared.get_or_compute(id(array), partial(self._held, array))[1]
             for name, array in packed.arrays.items()

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +17,8 @@ from sketchterrain.geometry.lattice import QUADS
 from sketchterrain.landforms.node_raster import NODE_BITS, node_level
 from sketchterrain.terrain.changes import EVERYWHERE, difference
 from sketchterrain.terrain.culler import list_arrays
-from sketchterrain.terrain.detail_bounds import DetailBound
 from sketchterrain.terrain.inputs import KernelInputs
-from sketchterrain.terrain.layers.layer import MASKS
+from sketchterrain.terrain.layers.layer import MASKS, Culled, DetailState, Sampling
 from sketchterrain.terrain.patches import GROUP, Batches, Patches, PatchLauncher, rounded_up, tile_patches
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import Surface, SurfaceStore, require_finite
@@ -34,29 +34,19 @@ _POINTS_PER_LAUNCH = 1 << 21
 _BLOCK_NODES_BITS = 3
 _BLOCKS_PER_LAUNCH = 2048
 _GROUP_BITS = 5
-
-
-class _Parts(NamedTuple):
-    """Parts of an evaluator that one of a changed recipe may share."""
-
-    inputs: KernelInputs
-    launcher: PatchLauncher
-    vertices: VertexWriter
-    staged: StagingBuffer
+_ROUNDING = 1e-6  # of the height
 
 
 class Evaluator:
     """A recipe on an open device; ``vertices`` writes tiles as OpenGL draws them."""
 
-    def __init__(self, recipe: TerrainRecipe, context: ComputeContext, parts: _Parts | None = None) -> None:
+    def __init__(self, recipe: TerrainRecipe, context: ComputeContext) -> None:
         self.recipe = recipe
         self.context = context
-        if parts is None:
-            inputs = KernelInputs(recipe, context)
-            parts = _Parts(inputs, PatchLauncher(inputs), VertexWriter(inputs), StagingBuffer(context))
-        self._inputs, self._launcher, self.vertices, self._staged = parts
+        self._inputs = KernelInputs(recipe, context)
+        self._launcher, self.vertices = PatchLauncher(self._inputs), VertexWriter(self._inputs)
+        self._staged = StagingBuffer(context)
         self._cached_store: SurfaceStore | None = None
-        self._detail = DetailBound(recipe)
         self._patches_at_once = Batches(_PATCHES_PER_LAUNCH)
         self._points_at_once = Batches(_POINTS_PER_LAUNCH)
 
@@ -65,11 +55,11 @@ class Evaluator:
         change = difference(self.recipe, recipe)
         if change is None:
             return Evaluator(recipe, self.context), [EVERYWHERE]
-        inputs = self._inputs.updated(change)
-        launcher = PatchLauncher(inputs, shared=self._launcher)
-        vertices = self.vertices.updated(inputs, change.areas)
-        parts = _Parts(inputs, launcher, vertices, self._staged)
-        return Evaluator(change.recipe, self.context, parts), change.areas
+        other = copy(self)
+        other.recipe, other._inputs, other._cached_store = change.recipe, self._inputs.updated(change), None
+        other._launcher = self._launcher.updated(other._inputs)
+        other.vertices = self.vertices.updated(other._inputs, change.areas)
+        return other, change.areas
 
     def features_near(self, blocks: LatticeArray) -> StructuredArray:
         """Return the point features that may affect any of the blocks (n, 4), lattice units, sorted by id."""
@@ -163,7 +153,7 @@ class Evaluator:
         own, coarse = (tile_patches(level, keys, self.recipe.extent, up=up) for up in (0, 1))
         culled = self._launcher.surfaces(own, store, slots)
         self._launcher.parents(coarse, store, slots)
-        return self._detail.bounds(culled, own.blocks, self._inputs.sampling(own.cell_size))
+        return detail_bounds(self.recipe, culled, own.blocks, self._inputs.sampling(own.cell_size))
 
     def points(
         self, x: LatticeArray, y: LatticeArray, *, cell_size: float
@@ -223,6 +213,23 @@ class Evaluator:
         self._cached_store = None
         self.vertices.release_buffers()
         self._launcher = PatchLauncher(self._inputs)
+
+
+def detail_bounds(
+    recipe: TerrainRecipe, culled: Mapping[str, Culled], blocks: LatticeArray, sampling: Sampling
+) -> Float64Array:
+    """Return bounds (n,), m, of |height at full detail - height at a cell size| over blocks (n, 4).
+
+    Each noise misses the octaves that the cell size fades out, none of which exceeds its amplitude. A noise
+    that warps outlines moves a profile by no more than the profile's steepest slope; one that scales heights
+    counts with the height it multiplies, bounded by how near the features come to the block. Features, lakes
+    and channels that fade out count with the share that is lost.
+    """
+    state = DetailState.empty(blocks)
+    for layer in recipe.layers:
+        if layer.name in culled:
+            layer.omitted(state, culled[layer.name], sampling)
+    return np.asarray(state.bound + np.where(state.bound > 0, _ROUNDING * state.scale, 0.0))
 
 
 def _blocks_of(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from copy import copy
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -12,46 +13,59 @@ from sketchterrain.array_types import LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_arguments
 from sketchterrain.terrain.changes import RecipeChange
-from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culled, Culler, upload_reals
-from sketchterrain.terrain.layers.layer import MASKS, Sampling, effective_cell
+from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culler, WholeCuller, upload_reals
+from sketchterrain.terrain.layers.base import BaseCuller, BaseLayer
+from sketchterrain.terrain.layers.landuse import LandUseCuller, LandUseLayer
+from sketchterrain.terrain.layers.layer import (
+    MASKS,
+    Culled,
+    Sampling,
+    TerrainLayer,
+    WorldSettings,
+    effective_cell,
+)
 from sketchterrain.terrain.layers.point_culler import PointCuller
 from sketchterrain.terrain.layers.points import PointsLayer
+from sketchterrain.terrain.layers.relief import ReliefLayer
+from sketchterrain.terrain.layers.relief_culler import ReliefCuller
 from sketchterrain.terrain.materials import material_defines, pack_rules
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
 
+# Cullers of layers that are not on the device as a whole.
+_CULLERS: Final[Mapping[type[TerrainLayer], Callable[[Any, ComputeContext, WorldSettings], Culler]]] = {
+    PointsLayer: PointCuller,
+    BaseLayer: BaseCuller,
+    ReliefLayer: ReliefCuller,
+    LandUseLayer: LandUseCuller,
+}
+
+
+def culler_of(layer: TerrainLayer, context: ComputeContext, world: WorldSettings) -> Culler:
+    """Return a layer's arguments and lists on a device."""
+    return _CULLERS.get(type(layer), WholeCuller)(layer, context, world)
+
 
 class KernelInputs:
     """A recipe on an open device: the arguments of its kernels, by name."""
 
-    def __init__(
-        self,
-        recipe: TerrainRecipe,
-        context: ComputeContext,
-        cullers: Mapping[str, Culler] | None = None,
-        rules: list[Any] | None = None,
-    ) -> None:
+    def __init__(self, recipe: TerrainRecipe, context: ComputeContext) -> None:
         self.recipe = recipe
         self.context = context
         self.defines = material_defines(recipe.materials)
-        self.rules = _upload_rules(recipe, context) if rules is None else rules
-        self.cullers = (
-            {layer.name: layer.culler(context, recipe.world) for layer in recipe.layers}
-            if cullers is None
-            else dict(cullers)
-        )
+        self.rules = _upload_rules(recipe, context)
+        self.cullers = {layer.name: culler_of(layer, context, recipe.world) for layer in recipe.layers}
         self._worlds = LRUCache(MAX_CELL_SIZES)
 
     def updated(self, change: RecipeChange) -> KernelInputs:
         """Return the inputs of a changed recipe, sharing unchanged buffers."""
-        cullers = dict(self.cullers)
+        other = copy(self)
+        other.recipe, other.cullers = change.recipe, dict(self.cullers)
         for layer in change.recipe.layers:
             if layer.name in change.layers:
-                cullers[layer.name] = cullers[layer.name].updated(layer, change.layers[layer.name])
-        other = KernelInputs(change.recipe, self.context, cullers, self.rules)
-        other._worlds = self._worlds
+                other.cullers[layer.name] = self.cullers[layer.name].updated(layer, change.layers[layer.name])
         return other
 
     def point_features(self, blocks: LatticeArray) -> StructuredArray:

@@ -192,26 +192,16 @@ def fbm_slope(octaves: OctaveTable, stack: str, x: LatticeArray, y: LatticeArray
 
 
 def skewed(
-    octaves: OctaveTable,
-    i: int,
-    x: LatticeArray,
-    y: LatticeArray,
-    east: Float64Array | float = 0.0,
-    north: Float64Array | float = 0.0,
+    octaves: OctaveTable, i: int, x: LatticeArray, y: LatticeArray
 ) -> tuple[LatticeArray, LatticeArray, Float64Array, Float64Array]:
-    """Return the cells and fractions of positions displaced by (east, north) in an octave's lattice."""
+    """Return the cells and fractions of positions in an octave's lattice."""
     shift, _, turn, _ = (int(word) for word in octaves.form[i])
-    inverse = octaves.scale[i, 1]
     if turn:  # the lattice's axes are the world's north and west
-        x, y, east, north = y, -x, north, -np.asarray(east)
+        x, y = y, -x
     u = SKEW_SAME * x + SKEW_OTHER * y + octaves.offset[i, 0]
     v = SKEW_OTHER * x + SKEW_SAME * y + octaves.offset[i, 1]
     cell_u, cell_v = u >> shift, v >> shift
-    both = (east + north) * SKEW
-    fu = (u - (cell_u << shift)) / 2.0**shift + (east + both) * inverse
-    fv = (v - (cell_v << shift)) / 2.0**shift + (north + both) * inverse
-    whole_u, whole_v = (np.floor(f).astype(np.int64) for f in (fu, fv))
-    return cell_u + whole_u, cell_v + whole_v, fu - whole_u, fv - whole_v
+    return cell_u, cell_v, (u - (cell_u << shift)) / 2.0**shift, (v - (cell_v << shift)) / 2.0**shift
 
 
 def octave_noise(octaves: OctaveTable, i: int, x: LatticeArray, y: LatticeArray) -> ValueSlope:

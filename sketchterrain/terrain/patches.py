@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -16,12 +17,11 @@ from sketchterrain.compute.buffers import BufferSet, StagingBuffer
 from sketchterrain.errors import DeviceMemoryError
 from sketchterrain.geometry.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.culler import list_arrays
-from sketchterrain.terrain.layers.layer import MASKS
+from sketchterrain.terrain.layers.layer import MASKS, Culled
 from sketchterrain.terrain.noise import corner_table, fits_patches, whole_step_bits
 from sketchterrain.terrain.surfaces import SurfaceStore
 
 if TYPE_CHECKING:
-    from sketchterrain.terrain.culler import Culled
     from sketchterrain.terrain.inputs import KernelInputs
 
     Keys = Sequence[tuple[int, int]] | LatticeArray
@@ -172,15 +172,18 @@ def tile_samples(level: int, keys: Keys, *, cell_size: float, quads: int = QUADS
 class PatchLauncher:
     """Evaluates patches of a recipe on a device, without downloads."""
 
-    def __init__(self, inputs: KernelInputs, *, shared: PatchLauncher | None = None) -> None:
+    def __init__(self, inputs: KernelInputs) -> None:
         self._inputs = inputs
         self._context = inputs.context
-        # Buffers may be shared with a launcher of another recipe on the same device.
-        self._buffers: BufferSet = shared._buffers if shared else BufferSet(self._context)
-        self._staged: dict[str, StagingBuffer] = (
-            shared._staged if shared else {name: StagingBuffer(self._context) for name in ("all", "heights")}
-        )
-        self._groups: LRUCache = shared._groups if shared else LRUCache(_MAX_CACHED)
+        self._buffers = BufferSet(self._context)
+        self._staged = {name: StagingBuffer(self._context) for name in ("all", "heights")}
+        self._groups = LRUCache(_MAX_CACHED)
+
+    def updated(self, inputs: KernelInputs) -> PatchLauncher:
+        """Return a launcher of another recipe on the same device, with shared buffers."""
+        other = copy(self)
+        other._inputs = inputs
+        return other
 
     def surfaces(
         self, patches: Patches, store: SurfaceStore, slots: npt.NDArray[np.integer]
@@ -267,12 +270,12 @@ class PatchLauncher:
             empty = self._inputs.empty_masks(culled, len(patches.square_blocks))
             empty_masks = _common_bits(empty, patches.squares)
             extra = {**extra, **vertices.inverse, "empty_masks": empty_masks}
-        small = staging.upload({**list_arrays(culled), **vertices.arrays, **extra})
+        small = staging.upload({**list_arrays(culled), **vertices.noise, **vertices.places, **extra})
         launch = _Launch(
             vertices.file,
             culled,
             small,
-            [*(small[name] for name in vertices.positions), *vertices.step],
+            [*(small[name] for name in vertices.places), *vertices.step],
             vertices.across or [small[name] for name in vertices.inverse if name in small],
             (
                 # Two spare rows: see `parents`.
@@ -319,10 +322,8 @@ class PatchLauncher:
             return _Vertices(_ANYWHERE, axes, inverse=inverse)
         return _Vertices(
             _WHOLE_STEPS,
-            {
-                "octave_corner": corner_table(octaves, patches.corners, bits),
-                "corner_at": patches.corners,
-            },
+            {"corner_at": patches.corners},
+            {"octave_corner": corner_table(octaves, patches.corners, bits)},
             (np.int32(len(octaves.form)),),
             (np.int32(bits), np.int32(stride_bits)),
             across=[real.type(self._inverse_spans(patches.axis_x[:1, :3])[0, 1])],
@@ -356,24 +357,15 @@ def _common_bits(bits: npt.NDArray[np.int32], squares: int) -> npt.NDArray[np.in
 
 @dataclass(frozen=True, eq=False)
 class _Vertices:
-    """The file whose kernels place vertices; positions and spacing by the kernels' argument names."""
+    """The file whose kernels place vertices; positions, what noise reads and spacing by arguments' names."""
 
     file: str
-    arrays: dict[str, npt.NDArray[Any]]
+    places: dict[str, npt.NDArray[Any]]
+    noise: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
     octaves: tuple[np.int32, ...] = ()
     step: tuple[np.int32, ...] = ()
     inverse: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
     across: list[Any] = field(default_factory=list)
-
-    @property
-    def noise(self) -> tuple[str, ...]:
-        """Names of the arrays that noise reads."""
-        return tuple(name for name in self.arrays if name == "octave_corner")
-
-    @property
-    def positions(self) -> tuple[str, ...]:
-        """Names of the other arrays."""
-        return tuple(name for name in self.arrays if name != "octave_corner")
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -187,13 +188,11 @@ def _quantized_strips(
     evaluator: Evaluator, grid: Iterator[Strip], window: GridWindow
 ) -> Iterator[QuantizedBand]:
     packer, pending = _Packer(evaluator, window.cell, window.columns), None
-    for strip in grid:
-        following = packer.enqueue(strip)
+    for strip in chain(grid, [None]):
+        following = None if strip is None else packer.enqueue(strip)
         if pending is not None:
             yield packer.finish(pending)
         pending = following
-    if pending is not None:
-        yield packer.finish(pending)
 
 
 @dataclass(frozen=True, eq=False)

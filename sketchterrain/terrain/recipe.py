@@ -27,7 +27,7 @@ from sketchterrain.terrain.layers.layer import Sampling, TerrainLayer, WorldSett
 from sketchterrain.terrain.layers.plateaus import PlateausLayer
 from sketchterrain.terrain.layers.points import PointsLayer
 from sketchterrain.terrain.layers.sea import SeaLayer
-from sketchterrain.terrain.noise import FINEST_CELL, NoiseStack, OctaveTable, octave_table
+from sketchterrain.terrain.noise import FINEST_CELL, NoiseStack, octave_table
 from sketchterrain.terrain.orthophotos import Orthophoto
 
 if TYPE_CHECKING:
@@ -151,11 +151,11 @@ class TerrainRecipe:
 
     def sampling(self, cell: float, real: npt.DTypeLike = np.float64) -> Sampling:
         """Return what layers are packed for at a cell size of at least `FINEST_CELL` (m)."""
-        full, octaves = (self._octaves(size) for size in (FINEST_CELL, cell))
+        full, octaves = (
+            octave_table(self.stacks, extent=self.extent, seed=self.seed, cell_size=size)
+            for size in (FINEST_CELL, cell)
+        )
         return Sampling(self.world, cell, octaves, full, np.dtype(real))
-
-    def _octaves(self, cell: float) -> OctaveTable:
-        return octave_table(self.stacks, extent=self.extent, seed=self.seed, cell_size=cell)
 
     def pack_world(self, sampling: Sampling) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays of ``WORLD_ARGUMENTS`` in ``kernels/world.clh``."""

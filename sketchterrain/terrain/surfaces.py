@@ -221,7 +221,7 @@ TILE_QUADS: Final = (16, 32, 64, 128, 256)
 
 
 class VertexMemory(Protocol):
-    """Memory that a device writes and OpenGL reads; see :mod:`sketchterrain.compute.gl_interop`."""
+    """Memory that a device writes and OpenGL reads; see :mod:`sketchterrain.compute.buffers`."""
 
     @property
     def nbytes(self) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -152,25 +153,21 @@ def _on_triangles(height: Float32Array, u: Float64Array, v: Float64Array) -> Flo
 class VertexWriter:
     """Writes tiles of a recipe into stores of vertices."""
 
-    def __init__(
-        self, inputs: KernelInputs, *, shared: VertexWriter | None = None, areas: Sequence[Bounds] = ()
-    ) -> None:
+    def __init__(self, inputs: KernelInputs) -> None:
         self._inputs = inputs
         self._context = inputs.context
-        # Buffers may be shared with a writer of a recipe that differs in areas (m).
-        self._launcher: PatchLauncher = PatchLauncher(inputs, shared=shared._launcher if shared else None)
-        self._staged: StagingBuffer = shared._staged if shared else StagingBuffer(self._context)
-        self._buffers: BufferSet = shared._buffers if shared else BufferSet(self._context)
-        self._at_once: dict[int, Batches] = shared._at_once if shared else {}
-        self._wide_errors: WideTileErrors = (
-            shared._wide_errors.updated(inputs.recipe, self._heights, areas)
-            if shared
-            else WideTileErrors(inputs.recipe, self._heights)
-        )
+        self._launcher = PatchLauncher(inputs)
+        self._staged = StagingBuffer(self._context)
+        self._buffers = BufferSet(self._context)
+        self._at_once: dict[int, Batches] = {}
+        self._wide_errors = WideTileErrors(inputs.recipe, self._heights)
 
     def updated(self, inputs: KernelInputs, areas: Sequence[Bounds]) -> VertexWriter:
         """Return a writer of a recipe that differs in areas (m), on the same device, with shared buffers."""
-        return VertexWriter(inputs, shared=self, areas=areas)
+        other = copy(self)
+        other._inputs, other._launcher = inputs, self._launcher.updated(inputs)
+        other._wide_errors = self._wide_errors.updated(inputs.recipe, other._heights, areas)
+        return other
 
     def write(
         self, keys: LatticeArray, slots: LatticeArray, parents: LatticeArray, store: VertexStore

@@ -33,9 +33,9 @@ from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.world.grid import SHARD, LayerSpec, Level, Shard, World, layer_specs
 
 if TYPE_CHECKING:  # they load OpenCL, and libraries of the extra ``world``
-    from sketchterrain.world.geotiff_store import TileStore
-    from sketchterrain.world.plants import PlantStore
-    from sketchterrain.world.zarr_store import ZarrStore
+    from sketchterrain.world.geotiff_store import TileStore  # which stores import
+    from sketchterrain.world.plants import PlantStore  # which stores import
+    from sketchterrain.world.zarr_store import ZarrStore  # which stores import
 
     Store: TypeAlias = TileStore | ZarrStore
 
@@ -183,10 +183,10 @@ def shard_store(job: Job) -> Store:
     SketchterrainError if a file cannot be written.
     """
     if job.form == "zarr":
-        from sketchterrain.world.zarr_store import ZarrStore
+        from sketchterrain.world.zarr_store import ZarrStore  # stores import it
 
         return ZarrStore(job)
-    from sketchterrain.world.geotiff_store import TiffStore, TileStore
+    from sketchterrain.world.geotiff_store import TiffStore, TileStore  # stores import it
 
     return TileStore(job) if job.form == "tiles" else TiffStore(job)
 
@@ -196,7 +196,7 @@ def plant_store(job: Job) -> PlantStore | None:
     if job.plants == "none":
         return None
     require(f"plants as {job.plants}", ["pyarrow"])
-    from sketchterrain.world.plants import PlantStore
+    from sketchterrain.world.plants import PlantStore  # stores import it
 
     return PlantStore(job)
 

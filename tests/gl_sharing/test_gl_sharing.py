@@ -86,7 +86,7 @@ import sys
 from sketchterrain.compute import gl_interop
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
-from sketchterrain.compute.gl_interop import ExtensionMemory
+from sketchterrain.compute.buffers import ExtensionMemory
 from sketchterrain.errors import DeviceError
 from sketchterrain.render.programs import open_context
 import numpy as np

@@ -5,7 +5,6 @@ import pytest
 from scipy import ndimage
 
 from sketchterrain.geometry.hashing import STEP, gaussian_filter, hash_keys, hash_unit, rounded, value_noise
-from sketchterrain.landforms.placement.density import PaintedDistance, cubic, density_around
 from sketchterrain.landforms.placement.feature_types import (
     VISIBLE_SHARE,
     flank,
@@ -13,6 +12,7 @@ from sketchterrain.landforms.placement.feature_types import (
     mountain_profile,
     visible_radius,
 )
+from sketchterrain.landforms.placement.placement import PaintedDistance, cubic, density_around
 
 
 def test_hashes_depend_on_every_key_and_are_uniform_uncorrelated_and_smooth():

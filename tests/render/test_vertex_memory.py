@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from sketchterrain.compute import gl_interop
+from sketchterrain.compute.buffers import sharing_methods
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.compute.gl_interop import GLHandles, current_handles, sharing_methods
+from sketchterrain.compute.gl_interop import GLHandles, current_handles
 from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceError, InputError

@@ -13,7 +13,7 @@ from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.landforms.base_ground import BaseGround
 from sketchterrain.terrain.changes import difference
 from sketchterrain.terrain.evaluator import Evaluator
-from sketchterrain.terrain.layers import base_culler
+from sketchterrain.terrain.layers import base as base_layer
 from sketchterrain.terrain.layers.base import BaseLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.recipe import TerrainRecipe
@@ -46,7 +46,7 @@ def test_samples_are_kept(make_recipe, context) -> None:
 
 def test_bits_depend_neither_on_launches_nor_on_slots(recipe, context, monkeypatch) -> None:
     whole, bounds = Evaluator(recipe, context).tiles(KEYS, LEVEL)
-    monkeypatch.setattr(base_culler, "SLOTS", 6)
+    monkeypatch.setattr(base_layer, "SLOTS", 6)
     few = Evaluator(recipe, context)
     for start in range(0, len(KEYS), 8):
         part, own = few.tiles(KEYS[start : start + 8], LEVEL)

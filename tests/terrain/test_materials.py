@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sketchterrain.caching import LRUCache
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.geology import ROCKS, Strata
 from sketchterrain.document.material_rules import (
@@ -132,7 +131,7 @@ def patch_weights(recipe: TerrainRecipe, x: np.ndarray, y: np.ndarray, cell_size
     weights = rule_weights(recipe.material_rules, recipe.climate, dict(zip(NAMES, values, strict=True)))
     covers = recipe[CoversLayer]
     fields = pack_fields([cover.shape for cover in covers.covers], recipe.extent)
-    packed = covers.pack(recipe.sampling(cell_size), LRUCache(1)).arrays
+    packed = covers.pack(recipe.sampling(cell_size)).arrays
     for i, (_, inverse_width, strength, _) in enumerate(packed["cover_shape"]):
         d = field_distance(fields, i, x[inner], y[inner])
         t = np.clip(d * inverse_width + 0.5 * np.clip(mottle, -1, 1) + 0.5, 0, 1)

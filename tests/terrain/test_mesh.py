@@ -91,7 +91,7 @@ def test_edges_are_monotone_in_valleys_and_rise_to_one_pass_elsewhere(ground):
     for j in range(2, 16):
         for i in range(2, 16):
             for half in range(2):
-                for side in (*meshes.triangle_sides(table.diagonal[j, i], half), 4):
+                for side in meshes.triangle_sides(table.diagonal[j, i], half):
                     q, p, other = meshes.neighbour(table.diagonal, j, i, half, side)
                     back = 4 if side == 4 else (side + 2) % 4
                     ends, far_ends = (

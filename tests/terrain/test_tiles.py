@@ -13,7 +13,7 @@ from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.geometry.differences import row_difference
 from sketchterrain.geometry.lattice import QUADS
 from sketchterrain.io.resources import preset_names
-from sketchterrain.terrain.inputs import KernelInputs
+from sketchterrain.terrain.inputs import KernelInputs, culler_of
 from sketchterrain.terrain.layers.points import PointFinder
 from sketchterrain.terrain.noise import NOISE_PEAK, UNSKEW
 from sketchterrain.terrain.patches import tile_patches
@@ -308,7 +308,7 @@ def test_batches_give_the_lists_of_all_features(valley, level) -> None:
     blocks = np.stack([column, row, column + 1, row + 1], axis=-1) * step
     cell = recipe.extent / 2.0**level / 64
     points, world = recipe.points, recipe.world
-    culler = points.culler(valley.context, world)
+    culler = culler_of(points, valley.context, world)
     culled = culler.cull(blocks, recipe.sampling(cell, np.float32))
     whole = np.array([[*blocks[:, :2].min(axis=0), *blocks[:, 2:].max(axis=0)]])
     every = PointFinder(points, world).near(whole, min_radius=cell)

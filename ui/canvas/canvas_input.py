@@ -37,7 +37,7 @@ from sketchterrain.ui.engine.protocol import GoTo
 from sketchterrain.ui.models.selection import add
 
 if TYPE_CHECKING:
-    from sketchterrain.ui.canvas.canvas import Canvas
+    from sketchterrain.ui.canvas.canvas import Canvas  # which makes its input
 
 _WHEEL_ZOOM = 1.2  # a notch
 _WHEEL_BRUSH = 1.15

@@ -26,7 +26,7 @@ from sketchterrain.io.files import write_atomic
 from sketchterrain.io.system import lock_file
 
 if TYPE_CHECKING:  # it reads files in the background itself
-    from sketchterrain.ui.models.document import Document
+    from sketchterrain.ui.models.document import Document  # which holds it
 
 
 def _run(work: Callable[[], object]) -> tuple[object, str]:

@@ -26,8 +26,8 @@ if TYPE_CHECKING:  # GDAL and shapely take a quarter of a second
     from sketchterrain.drape.drapes import Drapes
     from sketchterrain.drape.raster_source import RasterSource
     from sketchterrain.drape.vector_source import Feature, VectorSource
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.selection import Handle
+    from sketchterrain.ui.models.document import Document  # which reads drapes
+    from sketchterrain.ui.models.selection import Handle  # which reads drapes
 
 _Change: TypeAlias = "Callable[[DrapedLayer, Feature], DrapedLayer]"
 
@@ -279,7 +279,7 @@ def draped_handles(
     """
     import shapely
 
-    from sketchterrain.ui.models.selection import Handle
+    from sketchterrain.ui.models.selection import Handle  # which reads drapes
 
     feature = document.drapes.feature(selection)
     if feature is None or selection is None:

@@ -21,7 +21,7 @@ from sketchterrain.io.files import write_atomic
 from sketchterrain.ui.engine.protocol import MODES, Pose
 
 if TYPE_CHECKING:
-    from sketchterrain.ui.models.document import Document
+    from sketchterrain.ui.models.document import Document  # which holds it
 
 _THEMES = ("system", "light", "dark")
 _MAX_RECENT = 12

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,10 +16,11 @@ from scipy.spatial import cKDTree
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.geometry.hashing import value_noise
 from sketchterrain.landforms.hydrology.courses import RiverCourse, arc_length, smoothed
-from sketchterrain.landforms.hydrology.lakes import GroundHeight, runs_inside, shore_positions
+from sketchterrain.landforms.hydrology.lakes import runs_inside
 from sketchterrain.landforms.hydrology.layout import heights_at
 from sketchterrain.landforms.hydrology.river_shape import gradient_limit
-from sketchterrain.landforms.placement.feature_types import Lake, ShapeField, distance_inside
+from sketchterrain.landforms.placement.covers import shore_positions
+from sketchterrain.landforms.placement.feature_types import GroundHeight, Lake, ShapeField, is_inside
 
 Path = list[int]
 """Flat indices of nodes, upstream first; each is an 8-neighbour of the one before."""
@@ -240,7 +241,7 @@ def course_path(raster: NodeRaster, line: Float64Array) -> tuple[Path, npt.NDArr
                 del place[other]
             del path[place[node] + 1 :]
             continue
-        while len(path) >= 2 and _adjacent(path[-2], node, raster.shape[1]):
+        while len(path) >= 2 and _steps(path[-2], node, raster.shape[1]) <= 1:
             del place[path.pop()]  # the corner of a staircase
         place[node] = len(path)
         path.append(node)
@@ -251,9 +252,10 @@ def course_path(raster: NodeRaster, line: Float64Array) -> tuple[Path, npt.NDArr
     return path, np.searchsorted(length, share * length[-1] - 1e-9).astype(np.int64)
 
 
-def _adjacent(one: int, other: int, columns: int) -> bool:
+def _steps(one: int, other: int, columns: int) -> int:
+    """Return the least number of steps between neighbours from one node to another."""
     (a, b), (c, d) = divmod(one, columns), divmod(other, columns)
-    return max(abs(a - c), abs(b - d)) <= 1
+    return max(abs(a - c), abs(b - d))
 
 
 def _joined(raster: NodeRaster, path: Path, stem: Path, joint: Float64Array) -> Path:
@@ -264,7 +266,7 @@ def _joined(raster: NodeRaster, path: Path, stem: Path, joint: Float64Array) -> 
     for k, node in enumerate(path):
         if node in known:
             return path[: k + 1]
-    end = stem[_nearest_index(raster, np.array(stem), joint)]
+    end = _nearest_of(raster, np.array(stem), joint)
     (row, column), (to_row, to_column) = divmod(path[-1], raster.shape[1]), divmod(end, raster.shape[1])
     own = set(path)
     while (row, column) != (to_row, to_column):
@@ -281,25 +283,16 @@ def _joined(raster: NodeRaster, path: Path, stem: Path, joint: Float64Array) -> 
     return path
 
 
-def _nearest_index(raster: NodeRaster, nodes: npt.NDArray[np.int64], at: Float64Array) -> int:
+def _nearest_of(raster: NodeRaster, nodes: npt.NDArray[np.int64], at: Float64Array) -> int:
+    """Return the node nearest to a position (m)."""
     rows, columns = np.divmod(nodes, raster.shape[1])
     east, north = (at[0] - raster.west) / raster.spacing, (at[1] - raster.south) / raster.spacing
-    return int(np.argmin((rows - north) ** 2 + (columns - east) ** 2))
-
-
-def _nearest_of(raster: NodeRaster, nodes: npt.NDArray[np.int64], at: Float64Array) -> int:
-    return int(nodes[_nearest_index(raster, nodes, at)])
+    return int(nodes[np.argmin((rows - north) ** 2 + (columns - east) ** 2)])
 
 
 def _inside(raster: NodeRaster, field: ShapeField) -> BoolArray:
     """Return which nodes lie in a shape; beyond its field, none do."""
-    at = raster.positions()
-    size = field.spacing * (np.array(field.inside.shape[::-1]) - 1)
-    low = np.array([field.west, field.south])
-    near = ((at >= low) & (at <= low + size)).all(axis=1)
-    found = np.zeros(len(at), np.bool_)
-    found[near] = distance_inside(field, at[near]) > 0.0
-    return found.reshape(raster.shape)
+    return is_inside(field, raster.positions()).reshape(raster.shape)
 
 
 class _Receivers:
@@ -315,7 +308,7 @@ class _Receivers:
         """Let the nodes of a path drain along it, unless they are closed, taken, or lake."""
         for node, to in itertools.pairwise(path):
             free = not self._closed[node] and self.lake[node] < 0 and self.receiver[node] < 0
-            if free and not self._leads_to(to, node):
+            if free and node not in self._downstream(to):
                 self.receiver[node] = to
 
     def drain_lake(
@@ -325,9 +318,10 @@ class _Receivers:
         for path in paths:
             for node, to in itertools.pairwise(path):
                 if self.lake[node] == number and self.lake[to] != number:
-                    if self._shortest(node, outlet) <= 2:
+                    if _steps(node, outlet, self._shape[1]) <= 2:
                         outlet = node
-                    if node == outlet and self.receiver[node] < 0 and not self._enters(to, number):
+                    enters = (self.lake[each] == number for each in self._downstream(to))
+                    if node == outlet and self.receiver[node] < 0 and not any(enters):
                         self.receiver[node] = to
         rows, columns = self._shape
         queue, reached = deque([outlet]), {outlet}
@@ -344,22 +338,8 @@ class _Receivers:
                     self.receiver[other] = node
                     queue.append(other)
 
-    def _shortest(self, one: int, other: int) -> int:
-        (a, b), (c, d) = divmod(one, self._shape[1]), divmod(other, self._shape[1])
-        return max(abs(a - c), abs(b - d))
-
-    def _leads_to(self, node: int, end: int) -> bool:
-        """Return whether forced receivers lead from a node to another one."""
+    def _downstream(self, node: int) -> Iterator[int]:
+        """Return a node and those that forced receivers lead to from there."""
         while node >= 0:
-            if node == end:
-                return True
+            yield node
             node = int(self.receiver[node])
-        return False
-
-    def _enters(self, node: int, number: int) -> bool:
-        """Return whether forced receivers lead from a node into a lake."""
-        while node >= 0:
-            if self.lake[node] == number:
-                return True
-            node = int(self.receiver[node])
-        return False

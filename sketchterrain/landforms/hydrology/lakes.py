@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 
@@ -16,15 +16,17 @@ from sketchterrain.array_types import Float64Array
 from sketchterrain.document.layers import id_of_vector
 from sketchterrain.geometry.hashing import gaussian_filter, rounded, value_noise
 from sketchterrain.landforms.hydrology.courses import RiverCourse, arc_length
-from sketchterrain.landforms.hydrology.river_shape import Network, smoothstep
+from sketchterrain.landforms.hydrology.river_shape import Network
 from sketchterrain.landforms.hydrology.water_levels import LakeReach, join_water_levels, solve_water_levels
-from sketchterrain.landforms.placement.covers import shape_field
+from sketchterrain.landforms.placement.covers import shape_field, shore_positions
 from sketchterrain.landforms.placement.feature_types import (
     LAYER_CODES,
+    GroundHeight,
     Lake,
     ShapeField,
     distance_inside,
     lake_centre,
+    smoothstep,
 )
 from sketchterrain.landforms.placement.shapes import label_shapes
 from sketchterrain.stages.parts import part_of
@@ -35,15 +37,11 @@ if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.document.vectors import VectorLayer
 
-GroundHeight: TypeAlias = Callable[[Float64Array, Float64Array], npt.NDArray[np.floating[Any]]]
-"""Height (m) of the terrain without rivers at positions x, y (n,), m."""
-
 Runs: TypeAlias = list[tuple[int, int, int]]
 """First point, last point and lake (an index) of each run of a course inside a lake, upstream first."""
 
 _MARGIN_PIXELS, _MARGIN = 6.0, 60.0  # px, m; the larger one applies
 _LOW_SHORE = 10.0  # percentile of the heights along the shore that limits the water level
-_SHORE_POINTS = 4096
 _FREEBOARD = 0.25  # m between the water and that height
 _RIM = 0.2  # share of the margin around a lake where the lake alone shapes the terrain
 _ROUNDS = 16
@@ -424,14 +422,6 @@ def lake_pixels(lakes: LabelImage) -> WaterPixels | None:
 
 def _distance(point: Float64Array, line: Float64Array) -> float:
     return float(np.sqrt(((line - point) ** 2).sum(axis=1)).min())
-
-
-def shore_positions(field: ShapeField) -> Float64Array:
-    """Return positions (m) of samples just outside a shape."""
-    row, column = np.nonzero((field.inside <= 0.0) & (field.inside > -1.5 * field.spacing))
-    thin = max(len(row) // _SHORE_POINTS, 1)
-    at = np.stack([column[::thin], row[::thin]], axis=-1) * field.spacing
-    return np.asarray(at + np.array([field.west, field.south]))
 
 
 def _rounded_shape(centre: Float64Array, radius: float, margin: float, *, seed: int, name: int) -> ShapeField:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -25,7 +24,7 @@ from sketchterrain.landforms.hydrology.courses import (
     reach_course,
     reversed_course,
 )
-from sketchterrain.landforms.hydrology.lakes import GroundHeight, WaterPixels, lake_pixels
+from sketchterrain.landforms.hydrology.lakes import WaterPixels, lake_pixels
 from sketchterrain.landforms.hydrology.network import (
     RiverEnd,
     Skeleton,
@@ -37,6 +36,7 @@ from sketchterrain.landforms.hydrology.network import (
     split_into_reaches,
     thin_region,
 )
+from sketchterrain.landforms.placement.feature_types import GroundHeight
 from sketchterrain.landforms.placement.sea import sea_level
 from sketchterrain.landforms.placement.shapes import Region, find_regions
 from sketchterrain.stages.digests import derive_digest
@@ -55,26 +55,33 @@ def separate_beyond_edge(courses: list[RiverCourse], size: tuple[float, float]) 
 
     Parents come first; earlier courses take precedence.
     """
-    finished: list[RiverCourse] = []
-    # By id: the new one, and the number of points removed at its head.
-    replaced: dict[int, tuple[RiverCourse, int]] = {}
+    left: dict[int, _Left] = {}
     for course in courses:
         head, tail = _beyond(course, size)
         first, last = 0, len(course.line)
+        finished = [other for other, _ in left.values()]
         if tail < last:
             others = [*finished, *([part_of_course(course, 0, head)] if head > 1 else [])]
             last = tail + _free(course.line[tail:], course.width[tail:], others)
         if head > 0:
             upstream = _free(course.line[:head][::-1], course.width[:head][::-1], finished)
             first = head - upstream
-        part = part_of_course(course, min(first, last - 2), max(last, first + 2))
-        if course.parent is not None:
-            parent, removed = replaced[course.parent.id]
-            if parent is not part.parent or removed:
-                part = dataclasses.replace(part, parent=parent, joint=course.joint - removed)
-        replaced[course.id] = part, min(first, last - 2)
-        finished.append(part)
-    return finished
+        _shorten(course, min(first, last - 2), max(last, first + 2), left)
+    return [course for course, _ in left.values()]
+
+
+_Left: TypeAlias = tuple[RiverCourse, int]
+"""What is left of a course, and the number of points removed at its head."""
+
+
+def _shorten(course: RiverCourse, first: int, last: int, left: dict[int, _Left]) -> None:
+    """Add the points of a course in a range that holds all joints to what is left of others, by id."""
+    part = part_of_course(course, first, last)
+    if course.parent is not None:
+        parent, removed = left[course.parent.id]
+        if parent is not course.parent:
+            part = replace(part, parent=parent, joint=course.joint - removed)
+    left[course.id] = part, first
 
 
 def _beyond(course: RiverCourse, size: tuple[float, float]) -> tuple[int, int]:
@@ -146,15 +153,10 @@ def _allowed_range(ground: Float64Array, head: int, tail: int) -> tuple[int, int
 
 def shortened(courses: Sequence[RiverCourse], ranges: Sequence[tuple[int, int]]) -> list[RiverCourse]:
     """Return the points of courses (parents first) in ranges that hold all joints."""
-    left: dict[int, tuple[RiverCourse, int]] = {}
-    for course, (first, last) in zip(courses, ranges, strict=True):
-        part = part_of_course(course, first, last)
-        if course.parent is not None:
-            parent, removed = left[course.parent.id]
-            if parent is not course.parent:
-                part = dataclasses.replace(part, parent=parent, joint=course.joint - removed)
-        left[course.id] = part, first
-    return [left[course.id][0] for course in courses]
+    left: dict[int, _Left] = {}
+    for course, part in zip(courses, ranges, strict=True):
+        _shorten(course, *part, left)
+    return [course for course, _ in left.values()]
 
 
 _EDGE_BONUS = (10.0, 0.02)

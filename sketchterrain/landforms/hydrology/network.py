@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 from skimage.morphology import skeletonize
 
 from sketchterrain.array_types import Float64Array, Int64Array
-from sketchterrain.landforms.placement.shapes import Region, find_regions
+from sketchterrain.landforms.placement.shapes import Region, border_distance, find_regions
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,15 +41,10 @@ class Skeleton:
         return np.asarray(length[0]), np.asarray(predecessor[0], dtype=np.int64)
 
 
-def skeletons(painted: npt.NDArray[np.bool_], weight: Float64Array | None = None) -> tuple[Skeleton, ...]:
-    """Thin painted pixels to one skeleton per 8-connected region, in reading order of their first pixels.
-
-    `weight` (height, width) is the weight of each pixel's length in the search for the main stem, 1 by
-    default.
-    """
-    weight = np.ones(painted.shape) if weight is None else weight
+def skeletons(painted: npt.NDArray[np.bool_]) -> tuple[Skeleton, ...]:
+    """Thin painted pixels to one skeleton per 8-connected region, in reading order of their first pixels."""
     return sort_skeletons(
-        thin_region(region, weight[region.rows, region.columns], painted.shape)
+        thin_region(region, np.ones(region.mask.shape), painted.shape)
         for region in find_regions(painted.astype(np.uint8))
     )
 
@@ -61,12 +56,12 @@ def sort_skeletons(found: Iterable[Skeleton]) -> tuple[Skeleton, ...]:
 
 def thin_region(region: Region, weight: Float64Array, size: tuple[int, ...]) -> Skeleton:
     """Thin one 8-connected region; `weight` is in its bounding box, `size` the whole image's."""
-    thin = _thinned(region.mask)
+    thin, (_, rows, columns, mask) = _thinned(region.mask), region
     at_row, at_column = np.nonzero(thin)
     return Skeleton(
-        rows=at_row + int(region.rows.start),
-        columns=at_column + int(region.columns.start),
-        depth=_depth(region, size)[at_row, at_column],
+        rows=at_row + int(rows.start),
+        columns=at_column + int(columns.start),
+        depth=border_distance(mask, rows, columns, size, whole=0.5 * min(size))[at_row, at_column],
         weight=weight[at_row, at_column].astype(np.float64),
         graph=_graph(thin, at_row, at_column),
     )
@@ -78,18 +73,6 @@ def _thinned(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     if not thin.any():
         thin.flat[int(np.argmax(mask))] = True
     return thin
-
-
-def _depth(region: Region, size: tuple[int, ...]) -> Float64Array:
-    """Return the distance (px) to the border; the image's edge is no border."""
-    rows, columns = region.rows, region.columns
-    sides = ((rows.start == 0, rows.stop == size[0]), (columns.start == 0, columns.stop == size[1]))
-    padding = tuple((int(not low), int(not high)) for low, high in sides)
-    padded = np.pad(region.mask, padding)
-    if padded.all():
-        return np.full(region.mask.shape, 0.5 * min(size))
-    distance = np.asarray(ndimage.distance_transform_edt(padded), dtype=np.float64) - 0.5
-    return distance[padding[0][0] :, padding[1][0] :][: region.mask.shape[0], : region.mask.shape[1]]
 
 
 def _graph(thin: npt.NDArray[np.bool_], rows: Int64Array, columns: Int64Array) -> sparse.csr_array:

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from sketchterrain.array_types import Float64Array
 from sketchterrain.geometry.hashing import rounded, value_noise
 from sketchterrain.landforms.hydrology.courses import RiverCourse, arc_length, smoothed
+from sketchterrain.landforms.placement.feature_types import smoothstep
 from sketchterrain.stages.runner import Runner
 
 MIN_GRADIENT = 1e-4
@@ -30,12 +31,6 @@ _CHORD_WIDTHS = 1.5  # length of the chords by which a course's turn is measured
 _SHARP_TURN = 0.5  # sine of their angle in a bend as sharp as meanders have: a radius of 3 widths
 _SWING_STEP = 2.0**-8  # to which ratios are rounded
 _END_WIDTHS = 4.0  # from a course's ends over which it gets its bends' shape
-
-
-def smoothstep(t: Float64Array) -> Float64Array:
-    """Return 0 up to 0, 1 from 1 on, smooth between."""
-    t = np.clip(t, 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)
 
 
 def river_widths(

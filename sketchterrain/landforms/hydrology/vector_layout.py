@@ -15,7 +15,7 @@ from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.document.label_layers import LabelImage, freeze_image, labels_in
 from sketchterrain.document.vectors import AREA, VectorLayer
 from sketchterrain.landforms.hydrology.courses import LAKE_GAP, RiverCourse, part_of_course
-from sketchterrain.landforms.hydrology.lakes import GroundHeight, WaterPixels
+from sketchterrain.landforms.hydrology.lakes import WaterPixels
 from sketchterrain.landforms.hydrology.layout import (
     best_mouth,
     heights_at,
@@ -30,6 +30,7 @@ from sketchterrain.landforms.hydrology.vector_rivers import (
     line_sizes,
     network_courses,
 )
+from sketchterrain.landforms.placement.feature_types import GroundHeight
 from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 

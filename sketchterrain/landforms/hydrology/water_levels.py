@@ -16,10 +16,9 @@ from sketchterrain.landforms.hydrology.river_shape import (
     level_pool,
     limit_gradient,
     lower_in_bends,
-    smoothstep,
     water_surface,
 )
-from sketchterrain.landforms.placement.feature_types import River
+from sketchterrain.landforms.placement.feature_types import River, smoothstep
 
 _MAX_GROWTH = 2.0  # widening that still deepens a river, times the label's width
 _ROUNDS = 8

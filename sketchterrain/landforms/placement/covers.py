@@ -52,6 +52,14 @@ def shape_field(sketch: Sketch, shape: Shape, *, margin: float) -> ShapeField:
     )
 
 
+def shore_positions(field: ShapeField, most: int = 4096) -> Float64Array:
+    """Return positions (n, 2), m, of samples just outside a shape, about so many at most."""
+    row, column = np.nonzero((field.inside <= 0.0) & (field.inside > -1.5 * field.spacing))
+    thin = max(len(row) // most, 1)
+    at = np.stack([column[::thin], row[::thin]], axis=-1) * field.spacing
+    return np.asarray(at + np.array([field.west, field.south]))
+
+
 def _reached(size: tuple[int, ...], first: tuple[int, int], sketch: tuple[int, int]) -> npt.NDArray[np.bool_]:
     """Return which pixels of an image, from a first one on, shapes reach that continue beyond a sketch."""
     longer = max(sketch)

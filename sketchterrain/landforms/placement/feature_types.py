@@ -1,8 +1,8 @@
 """Feature types: record layout, height profiles, placement and placement rules."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,9 @@ from sketchterrain.document.layers import LAYERS, PATCH_LAYERS, POINT_LAYERS
 from sketchterrain.io.resources import kernel_constants
 
 (_WAVE_PEAK,) = kernel_constants("layers/plateaus.clh", "WAVE_PEAK")
+
+GroundHeight: TypeAlias = Callable[[Float64Array, Float64Array], npt.NDArray[np.floating[Any]]]
+"""Height (m) of some ground at positions x, y (n,), m."""
 
 FEATURE_TYPES: Final = POINT_LAYERS
 """Types of point feature; the index of a type is its code in ``FEATURE["type"]``."""
@@ -129,6 +132,15 @@ def distance_inside(field: ShapeField, at: Float64Array) -> Float64Array:
     )
 
 
+def is_inside(field: ShapeField, at: Float64Array) -> npt.NDArray[np.bool_]:
+    """Return which positions (n, 2), m, are in a shape; beyond its field, none are."""
+    low = np.array([field.west, field.south])
+    size = field.spacing * (np.array(field.inside.shape[::-1]) - 1)
+    near = np.asarray(np.all((at >= low) & (at <= low + size), axis=1), np.bool_)
+    near[near] = distance_inside(field, at[near]) > 0.0
+    return near
+
+
 @dataclass(frozen=True, eq=False)
 class Lake:
     """A lake."""
@@ -178,6 +190,12 @@ def cubic(t: Float64Array) -> Float64Array:
     """Return 2t³ - 3t² + 1: 1 at 0, 0 from 1 on."""
     s = np.minimum(t, 1.0)
     return np.asarray(2.0 * s**3 - 3.0 * s**2 + 1.0)
+
+
+def smoothstep(t: Float64Array) -> Float64Array:
+    """Return 0 up to 0, 1 from 1 on, smooth between."""
+    t = np.clip(t, 0.0, 1.0)
+    return np.asarray(t * t * (3.0 - 2.0 * t))
 
 
 def even_wave(x: Float64Array) -> Float64Array:

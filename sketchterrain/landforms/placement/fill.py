@@ -21,7 +21,6 @@ from sketchterrain.document.layers import LAYERS, PATCH_LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.geometry.differences import merge_boxes, repainted_boxes, rows_only_in, widened
 from sketchterrain.geometry.hashing import hash_keys, hash_unit
-from sketchterrain.landforms.placement.density import painted_distance
 from sketchterrain.landforms.placement.feature_types import (
     CLEARANCE,
     FEATURE,
@@ -32,6 +31,7 @@ from sketchterrain.landforms.placement.feature_types import (
     stored_style,
 )
 from sketchterrain.landforms.placement.heights import unpainted_height
+from sketchterrain.landforms.placement.placement import painted_distance
 from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:

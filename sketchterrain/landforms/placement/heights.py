@@ -53,15 +53,11 @@ def built_height(asked: float, inradius: float, fidelity: float, limit: float = 
 
     Parameters
     ----------
-    asked
-        Height of its label (m).
-    inradius
-        Radius of the largest circle within the shape (m).
-    fidelity
-        The sketch's, 0 … 1. Up to 0.8 heights above one inradius saturate smoothly towards the limit, above
-        it less and less so; at 1 they stand as asked.
-    limit
-        Greatest height in inradii at a fidelity up to 0.8.
+    asked : height of its label (m)
+    inradius : radius of the largest circle within the shape (m)
+    fidelity : 0 … 1; up to 0.8 heights above one inradius saturate smoothly towards the limit, above it less
+        and less so; at 1 they stand as asked
+    limit : greatest height in inradii at a fidelity up to 0.8
     """
     free = min(_FREE_HEIGHT, limit) * inradius
     excess, room = asked - free, limit * inradius - free

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -14,11 +13,12 @@ from scipy import ndimage
 from sketchterrain.array_types import Float64Array
 from sketchterrain.geometry.hashing import rounded
 from sketchterrain.io.resources import kernel_constants
-from sketchterrain.landforms.placement.covers import shape_field
+from sketchterrain.landforms.placement.covers import shape_field, shore_positions
 from sketchterrain.landforms.placement.feature_types import (
     LAYER_CODES,
     TAN_70,
     VISIBLE_SHARE,
+    GroundHeight,
     ShapeField,
     cubic,
     even_wave,
@@ -29,9 +29,6 @@ from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
-
-GroundHeight: TypeAlias = Callable[[Float64Array, Float64Array], npt.NDArray[np.floating[Any]]]
-"""Height (m) of the ground below the plateaus at positions x, y (n,), m."""
 
 _UNEVEN, _UNEVEN_RATE, _NOISE_START, _INVERSE_NOISE_RANGE, _INVERSE_FINE_RANGE = kernel_constants(
     *("layers/plateaus.clh", "UNEVEN", "UNEVEN_RATE"),
@@ -192,10 +189,7 @@ def _outline(sketch: Sketch, shape: Shape) -> tuple[Plateau, Float64Array]:
             break
     margin = plateau.talus_width - plateau.cliff_start + noise_limit(sketch.extent, sketch.fidelity, depth)
     field = shape_field(sketch, shape, margin=margin + _SPARE * plateau.cliff_width)
-    row, column = np.nonzero((field.inside <= 0.0) & (field.inside > -1.5 * field.spacing))
-    thin = max(len(row) // _BORDER_POINTS, 1)
-    at = np.stack([column[::thin], row[::thin]], axis=-1) * field.spacing + [field.west, field.south]
-    return replace(plateau, shape=field), np.asarray(at)
+    return replace(plateau, shape=field), shore_positions(field, _BORDER_POINTS)
 
 
 def layer_top(elevation: float, thickness: float) -> float:

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage, sparse
-from scipy.sparse.csgraph import connected_components
+from scipy import ndimage
+from skimage.measure import label as label_regions
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.geometry.hashing import hash_keys
@@ -65,57 +65,13 @@ def region_numbers(image: npt.NDArray[np.uint8], regions: Iterable[Region]) -> n
 
 
 def find_regions(image: npt.NDArray[np.uint8]) -> tuple[Region, ...]:
-    """Return the connected regions of a label image, in reading order of their first pixels.
-
-    Joins runs of one label along rows, not pixels: a painted image has few.
-    """
-    row, start, end = _runs(image)
-    if len(row) == 0:
-        return ()
-    label = image[row, start]
-    count, member = connected_components(_touching(row, start, end, label, image.shape[1]), directed=False)
-    order = np.argsort(member, kind="stable")
-    bounds = np.concatenate([[0], np.cumsum(np.bincount(member, minlength=count))])
-    row, start, end = row[order], start[order], end[order]
-    left, right = np.minimum.reduceat(start, bounds[:-1]), np.maximum.reduceat(end, bounds[:-1])
+    """Return the connected regions of a label image, in reading order of their first pixels."""
+    number = label_regions(image, background=0, connectivity=2)
     found = []
-    # Runs of a region are in reading order, and regions in the order of their first runs.
-    for number in np.argsort(order[bounds[:-1]]).tolist():
-        own = slice(int(bounds[number]), int(bounds[number + 1]))
-        top, west, east = int(row[own.start]), int(left[number]), int(right[number])
-        edges = np.zeros((int(row[own.stop - 1]) + 1 - top, east - west + 1), dtype=np.int8)
-        edges[row[own] - top, start[own] - west] = 1
-        edges[row[own] - top, end[own] - west] = -1
-        mask = np.cumsum(edges, axis=1, dtype=np.int8)[:, :-1].astype(np.bool_)
-        box = slice(top, top + len(edges)), slice(west, east)
-        found.append(Region(int(label[order[own.start]]), *box, mask))
+    for own, box in enumerate(ndimage.find_objects(number), start=1):
+        mask = number[box] == own
+        found.append(Region(int(image[box].flat[np.argmax(mask)]), box[0], box[1], mask))
     return tuple(found)
-
-
-def _runs(image: npt.NDArray[np.uint8]) -> tuple[Int64Array, Int64Array, Int64Array]:
-    """Return row, first column and end column of each run of one label, in reading order."""
-    turns = np.ones(image.shape, dtype=np.bool_)
-    np.not_equal(image[:, 1:], image[:, :-1], out=turns[:, 1:])
-    first = np.flatnonzero(turns)
-    row, start = np.divmod(first, image.shape[1])
-    end = np.append(first[1:], image.size) - row * image.shape[1]
-    painted = image[row, start] > 0
-    return row[painted], start[painted], end[painted]
-
-
-def _touching(
-    row: Int64Array, start: Int64Array, end: Int64Array, label: npt.NDArray[np.uint8], width: int
-) -> sparse.coo_array:
-    """Return pairs of runs of one label in adjacent rows whose pixels touch at least at a corner."""
-    span = width + 1
-    low = np.searchsorted(row * span + end, (row + 1) * span + start, side="left")
-    high = np.searchsorted(row * span + start, (row + 1) * span + end, side="right")
-    count = np.maximum(high - low, 0)
-    upper = np.repeat(np.arange(len(row)), count)
-    lower = np.arange(len(upper)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(low, count)
-    same = label[upper] == label[lower]
-    ones = np.ones(int(same.sum()), dtype=np.bool_)
-    return sparse.coo_array((ones, (upper[same], lower[same])), shape=(len(row), len(row)))
 
 
 def measure_shape(layer: str, size: tuple[int, ...], region: Region) -> Shape:
@@ -140,19 +96,25 @@ def measure_shape(layer: str, size: tuple[int, ...], region: Region) -> Shape:
     )
 
 
+def border_distance(
+    mask: npt.NDArray[np.bool_], rows: slice, columns: slice, size: tuple[int, ...], *, whole: float
+) -> Float64Array:
+    """Return the distance (px) to the border, which the image's edge is not; `whole` if there is none."""
+    sides = ((rows.start == 0, rows.stop == size[0]), (columns.start == 0, columns.stop == size[1]))
+    padding = tuple((int(not low), int(not high)) for low, high in sides)
+    padded = np.pad(mask, padding)
+    if padded.all():
+        return np.full(mask.shape, whole)
+    distance = np.asarray(ndimage.distance_transform_edt(padded), dtype=np.float64) - 0.5
+    return distance[padding[0][0] :, padding[1][0] :][: mask.shape[0], : mask.shape[1]]
+
+
 def _depth(
     mask: npt.NDArray[np.bool_], rows: slice, columns: slice, size: tuple[int, ...]
 ) -> npt.NDArray[np.float64]:
     """Return the distance to the nearest unpainted pixel of the image, or to the end of the overhang."""
     height, width = size
-    sides = ((rows.start == 0, rows.stop == height), (columns.start == 0, columns.stop == width))
-    padding = tuple((int(not low), int(not high)) for low, high in sides)
-    padded = np.pad(mask, padding)
-    if padded.all():
-        distance = np.full(mask.shape, np.inf)
-    else:
-        distance = np.asarray(ndimage.distance_transform_edt(padded), dtype=np.float64)
-        distance = distance[padding[0][0] :, padding[1][0] :][: mask.shape[0], : mask.shape[1]] - 0.5
+    distance = border_distance(mask, rows, columns, size, whole=np.inf)
     overhang = EDGE_OVERHANG * max(height, width)
     row, column = np.arange(rows.start, rows.stop) + 0.5, np.arange(columns.start, columns.stop) + 0.5
     to_end = np.minimum.outer(np.minimum(row, height - row), np.minimum(column, width - column)) + overhang

@@ -1,40 +1,59 @@
-"""Elevation data under the sketch: patches that kernels blend to one surface."""
+"""Elevation data under the sketch: patches that kernels blend to one surface, in slots on a device."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 
-from sketchterrain.array_types import Float64Array, LatticeArray
+from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, LatticeArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.elevation.base import BaseElevation
+from sketchterrain.elevation.patches import COEFFICIENTS
 from sketchterrain.elevation.surface import Heights, PatchSlots
+from sketchterrain.geometry.box_index import BoxIndex, item_lists
 from sketchterrain.io.resources import kernel_columns
 from sketchterrain.landforms.node_raster import node_level
+from sketchterrain.terrain.culler import MAX_CELL_SIZES, upload_reals
 from sketchterrain.terrain.layers.base_detail import BaseDetail, DetailScale, no_detail
 from sketchterrain.terrain.layers.layer import (
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
+    LayerChange,
     Packed,
     Sampling,
     TerrainLayer,
     WorldSettings,
 )
-from sketchterrain.terrain.noise import NoiseStack, ValueSlope
+from sketchterrain.terrain.noise import FINEST_CELL, NoiseStack, ValueSlope
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.culler import Culled
-    from sketchterrain.terrain.layers.base_culler import BaseCuller, NearPatches
+    from sketchterrain.elevation.selection import Patchwork
 
 _HEADER: Final = "layers/base.clh"
 _ROW: Final = kernel_columns(_HEADER, "BaseRow")
 ROW_VALUES: Final = 24
 """Values of a ``BaseRow``."""
+SLOTS: Final = 8192
+"""Patches on a device, 50 MB; more only if one launch needs them."""
+
+_ROUNDING = 2  # lattice units
+
+
+@dataclass(frozen=True, eq=False)
+class NearPatches:
+    """Bounds of the patches near n blocks, m."""
+
+    is_reached: BoolArray
+    low: Float64Array
+    high: Float64Array
+    error: Float64Array  # of patches that full detail has finer ones for
 
 
 class HostBase(NamedTuple):
@@ -86,18 +105,11 @@ class BaseLayer(TerrainLayer):
         }
         return np.array([found[key] for key in self.base.patchwork.grids], np.float64)
 
-    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
+    def pack(self, sampling: Sampling) -> Packed:
         """Return the octaves of detail; patches are packed for the blocks that they reach."""
-        del cache
         if self.detail is not None:
             return Packed(self.detail.pack(sampling))
         return Packed(no_detail(sampling))
-
-    def culler(self, context: ComputeContext, world: WorldSettings) -> BaseCuller:
-        """Return the patches on a device."""
-        from sketchterrain.terrain.layers.base_culler import BaseCuller
-
-        return BaseCuller(self, context, world)
 
     def omitted(self, state: DetailState, culled: Culled, sampling: Sampling) -> None:
         """Add the errors of patches that finer ones replace at full detail, and octaves of detail."""
@@ -149,3 +161,133 @@ def pack_rows(slots: PatchSlots, scales: Float64Array, unit: float) -> tuple[Lat
     flat[:, _ROW["base_density"]] = slots.density
     flat[masked, _ROW["base_scale"]] = slots.rims[slots.mask_of[masked], 4]
     return at, flat
+
+
+@dataclass(frozen=True, eq=False)
+class _Cover:
+    """The patches for a cell size: the largest first, then by number, as they are summed."""
+
+    numbers: Int64Array
+    error: Float64Array  # m; 0 for those of full detail
+    index: BoxIndex
+
+
+class BaseCuller:
+    """Patches of elevation data that blocks need; they stay on the device until others take their slots."""
+
+    def __init__(self, layer: BaseLayer, context: ComputeContext, world: WorldSettings) -> None:
+        self._layer = layer
+        self._context = context
+        self._world = world
+        self._packed = LRUCache(MAX_CELL_SIZES)
+        self._covers = LRUCache(MAX_CELL_SIZES)
+        self._slots: PatchSlotBuffers | None = None
+
+    def updated(self, layer: TerrainLayer, change: LayerChange) -> BaseCuller:
+        """Return itself: other data are another key."""
+        del layer, change
+        return self
+
+    def cull(self, blocks: LatticeArray, sampling: Sampling, around: LatticeArray | None = None) -> Culled:
+        """Return the patches that reach blocks (n, 4)."""
+        del around
+        if self._slots is None:
+            self._slots = PatchSlotBuffers(self._layer, self._context, self._world)
+        packed = self._packed.get_or_compute(
+            sampling.cell,
+            lambda: upload_reals(self._context, self._layer.pack(sampling).arrays),
+        )
+        if self._layer.base is None:
+            lists = {"base_starts": np.zeros(len(blocks) + 1, np.int32), "base_list": np.zeros(0, np.int32)}
+            return Culled(self._slots.buffers | packed, lists, None)
+        work = self._layer.base.patchwork
+        cover = self._covers.get_or_compute(sampling.cell, lambda: self._cover(work, sampling.cell))
+        starts, members = item_lists(cover.index, blocks)
+        used, position = np.unique(members, return_inverse=True)
+        slots = self._slots.place(cover.numbers[used])
+        low, high, error = np.zeros((3, len(blocks)))
+        filled = np.flatnonzero(np.diff(starts))
+        if len(filled):
+            first = starts[filled]
+            low[filled] = np.minimum.reduceat(self._slots.low[slots][position], first)
+            high[filled] = np.maximum.reduceat(self._slots.high[slots][position], first)
+            error[filled] = np.maximum.reduceat(cover.error[members], first)
+        lists = {"base_starts": starts, "base_list": slots[position].astype(np.int32)}
+        near = NearPatches(np.diff(starts) > 0, low, high, error)
+        return Culled(self._slots.buffers | packed, lists, near)
+
+    def _cover(self, work: Patchwork, cell: float) -> _Cover:
+        numbers = work.cover_for_cells(cell)
+        reach = work.reach[numbers].astype(np.float64)
+        side = np.maximum(reach[:, 2] - reach[:, 0], reach[:, 3] - reach[:, 1])
+        order = np.lexsort((numbers, -np.ceil(np.log2(side))))
+        numbers = numbers[order]
+        full = np.isin(numbers, work.cover_for_cells(FINEST_CELL))
+        boxes = reach[order] / self._world.unit
+        low, high = np.floor(boxes[:, :2]) - _ROUNDING, np.ceil(boxes[:, 2:]) + _ROUNDING
+        index = BoxIndex(np.concatenate([low, high], axis=1).astype(np.int64))
+        return _Cover(numbers, np.where(full, 0.0, work.error[numbers] + work.accuracy), index)
+
+
+class PatchSlotBuffers:
+    """Buffers of patches by slot, the names of the kernels' arguments; slots are reused in a ring."""
+
+    def __init__(self, layer: BaseLayer, context: ComputeContext, world: WorldSettings) -> None:
+        self._work = None if layer.base is None else layer.base.patchwork
+        self._context, self._unit, self._scales = context, world.unit, layer.scales(world)
+        self._slot_of: dict[int, int] = {}
+        self._allocate(SLOTS if self._work is not None else 1)
+
+    def _allocate(self, count: int) -> None:
+        side, real = COEFFICIENTS, self._context.real_dtype
+        self._slot_of.clear()
+        self._held = np.full(count, -1)  # numbers of the patches
+        self._next = 0
+        self.low, self.high = np.zeros((2, count))  # m
+        self._arrays: dict[str, tuple[tuple[int, ...], Any]] = {
+            "base_at": ((2,), np.int64),
+            "base_row": ((ROW_VALUES,), real),
+            "base_spline": ((side, side), np.float32),
+            "base_mask": ((side, side), np.uint8),
+        }
+        self.buffers = {
+            name: self._context.empty((count, *shape), kind) for name, (shape, kind) in self._arrays.items()
+        }
+
+    def place(self, numbers: Int64Array) -> Int64Array:
+        """Return the slots of patches, each once; what is missing is uploaded."""
+        if len(numbers) > len(self._held):
+            self._allocate(2 * len(numbers))
+        slots = np.array([self._slot_of.get(number, -1) for number in numbers.tolist()], np.int64)
+        missing = np.flatnonzero(slots < 0)
+        if len(missing):
+            free = np.ones(len(self._held), np.bool_)
+            free[slots[slots >= 0]] = False
+            ring = (np.arange(len(free)) + self._next) % len(free)
+            taken = np.sort(ring[free[ring]][: len(missing)])
+            self._next = int(ring[np.flatnonzero(free[ring])[len(missing) - 1]]) + 1
+            self._upload(numbers[missing], taken)
+            slots[missing] = taken
+        return slots
+
+    def _upload(self, numbers: Int64Array, slots: Int64Array) -> None:
+        assert self._work is not None  # noqa: S101 # there are patches
+        for old in self._held[slots].tolist():
+            self._slot_of.pop(old, None)
+        self._held[slots] = numbers
+        self._slot_of.update(zip(numbers.tolist(), slots.tolist(), strict=True))
+        patches = self._work.slots(numbers)
+        at, row = pack_rows(patches, self._scales, self._unit)
+        height = patches.base[:, None] + patches.coefficients.reshape(len(at), -1)
+        self.low[slots], self.high[slots] = height.min(axis=1), height.max(axis=1)
+        mask = np.zeros(patches.coefficients.shape, np.uint8)
+        mask[patches.mask_of >= 0] = patches.masks[patches.mask_of[patches.mask_of >= 0]]
+        values = {"base_at": at, "base_row": row, "base_spline": patches.coefficients, "base_mask": mask}
+        ends = [0, *(np.flatnonzero(np.diff(slots) != 1) + 1).tolist(), len(slots)]
+        for name, array in values.items():
+            shape, kind = self._arrays[name]
+            stride = int(np.prod(shape)) * np.dtype(kind).itemsize
+            part = np.ascontiguousarray(array, kind)
+            for first, last in pairwise(ends):
+                start = int(slots[first]) * stride
+                self._context.upload_into(self.buffers[name], part[first:last], start=start)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
-from sketchterrain.caching import LRUCache
 from sketchterrain.geometry.box_index import ITEM, BoxIndex, content_items
 from sketchterrain.geometry.lattice import metres_per_unit, to_lattice
 from sketchterrain.io.resources import kernel_columns, kernel_constants
@@ -34,6 +33,7 @@ from sketchterrain.terrain.centrelines import (
 )
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
@@ -41,13 +41,9 @@ from sketchterrain.terrain.layers.layer import (
     Sampling,
     TerrainLayer,
     WorldSettings,
-    mask_bits,
     smooth_rise,
 )
 from sketchterrain.terrain.noise import FINEST_CELL
-
-if TYPE_CHECKING:
-    from sketchterrain.terrain.culler import Culled
 
 _HEADER: Final = "layers/corridors.clh"
 ARC: Final = kernel_columns(_HEADER, "ArcRow")
@@ -148,6 +144,7 @@ class CorridorsLayer(TerrainLayer):
     """Rivers on their way through the terrain."""
 
     name: ClassVar[str] = "corridors"
+    item_masks: ClassVar[tuple[str, ...]] = ("water", "wetness")
 
     courses: tuple[Course, ...] = field(metadata=ITEMS)
 
@@ -196,9 +193,8 @@ class CorridorsLayer(TerrainLayer):
         """Return the cell size that arcs are made for."""
         return tolerance_cell(cell)
 
-    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
+    def pack(self, sampling: Sampling) -> Packed:
         """Return the arcs."""
-        del cache
         rivers = self.arcs(sampling.world.extent, sampling.cell)
         arrays = {
             "river_from": rivers.start,
@@ -215,14 +211,7 @@ class CorridorsLayer(TerrainLayer):
         Where rivers meet, both have the same point. Streams that the cells do not show are left out.
         """
         cell = tolerance_cell(cell_size)
-        key = extent, cell
-        if key not in self._arcs:
-            self._arcs[key] = self._flattened(extent, cell)
-        return self._arcs[key]
-
-    @cached_property
-    def _arcs(self) -> dict[tuple[float, float], PackedRivers]:
-        return {}
+        return self.cache.get_or_compute((extent, cell), lambda: self._flattened(extent, cell))
 
     def _flattened(self, extent: float, cell: float) -> PackedRivers:
         unit = metres_per_unit(extent)
@@ -259,12 +248,6 @@ class CorridorsLayer(TerrainLayer):
             arc[:, ARC[name]] = values
         return PackedRivers(unit, start[valid], arc[valid], starts[valid, 2:6], ends[valid, 2:6])
 
-    def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
-        """Return the water of blocks with rivers."""
-        del blocks
-        water = np.diff(culled.lists["river_starts"]) > 0
-        return mask_bits(water=water, wetness=water)
-
     def omitted(self, state: DetailState, culled: Culled, sampling: Sampling) -> None:
         """Add the change by channels that fade out, and by arcs flattened for a coarser cell."""
         for course in self.courses:
@@ -284,8 +267,7 @@ class CorridorsLayer(TerrainLayer):
         block = np.repeat(np.arange(count), np.diff(starts))
         half_width = np.minimum(*rivers.ends("half_width"))[member]
         deep = np.maximum(*rivers.ends("river_depth"))[member]
-        resolved = np.clip(2 * half_width / cell / _CHANNEL_CELLS - 1, 0, 1)
-        np.maximum.at(lost, block, 1 - resolved * resolved * (3 - 2 * resolved))
+        np.maximum.at(lost, block, 1 - smooth_rise(2 * half_width / cell / _CHANNEL_CELLS, 1, 1))
         np.maximum.at(depth, block, deep)
         tolerance = tolerance_cell(cell)
         if tolerance > FINEST_CELL:
@@ -315,7 +297,10 @@ class CorridorsLayer(TerrainLayer):
 
 def _pieces(anchor: LatticeArray, line: PreparedCentreline, unit: float) -> StructuredArray:
     """Return the inputs of the arcs between two control points, and the box of their support."""
-    first, last = _spans(line)
+    # The first and last sample of the centreline on each cubic of the spline, both ends included.
+    number = np.arange(len(line.curve), dtype=np.float64)
+    first = np.searchsorted(line.along, number, side="right") - 1
+    last = np.searchsorted(line.along, number + 1.0, side="left")
     samples = np.column_stack([line.along, line.line, line.anchors, line.steep])
     widest = float(line.river.centreline_width.max())
     whole = (
@@ -330,15 +315,6 @@ def _pieces(anchor: LatticeArray, line: PreparedCentreline, unit: float) -> Stru
     ]
     low, high = np.floor(boxes[:, :2]).astype(np.int64), np.ceil(boxes[:, 2:]).astype(np.int64)
     return content_items(contents, low, high)
-
-
-def _spans(course: PreparedCentreline) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return the first and last sample of the centreline on each cubic of the spline, both ends included."""
-    number = np.arange(len(course.curve), dtype=np.float64)
-    return (
-        np.searchsorted(course.along, number, side="right") - 1,
-        np.searchsorted(course.along, number + 1.0, side="left"),
-    )
 
 
 def _boxes(

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import StructuredArray
-from sketchterrain.caching import LRUCache
 from sketchterrain.landforms.placement.feature_types import Cover
 from sketchterrain.terrain.layers.fields import field_items, pack_fields
 from sketchterrain.terrain.layers.layer import ITEMS, Packed, Sampling, TerrainLayer, WorldSettings
@@ -24,6 +23,7 @@ class CoversLayer(TerrainLayer):
     """Painted materials, later ones on top."""
 
     name: ClassVar[str] = "covers"
+    varies_with_cell: ClassVar[bool] = False
     surface: ClassVar[bool] = True
 
     covers: tuple[Cover, ...] = field(metadata=ITEMS)
@@ -33,14 +33,8 @@ class CoversLayer(TerrainLayer):
         settings = [(cover.material, cover.strength) for cover in self.covers]
         return field_items([cover.shape for cover in self.covers], settings, world.extent)
 
-    def pack_key(self, cell: float) -> float:
-        """Return the same number for all cell sizes."""
-        del cell
-        return 0.0
-
-    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
+    def pack(self, sampling: Sampling) -> Packed:
         """Return the fields with borders that are wider at lower fidelity, but within the fields' margins."""
-        del cache
         fields = pack_fields([cover.shape for cover in self.covers], sampling.world.extent)
         spacing = np.array([cover.shape.spacing for cover in self.covers], dtype=np.float64)
         sharp, loose = _BORDER

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 
 from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
-from sketchterrain.caching import LRUCache
 from sketchterrain.geometry.box_index import content_items
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
@@ -24,9 +24,6 @@ from sketchterrain.terrain.layers.layer import (
 )
 from sketchterrain.terrain.layers.points import SLOT_DUNE, outline_warp
 from sketchterrain.terrain.noise import NoiseStack, band_weight, fbm
-
-if TYPE_CHECKING:
-    from sketchterrain.terrain.culler import Culled
 
 _HEADER: Final = "layers/dunes.clh"
 _CREST_SHIFT, _LEVEL, _VIGOUR_MIN, _VIGOUR_RANGE, _VIGOUR_START, _WINDWARD, _LEE = kernel_constants(
@@ -63,9 +60,8 @@ class DunesLayer(TerrainLayer):
         del rows, world
         return np.zeros((0, 4), np.int64)
 
-    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
+    def pack(self, sampling: Sampling) -> Packed:
         """Return the scalars and the styles."""
-        del cache
         scalars = {"styles": len(self.styles)} | sampling.ranges("crest")
         params = sampling.struct(_HEADER, "DuneParams", scalars)
         return Packed({"dune_params": params, "dune_styles": self._pack_styles(sampling)})

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import spline_filter
 
-from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
-from sketchterrain.geometry.box_index import content_items
+from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
+from sketchterrain.geometry.box_index import BoxIndex, content_items
 from sketchterrain.geometry.lattice import metres_per_unit, to_lattice
 from sketchterrain.landforms.placement.feature_types import ShapeField
 
@@ -34,25 +35,46 @@ class PackedFields:
     depth: Float64Array  # (n,) greatest distance inside, m
     samples: Float64Array  # spline coefficients of all fields, m
 
-    @property
+    @cached_property
     def boxes(self) -> LatticeArray:
         """Boxes that the fields affect, shape (n, 4), lattice units."""
         return np.concatenate([self.at - _ROUNDING, self.far + _ROUNDING], axis=1)
 
+    @cached_property
+    def index(self) -> BoxIndex:
+        """Index of the boxes."""
+        return BoxIndex(self.boxes)
 
-def pack_fields(fields: Sequence[ShapeField], extent: float) -> PackedFields:
-    """Return the spline coefficients that make each field interpolate its samples."""
-    unit = metres_per_unit(extent)
+
+@dataclass(frozen=True)
+class FieldRows:
+    """Fields of shapes with what kernels read of each besides, at one cell size."""
+
+    fields: PackedFields
+    columns: Mapping[str, int]  # of rows, by name
+    row: Float64Array  # (n, columns)
+    visible: BoolArray  # (n,) whether anything of a shape is left at the cell size
+
+    def __getitem__(self, name: str) -> Float64Array:
+        """Return a column, shape (n,)."""
+        return self.row[:, self.columns[name]]
+
+
+def pack_fields(fields: Sequence[ShapeField], extent: float, *, is_blurred: bool = False) -> PackedFields:
+    """Return spline coefficients by which fields interpolate their samples; if blurred, the samples."""
+    unit, pad = metres_per_unit(extent), 1 if is_blurred else _PAD
     count = len(fields)
     at, far = np.zeros((2, count, 2), np.int64)
     form = np.zeros((count, 4), np.int32)
     scale, margin, depth = np.zeros((3, count))
     samples, first = [np.zeros(0)], 0
     for i, field in enumerate(fields):
-        spline = np.asarray(spline_filter(field.inside.astype(np.float64), order=2, mode="mirror"))
-        coefficients = np.pad(spline, _PAD, mode="edge")
+        spline = field.inside.astype(np.float64)
+        if not is_blurred:
+            spline = np.asarray(spline_filter(spline, order=2, mode="mirror"))
+        coefficients = np.pad(spline, pad, mode="edge")
         rows, columns = coefficients.shape
-        corner = np.array([field.west, field.south]) - _PAD * field.spacing
+        corner = np.array([field.west, field.south]) - pad * field.spacing
         at[i] = to_lattice(corner, extent)
         far[i] = at[i] + np.ceil(np.array([columns, rows]) * field.spacing / unit).astype(np.int64)
         form[i] = first, columns, rows, 0

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import BoolArray, Float64Array, StructuredArray
-from sketchterrain.caching import LRUCache
-from sketchterrain.geometry.box_index import BoxIndex
+from sketchterrain.array_types import StructuredArray
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.landforms.placement.feature_types import Lake, cubic
-from sketchterrain.terrain.layers.fields import PackedFields, field_distance, field_items, pack_fields
+from sketchterrain.terrain.layers.fields import (
+    FieldRows,
+    PackedFields,
+    field_distance,
+    field_items,
+    pack_fields,
+)
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
@@ -23,12 +28,9 @@ from sketchterrain.terrain.layers.layer import (
     Sampling,
     TerrainLayer,
     WorldSettings,
-    mask_bits,
+    smooth_rise,
     soft_positive,
 )
-
-if TYPE_CHECKING:
-    from sketchterrain.terrain.culler import Culled
 
 _HEADER: Final = "layers/lakes.clh"
 LAKE: Final = kernel_columns(_HEADER, "LakeRow")
@@ -43,24 +45,12 @@ _STEEPEST_SHORE = 0.2
 _STEEPEST_BED = 1.0
 
 
-@dataclass(frozen=True)
-class PackedLakes:
-    """Columns of ``Lakes`` in ``kernels/layers/lakes.clh`` besides the fields, for one cell size."""
-
-    fields: PackedFields
-    row: Float64Array  # (n, 8) columns of `LAKE`; the first is the field's samples per lattice unit
-    visible: BoolArray  # (n,) whether anything of a lake is left at the cell size
-
-    def __getitem__(self, name: str) -> Float64Array:
-        """Return a column of `LAKE`, shape (n,)."""
-        return self.row[:, LAKE[name]]
-
-
 @dataclass(frozen=True, eq=False)
 class LakesLayer(TerrainLayer):
     """Lakes that have found their levels."""
 
     name: ClassVar[str] = "lakes"
+    item_masks: ClassVar[tuple[str, ...]] = ("water", "wetness")
 
     lakes: tuple[Lake, ...] = field(metadata=ITEMS)
 
@@ -69,12 +59,9 @@ class LakesLayer(TerrainLayer):
         settings = [(lake.level, lake.depth) for lake in self.lakes]
         return field_items([lake.shape for lake in self.lakes], settings, world.extent)
 
-    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
+    def pack(self, sampling: Sampling) -> Packed:
         """Return the fields and their profiles."""
-        fields = cache.get_or_compute(
-            self.name, lambda: pack_fields([lake.shape for lake in self.lakes], sampling.world.extent)
-        )
-        lakes = self.profiles(fields, sampling.cell)
+        lakes, fields = self._rows(sampling), self._fields(sampling.world.extent)
         arrays: dict[str, npt.NDArray[Any]] = {
             "lake_at": fields.at,
             "lake_form": fields.form,
@@ -84,12 +71,17 @@ class LakesLayer(TerrainLayer):
         }
         return Packed(arrays, fields.boxes, "lake", lakes.visible, lakes)
 
-    def profiles(self, fields: PackedFields, cell: float) -> PackedLakes:
+    def _fields(self, extent: float) -> PackedFields:
+        shapes = [lake.shape for lake in self.lakes]
+        return self.cache.get_or_compute(extent, lambda: pack_fields(shapes, extent))
+
+    def _rows(self, sampling: Sampling) -> FieldRows:
         """Return the lakes' profiles; lakes narrower than two cells fade out and vanish at one.
 
         A lake is at most as deep as its greatest distance from the shore, so that its bed is no steeper than
         45°.
         """
+        fields = self._fields(sampling.world.extent)
         level = np.array([lake.level for lake in self.lakes], dtype=np.float64)
         requested = np.array([lake.depth for lake in self.lakes], dtype=np.float64)
         deep = np.minimum(requested, _STEEPEST_BED * fields.depth)
@@ -97,8 +89,7 @@ class LakesLayer(TerrainLayer):
         shore = np.minimum(_SHORE_SHARE * deep / shelf, _STEEPEST_SHORE)
         # The beach is a parabola over half the margin that starts with the shore's slope.
         rise = shore * fields.margin / 4
-        fade = np.clip(2 * fields.depth / cell - 1, 0, 1)
-        fade = fade * fade * (3 - 2 * fade)
+        fade = smooth_rise(2 * fields.depth / sampling.cell, 1, 1)
         row = np.zeros((len(fade), 8))
         row[:, 0] = fields.scale
         for name, values in {
@@ -111,22 +102,15 @@ class LakesLayer(TerrainLayer):
             "beach_rise": rise,
         }.items():
             row[:, LAKE[name]] = values
-        return PackedLakes(fields, row, fade > 0)
-
-    def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
-        """Return the water of blocks with lakes."""
-        del blocks
-        water = np.diff(culled.lists["lake_starts"]) > 0
-        return mask_bits(water=water, wetness=water)
+        return FieldRows(fields, LAKE, row, fade > 0)
 
     def omitted(self, state: DetailState, culled: Culled, sampling: Sampling) -> None:
         """Add the greatest change by lakes that fade out: terrain up to their rims, or down to their beds."""
-        lakes: PackedLakes = culled.details.details
+        lakes: FieldRows = culled.details.details
         lost, level = 1 - lakes["lake_visible"], lakes["lake_level"]
         if not lost.any():
             return
-        index = state.cache.get_or_compute(self.name, lambda: BoxIndex(lakes.fields.boxes))
-        block, lake = index.touching(state.blocks)
+        block, lake = lakes.fields.index.touching(state.blocks)
         up = 2 * np.maximum((level + lakes["beach_rise"])[lake] - state.low[block], 0)
         down = state.high[block] - (level - lakes["lake_depth"])[lake]
         bound = np.zeros(len(state.blocks))
@@ -138,8 +122,7 @@ class LakesLayer(TerrainLayer):
         if not self.lakes:
             return ground
         sampling, x, y, height = site.sampling, site.x, site.y, ground.height
-        fields = pack_fields([lake.shape for lake in self.lakes], sampling.world.extent)
-        packed = self.profiles(fields, sampling.cell)
+        packed, fields = self._rows(sampling), self._fields(sampling.world.extent)
         weights, own, top, visible, deepest = np.zeros((5, *height.shape))
         nearest = np.ones(height.shape)
         for i in np.flatnonzero(packed.visible):

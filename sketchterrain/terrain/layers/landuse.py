@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 
 import numba
@@ -16,13 +15,13 @@ from sketchterrain.document.vectors import starts
 from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.landuse.areas import BUILT_UP, FIELD, FOREST, MEADOW, LandUse
-from sketchterrain.terrain.changes import LayerChange
-from sketchterrain.terrain.culler import Culled
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
     MASKS,
+    Culled,
     HostSamples,
     HostSite,
+    LayerChange,
     Sampling,
     TerrainLayer,
     WorldSettings,
@@ -31,7 +30,6 @@ from sketchterrain.terrain.layers.layer import (
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.culler import Culler
 
 _HEADER: Final = "layers/landuse.clh"
 (_CELLS,) = kernel_constants(_HEADER, "LAND_CELLS")
@@ -95,13 +93,7 @@ class LandUseLayer(TerrainLayer):
 
     def index(self, world: WorldSettings) -> AreaIndex:
         """Return the index of its areas; the one of a changed layer follows from that before."""
-        if world.extent not in self._indices:
-            self._indices[world.extent] = AreaIndex.of(self.areas, world)
-        return self._indices[world.extent]
-
-    @cached_property
-    def _indices(self) -> dict[float, AreaIndex]:
-        return {}
+        return self.cache.get_or_compute(world.extent, lambda: AreaIndex.of(self.areas, world))
 
     def change(self, old: TerrainLayer, world: WorldSettings) -> LayerChange | None:
         """Return what differs from another one."""
@@ -113,13 +105,9 @@ class LandUseLayer(TerrainLayer):
         if len(boxes) > _MANY:
             boxes = np.concatenate([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])[None]
         change = LayerChange(removed, added, boxes)
-        if change and world.extent in old._indices:
-            self._indices[world.extent] = old.index(world).updated(self.areas, change, world)
+        if change and world.extent in old.cache:
+            self.cache.store(world.extent, old.index(world).updated(self.areas, change, world))
         return change
-
-    def culler(self, context: ComputeContext, world: WorldSettings) -> Culler:
-        """Return its lists."""
-        return _LandUseCuller(self, context, world)
 
     def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
         """Return the bit of forests for blocks with one."""
@@ -226,7 +214,7 @@ class LandUseLayer(TerrainLayer):
         return material, cover
 
 
-class _LandUseCuller:
+class LandUseCuller:
     """Areas on a device: each launch gets those near its blocks, with their edges."""
 
     def __init__(self, layer: LandUseLayer, context: ComputeContext, world: WorldSettings) -> None:
@@ -234,9 +222,11 @@ class _LandUseCuller:
         self._context = context
         self._world = world
 
-    def updated(self, layer: TerrainLayer, change: LayerChange) -> Culler:
+    def updated(self, layer: TerrainLayer, change: LayerChange) -> LandUseCuller:
         """Return the culler of a changed layer."""
-        return layer.culler(self._context, self._world)
+        del change
+        assert isinstance(layer, LandUseLayer)  # noqa: S101 # a layer is followed by one of its kind
+        return LandUseCuller(layer, self._context, self._world)
 
     def cull(self, blocks: LatticeArray, sampling: Sampling, around: LatticeArray | None = None) -> Culled:
         """Return the areas near blocks and their edges (``LandUse`` of ``kernels/layers/landuse.clh``)."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,7 @@ from sketchterrain.geometry.box_index import ITEM
 from sketchterrain.geometry.differences import row_difference
 from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.io.resources import kernel_struct
-from sketchterrain.terrain.changes import LayerChange
+from sketchterrain.landforms.placement.feature_types import smoothstep
 from sketchterrain.terrain.noise import (
     FINEST_CELL,
     NOISE_PEAK,
@@ -24,10 +25,6 @@ from sketchterrain.terrain.noise import (
     ValueSlope,
     omitted_amplitudes,
 )
-
-if TYPE_CHECKING:
-    from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.culler import Culled, Culler
 
 ITEMS: Final = {"items": True}
 """Metadata of dataclass fields that hold items, which a layer's key leaves out."""
@@ -102,6 +99,15 @@ class Packed:
     details: Any = None  # what the layer's bounds read
 
 
+@dataclass(frozen=True, eq=False)
+class Culled:
+    """A layer's part of a launch."""
+
+    buffers: Mapping[str, Any]  # on the device, by the names of the kernels' arguments
+    lists: Mapping[str, npt.NDArray[Any]]  # what affects which block, to be uploaded
+    details: Any  # what the layer's bounds read
+
+
 @dataclass
 class HostSite:
     """Points that layers are evaluated at on the host, in float64."""
@@ -138,14 +144,32 @@ class DetailState:
     low: Float64Array  # (n,) of the heights, at any detail
     high: Float64Array
     scale: Float64Array  # (n,) of the heights' magnitude, for their rounding
-    cache: LRUCache  # of one recipe, for what depends on the cell size alone
     near: Any = None  # ``NearPoints``: what the layer of points finds near each block
 
     @classmethod
-    def empty(cls, blocks: LatticeArray, cache: LRUCache) -> DetailState:
+    def empty(cls, blocks: LatticeArray) -> DetailState:
         """Return the state before the first layer."""
         bound, low, high, scale = np.zeros((4, len(blocks)))
-        return cls(blocks, bound, low, high, scale, cache)
+        return cls(blocks, bound, low, high, scale)
+
+
+def no_boxes() -> LatticeArray:
+    """Return no boxes."""
+    return np.zeros((0, 4), np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class LayerChange:
+    """Items that only the old or only the new of two layers has."""
+
+    removed: LatticeArray  # rows of the old layer, ascending
+    added: LatticeArray  # rows of the new one
+    boxes: LatticeArray  # (n, 4) of all that differ, lattice units
+    unbounded: LatticeArray = field(default_factory=no_boxes)  # (m, 4) where features without end differ
+
+    def __bool__(self) -> bool:
+        """Return whether anything differs."""
+        return bool(len(self.removed) or len(self.added) or len(self.unbounded))
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,10 +183,17 @@ class TerrainLayer:
     name: ClassVar[str]
     surface: ClassVar[bool] = False  # whether it changes materials, not heights
     has_heights: ClassVar[bool] = True  # whether it changes more than masks and materials
+    varies_with_cell: ClassVar[bool] = True  # whether packed values may differ between cell sizes
+    item_masks: ClassVar[tuple[str, ...]] = ()  # `MASKS` that blocks with any of its items may have
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields, without cached properties."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
+
+    @cached_property
+    def cache(self) -> LRUCache:
+        """What follows from it and the extent, the settings of the world or the cell size, by these."""
+        return LRUCache()
 
     def key(self) -> Hashable:
         """Return everything that it depends on everywhere."""
@@ -190,26 +221,21 @@ class TerrainLayer:
         boxes = [old.boxes(before[removed], world), self.boxes(now[added], world)]
         return LayerChange(removed, added, np.concatenate(boxes))
 
-    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
-        """Return it as kernels read it; ``cache`` keeps what does not depend on the cell size."""
-        del sampling, cache
+    def pack(self, sampling: Sampling) -> Packed:
+        """Return it as kernels read it; arrays that do not depend on the cell size are the same objects."""
+        del sampling
         return Packed({})
 
     def pack_key(self, cell: float) -> float:
         """Return a number for cell sizes that have the same packed values."""
-        return cell
-
-    def culler(self, context: ComputeContext, world: WorldSettings) -> Culler:
-        """Return its arguments and lists on a device."""
-        from sketchterrain.terrain.culler import WholeCuller
-
-        del world
-        return WholeCuller(self, context)
+        return cell if self.varies_with_cell else 0.0
 
     def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
         """Return the bits of `MASKS` that it may set in each of the blocks it was culled for."""
-        del culled
-        return np.zeros(blocks, np.int32)
+        if not self.item_masks:
+            return np.zeros(blocks, np.int32)
+        listed = np.diff(culled.lists[f"{culled.details.lists}_starts"]) > 0
+        return mask_bits(**dict.fromkeys(self.item_masks, listed))
 
     def omitted(self, state: DetailState, culled: Culled, sampling: Sampling) -> None:
         """Add to the bounds what the cell size omits of it."""
@@ -227,8 +253,7 @@ def mask_bits(**present: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
 
 def smooth_rise(x: Float64Array, start: float, width: float) -> Float64Array:
     """Return the cubic from 0 at ``start`` to 1 at ``start + width``."""
-    t = np.clip((x - start) / width, 0, 1)
-    return np.asarray(t * t * (3 - 2 * t))
+    return smoothstep((x - start) / width)
 
 
 def soft_positive(x: Float64Array, softness: float) -> Float64Array:

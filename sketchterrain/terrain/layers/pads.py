@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, StructuredArray
-from sketchterrain.caching import LRUCache
 from sketchterrain.geometry.box_index import BoxIndex, content_items
 from sketchterrain.geometry.lattice import to_lattice
-from sketchterrain.io.resources import kernel_columns, kernel_constants
+from sketchterrain.io.resources import kernel_constants
 from sketchterrain.roads.road_types import Pad
 from sketchterrain.terrain.layers.earthworks import Strips, with_strips
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
@@ -26,11 +26,7 @@ from sketchterrain.terrain.layers.layer import (
     WorldSettings,
 )
 
-if TYPE_CHECKING:
-    from sketchterrain.terrain.culler import Culled
-
 _HEADER: Final = "layers/pads.clh"
-PAD: Final = kernel_columns(_HEADER, "PadRow")
 (_HALF,) = kernel_constants(_HEADER, "PAD_HALF")
 (_COVERAGE_MOST,) = kernel_constants("layers/earthworks.clh", "COVERAGE_MOST")
 
@@ -40,6 +36,7 @@ class PadsLayer(TerrainLayer):
     """Building pads, by id."""
 
     name: ClassVar[str] = "pads"
+    varies_with_cell: ClassVar[bool] = False
 
     materials: tuple[str, ...]  # names, in the order of their weights
     pads: tuple[Pad, ...] = field(metadata=ITEMS)
@@ -63,14 +60,8 @@ class PadsLayer(TerrainLayer):
         ]
         return content_items(contents, boxes[:, :2], boxes[:, 2:])
 
-    def pack_key(self, cell: float) -> float:
-        """Return the same number for all cell sizes."""
-        del cell
-        return 0.0
-
-    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
+    def pack(self, sampling: Sampling) -> Packed:
         """Return levels and outlines."""
-        del cache
         count, world = len(self.pads), sampling.world
         sides = np.array([len(pad.outline) for pad in self.pads], np.int64)
         form = np.zeros((count, 4), np.int32)
@@ -91,7 +82,8 @@ class PadsLayer(TerrainLayer):
         del culled
         if not self.pads:
             return
-        index = state.cache.get_or_compute(self.name, lambda: BoxIndex(self._boxes(sampling.world)))
+        world = sampling.world
+        index = self.cache.get_or_compute(world.extent, lambda: BoxIndex(self._boxes(world)))
         block, pad = index.touching(state.blocks)
         level = np.array([each.level for each in self.pads])[pad]
         np.minimum.at(state.low, block, level)

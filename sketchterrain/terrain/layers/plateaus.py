@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, ClassVar, Final
+from operator import attrgetter
+from typing import ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
-from sketchterrain.caching import LRUCache
-from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.landforms.placement.feature_types import cubic, even_wave
 from sketchterrain.landforms.placement.plateaus import (
@@ -23,9 +22,16 @@ from sketchterrain.landforms.placement.plateaus import (
     noise_limit,
     octave_share,
 )
-from sketchterrain.terrain.layers.fields import PackedFields, field_distance, field_items, pack_fields
+from sketchterrain.terrain.layers.fields import (
+    FieldRows,
+    PackedFields,
+    field_distance,
+    field_items,
+    pack_fields,
+)
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
@@ -33,7 +39,6 @@ from sketchterrain.terrain.layers.layer import (
     Sampling,
     TerrainLayer,
     WorldSettings,
-    mask_bits,
     smooth_rise,
     soft_positive,
 )
@@ -44,9 +49,6 @@ from sketchterrain.terrain.noise import (
     octave_noise,
     omitted_amplitudes,
 )
-
-if TYPE_CHECKING:
-    from sketchterrain.terrain.culler import Culled
 
 _HEADER: Final = "layers/plateaus.clh"
 PLATEAU: Final = kernel_columns(_HEADER, "PlateauRow")
@@ -70,19 +72,7 @@ _STEP_SLOPE, _THIRD_SLOPE, _PHASE_SLOPE = 3.7, 7.8, 2.0
 _DISTANCE_SLOPE = 1.2  # of a distance field
 _TOP_ROUNDING = 1e-5  # share of the steps that the rounded height of a top leaves
 _PROFILE_SAMPLES = 2049
-
-
-@dataclass(frozen=True)
-class PackedPlateaus:
-    """Plateaus for one cell size."""
-
-    fields: PackedFields
-    row: Float64Array  # (n, 16) columns of `PLATEAU`
-    visible: BoolArray  # (n,) whether anything of a plateau is left at the cell size
-
-    def __getitem__(self, name: str) -> Float64Array:
-        """Return a column of `PLATEAU`, shape (n,)."""
-        return self.row[:, PLATEAU[name]]
+_SETTINGS = "ground", "top", "height", "cliffness", "strata", "foot", "border", "layer_thickness"
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +80,7 @@ class PlateausLayer(TerrainLayer):
     """Mesas, buttes and tablelands. Where several reach a point, the highest counts."""
 
     name: ClassVar[str] = "plateaus"
+    item_masks: ClassVar[tuple[str, ...]] = ("mountain",)  # their rock and debris
 
     plateaus: tuple[Plateau, ...] = field(metadata=ITEMS)
 
@@ -99,25 +90,12 @@ class PlateausLayer(TerrainLayer):
 
     def items(self, world: WorldSettings) -> StructuredArray:
         """Return the plateaus by their contents."""
-        settings = [
-            (
-                each.ground,
-                each.top,
-                each.height,
-                each.cliffness,
-                each.strata,
-                each.foot,
-                each.border,
-                each.layer_thickness,
-            )
-            for each in self.plateaus
-        ]
+        settings = [attrgetter(*_SETTINGS)(each) for each in self.plateaus]
         return field_items([each.shape for each in self.plateaus], settings, world.extent)
 
-    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
+    def pack(self, sampling: Sampling) -> Packed:
         """Return the fields and the profiles."""
-        fields = cache.get_or_compute(self.name, lambda: self._fields(sampling.world))
-        plateaus = self.profiles(fields, sampling)
+        plateaus, fields = self._rows(sampling), self._fields(sampling.world.extent)
         shape = np.zeros((len(plateaus.row), 4))
         shape[:, 0] = fields.scale
         params = {"loose": cliff_looseness(sampling.world.fidelity)} | sampling.ranges("cliff")
@@ -131,15 +109,16 @@ class PlateausLayer(TerrainLayer):
         }
         return Packed(arrays, fields.boxes, "plateau", plateaus.visible, plateaus)
 
-    def _fields(self, world: WorldSettings) -> PackedFields:
-        return pack_fields([each.shape for each in self.plateaus], world.extent)
+    def _fields(self, extent: float) -> PackedFields:
+        shapes = [each.shape for each in self.plateaus]
+        return self.cache.get_or_compute(extent, lambda: pack_fields(shapes, extent))
 
-    def profiles(self, fields: PackedFields, sampling: Sampling) -> PackedPlateaus:
+    def _rows(self, sampling: Sampling) -> FieldRows:
         """Return the profiles of plateaus; those narrower than two cells fade out and vanish at one.
 
         Cliffs narrower than two cells are widened about their middle; rock layers of two cells and less fade.
         """
-        row = np.zeros((len(self.plateaus), len(PLATEAU)))
+        fields, row = self._fields(sampling.world.extent), np.zeros((len(self.plateaus), len(PLATEAU)))
         world, cell = sampling.world, sampling.cell
         for i, plateau in enumerate(self.plateaus):
             depth, talus, narrow = float(fields.depth[i]), plateau.talus_width, plateau.cliff_width
@@ -172,19 +151,13 @@ class PlateausLayer(TerrainLayer):
                 "layer_sink": steps * (1 - shown) * _SOFT_ROCK * (0.5 - 0.5 * _RISER),
             }.items():
                 row[i, PLATEAU[name]] = value
-        return PackedPlateaus(fields, row, row[:, PLATEAU["plateau_visible"]] > 0)
-
-    def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
-        """Return the mountains of blocks with plateaus: their rock and debris."""
-        del blocks
-        return mask_bits(mountain=np.diff(culled.lists["plateau_starts"]) > 0)
+        return FieldRows(fields, PLATEAU, row, row[:, PLATEAU["plateau_visible"]] > 0)
 
     def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:
         """Return the ground with plateaus upon it."""
         if not self.plateaus:
             return ground
-        fields = self._fields(site.sampling.world)
-        packed = self.profiles(fields, site.sampling)
+        packed, fields = self._rows(site.sampling), self._fields(site.sampling.world.extent)
         height, mountain, wet = ground.height.copy(), ground.mountain.copy(), ground.wetness.copy()
         for i in np.flatnonzero(packed.visible):
             west, south, east, north = fields.boxes[i]
@@ -200,15 +173,14 @@ class PlateausLayer(TerrainLayer):
 
     def omitted(self, state: DetailState, culled: Culled, sampling: Sampling) -> None:
         """Add what the cell size changes of profiles, moves of cliffs and fades of rock layers."""
-        packed: PackedPlateaus = culled.details.details
+        packed: FieldRows = culled.details.details
         if not len(packed.row):
             return
-        index = state.cache.get_or_compute(self.name, lambda: BoxIndex(packed.fields.boxes))
-        block, number = index.touching(state.blocks)
+        block, number = packed.fields.index.touching(state.blocks)
         full = replace(sampling, cell=FINEST_CELL, octaves=sampling.all_octaves)
-        rows = state.cache.get_or_compute((self.name, "full"), lambda: self.profiles(packed.fields, full).row)
-        moves = state.cache.get_or_compute(
-            (self.name, sampling.cell),
+        rows = self.cache.get_or_compute(sampling.world, lambda: self._rows(full).row)
+        moves = self.cache.get_or_compute(
+            (sampling.world, sampling.cell),
             lambda: np.array([_moved(*each, sampling) for each in zip(rows, packed.row, strict=True)]),
         )
         r = {name: rows[number, column] for name, column in PLATEAU.items()}
@@ -235,7 +207,7 @@ class PlateausLayer(TerrainLayer):
 
     def _near_cliffs(
         self,
-        packed: PackedPlateaus,
+        packed: FieldRows,
         full: Float64Array,
         blocks: LatticeArray,
         number: LatticeArray,

@@ -10,9 +10,9 @@ import numpy as np
 from sketchterrain.array_types import BoolArray, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.geometry.box_index import BoxIndex, slot_lists
-from sketchterrain.terrain.changes import LayerChange
-from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culled, upload_reals
-from sketchterrain.terrain.layers.layer import Sampling, TerrainLayer, WorldSettings
+from sketchterrain.geometry.lattice import covered_places, unique_places
+from sketchterrain.terrain.culler import MAX_CELL_SIZES, upload_reals
+from sketchterrain.terrain.layers.layer import Culled, LayerChange, Sampling, TerrainLayer, WorldSettings
 from sketchterrain.terrain.layers.points import (
     PackedFeatures,
     PointFinder,
@@ -115,7 +115,7 @@ class PointCuller:
         """
         world = self._worlds.get_or_compute(
             sampling.cell,
-            lambda: upload_reals(self._context, self._layer.pack(sampling, self._worlds).arrays),
+            lambda: upload_reals(self._context, self._layer.pack(sampling).arrays),
         )
         batch = self.batch(blocks if around is None else around, sampling.cell)
         starts, members = slot_lists(batch.index, blocks, batch.packed.slot, self._layer.slots, batch.order)
@@ -174,13 +174,7 @@ class PointCuller:
             # One rectangle for many sets of blocks, whose features are then packed once.
             grid = np.mgrid[low[0] : high[0] + 1, low[1] : high[1] + 1]
             return np.ascontiguousarray(grid.reshape(2, -1).T)
-        step = np.indices(tuple(most)).reshape(2, -1).T
-        squares = (first[:, None] + step)[np.all(step <= (last - first)[:, None], axis=-1)]
-        low = squares.min(axis=0)
-        rows = int(np.ptp(squares[:, 1])) + 1
-        # As one number each: np.unique of rows is many times slower.
-        number = np.unique((squares[:, 0] - low[0]) * rows + (squares[:, 1] - low[1]))
-        return np.asarray(np.stack(np.divmod(number, rows), axis=-1) + low)
+        return unique_places(covered_places(first, last)[1])
 
     def _features_of(self, squares: LatticeArray, cell: float) -> StructuredArray:
         """Return all features of squares, sorted by id, without the fill if too small for the cell size."""

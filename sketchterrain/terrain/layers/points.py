@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Final
+from itertools import chain
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
-from sketchterrain.caching import LRUCache
 from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.geometry.differences import row_difference, rows_only_in
 from sketchterrain.geometry.lattice import to_lattice
@@ -22,26 +23,22 @@ from sketchterrain.landforms.placement.feature_types import (
     conifer_share,
 )
 from sketchterrain.landforms.placement.fill import Fill
-from sketchterrain.terrain.changes import LayerChange
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
+    LayerChange,
     Packed,
     Sampling,
     TerrainLayer,
     WorldSettings,
     effective_cell,
     mask_bits,
+    smooth_rise,
 )
-from sketchterrain.terrain.layers.point_site import PointSite, outline_bend
-from sketchterrain.terrain.noise import NoiseStack
-
-if TYPE_CHECKING:
-    from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.terrain.culler import Culled
-    from sketchterrain.terrain.layers.point_culler import PointCuller
+from sketchterrain.terrain.noise import NoiseStack, fbm
 
 _HEADER: Final = "layers/points.clh"
 SLOT_FOREST, SLOT_DUNE = (int(slot) for slot in kernel_constants(_HEADER, "SLOT_FOREST", "SLOT_DUNE"))
@@ -152,9 +149,8 @@ class PointsLayer(TerrainLayer):
         metres = blocks * world.unit + margin * np.array([-1, -1, 1, 1])
         return [self.fill.within(*area, min_radius=min_radius) for area in _merge_if_compact(metres)]
 
-    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
+    def pack(self, sampling: Sampling) -> Packed:
         """Return the scalars; the features near some blocks are packed for these."""
-        del cache
         scalars = {"warp": outline_warp(sampling.world.fidelity), "slots": self.slots} | sampling.ranges(
             "warp_u", "warp_v"
         )
@@ -169,8 +165,7 @@ class PointsLayer(TerrainLayer):
         """
         cell = effective_cell(cell_size)
         radius = features["radius"].astype(np.float64)
-        fade = np.clip(radius / cell - 1, 0, 1)
-        fade = fade * fade * (3 - 2 * fade)
+        fade = smooth_rise(radius / cell, 1, 1)
         visible = (fade > 0) & np.isin(features["type"], _AREAS)
         features, radius, fade = features[visible], radius[visible], fade[visible]
         row = np.zeros((features.size, 4))
@@ -189,12 +184,6 @@ class PointsLayer(TerrainLayer):
             of_style = is_dune & (features["wavelength"] == wavelength) & (features["wind"] == wind)
             slot[of_style] = len(_SLOTS) + number
         return slot
-
-    def culler(self, context: ComputeContext, world: WorldSettings) -> PointCuller:
-        """Return the cache of features around evaluated blocks."""
-        from sketchterrain.terrain.layers.point_culler import PointCuller
-
-        return PointCuller(self, context, world)
 
     def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
         """Return the masks of the kinds of features near each block."""
@@ -215,8 +204,9 @@ class PointsLayer(TerrainLayer):
         near = finder.near(block, min_radius=sampling.cell)
         packed = self.pack_features(near, sampling.world, sampling.cell)
         warp = outline_warp(sampling.world.fidelity)
-        bend = outline_bend(sampling.octaves, site.x, site.y, warp=warp)
-        site.points = PointSite(site.x, site.y, sampling.unit, packed, bend)
+        noises = (fbm(sampling.octaves, name, site.x, site.y) for name in ("warp_u", "warp_v"))
+        east, north = (warp * np.clip(noise, -1, 1) for noise in noises)
+        site.points = PointSite(site.x, site.y, sampling.unit, packed, (east, north))
         return ground
 
 
@@ -311,3 +301,65 @@ def _near_points(blocks: LatticeArray, culled: Culled, world: WorldSettings) -> 
     np.maximum.at(dune, (block, slot), column["feature_strength"])
     cover = np.minimum(cover**0.25, 1.0)[:, SLOT_DUNE:]
     return NearPoints(cover, dune[:, SLOT_DUNE:])
+
+
+@dataclass(frozen=True)
+class PointSite:
+    """Lattice positions with the features near them and the warp there."""
+
+    x: LatticeArray
+    y: LatticeArray
+    unit: float
+    packed: PackedFeatures
+    bend: tuple[Float64Array, Float64Array]  # displacement of outlines, in radii
+
+    @cached_property
+    def _metres(self) -> Float64Array:
+        """Positions from the first one (m), (n, 2)."""
+        return np.stack([self.x - self.x[:1], self.y - self.y[:1]], axis=-1) * self.unit
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self._metres)
+
+    def pairs_within_support(self, slot: int) -> PointPairs:
+        """Pair these positions with the features of a slot whose support contains them."""
+        packed = self.packed
+        selected = np.flatnonzero(packed.slot == slot)
+        if not (selected.size and self.x.size):
+            return PointPairs(np.zeros(0, np.int64), np.zeros(0, np.int64))
+        centre = (packed.at[selected] - [self.x[0], self.y[0]]) * self.unit
+        wide = packed.support[selected] * (1 + 1e-9) + 1e-6
+        found = self._tree.query_ball_point(centre, wide)
+        count = [len(each) for each in found]
+        point = np.fromiter(chain.from_iterable(found), dtype=np.int64, count=sum(count))
+        return PointPairs(point, np.repeat(selected, count))
+
+    def distances(self, pairs: PointPairs) -> Float64Array:
+        """Return the distances of positions from features' centres, in radii."""
+        packed, point, feature = self.packed, pairs.point, pairs.feature
+        scale = self.unit * packed["inverse_radius"][feature]
+        east, north = (bend[point] for bend in self.bend)
+        dx = (self.x[point] - packed.at[feature, 0]) * scale + east
+        dy = (self.y[point] - packed.at[feature, 1]) * scale + north
+        return np.asarray(np.hypot(dx, dy))
+
+    def summed(self, pairs: PointPairs, values: Float64Array) -> Float64Array:
+        """Sum values of pairs at each position, in the order of the features."""
+        return np.asarray(np.bincount(pairs.point, values, minlength=len(self.x)), dtype=np.float64)
+
+    def areas(self, slot: int) -> tuple[Float64Array, Float64Array]:
+        """Return the cover of an area type, 0 … 1, and the cover-weighted mean of its strength."""
+        pairs = self.pairs_within_support(slot)
+        cover = area_profile(self.distances(pairs))
+        strength = self.packed["feature_strength"][pairs.feature]
+        total, weights, strengths = (self.summed(pairs, each) for each in (cover**4, cover, cover * strength))
+        mean = np.where(weights > 1e-6, strengths / np.maximum(weights, 1e-6), 0)
+        return np.minimum(np.sqrt(np.sqrt(total)), 1), mean
+
+
+class PointPairs(NamedTuple):
+    """Pairs of positions and features, by index, in the order of the features."""
+
+    point: LatticeArray
+    feature: LatticeArray

@@ -11,25 +11,23 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
-from sketchterrain.caching import LRUCache
 from sketchterrain.geometry.box_index import ITEM
 from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.io.disk_cache import RecordCache
 from sketchterrain.io.resources import code_digest, kernel_constants
-from sketchterrain.landforms.base_ground import BaseGround
+from sketchterrain.landforms.base_ground import BaseGround, Nodes, NodeSource
 from sketchterrain.landforms.node_raster import (
     APRON,
     CHUNK,
     NODE_BITS,
     DrainedRaster,
     NodeReader,
-    Nodes,
-    NodeSource,
     node_level,
 )
 from sketchterrain.terrain.layers.erosion import FEED, GULLY_PEAK, STEEPEST, gully_octave, gully_steepness
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
@@ -51,12 +49,8 @@ from sketchterrain.terrain.noise import (
 )
 
 if TYPE_CHECKING:
-    from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.landforms.base_ground import BaseGround
     from sketchterrain.landforms.relief_fields import UnpaintedSettings
     from sketchterrain.landforms.unpainted import UnpaintedGround
-    from sketchterrain.terrain.culler import Culled
-    from sketchterrain.terrain.layers.relief_culler import NearNodes, ReliefCuller
 
 _HEADER: Final = "layers/relief.clh"
 _GENTLE_GULLIES, _SMOOTH, _LEVEL, _SLOPE_LIMIT, _ROUNDED_UP = kernel_constants(
@@ -117,6 +111,14 @@ class ReliefScale:
 
 
 @dataclass(frozen=True, eq=False)
+class NearNodes:
+    """Extremes of the nodes around n blocks."""
+
+    level: int
+    extremes: Float64Array  # (n, 5) as of `square_extremes`
+
+
+@dataclass(frozen=True, eq=False)
 class ReliefLayer(TerrainLayer):
     """The drained ground: unpainted nodes without end, and the painted region."""
 
@@ -156,9 +158,8 @@ class ReliefLayer(TerrainLayer):
         del world
         return np.zeros(0, ITEM) if self.painted is None else self.painted.items()
 
-    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
+    def pack(self, sampling: Sampling) -> Packed:
         """Return the scalars; nodes near some blocks are packed for these."""
-        del cache
         scale, bits = self.scale(sampling.world), NODE_BITS + node_level(sampling.cell, sampling.world.extent)
         scalars = sampling.ranges("bend_u", "bend_v", "gully", "detail") | {
             "inverse_spacing": 2.0**-bits / sampling.unit,
@@ -168,12 +169,6 @@ class ReliefLayer(TerrainLayer):
             "node_bits": bits,
         }
         return Packed({"relief_params": sampling.struct(_HEADER, "ReliefParams", scalars)})
-
-    def culler(self, context: ComputeContext, world: WorldSettings) -> ReliefCuller:
-        """Return the cache of nodes around evaluated blocks."""
-        from sketchterrain.terrain.layers.relief_culler import ReliefCuller
-
-        return ReliefCuller(self, context, world)
 
     def masks(self, culled: Culled, blocks: int) -> npt.NDArray[np.int32]:
         """Return the masks of rock and wetness."""

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.array_types import Float64Array, Int64Array, LatticeArray
+from sketchterrain.array_types import Float64Array, LatticeArray
 from sketchterrain.caching import LRUCache
+from sketchterrain.geometry.lattice import covered_places, unique_places
 from sketchterrain.landforms.node_raster import (
     APRON,
     CHUNK,
     NODE_BITS,
     SQUARE,
-    NodeReader,
     NodeWindow,
     node_level,
     square_extremes,
 )
-from sketchterrain.terrain.changes import LayerChange
-from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culled, upload_reals
-from sketchterrain.terrain.layers.layer import Sampling, TerrainLayer, WorldSettings
-from sketchterrain.terrain.layers.relief import ReliefLayer
+from sketchterrain.terrain.culler import MAX_CELL_SIZES, upload_reals
+from sketchterrain.terrain.layers.layer import Culled, LayerChange, Sampling, TerrainLayer, WorldSettings
+from sketchterrain.terrain.layers.relief import NearNodes, ReliefLayer
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
@@ -35,14 +35,6 @@ _MAX_SURPLUS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class NearNodes:
-    """Extremes of the nodes around n blocks."""
-
-    level: int
-    extremes: Float64Array  # (n, 5) as of `square_extremes`
-
-
-@dataclass(frozen=True, eq=False)
 class _Rectangle:
     """Chunks on the device."""
 
@@ -50,29 +42,27 @@ class _Rectangle:
     extremes: Float64Array  # (squares, 5)
 
 
+def _rectangles() -> LRUCache:
+    return LRUCache(_MAX_RECTANGLES, max_bytes=_MAX_EXTREMES_BYTES)
+
+
 class ReliefCuller:
     """Rectangles of nodes around blocks; no bit depends on the rectangle that a node is read from."""
 
-    def __init__(
-        self,
-        layer: ReliefLayer,
-        context: ComputeContext,
-        world: WorldSettings,
-        reader: NodeReader | None = None,
-    ) -> None:
+    def __init__(self, layer: ReliefLayer, context: ComputeContext, world: WorldSettings) -> None:
         self._layer = layer
         self._context = context
         self._world = world
-        self._reader = layer.reader() if reader is None else reader
+        self._reader = layer.reader()
         self._params = LRUCache(MAX_CELL_SIZES)
-        self._rectangles = LRUCache(_MAX_RECTANGLES, max_bytes=_MAX_EXTREMES_BYTES)
+        self._rectangles = _rectangles()
 
     def updated(self, layer: TerrainLayer, change: LayerChange) -> ReliefCuller:
         """Return the culler of a layer with another painted raster; unchanged chunks are retained."""
         assert isinstance(layer, ReliefLayer)  # noqa: S101 # a layer is followed by one of its kind
-        reader = self._reader.updated(layer.painted, change.boxes)
-        other = ReliefCuller(layer, self._context, self._world, reader)
-        other._params = self._params
+        other = copy(self)
+        other._layer, other._rectangles = layer, _rectangles()
+        other._reader = self._reader.updated(layer.painted, change.boxes)
         return other
 
     def cull(self, blocks: LatticeArray, sampling: Sampling, around: LatticeArray | None = None) -> Culled:
@@ -80,18 +70,13 @@ class ReliefCuller:
         del around
         params = self._params.get_or_compute(
             sampling.cell,
-            lambda: upload_reals(self._context, self._layer.pack(sampling, self._params).arrays),
+            lambda: upload_reals(self._context, self._layer.pack(sampling).arrays),
         )
         level = node_level(sampling.cell, self._world.extent)
         bits = NODE_BITS + level
         low = (blocks[:, :2] >> bits) - APRON[0]
         high = (blocks[:, 2:] >> bits) + APRON[1]
-        _, place = _covered(low // CHUNK, high // CHUNK)
-        west, south = place.min(axis=0)
-        rows = int(np.ptp(place[:, 1])) + 1
-        # As one number each: np.unique of rows is many times slower.
-        numbers = np.unique((place[:, 0] - west) * rows + (place[:, 1] - south))
-        places = np.stack(np.divmod(numbers, rows), axis=-1) + np.array([west, south])
+        places = unique_places(covered_places(low // CHUNK, high // CHUNK)[1])
         corner, end = places.min(axis=0), places.max(axis=0)
         if np.prod(end - corner + 1) <= _MAX_SURPLUS * len(places):
             key = level, places.tobytes()
@@ -99,7 +84,7 @@ class ReliefCuller:
             buffers, width = found.buffers, int(end[0] - corner[0] + 1) * CHUNK
             first = low - corner * CHUNK
             form = np.stack([first[:, 1] * width + first[:, 0], np.full(len(blocks), width)], axis=-1)
-            block, square = _covered(first // SQUARE, (first + high - low) // SQUARE)
+            block, square = covered_places(first // SQUARE, (first + high - low) // SQUARE)
             near = found.extremes[square[:, 1] * (width // SQUARE) + square[:, 0]]
         else:
             parts = [
@@ -137,12 +122,3 @@ def _extremes(window: NodeWindow) -> tuple[float, ...]:
     height, *shares, _ = window
     step = max(float(np.abs(np.diff(height, axis=axis)).max()) for axis in (0, 1))
     return float(height.min()), float(height.max()), step, *(float(each.max()) for each in shares)
-
-
-def _covered(first: LatticeArray, last: LatticeArray) -> tuple[Int64Array, LatticeArray]:
-    """Return pairs of blocks, ascending, and the columns and rows from a first to a last one of each."""
-    most = (last - first).max(axis=0) + 1
-    step = np.indices(tuple(most)).reshape(2, -1).T
-    inside = np.all(step <= (last - first)[:, None], axis=-1)
-    block = np.nonzero(inside)[0]
-    return block, (first[:, None] + step)[inside]

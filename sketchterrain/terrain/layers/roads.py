@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
-from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, LatticeArray, StructuredArray
-from sketchterrain.caching import LRUCache
 from sketchterrain.geometry.box_index import ITEM, BoxIndex, content_items
 from sketchterrain.geometry.lattice import metres_per_unit, to_lattice
 from sketchterrain.io.resources import kernel_columns, kernel_constants
@@ -21,6 +20,7 @@ from sketchterrain.terrain.centrelines import arc_boxes, nearest_on_arc, signed_
 from sketchterrain.terrain.layers.earthworks import Strips, coverage, with_strips
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
@@ -30,9 +30,6 @@ from sketchterrain.terrain.layers.layer import (
     WorldSettings,
     smooth_rise,
 )
-
-if TYPE_CHECKING:
-    from sketchterrain.terrain.culler import Culled
 
 _HEADER: Final = "layers/roads.clh"
 ROAD: Final = kernel_columns(_HEADER, "RoadRow")
@@ -92,13 +89,7 @@ class RoadsLayer(TerrainLayer):
 
     def rows(self, extent: float) -> PackedRoads:
         """Return the pieces of all roads on the ground, by chain."""
-        if extent not in self._rows:
-            self._rows[extent] = _packed(self.roads, self.materials, extent)
-        return self._rows[extent]
-
-    @cached_property
-    def _rows(self) -> dict[float, PackedRoads]:
-        return {}
+        return self.cache.get_or_compute(extent, lambda: _packed(self.roads, self.materials, extent))
 
     @cached_property
     def _widths(self) -> Float64Array:
@@ -135,9 +126,8 @@ class RoadsLayer(TerrainLayer):
         """Return how many widths a cell does not show."""
         return float(np.searchsorted(self._widths, cell * _CELLS, side="right"))
 
-    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
+    def pack(self, sampling: Sampling) -> Packed:
         """Return the pieces."""
-        del cache
         packed = self.rows(sampling.world.extent)
         arrays: dict[str, npt.NDArray[np.generic]] = {
             "road_at": packed.at,

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
-from sketchterrain.caching import LRUCache
 from sketchterrain.geometry.box_index import BoxIndex, content_items
-from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.landforms.placement.feature_types import ShapeField, cubic
 from sketchterrain.landforms.placement.sea import Sea, cliff_reach, raggedness, wandering
-from sketchterrain.terrain.layers.fields import PackedFields, field_distance
+from sketchterrain.terrain.layers.fields import PackedFields, field_distance, pack_fields
 from sketchterrain.terrain.layers.forests import COVER_NOISE, COVER_NOISE_CONTRAST
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
+    Culled,
     DetailState,
     HostSamples,
     HostSite,
@@ -31,9 +30,6 @@ from sketchterrain.terrain.layers.layer import (
     smooth_rise,
 )
 from sketchterrain.terrain.noise import NOISE_PEAK, NoiseStack, fbm, omitted_amplitudes
-
-if TYPE_CHECKING:
-    from sketchterrain.terrain.culler import Culled
 
 _HEADER: Final = "layers/sea.clh"
 _EASED, _LOWLAND, _CLIFF, _RAGGED, _OCTAVES, _WANDERING, _BARS = kernel_constants(
@@ -106,9 +102,9 @@ class SeaLayer(TerrainLayer):
         sides = np.array(boxes, np.int64).reshape(-1, 4)
         return content_items(contents, sides[:, :2], sides[:, 2:])
 
-    def pack(self, sampling: Sampling, cache: LRUCache) -> Packed:
+    def pack(self, sampling: Sampling) -> Packed:
         """Return the profile, and the coast with the parts of it that reach the sea or its cliffs."""
-        fields, shape = cache.get_or_compute(self.name, lambda: self._fields(sampling.world))
+        fields, shape = self._fields(sampling.world)
         arrays: dict[str, npt.NDArray[Any]] = {
             "sea_params": sampling.struct(_HEADER, "SeaParams", self._params(sampling)),
             "sea_at": fields.at,
@@ -146,21 +142,11 @@ class SeaLayer(TerrainLayer):
 
         Their samples are the spline's coefficients, which blurs them: so an edit changes only what is near.
         """
-        fields = [each for each in (self.coast, self.depth) if each is not None]
-        count, first = len(fields), 0
-        at, far = np.zeros((2, count, 2), np.int64)
-        form, scale = np.zeros((count, 4), np.int32), np.zeros(count)
-        samples = [np.zeros(0)]
-        for i, each in enumerate(fields):
-            coefficients = np.pad(each.inside.astype(np.float64), 1, mode="edge")
-            at[i] = to_lattice(np.array([each.west, each.south]) - each.spacing, world.extent)
-            form[i] = first, coefficients.shape[1], coefficients.shape[0], 0
-            scale[i] = world.unit / each.spacing
-            samples.append(coefficients.ravel())
-            first += coefficients.size
-        nothing = np.zeros(count)
-        packed = PackedFields(at, far, form, scale, nothing, nothing, np.concatenate(samples))
-        return packed, np.column_stack([scale, *np.zeros((3, count))])
+        shapes = [each for each in (self.coast, self.depth) if each is not None]
+        fields = self.cache.get_or_compute(
+            world.extent, lambda: pack_fields(shapes, world.extent, is_blurred=True)
+        )
+        return fields, np.column_stack([fields.scale, *np.zeros((3, len(shapes)))])
 
     def _ranges(self, world: WorldSettings) -> Float64Array:
         """Least and greatest distance inside the painted sea (m) on each part of the coast, shape (n, 2).
@@ -223,8 +209,8 @@ class SeaLayer(TerrainLayer):
         if self.coast is None:
             raise ValueError("a painted sea has a coast")
         shape = self.coast.inside.shape
-        index, ranges, edges = state.cache.get_or_compute(
-            self.name,
+        index, ranges, edges = self.cache.get_or_compute(
+            world,
             lambda: (
                 BoxIndex(self._boxes(world)),
                 self._ranges(world),

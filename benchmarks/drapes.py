@@ -159,9 +159,8 @@ class DrapedPictures:
 
     def draw(self, camera: Camera, size: tuple[int, int] | None = None) -> float:
         """Draw a prepared picture, inside of a size (px) of its own if given; return the time (s) then."""
-        view, distance, above = self.renderer._clipped(camera)
-        inner = {"size": size or self.size, "draw_distance": distance, "above": above, "clock": 0.0}
-        for _ in self.renderer.scenery.draw(view, self.framebuffer, **inner):  # type: ignore[arg-type]
+        view, inner = self.renderer._clipped(camera), size or self.size
+        for _ in self.renderer.scenery.draw(view, self.framebuffer, size=inner, clock=0.0):
             pass
         self.context.finish()
         return perf_counter()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from time import perf_counter
 from types import SimpleNamespace
 from typing import Any, Final, cast
@@ -84,7 +85,7 @@ class TileUpdates:
     def converge(self, view: CameraView) -> None:
         """Evaluate all tiles of a view."""
         self.stream.generate_all(view, self._write)
-        self.textures.converge(view, self.stream.pool)
+        self._paint(view)
 
     def frame(self, view: CameraView) -> tuple[float, ...]:
         """Go on by a frame; return s to choose tiles, for ground, appearance, their tiles, if complete."""
@@ -111,8 +112,12 @@ class TileUpdates:
             self.stream.mark_generated(batch, self._write(batch), seconds=None)
             count += len(batch.keys)
         self.textures.set_terrain(terrain, areas)
-        self.textures.converge(view, self.stream.pool)
+        self._paint(view)
         return count + self.textures.drawn - before
+
+    def _paint(self, view: CameraView) -> None:
+        while not self.textures.update(replace(view, velocity=(0.0, 0.0, 0.0)), self.stream.pool):
+            pass
 
     def _write(self, batch: Batch) -> StructuredArray:
         return self.terrain.write_tiles(batch.keys, batch.slots, batch.parents, self._store)

@@ -13,7 +13,7 @@ from numba import njit
 from sketchterrain.array_types import Bounds, Int64Array
 from sketchterrain.drape.painting import DrapedAppearance
 from sketchterrain.render.programs import Textures
-from sketchterrain.render.quality import Quality, TimeBudget, WorkRate
+from sketchterrain.render.quality import UNLIMITED, Quality, TimeBudget, WorkRate
 from sketchterrain.render.scene import PaintedTerrain, TileSource
 from sketchterrain.terrain.appearance import AppearanceSource
 from sketchterrain.tiles.appearance import PAGES, TEXELS, AppearanceTiles
@@ -145,13 +145,14 @@ class AppearanceTextures:
         texels.repeat_x = texels.repeat_y = False
         return texels
 
-    def update(self, view: CameraView, pool: TilePool, budget: TimeBudget) -> None:
-        """Draw tiles of a view within a budget, but at least one; `pool` has the ground's tiles.
+    def update(self, view: CameraView, pool: TilePool, budget: TimeBudget = UNLIMITED) -> bool:
+        """Draw tiles of a view within a budget, but at least one; return whether that is all of them.
 
+        `pool` has the ground's tiles.
         In motion frames take turns: every second one draws tiles ahead of the camera if none is missing.
         """
         if (cache := self._cache) is None:
-            return
+            return True
         self._looks_ahead = any(view.velocity) and not self._looks_ahead
         if not self._looks_ahead:
             cache.tiles.select(view, pool, cache.source.occupied)
@@ -160,18 +161,10 @@ class AppearanceTextures:
             ahead = cache.tiles.needed(view.extrapolated(AHEAD), pool, cache.source.occupied)
             codes = cache.tiles.pending(ahead)
         if codes.size:
-            codes, before = codes[: min(max(self._rate.steps_within(budget), 1), BATCH)], budget.spent
+            codes, before = codes[: max(self._rate.steps_within(budget, BATCH), 1)], budget.spent
             self._draw(cache, codes)
             self._rate.record(len(codes), budget.spent - before)
-
-    def converge(self, view: CameraView, pool: TilePool) -> None:
-        """Draw all tiles of a view."""
-        if (cache := self._cache) is None:
-            return
-        cache.tiles.select(view, pool, cache.source.occupied)
-        while (codes := cache.tiles.pending()).size:
-            self._draw(cache, codes[:BATCH])
-            cache.tiles.select(view, pool, cache.source.occupied)
+        return self.converged
 
     def uniforms(self, eye: tuple[float, float, float]) -> dict[str, object]:
         """Return the uniforms of appearance.glsl for an eye (m), and write its page table."""

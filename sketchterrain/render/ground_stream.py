@@ -162,10 +162,14 @@ class TerrainStream:
         )
 
     def refine(self, camera: Camera, size: tuple[int, int], *, draw_distance: float, budget: float) -> bool:
-        """Generate tiles of a still within a budget (s); return whether `converge` has all it needs."""
+        """Generate tiles of a still within a budget (s), and place them; return whether that is complete."""
         self._view = view = view_of(camera, size, draw_distance=draw_distance)
-        self._generate(view, budget, still=True)
-        return self.tiles.has_still
+        if budget < np.inf:  # else `converge` generates them
+            self._generate(view, budget, still=True)
+            if not self.tiles.has_still:
+                return False
+        self.converge(camera, size, draw_distance=draw_distance, still=True)
+        return True
 
     def converge(
         self, camera: Camera, size: tuple[int, int], *, draw_distance: float, still: bool = False

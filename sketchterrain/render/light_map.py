@@ -12,7 +12,7 @@ import numpy as np
 
 from sketchterrain.array_types import Bounds
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
-from sketchterrain.render.quality import TimeBudget, WorkRate
+from sketchterrain.render.quality import UNLIMITED, TimeBudget, WorkRate
 from sketchterrain.render.scene import HeightMap, TerrainSource, surface_heights
 from sketchterrain.render.sky import Sun
 
@@ -148,7 +148,7 @@ class LightMap:
         """Mark areas (m) where the terrain has changed."""
         self.dirty = _merged(self.dirty + self.square.texels_in(areas))
 
-    def advance(self, budget: TimeBudget) -> None:
+    def advance(self, budget: TimeBudget = UNLIMITED) -> None:
         """Compute within a time budget: rows of heights, then the texture, then rows of light."""
         renderer, n = self._renderer, self.square.texels
         while self._pending:
@@ -161,18 +161,8 @@ class LightMap:
         while self._lit_rows < n:
             if not rate.run(budget, self._light_rows, step=n, count=n - self._lit_rows):
                 return
-        self._complete()
-
-    def finish(self) -> None:
-        """Compute everything that is missing at once."""
-        n = self.square.texels
-        while self._pending:
-            self._sample(n)
-        if not self._uploaded:
-            self._upload()
-        if self._lit_rows < n:
-            self._light_rows(n - self._lit_rows)
-        self._complete()
+        self.ready = True
+        self._wider = ()
 
     @cached_property
     def haze_base(self) -> float:
@@ -188,10 +178,6 @@ class LightMap:
     def lowest(self) -> float:
         """Least height (m)."""
         return float(self.relief.heights.min())
-
-    def _complete(self) -> None:
-        self.ready = True
-        self._wider = ()
 
     def _reuse(self, previous: LightMap) -> list[Rectangle]:
         """Copy the heights of a previous map; return the rectangles of texels still to be sampled."""

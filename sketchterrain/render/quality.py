@@ -41,6 +41,9 @@ class TimeBudget:
         return TimeBudget(share * self.left, timer=self._timer)
 
 
+UNLIMITED: Final = TimeBudget(np.inf)
+
+
 class WorkRate:
     """Estimated seconds per unit of one kind of work, updated from measurements."""
 
@@ -49,18 +52,20 @@ class WorkRate:
         self._fastest = unit
         self._largest_budget = 0.0
 
-    def steps_within(self, budget: TimeBudget, *, step: int = 1) -> int:
-        """Return the number of steps of `step` units expected to fit into the remaining time.
+    def steps_within(self, budget: TimeBudget, count: int, *, step: int = 1) -> int:
+        """Return how many of `count` steps of `step` units are expected to fit into the remaining time.
 
         If none fits although the budget is as large as it gets, the estimate is lowered: one slow measurement
         must not stop the work for ever.
         """
         left = budget.left
+        if left == np.inf:
+            return count
         self._largest_budget = max(left, _BUDGET_DECAY * self._largest_budget)
         steps = max(int((left - _OVERHEAD) / (self.unit * step)), 0)
         if not steps and left > max(2.0 * _OVERHEAD, _WHOLE_BUDGET * self._largest_budget):
             self.unit = max(_OPTIMISM * self.unit, self._fastest)
-        return steps
+        return min(steps, count)
 
     def record(self, units: int, seconds: float) -> None:
         """Update the estimate from a measured piece of work."""
@@ -70,7 +75,7 @@ class WorkRate:
 
     def run(self, budget: TimeBudget, work: Callable[[int], object], *, count: int, step: int = 1) -> int:
         """Execute up to `count` steps (of `step` units) within the budget; return their number."""
-        steps = min(self.steps_within(budget, step=step), count)
+        steps = self.steps_within(budget, count, step=step)
         if steps:
             before = budget.spent
             work(steps)

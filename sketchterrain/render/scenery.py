@@ -17,7 +17,7 @@ from sketchterrain.document.geology import Strata
 from sketchterrain.render.appearance import AppearanceTextures
 from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH_HEIGHT
 from sketchterrain.render.built import BuiltScenery
-from sketchterrain.render.camera import Camera
+from sketchterrain.render.camera import Camera, ClippedView
 from sketchterrain.render.clouds import Clouds, cloud_defines
 from sketchterrain.render.draped import DrapedScreen
 from sketchterrain.render.draped_geometry import Held
@@ -225,23 +225,21 @@ class Scenery:
 
     def draw(
         self,
-        camera: Camera,
+        view: ClippedView,
         framebuffer: moderngl.Framebuffer,
         *,
         size: tuple[int, int],
-        draw_distance: float,
-        above: float,
         clock: float,
         moving: bool = False,
         parts: int = 1,
     ) -> Iterator[None]:
         """Draw all loaded content into a framebuffer, enlarged from `size` (px), while iterated.
 
-        The camera has suitable clipping planes; `above` is its height above the terrain (m), `clock` (s)
-        animates water, plants and clouds, `moving` means that the camera moves or that tiles, light or plants
-        are incomplete. Costly passes are cut into `parts`; nothing else may use the context until the last
-        one, or the picture is lost.
+        `clock` (s) animates water, plants and clouds, `moving` means that the camera moves or that tiles,
+        light or plants are incomplete. Costly passes are cut into `parts`; nothing else may use the context
+        until the last one, or the picture is lost.
         """
+        camera, draw_distance, above = view
         targets = self._targets.get(size)
         if targets is None:
             last_used = dict(list(self._targets.items())[-1:])

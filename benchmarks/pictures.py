@@ -268,7 +268,7 @@ def _part_row(view: str, part: str, found: Mapping[str, _Found]) -> Row:
 def _motion_row(gl: Any, terrain: Terrain, preset: str, size: tuple[int, int], effort: Effort) -> Row:
     """Draw the automatic flight, and compare some of its frames with stills."""
     times = np.arange(effort.view_frames + 1) / FLIGHT_RATE  # the first frame is not timed
-    cameras = _flight_cameras(terrain, times)
+    cameras = tour(terrain, seconds=float(times[-1])).at(times).cameras
     places = np.linspace(1, effort.view_frames, effort.view_places, dtype=int).tolist()
     sun, quality = find_sun(terrain, cameras[0]), Quality.for_renderer(str(gl.info["GL_RENDERER"]))
     framebuffer = gl.framebuffer([gl.texture(size, 4)])
@@ -310,12 +310,6 @@ def _motion_row(gl: Any, terrain: Terrain, preset: str, size: tuple[int, int], e
         "frame_seconds": seconds[1:],
         "differences": differences,
     }
-
-
-def _flight_cameras(terrain: Terrain, times: Float64Array) -> list[Camera]:
-    states = tour(terrain, seconds=float(times[-1])).at(times)
-    rows = zip(states.eye.tolist(), states.target.tolist(), states.fov.tolist(), strict=True)
-    return [Camera(tuple(eye), tuple(target), fov=fov) for eye, target, fov in rows]
 
 
 def _plants_of(renderer: Renderer, framebuffer: Any, draw: Callable[[], object]) -> tuple[UInt8Array, int]:

@@ -12,7 +12,7 @@ from numba import njit
 
 from sketchterrain.array_types import Bounds, Int64Array
 from sketchterrain.drape.painting import DrapedAppearance
-from sketchterrain.render.programs import Textures
+from sketchterrain.render.programs import Textures, clamped
 from sketchterrain.render.quality import UNLIMITED, Quality, TimeBudget, WorkRate
 from sketchterrain.render.scene import PaintedTerrain, TileSource
 from sketchterrain.terrain.appearance import AppearanceSource
@@ -124,7 +124,8 @@ class AppearanceTextures:
         tiles = AppearanceTiles(source.extent, slots=slots)
         pages = self._context.texture_array((PAGES, PAGES, tiles.finest + 1), 2, dtype="u4")
         pages.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        arrays = [self._texels(slots) for _ in range(1 + filters)]
+        size = TEXELS, TEXELS, slots
+        arrays = [clamped(self._context.texture_array(size, 4)) for _ in range(1 + filters)]
         self._cache = _Cache(source, tiles, pages, arrays[0], arrays[1] if filters else None)
 
     def _source(self) -> AppearanceSource | None:
@@ -138,12 +139,6 @@ class AppearanceTextures:
         if isinstance(old, DrapedAppearance) and old.context is terrain.context:
             return old.updated(self._drapes, below)
         return DrapedAppearance(self._drapes, terrain.context, terrain.extent, below)
-
-    def _texels(self, slots: int) -> moderngl.TextureArray:
-        texels = self._context.texture_array((TEXELS, TEXELS, slots), 4)
-        texels.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        texels.repeat_x = texels.repeat_y = False
-        return texels
 
     def update(self, view: CameraView, pool: TilePool, budget: TimeBudget = UNLIMITED) -> bool:
         """Draw tiles of a view within a budget, but at least one; return whether that is all of them.

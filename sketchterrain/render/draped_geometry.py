@@ -15,11 +15,10 @@ from sketchterrain.drape.painting import WHITE
 from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.look.texture_maker import linear_from_hex
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.draped_buffer import DrapedBuffer
 from sketchterrain.render.draped_cutting import PART, VERTEX, Pieces, cut, mesh_of
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.programs import set_uniforms
-from sketchterrain.render.targets import RenderTargets
+from sketchterrain.render.targets import DrapedBuffer, RenderTargets
 from sketchterrain.render.vertex_memory import COMMAND
 from sketchterrain.tiles.quadtree import Boxes
 from sketchterrain.tiles.tile_pool import DrawList

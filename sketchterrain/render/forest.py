@@ -31,7 +31,7 @@ from sketchterrain.render.plant_meshes import (
     width_scale,
 )
 from sketchterrain.render.plant_shade import PlantShadows
-from sketchterrain.render.programs import build_program, build_transform
+from sketchterrain.render.programs import build_program
 from sketchterrain.render.quality import UNLIMITED, Quality, TimeBudget
 from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.sky import Sun
@@ -231,7 +231,7 @@ def _batch(
     return PlantBatch(
         meshes,
         build_program(context, "tree.vert.glsl", "lit.frag.glsl" if far else "tree.frag.glsl", defines=own),
-        transform=build_transform(context, "tree_stand.vert.glsl", captured, defines=own),
+        transform=build_program(context, "tree_stand.vert.glsl", captured=captured, defines=own),
         captured=captured,
     )
 

@@ -15,7 +15,7 @@ from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground import TileRenderer
 from sketchterrain.render.material_macros import wooded_share
 from sketchterrain.render.programs import ResourceCache
-from sketchterrain.render.quality import Quality, StreamStats, TerrainUpdateStats
+from sketchterrain.render.quality import Quality, StreamStats
 from sketchterrain.render.scene import BoundedTerrain, TileSource
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
 from sketchterrain.render.vertex_memory import GLVertexMemory, open_vertex_memory
@@ -179,7 +179,7 @@ class TerrainStream:
         self._place(self.tiles.generate_all(view, self._write, still=still), camera.eye)
         self._eye = None if still else np.asarray(camera.eye)  # after a still the next frame jumps
 
-    def set_terrain(self, terrain: TileSource, areas: Sequence[Bounds]) -> TerrainUpdateStats:
+    def set_terrain(self, terrain: TileSource, areas: Sequence[Bounds]) -> None:
         """Replace the terrain by another one of the same extent, bit-equal outside `areas` (W, S, E, N; m).
 
         Visible tiles of the areas are rewritten before this returns, so that no frame mixes two terrains; the
@@ -189,16 +189,13 @@ class TerrainStream:
             raise InputError(
                 f"expected a terrain of the same extent, {self.terrain.extent:g} m, got {terrain.extent:g} m"
             )
-        start, before = self._timer(), self.written
         self.terrain = moved_to_context(terrain, self.terrain.context)
-        dropped = self.tiles.invalidate(areas)
+        self.tiles.invalidate(areas)
         self._changed = True
         if self._view is not None and self.draws is not None:
             self._place(
                 self._with_updated_tiles(self._view, self.tiles.draw_list(self._view)), self._view.eye
             )
-        seconds = self._timer() - start
-        return TerrainUpdateStats(seconds, seconds, self.written - before, dropped)
 
     def _with_updated_tiles(self, view: CameraView, draws: DrawList) -> DrawList:
         """Rewrite outdated tiles of a draw list; return the list afterwards."""

@@ -11,7 +11,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.array_types import Bounds
-from sketchterrain.render.programs import fullscreen_pass, set_uniforms
+from sketchterrain.render.programs import clamped, fullscreen_pass, set_uniforms
 from sketchterrain.render.quality import UNLIMITED, TimeBudget, WorkRate
 from sketchterrain.render.scene import HeightMap, TerrainSource, surface_heights
 from sketchterrain.render.sky import Sun
@@ -127,8 +127,8 @@ class LightMap:
         n = square.texels
         self.square = square
         self.relief = HeightMap(square.west, square.south, square.width, np.zeros((n, n), np.float32))
-        self.heights = renderer.context.texture((n, n), 1, dtype="f4")
-        self.light = renderer.context.texture((n, n), 4, dtype="f2")
+        self.heights = clamped(renderer.context.texture((n, n), 1, dtype="f4"))
+        self.light = clamped(renderer.context.texture((n, n), 4, dtype="f2"))
         self.ready = False
         self.version, self.sun = renderer.version, renderer.sun
         self.dirty: list[Rectangle] = []
@@ -140,9 +140,6 @@ class LightMap:
         self._pending = self._reuse(previous) if previous and reusable else [square.rectangle]
         self._lit_rows = 0
         self._uploaded = False
-        for texture in (self.heights, self.light):
-            texture.repeat_x = texture.repeat_y = False
-        self.light.filter = (moderngl.LINEAR, moderngl.LINEAR)
 
     def invalidate(self, areas: Sequence[Bounds]) -> None:
         """Mark areas (m) where the terrain has changed."""

@@ -11,7 +11,7 @@ import numpy as np
 from sketchterrain.array_types import Bounds
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.light_map import LightMap, LightMapRenderer, TexelSquare
-from sketchterrain.render.programs import fullscreen_pass, set_uniforms
+from sketchterrain.render.programs import clamped, fullscreen_pass, set_uniforms
 from sketchterrain.render.quality import UNLIMITED, TimeBudget
 from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.sky import Sun
@@ -148,8 +148,7 @@ class ClipmapLevel:
         if self.step == 1 and self.current is not None and self.pending is not None:
             self._previous, self.current, self.pending = self.current, self.pending, None
             n = self.current.square.texels
-            self.light = self._context.texture((n, n), 4, dtype="f2")
-            self.light.repeat_x = self.light.repeat_y = False
+            self.light = clamped(self._context.texture((n, n), 4, dtype="f2"))
             self._target = self._context.framebuffer([self.light])
             self._blend(0.0)
         elif self.step == 2 and self.current is not None:

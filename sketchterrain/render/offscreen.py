@@ -70,8 +70,7 @@ def render_picture(
     start = time.perf_counter()
     weather = weather or Weather.from_sketch(terrain.sketch)
     drapes = drapes or open_drapes(terrain)
-    framed = None if drapes is None or view != "layers" else drapes.shown_box
-    camera = camera or find_view(terrain, view, weather=weather, framed=framed)
+    camera = camera or _found_camera(terrain, view, weather, drapes)
     sun = sun or sun_for_view(terrain, camera, weather)
     view_seconds = time.perf_counter() - start
     with canvas(size) as (context, texture, framebuffer):
@@ -98,6 +97,11 @@ def render_picture(
         if timings is not None:
             timings.update({"view": view_seconds} | renderer.timings)
         return picture
+
+
+def _found_camera(terrain: TerrainSource, view: str, weather: Weather, drapes: Drapes | None) -> Camera:
+    framed = None if drapes is None or view != "layers" else drapes.shown_box
+    return find_view(terrain, view, weather=weather, framed=framed)
 
 
 def open_drapes(terrain: TerrainSource) -> Drapes | None:
@@ -173,8 +177,7 @@ class SnapshotRenderer:
         terrain = moved_to_context(terrain, self._own_context(terrain.context))
         weather = weather or Weather.from_sketch(terrain.sketch)
         drapes = open_drapes(terrain)
-        framed = None if drapes is None or view != "layers" else drapes.shown_box
-        camera = find_view(terrain, view, weather=weather, framed=framed)
+        camera = _found_camera(terrain, view, weather, drapes)
         sun = sun_for_view(terrain, camera, weather)
         view_seconds = time.perf_counter() - start
         try:
@@ -257,7 +260,7 @@ def capture_frames(
                 Quality.for_still(size) if complete else Quality.for_renderer(context.info["GL_RENDERER"])
             )
         quality = replace(quality, without=quality.without | frozenset(without))
-        cameras = _cameras(views)
+        cameras = views.cameras
         weather = weather or Weather.from_sketch(terrain.sketch)
         sun = sun or sun_for_view(terrain, cameras[0], weather)
         renderer = Renderer(
@@ -278,11 +281,6 @@ def capture_frames(
                 for name in overlays:
                     overlay.draw(name, camera.eye, framebuffer)
             yield stats, read_picture(texture) if pixels else None
-
-
-def _cameras(views: CameraStates) -> list[Camera]:
-    rows = zip(views.eye.tolist(), views.target.tolist(), views.fov.tolist(), strict=True)
-    return [Camera(tuple(eye), tuple(target), fov=fov) for eye, target, fov in rows]
 
 
 def _capture(

@@ -26,7 +26,7 @@ from sketchterrain.render.plant_meshes import (
     visible_share,
     width_scale,
 )
-from sketchterrain.render.programs import build_program, set_uniforms
+from sketchterrain.render.programs import build_program, clamped, set_uniforms
 from sketchterrain.render.quality import UNLIMITED, Quality, TimeBudget, WorkRate
 from sketchterrain.render.sky import Sun
 
@@ -263,11 +263,7 @@ def shadow_matrix(sun: Sun, centre: Float64Array, half_width: float, half_depth:
 
 
 def _depth_target(context: moderngl.Context, texels: int) -> moderngl.Framebuffer:
-    texture = context.depth_texture((texels, texels))
-    texture.compare_func = "<="
-    texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-    texture.repeat_x = texture.repeat_y = False
-    target = context.framebuffer((), texture)
+    target = context.framebuffer((), clamped(context.depth_texture((texels, texels))))
     target.use()
     target.clear(depth=1.0)
     return target

@@ -17,7 +17,7 @@ from sketchterrain.render.appearance import JUMP_BUDGET
 from sketchterrain.render.camera import Camera, ClippedView, clip_planes, draw_distance
 from sketchterrain.render.ground_stream import view_of
 from sketchterrain.render.programs import ResourceCache
-from sketchterrain.render.quality import FrameStats, Quality, StreamStats, TerrainUpdateStats, TimeBudget
+from sketchterrain.render.quality import FrameStats, Quality, StreamStats, TimeBudget
 from sketchterrain.render.scene import TerrainSource, surface_heights
 from sketchterrain.render.scenery import Scenery
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
@@ -26,7 +26,7 @@ from sketchterrain.render.targets import depth_rows
 from sketchterrain.tiles.lod import FAINT
 
 if TYPE_CHECKING:
-    from sketchterrain.array_types import BoolArray, Float32Array
+    from sketchterrain.array_types import BoolArray, Bounds, Float32Array
     from sketchterrain.drape.drapes import Drapes
 
 REST: Final = 0.25
@@ -153,20 +153,15 @@ class Renderer:
         """Triangles of terrain and plants in the last picture."""
         return self.scenery.triangles
 
-    def set_terrain(
-        self, terrain: TerrainSource, areas: Sequence[tuple[float, float, float, float]]
-    ) -> TerrainUpdateStats:
+    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> None:
         """Replace the terrain by another one of the same extent, bit-equal outside `areas` (W, S, E, N; m).
 
         Call it between two frames. Visible tiles and water are updated before this returns, so no frame mixes
         two terrains. Light and plants follow in the next frames, within their budget.
         """
-        start = self._timer()
         self._since_update = 0.0
-        terrain = moved_to_context(terrain, self._terrain.context)
-        stats = self.scenery.set_terrain(terrain, areas)
-        self._terrain = terrain
-        return replace(stats, seconds=self._timer() - start)
+        self._terrain = moved_to_context(terrain, self._terrain.context)
+        self.scenery.set_terrain(self._terrain, areas)
 
     def set_drapes(self, drapes: Drapes | None, held: tuple[int, int] | None = None) -> None:
         """Replace the draped layers from the next frame on.

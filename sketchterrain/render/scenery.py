@@ -28,7 +28,7 @@ from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.labels import Labels
 from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.programs import ResourceCache, Textures, bind_textures
-from sketchterrain.render.quality import Quality, TerrainUpdateStats
+from sketchterrain.render.quality import Quality
 from sketchterrain.render.scene import Sketch, TerrainSource
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Sky, Sun, Weather
@@ -146,9 +146,9 @@ class Scenery:
         others = self.forest.triangles + self.cover.triangles + self.built.triangles
         return self.stream.tile_renderer.triangles + others
 
-    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> TerrainUpdateStats:
+    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> None:
         """Replace the terrain: tiles and water at once, light and plants over the next frames."""
-        tile_stats = self.stream.set_terrain(terrain, areas)
+        self.stream.set_terrain(terrain, areas)
         self.lit.set_terrain(terrain, areas)
         self.built.set_terrain(terrain, areas)
         self.forest.set_terrain(terrain, areas)
@@ -158,7 +158,6 @@ class Scenery:
         self._features = terrain.features
         self._water.set_features(self._features)
         self._update_materials(terrain)
-        return tile_stats
 
     def set_drapes(self, drapes: Drapes | None, held: Held | None = None) -> None:
         """Replace the draped layers; one feature may be held for editing."""

@@ -23,6 +23,7 @@ from sketchterrain.render.atmosphere import (
     air_with_haze,
 )
 from sketchterrain.render.camera import Camera
+from sketchterrain.render.programs import clamped
 from sketchterrain.render.scene import HeightMap, Sketch, TerrainSource, sample_heights
 
 
@@ -269,9 +270,7 @@ class Sky(SkyLight):
         self, context: moderngl.Context, sun: Sun, weather: Weather, *, extent: float = np.inf
     ) -> None:
         super().__init__(sun, weather, extent=extent)
-        self.view = context.texture((SIZE, 2 * SIZE), 4, dtype="f2")
-        self.view.repeat_x = self.view.repeat_y = False
-        self.view.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        self.view = clamped(context.texture((SIZE, 2 * SIZE), 4, dtype="f2"))
         self._height = -np.inf
         self.set_height(0.0)
 

@@ -19,7 +19,7 @@ from sketchterrain.render.built import MARKS
 from sketchterrain.render.clouds import cloud_defines
 from sketchterrain.render.ground import SurfaceMap, TileRenderer
 from sketchterrain.render.material_macros import material_macros
-from sketchterrain.render.programs import bind_textures, build_program, build_transform, set_uniforms
+from sketchterrain.render.programs import bind_textures, build_program, set_uniforms
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Weather
@@ -114,8 +114,8 @@ def test_no_stage_exceeds_the_guaranteed_texture_units(gl):
         build_program(gl, "rock.vert.glsl", "rock.frag.glsl", defines=defines),
         build_program(gl, "water.vert.glsl", "water.frag.glsl", defines=defines),
         build_program(gl, "built.vert.glsl", "built.frag.glsl", defines={**MARKS, **defines, "FAR": 0}),
-        build_transform(gl, "grass_plant.vert.glsl", ["foot_height"], defines={**defines, "KIND": 1}),
-        build_transform(gl, "rock_place.vert.glsl", ["centre_radius"], defines=defines),
+        build_program(gl, "grass_plant.vert.glsl", captured=["foot_height"], defines={**defines, "KIND": 1}),
+        build_program(gl, "rock_place.vert.glsl", captured=["centre_radius"], defines=defines),
     ]
     for program in programs:
         read = [name for name in program if getattr(program[name], "gl_type", None) in SAMPLERS]

@@ -28,13 +28,15 @@ from sketchterrain.render.water import (
     BAND,
     GRAVITY,
     LAYERS,
+    LEVELS,
+    STATIONS,
     Water,
+    inland_mesh,
     wave_layers,
     wave_mipmaps,
     wave_phases,
     wave_slopes,
 )
-from sketchterrain.render.water_mesh import LEVELS, STATIONS, inland_mesh
 
 from .conftest import Waves
 from .test_shaders import evaluate, smoothstep

@@ -16,7 +16,6 @@ from sketchterrain.render.overlays import Overlay, check_overlays
 from sketchterrain.render.programs import ResourceCache, close_context, open_context, release_orphans
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
-from sketchterrain.render.scene import DrapedSketch
 from sketchterrain.render.scenery import load_textures
 from sketchterrain.render.sharing_probe import moved_to_context, open_device
 from sketchterrain.render.sky import Weather, sun_for_view
@@ -30,11 +29,12 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.document.sketch import Sketch
     from sketchterrain.drape.drapes import Drapes
     from sketchterrain.generation.terrain import Terrain
     from sketchterrain.render.flight import CameraStates
     from sketchterrain.render.overlays import LegendEntry
-    from sketchterrain.render.scene import Sketch, TerrainSource
+    from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
 
 MAX_SIDE = 8192  # px
@@ -107,7 +107,7 @@ def _found_camera(terrain: TerrainSource, view: str, weather: Weather, drapes: D
 def open_drapes(terrain: TerrainSource) -> Drapes | None:
     """Return the draped layers of a terrain's sketch, None without any."""
     sketch = terrain.sketch
-    if not isinstance(sketch, DrapedSketch) or not sketch.drapes:
+    if not sketch.drapes:
         return None
     from sketchterrain.drape.drapes import Drapes  # with readers of files
 

@@ -29,7 +29,7 @@ from sketchterrain.render.labels import Labels
 from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.programs import ResourceCache, Textures, bind_textures
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.scene import Sketch, TerrainSource
+from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Sky, Sun, Weather
 from sketchterrain.render.targets import FrameBlock, RenderTargets, depth_rows, wrap_to_noise_period
@@ -38,6 +38,7 @@ from sketchterrain.render.water import Water
 from sketchterrain.tiles.lod import ScreenError
 
 if TYPE_CHECKING:
+    from sketchterrain.document.sketch import Sketch
     from sketchterrain.drape.drapes import Drapes
 
 QUAD: Final = 32.0  # px; largest width of a quad up to a tolerance of 2 px, in proportion to it above
@@ -190,7 +191,7 @@ class Scenery:
         aridity, look = _aridity(terrain), terrain.sketch.looks
         strata = Strata.from_settings(terrain.sketch.geology)
         if look != self._look:
-            self._materials = MaterialTextures.for_sketch(
+            self._materials = MaterialTextures(
                 self._context, terrain.sketch, terrain.context.device, self._quality, folder=self._textures
             )
         if (aridity, look, strata) != (self._aridity, self._look, self._strata):
@@ -344,7 +345,7 @@ def load_textures(
     materials = resources.get_or_create(
         "materials",
         key,
-        lambda: MaterialTextures.for_sketch(context, sketch, device, quality, folder=folder),
+        lambda: MaterialTextures(context, sketch, device, quality, folder=folder),
     )
     return materials, resources.get_or_create("noise", None, lambda: noise_texture(context))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import moderngl
 import numpy as np
@@ -24,7 +24,10 @@ from sketchterrain.render.atmosphere import (
 )
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.programs import clamped
-from sketchterrain.render.scene import HeightMap, Sketch, TerrainSource, sample_heights
+from sketchterrain.render.scene import HeightMap, TerrainSource, sample_heights
+
+if TYPE_CHECKING:
+    from sketchterrain.document.sketch import Sketch
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ from sketchterrain.render.textures import (
 from sketchterrain.tiles import appearance
 from sketchterrain.tiles.quadtree import tile_indices
 
+from .conftest import Waves
 from .ground_model import QUADS, SIDE, neighbours, pack_tiles, shaded
 
 pytestmark = pytest.mark.gl
@@ -272,7 +273,7 @@ def tiled(gl, textures, layer, hexes, *, across=4, side=256):
 
 
 def test_hexagons_hide_the_repetition_and_keep_mean_and_contrast(gl):
-    textures = MaterialTextures(gl, None, BUILT_IN, size=256, looks={})
+    textures = MaterialTextures(gl, Waves.sketch, None, Quality(material_texels=256))
 
     def correlation(picture, shift):
         height = picture[..., 3]

@@ -210,8 +210,9 @@ def rayleigh_phase(cosine: Float64Array) -> Float64Array:
     return np.asarray(3.0 / (16.0 * np.pi) * (1.0 + cosine * cosine))
 
 
-def aerosol_phase(cosine: Float64Array, g: float = FORWARD) -> Float64Array:
+def aerosol_phase(cosine: Float64Array) -> Float64Array:
     """Evaluate the phase function of aerosols, 1/sr (Cornette & Shanks 1992)."""
+    g = FORWARD
     share = 3.0 / (8.0 * np.pi) * (1.0 - g * g) / (2.0 + g * g)
     return np.asarray(share * (1.0 + cosine * cosine) / (1.0 + g * g - 2.0 * g * cosine) ** 1.5)
 

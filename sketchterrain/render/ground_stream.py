@@ -26,6 +26,7 @@ from sketchterrain.tiles.stream import TileStream
 from sketchterrain.tiles.tile_pool import Batch, DrawList
 
 QUAD, QUAD_PER_TOLERANCE = 24.0, 8.0  # px; largest width of a quad: constant, and per pixel of tolerance
+FINEST_CELL: Final = 0.2  # m, least width of a quad
 JUMP: Final = 0.1  # Extents; a larger motion between two frames is a jump
 FIRST_BUDGET, JUMP_BUDGET, CHANGE_BUDGET = 2.0, 0.5, 0.25
 """s for the first frame, that of a jump, and the first of another terrain, which draw a whole picture."""
@@ -42,10 +43,9 @@ _BATCH_MARGIN: Final = 1.5
 class TerrainStream:
     """Tiles of a terrain for a moving camera.
 
-    `memory` forces a kind of `open_vertex_memory`; `finest_cell` limits the quad width (m); `metric` replaces
-    the quality's screen-space error. `tiles` selects and caches tiles, `tile_renderer` draws them (overlays
-    draw the same tiles with other programs), `draws` is the last frame's list, `written` counts generated
-    tiles.
+    `metric` replaces the quality's screen-space error. `tiles` selects and caches tiles, `tile_renderer`
+    draws them (overlays draw the same tiles with other programs), `draws` is the last frame's list, `written`
+    counts generated tiles.
     """
 
     def __init__(
@@ -54,8 +54,6 @@ class TerrainStream:
         terrain: TileSource,
         quality: Quality | None = None,
         *,
-        memory: str | None = None,
-        finest_cell: float = 0.2,
         metric: ScreenError | None = None,
         timer: Callable[[], float] = time.perf_counter,
         resources: ResourceCache | None = None,
@@ -68,13 +66,12 @@ class TerrainStream:
         tile_bytes = (quads + 1) ** 2 * vertex_dtype(materials).itemsize
         slots = max(quality.tile_memory // tile_bytes, 1)
         bounds = terrain.bounds if isinstance(terrain, BoundedTerrain) else None
-        if isinstance(terrain, BoundedTerrain):
-            finest_cell = max(finest_cell, terrain.finest_cell)
+        own_cell = terrain.finest_cell if isinstance(terrain, BoundedTerrain) else 0.0
         self.tiles = TileStream(
             terrain.extent,
             quads=quads,
             slots=slots,
-            finest_cell=finest_cell,
+            finest_cell=max(FINEST_CELL, own_cell),
             bounds=bounds or UNBOUNDED,
             metric=metric
             or ScreenError(
@@ -91,8 +88,8 @@ class TerrainStream:
         self._resources = resources or ResourceCache()
         self.memory = self._resources.get_or_create(
             "vertices",
-            (terrain.context, slots * tile_bytes, memory),
-            lambda: open_vertex_memory(context, terrain.context, slots * tile_bytes, kind=memory),
+            (terrain.context, slots * tile_bytes),
+            lambda: open_vertex_memory(context, terrain.context, slots * tile_bytes),
             close=GLVertexMemory.close,
         )
         self._store = terrain.vertex_store(slots, quads=quads, memory=self.memory)

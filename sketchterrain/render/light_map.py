@@ -11,6 +11,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.array_types import Bounds
+from sketchterrain.geometry.differences import merge_boxes
 from sketchterrain.render.programs import clamped, fullscreen_pass, set_uniforms
 from sketchterrain.render.quality import UNLIMITED, TimeBudget, WorkRate
 from sketchterrain.render.scene import HeightMap, TerrainSource, surface_heights
@@ -22,8 +23,6 @@ PENUMBRA: Final = 0.022
 """Tangent of half the angle over which the sun sets behind a ridge; the real sun's would alias,"""
 SHARP_PENUMBRA: Final = 0.009
 """but on a map close to the eye less than on wider ones; the real one's is 0.0047."""
-_MERGE_OVERHEAD: Final = 1.25
-"""Rectangles are merged where that takes no more than this many times their texels."""
 
 Rectangle = tuple[int, int, int, int]
 """West, south, east, north in texels from the world's origin; east and north are exclusive."""
@@ -143,7 +142,8 @@ class LightMap:
 
     def invalidate(self, areas: Sequence[Bounds]) -> None:
         """Mark areas (m) where the terrain has changed."""
-        self.dirty = _merged(self.dirty + self.square.texels_in(areas))
+        boxes = merge_boxes([*self.dirty, *self.square.texels_in(areas)])
+        self.dirty = [(int(west), int(south), int(east), int(north)) for west, south, east, north in boxes]
 
     def advance(self, budget: TimeBudget = UNLIMITED) -> None:
         """Compute within a time budget: rows of heights, then the texture, then rows of light."""
@@ -248,26 +248,3 @@ def _intersection(one: Rectangle, other: Rectangle) -> Rectangle | None:
     west, south = max(one[0], other[0]), max(one[1], other[1])
     east, north = min(one[2], other[2]), min(one[3], other[3])
     return (west, south, east, north) if west < east and south < north else None
-
-
-def _merged(rectangles: Sequence[Rectangle]) -> list[Rectangle]:
-    """Return fewer rectangles that cover the same area."""
-    result: list[Rectangle] = []
-    for rectangle in rectangles:
-        both, again = rectangle, True
-        while again:
-            again = False
-            for other in result:
-                low, high = np.minimum(both, other).tolist(), np.maximum(both, other).tolist()
-                bounding = (low[0], low[1], high[2], high[3])
-                if _area(bounding) <= _MERGE_OVERHEAD * (_area(both) + _area(other)):
-                    result.remove(other)
-                    both, again = bounding, True
-                    break
-        result.append(both)
-    return result
-
-
-def _area(rectangle: Rectangle) -> int:
-    west, south, east, north = rectangle
-    return (east - west) * (north - south)

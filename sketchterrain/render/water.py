@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, cast
 
 import moderngl
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.array_types import Float32Array, Float64Array
+    from sketchterrain.array_types import Float32Array, Float64Array, StructuredArray
     from sketchterrain.look.objects import WaterSurface
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.targets import RenderTargets
@@ -39,14 +38,14 @@ GRAVITY: Final = 9.81  # m/s²
 TYPICAL: Final = 7.0  # waves per side whose phase speed a layer drifts at
 
 
-def wave_slopes(size: int = SIZE, *, seed: int = 1954) -> Float64Array:
-    """Return (size, size, 3) slopes along x and y and height in sides of a wave field on a torus.
+def wave_slopes() -> Float64Array:
+    """Return (SIZE, SIZE, 3) slopes along x and y and height in sides of a wave field on a torus.
 
     Waves in a wide band have the same slope² an octave, as short gravity waves have (Phillips 1958), and
     spread about the wind (x) by cos² (Mitsuyasu 1975), with an isotropic part. Mean 0, mean slope² 1.
     """
-    rng = np.random.default_rng(seed)
-    across, along = np.meshgrid(np.fft.fftfreq(size, 1 / size), np.fft.fftfreq(size, 1 / size))
+    rng, cycles = np.random.default_rng(1954), np.fft.fftfreq(SIZE, 1 / SIZE)
+    across, along = np.meshgrid(cycles, cycles)
     waves = np.hypot(across, along)
     waves[0, 0] = 1.0
     low, high = BAND
@@ -54,7 +53,7 @@ def wave_slopes(size: int = SIZE, *, seed: int = 1954) -> Float64Array:
     spread = 0.3 + 0.7 * (across / waves) ** 2
     amplitude = np.sqrt(fade * spread) / waves**2
     amplitude[0, 0] = 0.0
-    spectrum = np.fft.fft2(rng.standard_normal((size, size))) * amplitude
+    spectrum = np.fft.fft2(rng.standard_normal((SIZE, SIZE))) * amplitude
     height, east, north = (
         np.fft.ifft2(spectrum * factor).real for factor in (1.0, 2j * np.pi * across, 2j * np.pi * along)
     )
@@ -115,36 +114,36 @@ LEVELS: Final = ((1, 1), (2, 2), (4, 4), (8, 4), (16, 4), (32, 4))
 LONGEST: Final = 0.25  # length of a quad in distances from the eye: attributes aren't linear in perspective
 
 
-@dataclass(frozen=True)
-class WaterChunks:
-    """Inland waters in chunks, and ranges of one index buffer by their levels of detail.
+CHUNK: Final = np.dtype(
+    [
+        *(("low", "f8", 3), ("high", "f8", 3)),  # corners of its bounding box, m
+        ("error", "f8", len(LEVELS)),  # largest deviation from the finest level, m
+        ("length", "f8", len(LEVELS)),  # longest quad, m
+        *(("first", "u4", len(LEVELS)), ("count", "u4", len(LEVELS))),  # range of the indices
+    ]
+)
+"""A chunk of inland waters, with ranges of one index buffer by its levels of detail."""
 
-    The corners are (chunks, 3), all others (chunks, levels).
-    """
 
-    low: Float64Array  # corners of bounding boxes, m
-    high: Float64Array
-    error: Float64Array  # largest deviation from the finest level, m
-    length: Float64Array  # longest quad, m
-    first: npt.NDArray[np.uint32]  # index
-    count: npt.NDArray[np.uint32]  # of indices
-
-    def commands(self, camera: Camera, aspect: float, tolerance: float) -> npt.NDArray[np.void]:
-        """Return draw commands of the chunks in view, deviating by `tolerance` m per metre of distance."""
-        visible = np.flatnonzero(inside_frustum(camera.frustum(aspect), self.low, self.high))
-        outside = np.maximum(self.low[visible] - camera.eye, camera.eye - self.high[visible])
-        away = np.linalg.norm(np.maximum(outside, 0.0), axis=1)[:, None]
-        fits = (self.error[visible] <= tolerance * away) & (self.length[visible] <= LONGEST * away)
-        level = np.logical_and.accumulate(fits[:, 1:], axis=1).sum(axis=1)
-        commands = np.zeros(len(visible), COMMAND)
-        commands["first"], commands["count"] = self.first[visible, level], self.count[visible, level]
-        commands["instances"] = 1
-        return commands
+def chunk_commands(
+    chunks: StructuredArray, camera: Camera, aspect: float, tolerance: float
+) -> StructuredArray:
+    """Return draw commands of the chunks in view, deviating by `tolerance` m per metre of distance."""
+    chunks = chunks[inside_frustum(camera.frustum(aspect), chunks["low"], chunks["high"])]
+    outside = np.maximum(chunks["low"] - camera.eye, camera.eye - chunks["high"])
+    away = np.linalg.norm(np.maximum(outside, 0.0), axis=1)[:, None]
+    fits = (chunks["error"] <= tolerance * away) & (chunks["length"] <= LONGEST * away)
+    level = np.logical_and.accumulate(fits[:, 1:], axis=1).sum(axis=1)
+    commands = np.zeros(len(chunks), COMMAND)
+    for name in ("first", "count"):
+        commands[name] = chunks[name][np.arange(len(chunks)), level]
+    commands["instances"] = 1
+    return commands
 
 
 def inland_mesh(
     meshes: Sequence[WaterSurface],
-) -> tuple[Float32Array, npt.NDArray[np.uint32], WaterChunks]:
+) -> tuple[Float32Array, npt.NDArray[np.uint32], StructuredArray]:
     """Return vertices of `ATTRIBUTES`, relative to the first vertex, indices, and their chunks."""
     anchor, vertices, indices, chunks = meshes[0].position[0], [], [], []
     base = first = 0
@@ -155,16 +154,12 @@ def inland_mesh(
         is_river = mesh.stream[0, 3] > 0.0
         chunks.append(_river_chunks(mesh) if is_river else _chunks(mesh.position[None]))
         for level, own in enumerate(_strip_indices(mesh) if is_river else [mesh.triangles[None]]):
-            chunks[-1].first[:, level] = first + np.arange(len(own)) * own.shape[1]
-            chunks[-1].count[:, level] = own.shape[1]
+            chunks[-1]["first"][:, level] = first + np.arange(len(own)) * own.shape[1]
+            chunks[-1]["count"][:, level] = own.shape[1]
             indices.append((own + base).astype(np.uint32).ravel())
             first += own.size
         base += len(mesh.position)
-    joined = {
-        name: np.concatenate([getattr(each, name) for each in chunks])
-        for name in WaterChunks.__dataclass_fields__
-    }
-    return np.concatenate(vertices).astype(np.float32), np.concatenate(indices), WaterChunks(**joined)
+    return np.concatenate(vertices).astype(np.float32), np.concatenate(indices), np.concatenate(chunks)
 
 
 def _stations(mesh: WaterSurface) -> npt.NDArray[np.intp]:
@@ -184,7 +179,7 @@ def _strip_indices(mesh: WaterSurface) -> list[npt.NDArray[np.uint32]]:
     return [vertices[:, quads(places[::along, ::across]).ravel()] for along, across in LEVELS]
 
 
-def _river_chunks(mesh: WaterSurface) -> WaterChunks:
+def _river_chunks(mesh: WaterSurface) -> StructuredArray:
     """Return the chunks of a river without their indices."""
     stations = _stations(mesh)
     half = mesh.stream[:, 3]
@@ -193,26 +188,20 @@ def _river_chunks(mesh: WaterSurface) -> WaterChunks:
     along = mesh.flow[::ACROSS, 1][stations]
     chunks = _chunks(values[..., :3].reshape(len(stations), -1, 3))
     for level, (step, _) in enumerate(LEVELS):
-        chunks.length[:, level] = np.diff(along[:, ::step], axis=1).max(axis=1)
+        chunks["length"][:, level] = np.diff(along[:, ::step], axis=1).max(axis=1)
         before = np.arange(STATIONS) // step * step
         start, end = along[:, before], along[:, before + step]
         share = (along[:, :-1] - start) / np.maximum(end - start, 1e-9)
         kept = values[:, before] + share[..., None, None] * (values[:, before + step] - values[:, before])
-        chunks.error[:, level] = np.linalg.norm(values[:, :-1] - kept, axis=-1).max(axis=(1, 2))
+        chunks["error"][:, level] = np.linalg.norm(values[:, :-1] - kept, axis=-1).max(axis=(1, 2))
     return chunks
 
 
-def _chunks(position: Float64Array) -> WaterChunks:
+def _chunks(position: Float64Array) -> StructuredArray:
     """Return chunks of (n, k, 3) vertices (m) that have one level of detail, without indices."""
-    shape = len(position), len(LEVELS)
-    return WaterChunks(
-        position.min(axis=1),
-        position.max(axis=1),
-        error=np.full(shape, np.inf),
-        length=np.zeros(shape),
-        first=np.zeros(shape, np.uint32),
-        count=np.zeros(shape, np.uint32),
-    )
+    chunks = np.zeros(len(position), CHUNK)
+    chunks["low"], chunks["high"], chunks["error"] = position.min(axis=1), position.max(axis=1), np.inf
+    return chunks
 
 
 def sea_mesh() -> tuple[Float32Array, npt.NDArray[np.uint32]]:
@@ -253,7 +242,7 @@ class Water:
         self._enabled, self._defines = enabled, dict(defines or {})
         self._arrays: list[list[moderngl.VertexArray]] = []  # of each pass: the sea, inland waters
         self._anchors: list[float | Float64Array] = []  # of each array: the sea's level (m), or a place (m)
-        self._chunks: WaterChunks | None = None  # of inland waters …
+        self._chunks: StructuredArray | None = None  # of inland waters …
         self._commands: moderngl.Buffer | None = None  # … and those in view
         self._programs: list[moderngl.Program] = []
         self._uploaded: object = None
@@ -284,7 +273,7 @@ class Water:
             self._anchors.append(meshes[0].position[0].copy())
             vertices, indices, self._chunks = inland_mesh(meshes)
             parts.append((vertices, indices))
-            self._commands = self._context.buffer(reserve=len(self._chunks.low) * COMMAND.itemsize)
+            self._commands = self._context.buffer(reserve=len(self._chunks) * COMMAND.itemsize)
         self._arrays = []
         if not parts:
             return
@@ -350,7 +339,7 @@ class Water:
         """Select the chunks of inland waters in view and their levels of detail; return their number."""
         if self._chunks is None or self._commands is None:
             return 0
-        commands = self._chunks.commands(camera, aspect, DEVIATION * lift)
+        commands = chunk_commands(self._chunks, camera, aspect, DEVIATION * lift)
         self._commands.orphan()
         self._commands.write(commands.tobytes())
         return len(commands)

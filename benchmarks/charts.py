@@ -106,7 +106,8 @@ _METHODS = {FLOAT: (BLUE, "o", -1), DOUBLE: (VERMILION, "s", 1), NUMPY: (PURPLE,
 def _accuracy(rows: Sequence[Row]) -> Any:
     """Error against time: a point a method and cell size, a row of panels a ground."""
     grounds = list(dict.fromkeys(str(row["ground"]) for row in rows))
-    figure = new_figure(11.0, 0.5 + 3.7 * len(grounds))
+    title = "Error against time, down and left is better. Labels are cell sizes in metres."
+    figure = new_figure(11.0, 0.5 + 3.7 * len(grounds), title)
     panels = figure.subplots(len(grounds), len(_MEASURES), squeeze=False)
     for ground, line in zip(grounds, panels, strict=True):
         of_ground = [row for row in rows if row["ground"] == ground]
@@ -119,9 +120,6 @@ def _accuracy(rows: Sequence[Row]) -> Any:
             for method in _METHODS:
                 _error_points(axes, of_ground, method, key)
             _references(axes, of_ground, key)
-    figure.suptitle(
-        "Error against time, down and left is better. Labels are cell sizes in metres.", x=0.01, ha="left"
-    )
     return figure
 
 
@@ -181,7 +179,7 @@ def _kernels(rows: Sequence[Row]) -> Any:
     lines = list(dict.fromkeys((str(row["kernel"]), row["ground"]) for row in rows))
     levels = sorted({int(value_of(row, "level")) for row in rows if row["level"] is not None})
     shades = dict(zip(levels, (ORANGE, VERMILION, BLUE, GREEN, PURPLE), strict=False))
-    figure = new_figure(8.0, 1.2 + 0.24 * len(lines))
+    figure = new_figure(8.0, 1.2 + 0.24 * len(lines), "What an item costs in each kernel")
     axes = figure.subplots()
     for row in rows:
         y = lines.index((str(row["kernel"]), row["ground"]))
@@ -209,7 +207,6 @@ def _kernels(rows: Sequence[Row]) -> Any:
             fontweight="bold",
             va="top",
         )
-    figure.suptitle("What an item costs in each kernel", x=0.01, ha="left")
     return figure
 
 

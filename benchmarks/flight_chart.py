@@ -37,7 +37,7 @@ _QUADS = 64  # whose frames are shown one by one
 
 def draw_errors(rows: Sequence[Row]) -> Any:
     """Draw a line a way, a dot a setting: error against triangles, and against time."""
-    figure = new_figure(11.0, 4.6)
+    figure = new_figure(11.0, 4.6, "Screen error of what is drawn. Down and left is better.")
     left, right = figure.subplots(1, 2, sharey=True)
     rows = [row for row in rows if row.get(MOST) is not None]
     errors = [value_of(row, MOST) for row in rows]
@@ -58,13 +58,13 @@ def draw_errors(rows: Sequence[Row]) -> Any:
         _label(axes, ends, max(values) * 1.5)
         _plain(axes)
     left.set_ylabel("pixels that 99.9 % of the samples stay within")
-    figure.suptitle("Screen error of what is drawn. Down and left is better.", x=0.01, ha="left")
     return figure
 
 
 def draw_generation(rows: Sequence[Row]) -> Any:
     """Bars by size of tiles and setting as in the thesis's figures 7.1 and 7.2; single frames below."""
-    figure = new_figure(12.0, 7.0)
+    title = f"Generation in flight. Dotted: this program's budget, {BUDGET * 1e3:g} ms a frame."
+    figure = new_figure(12.0, 7.0, title)
     panels = figure.subplots(2, 3)
     settings = list(dict.fromkeys((str(row["way"]), str(row["shown"])) for row in rows))
     shades = _shades([way for way, _ in settings])
@@ -110,11 +110,6 @@ def draw_generation(rows: Sequence[Row]) -> Any:
         ncols=min(4, len(settings)),
         fontsize=SMALL,
         frameon=False,
-    )
-    figure.suptitle(
-        f"Generation in flight. Dotted: this program's budget, {BUDGET * 1e3:g} ms a frame.",
-        x=0.01,
-        ha="left",
     )
     return figure
 

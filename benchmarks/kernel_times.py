@@ -9,8 +9,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from sketchterrain.benchmarks.appearance_error import AT, GROUND, open_appearance
-from sketchterrain.benchmarks.drape_error import kernel_drapes
+from sketchterrain.benchmarks.appearance_error import AT, GROUND, kernel_drapes, open_appearance
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import BARE, RELIEF, NoiseGrid, central_keys, open_ground
 from sketchterrain.benchmarks.poisson_disk import PoissonDisk
@@ -33,8 +32,7 @@ from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
 SIZES = (16, 32, 64, 128)
 """Quads along a tile's side; tiles have 64."""
 
-# Bytes that each writes a vertex: height, four masks and mottle; height, normal and weights.
-_WRITTEN = {"patches": 24, "surfaces": 16 + 4 * len(BUILT_IN)}
+_SIZED = ("patches", "surfaces")  # kernels that are timed by size
 
 _COLUMNS = (
     Column("device", "device"),
@@ -71,7 +69,7 @@ def _rows(context: TimedContext, effort: Effort) -> list[Row]:
             for quads in SIZES
         }
     laps = alternate({key: square.lap for key, square in works.items()}, rounds=effort.rounds)
-    return [_row(context, key, works[key], kernel, laps[key]) for kernel in _WRITTEN for key in works]
+    return [_row(context, key, works[key], kernel, laps[key]) for kernel in _SIZED for key in works]
 
 
 class _Square:
@@ -115,7 +113,7 @@ def _row(
         "tiles": square.tiles,
         **times.cells("launches"),
         "million_vertices_per_s": square.vertices / times.median * 1e-6,
-        "gigabytes_per_s": square.vertices * _WRITTEN[kernel] / times.median * 1e-9,
+        "gigabytes_per_s": square.vertices * WRITTEN[kernel] / times.median * 1e-9,
         "seconds": seconds,
     }
 

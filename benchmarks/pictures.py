@@ -341,9 +341,10 @@ def _preview_row(preset: str, effort: Effort, device: Sequence[str]) -> Row:
 
 def draw_qualities(rows: Sequence[Row]) -> Any:
     """Draw the time of a picture by its quality, and its difference from the best against that time."""
-    figure = new_figure(11.0, 6.4)
-    panels = figure.subplots(2, 2)
     known = [row for row in rows if row["opengl"] != "absent"]
+    drivers = ", ".join(dict.fromkeys(str(row["opengl"]) for row in known))
+    figure = new_figure(11.0, 6.4, f"Pictures by {drivers or 'no OpenGL'}")
+    panels = figure.subplots(2, 2)
     views = list(dict.fromkeys(str(row["view"]) for row in known))
     kinds = (("still", "whole picture"), ("moving", "frame in motion"))
     for (kind, title), (left, right) in zip(kinds, panels, strict=True):
@@ -369,8 +370,6 @@ def draw_qualities(rows: Sequence[Row]) -> Any:
         fontsize=SMALL,
         frameon=False,
     )
-    drivers = ", ".join(dict.fromkeys(str(row["opengl"]) for row in known))
-    figure.suptitle(f"Pictures by {drivers or 'no OpenGL'}", x=0.01, ha="left")
     return figure
 
 

@@ -19,7 +19,7 @@ from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import NoiseGrid, central_keys, open_ground
 from sketchterrain.benchmarks.plotting import BLUE, GREY, SMALL, new_figure, plain_numbers
 from sketchterrain.benchmarks.report import Column, Row, Table, value_of
-from sketchterrain.benchmarks.spline_methods import ARCS
+from sketchterrain.benchmarks.splines import ARCS
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
 from sketchterrain.geometry.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.evaluator import Evaluator

@@ -32,7 +32,7 @@ from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import open_ground
 from sketchterrain.benchmarks.plotting import HUES, SMALL, new_figure, plain_numbers
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
-from sketchterrain.benchmarks.timing import TimedContext
+from sketchterrain.benchmarks.timing import TimedContext, spread
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.drape.drapes import Drapes
 from sketchterrain.drape.feature_edits import move_vertex
@@ -453,8 +453,7 @@ def _frames_until_loaded(
 
 
 def _time_row(what: str, seconds: Sequence[float]) -> Row:
-    p50, p95 = np.percentile(seconds, (50, 95)).tolist()
-    return {"what": what, "count": len(seconds), "median_ms": 1e3 * p50, "p95_ms": 1e3 * p95}
+    return {"what": what, **spread(seconds).cells("count")}
 
 
 def _pick_row(drapes: Drapes, shapes: tuple[Shapes, Shapes], random: np.random.Generator, count: int) -> Row:

@@ -14,7 +14,7 @@ from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import BARE, RELIEF, NoiseGrid, central_keys, open_ground
 from sketchterrain.benchmarks.poisson_disk import PoissonDisk
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
-from sketchterrain.benchmarks.spline_methods import KERNELS, SplineQueries, splines_and_places
+from sketchterrain.benchmarks.splines import KERNELS, SplineQueries, splines_and_places
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable

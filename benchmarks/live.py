@@ -82,9 +82,11 @@ class EngineProbe:
         self._link = EngineLink(self._document)
         self.frames: list[tuple[float, msg.FrameFacts]] = []  # s of the monotonic clock when it was shown
         self._errors: list[msg.ErrorReport] = []
+        self._written: list[msg.PictureWritten] = []
         self._requested = 0.0
         self._link.frame_shown.connect(lambda facts: self.frames.append((time.monotonic(), facts)))
         self._link.error_reported.connect(self._errors.append)
+        self._link.picture_written.connect(self._written.append)
 
     def start(self, view: msg.ViewState) -> float:
         """Start the processes; return the seconds until the first frame."""
@@ -134,8 +136,6 @@ class EngineProbe:
     def compare_with_still(self, saved: Path) -> Row:
         """Return how the picture of 1 s after the last view or stroke differs from a still of its camera."""
         self._pause(time.monotonic() + _LATER)
-        written: list[str] = []
-        self._link.picture_written.connect(written.append)
         facts, picture = self.frames[-1][1], self._link.picture
         assert picture is not None  # noqa: S101 # a frame was shown
         size, pose = (facts.width, facts.height), facts.pose
@@ -147,7 +147,7 @@ class EngineProbe:
             shown, drawn = (str(Path(folder, f"{name}.png")) for name in ("shown", "drawn"))
             picture.save(shown)
             self._link.send(msg.RenderPicture(drawn, *size))
-            self._wait(lambda: bool(written))
+            self._wait(lambda: any(each.path == drawn for each in self._written))
             pictures = [np.asarray(Image.open(path).convert("RGB")) for path in (shown, drawn)]
         return {
             "columns": 100.0 * live_shape.columns_alike(live, still),

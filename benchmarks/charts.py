@@ -124,13 +124,8 @@ def draw_generation(rows: Sequence[Row]) -> Any:
                     _histogram(axes, values(row), shades[settings.index((way, shown))])
         axes.set(title=f"{title}, {size} quads", xscale="log", ylabel="% of the frames")
         _plain(axes, y=False)
-    figure.legend(
-        *panels[0][0].get_legend_handles_labels(),
-        loc="outside lower center",
-        ncols=min(4, len(settings)),
-        fontsize=SMALL,
-        frameon=False,
-    )
+    series = panels[0][0].get_legend_handles_labels()
+    figure.legend(*series, loc="outside lower center", ncols=min(4, len(settings)), fontsize=SMALL)
     return figure
 
 

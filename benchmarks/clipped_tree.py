@@ -316,5 +316,5 @@ def draw_index(rows: Sequence[Row]) -> Any:
             x, y = ([value_of(row, each) for row in own] for each in ("pieces", key))
             axes.plot(x, y, style, marker="o", markersize=3, color=hue, label=f"{name}: {what}")
     axes.set(xscale="log", yscale="log", xlabel="pieces", ylabel="ms")
-    axes.legend(fontsize=SMALL, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axes.legend(fontsize=SMALL, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure

@@ -568,7 +568,7 @@ def draw_drapes(rows: Sequence[Row]) -> Any:
     areas.text(0.11, 2.2, "filled: up to 500 m, open: beyond", fontsize=SMALL)
     for name, marker in markers.items():
         lines.plot([], [], marker, color="0.4", label=name)
-    lines.legend(fontsize=SMALL, frameon=False, loc="upper left")
+    lines.legend(fontsize=SMALL, loc="upper left")
     names = [name for name in markers if any(row["view"] == name for row in rows)]
     for hue, method in zip(HUES, COMPARED, strict=False):
         own = [row for row in rows if row["method"] == method]
@@ -578,5 +578,5 @@ def draw_drapes(rows: Sequence[Row]) -> Any:
         memory.plot(names, most, "o-", color=hue, label=method)
     memory.set_title("memory, most, MB")
     memory.set_ylim(bottom=0.0)
-    memory.legend(fontsize=SMALL, frameon=False)
+    memory.legend(fontsize=SMALL)
     return figure

@@ -542,7 +542,7 @@ def draw_live(rows: Sequence[Row]) -> Any:
     shares.axhline(95.0, color=INK, linewidth=0.9, linestyle=":")
     shares.set(xlim=(0, None), ylim=(0, 101), xlabel="ms from the stroke to its heights in the view's tiles")
     shares.set(ylabel="%", title="There after")
-    shares.legend(frameon=False, loc="lower right")
+    shares.legend(loc="lower right")
     names = [str(row["painting"]) for row in rows]
     left = np.zeros(len(rows))
     for stage, colour in zip(STAGES, _STAGE_COLOURS, strict=True):
@@ -551,7 +551,7 @@ def draw_live(rows: Sequence[Row]) -> Any:
         left = left + widths
     parts.invert_yaxis()
     parts.set(xlabel="ms, mean", title="Where the time goes")
-    parts.legend(frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=8)
+    parts.legend(ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=8)
     return figure
 
 

@@ -195,7 +195,7 @@ def draw_flight(rows: Sequence[Row]) -> Any:
         time = SECONDS + np.arange(-len(seconds), 0) / RATE
         for axes, values in ((upper, seconds * 1e3), (lower, textures)):
             axes.plot(time, values, ".", markersize=1.5, color=hue, rasterized=True, label=str(row["what"]))
-    upper.legend(fontsize=SMALL, frameon=False, markerscale=6)
+    upper.legend(fontsize=SMALL, markerscale=6)
     upper.axhline(1e3 * LATE, color=INK, linewidth=0.9, linestyle=":")
     upper.set(ylabel="ms", title="Update; dotted: 25 ms", yscale="log")
     lower.set(ylabel="tiles", xlabel="s", title="Appearance tiles")

@@ -363,13 +363,8 @@ def draw_qualities(rows: Sequence[Row]) -> Any:
         for axis in (left.yaxis, right.xaxis):
             axis.set_major_formatter(lambda value, _: f"{value:g}")
             axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:g}"[0] in "25" else "")
-    figure.legend(
-        *panels[0][0].get_legend_handles_labels(),
-        loc="outside lower center",
-        ncols=4,
-        fontsize=SMALL,
-        frameon=False,
-    )
+    series = panels[0][0].get_legend_handles_labels()
+    figure.legend(*series, loc="outside lower center", ncols=4, fontsize=SMALL)
     return figure
 
 

@@ -310,7 +310,7 @@ def draw_table_6_1(rows: Sequence[Row]) -> Any:
     panels[0].set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     panels[0].yaxis.minorticks_off()
     panels[0].set_ylabel("million points a second")
-    panels[-1].legend(fontsize=SMALL, frameon=False)
+    panels[-1].legend(fontsize=SMALL)
     return figure
 
 
@@ -346,7 +346,7 @@ def draw_room(rows: Sequence[Row]) -> Any:
         axes.set(xscale="log", yscale="log", xlabel=label)
         plain_numbers(axes.xaxis, axes.yaxis)
     panels[0].set_ylabel("room left, % of the ground; dotted: asked")
-    panels[1].legend(fontsize=SMALL, frameon=False)
+    panels[1].legend(fontsize=SMALL)
     return figure
 
 
@@ -366,7 +366,7 @@ def draw_spectra(rows: Sequence[Row]) -> Any:
         )
         anisotropy.plot(frequency, samples_of(row, "anisotropy"), **style)
     power.set(xlabel="waves a distance", ylabel="power, 1 by chance", title="radial power")
-    power.legend(fontsize=SMALL, frameon=False)
+    power.legend(fontsize=SMALL)
     anisotropy.axhline(_IDEAL, color="#000000", linestyle=":", linewidth=1.0)
     anisotropy.axhline(_ASKED, color=VERMILION, linestyle=":", linewidth=1.0)
     anisotropy.set(

@@ -485,5 +485,5 @@ def draw_roads(rows: Sequence[Row]) -> Any:
             axes.plot(*at, mark, color=hue, label=str(row["method"]), alpha=0.8)
         axes.set(xlabel="s", title=title, xscale="log")
         axes.margins(0.1, 0.1)
-    every[1].legend(fontsize=SMALL, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    every[1].legend(fontsize=SMALL, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure

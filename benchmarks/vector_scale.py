@@ -237,7 +237,7 @@ def draw_scale(rows: Sequence[Row]) -> Any:
         for (name, key), hue in zip(lines.items(), HUES, strict=False):
             axes.plot(x, [value_of(row, key) for row in rows], "o-", color=hue, markersize=3, label=name)
         axes.set(xscale="log", xlabel="curves", ylabel=unit, title=title, ylim=(0, None))
-        axes.legend(fontsize=SMALL, frameon=False)
+        axes.legend(fontsize=SMALL)
     return figure
 
 

@@ -71,11 +71,6 @@ def reaches(
     return np.asarray(0.5 * width * np.where(in_pixels, texel, 1.0) + BORDER * border)
 
 
-def hatch_angles(styles: Sequence[LayerStyle]) -> Float64Array:
-    """Return the direction (rad) of each style's hatch, (styles,)."""
-    return np.radians([each.style["hatch_angle"] for each in styles])
-
-
 class DrapedView(NamedTuple):
     """The camera of a picture, and the angle (rad) of a pixel."""
 
@@ -169,7 +164,8 @@ class FeatureCutter:
         box = west, south, east, north
         near, far, border = (float(each[number]) for each in (squares.near, squares.far, squares.border))
         items = drapes.items(box, near) if held is None else self._held_items(drapes, held)
-        pieces = Pieces.of_items(items, reaches(drapes.styles, far, border), hatch_angles(drapes.styles))
+        hatches = np.radians([each.style["hatch_angle"] for each in drapes.styles])
+        pieces = Pieces.of_items(items, reaches(drapes.styles, far, border), hatches)
         return Cut(cut(pieces, mesh_of(squares.quads, int(squares.cases[number])), box), pieces.parts)
 
 

@@ -96,9 +96,8 @@ def _measured(
 ) -> Iterator[tuple[str, Float64Array, Row]]:
     """Yield the values of texels, and the times, of the kernel's own and of means of smaller ones."""
     counts = (1, 2, 4)  # along a texel
-    laps = alternate(
-        {many: partial(context.lap, partial(timed, many)) for many in counts}, rounds=effort.rounds
-    )
+    works = {many: partial(context.lap, partial(timed, many)) for many in counts}
+    laps = alternate(works, rounds=effort.rounds)
     for many in counts:
         seconds = [sum(one.seconds for one in lap.launches) for lap in laps[many]]
         method = "kernel" if many == 1 else f"{many * many} texels"

@@ -272,16 +272,14 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         (method, cell if method in FLATTENED else CELL_SIZES[0]): timed.work(method, cell)
         for method, cell in cases
     }
-    laps = alternate(
-        {str(case): partial(context.lap, work) for case, work in works.items()}, rounds=effort.rounds
-    )
+    laps = alternate({case: partial(context.lap, work) for case, work in works.items()}, rounds=effort.rounds)
     rows = []
     found: dict[str, Float64Array] = {}
     for method, cell in cases:
         if method in FLATTENED or method not in found:
             found[method] = np.abs(queries.distances(method, cell) - expected)
         case = (method, cell if method in FLATTENED else CELL_SIZES[0])
-        seconds = spread([lap.device for lap in laps[str(case)]]).median
+        seconds = spread([lap.device for lap in laps[case]]).median
         rows.append(
             {
                 "method": method,

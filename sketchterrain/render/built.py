@@ -220,7 +220,7 @@ class BuiltScenery:
 _CHUNK: Final = np.dtype(
     [("low", "f8", 3), ("high", "f8", 3), ("width", "f8"), ("first", "i8"), ("count", "i8")]
 )
-"""Box (m) of meshes that are drawn together, width of the widest thing (m), and their range of the indices."""
+"""Box (m) of meshes that are drawn together, width (m) of the widest thing, and their range of indices."""
 
 
 class _Drawn:

@@ -424,9 +424,8 @@ def _shapes(preset: str, effort: Effort) -> Iterator[Row]:
                 yield {"preset": preset, "view": view, **seen, "rate": probe.frame_rate(_RATED)}
             for number in range(effort.live_strokes):
                 layer = _LAYERS[number % len(_LAYERS)]
-                probe.stroke(
-                    layer, *_random_stroke(rng, layer, min(sketch.width_px, sketch.height_px), places=60)
-                )
+                side = min(sketch.width_px, sketch.height_px)
+                probe.stroke(layer, *_random_stroke(rng, layer, side, places=60))
                 yield {"preset": preset, "view": f"stroke of {layer}", **probe.compare_with_still(saved)}
         finally:
             probe.end()
@@ -449,16 +448,12 @@ def _row(probe: LatencyProbe, painting: str, count: int) -> Row:
     stalls: list[float] = []
     for number in range(count):
         places = int(rng.integers(60, 121)) if painting == "strokes" else 1
-        seen = _stroke(probe, rng, _LAYERS[number % len(_LAYERS)], places=places)
+        layer = _LAYERS[number % len(_LAYERS)]
+        seen = probe.paint(layer, *_random_stroke(rng, layer, _SIDE, places=places))
         times.append(seen.times)
         drafts += seen.drafts
         stalls += seen.stalls
     return _found(painting, times, drafts, stalls)
-
-
-def _stroke(probe: LatencyProbe, rng: np.random.Generator, layer: str, *, places: int) -> Painted:
-    label, path, radius = _random_stroke(rng, layer, _SIDE, places=places)
-    return probe.paint(layer, label, path, radius)
 
 
 def _random_stroke(

@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.benchmarks import choices
-from sketchterrain.benchmarks.appearance_error import appearance_table
-from sketchterrain.benchmarks.drape_error import drape_table
+from sketchterrain.benchmarks.appearance_error import appearance_table, drape_table
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import open_ground, scattered_keys
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table

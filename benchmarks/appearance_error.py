@@ -1,20 +1,30 @@
-"""Appearance tiles: their error against the mean of many samples a texel, and time."""
+"""Appearance tiles: errors of texels of what is painted and draped, and time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.benchmarks.draped_data import Shapes, random_areas, random_lines, write_layer
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import open_ground
 from sketchterrain.benchmarks.report import Column, Row, Table
 from sketchterrain.benchmarks.synthetic_land import EXTENT, synthetic_land
 from sketchterrain.benchmarks.timing import TimedContext, alternate, spread
+from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.drapes import DrapedLayer
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.drape.drapes import Drapes
+from sketchterrain.drape.painting import DrapedAppearance
 from sketchterrain.landuse.areas import FOREST, MEADOW, land_use
 from sketchterrain.terrain.appearance import Appearance
 from sketchterrain.terrain.layers.landuse import LandUseLayer
@@ -64,28 +74,34 @@ def _rows(
     ours: Appearance, truth: Appearance, texel: float, context: TimedContext, effort: Effort
 ) -> Iterator[Row]:
     reference = _supersampled(truth, texel, _SAMPLES)
-    found = {
-        "kernel": _linear(_window(ours, texel, 1)),
-        **{f"{n * n} texels": _supersampled(ours, texel, n) for n in (2, 4)},
-    }
-    works = {
-        "kernel": partial(context.lap, partial(_window, ours, texel, 1)),
-        **{f"{n * n} texels": partial(context.lap, partial(_window, ours, texel, n)) for n in (2, 4)},
-    }
-    laps = alternate(works, rounds=effort.rounds)
-    for method, values in found.items():
+    work = partial(_supersampled, ours, texel)
+    for method, values, times in _measured(work, partial(_window, ours, texel), context, effort):
         error = np.abs(values - reference)
-        seconds = [sum(one.seconds for one in lap.launches) for lap in laps[method]]
         yield {
             "texel": texel,
             "method": method,
-            "ms": spread(seconds).median * 1e3,
             "share": float(error[..., 3].max()),
             "share_p99": float(np.quantile(error[..., 3], 0.99)),
             "albedo": float(error[..., :3].max()),
             "albedo_rms": float(np.sqrt((error[..., :3] ** 2).mean())),
-            "seconds": seconds,
+            **times,
         }
+
+
+def _measured(
+    work: Callable[[int], Float64Array],
+    timed: Callable[[int], object],
+    context: TimedContext,
+    effort: Effort,
+) -> Iterator[tuple[str, Float64Array, Row]]:
+    """Yield the values of texels, and the times, of the kernel's own and of means of smaller ones."""
+    counts = (1, 2, 4)  # along a texel
+    works = {many: partial(context.lap, partial(timed, many)) for many in counts}
+    laps = alternate(works, rounds=effort.rounds)
+    for many in counts:
+        seconds = [sum(one.seconds for one in lap.launches) for lap in laps[many]]
+        method = "kernel" if many == 1 else f"{many * many} texels"
+        yield method, work(many), {"ms": spread(seconds).median * 1e3, "seconds": seconds}
 
 
 def _window(paint: Appearance, texel: float, many: int) -> npt.NDArray[np.uint8]:
@@ -105,3 +121,82 @@ def _linear(texels: npt.NDArray[np.uint8]) -> Float64Array:
 def _supersampled(paint: Appearance, texel: float, many: int) -> Float64Array:
     values = _linear(_window(paint, texel, many))
     return np.asarray(values.reshape(_SIDE, many, _SIDE, many, 4).mean(axis=(1, 3)))
+
+
+TEXEL: Final = 2.0  # m
+_WIDTHS: Final = (0.2, 0.6, 1.0, 2.0, 5.0, 20.0)  # texels
+_COUNT: Final = 40  # features
+
+_DRAPE_COLUMNS = (
+    Column("what", "features"),
+    Column("method", "method"),
+    Column("ms", "ms a tile"),
+    Column("share", "share, largest"),
+    Column("share_p99", "99 %"),
+    Column("whole", "of all texels, %"),
+)
+
+
+def _drapes(
+    context: ComputeContext, folder: Path, *layers: tuple[Shapes, dict[str, object]]
+) -> DrapedAppearance:
+    """Return layers of shapes that are drawn in white."""
+    extent, opened = _SIDE * TEXEL, list[DrapedLayer]()
+    for shapes, style in layers:
+        path = write_layer(folder / f"{len(list(folder.iterdir()))}.fgb", shapes)
+        look = {"unit": "m", "colour": "#ffffff", "fill_opacity": 1.0, **style}
+        opened.append(DrapedLayer(str(path), {}, look))
+    return DrapedAppearance(Drapes.open(opened, Sketch().frame, (extent, extent), extent), context, extent)
+
+
+def kernel_drapes(context: ComputeContext, folder: Path) -> DrapedAppearance:
+    """Return a hundred and fifty lines over as many areas, for a tile."""
+    extent = _SIDE * TEXEL
+    areas, lines = random_areas(150, extent, radius=12.0), random_lines(150, extent, points=12, step=8.0)
+    return _drapes(context, folder, (areas, {"fill": "#ffffff", "width": 4.0}), (lines, {"width": 4.0}))
+
+
+def drape_table(context: TimedContext, effort: Effort) -> Table:
+    """Compare the shares of texels with exact areas, and so the means of smaller texels."""
+    extent, rows = _SIDE * TEXEL, list[Row]()
+    areas, lines = random_areas(_COUNT, extent), random_lines(_COUNT, extent, step=15.0)
+    with TemporaryDirectory() as name:
+        paint = _drapes(context, Path(name), (areas, {"fill": "#ffffff", "colour": ""}))
+        rows += _drape_rows("areas", paint, areas, context, effort)
+        for width in _WIDTHS:
+            shapes = shapely.buffer(lines, 0.5 * width * TEXEL, quad_segs=32)
+            paint = _drapes(context, Path(name), (lines, {"width": width * TEXEL}))
+            rows += _drape_rows(f"lines of {width:g} texels", paint, shapes, context, effort)
+    return Table("Draped features", _DRAPE_COLUMNS, tuple(rows))
+
+
+def _drape_rows(
+    what: str, paint: DrapedAppearance, shapes: Shapes, context: TimedContext, effort: Effort
+) -> Iterator[Row]:
+    true, work = _exact(shapely.union_all(shapes)), partial(_shares, paint)
+    for method, found, times in _measured(work, work, context, effort):
+        error = np.abs(found - true)[(found > 0.0) | (true > 0.0)]
+        yield {
+            "what": what,
+            "method": method,
+            "share": float(error.max()),
+            "share_p99": float(np.quantile(error, 0.99)),
+            "whole": float(100.0 * found.sum() / true.sum()),
+            **times,
+        }
+
+
+def _shares(paint: DrapedAppearance, many: int) -> Float64Array:
+    cell, count = TEXEL / many, _SIDE * many
+    texels = paint.window(
+        0.5 * cell, _SIDE * TEXEL - 0.5 * cell, cell=(cell, cell), columns=count, rows=count
+    )
+    return np.asarray(texels[..., 3].reshape(_SIDE, many, _SIDE, many).mean(axis=(1, 3)) / 255.0)
+
+
+def _exact(shape: shapely.Geometry) -> Float64Array:
+    """Return the shares of texels in a shape."""
+    west, south = TEXEL * np.arange(_SIDE), TEXEL * np.arange(_SIDE)[::-1, None]
+    boxes = shapely.box(west, south, west + TEXEL, south + TEXEL)
+    shapely.prepare(shape)
+    return np.asarray(shapely.area(shapely.intersection(boxes, shape)) / TEXEL**2)

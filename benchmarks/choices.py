@@ -19,8 +19,8 @@ from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import NoiseGrid, central_keys, open_ground
 from sketchterrain.benchmarks.plotting import BLUE, GREY, SMALL, new_figure, plain_numbers
 from sketchterrain.benchmarks.report import Column, Row, Table, value_of
-from sketchterrain.benchmarks.spline_methods import ARCS
-from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
+from sketchterrain.benchmarks.splines import ARCS
+from sketchterrain.benchmarks.timing import TimedContext, alternate, spread
 from sketchterrain.geometry.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import HostTerrain
@@ -69,10 +69,11 @@ class _Method:
     """One way to do something: what it is called, its work, points and largest error."""
 
     name: str
-    lap: Callable[[], Lap]
+    work: Callable[[], object]
     points: int
     error: Callable[[], float]
     chosen: bool = False
+    context: TimedContext | None = None  # another than usual
 
 
 def table(context: TimedContext, effort: Effort) -> Table:
@@ -86,15 +87,16 @@ def table(context: TimedContext, effort: Effort) -> Table:
         ("tile size", _tile_sizes(recipe, context, effort)),
         ("culling", _shares(open_ground(_DESERT, context).recipe, context, effort)),
     ):
-        rows += _rows(subject, list(methods), effort.rounds)
+        rows += _rows(context, subject, list(methods), effort.rounds)
     rows += _splines(context, effort)
     order = list(SUBJECTS)
     rows.sort(key=lambda row: order.index(str(row["subject"])))
     return Table("Other ways", _COLUMNS, tuple(rows))
 
 
-def _rows(subject: str, methods: list[_Method], rounds: int) -> Iterator[Row]:
-    laps = alternate({method.name: method.lap for method in methods}, rounds=rounds)
+def _rows(context: TimedContext, subject: str, methods: list[_Method], rounds: int) -> Iterator[Row]:
+    works = {each.name: partial((each.context or context).lap, each.work) for each in methods}
+    laps = alternate(works, rounds=rounds)
     for method in methods:
         seconds = [one.device for one in laps[method.name]]
         yield {
@@ -144,7 +146,7 @@ def _octaves(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> It
         work = ground.work(evaluator, cell)
         name = f"cells of {cell:g} m" if cell else "all octaves"
         chosen = 0.5 * ground.cell <= cell <= ground.cell
-        yield _Method(name, partial(context.lap, work), ground.points, partial(_worst, work, truth), chosen)
+        yield _Method(name, work, ground.points, partial(_worst, work, truth), chosen)
 
 
 def _normals(context: TimedContext, effort: Effort) -> Iterator[_Method]:
@@ -156,8 +158,7 @@ def _normals(context: TimedContext, effort: Effort) -> Iterator[_Method]:
         grid.launch_slope()
         return grid.download_slope()
 
-    lap = partial(context.lap, grid.launch_slope)
-    yield _Method("analytic", lap, side**2, lambda: _angle(_normal(analytic()), truth))
+    yield _Method("analytic", grid.launch_slope, side**2, lambda: _angle(_normal(analytic()), truth))
     for bits in _FINER_BITS:
         fine = NoiseGrid(context, side, step_bits=bits)
         launches = 1 if bits == _FINER_BITS[0] else 5
@@ -168,9 +169,7 @@ def _normals(context: TimedContext, effort: Effort) -> Iterator[_Method]:
                 fine.launch()
 
         name = f"differences, {fine.spacing:g} m"
-        yield _Method(
-            name, partial(context.lap, work), side**2, partial(_difference_error, fine), launches == 1
-        )
+        yield _Method(name, work, side**2, partial(_difference_error, fine), launches == 1)
 
 
 def _difference_error(grid: NoiseGrid) -> float:
@@ -202,9 +201,8 @@ def _precisions(recipe: TerrainRecipe, context: TimedContext, effort: Effort) ->
     timed = _Ground(recipe, effort.choice_tiles)
     for name, opened in contexts.items():
         evaluator = Evaluator(recipe, opened)
-        lap = partial(opened.lap, timed.work(evaluator))
         error = partial(_worst, ground.work(evaluator), truth)
-        yield _Method(name, lap, timed.points, error, name == "float32")
+        yield _Method(name, timed.work(evaluator), timed.points, error, name == "float32", opened)
 
 
 def _tile_sizes(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> Iterator[_Method]:
@@ -217,23 +215,20 @@ def _tile_sizes(recipe: TerrainRecipe, context: TimedContext, effort: Effort) ->
         work, truth = ground.work(evaluator), ground.work(truth_of)()
         # What counts are the quads: vertices on borders are evaluated twice.
         points = len(ground.x) * quads**2
-        yield _Method(
-            f"{quads} quads", partial(context.lap, work), points, partial(_worst, work, truth), quads == QUADS
-        )
+        yield _Method(f"{quads} quads", work, points, partial(_worst, work, truth), quads == QUADS)
 
 
 def _shares(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> Iterator[_Method]:
     ground = _Ground(recipe, max(effort.choice_tiles, 4), level=_WIDE_LEVEL)
     whole = ground.work(Evaluator(recipe, context))
     truth = whole()
-    yield _Method("all of the reach", partial(context.lap, whole), ground.points, lambda: 0.0, chosen=True)
+    yield _Method("all of the reach", whole, ground.points, lambda: 0.0, chosen=True)
     for share in _SHARES:
         # The program has no such tolerance: its features are made to end early here.
         with patch.object(PointsLayer, "pack_features", partialmethod(_cut_short, share)):
             work = ground.work(Evaluator(recipe, context))
             work()  # what reaches the ground is found once and kept
-        name = f"{share:.0%} of the reach"
-        yield _Method(name, partial(context.lap, work), ground.points, partial(_worst, work, truth))
+        yield _Method(f"{share:.0%} of the reach", work, ground.points, partial(_worst, work, truth))
 
 
 _PACK_FEATURES = PointsLayer.pack_features

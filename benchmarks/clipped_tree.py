@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from time import perf_counter
+from functools import partial
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -13,6 +13,7 @@ from sketchterrain.array_types import Float64Array, Int64Array, LatticeArray
 from sketchterrain.benchmarks.plotting import BLUE, SMALL, VERMILION, new_figure
 from sketchterrain.benchmarks.report import Column, Row, Table, value_of
 from sketchterrain.benchmarks.synthetic_land import EXTENT, SEED, synthetic_land
+from sketchterrain.benchmarks.timing import lap
 from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.geometry.lattice import LATTICE_BITS, to_lattice
 from sketchterrain.landuse.areas import land_use
@@ -257,21 +258,23 @@ def index_table(sides: Sequence[int], *, views: int, edits: int) -> Table:
 def _rows(boxes: LatticeArray, views: int, edits: int) -> Iterator[Row]:
     rng, plain = np.random.default_rng(SEED), BoxRival(boxes)
     rivals: tuple[BoxRival | TreeRival, ...] = (plain, TreeRival(boxes))
-    build = [_timed(rival.view, _LEVELS[-1], *_MIDDLE) for rival in rivals]
+    build = [lap(partial(rival.view, _LEVELS[-1], *_MIDDLE)).wall for rival in rivals]
     looks: dict[tuple[int, str, int], list[float]] = {}
     for level in _LEVELS:
         for corner in _corners(boxes, level, rng, views):
             for which, rival in enumerate(rivals):
                 for when in ("new", "again"):
-                    looks.setdefault((which, when, level), []).append(_timed(rival.view, level, *corner))
+                    looks.setdefault((which, when, level), []).append(
+                        lap(partial(rival.view, level, *corner)).wall
+                    )
     changing, viewing, visited, changed = np.zeros((4, len(rivals), edits))
     for number in range(edits):
         pieces, moved = random_edit(plain.index, rng)
         place = ((moved[0, :2] >> (LATTICE_BITS - _LEVELS[-1])) - SIDE // 2).tolist()
         for which, rival in enumerate(rivals):
             rival.view(_LEVELS[-1], *place)  # it is what one looks at
-            changing[which, number] = _timed(rival.edit, pieces, moved)
-            viewing[which, number] = _timed(rival.view, _LEVELS[-1], *place)
+            changing[which, number] = lap(partial(rival.edit, pieces, moved)).wall
+            viewing[which, number] = lap(partial(rival.view, _LEVELS[-1], *place)).wall
             visited[which, number] = rival.visited
             changed[which, number] = 2 * len(pieces)
     for which, rival in enumerate(rivals):
@@ -285,12 +288,6 @@ def _rows(boxes: LatticeArray, views: int, edits: int) -> Iterator[Row]:
         row["changed"] = float(np.mean(changed[which]))
         row["visited"] = float(np.median(visited[which]))
         yield row | {"memory_mb": rival.nbytes * 1e-6}
-
-
-def _timed(work: Callable[..., object], *arguments: Any) -> float:
-    start = perf_counter()
-    work(*arguments)
-    return perf_counter() - start
 
 
 def _corners(boxes: LatticeArray, level: int, rng: np.random.Generator, count: int) -> list[tuple[int, int]]:
@@ -319,5 +316,5 @@ def draw_index(rows: Sequence[Row]) -> Any:
             x, y = ([value_of(row, each) for row in own] for each in ("pieces", key))
             axes.plot(x, y, style, marker="o", markersize=3, color=hue, label=f"{name}: {what}")
     axes.set(xscale="log", yscale="log", xlabel="pieces", ylabel="ms")
-    axes.legend(fontsize=SMALL, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axes.legend(fontsize=SMALL, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure

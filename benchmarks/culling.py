@@ -153,5 +153,5 @@ def draw_culling(rows: Sequence[Row]) -> Any:
     for key, name, colour in _LINES:
         axes.plot(x, [value_of(row, key) for row in rows], "o-", color=colour, markersize=4, label=name)
     axes.set(xscale="log", yscale="log", xlabel="features in the world, at one density", ylabel="µs a tile")
-    axes.legend(fontsize=SMALL, frameon=False)
+    axes.legend(fontsize=SMALL)
     return figure

@@ -16,8 +16,6 @@ from sketchterrain.array_types import BoolArray, Float64Array
 SEED: Final = 29
 PAPER_RASTER: Final = (28_800, 72_000)
 """Pixels of the raster of the two-step draping paper: 10° × 4° of Landsat."""
-PAPER_VERTICES: Final = 4_942_539
-"""Vertices of its vectors: five layers of VMap1."""
 _PICTURE = 4096  # px along the file that a large raster repeats
 _BATCH = 1 << 18  # points
 

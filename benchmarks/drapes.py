@@ -32,7 +32,7 @@ from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import open_ground
 from sketchterrain.benchmarks.plotting import HUES, SMALL, new_figure, plain_numbers
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
-from sketchterrain.benchmarks.timing import TimedContext
+from sketchterrain.benchmarks.timing import TimedContext, spread
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.drape.drapes import Drapes
 from sketchterrain.drape.feature_edits import move_vertex
@@ -159,9 +159,8 @@ class DrapedPictures:
 
     def draw(self, camera: Camera, size: tuple[int, int] | None = None) -> float:
         """Draw a prepared picture, inside of a size (px) of its own if given; return the time (s) then."""
-        view, distance, above = self.renderer._clipped(camera)
-        inner = {"size": size or self.size, "draw_distance": distance, "above": above, "clock": 0.0}
-        for _ in self.renderer.scenery.draw(view, self.framebuffer, **inner):  # type: ignore[arg-type]
+        view, inner = self.renderer._clipped(camera), size or self.size
+        for _ in self.renderer.scenery.draw(view, self.framebuffer, size=inner, clock=0.0):
             pass
         self.context.finish()
         return perf_counter()
@@ -454,8 +453,7 @@ def _frames_until_loaded(
 
 
 def _time_row(what: str, seconds: Sequence[float]) -> Row:
-    p50, p95 = np.percentile(seconds, (50, 95)).tolist()
-    return {"what": what, "count": len(seconds), "median_ms": 1e3 * p50, "p95_ms": 1e3 * p95}
+    return {"what": what, **spread(seconds).cells("count")}
 
 
 def _pick_row(drapes: Drapes, shapes: tuple[Shapes, Shapes], random: np.random.Generator, count: int) -> Row:
@@ -570,7 +568,7 @@ def draw_drapes(rows: Sequence[Row]) -> Any:
     areas.text(0.11, 2.2, "filled: up to 500 m, open: beyond", fontsize=SMALL)
     for name, marker in markers.items():
         lines.plot([], [], marker, color="0.4", label=name)
-    lines.legend(fontsize=SMALL, frameon=False, loc="upper left")
+    lines.legend(fontsize=SMALL, loc="upper left")
     names = [name for name in markers if any(row["view"] == name for row in rows)]
     for hue, method in zip(HUES, COMPARED, strict=False):
         own = [row for row in rows if row["method"] == method]
@@ -580,5 +578,5 @@ def draw_drapes(rows: Sequence[Row]) -> Any:
         memory.plot(names, most, "o-", color=hue, label=method)
     memory.set_title("memory, most, MB")
     memory.set_ylim(bottom=0.0)
-    memory.legend(fontsize=SMALL, frameon=False)
+    memory.legend(fontsize=SMALL)
     return figure

@@ -3,26 +3,37 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from statistics import median
 from tempfile import TemporaryDirectory
-from time import perf_counter
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
+from sketchterrain.array_types import Float32Array
 from sketchterrain.benchmarks import detail
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.elevation_seams import generated_heights, patchwork, seam_tables
-from sketchterrain.benchmarks.elevation_terrain import flight, flight_table, tile_times
-from sketchterrain.benchmarks.large_dem import write_large_dem
+from sketchterrain.benchmarks.flight_scene import RATE, OwnTiles, Stop, view_of
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
-from sketchterrain.benchmarks.timing import TimedContext, lap, spread
+from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
+from sketchterrain.document.rasters import raster_source
+from sketchterrain.document.store import load_sketch
 from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid
 from sketchterrain.elevation.selection import Patchwork
+from sketchterrain.generation.building import build
+from sketchterrain.generation.terrain import Terrain
+from sketchterrain.importing.elevation import sketch_on_elevation
+from sketchterrain.render.camera import Camera
+from sketchterrain.terrain.layers.base import PatchSlotBuffers
 
 SEED = 1
 
@@ -143,12 +154,9 @@ def _bounds(side: int) -> list[Row]:
 def _build(side: int, rounds: int) -> Row:
     grid = _grid(side)
     patchwork(_grid(64)).tops  # noqa: B018 - compiles
-    work, times = Patchwork(), []
+    work, times = patchwork(grid), list[float]()
     for _ in range(rounds):
-        start = perf_counter()
-        work = patchwork(grid)
-        work.tops  # noqa: B018
-        times.append(perf_counter() - start)
+        times.append(lap(lambda: patchwork(grid).tops).wall)
     far = 0.3 * _STEP * side
     inset = build_patches(_grid(min(side, 1024), (9.0, 4.0, far, 4.0, -9.0, far), SEED + 1))
     return {
@@ -198,3 +206,204 @@ def _rates(side: int) -> list[Row]:
             }
         )
     return rows
+
+
+REAL = Path(os.environ.get("SKETCHTERRAIN_DEMS", "")) / "bigtujunga30m_utm11.tif"
+
+_FINER = 3  # samples a step of the real one
+_ROWS = 256  # of a strip and of tiles
+_QUANTUM = 0.1  # m, as Puget Sound's in the paper
+_NOISE = 1024  # samples along a side of the noise, which repeats
+_LONGEST = 8.0 * _FINER  # samples: the longest wave of the noise, below what the real DEM resolves
+_DEVIATION = 1.0  # m
+
+
+def write_large_dem(path: Path, side: int) -> Path:
+    """Write a DEM of side × side samples, 10 m apart, in steps of 0.1 m as 16-bit integers.
+
+    It is generated: SRTM 1″ around Big Tujunga (of `REAL`; smooth noise where this is missing), repeated by
+    reflection, refined three times by cubic splines, with octaves of noise added below its resolution. The
+    same side gives the same file.
+    """
+    import rasterio
+    from rasterio.windows import Window
+
+    real, noise = _real(), _octaves()
+    place = rasterio.Affine(_STEP, 0.0, 0.0, 0.0, -_STEP, _STEP * side)
+    profile = {"width": side, "height": side, "count": 1, "dtype": "int16", "transform": place}
+    tiles = {"tiled": True, "blockxsize": _ROWS, "blockysize": _ROWS, "bigtiff": "IF_SAFER"}
+    with rasterio.open(path, "w", driver="GTiff", crs="EPSG:32611", **profile, **tiles) as file:
+        file.scales = (_QUANTUM,)
+        columns = np.arange(side)
+        for first in range(0, side, _ROWS):
+            rows = np.arange(first, min(first + _ROWS, side))
+            # A whole strip of the real one, refined along both axes.
+            heights = _refined(_refined(real, rows, 0), columns, 1)
+            heights = heights + noise[np.ix_(rows % _NOISE, columns % _NOISE)]
+            window = Window(0, first, side, len(rows))
+            file.write(np.round(heights / _QUANTUM).astype(np.int16), 1, window=window)
+    return path
+
+
+def _real() -> Float32Array:
+    """Return coefficients of a cubic spline through the real heights."""
+    if not REAL.is_file():
+        noise = np.random.default_rng(2).normal(size=(640, 1200))
+        heights = 1200.0 + 6e3 * ndimage.gaussian_filter(noise, 12.0, mode="mirror")
+    else:
+        import rasterio
+
+        with rasterio.open(REAL) as file:
+            heights = file.read(1).astype(np.float64)
+    return np.asarray(ndimage.spline_filter(heights, 3, mode="mirror"), np.float32)
+
+
+def _refined(values: Float32Array, at: np.ndarray, axis: int) -> Float32Array:
+    """Return a cubic spline of coefficients along an axis, reflected at its ends."""
+    size, place = values.shape[axis], at / _FINER
+    first = np.floor(place).astype(int)
+    t = (place - first).reshape([-1 if each == axis else 1 for each in (0, 1)])
+    weights = ((1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3)
+    found: Float32Array = np.float32(0.0)  # type: ignore[assignment]
+    for offset, weight in enumerate(weights, start=-1):
+        around = np.mod(first + offset, 2 * size - 2)
+        taken = np.take(values, np.where(around < size, around, 2 * size - 2 - around), axis=axis)
+        found = found + (weight / 6.0).astype(np.float32) * taken
+    return found
+
+
+def _octaves() -> Float32Array:
+    frequency = np.hypot(np.fft.fftfreq(_NOISE)[:, None], np.fft.rfftfreq(_NOISE)[None])
+    amplitude = np.where(frequency > 1.0 / _LONGEST, np.maximum(frequency, 1e-9) ** -1.9, 0.0)
+    spectrum = np.fft.rfft2(np.random.default_rng(1).normal(size=(_NOISE, _NOISE)))
+    noise = np.fft.irfft2(spectrum * amplitude)
+    return np.asarray(noise * (_DEVIATION / noise.std()), np.float32)
+
+
+_PRESET = "andorra"
+_TILES = 64  # of a level that are timed
+_SPEED, _ABOVE, _AHEAD = 160.0, 600.0, 4000.0  # m/s, m above the ground, m to what the eye looks at
+_SECONDS, _BUDGET = 10.0, 8e-3  # of the flight; s a frame for generation
+_ASKED_TILES, _ASKED_BYTES = 1.3, 1600.0
+_PATCH_BYTES = 35 * 35 * 5 + 24 * 4 + 16
+
+_TILE_COLUMNS = (
+    Column("level", "level"),
+    Column("cell", "cell, m"),
+    Column("without_ms", "without data, ms"),
+    Column("smooth_ms", "with data, ms"),
+    Column("ms", "with detail, ms"),
+    Column("smooth", "with ÷ without"),
+    Column("ratio", "with detail ÷ without"),
+    Column("asked", "asked: at most"),
+)
+_FLIGHT_COLUMNS = (
+    Column("grid", "grid"),
+    Column("first_ms", "first view, ms"),
+    Column("frames", "frames"),
+    Column("ms", "ms a frame: choice and generation"),
+    Column("slow_ms", "95 % within, ms"),
+    Column("tiles", "tiles a frame"),
+    Column("first_patches", "patches of the first view"),
+    Column("bytes", "bytes of patches a frame"),
+    Column("asked", "the paper: at most"),
+)
+
+
+def tile_times(context: TimedContext, effort: Effort) -> Table:
+    """Time tiles of the preset `andorra`, without its data, with them, and with detail below them."""
+    sketch = load_sketch(_PRESET)
+    smooth = sketch.replace(base={**sketch.base, "detail": 0.0})
+    terrains = {
+        name: build(each, device=context)
+        for name, each in (("without", sketch.replace(rasters=())), ("smooth", smooth), ("detail", sketch))
+    }
+    rows = []
+    for level in (4, 6, 8, 10):
+        side = 1 << level
+        first = side // 2 - 4
+        keys = [(first + column, first + row) for row in range(8) for column in range(8)][:_TILES]
+        work = {name: partial(_lap, context, each, keys, level) for name, each in terrains.items()}
+        laps = alternate(work, rounds=effort.rounds)
+        times = {name: 1e3 * median(lap.wall for lap in each) for name, each in laps.items()}
+        rows.append(
+            {
+                "level": level,
+                "cell": sketch.extent / (64 << level),
+                "without_ms": times["without"],
+                "smooth_ms": times["smooth"],
+                "ms": times["detail"],
+                "smooth": times["smooth"] / times["without"],
+                "ratio": times["detail"] / times["without"],
+                "asked": _ASKED_TILES,
+            }
+        )
+    return Table(f"{_TILES} tiles of {_PRESET}", _TILE_COLUMNS, tuple(rows))
+
+
+def _lap(context: TimedContext, terrain: Terrain, keys: list[tuple[int, int]], level: int) -> Lap:
+    return context.lap(lambda: terrain.evaluator.tiles(keys, level))
+
+
+def flight(context: TimedContext, path: Path, side: int) -> Row:
+    """Fly over a DEM of side × side samples, 160 m/s, 600 m above it, tiles within 1 px of 720."""
+    sketch, _ = sketch_on_elevation([raster_source(path, "elevation")])
+    terrain = build(sketch, device=context)
+    tiles = OwnTiles(terrain, quads=64, tolerance=1.0)
+    stops = list(_stops(terrain))
+    with _counted() as uploaded:
+        first = tiles.converge(view_of(stops[0], terrain.extent))
+        patches = sum(uploaded)
+        uploaded.clear()
+        frames = [
+            tiles.frame(view_of(stop, terrain.extent), elapsed=1.0 / RATE, budget=_BUDGET) for stop in stops
+        ]
+    seconds = np.array([each.generation + each.choice for each in frames])
+    return {
+        "grid": f"{side}²",
+        "first_ms": 1e3 * (first.generation + first.choice),
+        "frames": len(frames),
+        "ms": 1e3 * float(seconds.mean()),
+        "slow_ms": 1e3 * float(np.quantile(seconds, 0.95)),
+        "tiles": float(np.mean([each.tiles for each in frames])),
+        "first_patches": patches,
+        "bytes": _PATCH_BYTES * sum(uploaded) / len(frames),
+        "asked": _ASKED_BYTES,
+    }
+
+
+def flight_table(rows: tuple[Row, ...]) -> Table:
+    """Return the table of flights."""
+    return Table(f"Flights at {_SPEED:.0f} m/s, {RATE:.0f} frames a second", _FLIGHT_COLUMNS, rows)
+
+
+def _stops(terrain: Terrain) -> Iterator[Stop]:
+    """Yield the frames of a straight flight along the sketch's diagonal."""
+    along = _SPEED * np.arange(round(_SECONDS * RATE)) / RATE
+    middle = 0.5 * np.array(terrain.size)
+    ahead = np.array([0.8, 0.6])
+    eyes = middle + (along - along.mean())[:, None] * ahead
+    ground = terrain.heights(*eyes.T, cell_size=_ABOVE / 4.0).astype(np.float64)
+    height = np.convolve(np.pad(ground, 60, mode="edge"), np.ones(121) / 121.0, mode="valid") + _ABOVE
+    velocity = (*(_SPEED * ahead).tolist(), 0.0)
+    for eye, top, below in zip(eyes, height.tolist(), ground.tolist(), strict=True):
+        target = eye + _AHEAD * ahead
+        camera = Camera((*eye.tolist(), top), (*target.tolist(), below), fov=45.0)
+        yield Stop(camera, below, velocity)
+
+
+@contextmanager
+def _counted() -> Iterator[list[int]]:
+    """Collect how many patches are uploaded at a time."""
+    counts: list[int] = []
+    upload = PatchSlotBuffers._upload
+
+    def counted(buffers: PatchSlotBuffers, numbers: np.ndarray, slots: np.ndarray) -> None:
+        counts.append(len(numbers))
+        upload(buffers, numbers, slots)
+
+    PatchSlotBuffers._upload = counted  # type: ignore[assignment, method-assign]
+    try:
+        yield counts
+    finally:
+        PatchSlotBuffers._upload = upload  # type: ignore[method-assign]

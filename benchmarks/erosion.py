@@ -286,7 +286,7 @@ def draw_erosion(rows: Sequence[Row]) -> Any:
     times.barh(names, [value_of(row, "ms") for row in kept], color=[_COLOURS[name] for name in names])
     times.set(xscale="log", xlabel="ms", title=f"Time for {value_of(kept[0], 'side'):g}² cells")
     times.invert_yaxis()
-    slopes.legend(fontsize=SMALL, frameon=False)
+    slopes.legend(fontsize=SMALL)
     return figure
 
 
@@ -306,5 +306,5 @@ def draw_normals(rows: Sequence[Row]) -> Any:
         axes.set_xticks(cells, [f"{cell:g}" for cell in cells])
         axes.minorticks_off()
     panels[0].set_ylabel("error of normals, degrees")
-    panels[1].legend(fontsize=SMALL, frameon=False)
+    panels[1].legend(fontsize=SMALL)
     return figure

@@ -70,7 +70,7 @@ def draw_points(context: ComputeContext) -> Any:
     graded.set(xlim=(0.0, _WIDE), ylim=(0.0, _WIDE))
     for axes in (one, graded):
         axes.set_aspect("equal")
-    figure.legend(loc="outside lower center", ncols=4, frameon=False)
+    figure.legend(loc="outside lower center", ncols=4)
     return figure
 
 
@@ -94,7 +94,13 @@ _SUN = np.array([-0.5, 0.5, 0.7]) / np.linalg.norm([-0.5, 0.5, 0.7])
 _RASTER_SIDE = 513
 _PICTURED_LAKE = 0  # of valley_river
 _EDGE, _PLOT = (3350.0, 4350.0), 400.0  # m: corner and side of the square whose plants are shown
-_STYLE = {"font.size": 9.0, "axes.spines.top": False, "axes.spines.right": False, "savefig.dpi": 95}
+_STYLE = {
+    "font.size": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "savefig.dpi": 95,
+}
 
 
 def write_methods(folder: Path) -> None:
@@ -135,9 +141,7 @@ def draw_materials(context: ComputeContext) -> Any:
         Patch(facecolor=colour, edgecolor=INK, label=name)
         for colour, name in zip(colours, BUILT_IN.names, strict=True)
     ]
-    figure.legend(
-        handles=patches, loc="outside lower center", ncols=math.ceil(len(BUILT_IN) / 2), frameon=False
-    )
+    figure.legend(handles=patches, loc="outside lower center", ncols=math.ceil(len(BUILT_IN) / 2))
     return figure
 
 
@@ -170,7 +174,7 @@ def draw_lakes(context: ComputeContext) -> Any:
     across.fill_between(along, bed, lake.level, where=wet, color=BLUE, alpha=0.25, label="water")
     low = lake.level - lake.depth
     across.set(xlabel="m east along the line", ylabel="m", ylim=(low - 3.0, low + 30.0), title="across it")
-    across.legend(frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
+    across.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
     return figure
 
 
@@ -216,7 +220,7 @@ def draw_foliage(context: ComputeContext) -> Any:
     stand.set(title="what stands there", xlabel="m east")
     for axes in (apart, stand):
         axes.set(xlim=(0.0, _PLOT), ylim=(0.0, _PLOT), aspect="equal")
-    figure.legend(loc="outside lower center", ncols=len(_SPECIES), frameon=False)
+    figure.legend(loc="outside lower center", ncols=len(_SPECIES))
     return figure
 
 

@@ -206,28 +206,15 @@ class Method:
 def methods(terrain: Terrain, effort: Effort) -> tuple[list[Method], list[Absent]]:
     """Return the ways, and the peers that are not on this machine."""
     found = [
-        Method(
-            f"{OURS}, {quads} quads", "τ = {:g} px", effort.flight_own_pixels, partial(_own, terrain, quads)
+        Method(f"{name}, {quads} quads", unit, settings, partial(draw, terrain, quads))
+        for name, unit, settings, draw in (
+            (OURS, "τ = {:g} px", effort.flight_own_pixels, _own),
+            (THESIS, "T = {:g}", effort.flight_tessellations, _thesis),
         )
         for quads in effort.flight_own_quads
     ]
-    found += [
-        Method(
-            f"{THESIS}, {quads} quads",
-            "T = {:g}",
-            effort.flight_tessellations,
-            partial(_thesis, terrain, quads),
-        )
-        for quads in effort.flight_own_quads
-    ]
-    found.append(
-        Method(
-            "uniform grid",
-            "{:g} m",
-            tuple(terrain.extent / QUADS / 2**level for level in effort.flight_grid_levels),
-            partial(_uniform, terrain),
-        )
-    )
+    cells = tuple(terrain.extent / QUADS / 2**level for level in effort.flight_grid_levels)
+    found.append(Method("uniform grid", "{:g} m", cells, partial(_uniform, terrain)))
     rasters = _RasterMemory(terrain, min(effort.flight_pixels))
     absent = []
     for name in MESHERS:

@@ -249,12 +249,8 @@ def stops(
     flight = recorded(terrain)
     views = flight.at(np.linspace(0.0, seconds, frames))
     ground = terrain.heights(views.eye[:, 0], views.eye[:, 1])
-    found = []
-    for eye, target, fov, velocity, below in zip(*views, ground, strict=True):
-        x, y, z = eye.tolist()
-        camera = Camera((x, y, z), tuple(target.tolist()), fov=float(fov))
-        found.append(Stop(camera, float(below), tuple(velocity.tolist())))
-    return tuple(found)
+    rows = zip(views.cameras, ground.tolist(), views.velocity.tolist(), strict=True)
+    return tuple(Stop(camera, below, tuple(velocity)) for camera, below, velocity in rows)
 
 
 _BYTES = 2040 << 20  # of a pool: large tiles need much

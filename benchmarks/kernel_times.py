@@ -9,13 +9,12 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from sketchterrain.benchmarks.appearance_error import AT, GROUND, open_appearance
-from sketchterrain.benchmarks.drape_error import kernel_drapes
+from sketchterrain.benchmarks.appearance_error import AT, GROUND, kernel_drapes, open_appearance
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import BARE, RELIEF, NoiseGrid, central_keys, open_ground
 from sketchterrain.benchmarks.poisson_disk import PoissonDisk
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
-from sketchterrain.benchmarks.spline_methods import KERNELS, SplineQueries, splines_and_places
+from sketchterrain.benchmarks.splines import KERNELS, SplineQueries, splines_and_places
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
@@ -33,8 +32,7 @@ from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
 SIZES = (16, 32, 64, 128)
 """Quads along a tile's side; tiles have 64."""
 
-# Bytes that each writes a vertex: height, four masks and mottle; height, normal and weights.
-_WRITTEN = {"patches": 24, "surfaces": 16 + 4 * len(BUILT_IN)}
+_SIZED = ("patches", "surfaces")  # kernels that are timed by size
 
 _COLUMNS = (
     Column("device", "device"),
@@ -71,7 +69,7 @@ def _rows(context: TimedContext, effort: Effort) -> list[Row]:
             for quads in SIZES
         }
     laps = alternate({key: square.lap for key, square in works.items()}, rounds=effort.rounds)
-    return [_row(context, key, works[key], kernel, laps[key]) for kernel in _WRITTEN for key in works]
+    return [_row(context, key, works[key], kernel, laps[key]) for kernel in _SIZED for key in works]
 
 
 class _Square:
@@ -115,7 +113,7 @@ def _row(
         "tiles": square.tiles,
         **times.cells("launches"),
         "million_vertices_per_s": square.vertices / times.median * 1e-6,
-        "gigabytes_per_s": square.vertices * _WRITTEN[kernel] / times.median * 1e-9,
+        "gigabytes_per_s": square.vertices * WRITTEN[kernel] / times.median * 1e-9,
         "seconds": seconds,
     }
 
@@ -195,11 +193,14 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     each level, per vertex.
     """
     works = dict(_works(context, effort))
-    laps = alternate({str(case): work for case, work in works.items()}, rounds=effort.rounds)
-    rows = [row for case in works for row in _time_rows(case, laps[str(case)])]
+    laps = alternate({case: partial(context.lap, work) for case, work in works.items()}, rounds=effort.rounds)
+    rows = [row for case in works for row in _time_rows(case, laps[case])]
     order = list(WRITTEN)
     rows.sort(key=lambda row: order.index(str(row["kernel"])))
     return Outcome((Table("Kernels", _TIME_COLUMNS, tuple(rows)), _size_table(context, effort)))
+
+
+Work = Callable[[], object]
 
 
 @dataclass(frozen=True)
@@ -211,63 +212,52 @@ class _Case:
     level: int | None = None
 
 
-def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Callable[[], Lap]]]:
+def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Work]]:
     names = (BARE, f"{RELIEF}{effort.presets[-1]}", *effort.presets)
     grounds = {name: open_ground(name, context) for name in names}
     for name, terrain in grounds.items():
         for level in effort.kernel_levels:
-            yield (
-                _Case(("patches", "surfaces", "parents"), name, level),
-                partial(context.lap, partial(terrain.tiles, central_keys(level, effort.kernel_tiles))),
-            )
+            keys = central_keys(level, effort.kernel_tiles)
+            yield _Case(("patches", "surfaces", "parents"), name, level), partial(terrain.tiles, keys)
             if context.device.has_double:
-                packed = _packed(context, terrain, level, effort.kernel_tiles)
+                packed = partial(_pack, terrain, level, effort.kernel_tiles)
                 yield _Case(("ground_bytes",), name, level), packed
-            yield (
-                _Case(("vertices", "facts"), name, level),
-                _drawn(context, terrain, level, effort.kernel_tiles),
-            )
-            yield _Case(("points",), name, level), _points(context, terrain, level, effort)
+            places = np.arange(len(keys)), np.full(len(keys), -1), terrain.vertex_store(len(keys))
+            yield _Case(("vertices", "facts"), name, level), partial(terrain.write_tiles, keys, *places)
+            yield _Case(("points",), name, level), _points(terrain, level, effort)
     paint = open_appearance(context)
     for level, kernels in ((6, ("appearance",)), (-1, ("appearance", "area_means"))):
         tile = level, *(int(at // (paint.extent / 2.0**level)) for at in AT)
-        yield _Case(kernels, GROUND, level), partial(context.lap, partial(_painted, paint, tile))
+        yield _Case(kernels, GROUND, level), partial(_painted, paint, tile)
     with TemporaryDirectory() as folder:
         drapes = kernel_drapes(context, Path(folder))
-        yield _Case(("drape",)), partial(context.lap, partial(drapes.tiles, [(0, 0, 0)]))
+        yield _Case(("drape",)), partial(drapes.tiles, [(0, 0, 0)])
         drapes.tiles([(0, 0, 0)])  # lists it while the file is there
     yield from _point_works(context, round(_POINT_SIDE * _POINT_RADIUS))
     grid = NoiseGrid(context, effort.noise_side)
-    yield _Case(("bench_fbm",)), partial(context.lap, grid.launch)
-    yield _Case(("bench_fbm_slope",)), partial(context.lap, grid.launch_slope)
-    yield _Case(("bench_base_detail",)), partial(context.lap, grid.detail_launcher())
+    yield _Case(("bench_fbm",)), grid.launch
+    yield _Case(("bench_fbm_slope",)), grid.launch_slope
+    yield _Case(("bench_base_detail",)), grid.detail_launcher()
     items = effort.kernel_points
     out = context.empty(4 * items, context.real_dtype)
-    yield (
-        _Case(("bench_write",)),
-        partial(
-            context.lap, partial(context.launch, "baselines/bench_bytes.cl", "bench_write", (items,), out)
-        ),
-    )
-    yield (
-        _Case(("material_paint", "material_relief")),
-        partial(context.lap, partial(_textures, context, effort)),
-    )
+    write = partial(context.launch, "baselines/bench_bytes.cl", "bench_write", (items,), out)
+    yield _Case(("bench_write",)), write
+    yield _Case(("material_paint", "material_relief")), partial(_textures, context, effort)
     drawn = splines_and_places("river", effort.kernel_points // 64, each=64, seed=1)
     queries = SplineQueries(context, *drawn)
     for method, kernel in KERNELS.items():
-        yield _Case((kernel,)), partial(context.lap, queries.work(method, 1.0))
+        yield _Case((kernel,)), queries.work(method, 1.0)
 
 
-def _point_works(context: TimedContext, side: int) -> Iterator[tuple[_Case, Callable[[], Lap]]]:
+def _point_works(context: TimedContext, side: int) -> Iterator[tuple[_Case, Work]]:
     area = (0, 0, side, side)
     one = PoissonDisk(context, _POINT_RADIUS, seed=1)
     kernels = ("inherit", "throw_first", "throw_one", "throw_two", "throw_four", "accept", "write_points")
-    yield _Case(kernels), partial(context.lap, partial(one.within, area))
+    yield _Case(kernels), partial(one.within, area)
     graded = GradedPoisson(context, _even, least=_POINT_RADIUS, most=2 * _POINT_RADIUS, levels=1, seed=1)
     thrown = ("throw_one_graded", "throw_two_graded", "throw_four_graded")
     others = ("clear", "accept_graded", "list_for_finer", "count_points", "write_graded")
-    yield _Case((*thrown, *others)), partial(context.lap, partial(graded.within, area))
+    yield _Case((*thrown, *others)), partial(graded.within, area)
 
 
 def _painted(paint: Appearance, tile: tuple[int, ...]) -> None:
@@ -283,20 +273,13 @@ def _even(west: int, south: int, east: int, north: int) -> SpacingRaster:
     return SpacingRaster(column * step, row * step, step, np.full(shape, 1.2 * _POINT_RADIUS, np.float32))
 
 
-def _packed(context: TimedContext, terrain: Terrain, level: int, count: int) -> Callable[[], Lap]:
+def _pack(terrain: Terrain, level: int, count: int) -> None:
     """Pack as many patches as there are tiles, from the middle of the sketch on."""
     cell = terrain.extent / 2.0**level / QUADS
     across = int(np.sqrt(count))
     size = {"columns": across * QUADS + 1, "rows": across * QUADS + 1}
     middle = terrain.extent / 2
-    window = partial(terrain.window_bytes, middle, middle, cell=cell, left=0, top=0, **size)
-    return partial(context.lap, lambda: deque(window(), 0))
-
-
-def _drawn(context: TimedContext, terrain: Terrain, level: int, count: int) -> Callable[[], Lap]:
-    keys, store = central_keys(level, count), terrain.vertex_store(count)
-    write = partial(terrain.write_tiles, keys, np.arange(count), np.full(count, -1), store)
-    return partial(context.lap, write)
+    deque(terrain.window_bytes(middle, middle, cell=cell, left=0, top=0, **size), 0)
 
 
 def _textures(context: TimedContext, effort: Effort) -> None:
@@ -306,13 +289,13 @@ def _textures(context: TimedContext, effort: Effort) -> None:
         emboss(context, paint_layer(context, layer.name, side), layer)
 
 
-def _points(context: TimedContext, terrain: Terrain, level: int, effort: Effort) -> Callable[[], Lap]:
+def _points(terrain: Terrain, level: int, effort: Effort) -> Work:
     width = terrain.extent / 2.0**level
     _, column, row = central_keys(level, effort.kernel_tiles)[0]
     side = int(np.sqrt(effort.kernel_points))
     step = np.arange(side) * (width * np.ceil(np.sqrt(effort.kernel_tiles)) / side)
     x, y = np.meshgrid(column * width + step, row * width + step)
-    return partial(context.lap, partial(terrain.heights, x, y, cell_size=width / QUADS))
+    return partial(terrain.heights, x, y, cell_size=width / QUADS)
 
 
 def _time_rows(case: _Case, laps: Sequence[Lap]) -> Iterator[Row]:

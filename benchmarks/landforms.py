@@ -389,7 +389,7 @@ def draw_trade_offs(rows: Sequence[Row]) -> Any:
         axes.axhline(_BAR, color=INK, linewidth=0.8, linestyle=":")
     time.set(xscale="log", xlabel="processor time, ms", ylabel="distance to real land", title="Time")
     adherence.set(xlabel="mean IoU of painted shapes", title="Adherence")
-    time.legend(fontsize=SMALL, frameon=False)
+    time.legend(fontsize=SMALL)
     return figure
 
 
@@ -409,7 +409,7 @@ def draw_terrains(rows: Sequence[Row]) -> Any:
     axes.set_yticks(range(len(names)), names)
     axes.set(xlim=(0, None), xlabel="distance, medians of windows")
     axes.invert_yaxis()
-    axes.legend(fontsize=SMALL, frameon=False, loc="lower left")
+    axes.legend(fontsize=SMALL, loc="lower left")
     return figure
 
 
@@ -429,5 +429,5 @@ def draw_stability(rows: Sequence[Row]) -> Any:
     share.set(xlim=(-2, 102), xlabel="% that moves by more than 1 m; circles: medians")
     rms.set(xlabel="rms, % of the relief")
     share.invert_yaxis()
-    share.legend(fontsize=SMALL, frameon=False)
+    share.legend(fontsize=SMALL)
     return figure

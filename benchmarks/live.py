@@ -86,9 +86,11 @@ class EngineProbe:
         self._link = EngineLink(self._document)
         self.frames: list[tuple[float, msg.FrameFacts]] = []  # s of the monotonic clock when it was shown
         self._errors: list[msg.ErrorReport] = []
+        self._written: list[msg.PictureWritten] = []
         self._requested = 0.0
         self._link.frame_shown.connect(lambda facts: self.frames.append((time.monotonic(), facts)))
         self._link.error_reported.connect(self._errors.append)
+        self._link.picture_written.connect(self._written.append)
 
     def start(self, view: msg.ViewState) -> float:
         """Start the processes; return the seconds until the first frame."""
@@ -138,8 +140,6 @@ class EngineProbe:
     def compare_with_still(self, saved: Path) -> Row:
         """Return how the picture of 1 s after the last view or stroke differs from a still of its camera."""
         self._pause(time.monotonic() + _LATER)
-        written: list[str] = []
-        self._link.picture_written.connect(written.append)
         facts, picture = self.frames[-1][1], self._link.picture
         assert picture is not None  # noqa: S101 # a frame was shown
         size, pose = (facts.width, facts.height), facts.pose
@@ -151,7 +151,7 @@ class EngineProbe:
             shown, drawn = (str(Path(folder, f"{name}.png")) for name in ("shown", "drawn"))
             picture.save(shown)
             self._link.send(msg.RenderPicture(drawn, *size))
-            self._wait(lambda: bool(written))
+            self._wait(lambda: any(each.path == drawn for each in self._written))
             pictures = [np.asarray(Image.open(path).convert("RGB")) for path in (shown, drawn)]
         return {
             "columns": 100.0 * live_shape.columns_alike(live, still),
@@ -457,9 +457,8 @@ def _shapes(preset: str, effort: Effort) -> Iterator[Row]:
                 yield {"preset": preset, "view": view, **seen, "rate": probe.frame_rate(_RATED)}
             for number in range(effort.live_strokes):
                 layer = _LAYERS[number % len(_LAYERS)]
-                probe.stroke(
-                    layer, *_random_stroke(rng, layer, min(sketch.width_px, sketch.height_px), places=60)
-                )
+                side = min(sketch.width_px, sketch.height_px)
+                probe.stroke(layer, *_random_stroke(rng, layer, side, places=60))
                 yield {"preset": preset, "view": f"stroke of {layer}", **probe.compare_with_still(saved)}
         finally:
             probe.end()
@@ -482,16 +481,12 @@ def _row(probe: LatencyProbe, painting: str, count: int) -> Row:
     stalls: list[float] = []
     for number in range(count):
         places = int(rng.integers(60, 121)) if painting == "strokes" else 1
-        seen = _stroke(probe, rng, _LAYERS[number % len(_LAYERS)], places=places)
+        layer = _LAYERS[number % len(_LAYERS)]
+        seen = probe.paint(layer, *_random_stroke(rng, layer, _SIDE, places=places))
         times.append(seen.times)
         drafts += seen.drafts
         stalls += seen.stalls
     return _found(painting, times, drafts, stalls)
-
-
-def _stroke(probe: LatencyProbe, rng: np.random.Generator, layer: str, *, places: int) -> Painted:
-    label, path, radius = _random_stroke(rng, layer, _SIDE, places=places)
-    return probe.paint(layer, label, path, radius)
 
 
 def _random_stroke(
@@ -575,7 +570,7 @@ def draw_live(rows: Sequence[Row]) -> Any:
     shares.axhline(95.0, color=INK, linewidth=0.9, linestyle=":")
     shares.set(xlim=(0, None), ylim=(0, 101), xlabel="ms from the stroke to its heights in the view's tiles")
     shares.set(ylabel="%", title="There after")
-    shares.legend(frameon=False, loc="lower right")
+    shares.legend(loc="lower right")
     names = [str(row["painting"]) for row in rows]
     left = np.zeros(len(rows))
     for stage, colour in zip(STAGES, _STAGE_COLOURS, strict=True):
@@ -584,7 +579,7 @@ def draw_live(rows: Sequence[Row]) -> Any:
         left = left + widths
     parts.invert_yaxis()
     parts.set(xlabel="ms, mean", title="Where the time goes")
-    parts.legend(frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=8)
+    parts.legend(ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=8)
     return figure
 
 

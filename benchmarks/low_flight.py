@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from time import perf_counter
 from types import SimpleNamespace
 from typing import Any, Final, cast
@@ -84,7 +85,7 @@ class TileUpdates:
     def converge(self, view: CameraView) -> None:
         """Evaluate all tiles of a view."""
         self.stream.generate_all(view, self._write)
-        self.textures.converge(view, self.stream.pool)
+        self._paint(view)
 
     def frame(self, view: CameraView) -> tuple[float, ...]:
         """Go on by a frame; return s to choose tiles, for ground, appearance, their tiles, if complete."""
@@ -111,8 +112,12 @@ class TileUpdates:
             self.stream.mark_generated(batch, self._write(batch), seconds=None)
             count += len(batch.keys)
         self.textures.set_terrain(terrain, areas)
-        self.textures.converge(view, self.stream.pool)
+        self._paint(view)
         return count + self.textures.drawn - before
+
+    def _paint(self, view: CameraView) -> None:
+        while not self.textures.update(replace(view, velocity=(0.0, 0.0, 0.0)), self.stream.pool):
+            pass
 
     def _write(self, batch: Batch) -> StructuredArray:
         return self.terrain.write_tiles(batch.keys, batch.slots, batch.parents, self._store)
@@ -190,7 +195,7 @@ def draw_flight(rows: Sequence[Row]) -> Any:
         time = SECONDS + np.arange(-len(seconds), 0) / RATE
         for axes, values in ((upper, seconds * 1e3), (lower, textures)):
             axes.plot(time, values, ".", markersize=1.5, color=hue, rasterized=True, label=str(row["what"]))
-    upper.legend(fontsize=SMALL, frameon=False, markerscale=6)
+    upper.legend(fontsize=SMALL, markerscale=6)
     upper.axhline(1e3 * LATE, color=INK, linewidth=0.9, linestyle=":")
     upper.set(ylabel="ms", title="Update; dotted: 25 ms", yscale="log")
     lower.set(ylabel="tiles", xlabel="s", title="Appearance tiles")

@@ -268,7 +268,7 @@ def _part_row(view: str, part: str, found: Mapping[str, _Found]) -> Row:
 def _motion_row(gl: Any, terrain: Terrain, preset: str, size: tuple[int, int], effort: Effort) -> Row:
     """Draw the automatic flight, and compare some of its frames with stills."""
     times = np.arange(effort.view_frames + 1) / FLIGHT_RATE  # the first frame is not timed
-    cameras = _flight_cameras(terrain, times)
+    cameras = tour(terrain, seconds=float(times[-1])).at(times).cameras
     places = np.linspace(1, effort.view_frames, effort.view_places, dtype=int).tolist()
     sun, quality = find_sun(terrain, cameras[0]), Quality.for_renderer(str(gl.info["GL_RENDERER"]))
     framebuffer = gl.framebuffer([gl.texture(size, 4)])
@@ -312,12 +312,6 @@ def _motion_row(gl: Any, terrain: Terrain, preset: str, size: tuple[int, int], e
     }
 
 
-def _flight_cameras(terrain: Terrain, times: Float64Array) -> list[Camera]:
-    states = tour(terrain, seconds=float(times[-1])).at(times)
-    rows = zip(states.eye.tolist(), states.target.tolist(), states.fov.tolist(), strict=True)
-    return [Camera(tuple(eye), tuple(target), fov=fov) for eye, target, fov in rows]
-
-
 def _plants_of(renderer: Renderer, framebuffer: Any, draw: Callable[[], object]) -> tuple[UInt8Array, int]:
     """Return the last picture, and how many of its pixels change if it is drawn without plants."""
     picture = read_picture(framebuffer.color_attachments[0])
@@ -347,9 +341,10 @@ def _preview_row(preset: str, effort: Effort, device: Sequence[str]) -> Row:
 
 def draw_qualities(rows: Sequence[Row]) -> Any:
     """Draw the time of a picture by its quality, and its difference from the best against that time."""
-    figure = new_figure(11.0, 6.4)
-    panels = figure.subplots(2, 2)
     known = [row for row in rows if row["opengl"] != "absent"]
+    drivers = ", ".join(dict.fromkeys(str(row["opengl"]) for row in known))
+    figure = new_figure(11.0, 6.4, f"Pictures by {drivers or 'no OpenGL'}")
+    panels = figure.subplots(2, 2)
     views = list(dict.fromkeys(str(row["view"]) for row in known))
     kinds = (("still", "whole picture"), ("moving", "frame in motion"))
     for (kind, title), (left, right) in zip(kinds, panels, strict=True):
@@ -368,15 +363,8 @@ def draw_qualities(rows: Sequence[Row]) -> Any:
         for axis in (left.yaxis, right.xaxis):
             axis.set_major_formatter(lambda value, _: f"{value:g}")
             axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:g}"[0] in "25" else "")
-    figure.legend(
-        *panels[0][0].get_legend_handles_labels(),
-        loc="outside lower center",
-        ncols=4,
-        fontsize=SMALL,
-        frameon=False,
-    )
-    drivers = ", ".join(dict.fromkeys(str(row["opengl"]) for row in known))
-    figure.suptitle(f"Pictures by {drivers or 'no OpenGL'}", x=0.01, ha="left")
+    series = panels[0][0].get_legend_handles_labels()
+    figure.legend(*series, loc="outside lower center", ncols=4, fontsize=SMALL)
     return figure
 
 

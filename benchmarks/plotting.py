@@ -29,6 +29,7 @@ STYLE = {
     "xtick.color": INK,
     "ytick.color": INK,
     "text.color": INK,
+    "legend.frameon": False,
     "svg.fonttype": "none",
     "svg.hashsalt": "sketchterrain",
 }
@@ -77,6 +78,6 @@ def draw_bars(title: str, panels: Sequence[Panel], names: Sequence[str], rows: S
             axes.axvline(asked, color=INK, linewidth=1.0, linestyle=":")
         axes.set(title=panel.title, xlabel=panel.unit, ylim=(len(rows) - 0.5, -0.5))
         if len(panel.series) > 1:
-            axes.legend(fontsize=SMALL, frameon=False, ncols=2, loc="upper left", bbox_to_anchor=(0.0, -0.25))
+            axes.legend(fontsize=SMALL, ncols=2, loc="upper left", bbox_to_anchor=(0.0, -0.25))
     every[0].set_yticks(range(len(rows)), labels)
     return figure

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 SIDE = 64
 """Of the square, in distances."""
-SETS = 20
 LOWEST, HIGHEST = 0.25, 4.0
 """Waves a distance between which bands are judged."""
 

@@ -20,8 +20,7 @@ from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.plotting import HUES, SKY, SMALL, new_figure
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
-from sketchterrain.benchmarks.road_methods import METHODS, Problem
-from sketchterrain.benchmarks.road_samples import RoadSamples, road_samples
+from sketchterrain.benchmarks.road_methods import METHODS, Problem, RoadSamples, road_samples
 from sketchterrain.benchmarks.timing import TimedContext, alternate
 from sketchterrain.document.layers import id_of_vector
 from sketchterrain.document.rasters import raster_source
@@ -486,5 +485,5 @@ def draw_roads(rows: Sequence[Row]) -> Any:
             axes.plot(*at, mark, color=hue, label=str(row["method"]), alpha=0.8)
         axes.set(xlabel="s", title=title, xscale="log")
         axes.margins(0.1, 0.1)
-    every[1].legend(fontsize=SMALL, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    every[1].legend(fontsize=SMALL, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure

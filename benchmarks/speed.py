@@ -17,7 +17,7 @@ from sketchterrain.benchmarks.noise import BARE, OCTAVES, NoiseGrid, central_key
 from sketchterrain.benchmarks.plotting import BLUE, GREY, new_figure, plain_numbers
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
 from sketchterrain.benchmarks.thesis import LEVEL, OURS
-from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
+from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
 from sketchterrain.document.materials import MATERIALS
@@ -181,7 +181,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
 class _Method:
     name: str
     threads: int
-    lap: Callable[[], Lap]
+    run: Callable[[], object]
     result: Callable[[], npt.NDArray[Any]]
 
 
@@ -190,8 +190,10 @@ def _noise(context: TimedContext, effort: Effort) -> Table:
     grid = NoiseGrid(context, side)
     problem = grid.problem(len(os.sched_getaffinity(0)))
     found = [make(problem) for make in _RIVALS]
-    methods = [*_kernels(context, side), *(_method(one) for one in found if isinstance(one, Rival))]
-    works = {method.name: method.lap for method in methods}
+    rivals = [one for one in found if isinstance(one, Rival)]
+    others = (_Method(one.name, one.threads, one.run, one.run) for one in rivals)
+    methods = [*_kernels(context, side), *others]
+    works = {method.name: partial(lap, method.run) for method in methods}
     laps = alternate(works, rounds=effort.rounds, quick=_QUICK, more=_MORE)
     first = methods[0].result()
     rows: list[Row] = []
@@ -235,16 +237,8 @@ def _kernels(context: TimedContext, side: int) -> Iterator[_Method]:
     for opened in (context, *(TimedContext(str(device.index)) for device in others)):
         grid = NoiseGrid(opened, side)
         device = opened.device
-        yield _Method(
-            f"this program, {device.platform}",
-            device.compute_units,
-            partial(lap, partial(_once, grid)),
-            grid.download,
-        )
-
-
-def _method(rival: Rival) -> _Method:
-    return _Method(rival.name, rival.threads, lambda: lap(rival.run), rival.run)
+        run = partial(_once, grid)
+        yield _Method(f"this program, {device.platform}", device.compute_units, run, grid.download)
 
 
 def _once(grid: NoiseGrid) -> None:

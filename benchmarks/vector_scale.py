@@ -19,7 +19,7 @@ from sketchterrain.benchmarks.low_flight import SIZE, TileUpdates, flight_table
 from sketchterrain.benchmarks.plotting import HUES, SMALL, new_figure
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
 from sketchterrain.benchmarks.synthetic_land import EXTENT, SEED, SIDE, curve_count, synthetic_land
-from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate
+from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
@@ -237,12 +237,10 @@ def draw_scale(rows: Sequence[Row]) -> Any:
         for (name, key), hue in zip(lines.items(), HUES, strict=False):
             axes.plot(x, [value_of(row, key) for row in rows], "o-", color=hue, markersize=3, label=name)
         axes.set(xscale="log", xlabel="curves", ylabel=unit, title=title, ylim=(0, None))
-        axes.legend(fontsize=SMALL, frameon=False)
+        axes.legend(fontsize=SMALL)
     return figure
 
 
 def _lap(work: Callable[[], object], tiles: int) -> Lap:
     """Do the work of some tiles once; return the time of one."""
-    start = perf_counter()
-    work()
-    return Lap((perf_counter() - start) / tiles)
+    return Lap(lap(work).wall / tiles)

@@ -140,12 +140,12 @@ def draw_worlds(rows: Sequence[Row]) -> Any:
     linear = [seconds[-1] * each / area[-1] for each in area]
     time.plot(area, linear, ":", color=INK, linewidth=1.0, label="in proportion to the largest")
     time.set(xscale="log", yscale="log", ylabel="s", title="Time")
-    time.legend(fontsize=SMALL, frameon=False)
+    time.legend(fontsize=SMALL)
     most = [value_of(row, "megabytes") for row in rows]
     memory.plot(area, most, "o-", color=BLUE, markersize=4.5, label="measured")
     expected = [value_of(row, "megabytes") * value_of(row, "estimated_memory") for row in rows]
     memory.plot(area, expected, "x", color=VERMILION, markersize=6, label="estimated before")
-    memory.legend(fontsize=SMALL, frameon=False, loc="lower right")
+    memory.legend(fontsize=SMALL, loc="lower right")
     memory.axhline(2000.0, color=INK, linewidth=0.8, linestyle=":")
     memory.annotate("2 GB", (area[0], 2000.0), (0, -10), textcoords="offset points", fontsize=SMALL)
     memory.set(xscale="log", ylim=(0, 2200), ylabel="MB at most", title="Memory")

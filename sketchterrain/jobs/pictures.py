@@ -51,7 +51,7 @@ class PictureOptions:
 
 
 def sketch_weather(
-    sketch: scene.Sketch, hour: float | None = None, sky: str | None = None, clouds: float | None = None
+    sketch: Sketch, hour: float | None = None, sky: str | None = None, clouds: float | None = None
 ) -> Weather:
     """Return a sketch's weather, with another hour, sky or clouds if given; raise InputError at night."""
     weather = Weather.from_sketch(sketch, hour=hour, sky=sky, clouds=clouds)

@@ -12,8 +12,8 @@ from numba import njit
 
 from sketchterrain.array_types import Bounds, Int64Array
 from sketchterrain.drape.painting import DrapedAppearance
-from sketchterrain.render.programs import Textures
-from sketchterrain.render.quality import Quality, TimeBudget, WorkRate
+from sketchterrain.render.programs import Textures, clamped
+from sketchterrain.render.quality import UNLIMITED, Quality, TimeBudget, WorkRate
 from sketchterrain.render.scene import PaintedTerrain, TileSource
 from sketchterrain.terrain.appearance import AppearanceSource
 from sketchterrain.tiles.appearance import PAGES, TEXELS, AppearanceTiles
@@ -124,7 +124,8 @@ class AppearanceTextures:
         tiles = AppearanceTiles(source.extent, slots=slots)
         pages = self._context.texture_array((PAGES, PAGES, tiles.finest + 1), 2, dtype="u4")
         pages.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        arrays = [self._texels(slots) for _ in range(1 + filters)]
+        size = TEXELS, TEXELS, slots
+        arrays = [clamped(self._context.texture_array(size, 4)) for _ in range(1 + filters)]
         self._cache = _Cache(source, tiles, pages, arrays[0], arrays[1] if filters else None)
 
     def _source(self) -> AppearanceSource | None:
@@ -139,19 +140,14 @@ class AppearanceTextures:
             return old.updated(self._drapes, below)
         return DrapedAppearance(self._drapes, terrain.context, terrain.extent, below)
 
-    def _texels(self, slots: int) -> moderngl.TextureArray:
-        texels = self._context.texture_array((TEXELS, TEXELS, slots), 4)
-        texels.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        texels.repeat_x = texels.repeat_y = False
-        return texels
+    def update(self, view: CameraView, pool: TilePool, budget: TimeBudget = UNLIMITED) -> bool:
+        """Draw tiles of a view within a budget, but at least one; return whether that is all of them.
 
-    def update(self, view: CameraView, pool: TilePool, budget: TimeBudget) -> None:
-        """Draw tiles of a view within a budget, but at least one; `pool` has the ground's tiles.
-
+        `pool` has the ground's tiles.
         In motion frames take turns: every second one draws tiles ahead of the camera if none is missing.
         """
         if (cache := self._cache) is None:
-            return
+            return True
         self._looks_ahead = any(view.velocity) and not self._looks_ahead
         if not self._looks_ahead:
             cache.tiles.select(view, pool, cache.source.occupied)
@@ -160,18 +156,10 @@ class AppearanceTextures:
             ahead = cache.tiles.needed(view.extrapolated(AHEAD), pool, cache.source.occupied)
             codes = cache.tiles.pending(ahead)
         if codes.size:
-            codes, before = codes[: min(max(self._rate.steps_within(budget), 1), BATCH)], budget.spent
+            codes, before = codes[: max(self._rate.steps_within(budget, BATCH), 1)], budget.spent
             self._draw(cache, codes)
             self._rate.record(len(codes), budget.spent - before)
-
-    def converge(self, view: CameraView, pool: TilePool) -> None:
-        """Draw all tiles of a view."""
-        if (cache := self._cache) is None:
-            return
-        cache.tiles.select(view, pool, cache.source.occupied)
-        while (codes := cache.tiles.pending()).size:
-            self._draw(cache, codes[:BATCH])
-            cache.tiles.select(view, pool, cache.source.occupied)
+        return self.converged
 
     def uniforms(self, eye: tuple[float, float, float]) -> dict[str, object]:
         """Return the uniforms of appearance.glsl for an eye (m), and write its page table."""

@@ -164,7 +164,7 @@ class Air:
         """
         r = height + GROUND
         up, sunward = directions[..., 2], (directions * sun).sum(axis=-1)
-        by_rayleigh = rayleigh_phase(sunward)[..., None] if phases else 0.25 / np.pi
+        by_rayleigh = 3.0 / (16.0 * np.pi) * (1.0 + sunward * sunward)[..., None] if phases else 0.25 / np.pi
         by_aerosol = aerosol_phase(sunward)[..., None] if phases else 0.25 / np.pi
         edges = np.linspace(0.0, 1.0, steps + 1) ** 2
         radiance: Float64Array | float = 0.0
@@ -205,13 +205,9 @@ def air_with_haze(haze: float) -> Air:
     return Air(haze)
 
 
-def rayleigh_phase(cosine: Float64Array) -> Float64Array:
-    """Evaluate the phase function of molecules, 1/sr."""
-    return np.asarray(3.0 / (16.0 * np.pi) * (1.0 + cosine * cosine))
-
-
-def aerosol_phase(cosine: Float64Array, g: float = FORWARD) -> Float64Array:
+def aerosol_phase(cosine: Float64Array) -> Float64Array:
     """Evaluate the phase function of aerosols, 1/sr (Cornette & Shanks 1992)."""
+    g = FORWARD
     share = 3.0 / (8.0 * np.pi) * (1.0 - g * g) / (2.0 + g * g)
     return np.asarray(share * (1.0 + cosine * cosine) / (1.0 + g * g - 2.0 * g * cosine) ** 1.5)
 

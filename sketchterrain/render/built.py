@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import moderngl
@@ -11,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from sketchterrain.array_types import Bounds, Float64Array, Int64Array
+from sketchterrain.array_types import Bounds, Float64Array, StructuredArray
 from sketchterrain.document.layers import LANE_WIDTHS
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.look.built_meshes import BUILT, MOUTH, BuiltMaterial, BuiltPart
@@ -138,13 +137,11 @@ class BuiltScenery:
             base = np.cumsum([0, *(len(block.vertices) for block in blocks)])
             indices = [block.indices + first for block, first in zip(blocks, base[:-1], strict=True)]
             count = np.array([sum(len(block.indices) for block in group) for group in own.values()])
-            chunks = _Chunks(
-                np.array([np.min([block.low for block in group], axis=0) for group in own.values()]),
-                np.array([np.max([block.high for block in group], axis=0) for group in own.values()]),
-                np.array([size or max(block.extent for block in group) for (*_, size), group in own.items()]),
-                np.cumsum(count) - count,
-                count,
-            )
+            chunks = np.zeros(len(own), _CHUNK)
+            chunks["low"] = [np.min([block.low for block in group], axis=0) for group in own.values()]
+            chunks["high"] = [np.max([block.high for block in group], axis=0) for group in own.values()]
+            chunks["width"] = [key[-1] or max(each.extent for each in group) for key, group in own.items()]
+            chunks["first"], chunks["count"] = np.cumsum(count) - count, count
             self._drawn[name] = _Drawn(
                 self._context,
                 self._context.buffer(np.concatenate([block.vertices for block in blocks]).tobytes()),
@@ -220,15 +217,10 @@ class BuiltScenery:
         return self._programs[name]
 
 
-@dataclass(frozen=True)
-class _Chunks:
-    """Boxes of meshes that are drawn together, and their ranges of the indices."""
-
-    low: Float64Array  # (n, 3) corners, m
-    high: Float64Array
-    width: Float64Array  # (n,) m, of the widest thing; narrow ones are left out
-    first: Int64Array  # (n,)
-    count: Int64Array
+_CHUNK: Final = np.dtype(
+    [("low", "f8", 3), ("high", "f8", 3), ("width", "f8"), ("first", "i8"), ("count", "i8")]
+)
+"""Box (m) of meshes that are drawn together, width (m) of the widest thing, and their range of indices."""
 
 
 class _Drawn:
@@ -239,10 +231,10 @@ class _Drawn:
         context: moderngl.Context,
         vertices: moderngl.Buffer,
         indices: moderngl.Buffer,
-        chunks: _Chunks,
+        chunks: StructuredArray,
     ) -> None:
         self._context, self._vertices, self._indices, self._chunks = context, vertices, indices, chunks
-        self.commands = context.buffer(reserve=len(chunks.low) * COMMAND.itemsize, dynamic=True)
+        self.commands = context.buffer(reserve=len(chunks) * COMMAND.itemsize, dynamic=True)
         self.arrays: dict[str, moderngl.VertexArray] = {}
         self.count = self.triangles = 0
 
@@ -258,25 +250,24 @@ class _Drawn:
         """Select the near or far chunks in view; return whether there are any."""
         pixel = 2.0 * float(np.tan(np.radians(camera.fov) / 2.0)) / size[1]
         chunks = self._chunks
-        outside = np.maximum(np.maximum(chunks.low - camera.eye, camera.eye - chunks.high), 0.0)
+        outside = np.maximum(np.maximum(chunks["low"] - camera.eye, camera.eye - chunks["high"]), 0.0)
         away = np.linalg.norm(outside, axis=1)
-        seen = inside_frustum(camera.frustum(size[0] / size[1]), chunks.low, chunks.high)
-        seen &= (chunks.width > LEAST * pixel * away) & ((away * pixel * FAR > UNIT) == far)
+        seen = inside_frustum(camera.frustum(size[0] / size[1]), chunks["low"], chunks["high"])
+        seen &= (chunks["width"] > LEAST * pixel * away) & ((away * pixel * FAR > UNIT) == far)
         self._write(np.flatnonzero(seen))
         return self.count > 0
 
     def select_near(self, place: npt.ArrayLike, radius: float) -> None:
         """Select the chunks within a radius (m) of a place."""
-        x = np.asarray(place)
-        outside = np.maximum(np.maximum(self._chunks.low[:, :2] - x, x - self._chunks.high[:, :2]), 0.0)
+        low, high, x = self._chunks["low"][:, :2], self._chunks["high"][:, :2], np.asarray(place)
+        outside = np.maximum(np.maximum(low - x, x - high), 0.0)
         self._write(np.flatnonzero(np.hypot(*outside.T) < radius))
 
     def _write(self, index: npt.NDArray[np.int64]) -> None:
-        commands = np.zeros(len(index), COMMAND)
-        commands["first"], commands["count"] = self._chunks.first[index], self._chunks.count[index]
-        commands["instances"] = 1
+        commands, chunks = np.zeros(len(index), COMMAND), self._chunks[index]
+        commands["first"], commands["count"], commands["instances"] = chunks["first"], chunks["count"], 1
         self.count = len(commands)
-        self.triangles = int((commands["count"].astype(np.int64) * commands["instances"]).sum()) // 3
+        self.triangles = int(chunks["count"].sum()) // 3
         self.commands.orphan()
         self.commands.write(commands.tobytes())
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -112,6 +112,14 @@ class Camera:
         Order: left, right, bottom, top, near, far.
         """
         return _frustum(self, aspect)
+
+
+class ClippedView(NamedTuple):
+    """A camera with clipping planes for its height above the terrain."""
+
+    camera: Camera
+    draw_distance: float  # m
+    above: float  # m, that height
 
 
 @lru_cache(maxsize=8)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt
 
 from sketchterrain.render.atmosphere import GROUND
-from sketchterrain.render.programs import fullscreen_pass, set_uniforms
+from sketchterrain.render.programs import clamped, fullscreen_pass, set_uniforms
 from sketchterrain.render.sky import SUN_IRRADIANCE
 from sketchterrain.render.targets import bands, wrap_to_noise_period
 
@@ -70,7 +70,7 @@ class CloudDome:
     """
 
     def __init__(self, context: moderngl.Context, texels: int) -> None:
-        self.texture = _cloud_texture(context, (texels, texels))
+        self.texture = clamped(context.texture((texels, texels), 4, dtype="f2"))
         self.target = context.framebuffer([self.texture])
         self.reset(None, np.zeros(3))
 
@@ -173,19 +173,17 @@ class Clouds:
         """Return the textures that passes into targets read, by sampler name."""
         if self._march is None:
             return {"cloud_field": self._field}
+        textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {
+            "cloud_field": self._field,
+            "billow_noise": self._billows,
+        }
         if self._domes:
-            view = self._domes[0].texture
-            return {"cloud_field": self._field, "cloud_view": view, "billow_noise": self._billows}
+            return textures | {"cloud_view": self._domes[0].texture}
         size = (max(targets.size[0] // REDUCED, 1), max(targets.size[1] // REDUCED, 1))
         if self._view is None or self._view.size != size:
-            self._view = _cloud_texture(self._context, size)
+            self._view = clamped(self._context.texture(size, 4, dtype="f2"))
             self._target = self._context.framebuffer([self._view])
-        return {
-            "cloud_field": self._field,
-            "cloud_view": self._view,
-            "billow_noise": self._billows,
-            "scene_depth_buffer": targets.depth,
-        }
+        return textures | {"cloud_view": self._view, "scene_depth_buffer": targets.depth}
 
     def follow(
         self, camera: Camera, aspect: float, *, base: float, clock: float, moving: bool
@@ -206,7 +204,8 @@ class Clouds:
             return dome.missing(_sampled_blocks(camera, aspect, up=up, origin=dome.seen_from(eye, wind)))
 
         shown, following = self._domes
-        if following.place is not None and not len(missing(following)):
+        ahead = missing(following) if following.place is not None else np.zeros((0, 2), np.intp)
+        if following.place is not None and not len(ahead):
             shown.reset(None, wind)
             shown, following = self._domes = [following, shown]
         away = np.linalg.norm(shown.seen_from(eye, wind))
@@ -216,10 +215,11 @@ class Clouds:
             following.reset(None, wind)
         elif away > PARALLAX[0] and following.place is None:
             following.reset(eye, wind)
+            ahead = missing(following)
         origin = shown.seen_from(eye, wind)
         self._queue = [(origin, shown, missing(shown))]
         if following.place is not None:
-            self._queue.append((following.seen_from(eye, wind), following, missing(following)[:1]))
+            self._queue.append((following.seen_from(eye, wind), following, ahead[:1]))
         return uniforms | {"cloud_origin": tuple(origin)}
 
     def draw(self, uniforms: dict[str, object], *, parts: int) -> Iterator[None]:
@@ -236,13 +236,6 @@ class Clouds:
             for _ in bands(self._target, parts):
                 self._march.render(vertices=3)
                 yield
-
-
-def _cloud_texture(context: moderngl.Context, size: tuple[int, int]) -> moderngl.Texture:
-    texture = context.texture(size, 4, dtype="f2")
-    texture.repeat_x = texture.repeat_y = False
-    texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-    return texture
 
 
 def cloud_defines(quality: Quality, weather: Weather) -> dict[str, int]:

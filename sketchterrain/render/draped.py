@@ -11,13 +11,12 @@ import moderngl
 
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.draped_buffer import DrapedBuffer, averaging_pass
 from sketchterrain.render.draped_geometry import DrapedGeometry, DrapedView, Held
 from sketchterrain.render.draped_two_step import TwoStepDraping
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.targets import RenderTargets
+from sketchterrain.render.targets import DrapedBuffer, RenderTargets, averaging_pass
 
 if TYPE_CHECKING:
     from sketchterrain.drape.drapes import Drapes

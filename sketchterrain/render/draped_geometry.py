@@ -15,11 +15,10 @@ from sketchterrain.drape.painting import WHITE
 from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.look.texture_maker import linear_from_hex
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.draped_buffer import DrapedBuffer
 from sketchterrain.render.draped_cutting import PART, VERTEX, Pieces, cut, mesh_of
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.programs import set_uniforms
-from sketchterrain.render.targets import RenderTargets
+from sketchterrain.render.targets import DrapedBuffer, RenderTargets
 from sketchterrain.render.vertex_memory import COMMAND
 from sketchterrain.tiles.quadtree import Boxes
 from sketchterrain.tiles.tile_pool import DrawList
@@ -70,11 +69,6 @@ def reaches(
     width = np.array([each.style["width"] for each in styles])
     in_pixels = np.array([each.style["unit"] == "px" for each in styles])
     return np.asarray(0.5 * width * np.where(in_pixels, texel, 1.0) + BORDER * border)
-
-
-def hatch_angles(styles: Sequence[LayerStyle]) -> Float64Array:
-    """Return the direction (rad) of each style's hatch, (styles,)."""
-    return np.radians([each.style["hatch_angle"] for each in styles])
 
 
 class DrapedView(NamedTuple):
@@ -170,7 +164,8 @@ class FeatureCutter:
         box = west, south, east, north
         near, far, border = (float(each[number]) for each in (squares.near, squares.far, squares.border))
         items = drapes.items(box, near) if held is None else self._held_items(drapes, held)
-        pieces = Pieces.of_items(items, reaches(drapes.styles, far, border), hatch_angles(drapes.styles))
+        hatches = np.radians([each.style["hatch_angle"] for each in drapes.styles])
+        pieces = Pieces.of_items(items, reaches(drapes.styles, far, border), hatches)
         return Cut(cut(pieces, mesh_of(squares.quads, int(squares.cases[number])), box), pieces.parts)
 
 

@@ -18,12 +18,11 @@ import numpy.typing as npt
 from sketchterrain.array_types import Int64Array
 from sketchterrain.render.appearance import premultiplied
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.draped_buffer import DrapedBuffer
 from sketchterrain.render.draped_cutting import mesh_of
 from sketchterrain.render.draped_geometry import DrapedView, FeatureCutter, PartBuffers, Squares
 from sketchterrain.render.lit_ground import GroundLighting
-from sketchterrain.render.programs import build_program, fullscreen_pass, set_uniforms
-from sketchterrain.render.targets import RenderTargets
+from sketchterrain.render.programs import build_program, clamped, fullscreen_pass, set_uniforms
+from sketchterrain.render.targets import DrapedBuffer, RenderTargets
 from sketchterrain.terrain.orthophotos import ROOTS, WHITE
 from sketchterrain.tiles.lod import inside_frustum
 from sketchterrain.tiles.quadtree import Boxes
@@ -128,8 +127,7 @@ class TwoStepDraping:
 
     def _resized(self, size: tuple[int, int]) -> moderngl.Texture:
         if self._colour is None or self._colour.size != size:
-            self._colour = self._context.texture(size, 4, dtype="f2")
-            self._colour.repeat_x = self._colour.repeat_y = False
+            self._colour = clamped(self._context.texture(size, 4, dtype="f2"))
             self._depth = self._context.depth_texture(size)
             self._depth.compare_func = ""
             self._first = self._context.framebuffer([self._colour])
@@ -194,9 +192,7 @@ class RasterWindows:
     """Windows of rasters on squares of the quadtree, in a texture array, the least recently used evicted."""
 
     def __init__(self, context: moderngl.Context, extent: float) -> None:
-        self.texture = context.texture_array((TEXELS, TEXELS, WINDOWS), 4)
-        self.texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        self.texture.repeat_x = self.texture.repeat_y = False
+        self.texture = clamped(context.texture_array((TEXELS, TEXELS, WINDOWS), 4))
         self.nbytes = 4 * TEXELS * TEXELS * WINDOWS
         self._extent = extent
         self._slots: dict[object, int] = {}  # by window, the least recently used first

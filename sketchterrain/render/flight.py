@@ -15,7 +15,7 @@ from sketchterrain.document.toml_format import load_toml
 from sketchterrain.errors import InputError, check_keys, check_tables, format_value, one_line, prefix_errors
 from sketchterrain.geometry.splines import catmull_rom
 from sketchterrain.io.files import wrap_read_errors, write_atomic
-from sketchterrain.render.camera import Floats, HeightFunction, Vector
+from sketchterrain.render.camera import Camera, Floats, HeightFunction, Vector
 
 _SAMPLES_PER_SEGMENT: Final = 64  # samples between two keyframes for the arc length
 _DIFFERENCE_STEP: Final = 1e-5  # s, step of the finite differences of the velocity
@@ -144,6 +144,12 @@ class CameraStates(NamedTuple):
     target: Floats  # (n, 3) m
     fov: Floats  # (n,) degrees
     velocity: Floats  # (n, 3) of the eye, m/s
+
+    @property
+    def cameras(self) -> list[Camera]:
+        """A camera for each of them."""
+        rows = zip(self.eye.tolist(), self.target.tolist(), self.fov.tolist(), strict=True)
+        return [Camera(tuple(eye), tuple(target), fov=fov) for eye, target, fov in rows]
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,8 @@ from sketchterrain.render.plant_meshes import (
     width_scale,
 )
 from sketchterrain.render.plant_shade import PlantShadows
-from sketchterrain.render.programs import build_program, build_transform
-from sketchterrain.render.quality import Quality, TimeBudget
+from sketchterrain.render.programs import build_program
+from sketchterrain.render.quality import UNLIMITED, Quality, TimeBudget
 from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.sky import Sun
 
@@ -130,7 +130,9 @@ class Forest:
         self.shadows.advance(camera.eye, elapsed, budget.fraction(0.5))
         self._cells.advance(budget)
 
-    def refine(self, camera: Camera, size: tuple[int, int], lit: GroundLighting, budget: TimeBudget) -> bool:
+    def refine(
+        self, camera: Camera, size: tuple[int, int], lit: GroundLighting, budget: TimeBudget = UNLIMITED
+    ) -> bool:
         """Generate plants and shadows of a still within a budget; return whether they are complete."""
         self._elapsed = None
         self._request(camera, size, lit)
@@ -153,16 +155,6 @@ class Forest:
         """Replace the sun; shadow maps stay until new ones are ready."""
         self.shadows.relight(sun)
         self._requested_view = ()
-
-    def converge(self, camera: Camera, size: tuple[int, int], lit: GroundLighting) -> None:
-        """Complete everything that a camera's picture of a size (px) needs."""
-        self._elapsed = None
-        self._request(camera, size, lit)
-        self._cells.finish()
-        self._request(camera, size, lit)  # visibility depends on the cells' vertical bounds
-        if self._enabled:
-            self._select(camera, size)
-        self.shadows.finish(camera.eye)
 
     def _request(self, camera: Camera, size: tuple[int, int], lit: GroundLighting) -> None:
         self._requested, self._height = True, size[1]
@@ -239,7 +231,7 @@ def _batch(
     return PlantBatch(
         meshes,
         build_program(context, "tree.vert.glsl", "lit.frag.glsl" if far else "tree.frag.glsl", defines=own),
-        transform=build_transform(context, "tree_stand.vert.glsl", captured, defines=own),
+        transform=build_program(context, "tree_stand.vert.glsl", captured=captured, defines=own),
         captured=captured,
     )
 

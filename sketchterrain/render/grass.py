@@ -8,17 +8,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-import moderngl
 import numpy as np
 
-from sketchterrain.render.programs import build_program, build_transform
-from sketchterrain.render.scatter import Mesh, ScatteredInstances, ScatterLayer, VisiblePoints
+from sketchterrain.render.programs import build_program
+from sketchterrain.render.scatter import CoverLayer, Mesh, ScatteredInstances, ScatterLayer, VisiblePoints
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
+    import moderngl
+
     from sketchterrain.array_types import Float64Array, Int64Array
-    from sketchterrain.render.camera import Camera
     from sketchterrain.render.quality import Quality
 
 
@@ -241,58 +241,21 @@ CAPTURED: Final = ("foot_height", "turn", "albedo", "ground", "sky", "under", "v
 """Outputs of grass_plant.vert.glsl."""
 
 
-class Grass:
-    """Ground plants around an eye; counts triangles and candidate points (`plants`) of the last frame."""
-
-    def __init__(
-        self, context: moderngl.Context, *, quality: Quality, defines: Mapping[str, int | str]
-    ) -> None:
-        self.triangles = self.plants = 0
-        self._kinds = (
-            [_GrassKind(context, kind, quality=quality, defines=defines) for kind in KINDS]
-            if quality.grass_distance > 0.0 and quality.includes("grass")
-            else []
+def grass_layers(
+    context: moderngl.Context, *, quality: Quality, defines: Mapping[str, int | str]
+) -> Iterator[CoverLayer]:
+    """Yield the ground plants around an eye, kind by kind."""
+    for number, kind in enumerate(KINDS):
+        own = {**defines, "KIND": number}
+        layer = LAYERS[kind].scaled(quality.grass_distance, share=quality.ground_cover_density)
+        yield CoverLayer(
+            VisiblePoints(layer),
+            ScatteredInstances(
+                context,
+                [tuft_mesh(kind, detail) for detail in range(DETAILS)],
+                transform=build_program(context, "grass_plant.vert.glsl", captured=CAPTURED, defines=own),
+                captured=CAPTURED,
+                program=build_program(context, "grass.vert.glsl", "lit.frag.glsl", defines=own),
+            ),
+            {"scatter_layer": layer.uniform, "spread": 1.0 / quality.ground_cover_density},
         )
-
-    def draw(
-        self, camera: Camera, aspect: float, uniforms: Mapping[str, object], *, above: float
-    ) -> Iterator[None]:
-        """Draw for a camera, an aspect ratio and a height of the eye above ground (m), kind by kind.
-
-        `uniforms` are those of all passes: textures, `clock`, `wind`, and the map of the displayed ground.
-        """
-        for kind in self._kinds:
-            kind.draw(camera, aspect, uniforms, above)
-            yield
-        self.triangles = sum(kind.triangles for kind in self._kinds)
-        self.plants = sum(kind.plants for kind in self._kinds)
-
-
-class _GrassKind:
-    """One kind of plant: its meshes and its scattered instances."""
-
-    def __init__(
-        self, context: moderngl.Context, kind: str, *, quality: Quality, defines: Mapping[str, int | str]
-    ) -> None:
-        self.triangles = self.plants = 0
-        own = {**defines, "KIND": KINDS.index(kind)}
-        self._spread = 1.0 / quality.ground_cover_density
-        self._layer = LAYERS[kind].scaled(quality.grass_distance, share=quality.ground_cover_density)
-        self._visible = VisiblePoints(self._layer)
-        self._context = context
-        self.tufts = ScatteredInstances(
-            context,
-            [tuft_mesh(kind, detail) for detail in range(DETAILS)],
-            transform=build_transform(context, "grass_plant.vert.glsl", CAPTURED, defines=own),
-            captured=CAPTURED,
-            program=build_program(context, "grass.vert.glsl", "lit.frag.glsl", defines=own),
-        )
-
-    def draw(self, camera: Camera, aspect: float, uniforms: Mapping[str, object], above: float) -> None:
-        points = self._visible.points(camera, aspect, above)
-        self.plants, self.triangles = len(points.rows), self.tufts.triangles(points)
-        if self.plants:
-            own = {"scatter_layer": self._layer.uniform, "spread": self._spread}
-            self.tufts.evaluate(points, {**uniforms, **own})
-            self._context.enable_only(moderngl.DEPTH_TEST)
-            self.tufts.draw(points, uniforms)

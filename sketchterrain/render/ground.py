@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from sketchterrain.errors import InputError
 from sketchterrain.geometry.lattice import metres_per_unit
-from sketchterrain.render.programs import Textures, build_program, set_uniforms
+from sketchterrain.render.programs import Textures, build_program, clamped, set_uniforms
 from sketchterrain.render.vertex_memory import COMMAND, clipping
 from sketchterrain.tiles import quadtree as borders
 from sketchterrain.tiles.stream import QUADS
@@ -210,12 +210,9 @@ class SurfaceMap:
         self._context = context
         self._tile_renderer = tile_renderer
         size = (2 * texels, texels)
-        drawn = context.texture(size, 4, dtype="f4")
-        weights = [context.texture(size, 4, dtype="f1") for _ in range(tile_renderer.words)]
+        drawn = clamped(context.texture(size, 4, dtype="f4"))
+        weights = [clamped(context.texture(size, 4)) for _ in range(tile_renderer.words)]
         self.textures: dict[str, Textures] = {"surface": drawn, "surface_weights": weights}
-        for texture in (drawn, *weights):
-            texture.repeat_x = texture.repeat_y = False
-            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
         self._target = context.framebuffer([drawn, *weights])
         self._target.clear()
         self._array = tile_renderer.vertex_array(

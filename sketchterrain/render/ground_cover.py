@@ -6,7 +6,7 @@ Stone meshes are spheres cut by planes, as frost and falls break rock, then weat
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -16,10 +16,11 @@ import numpy as np
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.look.tree_species import unit
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.grass import Grass
-from sketchterrain.render.programs import build_program, build_transform, set_uniforms
+from sketchterrain.render.grass import grass_layers
+from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.scatter import (
+    CoverLayer,
     Mesh,
     ScatteredInstances,
     ScatterLayer,
@@ -148,63 +149,28 @@ ROCK_LAYERS: Final = (
 CAPTURED: Final = ("centre_radius", "spin", "ground", "kind", "hue")  # outputs of rock_place.vert.glsl
 
 
-class Rocks:
-    """Stones on the ground around an eye; counts triangles and candidate points (`stones`) of a frame."""
-
-    def __init__(
-        self, context: moderngl.Context, *, quality: Quality, defines: Mapping[str, int | str]
-    ) -> None:
-        self.triangles = self.stones = 0
-        self._context = context
-        self._layers: list[tuple[_RockLayer, VisiblePoints]] = []
-        if quality.grass_distance == 0.0 or not quality.includes("rocks"):
-            return
-        for rocks in ROCK_LAYERS:
-            layer = rocks.layer.scaled(quality.grass_distance, share=quality.ground_cover_density)
-            self._layers.append((replace(rocks, layer=layer), VisiblePoints(layer, sort=sorted_by_mesh)))
-        self.pool = ScatteredInstances(
-            context,
-            [rock_mesh(shape, detail) for detail in range(DETAILS) for shape in range(len(SHAPES))],
-            transform=build_transform(context, "rock_place.vert.glsl", CAPTURED, defines=defines),
-            captured=CAPTURED,
-            program=build_program(context, "rock.vert.glsl", "rock.frag.glsl", defines=defines),
-        )
-        self._shade = build_program(context, "rock_shade.vert.glsl", "rock_shade.frag.glsl", defines=defines)
-        shade = (self.pool.instances, "4f4 16x 4f4 4f4 16x/i", "centre_radius", "ground", "kind")
-        self._contact_shadows = context.vertex_array(self._shade, [shade])
-
-    def draw(
-        self, camera: Camera, aspect: float, uniforms: Mapping[str, object], *, above: float
-    ) -> Iterator[None]:
-        """Draw for a camera, layer by layer; see `Grass.draw`."""
-        self.triangles = self.stones = 0
-        for rocks, visible in self._layers:
-            points = visible.points(camera, aspect, above)
-            if len(points.rows):
-                own = {
-                    "scatter_layer": rocks.layer.uniform,
-                    "sizes": (*rocks.sizes, rocks.coverage),
-                    "max_tilt": rocks.max_tilt,
-                }
-                self.pool.evaluate(points, {**uniforms, **own})
-                self._draw(points, uniforms)
-                yield
-
-    def _draw(self, points: ScatterPoints, uniforms: Mapping[str, object]) -> None:
-        count, context = len(points.rows), self._context
-        context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
-        context.blend_func = moderngl.DST_COLOR, moderngl.ZERO
-        target = context.fbo
-        target.depth_mask = False
-        set_uniforms(self._shade, uniforms)
-        self._contact_shadows.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=count)
-        target.depth_mask = True
-        context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
-        context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        self.pool.draw(points, uniforms)
-        context.enable_only(moderngl.DEPTH_TEST)
-        self.stones += count
-        self.triangles += self.pool.triangles(points)
+def rock_layers(
+    context: moderngl.Context, *, quality: Quality, defines: Mapping[str, int | str]
+) -> Iterator[CoverLayer]:
+    """Yield the stones around an eye, which share meshes and programs."""
+    pool = ScatteredInstances(
+        context,
+        [rock_mesh(shape, detail) for detail in range(DETAILS) for shape in range(len(SHAPES))],
+        transform=build_program(context, "rock_place.vert.glsl", captured=CAPTURED, defines=defines),
+        captured=CAPTURED,
+        program=build_program(context, "rock.vert.glsl", "rock.frag.glsl", defines=defines),
+    )
+    shade = build_program(context, "rock_shade.vert.glsl", "rock_shade.frag.glsl", defines=defines)
+    content = (pool.instances, "4f4 16x 4f4 4f4 16x/i", "centre_radius", "ground", "kind")
+    contact_shadows = context.vertex_array(shade, [content])
+    for rocks in ROCK_LAYERS:
+        layer = rocks.layer.scaled(quality.grass_distance, share=quality.ground_cover_density)
+        own = {
+            "scatter_layer": layer.uniform,
+            "sizes": (*rocks.sizes, rocks.coverage),
+            "max_tilt": rocks.max_tilt,
+        }
+        yield CoverLayer(VisiblePoints(layer, sort=sorted_by_mesh), pool, own, contact_shadows)
 
 
 def sorted_by_mesh(points: ScatterPoints) -> ScatterPoints:
@@ -220,7 +186,8 @@ def sorted_by_mesh(points: ScatterPoints) -> ScatterPoints:
 class GroundCover:
     """Stones and grass on the displayed ground around an eye; false if the quality asks for none.
 
-    `appearance` are macros of `AppearanceTextures`: crops have its colours, fields no stones.
+    `triangles` are those of the last frame. `appearance` are macros of `AppearanceTextures`: crops have its
+    colours, fields no stones.
     """
 
     def __init__(
@@ -231,25 +198,46 @@ class GroundCover:
         shading: Shading,
         appearance: Mapping[str, int | str],
     ) -> None:
-        self._shading = shading
-        defines = {**shading.defines, **appearance}
-        self._parts = (
-            Rocks(context, quality=quality, defines=defines),
-            Grass(context, quality=quality, defines=defines),
-        )
-        self._any = quality.grass_distance > 0.0 and (quality.includes("rocks") or quality.includes("grass"))
+        self.triangles = 0
+        self._context, self._shading = context, shading
+        self.layers: list[CoverLayer] = []
+        for part, layers in (("rocks", rock_layers), ("grass", grass_layers)):
+            if quality.grass_distance > 0.0 and quality.includes(part):
+                self.layers += layers(context, quality=quality, defines={**shading.defines, **appearance})
 
     def __bool__(self) -> bool:
-        return self._any
-
-    @property
-    def triangles(self) -> int:
-        """Triangles of the last frame."""
-        return sum(part.triangles for part in self._parts)
+        return bool(self.layers)
 
     def draw(
         self, camera: Camera, size: tuple[int, int], uniforms: Mapping[str, object], *, above: float
     ) -> Iterator[None]:
-        """Draw for an eye `above` m over the ground; ``scene`` and ``scene_depth`` hold the bare ground."""
-        for part in self._parts:
-            yield from part.draw(camera, size[0] / size[1], {**uniforms, **self._shading.tints}, above=above)
+        """Draw for an eye `above` m over the ground, layer by layer.
+
+        `uniforms` are those of all passes: textures, `clock`, `wind`, and the map of the displayed ground.
+        ``scene`` and ``scene_depth`` hold the bare ground.
+        """
+        self.triangles, uniforms = 0, {**uniforms, **self._shading.tints}
+        for layer in self.layers:
+            points = layer.visible.points(camera, size[0] / size[1], above)
+            if len(points.rows):
+                layer.pool.evaluate(points, {**uniforms, **layer.uniforms})
+                if layer.contact_shadows:
+                    self._draw_contact_shadows(layer.contact_shadows, len(points.rows), uniforms)
+                culled = moderngl.CULL_FACE if layer.contact_shadows else 0
+                self._context.enable_only(moderngl.DEPTH_TEST | culled)
+                layer.pool.draw(points, uniforms)
+                self._context.enable_only(moderngl.DEPTH_TEST)
+                self.triangles += layer.pool.triangles(points)
+                yield
+
+    def _draw_contact_shadows(
+        self, array: moderngl.VertexArray, count: int, uniforms: Mapping[str, object]
+    ) -> None:
+        context = self._context
+        context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+        context.blend_func = moderngl.DST_COLOR, moderngl.ZERO
+        context.fbo.depth_mask = False
+        set_uniforms(array.program, uniforms)
+        array.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=count)
+        context.fbo.depth_mask = True
+        context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA

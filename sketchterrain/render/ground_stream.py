@@ -15,7 +15,7 @@ from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground import TileRenderer
 from sketchterrain.render.material_macros import wooded_share
 from sketchterrain.render.programs import ResourceCache
-from sketchterrain.render.quality import Quality, StreamStats, TerrainUpdateStats
+from sketchterrain.render.quality import Quality, StreamStats
 from sketchterrain.render.scene import BoundedTerrain, TileSource
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
 from sketchterrain.render.vertex_memory import GLVertexMemory, open_vertex_memory
@@ -26,6 +26,7 @@ from sketchterrain.tiles.stream import TileStream
 from sketchterrain.tiles.tile_pool import Batch, DrawList
 
 QUAD, QUAD_PER_TOLERANCE = 24.0, 8.0  # px; largest width of a quad: constant, and per pixel of tolerance
+FINEST_CELL: Final = 0.2  # m, least width of a quad
 JUMP: Final = 0.1  # Extents; a larger motion between two frames is a jump
 FIRST_BUDGET, JUMP_BUDGET, CHANGE_BUDGET = 2.0, 0.5, 0.25
 """s for the first frame, that of a jump, and the first of another terrain, which draw a whole picture."""
@@ -42,10 +43,9 @@ _BATCH_MARGIN: Final = 1.5
 class TerrainStream:
     """Tiles of a terrain for a moving camera.
 
-    `memory` forces a kind of `open_vertex_memory`; `finest_cell` limits the quad width (m); `metric` replaces
-    the quality's screen-space error. `tiles` selects and caches tiles, `tile_renderer` draws them (overlays
-    draw the same tiles with other programs), `draws` is the last frame's list, `written` counts generated
-    tiles.
+    `metric` replaces the quality's screen-space error. `tiles` selects and caches tiles, `tile_renderer`
+    draws them (overlays draw the same tiles with other programs), `draws` is the last frame's list, `written`
+    counts generated tiles.
     """
 
     def __init__(
@@ -54,8 +54,6 @@ class TerrainStream:
         terrain: TileSource,
         quality: Quality | None = None,
         *,
-        memory: str | None = None,
-        finest_cell: float = 0.2,
         metric: ScreenError | None = None,
         timer: Callable[[], float] = time.perf_counter,
         resources: ResourceCache | None = None,
@@ -68,13 +66,12 @@ class TerrainStream:
         tile_bytes = (quads + 1) ** 2 * vertex_dtype(materials).itemsize
         slots = max(quality.tile_memory // tile_bytes, 1)
         bounds = terrain.bounds if isinstance(terrain, BoundedTerrain) else None
-        if isinstance(terrain, BoundedTerrain):
-            finest_cell = max(finest_cell, terrain.finest_cell)
+        own_cell = terrain.finest_cell if isinstance(terrain, BoundedTerrain) else 0.0
         self.tiles = TileStream(
             terrain.extent,
             quads=quads,
             slots=slots,
-            finest_cell=finest_cell,
+            finest_cell=max(FINEST_CELL, own_cell),
             bounds=bounds or UNBOUNDED,
             metric=metric
             or ScreenError(
@@ -91,8 +88,8 @@ class TerrainStream:
         self._resources = resources or ResourceCache()
         self.memory = self._resources.get_or_create(
             "vertices",
-            (terrain.context, slots * tile_bytes, memory),
-            lambda: open_vertex_memory(context, terrain.context, slots * tile_bytes, kind=memory),
+            (terrain.context, slots * tile_bytes),
+            lambda: open_vertex_memory(context, terrain.context, slots * tile_bytes),
             close=GLVertexMemory.close,
         )
         self._store = terrain.vertex_store(slots, quads=quads, memory=self.memory)
@@ -162,10 +159,14 @@ class TerrainStream:
         )
 
     def refine(self, camera: Camera, size: tuple[int, int], *, draw_distance: float, budget: float) -> bool:
-        """Generate tiles of a still within a budget (s); return whether `converge` has all it needs."""
+        """Generate tiles of a still within a budget (s), and place them; return whether that is complete."""
         self._view = view = view_of(camera, size, draw_distance=draw_distance)
-        self._generate(view, budget, still=True)
-        return self.tiles.has_still
+        if budget < np.inf:  # else `converge` generates them
+            self._generate(view, budget, still=True)
+            if not self.tiles.has_still:
+                return False
+        self.converge(camera, size, draw_distance=draw_distance, still=True)
+        return True
 
     def converge(
         self, camera: Camera, size: tuple[int, int], *, draw_distance: float, still: bool = False
@@ -175,7 +176,7 @@ class TerrainStream:
         self._place(self.tiles.generate_all(view, self._write, still=still), camera.eye)
         self._eye = None if still else np.asarray(camera.eye)  # after a still the next frame jumps
 
-    def set_terrain(self, terrain: TileSource, areas: Sequence[Bounds]) -> TerrainUpdateStats:
+    def set_terrain(self, terrain: TileSource, areas: Sequence[Bounds]) -> None:
         """Replace the terrain by another one of the same extent, bit-equal outside `areas` (W, S, E, N; m).
 
         Visible tiles of the areas are rewritten before this returns, so that no frame mixes two terrains; the
@@ -185,16 +186,13 @@ class TerrainStream:
             raise InputError(
                 f"expected a terrain of the same extent, {self.terrain.extent:g} m, got {terrain.extent:g} m"
             )
-        start, before = self._timer(), self.written
         self.terrain = moved_to_context(terrain, self.terrain.context)
-        dropped = self.tiles.invalidate(areas)
+        self.tiles.invalidate(areas)
         self._changed = True
         if self._view is not None and self.draws is not None:
             self._place(
                 self._with_updated_tiles(self._view, self.tiles.draw_list(self._view)), self._view.eye
             )
-        seconds = self._timer() - start
-        return TerrainUpdateStats(seconds, seconds, self.written - before, dropped)
 
     def _with_updated_tiles(self, view: CameraView, draws: DrawList) -> DrawList:
         """Rewrite outdated tiles of a draw list; return the list afterwards."""

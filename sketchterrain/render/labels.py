@@ -14,7 +14,7 @@ from PIL import Image, ImageColor, ImageDraw, ImageFont
 from sketchterrain.array_types import BoolArray, Float64Array, StructuredArray, UInt8Array
 from sketchterrain.drape.label_layout import LabelCandidates, layer_numbers, place_labels
 from sketchterrain.render.camera import Camera, Vector
-from sketchterrain.render.programs import build_program, build_transform, set_uniforms
+from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.render.scene import TerrainSource, surface_heights
 from sketchterrain.render.targets import RenderTargets
 
@@ -49,7 +49,7 @@ class Labels:
     @cached_property
     def _gl(self) -> tuple[moderngl.Program, moderngl.Program, moderngl.Texture]:
         """Programs that test and draw labels, and the atlas."""
-        test = build_transform(self._context, "label_seen.vert.glsl", ("seen",))
+        test = build_program(self._context, "label_seen.vert.glsl", captured=("seen",))
         program = build_program(self._context, "label.vert.glsl", "label.frag.glsl")
         return test, program, self._context.texture(ATLAS, 2)
 

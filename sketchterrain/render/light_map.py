@@ -11,8 +11,9 @@ import moderngl
 import numpy as np
 
 from sketchterrain.array_types import Bounds
-from sketchterrain.render.programs import fullscreen_pass, set_uniforms
-from sketchterrain.render.quality import TimeBudget, WorkRate
+from sketchterrain.geometry.differences import merge_boxes
+from sketchterrain.render.programs import clamped, fullscreen_pass, set_uniforms
+from sketchterrain.render.quality import UNLIMITED, TimeBudget, WorkRate
 from sketchterrain.render.scene import HeightMap, TerrainSource, surface_heights
 from sketchterrain.render.sky import Sun
 
@@ -22,8 +23,6 @@ PENUMBRA: Final = 0.022
 """Tangent of half the angle over which the sun sets behind a ridge; the real sun's would alias,"""
 SHARP_PENUMBRA: Final = 0.009
 """but on a map close to the eye less than on wider ones; the real one's is 0.0047."""
-_MERGE_OVERHEAD: Final = 1.25
-"""Rectangles are merged where that takes no more than this many times their texels."""
 
 Rectangle = tuple[int, int, int, int]
 """West, south, east, north in texels from the world's origin; east and north are exclusive."""
@@ -127,8 +126,8 @@ class LightMap:
         n = square.texels
         self.square = square
         self.relief = HeightMap(square.west, square.south, square.width, np.zeros((n, n), np.float32))
-        self.heights = renderer.context.texture((n, n), 1, dtype="f4")
-        self.light = renderer.context.texture((n, n), 4, dtype="f2")
+        self.heights = clamped(renderer.context.texture((n, n), 1, dtype="f4"))
+        self.light = clamped(renderer.context.texture((n, n), 4, dtype="f2"))
         self.ready = False
         self.version, self.sun = renderer.version, renderer.sun
         self.dirty: list[Rectangle] = []
@@ -140,15 +139,13 @@ class LightMap:
         self._pending = self._reuse(previous) if previous and reusable else [square.rectangle]
         self._lit_rows = 0
         self._uploaded = False
-        for texture in (self.heights, self.light):
-            texture.repeat_x = texture.repeat_y = False
-        self.light.filter = (moderngl.LINEAR, moderngl.LINEAR)
 
     def invalidate(self, areas: Sequence[Bounds]) -> None:
         """Mark areas (m) where the terrain has changed."""
-        self.dirty = _merged(self.dirty + self.square.texels_in(areas))
+        boxes = merge_boxes([*self.dirty, *self.square.texels_in(areas)])
+        self.dirty = [(int(west), int(south), int(east), int(north)) for west, south, east, north in boxes]
 
-    def advance(self, budget: TimeBudget) -> None:
+    def advance(self, budget: TimeBudget = UNLIMITED) -> None:
         """Compute within a time budget: rows of heights, then the texture, then rows of light."""
         renderer, n = self._renderer, self.square.texels
         while self._pending:
@@ -161,18 +158,8 @@ class LightMap:
         while self._lit_rows < n:
             if not rate.run(budget, self._light_rows, step=n, count=n - self._lit_rows):
                 return
-        self._complete()
-
-    def finish(self) -> None:
-        """Compute everything that is missing at once."""
-        n = self.square.texels
-        while self._pending:
-            self._sample(n)
-        if not self._uploaded:
-            self._upload()
-        if self._lit_rows < n:
-            self._light_rows(n - self._lit_rows)
-        self._complete()
+        self.ready = True
+        self._wider = ()
 
     @cached_property
     def haze_base(self) -> float:
@@ -188,10 +175,6 @@ class LightMap:
     def lowest(self) -> float:
         """Least height (m)."""
         return float(self.relief.heights.min())
-
-    def _complete(self) -> None:
-        self.ready = True
-        self._wider = ()
 
     def _reuse(self, previous: LightMap) -> list[Rectangle]:
         """Copy the heights of a previous map; return the rectangles of texels still to be sampled."""
@@ -265,26 +248,3 @@ def _intersection(one: Rectangle, other: Rectangle) -> Rectangle | None:
     west, south = max(one[0], other[0]), max(one[1], other[1])
     east, north = min(one[2], other[2]), min(one[3], other[3])
     return (west, south, east, north) if west < east and south < north else None
-
-
-def _merged(rectangles: Sequence[Rectangle]) -> list[Rectangle]:
-    """Return fewer rectangles that cover the same area."""
-    result: list[Rectangle] = []
-    for rectangle in rectangles:
-        both, again = rectangle, True
-        while again:
-            again = False
-            for other in result:
-                low, high = np.minimum(both, other).tolist(), np.maximum(both, other).tolist()
-                bounding = (low[0], low[1], high[2], high[3])
-                if _area(bounding) <= _MERGE_OVERHEAD * (_area(both) + _area(other)):
-                    result.remove(other)
-                    both, again = bounding, True
-                    break
-        result.append(both)
-    return result
-
-
-def _area(rectangle: Rectangle) -> int:
-    west, south, east, north = rectangle
-    return (east - west) * (north - south)

@@ -11,8 +11,8 @@ import numpy as np
 from sketchterrain.array_types import Bounds
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.light_map import LightMap, LightMapRenderer, TexelSquare
-from sketchterrain.render.programs import fullscreen_pass, set_uniforms
-from sketchterrain.render.quality import TimeBudget
+from sketchterrain.render.programs import clamped, fullscreen_pass, set_uniforms
+from sketchterrain.render.quality import UNLIMITED, TimeBudget
 from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.sky import Sun
 
@@ -148,8 +148,7 @@ class ClipmapLevel:
         if self.step == 1 and self.current is not None and self.pending is not None:
             self._previous, self.current, self.pending = self.current, self.pending, None
             n = self.current.square.texels
-            self.light = self._context.texture((n, n), 4, dtype="f2")
-            self.light.repeat_x = self.light.repeat_y = False
+            self.light = clamped(self._context.texture((n, n), 4, dtype="f2"))
             self._target = self._context.framebuffer([self.light])
             self._blend(0.0)
         elif self.step == 2 and self.current is not None:
@@ -286,17 +285,22 @@ class GroundLighting:
         self._renderer.sun = sun
         self._renderer.version += 1
 
-    def converge(self, camera: Camera) -> None:
-        """Compute and display everything that a camera needs at once."""
+    def converge(self, camera: Camera, budget: TimeBudget = UNLIMITED) -> bool:
+        """Compute what a camera needs within a budget, and display it; return whether that is complete."""
         squares = self._squares(camera)
         for name, level in self._from_far:
             light_map, wider = level.current, self._wider(name) or []
             if light_map is None or not self._is_current(light_map, squares[name], wider):
-                light_map = self._light_map(level, squares[name], wider)
-                light_map.finish()
+                light_map = level.pending
+                if light_map is None or not self._is_current(light_map, squares[name], wider):
+                    light_map = level.pending = self._light_map(level, squares[name], wider)
+                light_map.advance(budget)
+                if not light_map.ready:
+                    return False
             level.set_current(light_map)
         self.haze_base = self._target_haze_base()
         self._has_haze_base = True
+        return True
 
     def _squares(self, camera: Camera) -> dict[str, TexelSquare]:
         (x, y, _), (ahead_x, ahead_y) = camera.eye, camera.forward[:2]

@@ -16,7 +16,6 @@ from sketchterrain.render.overlays import Overlay, check_overlays
 from sketchterrain.render.programs import ResourceCache, close_context, open_context, release_orphans
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
-from sketchterrain.render.scene import DrapedSketch
 from sketchterrain.render.scenery import load_textures
 from sketchterrain.render.sharing_probe import moved_to_context, open_device
 from sketchterrain.render.sky import Weather, sun_for_view
@@ -30,11 +29,12 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.document.sketch import Sketch
     from sketchterrain.drape.drapes import Drapes
     from sketchterrain.generation.terrain import Terrain
     from sketchterrain.render.flight import CameraStates
     from sketchterrain.render.overlays import LegendEntry
-    from sketchterrain.render.scene import Sketch, TerrainSource
+    from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
 
 MAX_SIDE = 8192  # px
@@ -70,8 +70,7 @@ def render_picture(
     start = time.perf_counter()
     weather = weather or Weather.from_sketch(terrain.sketch)
     drapes = drapes or open_drapes(terrain)
-    framed = None if drapes is None or view != "layers" else drapes.shown_box
-    camera = camera or find_view(terrain, view, weather=weather, framed=framed)
+    camera = camera or _found_camera(terrain, view, weather, drapes)
     sun = sun or sun_for_view(terrain, camera, weather)
     view_seconds = time.perf_counter() - start
     with canvas(size) as (context, texture, framebuffer):
@@ -100,10 +99,15 @@ def render_picture(
         return picture
 
 
+def _found_camera(terrain: TerrainSource, view: str, weather: Weather, drapes: Drapes | None) -> Camera:
+    framed = None if drapes is None or view != "layers" else drapes.shown_box
+    return find_view(terrain, view, weather=weather, framed=framed)
+
+
 def open_drapes(terrain: TerrainSource) -> Drapes | None:
     """Return the draped layers of a terrain's sketch, None without any."""
     sketch = terrain.sketch
-    if not isinstance(sketch, DrapedSketch) or not sketch.drapes:
+    if not sketch.drapes:
         return None
     from sketchterrain.drape.drapes import Drapes  # with readers of files
 
@@ -173,8 +177,7 @@ class SnapshotRenderer:
         terrain = moved_to_context(terrain, self._own_context(terrain.context))
         weather = weather or Weather.from_sketch(terrain.sketch)
         drapes = open_drapes(terrain)
-        framed = None if drapes is None or view != "layers" else drapes.shown_box
-        camera = find_view(terrain, view, weather=weather, framed=framed)
+        camera = _found_camera(terrain, view, weather, drapes)
         sun = sun_for_view(terrain, camera, weather)
         view_seconds = time.perf_counter() - start
         try:
@@ -257,7 +260,7 @@ def capture_frames(
                 Quality.for_still(size) if complete else Quality.for_renderer(context.info["GL_RENDERER"])
             )
         quality = replace(quality, without=quality.without | frozenset(without))
-        cameras = _cameras(views)
+        cameras = views.cameras
         weather = weather or Weather.from_sketch(terrain.sketch)
         sun = sun or sun_for_view(terrain, cameras[0], weather)
         renderer = Renderer(
@@ -278,11 +281,6 @@ def capture_frames(
                 for name in overlays:
                     overlay.draw(name, camera.eye, framebuffer)
             yield stats, read_picture(texture) if pixels else None
-
-
-def _cameras(views: CameraStates) -> list[Camera]:
-    rows = zip(views.eye.tolist(), views.target.tolist(), views.fov.tolist(), strict=True)
-    return [Camera(tuple(eye), tuple(target), fov=fov) for eye, target, fov in rows]
 
 
 def _capture(

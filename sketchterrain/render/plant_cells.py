@@ -11,7 +11,7 @@ import numpy as np
 from sketchterrain.look.tree_levels import VARIANTS, plant_chances, plant_variants
 from sketchterrain.look.tree_species import HEIGHTS
 from sketchterrain.render.plant_meshes import cull_distance, plant_importance, removal_rank
-from sketchterrain.render.quality import WorkRate
+from sketchterrain.render.quality import UNLIMITED, WorkRate
 from sketchterrain.render.scatter import cells_within
 from sketchterrain.tiles.lod import inside_frustum
 
@@ -186,7 +186,7 @@ class PlantCells:
         for cell in self._cells.values():
             cell.age += elapsed
 
-    def advance(self, budget: TimeBudget, *, block: int = 1) -> None:
+    def advance(self, budget: TimeBudget = UNLIMITED, *, block: int = 1) -> None:
         """Generate cells within a time budget, as many along the sides of a block at once."""
         while True:
             if self._job is None:
@@ -212,15 +212,6 @@ class PlantCells:
         except StopIteration as end:
             self._store(keys, end.value)
             self._job = None
-
-    def finish(self) -> None:
-        """Generate all missing cells at once, fully grown."""
-        self._job, self._job_version = None, self._version
-        keys = self._missing()
-        if keys:
-            self._store(keys, self._terrain.foliage(*_bounds_of(keys)))
-        for cell in self._cells.values():
-            cell.age = np.inf
 
     def _missing(self) -> list[CellKey]:
         """Return the cells to generate: missing ones, then stale ones, oldest first."""

@@ -178,14 +178,12 @@ class PlantBatch:
         self._captured_bytes = VECTOR * len(captured)
         self._commands = context.buffer(reserve=20 * meshes.vertices.size, dynamic=True)
         self._counts = np.zeros_like(meshes.vertices)
-        vertex: tuple[str, ...] = ("3f4 12x", "local_position")
-        if transform is not None:
-            vertex = ("3f4 4f1 4f1 4f1", "local_position", "local_normal", "vertex_colour", "leaf_uv")
+        vertex = ("3f4 4f1 4f1 4f1", "local_position", "local_normal", "vertex_colour", "leaf_uv")
         parts = [(meshes.buffer, *vertex), (self._instances, "4f4 4f4/i", "foot_height", "appearance")]
         if transform is not None:
             parts.append((self._captured, " ".join(["4f4"] * len(captured)) + "/i", *captured))
             self._evaluation = context.vertex_array(transform, [(self._instances, "4f4 16x", "foot_height")])
-        self._array = context.vertex_array(program, parts)
+        self._array = context.vertex_array(program, parts, skip_errors=True)
 
     @property
     def count(self) -> int:

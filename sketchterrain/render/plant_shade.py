@@ -26,8 +26,8 @@ from sketchterrain.render.plant_meshes import (
     visible_share,
     width_scale,
 )
-from sketchterrain.render.programs import build_program, set_uniforms
-from sketchterrain.render.quality import Quality, TimeBudget, WorkRate
+from sketchterrain.render.programs import build_program, clamped, set_uniforms
+from sketchterrain.render.quality import UNLIMITED, Quality, TimeBudget, WorkRate
 from sketchterrain.render.sky import Sun
 
 MAPS: Final = ((0.06, 0.075), (0.45, 0.60))
@@ -161,8 +161,10 @@ class PlantShadows:
         self._covered = list(cells)
         return self._covered
 
-    def advance(self, eye: tuple[float, float, float], elapsed: float, budget: TimeBudget) -> None:
-        """Advance by a frame: cross-fade, and draw within the time budget."""
+    def advance(
+        self, eye: tuple[float, float, float], elapsed: float, budget: TimeBudget = UNLIMITED
+    ) -> None:
+        """Advance by a frame time (s; infinite for a still): cross-fade, and draw within the time budget."""
         for index in self._used:
             shadow_map, batch = self._maps[index], self._batches[index]
             shadow_map.share = min(shadow_map.share + elapsed / FADE, 1.0)
@@ -170,21 +172,15 @@ class PlantShadows:
             if idle and self._stale(index) and budget.left > 0.0:
                 self._start(index, eye)
             while shadow_map.pending is not None:
-                count = min(self._rate.steps_within(budget), batch.count - shadow_map.drawn)
+                count = self._rate.steps_within(budget, batch.count - shadow_map.drawn)
                 if not count and batch.count:
                     break
                 before = budget.spent
                 self._draw(index, count)
                 if count:
                     self._rate.record(count, budget.spent - before)
-
-    def finish(self, eye: tuple[float, float, float]) -> None:
-        """Draw everything that is missing at once."""
-        for index in self._used:
-            if self._stale(index):
-                self._start(index, eye)
-                self._draw(index, self._batches[index].count)
-            self._maps[index].share = 1.0
+            if elapsed == np.inf:
+                shadow_map.share = 1.0
 
     def _stale(self, index: int) -> bool:
         shadow_map, requested = self._maps[index], self._requested[index]
@@ -267,11 +263,7 @@ def shadow_matrix(sun: Sun, centre: Float64Array, half_width: float, half_depth:
 
 
 def _depth_target(context: moderngl.Context, texels: int) -> moderngl.Framebuffer:
-    texture = context.depth_texture((texels, texels))
-    texture.compare_func = "<="
-    texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-    texture.repeat_x = texture.repeat_y = False
-    target = context.framebuffer((), texture)
+    target = context.framebuffer((), clamped(context.depth_texture((texels, texels))))
     target.use()
     target.clear(depth=1.0)
     return target

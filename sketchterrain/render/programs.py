@@ -97,36 +97,23 @@ FRAME_BINDING = 0  # binding point of the uniform block ``Frame`` (kernels/rende
 
 
 def build_program(
-    context: moderngl.Context, vertex: str, fragment: str, *, defines: Mapping[str, int | str] | None = None
-) -> moderngl.Program:
-    """Build a program from two files in ``kernels/render``, with macros; raise BuildError."""
-    return _build(context, defines, vertex, fragment)
-
-
-def build_transform(
     context: moderngl.Context,
-    vertex: str,
-    captured: Sequence[str],
-    *,
-    defines: Mapping[str, int | str] | None = None,
-) -> moderngl.Program:
-    """Build a transform feedback program that captures vertex shader outputs; raise BuildError."""
-    return _build(context, defines, vertex, varyings=tuple(captured))
-
-
-def _build(
-    context: moderngl.Context,
-    defines: Mapping[str, int | str] | None,
     vertex: str,
     fragment: str | None = None,
-    varyings: tuple[str, ...] = (),
+    *,
+    captured: Sequence[str] = (),
+    defines: Mapping[str, int | str] | None = None,
 ) -> moderngl.Program:
+    """Build a program from files in ``kernels/render``, with macros; raise BuildError.
+
+    One without a fragment shader captures outputs of its vertex shader by transform feedback.
+    """
     macros = tuple((defines or {}).items())
     try:
         program = context.program(
             vertex_shader=source(f"render/{vertex}", macros),
             fragment_shader=None if fragment is None else source(f"render/{fragment}", macros),
-            varyings=varyings,
+            varyings=tuple(captured),
         )
     except moderngl.Error as error:
         names, log = " and ".join(filter(None, (vertex, fragment))), " ".join(str(error).split())
@@ -163,6 +150,15 @@ def bind_textures(textures: Mapping[str, Textures]) -> dict[str, object]:
             texture.use(number)
         units[name] = numbers if isinstance(given, list) else numbers[0]
     return units
+
+
+Clamped = TypeVar("Clamped", moderngl.Texture, moderngl.TextureArray)
+
+
+def clamped(texture: Clamped) -> Clamped:
+    """Return a texture that does not repeat beyond its borders."""
+    texture.repeat_x = texture.repeat_y = False
+    return texture
 
 
 def fullscreen_pass(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field, fields
+from typing import Final, TypeVar
 
 import numpy as np
 
@@ -41,6 +41,9 @@ class TimeBudget:
         return TimeBudget(share * self.left, timer=self._timer)
 
 
+UNLIMITED: Final = TimeBudget(np.inf)
+
+
 class WorkRate:
     """Estimated seconds per unit of one kind of work, updated from measurements."""
 
@@ -49,18 +52,20 @@ class WorkRate:
         self._fastest = unit
         self._largest_budget = 0.0
 
-    def steps_within(self, budget: TimeBudget, *, step: int = 1) -> int:
-        """Return the number of steps of `step` units expected to fit into the remaining time.
+    def steps_within(self, budget: TimeBudget, count: int, *, step: int = 1) -> int:
+        """Return how many of `count` steps of `step` units are expected to fit into the remaining time.
 
         If none fits although the budget is as large as it gets, the estimate is lowered: one slow measurement
         must not stop the work for ever.
         """
         left = budget.left
+        if left == np.inf:
+            return count
         self._largest_budget = max(left, _BUDGET_DECAY * self._largest_budget)
         steps = max(int((left - _OVERHEAD) / (self.unit * step)), 0)
         if not steps and left > max(2.0 * _OVERHEAD, _WHOLE_BUDGET * self._largest_budget):
             self.unit = max(_OPTIMISM * self.unit, self._fastest)
-        return steps
+        return min(steps, count)
 
     def record(self, units: int, seconds: float) -> None:
         """Update the estimate from a measured piece of work."""
@@ -70,7 +75,7 @@ class WorkRate:
 
     def run(self, budget: TimeBudget, work: Callable[[int], object], *, count: int, step: int = 1) -> int:
         """Execute up to `count` steps (of `step` units) within the budget; return their number."""
-        steps = min(self.steps_within(budget, step=step), count)
+        steps = self.steps_within(budget, count, step=step)
         if steps:
             before = budget.spent
             work(steps)
@@ -109,16 +114,6 @@ class StreamStats:
     jumped: bool  # the eye jumped, and the frame got a larger budget
 
 
-@dataclass(frozen=True)
-class TerrainUpdateStats:
-    """Cost of replacing the terrain of a renderer or tile stream."""
-
-    tile_seconds: float  # until visible tiles held the new heights, including waiting for the device
-    seconds: float  # of all work before the next frame
-    tiles_rewritten: int
-    tiles_dropped: int
-
-
 PARTS: Final = ("shadows", "clouds", "haze", "water", "trees", "rocks", "grass", "detail")
 """Optional parts of a picture; ``detail`` is relief and fine structure of textures."""
 
@@ -135,18 +130,29 @@ ON_CPU: Final = 0.1
 ON_SHARED: Final = 0.5
 ON_CARD: Final = 0.8
 _LEVELS: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
-# Shape is the last to give way: mountains keep their ridges and rock at any quality.
-_TOLERANCES: Final = (1.6, 1.3, 1.2, 1.1, 1.0)
-_FINEST_QUADS: Final = (3.0, 2.5, 1.5, 1.2, 1.0)
-_STEEPS: Final = (5.0, 4.5, 4.0, 2.8, 2.0)
-_CANOPIES: Final = (250.0, 400.0, 1000.0, 1550.0, 2400.0)
-_LEAVES: Final = (0.15, 0.25, 0.6, 0.77, 1.0)
-_THIN: Final = (10.0, 9.0, 8.0, 6.0, 4.0)
-_PLANTS: Final = (4e3, 8e3, 3e4, 6e4, 1.2e5)
-_COVER_LEVELS: Final = (0.3, 0.5, 1.0)  # levels of `_GRASS` and `_BLADES`: no ground cover below the first
-_GRASS: Final = (30.0, 60.0, 110.0)
-_BLADES: Final = (0.3, 0.55, 1.0)
-_MOVING_SCALES: Final = (0.22, 0.3, 0.5, 0.7, 1.0)
+_COVER_LEVELS: Final = (0.3, 0.5, 1.0)  # no ground cover below the first
+
+_Value = TypeVar("_Value")
+
+
+def _by_level(value: Callable[[float], _Value]) -> _Value:
+    """Declare a limit by its value at each level; the default is that of the best one."""
+    declared: _Value = field(default=value(1.0), metadata={"value": value})
+    return declared
+
+
+def _interpolated(*values: float) -> float:
+    """Declare a limit by values at `_LEVELS`, geometrically interpolated."""
+    return _by_level(lambda level: _geometric(level, values))
+
+
+def _geometric(level: float, values: tuple[float, ...]) -> float:
+    return round(float(np.exp(np.interp(level, _LEVELS, np.log(values)))), 6)
+
+
+def _stepped(least: int, *steps: tuple[float, int]) -> int:
+    """Declare a limit by its value at level 0, and by others from some levels on."""
+    return _by_level(lambda level: [least, *(value for start, value in steps if level >= start)][-1])
 
 
 @dataclass(frozen=True)
@@ -157,38 +163,55 @@ class Quality:
     From 0.75 on pictures are complete.
     """
 
-    tolerance: float = 1.0  # τ: deviation of the drawn terrain, px of the whole picture; 1.6 at level 0
-    neighbour_limit: float = 2.0  # error of a parent along a coarser neighbour, in tolerances; 5 at level 0
-    finest_quad: float = 1.0  # width of quads that are not split, px of the whole picture; 3 at level 0
-    appearance_tiles: int = 482  # tiles of what vectors paint, in memory, of 147 KB ...
-    appearance_taps: int = 8  # ... and most samples of them along a pixel's footprint
+    # Shape is the last to give way: mountains keep their ridges and rock at any quality.
+    tolerance: float = _interpolated(
+        1.6, 1.3, 1.2, 1.1, 1.0
+    )  # τ: deviation of the terrain, px of the picture
+    neighbour_limit: float = _interpolated(5.0, 4.5, 4.0, 2.8, 2.0)
+    """Error of a parent along a coarser neighbour, in tolerances."""
+    finest_quad: float = _interpolated(3.0, 2.5, 1.5, 1.2, 1.0)  # px, width of quads that are not split
+    appearance_tiles: int = _stepped(241, (0.5, 482))  # of what vectors paint, in memory, of 147 KB ...
+    appearance_taps: int = _stepped(2, (0.5, 4), (0.75, 8))  # ... and most samples along a pixel's footprint
     draw_distance: float = 7.0  # at the terrain, extents; grows with the eye's height
-    samples: int = 2  # visibility samples a pixel along each axis (shading takes one a pixel)
-    materials: int = 3  # blended materials a pixel, kernels/render/shade_ground.frag.glsl; with ...
-    planes: int = 2  # ... texture planes, ...
-    octaves: int = 2  # ... texture scales ...
-    hexes: int = 3  # ... and hexagons, which hide the repetition
-    material_texels: int = 1024  # side of material textures, a power of two
-    map_texels: int = 768  # side of the height maps for shadows and sky visibility, a multiple of 64
-    light_maps: int = 3  # maps of the light on the terrain: far and near, and close to the eye
-    cloud_steps: int = 96  # steps of a ray through the clouds
-    cloud_texels: int = 0  # side of the cloud dome; 0: clouds are computed in each picture
-    shade_maps: int = 2  # shadow maps of plants: none, far, far and near
-    shade_texels: int = 2048  # their side
-    surface_texels: int = 1024  # side of both squares of the surface map
+    samples: int = _stepped(1, (0.75, 2))  # visibility samples a pixel along each axis (shading takes one)
+    materials: int = _stepped(
+        1, (0.4, 2), (0.75, 3)
+    )  # blended ones a pixel, shade_ground.frag.glsl; with ...
+    planes: int = _stepped(1, (0.5, 2))  # ... texture planes, ...
+    octaves: int = _stepped(1, (0.5, 2))  # ... texture scales ...
+    hexes: int = _stepped(1, (0.5, 3))  # ... and hexagons, which hide the repetition
+    material_texels: int = _stepped(512, (0.5, 1024))  # side of material textures, a power of two
+    map_texels: int = _by_level(lambda level: 64 * round(4.0 + 8.0 * level))
+    """Side of the height maps for shadows and sky visibility, a multiple of 64."""
+    light_maps: int = _stepped(2, (0.5, 3))  # maps of the light on the terrain: far and near, and close
+    cloud_steps: int = _by_level(lambda level: 32 + round(64 * level))  # of a ray through the clouds
+    cloud_texels: int = _stepped(768, (0.5, 0))  # side of the dome; 0: clouds are computed in each picture
+    shade_maps: int = _stepped(0, (0.2, 1), (0.5, 2))  # shadow maps of plants: none, far, far and near
+    shade_texels: int = _stepped(1024, (0.5, 2048))  # their side
+    surface_texels: int = _stepped(256, (0.4, 512), (0.75, 1024))  # side of both squares of the surface map
     plant_distance: float = 2400.0  # draw distance of plants, m
-    canopy_distance: float = 2400.0  # m beyond which the ground of dense forests has their canopy's colour
-    plant_lod_scale: float = 1.0  # scale of the heights (px) at which plants switch to finer meshes
-    thinning_pixels: float = 4.0  # height (px of the whole picture) below which forests are thinned out
-    max_plants: int = 120_000  # most plant instances in a picture
-    grass_distance: float = 110.0  # draw distance of grass, m; boulders in proportion; 0: none
-    ground_cover_density: float = (
-        1.0  # density of ground cover over the best quality's; blades are widened to match
+    canopy_distance: float = _interpolated(250.0, 400.0, 1000.0, 1550.0, 2400.0)
+    """Distance (m) beyond which the ground of dense forests has their canopy's colour."""
+    plant_lod_scale: float = _interpolated(0.15, 0.25, 0.6, 0.77, 1.0)
+    """Scale of the heights (px) at which plants switch to finer meshes."""
+    thinning_pixels: float = _interpolated(10.0, 9.0, 8.0, 6.0, 4.0)
+    """Height (px of the whole picture) below which forests are thinned out."""
+    max_plants: int = _by_level(lambda level: round(_geometric(level, (4e3, 8e3, 3e4, 6e4, 1.2e5))))
+    """Most plant instances in a picture."""
+    grass_distance: float = _by_level(
+        lambda level: float(np.interp(level, _COVER_LEVELS, (30.0, 60.0, 110.0), left=0.0))
     )
-    moving_scale: float = 1.0  # least side of the picture over the whole one's until that is complete
-    quads: int = 64  # quads along the side of a tile
-    tile_memory: int = 512 << 20  # bytes for tiles
-    budget: float = 0.010  # s per frame for new tiles, light and plants; see `Renderer.frame`
+    """Draw distance of grass, m; boulders in proportion; 0: none."""
+    ground_cover_density: float = _by_level(
+        lambda level: float(np.interp(level, _COVER_LEVELS, (0.3, 0.55, 1.0)))
+    )
+    """Density of ground cover over the best quality's; blades are widened to match."""
+    moving_scale: float = _interpolated(0.22, 0.3, 0.5, 0.7, 1.0)
+    """Least side of the picture over the whole one's until that is complete."""
+    quads: int = _stepped(16, (0.25, 32), (0.5, 64))  # along the side of a tile
+    tile_memory: int = _by_level(lambda level: round((128 << 20) * 4.0**level))  # bytes for tiles
+    budget: float = _by_level(lambda level: 0.006 + 0.004 * level)
+    """Seconds per frame for new tiles, light and plants; see `Renderer.frame`."""
     without: frozenset[str] = frozenset()  # omitted parts, names of `PARTS`
 
     def __post_init__(self) -> None:
@@ -205,40 +228,8 @@ class Quality:
         """Return the quality of a level from 0 (cheapest) to 1 (best)."""
         if not 0.0 <= level <= 1.0:
             raise InputError(f"expected a quality from 0 to 1, got {level:g}")
-        rich = level >= 0.5
-        return cls(
-            tolerance=_interpolate(level, _TOLERANCES),
-            neighbour_limit=_interpolate(level, _STEEPS),
-            finest_quad=_interpolate(level, _FINEST_QUADS),
-            appearance_tiles=482 if rich else 241,
-            appearance_taps=8 if level >= 0.75 else 4 if rich else 2,
-            samples=2 if level >= 0.75 else 1,
-            materials=3 if level >= 0.75 else 2 if level >= 0.4 else 1,
-            planes=2 if rich else 1,
-            octaves=2 if rich else 1,
-            hexes=3 if rich else 1,
-            material_texels=1024 if rich else 512,
-            map_texels=64 * round(4.0 + 8.0 * level),
-            light_maps=3 if rich else 2,
-            cloud_steps=32 + round(64 * level),
-            cloud_texels=0 if rich else 768,
-            shade_maps=2 if rich else 1 if level >= 0.2 else 0,
-            shade_texels=2048 if rich else 1024,
-            surface_texels=256 if level < 0.4 else 512 if level < 0.75 else 1024,
-            canopy_distance=_interpolate(level, _CANOPIES),
-            plant_lod_scale=_interpolate(level, _LEAVES),
-            thinning_pixels=_interpolate(level, _THIN),
-            max_plants=round(_interpolate(level, _PLANTS)),
-            grass_distance=float(np.interp(level, _COVER_LEVELS, _GRASS))
-            if level >= _COVER_LEVELS[0]
-            else 0.0,
-            ground_cover_density=float(np.interp(level, _COVER_LEVELS, _BLADES)),
-            moving_scale=_interpolate(level, _MOVING_SCALES),
-            quads=64 if rich else 32 if level >= 0.25 else 16,
-            tile_memory=round((128 << 20) * 4.0**level),
-            budget=0.006 + 0.004 * level,
-            without=frozenset(without),
-        )
+        values = {each.name: each.metadata["value"](level) for each in fields(cls) if each.metadata}
+        return cls(**values, without=frozenset(without))
 
     @classmethod
     def for_still(cls, size: tuple[int, int]) -> Quality:
@@ -259,8 +250,3 @@ class Quality:
         if any(part in low for part in CPU_DRIVERS):
             return cls.from_level(ON_CPU)
         return cls.from_level(ON_SHARED if any(part in low for part in SHARED_MEMORY) else ON_CARD)
-
-
-def _interpolate(level: float, values: tuple[float, ...]) -> float:
-    """Return the geometric interpolation of values at `_LEVELS`."""
-    return round(float(np.exp(np.interp(level, _LEVELS, np.log(values)))), 6)

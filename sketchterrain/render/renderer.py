@@ -14,10 +14,10 @@ import moderngl
 import numpy as np
 
 from sketchterrain.render.appearance import JUMP_BUDGET
-from sketchterrain.render.camera import Camera, clip_planes, draw_distance
+from sketchterrain.render.camera import Camera, ClippedView, clip_planes, draw_distance
 from sketchterrain.render.ground_stream import view_of
 from sketchterrain.render.programs import ResourceCache
-from sketchterrain.render.quality import FrameStats, Quality, StreamStats, TerrainUpdateStats, TimeBudget
+from sketchterrain.render.quality import FrameStats, Quality, StreamStats, TimeBudget
 from sketchterrain.render.scene import TerrainSource, surface_heights
 from sketchterrain.render.scenery import Scenery
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
@@ -26,7 +26,7 @@ from sketchterrain.render.targets import depth_rows
 from sketchterrain.tiles.lod import FAINT
 
 if TYPE_CHECKING:
-    from sketchterrain.array_types import BoolArray, Float32Array
+    from sketchterrain.array_types import BoolArray, Bounds, Float32Array
     from sketchterrain.drape.drapes import Drapes
 
 REST: Final = 0.25
@@ -100,23 +100,39 @@ class Renderer:
 
         `elapsed` (s) since the last frame of a film keeps labels steady; other pictures have no past.
         """
-        self.scenery.settle_drapes()
-        with self._timed("light"):
-            self.scenery.lit.converge(camera)
-        view, distance, above = self._clipped(camera)
-        with self._timed("tiles"):
-            self.stream.converge(view, size, draw_distance=distance, still=True)
-        with self._timed("appearance"):
-            seen = view_of(view, size, draw_distance=distance)
-            self.scenery.appearance.converge(seen, self.stream.tiles.pool)
-            self.scenery.labels.update(view.eye, above, elapsed, np.inf)
-        with self._timed("foliage"):
-            self.scenery.forest.converge(view, size, self.scenery.lit)
+        for _ in self._prepared(self._clipped(camera), size, np.inf, elapsed):
+            pass
+
+    def _prepared(
+        self, clipped: ClippedView, size: tuple[int, int], part: float, elapsed: float | None = None
+    ) -> Iterator[None]:
+        """Do what `prepare` does while iterated, in parts of about `part` s."""
+        camera, distance, above = clipped
+        scenery, pool, lit = self.scenery, self.stream.tiles.pool, self.scenery.lit
+        seen = view_of(camera, size, draw_distance=distance)
+        budget = partial(TimeBudget, part, timer=self._timer)
+        steps: tuple[tuple[str, Callable[[], bool]], ...] = (
+            ("light", lambda: lit.converge(camera, budget())),
+            ("tiles", lambda: self.stream.refine(camera, size, draw_distance=distance, budget=part)),
+            ("appearance", lambda: scenery.appearance.update(seen, pool, budget())),
+            ("foliage", lambda: scenery.forest.refine(camera, size, lit, budget())),
+            ("appearance", lambda: scenery.labels.update(camera.eye, above, elapsed, part)),
+        )
+        scenery.settle_drapes()
+        for stage, step in steps:
+            complete = False
+            while not complete:
+                with self._timed(stage):
+                    complete = step()
+                if not complete:
+                    yield
 
     def draw(self, camera: Camera, framebuffer: moderngl.Framebuffer, *, clock: float = 0.0) -> None:
         """Draw the prepared picture into a framebuffer; `clock` (s) animates water, plants and clouds."""
         with self._timed("draw"):
-            for _ in self._drawn(self._clipped(camera), framebuffer, framebuffer.size, clock=clock):
+            for _ in self.scenery.draw(
+                self._clipped(camera), framebuffer, size=framebuffer.size, clock=clock
+            ):
                 pass
 
     def refined(
@@ -126,73 +142,26 @@ class Renderer:
 
         A terrain, sun or weather that changes meanwhile, or another use of the context, spoils it.
         """
-        view, distance, above = clipped = self._clipped(camera)
-        size, lit, forest = framebuffer.size, self.scenery.lit, self.scenery.forest
-        self.scenery.settle_drapes()
-        budget = partial(TimeBudget, PART, timer=self._timer)
-        lit.update(view, np.inf, budget())
-        while not lit.converged:
-            yield
-            lit.update(view, np.inf, budget())
-        while not self.stream.refine(view, size, draw_distance=distance, budget=PART):
-            yield
-        self.stream.converge(view, size, draw_distance=distance, still=True)
-        appearance, pool = self.scenery.appearance, self.stream.tiles.pool
-        seen = view_of(view, size, draw_distance=distance)
-        appearance.update(seen, pool, budget())
-        while not appearance.converged:
-            yield
-            appearance.update(seen, pool, budget())
-        while not forest.refine(view, size, lit, budget()):
-            yield
-        while not self.scenery.labels.update(view.eye, above, None, PART):
-            yield
-        for _ in self._drawn(clipped, framebuffer, size, clock=clock, parts=STILL_PARTS):
+        clipped, size = self._clipped(camera), framebuffer.size
+        yield from self._prepared(clipped, size, PART)
+        for _ in self.scenery.draw(clipped, framebuffer, size=size, clock=clock, parts=STILL_PARTS):
             self._context.finish()
             yield
-
-    def _drawn(
-        self,
-        clipped: tuple[Camera, float, float],
-        framebuffer: moderngl.Framebuffer,
-        size: tuple[int, int],
-        *,
-        clock: float,
-        moving: bool = False,
-        parts: int = 1,
-    ) -> Iterator[None]:
-        """Draw a picture of a size (px) while iterated; `clipped` is from `_clipped`."""
-        view, distance, above = clipped
-        return self.scenery.draw(
-            view,
-            framebuffer,
-            size=size,
-            draw_distance=distance,
-            above=above,
-            clock=clock,
-            moving=moving,
-            parts=parts,
-        )
 
     @property
     def triangles(self) -> int:
         """Triangles of terrain and plants in the last picture."""
         return self.scenery.triangles
 
-    def set_terrain(
-        self, terrain: TerrainSource, areas: Sequence[tuple[float, float, float, float]]
-    ) -> TerrainUpdateStats:
+    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> None:
         """Replace the terrain by another one of the same extent, bit-equal outside `areas` (W, S, E, N; m).
 
         Call it between two frames. Visible tiles and water are updated before this returns, so no frame mixes
         two terrains. Light and plants follow in the next frames, within their budget.
         """
-        start = self._timer()
         self._since_update = 0.0
-        terrain = moved_to_context(terrain, self._terrain.context)
-        stats = self.scenery.set_terrain(terrain, areas)
-        self._terrain = terrain
-        return replace(stats, seconds=self._timer() - start)
+        self._terrain = moved_to_context(terrain, self._terrain.context)
+        self.scenery.set_terrain(self._terrain, areas)
 
     def set_drapes(self, drapes: Drapes | None, held: tuple[int, int] | None = None) -> None:
         """Replace the draped layers from the next frame on.
@@ -257,7 +226,8 @@ class Renderer:
         inner = (max(round(size[0] * scale), 1), max(round(size[1] * scale), 1))
         start = self._timer()
         with self._timed("draw"):
-            for _ in self._drawn(clipped, framebuffer, inner, clock=clock, moving=moves or not complete):
+            moving = moves or not complete
+            for _ in self.scenery.draw(clipped, framebuffer, size=inner, clock=clock, moving=moving):
                 pass
         draw_seconds = self._timer() - start
         if full_size:
@@ -328,13 +298,13 @@ class Renderer:
         forest.update(view, size, lit, elapsed, remaining)
         return tiles, light_end, remaining.spent - light_end
 
-    def _clipped(self, camera: Camera) -> tuple[Camera, float, float]:
-        """Return the camera with clipping planes for its height, the draw distance and the height (m)."""
+    def _clipped(self, camera: Camera) -> ClippedView:
+        """Return the camera with clipping planes for its height."""
         x, y, z = camera.eye
         above = max(z - float(surface_heights(self._terrain, x, y)), 0.0)
         distance = draw_distance(above, extent=self._terrain.extent, extents=self._quality.draw_distance)
         near, far = clip_planes(min(above, self.scenery.built.clearance(camera.eye)), distance)
-        return replace(camera, near=near, far=far), distance, above
+        return ClippedView(replace(camera, near=near, far=far), distance, above)
 
     def shape(self, camera: Camera, size: tuple[int, int]) -> tuple[Float32Array, BoolArray]:
         """Return what the last picture, of this camera, shows: for measurements.

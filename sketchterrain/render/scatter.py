@@ -216,3 +216,12 @@ class ScatteredInstances:
     def triangles(self, points: ScatterPoints) -> int:
         """Return the number of triangles drawn at points."""
         return int((points.counts * self._sizes).sum()) // 3
+
+
+class CoverLayer(NamedTuple):
+    """A layer of what lies or grows on the ground, and the uniforms of its own."""
+
+    visible: VisiblePoints
+    pool: ScatteredInstances
+    uniforms: Mapping[str, object]
+    contact_shadows: moderngl.VertexArray | None = None

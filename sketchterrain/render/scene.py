@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
@@ -10,55 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.document.materials import MaterialTable
 from sketchterrain.terrain.appearance import AppearanceSource
 from sketchterrain.terrain.surfaces import TerrainFeatures, VertexMemory, VertexStore
 from sketchterrain.tiles.stream import QUADS
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.document.drapes import DrapedLayer
-
-
-class Sketch(Protocol):
-    """Document of a terrain."""
-
-    @property
-    def climate(self) -> Mapping[str, float]:
-        """Climate parameters by name."""
-
-    @property
-    def geology(self) -> Mapping[str, Any]:
-        """Settings of the rock by name."""
-
-    @property
-    def looks(self) -> Mapping[str, Mapping[str, Any]]:
-        """Appearance of materials by name."""
-
-    @property
-    def materials(self) -> Mapping[str, Mapping[str, Any]]:
-        """The sketch's own materials."""
-
-    @property
-    def material_table(self) -> MaterialTable:
-        """Its materials."""
-
-    @property
-    def weather(self) -> Mapping[str, float]:
-        """Weather parameters by name."""
-
-
-@runtime_checkable
-class DrapedSketch(Protocol):
-    """Document with draped layers."""
-
-    @property
-    def drapes(self) -> tuple[DrapedLayer, ...]:
-        """Layers, the lowest first."""
-
-    @property
-    def frame(self) -> Mapping[str, Any]:
-        """Coordinate reference system and origin."""
+    from sketchterrain.document.sketch import Sketch
 
 
 class TileSource(Protocol):

@@ -17,7 +17,7 @@ from sketchterrain.document.geology import Strata
 from sketchterrain.render.appearance import AppearanceTextures
 from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH_HEIGHT
 from sketchterrain.render.built import BuiltScenery
-from sketchterrain.render.camera import Camera
+from sketchterrain.render.camera import Camera, ClippedView
 from sketchterrain.render.clouds import Clouds, cloud_defines
 from sketchterrain.render.draped import DrapedScreen
 from sketchterrain.render.draped_geometry import Held
@@ -28,8 +28,8 @@ from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.labels import Labels
 from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.programs import ResourceCache, Textures, bind_textures
-from sketchterrain.render.quality import Quality, TerrainUpdateStats
-from sketchterrain.render.scene import Sketch, TerrainSource
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Sky, Sun, Weather
 from sketchterrain.render.targets import FrameBlock, RenderTargets, depth_rows, wrap_to_noise_period
@@ -38,6 +38,7 @@ from sketchterrain.render.water import Water
 from sketchterrain.tiles.lod import ScreenError
 
 if TYPE_CHECKING:
+    from sketchterrain.document.sketch import Sketch
     from sketchterrain.drape.drapes import Drapes
 
 QUAD: Final = 32.0  # px; largest width of a quad up to a tolerance of 2 px, in proportion to it above
@@ -146,9 +147,9 @@ class Scenery:
         others = self.forest.triangles + self.cover.triangles + self.built.triangles
         return self.stream.tile_renderer.triangles + others
 
-    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> TerrainUpdateStats:
+    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> None:
         """Replace the terrain: tiles and water at once, light and plants over the next frames."""
-        tile_stats = self.stream.set_terrain(terrain, areas)
+        self.stream.set_terrain(terrain, areas)
         self.lit.set_terrain(terrain, areas)
         self.built.set_terrain(terrain, areas)
         self.forest.set_terrain(terrain, areas)
@@ -158,7 +159,6 @@ class Scenery:
         self._features = terrain.features
         self._water.set_features(self._features)
         self._update_materials(terrain)
-        return tile_stats
 
     def set_drapes(self, drapes: Drapes | None, held: Held | None = None) -> None:
         """Replace the draped layers; one feature may be held for editing."""
@@ -191,7 +191,7 @@ class Scenery:
         aridity, look = _aridity(terrain), terrain.sketch.looks
         strata = Strata.from_settings(terrain.sketch.geology)
         if look != self._look:
-            self._materials = MaterialTextures.for_sketch(
+            self._materials = MaterialTextures(
                 self._context, terrain.sketch, terrain.context.device, self._quality, folder=self._textures
             )
         if (aridity, look, strata) != (self._aridity, self._look, self._strata):
@@ -225,23 +225,21 @@ class Scenery:
 
     def draw(
         self,
-        camera: Camera,
+        view: ClippedView,
         framebuffer: moderngl.Framebuffer,
         *,
         size: tuple[int, int],
-        draw_distance: float,
-        above: float,
         clock: float,
         moving: bool = False,
         parts: int = 1,
     ) -> Iterator[None]:
         """Draw all loaded content into a framebuffer, enlarged from `size` (px), while iterated.
 
-        The camera has suitable clipping planes; `above` is its height above the terrain (m), `clock` (s)
-        animates water, plants and clouds, `moving` means that the camera moves or that tiles, light or plants
-        are incomplete. Costly passes are cut into `parts`; nothing else may use the context until the last
-        one, or the picture is lost.
+        `clock` (s) animates water, plants and clouds, `moving` means that the camera moves or that tiles,
+        light or plants are incomplete. Costly passes are cut into `parts`; nothing else may use the context
+        until the last one, or the picture is lost.
         """
+        camera, draw_distance, above = view
         targets = self._targets.get(size)
         if targets is None:
             last_used = dict(list(self._targets.items())[-1:])
@@ -347,7 +345,7 @@ def load_textures(
     materials = resources.get_or_create(
         "materials",
         key,
-        lambda: MaterialTextures.for_sketch(context, sketch, device, quality, folder=folder),
+        lambda: MaterialTextures(context, sketch, device, quality, folder=folder),
     )
     return materials, resources.get_or_create("noise", None, lambda: noise_texture(context))
 

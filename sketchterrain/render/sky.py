@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import moderngl
 import numpy as np
@@ -23,7 +23,11 @@ from sketchterrain.render.atmosphere import (
     air_with_haze,
 )
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.scene import HeightMap, Sketch, TerrainSource, sample_heights
+from sketchterrain.render.programs import clamped
+from sketchterrain.render.scene import HeightMap, TerrainSource, sample_heights
+
+if TYPE_CHECKING:
+    from sketchterrain.document.sketch import Sketch
 
 
 @dataclass(frozen=True)
@@ -269,9 +273,7 @@ class Sky(SkyLight):
         self, context: moderngl.Context, sun: Sun, weather: Weather, *, extent: float = np.inf
     ) -> None:
         super().__init__(sun, weather, extent=extent)
-        self.view = context.texture((SIZE, 2 * SIZE), 4, dtype="f2")
-        self.view.repeat_x = self.view.repeat_y = False
-        self.view.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        self.view = clamped(context.texture((SIZE, 2 * SIZE), 4, dtype="f2"))
         self._height = -np.inf
         self.set_height(0.0)
 

@@ -1,5 +1,7 @@
 """Framebuffers, and the constants of a frame."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 from itertools import pairwise
@@ -9,7 +11,7 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.render.programs import FRAME_BINDING, Textures
+from sketchterrain.render.programs import FRAME_BINDING, Textures, clamped, fullscreen_pass, set_uniforms
 
 
 class RenderTargets:
@@ -27,13 +29,10 @@ class RenderTargets:
         sample_size = (size[0] * samples, size[1] * samples)
         self.sample_size = sample_size
         self.depth = depth = _depth(context, sample_size)
-        normal = _colour(context, sample_size, "f2")
-        weights = [_colour(context, sample_size, "f1") for _ in range(words)]
-        colour = _colour(context, sample_size, "f2")
-        copy_colour = _colour(context, sample_size, "f2")
+        normal, colour, copy_colour = (clamped(context.texture(sample_size, 4, dtype="f2")) for _ in range(3))
+        weights = [clamped(context.texture(sample_size, 4)) for _ in range(words)]
         self.copy_depth = copy_depth = _depth(context, sample_size)
-        tonemapped = _colour(context, size, "f1")
-        tonemapped.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        tonemapped = clamped(context.texture(size, 4))
         self.gbuffer = context.framebuffer([normal, *weights], depth)
         self.upsampled = context.framebuffer([colour])
         self.scene = context.framebuffer([colour], depth)
@@ -49,8 +48,8 @@ class RenderTargets:
             "tonemapped": tonemapped,
         }
         if samples > 1:
-            self.textures["shaded"] = _colour(context, size, "f4")
-            self.textures["sky"] = _colour(context, size, "f2")
+            self.textures["shaded"] = clamped(context.texture(size, 4, dtype="f4"))
+            self.textures["sky"] = clamped(context.texture(size, 4, dtype="f2"))
             self.shaded = context.framebuffer([self.textures["shaded"]])
             self.sky = context.framebuffer([self.textures["sky"]])
         self._context = context
@@ -74,16 +73,9 @@ def bands(framebuffer: moderngl.Framebuffer, count: int) -> Iterator[None]:
         framebuffer.scissor = None  # type: ignore[assignment] # moderngl takes None
 
 
-def _colour(context: moderngl.Context, size: tuple[int, int], dtype: str) -> moderngl.Texture:
-    texture = context.texture(size, 4, dtype=dtype)
-    texture.repeat_x = texture.repeat_y = False
-    return texture
-
-
 def _depth(context: moderngl.Context, size: tuple[int, int]) -> moderngl.Texture:
-    texture = context.depth_texture(size)
+    texture = clamped(context.depth_texture(size))
     texture.compare_func = ""
-    texture.repeat_x = texture.repeat_y = False
     return texture
 
 
@@ -117,6 +109,56 @@ class PictureTarget:
         width, height = self._texture.size
         read = np.frombuffer(self._texture.read(), np.uint8).reshape(height, width, 4)
         np.frombuffer(memory, np.uint8).reshape(height, width, 4)[:] = read[::-1]
+
+
+DRAPED_SAMPLES: Final = 4  # a pixel
+
+
+def averaging_pass(context: moderngl.Context, *, samples: int) -> moderngl.VertexArray:
+    """Return the pass that `DrapedBuffer` needs, for a G-buffer of `samples` along each axis of a pixel."""
+    macros = {"SAMPLES": samples, "FRAGMENTS": _fragments(context)}
+    return fullscreen_pass(context, "draped_mean.frag.glsl", defines=macros)
+
+
+def _fragments(context: moderngl.Context) -> int:
+    return min(DRAPED_SAMPLES, context.max_samples)
+
+
+class DrapedBuffer:
+    """Albedo times share, and share, at several samples a pixel of a size (px), and their mean, `colour`."""
+
+    def __init__(
+        self, context: moderngl.Context, size: tuple[int, int], average: moderngl.VertexArray
+    ) -> None:
+        fragments = _fragments(context)
+        self.size = size
+        self.nbytes = 8 * size[0] * size[1] * (1 + fragments)
+        self._context, self._average = context, average
+        self._samples = context.texture(size, 4, samples=fragments, dtype="f2")
+        self._drawn = context.framebuffer([self._samples])
+        self.colour = clamped(context.texture(size, 4, dtype="f2"))
+        self._mean = context.framebuffer([self.colour])
+
+    def clear(self) -> None:
+        """Bind and clear it, for what is premultiplied by its share."""
+        self._drawn.use()
+        self._drawn.clear(0.0, 0.0, 0.0, 0.0)
+        self._context.enable_only(moderngl.BLEND)
+        self._context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
+
+    def resolve(self, depth: moderngl.Texture, into: moderngl.Framebuffer | None = None) -> None:
+        """Average the samples, and restore the usual blending.
+
+        By default the mean is that of the samples on the ground in front by a G-buffer's depth.
+        """
+        self._context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
+        self._context.enable_only(moderngl.NOTHING)
+        (into or self._mean).use()
+        self._samples.use(7)
+        depth.use(8)
+        values = {"drawn": 7, "ground_depth": 8, "all_samples": float(into is not None)}
+        set_uniforms(self._average.program, values)
+        self._average.render(vertices=3)
 
 
 NOISE_PERIOD: Final = 65_536.0  # m; positional noise repeats after this, so the eye is passed modulo it

@@ -5,8 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import moderngl
 import numpy as np
@@ -22,8 +21,10 @@ from sketchterrain.look.texture_levels import (
     read_material_images,
 )
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.scene import Sketch
 from sketchterrain.render.vertex_memory import gl_function
+
+if TYPE_CHECKING:
+    from sketchterrain.document.sketch import Sketch
 
 OCTAVES: Final = 6  # number of texture scales
 RATIO: Final = 3.7  # width ratio of successive octaves
@@ -76,36 +77,34 @@ _TEXTURE_2D_ARRAY, _RGBA8, _RGBA, _UNSIGNED_BYTE = 0x8C1A, 0x8058, 0x1908, 0x140
 
 
 class MaterialTextures:
-    """Tileable texture arrays with one layer per material and mipmaps, `size` texels a side.
+    """Tileable texture arrays with one layer per material of a sketch, and mipmaps.
 
     `colour` has √albedo and height (RGBA8), `relief` normal x and y, roughness and openness,
-    `means` the mean albedo of each layer. `looks` are the sketch's settings by material; pictures of its
-    `own` materials, and those in `folder`, replace textures (`texture_levels`); `smooth` blends mipmaps.
-    Textures missing on disk are computed on `device`.
+    `means` the mean albedo of each layer. Pictures of the sketch's own materials, and those in `folder`,
+    replace textures (`texture_levels`). Textures missing on disk are computed on a compute device, or else
+    on the best one.
     """
 
     def __init__(
         self,
         context: moderngl.Context,
-        device: Device | None,
-        table: MaterialTable,
+        sketch: Sketch,
+        device: object,
+        quality: Quality,
         *,
-        size: int,
-        looks: Mapping[str, Mapping[str, Any]],
-        own: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
         folder: Path | None = None,
-        smooth: bool = True,
     ) -> None:
         def opened() -> ComputeContext:
-            return ComputeContext(device)
+            return ComputeContext(device if isinstance(device, Device) else None)
 
-        pictures = own_material_images(own, size)
+        size, table = quality.material_texels, sketch.material_table
+        pictures = own_material_images(sketch.materials, size)
         if folder is not None:
             pictures |= read_material_images(folder, size, table)
-        levels = customized_levels(procedural_levels(size, opened), table, looks, pictures, opened)
+        levels = customized_levels(procedural_levels(size, opened), table, sketch.looks, pictures, opened)
         layers = len(table.layers)
         # No anisotropic filter: Mesa's software driver hung in one.
-        least = moderngl.LINEAR_MIPMAP_LINEAR if smooth else moderngl.LINEAR_MIPMAP_NEAREST
+        least = moderngl.LINEAR_MIPMAP_LINEAR if quality.hexes > 1 else moderngl.LINEAR_MIPMAP_NEAREST
         self.colour, self.relief = (context.texture_array((size, size, layers), 4) for _ in range(2))
         roots = levels[-1][0].reshape(layers, -1)[:, :3] / 255.0
         self.means = [tuple(mean) for mean in np.maximum(roots**2, 1e-3).tolist()]
@@ -113,28 +112,6 @@ class MaterialTextures:
             array.use(0)
             _write_levels([np.ascontiguousarray(both[part]) for both in levels])
             array.filter = (least, moderngl.LINEAR)
-
-    @classmethod
-    def for_sketch(
-        cls,
-        context: moderngl.Context,
-        sketch: Sketch,
-        device: object,
-        quality: Quality,
-        *,
-        folder: Path | None,
-    ) -> MaterialTextures:
-        """Return the textures of a sketch, computed on a compute device or else on the best one."""
-        return cls(
-            context,
-            device if isinstance(device, Device) else None,
-            sketch.material_table,
-            size=quality.material_texels,
-            looks=sketch.looks,
-            own=sketch.materials,
-            folder=folder,
-            smooth=quality.hexes > 1,
-        )
 
 
 def _write_levels(levels: Sequence[npt.NDArray[np.uint8]]) -> None:

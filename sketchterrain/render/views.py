@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter, gaussian_filter1d, maximum_filter
 
-from sketchterrain.array_types import BoolArray, Bounds, Float64Array
+from sketchterrain.array_types import Bounds, Float64Array
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import Flight, Keyframe
@@ -104,10 +104,6 @@ class _Panorama(NamedTuple):
     flooded: Float64Array  # share of water in the visible terrain, by apparent size
     painted: Float64Array  # (kinds, viewpoints, bearings) apparent size of painted features
     inside: Float64Array  # visible share inside the sketch
-
-    def horizon_of(self, distances: BoolArray) -> Float64Array:
-        """Return the tangent of the skyline's elevation of terrain at the nearest distances."""
-        return np.asarray(self.share[..., distances].sum(axis=-1) - 1.0)
 
 
 def find_view(
@@ -229,7 +225,8 @@ def _score(seen: _Panorama, distance: Float64Array, style: _ViewStyle) -> Float6
 
     horizon = neighbouring_bearings(seen.horizon, style.in_view)
     # Terrain that rises in front of the camera occludes the rest.
-    near = neighbouring_bearings(seen.horizon_of(distance < style.near), style.in_view)
+    skyline = seen.share[..., distance < style.near].sum(axis=-1) - 1.0
+    near = neighbouring_bearings(skyline, style.in_view)
     wall = np.maximum(near + style.clear, 0.0).mean(axis=0)
     return np.asarray(
         2.2 * np.exp(-(((horizon.max(axis=0) - style.peak[0]) / style.peak[1]) ** 2))

@@ -1,4 +1,4 @@
-"""Water: waves and rendering."""
+"""Water: waves; meshes, the sea's as a disc, others in chunks with levels of detail; rendering."""
 
 from __future__ import annotations
 
@@ -7,16 +7,19 @@ from typing import TYPE_CHECKING, Final, cast
 import moderngl
 import numpy as np
 
-from sketchterrain.look.objects import terrain_objects
+from sketchterrain.look.objects import ACROSS, SEA, quads, terrain_objects
 from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.render.targets import bands
 from sketchterrain.render.vertex_memory import COMMAND
-from sketchterrain.render.water_mesh import ATTRIBUTES, WaterChunks, inland_mesh, sea_mesh
+from sketchterrain.tiles.lod import inside_frustum
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
-    from sketchterrain.array_types import Float32Array, Float64Array
+    import numpy.typing as npt
+
+    from sketchterrain.array_types import Float32Array, Float64Array, StructuredArray
+    from sketchterrain.look.objects import WaterSurface
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.targets import RenderTargets
     from sketchterrain.terrain.surfaces import TerrainFeatures
@@ -35,14 +38,14 @@ GRAVITY: Final = 9.81  # m/s²
 TYPICAL: Final = 7.0  # waves per side whose phase speed a layer drifts at
 
 
-def wave_slopes(size: int = SIZE, *, seed: int = 1954) -> Float64Array:
-    """Return (size, size, 3) slopes along x and y and height in sides of a wave field on a torus.
+def wave_slopes() -> Float64Array:
+    """Return (SIZE, SIZE, 3) slopes along x and y and height in sides of a wave field on a torus.
 
     Waves in a wide band have the same slope² an octave, as short gravity waves have (Phillips 1958), and
     spread about the wind (x) by cos² (Mitsuyasu 1975), with an isotropic part. Mean 0, mean slope² 1.
     """
-    rng = np.random.default_rng(seed)
-    across, along = np.meshgrid(np.fft.fftfreq(size, 1 / size), np.fft.fftfreq(size, 1 / size))
+    rng, cycles = np.random.default_rng(1954), np.fft.fftfreq(SIZE, 1 / SIZE)
+    across, along = np.meshgrid(cycles, cycles)
     waves = np.hypot(across, along)
     waves[0, 0] = 1.0
     low, high = BAND
@@ -50,7 +53,7 @@ def wave_slopes(size: int = SIZE, *, seed: int = 1954) -> Float64Array:
     spread = 0.3 + 0.7 * (across / waves) ** 2
     amplitude = np.sqrt(fade * spread) / waves**2
     amplitude[0, 0] = 0.0
-    spectrum = np.fft.fft2(rng.standard_normal((size, size))) * amplitude
+    spectrum = np.fft.fft2(rng.standard_normal((SIZE, SIZE))) * amplitude
     height, east, north = (
         np.fft.ifft2(spectrum * factor).real for factor in (1.0, 2j * np.pi * across, 2j * np.pi * along)
     )
@@ -102,6 +105,116 @@ def wave_phases(layers: Float64Array, eye: tuple[float, float, float], clock: fl
     return np.stack([x * eye[0] + y * eye[1] - drift, x * eye[1] - y * eye[0]], axis=-1) % 1.0
 
 
+ATTRIBUTES: Final = ("3f4 4f4 2f4 4f4", "local_position", "flow_frame", "shore", "stream_params")
+NEAREST_RING: Final = 1e-4  # radius of the innermost ring of the sea in draw distances
+RINGS, SECTORS = 60, 96
+STATIONS: Final = 32  # stations of a river along a chunk
+LEVELS: Final = ((1, 1), (2, 2), (4, 4), (8, 4), (16, 4), (32, 4))
+"""Vertices along and across from one drawn vertex to the next, by level of detail."""
+LONGEST: Final = 0.25  # length of a quad in distances from the eye: attributes aren't linear in perspective
+
+
+CHUNK: Final = np.dtype(
+    [
+        *(("low", "f8", 3), ("high", "f8", 3)),  # corners of its bounding box, m
+        ("error", "f8", len(LEVELS)),  # largest deviation from the finest level, m
+        ("length", "f8", len(LEVELS)),  # longest quad, m
+        *(("first", "u4", len(LEVELS)), ("count", "u4", len(LEVELS))),  # range of the indices
+    ]
+)
+"""A chunk of inland waters, with ranges of one index buffer by its levels of detail."""
+
+
+def chunk_commands(
+    chunks: StructuredArray, camera: Camera, aspect: float, tolerance: float
+) -> StructuredArray:
+    """Return draw commands of the chunks in view, deviating by `tolerance` m per metre of distance."""
+    chunks = chunks[inside_frustum(camera.frustum(aspect), chunks["low"], chunks["high"])]
+    outside = np.maximum(chunks["low"] - camera.eye, camera.eye - chunks["high"])
+    away = np.linalg.norm(np.maximum(outside, 0.0), axis=1)[:, None]
+    fits = (chunks["error"] <= tolerance * away) & (chunks["length"] <= LONGEST * away)
+    level = np.logical_and.accumulate(fits[:, 1:], axis=1).sum(axis=1)
+    commands = np.zeros(len(chunks), COMMAND)
+    for name in ("first", "count"):
+        commands[name] = chunks[name][np.arange(len(chunks)), level]
+    commands["instances"] = 1
+    return commands
+
+
+def inland_mesh(
+    meshes: Sequence[WaterSurface],
+) -> tuple[Float32Array, npt.NDArray[np.uint32], StructuredArray]:
+    """Return vertices of `ATTRIBUTES`, relative to the first vertex, indices, and their chunks."""
+    anchor, vertices, indices, chunks = meshes[0].position[0], [], [], []
+    base = first = 0
+    for mesh in meshes:
+        bank = np.full(len(mesh.position), max(-mesh.shore_distance.min(), 0.0))
+        shore = np.column_stack([mesh.shore_distance, bank])
+        vertices.append(np.column_stack([mesh.position - anchor, mesh.flow, shore, mesh.stream]))
+        is_river = mesh.stream[0, 3] > 0.0
+        chunks.append(_river_chunks(mesh) if is_river else _chunks(mesh.position[None]))
+        for level, own in enumerate(_strip_indices(mesh) if is_river else [mesh.triangles[None]]):
+            chunks[-1]["first"][:, level] = first + np.arange(len(own)) * own.shape[1]
+            chunks[-1]["count"][:, level] = own.shape[1]
+            indices.append((own + base).astype(np.uint32).ravel())
+            first += own.size
+        base += len(mesh.position)
+    return np.concatenate(vertices).astype(np.float32), np.concatenate(indices), np.concatenate(chunks)
+
+
+def _stations(mesh: WaterSurface) -> npt.NDArray[np.intp]:
+    """Return the (chunks, STATIONS + 1) stations of a river; the last one is repeated."""
+    last = len(mesh.position) // ACROSS - 1
+    first = np.arange(0, last, STATIONS)
+    return np.asarray(np.minimum(first[:, None] + np.arange(STATIONS + 1), last))
+
+
+def _strip_indices(mesh: WaterSurface) -> list[npt.NDArray[np.uint32]]:
+    """Return the (chunks, k) indices of a river by level of detail."""
+    stations = _stations(mesh)
+    vertices = (
+        (stations[:, :, None] * ACROSS + np.arange(ACROSS)).astype(np.uint32).reshape(len(stations), -1)
+    )
+    places = np.arange((STATIONS + 1) * ACROSS, dtype=np.uint32).reshape(-1, ACROSS)
+    return [vertices[:, quads(places[::along, ::across]).ravel()] for along, across in LEVELS]
+
+
+def _river_chunks(mesh: WaterSurface) -> StructuredArray:
+    """Return the chunks of a river without their indices."""
+    stations = _stations(mesh)
+    half = mesh.stream[:, 3]
+    values = np.column_stack([mesh.position, mesh.shore_distance, mesh.stream[:, 2] * half])
+    values = values.reshape(-1, ACROSS, 5)[stations]
+    along = mesh.flow[::ACROSS, 1][stations]
+    chunks = _chunks(values[..., :3].reshape(len(stations), -1, 3))
+    for level, (step, _) in enumerate(LEVELS):
+        chunks["length"][:, level] = np.diff(along[:, ::step], axis=1).max(axis=1)
+        before = np.arange(STATIONS) // step * step
+        start, end = along[:, before], along[:, before + step]
+        share = (along[:, :-1] - start) / np.maximum(end - start, 1e-9)
+        kept = values[:, before] + share[..., None, None] * (values[:, before + step] - values[:, before])
+        chunks["error"][:, level] = np.linalg.norm(values[:, :-1] - kept, axis=-1).max(axis=(1, 2))
+    return chunks
+
+
+def _chunks(position: Float64Array) -> StructuredArray:
+    """Return chunks of (n, k, 3) vertices (m) that have one level of detail, without indices."""
+    chunks = np.zeros(len(position), CHUNK)
+    chunks["low"], chunks["high"], chunks["error"] = position.min(axis=1), position.max(axis=1), np.inf
+    return chunks
+
+
+def sea_mesh() -> tuple[Float32Array, npt.NDArray[np.uint32]]:
+    """Return vertices of `ATTRIBUTES` and indices of a disc of radius 1, in rings that widen outward."""
+    radius = np.concatenate([[0.0], np.geomspace(NEAREST_RING, 1.0, RINGS)])
+    angle = np.linspace(0.0, 2.0 * np.pi, SECTORS + 1)
+    vertices = np.zeros((len(radius), len(angle), 13), np.float32)
+    vertices[..., 0], vertices[..., 1] = radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle)
+    vertices[..., 6], vertices[..., 11], vertices[..., 12] = 1.0, 1.0, SEA
+    index = np.arange(vertices[..., 0].size, dtype=np.uint32).reshape(vertices.shape[:2]).T
+    return vertices.reshape(-1, 13), quads(index).ravel()
+
+
 ALPHA_BLEND: Final = (moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA)
 DARKEN_AND_ADD: Final = (moderngl.ONE, moderngl.SRC_ALPHA)
 """Blend function of wet banks: water_bank.frag.glsl."""
@@ -129,7 +242,7 @@ class Water:
         self._enabled, self._defines = enabled, dict(defines or {})
         self._arrays: list[list[moderngl.VertexArray]] = []  # of each pass: the sea, inland waters
         self._anchors: list[float | Float64Array] = []  # of each array: the sea's level (m), or a place (m)
-        self._chunks: WaterChunks | None = None  # of inland waters …
+        self._chunks: StructuredArray | None = None  # of inland waters …
         self._commands: moderngl.Buffer | None = None  # … and those in view
         self._programs: list[moderngl.Program] = []
         self._uploaded: object = None
@@ -160,7 +273,7 @@ class Water:
             self._anchors.append(meshes[0].position[0].copy())
             vertices, indices, self._chunks = inland_mesh(meshes)
             parts.append((vertices, indices))
-            self._commands = self._context.buffer(reserve=len(self._chunks.low) * COMMAND.itemsize)
+            self._commands = self._context.buffer(reserve=len(self._chunks) * COMMAND.itemsize)
         self._arrays = []
         if not parts:
             return
@@ -172,13 +285,10 @@ class Water:
             self.textures["wave_slopes"] = wave_texture(self._context)
         buffers = [[self._context.buffer(array.tobytes()) for array in part] for part in parts]
         for program in self._programs:
-            # Drivers reject attributes that a program does not read: they are skipped as padding.
-            layout = [size if name in program else f"{4 * int(size[0])}x" for size, name in ATTRIBUTES]
-            names = [name for _, name in ATTRIBUTES if name in program]
             self._arrays.append(
                 [
                     self._context.vertex_array(
-                        program, [(vertices, " ".join(layout), *names)], index_buffer=indices
+                        program, [(vertices, *ATTRIBUTES)], index_buffer=indices, skip_errors=True
                     )
                     for vertices, indices in buffers
                 ]
@@ -229,7 +339,7 @@ class Water:
         """Select the chunks of inland waters in view and their levels of detail; return their number."""
         if self._chunks is None or self._commands is None:
             return 0
-        commands = self._chunks.commands(camera, aspect, DEVIATION * lift)
+        commands = chunk_commands(self._chunks, camera, aspect, DEVIATION * lift)
         self._commands.orphan()
         self._commands.write(commands.tobytes())
         return len(commands)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
 from sketchterrain.tiles.lod import CameraView, eye_distances
-from sketchterrain.tiles.quadtree import Boxes, boxes_of, code_of, contains, decode, index_in
+from sketchterrain.tiles.quadtree import Boxes, code_of, contains, decode, index_in, touches_areas
 from sketchterrain.tiles.refinement import ROOT_LEVEL
 from sketchterrain.tiles.tile_pool import TilePool
 
@@ -164,13 +164,8 @@ class AppearanceTiles:
 
         Those needed stay until redrawn.
         """
-        flat = np.zeros(len(self._records))
-        boxes = boxes_of(self._records["code"], self.extent, flat, flat)
-        low, high = boxes.low[:, None, :2], boxes.high[:, None, :2]
-        texel = texels * (high - low) / (TEXELS - 2)
-        box = np.asarray(areas, np.float64).reshape(1, -1, 4)
-        meets = (box[..., :2] <= high + texel) & (box[..., 2:] >= low - texel)
-        self._records["is_stale"] |= meets.all(axis=-1).any(axis=-1)
+        margin = texels / (TEXELS - 2)
+        self._records["is_stale"] |= touches_areas(self._records["code"], self.extent, areas, margin)
         self._keep(~self._records["is_stale"] | (self._records["used"] == self._time))
 
     def page_table(self, eye: Sequence[float]) -> tuple[npt.NDArray[np.uint32], Int64Array]:

@@ -24,7 +24,6 @@ from sketchterrain.tiles.quadtree import (
     PARENT,
     SOUTH,
     WEST,
-    boxes_of,
     children_of,
     code_of,
     contains,
@@ -34,6 +33,7 @@ from sketchterrain.tiles.quadtree import (
     keys_of,
     neighbours_of,
     parent_of,
+    touches_areas,
 )
 from sketchterrain.tiles.refinement import ROOT_LEVEL
 from sketchterrain.tiles.tile_pool import Batch, TilePool
@@ -51,7 +51,7 @@ def mark_stale(
     removed.
     """
     codes, slots = pool.tiles()
-    touched = _touched(codes, areas, extent, quads)
+    touched = touches_areas(codes, extent, areas, _MARGIN / quads)
     stays = touched & contains(protected, codes)
     pool.stale[slots[stays]] = True
     removed = codes[touched & ~stays]
@@ -93,19 +93,6 @@ def _stale(pool: TilePool, codes: Int64Array) -> Int64Array:
     slots = pool.find(codes)
     held = slots >= 0
     return codes[held][pool.stale[slots[held]]]
-
-
-def _touched(codes: Int64Array, areas: Sequence[Bounds], extent: float, quads: int) -> npt.NDArray[np.bool_]:
-    """Return which tiles have a vertex that may change, its normal and its parent's included."""
-    if not len(areas) or not len(codes):
-        return np.zeros(len(codes), np.bool_)
-    flat = np.zeros(len(codes))
-    boxes = boxes_of(codes, extent, flat, flat)
-    low, high = boxes.low[:, None, :2], boxes.high[:, None, :2]
-    margin = _MARGIN * (high - low) / quads
-    box = np.asarray(areas, np.float64).reshape(1, -1, 4)
-    intersects_bounds = (box[..., :2] <= high + margin) & (box[..., 2:] >= low - margin)
-    return np.asarray(intersects_bounds.all(axis=-1).any(axis=-1))
 
 
 # Neighbours (quadtree.AROUND) that a control touches, row 0 north, column 0 west.

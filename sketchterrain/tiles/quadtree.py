@@ -12,13 +12,14 @@ end of the quads' anti-diagonal, that quad is cut the other way, to avoid a tria
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Bounds, Float64Array, Int64Array
+from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
 from sketchterrain.errors import InputError
 
 _BITS: Final = 28
@@ -163,6 +164,17 @@ def intersects_bounds(codes: Int64Array, extent: float, bounds: Bounds) -> npt.N
     west, south, east, north = bounds
     inside = (col * width < east) & ((col + 1) * width > west)
     return np.asarray(inside & (row * width < north) & ((row + 1) * width > south))
+
+
+def touches_areas(codes: Int64Array, extent: float, areas: Sequence[Bounds], margin: float) -> BoolArray:
+    """Return which tiles, with a margin (of their width), touch areas (west, south, east, north; m)."""
+    flat = np.zeros(len(codes))
+    boxes = boxes_of(codes, extent, flat, flat)
+    low, high = boxes.low[:, None, :2], boxes.high[:, None, :2]
+    more = margin * (high - low)
+    box = np.asarray(areas, np.float64).reshape(1, -1, 4)
+    meets = (box[..., :2] <= high + more) & (box[..., 2:] >= low - more)
+    return np.asarray(meets.all(axis=-1).any(axis=-1))
 
 
 def clip_boxes(boxes: Boxes, bounds: Bounds) -> Boxes:

@@ -5,16 +5,17 @@ import itertools
 import numpy as np
 import pytest
 
-from sketchterrain.benchmarks.spline_methods import (
+from sketchterrain.benchmarks.splines import (
     ARCS,
+    CELL_SIZES,
     KINDS,
     SEGMENTS,
     SplineQueries,
     distances,
+    failures,
     pieces_of,
     splines_and_places,
 )
-from sketchterrain.benchmarks.splines import CELL_SIZES, failures
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.geometry.splines import catmull_rom, cubics
 from sketchterrain.terrain.centrelines import flatten, nearest_on_arc, position

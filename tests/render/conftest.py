@@ -35,6 +35,7 @@ class Waves:
         climate={"aridity": 0.2},
         geology=defaults(GEOLOGY) | {"dip": 0.0},
         weather={},
+        drapes=(),
         looks={},
         materials={},
         material_table=BUILT_IN,

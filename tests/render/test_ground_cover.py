@@ -10,7 +10,7 @@ from sketchterrain.render.camera import Camera
 from sketchterrain.render.grass import DETAILS, KINDS, LEAF, PETAL, tuft_mesh
 from sketchterrain.render.ground import NEAR_WIDTH
 from sketchterrain.render.ground_cover import DETAILS as ROCK_DETAILS
-from sketchterrain.render.ground_cover import SHAPES, Rocks, rock_mesh, sorted_by_mesh
+from sketchterrain.render.ground_cover import ROCK_LAYERS, SHAPES, GroundCover, rock_mesh, sorted_by_mesh
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.scatter import (
     BAND,
@@ -79,8 +79,9 @@ class Scene:
 
     def plants(self, kind="meadow"):
         """Foot (m in the world), height, rotation and half width of all places of a kind that grow one."""
-        each = self.renderer.scenery.cover._parts[1]._kinds[KINDS.index(kind)]
-        rows = np.frombuffer(each.tufts.instances.read(112 * each.plants), np.float32).reshape(-1, 28)
+        each = self.renderer.scenery.cover.layers[len(ROCK_LAYERS) + KINDS.index(kind)]
+        count = len(each.visible._points.rows)
+        rows = np.frombuffer(each.pool.instances.read(112 * count), np.float32).reshape(-1, 28)
         rows = rows[rows[:, 3] > 0.0].astype(float)
         return rows[:, :3] + self.camera.eye, rows[:, 3], rows[:, 4:6], rows[:, 6]
 
@@ -135,11 +136,11 @@ def test_roots_are_on_the_displayed_ground(scene):
 def test_grass_and_stones_follow_the_materials(scene, monkeypatch):
     stones = []
 
-    def note(self, places, uniforms):
-        rows = np.frombuffer(self.pool.instances.read(80 * len(places.rows)), np.float32).reshape(-1, 20)
+    def note(self, array, count, uniforms):
+        rows = np.frombuffer(self.layers[0].pool.instances.read(80 * count), np.float32).reshape(-1, 20)
         stones.append(int((rows[:, 3] > 0.0).sum()))
 
-    monkeypatch.setattr(Rocks, "_draw", note)
+    monkeypatch.setattr(GroundCover, "_draw_contact_shadows", note)
     counts = []
     for x in (150.0, 700.0):
         scene.see(camera_at(x, 300.0))

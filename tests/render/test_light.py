@@ -41,7 +41,7 @@ def computed_maps(renderer, *squares):
     computed = []
     for square in squares:
         computed.append(LightMap(renderer, square, wider=computed[::-1]))
-        computed[-1].finish()
+        computed[-1].advance()
     return computed
 
 
@@ -62,25 +62,25 @@ def test_squares_are_block_aligned():
 
 def test_work_rate_adapts_and_recovers_from_outliers():
     pace = WorkRate(1e-3)
-    assert pace.steps_within(TimeBudget(0.0104, timer=lambda: 0.0)) == 10
+    assert pace.steps_within(TimeBudget(0.0104, timer=lambda: 0.0), 99) == 10
     pace.record(10, 0.0204)
-    assert pace.steps_within(TimeBudget(0.0104, timer=lambda: 0.0)) == 5
-    assert pace.steps_within(TimeBudget(0.0104, timer=lambda: 0.0), step=6) == 0
+    assert pace.steps_within(TimeBudget(0.0104, timer=lambda: 0.0), 99) == 5
+    assert pace.steps_within(TimeBudget(0.0104, timer=lambda: 0.0), 99, step=6) == 0
     for _ in range(30):
         pace.record(10, 0.0104)
-    assert pace.steps_within(TimeBudget(0.0105, timer=lambda: 0.0)) == 10
+    assert pace.steps_within(TimeBudget(0.0105, timer=lambda: 0.0), 99) == 10
 
     pace = WorkRate(1e-3)
     pace.record(1, 1.0)
     tries = 0
-    while not pace.steps_within(TimeBudget(0.01, timer=lambda: 0.0)):
+    while not pace.steps_within(TimeBudget(0.01, timer=lambda: 0.0), 99):
         tries += 1
         assert tries < 60
-    assert pace.steps_within(TimeBudget(0.0, timer=lambda: 0.0)) == 0
+    assert pace.steps_within(TimeBudget(0.0, timer=lambda: 0.0), 99) == 0
     pace = WorkRate(1e-3)
-    assert pace.steps_within(TimeBudget(0.5, timer=lambda: 0.0))
+    assert pace.steps_within(TimeBudget(0.5, timer=lambda: 0.0), 99)
     pace.record(10, 0.5)
-    assert any(pace.steps_within(TimeBudget(0.01, timer=lambda: 0.0)) for _ in range(150))
+    assert any(pace.steps_within(TimeBudget(0.01, timer=lambda: 0.0), 99) for _ in range(150))
 
 
 @pytest.mark.gl
@@ -134,7 +134,7 @@ def test_sliced_maps_are_bit_equal_and_reuse_heights(gl):
     wide, known = computed_maps(renderer, TexelSquare(-64, -64, 128, 40.0), TexelSquare(0, -64, 192, 4.0))
     square = TexelSquare(-64, -128, 192, 4.0)
     whole = LightMap(renderer, square, wider=[wide])
-    whole.finish()
+    whole.advance()
     terrain.queried = 0
     computed = LightMap(renderer, square, wider=[wide], previous=known)
     frames, ticks = 0, count()

@@ -98,8 +98,8 @@ def test_cells_contain_the_terrains_plants():
     while not cells.complete:
         cells.advance(TimeBudget(1.0))
     whole.request(places)
-    whole.finish()
-    assert len(meadow.queries) == len(places) + 1
+    whole.advance(block=8)
+    assert len(meadow.queries) == len(places) + 2  # blocks
     instances = []
     for each in (cells, whole):
         found = [each[place] for place in places]
@@ -108,7 +108,7 @@ def test_cells_contain_the_terrains_plants():
     assert len(instances[0]) == len(places) * (CELL / 16) ** 2
 
     cells.request([(3, -2)])
-    cells.finish()
+    cells.advance()
     cell = cells[3, -2]
     place = cell.instances.position.astype(float)
     x, y = (place[:, :2] + cell.corner).T
@@ -145,7 +145,7 @@ def test_cells_are_generated_in_steps_and_evicted():
     assert frames > 1
     for col in range(MAX_CELLS + 20):
         cells.request([(col, 5)])
-        cells.finish()
+        cells.advance()
     assert cells[0, 0] is None
     assert cells[MAX_CELLS + 19, 5] is not None
 
@@ -203,7 +203,7 @@ def test_sliced_shadow_maps_are_bit_equal(gl, allowance):
         cells, meshes = PlantCells(meadow), PlantMeshes(gl)
         shade = PlantShadows(gl, meshes, cells, SUN, quality=quality, draw_distance=400.0)
         cells.request(shade.request(CAMERA, lit))
-        cells.finish()
+        cells.advance()
         if sliced:
             frames = 0
             while not shade.converged:
@@ -211,7 +211,7 @@ def test_sliced_shadow_maps_are_bit_equal(gl, allowance):
                 frames += 1
                 assert frames < 3000
         else:
-            shade.finish(CAMERA.eye)
+            shade.advance(CAMERA.eye, np.inf)
         drawn.append([shade.textures[name].read() for name in ("shade_near", "shade_far")])
         assert shade.fade_shares == (1.0, 1.0)
         assert np.frombuffer(drawn[-1][1], np.float32).min() < 1.0
@@ -232,8 +232,8 @@ def test_shadow_maps_stay_on_their_texel_grid(gl):
         camera = Camera((500.0 + dx, 60.0, 120.0), (500.0 + dx, 700.0, 60.0))
         lit.converge(camera)
         cells.request(shade.request(camera, lit))
-        cells.finish()
-        shade.finish(camera.eye)
+        cells.advance()
+        shade.advance(camera.eye, np.inf)
         matrix = shade.matrices(camera.eye)[1]
         places.append((matrix @ [*(point - camera.eye), 1.0])[:2] * 128)
     steps = np.diff(places, axis=0)
@@ -259,7 +259,7 @@ def test_plants_fade_in_and_the_forest_settles(gl):
     assert triangles[0] == 0
     assert counts[-1] > 100
     converged = Forest(gl, meadow, SUN, quality=quality, defines=material_macros(BUILT_IN))
-    converged.converge(CAMERA, SIZE, lit)
+    assert converged.refine(CAMERA, SIZE, lit)
     assert converged.count == counts[-1]
     assert converged.converged
     assert 0.05 * frames >= GROW
@@ -384,7 +384,7 @@ def forest_of(gl):
 @pytest.mark.gl
 def test_small_motion_changes_few_plants(forest_of):
     forest, lit = forest_of(max_plants=20_000)
-    forest.converge(THIN_CAMERA, FRAME, lit)
+    assert forest.refine(THIN_CAMERA, FRAME, lit)
     before = drawn(forest)
     moved = replace(THIN_CAMERA, eye=(3000.6, 300.8, 160.0), target=(3000.6, 1700.8, -200.0))
     forest.update(moved, FRAME, lit, 0.05, TimeBudget(0.0))
@@ -404,7 +404,7 @@ def test_small_motion_changes_few_plants(forest_of):
 @pytest.mark.gl
 def test_selection_is_skipped_at_rest(forest_of, monkeypatch):
     forest, lit = forest_of(max_plants=3000)
-    forest.converge(THIN_CAMERA, FRAME, lit)
+    assert forest.refine(THIN_CAMERA, FRAME, lit)
     selections = []
     monkeypatch.setattr("sketchterrain.render.forest.join_cells", lambda *_: selections.append(1))
     monkeypatch.setattr("sketchterrain.render.forest.cells_in_view", lambda *_: selections.append(1))
@@ -419,10 +419,10 @@ def test_selection_is_skipped_at_rest(forest_of, monkeypatch):
 @pytest.mark.gl
 def test_flight_at_rest_equals_a_still(forest_of):
     still, lit = forest_of(max_plants=3000)
-    still.converge(THIN_CAMERA, FRAME, lit)
+    assert still.refine(THIN_CAMERA, FRAME, lit)
     flown, _ = forest_of(max_plants=3000)
     away = replace(THIN_CAMERA, eye=(3000.0, 300.0, 400.0), target=(3000.0, 1700.0, 600.0))
-    flown.converge(away, FRAME, lit)
+    assert flown.refine(away, FRAME, lit)
     for _ in range(400):
         flown.update(THIN_CAMERA, FRAME, lit, 0.05, TimeBudget(1.0))
         flown._select(THIN_CAMERA, FRAME)

@@ -19,7 +19,7 @@ from sketchterrain.render.built import MARKS
 from sketchterrain.render.clouds import cloud_defines
 from sketchterrain.render.ground import SurfaceMap, TileRenderer
 from sketchterrain.render.material_macros import material_macros
-from sketchterrain.render.programs import bind_textures, build_program, build_transform, set_uniforms
+from sketchterrain.render.programs import bind_textures, build_program, set_uniforms
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Weather
@@ -35,6 +35,7 @@ from sketchterrain.render.textures import (
 from sketchterrain.tiles import appearance
 from sketchterrain.tiles.quadtree import tile_indices
 
+from .conftest import Waves
 from .ground_model import QUADS, SIDE, neighbours, pack_tiles, shaded
 
 pytestmark = pytest.mark.gl
@@ -114,8 +115,8 @@ def test_no_stage_exceeds_the_guaranteed_texture_units(gl):
         build_program(gl, "rock.vert.glsl", "rock.frag.glsl", defines=defines),
         build_program(gl, "water.vert.glsl", "water.frag.glsl", defines=defines),
         build_program(gl, "built.vert.glsl", "built.frag.glsl", defines={**MARKS, **defines, "FAR": 0}),
-        build_transform(gl, "grass_plant.vert.glsl", ["foot_height"], defines={**defines, "KIND": 1}),
-        build_transform(gl, "rock_place.vert.glsl", ["centre_radius"], defines=defines),
+        build_program(gl, "grass_plant.vert.glsl", captured=["foot_height"], defines={**defines, "KIND": 1}),
+        build_program(gl, "rock_place.vert.glsl", captured=["centre_radius"], defines=defines),
     ]
     for program in programs:
         read = [name for name in program if getattr(program[name], "gl_type", None) in SAMPLERS]
@@ -272,7 +273,7 @@ def tiled(gl, textures, layer, hexes, *, across=4, side=256):
 
 
 def test_hexagons_hide_the_repetition_and_keep_mean_and_contrast(gl):
-    textures = MaterialTextures(gl, None, BUILT_IN, size=256, looks={})
+    textures = MaterialTextures(gl, Waves.sketch, None, Quality(material_texels=256))
 
     def correlation(picture, shift):
         height = picture[..., 3]

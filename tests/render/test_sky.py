@@ -533,7 +533,7 @@ def test_a_cloud_dome_shows_the_clouds_of_the_picture_after_eye_and_wind_moved(g
         for number, camera in enumerate(cameras):
             # Not as of a view at rest, whose dome is from its own place.
             seen = renderer._clipped(camera)
-            for _ in renderer._drawn(seen, framebuffer, size, clock=10.0 * number, moving=True):
+            for _ in renderer.scenery.draw(seen, framebuffer, size=size, clock=10.0 * number, moving=True):
                 pass
             yield read_picture(texture).astype(float)[: size[1] // 2]
 

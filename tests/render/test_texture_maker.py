@@ -27,6 +27,7 @@ from sketchterrain.look.texture_maker import (
     moments,
     paint_layer,
 )
+from sketchterrain.render.quality import Quality
 from sketchterrain.render.textures import (
     OCTAVES,
     PERIOD,
@@ -39,6 +40,7 @@ from sketchterrain.render.textures import (
 )
 from tests.devices import DEVICES, each_other_device, needs_device
 
+from .conftest import Waves
 from .test_shaders import evaluate
 
 pytestmark = needs_device
@@ -309,7 +311,7 @@ def test_invalid_texture_folders_are_refused(tmp_path):
 @pytest.mark.gl
 def test_opengl_textures_hold_every_level(gl, levels, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    textures = MaterialTextures(gl, None, BUILT_IN, size=SIZE, looks={})
+    textures = MaterialTextures(gl, Waves.sketch, None, Quality(material_texels=SIZE))
     for part, array in enumerate((textures.colour, textures.relief)):
         array.use(0)
         for level, both in enumerate(levels):

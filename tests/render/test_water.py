@@ -28,13 +28,16 @@ from sketchterrain.render.water import (
     BAND,
     GRAVITY,
     LAYERS,
+    LEVELS,
+    STATIONS,
     Water,
+    chunk_commands,
+    inland_mesh,
     wave_layers,
     wave_mipmaps,
     wave_phases,
     wave_slopes,
 )
-from sketchterrain.render.water_mesh import LEVELS, STATIONS, inland_mesh
 
 from .conftest import Waves
 from .test_shaders import evaluate, smoothstep
@@ -506,27 +509,27 @@ def test_levels_of_a_river_deviate_by_their_error_at_most_and_only_chunks_in_vie
     inside = (72.0 - 4.0 * np.hypot(step, step[:, None])).astype(np.float32)
     lake = lake_surface(SimpleNamespace(west=100.0, south=-50.0, spacing=4.0, inside=inside), 7.5)
     _, indices, chunks = inland_mesh([lake, mesh])
-    is_river = chunks.count[:, 1] > 0
+    is_river = chunks["count"][:, 1] > 0
     assert is_river.sum() == -(-(len(line) - 1) // STATIONS)
-    ranges = zip(chunks.first[:, 0], chunks.count[:, 0], strict=True)
+    ranges = zip(chunks["first"][:, 0], chunks["count"][:, 0], strict=True)
     whole = np.concatenate([np.arange(first, first + count) for first, count in ranges])
     finest = indices[whole].reshape(-1, 3)
     finest = finest[(finest != np.roll(finest, 1, axis=1)).all(axis=1)]  # the last station is repeated
     assert len(finest) == len(lake.triangles) // 3 + len(mesh.triangles) // 3
-    assert (chunks.error[is_river, 0] == 0.0).all()
+    assert (chunks["error"][is_river, 0] == 0.0).all()
     middle = len(lake.position) + np.arange(len(line)) * ACROSS + ACROSS // 2
     for chunk in np.flatnonzero(is_river)[[0, 7, -1]]:
         for level in range(len(LEVELS)):
-            first, count = chunks.first[chunk, level], chunks.count[chunk, level]
+            first, count = chunks["first"][chunk, level], chunks["count"][chunk, level]
             kept = np.intersect1d(indices[first : first + count], middle)
             x = line[(kept - middle[0]) // ACROSS]
             stations = line[(kept[0] - middle[0]) // ACROSS : (kept[-1] - middle[0]) // ACROSS + 1]
             apart = np.abs(np.interp(stations[:, 0], x[:, 0], x[:, 1]) - stations[:, 1]).max()
-            assert apart <= chunks.error[chunk, level] * 1.05 + 1e-9, (chunk, level)
+            assert apart <= chunks["error"][chunk, level] * 1.05 + 1e-9, (chunk, level)
     ahead = Camera((-200.0, 0.0, 60.0), (1000.0, 0.0, 0.0))
-    fine, coarse = (chunks.commands(ahead, 1.5, tolerance)["count"].sum() for tolerance in (0.0, 0.01))
+    fine, coarse = (chunk_commands(chunks, ahead, 1.5, tolerance)["count"].sum() for tolerance in (0.0, 0.01))
     assert coarse - len(lake.triangles) < 0.1 * (fine - len(lake.triangles))
-    assert len(chunks.commands(Camera((-500.0, 0.0, 60.0), (-1000.0, 0.0, 0.0)), 1.5, 0.0)) == 0
+    assert len(chunk_commands(chunks, Camera((-500.0, 0.0, 60.0), (-1000.0, 0.0, 0.0)), 1.5, 0.0)) == 0
 
 
 def test_lakes_of_few_samples_have_a_mesh():

@@ -33,8 +33,9 @@ class PatchNumbers:
         self.parts = list(parts)
         counts = [len(each) for each in parts]
         self.starts = np.cumsum([0, *counts])
-        self.grid = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
+        self.grid = np.repeat(np.arange(len(counts), dtype=np.int32), counts)  # of each patch
         tables = [each.table for each in parts]
+        # West, south, east and north (m) of what each patch reaches, rounded outward; and its error (m).
         self.reach: Float32Array = _joined([each.reach for each in tables], (0, 4))
         self.error: Float64Array = _joined(
             [each.accuracy + each.table.error.astype(np.float64) for each in parts], (0,)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Mapping
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import blake2b, sha256
@@ -75,6 +77,7 @@ RASTER: Final = parameter_table(
 """Keys of ``[[raster]]``; those from ``accuracy`` on are for elevation."""
 
 _EMBEDDED: Final = re.compile(r"[A-Za-z0-9_-]{1,40}-[0-9a-f]{8}\.raster")
+_SUFFIXES: Final = {b"II": ".tif", b"MM": ".tif", b"\x93N": ".npy", b"\x89P": ".png"}  # by the first bytes
 _LARGE: Final = 1 << 24  # bytes of a file whose hash is stored on disk
 _hashes = LRUCache(256)  # of files by path, size and time of modification, and of embedded contents
 
@@ -188,6 +191,35 @@ def is_embedded_name(name: str) -> bool:
 def embedded_files(rasters: Iterable[RasterSource]) -> dict[str, bytes]:
     """Return the files stored in the sketch by name."""
     return {each.path: each.content for each in rasters if each.content is not None}
+
+
+@contextmanager
+def raster_file(source: RasterSource, what: str = "raster") -> Iterator[Path]:
+    """Yield a source's file; one stored in the sketch is written to a temporary one of its format.
+
+    An InputError that is raised meanwhile names the source.
+    """
+    path = Path(source.path)
+    with ExitStack() as stack:
+        if source.content is not None:
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="sketchterrain-"))
+            # Without the hash: the name of an HGT is its place.
+            path = Path(folder) / (path.stem.rpartition("-")[0] + _suffix(source.content, source.range))
+            path.write_bytes(source.content)
+        try:
+            yield path
+        except InputError as error:
+            reason = str(error).replace(one_line(path), path.name).removeprefix(f"{path.name}: ")
+            raise InputError(f"{what} {one_line(source.path)}: {reason}") from None
+
+
+def _suffix(content: bytes, height_range: str) -> str:
+    """Return the suffix of a raster's format."""
+    head = content[:200].lstrip().lower()
+    if head.startswith(b"pk"):
+        return ".npz" if b".npy" in head else ".zip"
+    other = ".asc" if head.startswith(b"ncols") else ".r16" if height_range else ".hgt"
+    return _SUFFIXES.get(content[:2], other)
 
 
 def raster_problem(source: RasterSource, what: str = "raster") -> str:

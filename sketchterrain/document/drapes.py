@@ -283,13 +283,6 @@ def drape_problem(layer: DrapedLayer) -> str:
     return "" if os.path.isdir(layer.path) else raster_problem(layer.file, "draped layer")  # noqa: PTH112 # no error
 
 
-def relocated_drapes(
-    drapes: Iterable[DrapedLayer], place: Callable[[str], str | Path]
-) -> tuple[DrapedLayer, ...]:
-    """Return layers with changed paths, as relative to a sketch's folder."""
-    return tuple(each.replace(path=str(place(each.path))) for each in drapes)
-
-
 def moved_drapes(
     drapes: Iterable[DrapedLayer], change: Callable[[Float64Array], Float64Array]
 ) -> tuple[DrapedLayer, ...]:

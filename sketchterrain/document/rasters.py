@@ -25,7 +25,7 @@ from sketchterrain.document.parameters import (
 )
 from sketchterrain.errors import InputError, check_keys, format_value, one_line
 from sketchterrain.io.disk_cache import RecordCache
-from sketchterrain.io.files import hash_file, relative_path, too_large, wrap_read_errors
+from sketchterrain.io.files import hash_file, too_large, wrap_read_errors
 
 MAX_RASTERS: Final = 64
 """The most raster sources of a sketch."""
@@ -267,21 +267,3 @@ def _stored_hashes() -> RecordCache:
 def content_digests(rasters: Iterable[RasterSource]) -> list[str]:
     """Return the SHA-256 of the content of each source, or why there is none: results depend on them."""
     return [raster_problem(each) or content_hash(each) for each in rasters]
-
-
-def resolved_rasters(
-    rasters: Iterable[RasterSource], files: Mapping[str, bytes], base: Path | None
-) -> tuple[RasterSource, ...]:
-    """Return sources with the content of those among the sketch's `files`, other paths absolute."""
-
-    def resolved(source: RasterSource) -> RasterSource:
-        if source.path in files and is_embedded_name(source.path):
-            return replace(source, content=files[source.path])
-        return source if base is None else replace(source, path=str(base.absolute() / source.path))
-
-    return tuple(map(resolved, rasters))
-
-
-def relative_rasters(rasters: Iterable[RasterSource], base: Path) -> tuple[RasterSource, ...]:
-    """Return sources with paths inside a sketch's folder relative to it."""
-    return tuple(replace(each, path=relative_path(each.path, base)) for each in rasters)

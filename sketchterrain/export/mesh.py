@@ -17,7 +17,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float32Array, Float64Array
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import EngineAxes
-from sketchterrain.export.sampled import SampleGrid, TerrainSamples, interpolate_heights
+from sketchterrain.export.sampled import SampleGrid, TerrainSamples, interpolate_heights, row_bands
 from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.terrain.surfaces import TerrainFeatures
 
@@ -140,7 +140,7 @@ def mesh_positions(mesh: GridMesh, samples: TerrainSamples, axes: EngineAxes) ->
     grid = samples.grid
     dx, dy = grid.spacing
     result = np.empty((len(mesh.column), 3), np.float32)
-    for part in _parts(mesh):
+    for part in row_bands(len(mesh.column), _VERTICES_AT_ONCE):
         column, row = mesh.column[part], mesh.row[part]
         height = samples.height[row, column]
         result[part] = axes.points(grid.west + column * dx, grid.north - row * dy, height)
@@ -152,7 +152,7 @@ def mesh_normals(mesh: GridMesh, samples: TerrainSamples, axes: EngineAxes) -> F
     dx, dy = samples.grid.spacing
     height = samples.height
     result = np.empty((len(mesh.column), 3), np.float32)
-    for part in _parts(mesh):
+    for part in row_bands(len(mesh.column), _VERTICES_AT_ONCE):
         column, row = mesh.column[part].astype(np.intp), mesh.row[part].astype(np.intp)
         west, east = np.maximum(column - 1, 0), np.minimum(column + 1, samples.grid.columns - 1)
         north, south = np.maximum(row - 1, 0), np.minimum(row + 1, samples.grid.rows - 1)
@@ -178,11 +178,6 @@ def mesh_texcoords(mesh: GridMesh, grid: SampleGrid) -> Float32Array:
     for axis, index in enumerate((mesh.column, mesh.row)):
         result[:, axis] = np.minimum((index / stride + 0.5) / texels[axis], 1.0)
     return result
-
-
-def _parts(mesh: GridMesh) -> Iterator[slice]:
-    for first in range(0, len(mesh.column), _VERTICES_AT_ONCE):
-        yield slice(first, first + _VERTICES_AT_ONCE)
 
 
 WATER: Final = "water"

@@ -8,7 +8,7 @@ from sketchterrain.array_types import Float32Array
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import requested_storeys, write_tiles
 from sketchterrain.export.files import write_values_png
-from sketchterrain.export.foliage_files import FoliageOptions, write_foliage
+from sketchterrain.export.foliage_files import FoliageOptions, plant_pieces, write_foliage
 from sketchterrain.export.landuse import land_entries
 from sketchterrain.export.planning import HeightQuantisation
 from sketchterrain.export.rasters import (
@@ -142,13 +142,10 @@ def _write_npy(export: Export) -> ExportOutput:
     files = write_tiles(export, "files", "Writing files", write_tile)
     if export.options.plants:
         path = export.folder / "foliage.npy"
-        _, south, _, north = export.grid.bounds
         with export.stages.stage("plants", "Plants") as progress, npy_rows(path, PLANT) as add:
             for storey in requested_storeys(export.options):
-                for plants in export.terrain.foliage_pieces(*export.grid.bounds, storey=storey):
+                for plants in plant_pieces(export.terrain, export.grid.bounds, storey, progress):
                     add(plants)
-                    if len(plants):  # in rows from south to north
-                        progress(float(plants["y"].max() - south) / (north - south))
         files[path] = "plants, a structured array; species are indices into the sidecar's species"
     files |= _write_features(export) | write_road_masks(export)
     facts = {

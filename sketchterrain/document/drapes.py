@@ -128,9 +128,6 @@ class DrapeClass:
     def __hash__(self) -> int:
         return hash((self.value, tuple(self.style.items())))
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return DrapeClass, (self.value, dict(self.style))
-
 
 @dataclass(frozen=True)
 class FeatureEdit:
@@ -205,10 +202,6 @@ class DrapedLayer:
         classes = check_items(DrapeClass, self.classes, "classes of a draped layer", most=MAX_CLASSES)
         object.__setattr__(self, "classes", classes)
         object.__setattr__(self, "edits", MappingProxyType({edit.id: edit for edit in self.edits.values()}))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        values = dict(self.values), dict(self.style), self.classes, dict(self.edits)
-        return DrapedLayer, (self.path, *values)
 
     # By hand: messages to other processes contain values of eq=False only once.
     def __eq__(self, other: object) -> bool:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import zlib
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from sketchterrain.document.drapes import new_drape_bytes
 from sketchterrain.document.label_layers import Box, LabelImage, freeze_image, labels_in, union_box
@@ -104,38 +103,27 @@ def _changed_blocks(before: LabelImage, after: LabelImage, within: Box) -> tuple
     """Return the box of the changed pixels and the tile blocks that contain them; None if equal."""
     height, width = before.shape
     first, last = within[1] // TILE * TILE, min(-(-within[3] // TILE) * TILE, width)
-    # Eight pixels are compared as one uint64, so columns are padded to whole tiles.
-    differs = np.zeros((TILE, -(-max(last - first, 1) // TILE) * TILE), dtype=np.bool_)
-    columns = np.zeros(differs.shape[1], dtype=np.bool_)
+    columns = np.zeros(max(last - first, 0), dtype=np.bool_)
     blocks: list[Box] = []
     top_row = bottom_row = 0
     for top in range(within[0] // TILE * TILE, min(within[2], height), TILE):
         bottom = min(top + TILE, height)
-        rows = differs[: bottom - top]
-        np.not_equal(
-            before[top:bottom, first:last], after[top:bottom, first:last], out=rows[:, : last - first]
-        )
-        changed = np.bitwise_or.reduce(rows.view(np.uint64), axis=0).view(np.bool_)
+        differs = before[top:bottom, first:last] != after[top:bottom, first:last]
+        changed = differs.any(axis=0)
         if not changed.any():
             continue
         columns |= changed
-        inside = np.flatnonzero(rows.any(axis=1))
+        inside = np.flatnonzero(differs.any(axis=1))
         top_row = top_row if blocks else top + int(inside[0])
         bottom_row = top + int(inside[-1]) + 1
-        blocks += [
-            (top, first + begin, bottom, min(first + end, width)) for begin, end in _tile_runs(changed)
-        ]
+        tiles = np.logical_or.reduceat(changed, np.arange(0, len(changed), TILE))
+        edges = first + TILE * np.flatnonzero(np.diff(tiles, prepend=False, append=False))
+        runs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+        blocks += [(top, begin, bottom, min(end, width)) for begin, end in runs]
     if not blocks:
         return None
     where = np.flatnonzero(columns)
     return (top_row, first + int(where[0]), bottom_row, first + int(where[-1]) + 1), blocks
-
-
-def _tile_runs(changed: npt.NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-    """Yield the first and the end column of each run of tiles with a changed column."""
-    tiles = changed.reshape(-1, TILE).any(axis=1)
-    edges = np.flatnonzero(np.diff(tiles, prepend=False, append=False)) * TILE
-    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
 MAX_BYTES = 256 << 20

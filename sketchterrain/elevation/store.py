@@ -20,7 +20,7 @@ from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.detail_law import DetailLaw
 from sketchterrain.elevation.grids import MAX_HELD, ElevationGrid, SketchFrame
 from sketchterrain.elevation.patches import COEFFICIENTS, GridPatches, PatchTable
-from sketchterrain.elevation.planes import DESCRIPTION, ArrayFile, CoefficientPlanes
+from sketchterrain.elevation.planes import CHUNK, DESCRIPTION, ArrayFile, CoefficientPlanes
 from sketchterrain.elevation.quirks import Findings
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.io.disk_cache import delete_old_folders, write_folder
@@ -29,7 +29,7 @@ from sketchterrain.io.files import cache_folder, check_disk, wrap_os_errors, wri
 MAX_BYTES: Final = 1 << 36
 """Bytes of all stores: those that were not opened for longest are deleted beyond it."""
 
-_FORMAT = 2
+_FORMAT = 3
 _VALUES, _MASKS = "coefficients", "masks"
 _chunks = LRUCache(max_bytes=1 << 27)  # of all stores
 _BYTES = 6  # a sample, of all levels
@@ -124,8 +124,8 @@ class PatchStore:
 
 
 def _array_files(folder: Path) -> tuple[ArrayFile, ArrayFile]:
-    shape = (COEFFICIENTS, COEFFICIENTS)
-    return ArrayFile(folder / _VALUES, np.float32), ArrayFile(folder / _MASKS, np.uint8, shape)
+    values, masks = (np.float32, CHUNK), (np.uint8, (COEFFICIENTS, COEFFICIENTS))
+    return ArrayFile(folder / _VALUES, *values), ArrayFile(folder / _MASKS, *masks)
 
 
 def _describe(part: GridPatches, path: Path) -> None:

@@ -216,6 +216,8 @@ class VectorLayer:
             if name not in _JOINERS or "pieces" not in self.__dict__:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
             value = _JOINERS[name](self.pieces, name)
+            if name != "columns":
+                value.setflags(write=False)
             object.__setattr__(self, name, value)
             return value
 
@@ -658,15 +660,11 @@ def _joined(pieces: Sequence[VectorLayer]) -> VectorLayer:
 
 
 def _join_arrays(pieces: Sequence[VectorLayer], name: str) -> npt.NDArray[Any]:
-    joined: npt.NDArray[Any] = np.concatenate([getattr(piece, name) for piece in pieces])
-    joined.setflags(write=False)
-    return joined
+    return np.concatenate([getattr(piece, name) for piece in pieces])
 
 
 def _join_starts(pieces: Sequence[VectorLayer], name: str) -> Int64Array:
-    joined = starts(np.concatenate([np.diff(getattr(piece, name)) for piece in pieces]))
-    joined.setflags(write=False)
-    return joined
+    return starts(np.concatenate([np.diff(getattr(piece, name)) for piece in pieces]))
 
 
 def _join_columns(pieces: Sequence[VectorLayer], _: str) -> Mapping[str, Column]:

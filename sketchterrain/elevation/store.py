@@ -96,8 +96,9 @@ class PatchStore:
 
         with wrap_os_errors(folder):
             write_folder(folder, build, lambda: self.opened(grid.id) is not None)
+        part = _reopened(self._folder, grid.id, self._memory)  # now the newest
         delete_old_folders(self._folder.glob("*/"), self._max_bytes)
-        return _reopened(self._folder, grid.id, self._memory)
+        return part
 
     def opened(self, grid_id: bytes) -> StoredPatches | None:
         """Return stored patches, or None if there are none or they are damaged."""

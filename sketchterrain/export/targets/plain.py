@@ -68,7 +68,8 @@ def _write_images(
     quantised: bool = False,
 ) -> ExportOutput:
     """Write heights in a format, normals and weights as images, plants as a table."""
-    names, steps = export.terrain.material_names, None
+    names = export.terrain.material_names
+    steps: HeightQuantisation | None = None
     if quantised:
         steps = HeightQuantisation.from_heights(export.samples.height, export.options.heights)
 

@@ -128,9 +128,6 @@ class DrapeClass:
     def __hash__(self) -> int:
         return hash((self.value, tuple(self.style.items())))
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return DrapeClass, (self.value, dict(self.style))
-
 
 @dataclass(frozen=True)
 class FeatureEdit:
@@ -206,10 +203,6 @@ class DrapedLayer:
         object.__setattr__(self, "classes", classes)
         object.__setattr__(self, "edits", MappingProxyType({edit.id: edit for edit in self.edits.values()}))
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        values = dict(self.values), dict(self.style), self.classes, dict(self.edits)
-        return DrapedLayer, (self.path, *values)
-
     # By hand: messages to other processes contain values of eq=False only once.
     def __eq__(self, other: object) -> bool:
         return isinstance(other, DrapedLayer) and vars(self) == vars(other)
@@ -281,13 +274,6 @@ def draped_layer(path: Path, /, **values: Any) -> DrapedLayer:
 def drape_problem(layer: DrapedLayer) -> str:
     """Return in one line that a layer's file is missing or has changed since it was added, else empty."""
     return "" if os.path.isdir(layer.path) else raster_problem(layer.file, "draped layer")  # noqa: PTH112 # no error
-
-
-def relocated_drapes(
-    drapes: Iterable[DrapedLayer], place: Callable[[str], str | Path]
-) -> tuple[DrapedLayer, ...]:
-    """Return layers with changed paths, as relative to a sketch's folder."""
-    return tuple(each.replace(path=str(place(each.path))) for each in drapes)
 
 
 def moved_drapes(

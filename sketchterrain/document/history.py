@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+import zlib
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from sketchterrain.document.drapes import new_drape_bytes
-from sketchterrain.document.label_layers import Box, LabelImage, freeze_image, union_box
+from sketchterrain.document.label_layers import Box, LabelImage, freeze_image, labels_in, union_box
 from sketchterrain.document.sketch import Sketch
 
 TILE = 64
@@ -21,38 +21,16 @@ _BLOCK_BYTES = 400  # overhead of the objects
 
 
 @dataclass(frozen=True, eq=False)
-class _Runs:
-    """Run-length encoded labels: the start of each run and its label; or plain ones where runs are short."""
-
-    length: int
-    starts: npt.NDArray[np.uint32] | None
-    labels: npt.NDArray[np.uint8]
-
-    @classmethod
-    def encode(cls, pixels: LabelImage) -> _Runs:
-        flat = pixels.ravel()
-        starts = np.append(0, np.flatnonzero(flat[1:] != flat[:-1]) + 1).astype(np.uint32)
-        if 5 * len(starts) < len(flat):
-            return cls(len(flat), starts, flat[starts])
-        return cls(len(flat), None, flat.copy())
-
-    @property
-    def bytes(self) -> int:
-        return self.labels.nbytes + (0 if self.starts is None else self.starts.nbytes)
-
-    def decode(self) -> LabelImage:
-        if self.starts is None:
-            return self.labels
-        return np.repeat(self.labels, np.diff(self.starts, append=np.uint32(self.length)))
-
-
-@dataclass(frozen=True, eq=False)
 class _Block:
-    """A row of adjacent changed tiles."""
+    """A row of adjacent changed tiles, or a whole layer."""
 
     box: Box
-    before: _Runs
-    after: _Runs
+    before: bytes  # compressed
+    after: bytes
+
+    @classmethod
+    def of_images(cls, box: Box, before: LabelImage, after: LabelImage) -> _Block:
+        return cls(box, *(zlib.compress(image.tobytes(), 1) for image in (before, after)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,24 +53,21 @@ class LayerChange:
         shapes = ((before.shape[0], before.shape[1]), (after.shape[0], after.shape[1]))
         if before.shape != after.shape:
             box = (0, 0, *shapes[1])
-            blocks = [_Block(box, _Runs.encode(before), _Runs.encode(after))]
+            blocks = [_Block.of_images(box, before, after)]
         else:
             found = _changed_blocks(before, after, within or (0, 0, *shapes[0]))
             if found is None:
                 return None
             box, boxes = found
-            blocks = [
-                _Block(each, *(_Runs.encode(_view(image, each)) for image in (before, after)))
-                for each in boxes
-            ]
-        size = sum(block.before.bytes + block.after.bytes + _BLOCK_BYTES for block in blocks)
+            blocks = [_Block.of_images(each, _view(before, each), _view(after, each)) for each in boxes]
+        size = sum(len(block.before) + len(block.after) + _BLOCK_BYTES for block in blocks)
         return cls(box, shapes, size, tuple(blocks))
 
     @property
     def new_labels(self) -> frozenset[int]:
-        """Labels in the changed tiles after the change that were not in them before."""
+        """Labels, but 0, in the changed tiles after the change that were not in them before."""
         before, after = (
-            {label for runs in sides for label in np.unique(runs.labels).tolist()}
+            {label for packed in sides for label in labels_in(_unpacked(packed)[None])}
             for sides in zip(*((block.before, block.after) for block in self._blocks), strict=True)
         )
         return frozenset(after - before)
@@ -106,13 +81,17 @@ class LayerChange:
         return self._write(image, 0)
 
     def _write(self, image: LabelImage, side: int) -> LabelImage:
-        runs = [(block.before, block.after)[side] for block in self._blocks]
+        labels = [_unpacked((block.before, block.after)[side]) for block in self._blocks]
         if self.shapes[0] != self.shapes[1]:
-            return runs[0].decode().reshape(self.shapes[side]).copy()
-        for block, each in zip(self._blocks, runs, strict=True):
+            return labels[0].reshape(self.shapes[side]).copy()
+        for block, each in zip(self._blocks, labels, strict=True):
             tiles = _view(image, block.box)
-            tiles[:] = each.decode().reshape(tiles.shape)
+            tiles[:] = each.reshape(tiles.shape)
         return image
+
+
+def _unpacked(packed: bytes) -> LabelImage:
+    return np.frombuffer(zlib.decompress(packed), np.uint8)
 
 
 def _view(image: LabelImage, box: Box) -> LabelImage:
@@ -124,38 +103,27 @@ def _changed_blocks(before: LabelImage, after: LabelImage, within: Box) -> tuple
     """Return the box of the changed pixels and the tile blocks that contain them; None if equal."""
     height, width = before.shape
     first, last = within[1] // TILE * TILE, min(-(-within[3] // TILE) * TILE, width)
-    # Eight pixels are compared as one uint64, so columns are padded to whole tiles.
-    differs = np.zeros((TILE, -(-max(last - first, 1) // TILE) * TILE), dtype=np.bool_)
-    columns = np.zeros(differs.shape[1], dtype=np.bool_)
+    columns = np.zeros(max(last - first, 0), dtype=np.bool_)
     blocks: list[Box] = []
     top_row = bottom_row = 0
     for top in range(within[0] // TILE * TILE, min(within[2], height), TILE):
         bottom = min(top + TILE, height)
-        rows = differs[: bottom - top]
-        np.not_equal(
-            before[top:bottom, first:last], after[top:bottom, first:last], out=rows[:, : last - first]
-        )
-        changed = np.bitwise_or.reduce(rows.view(np.uint64), axis=0).view(np.bool_)
+        differs = before[top:bottom, first:last] != after[top:bottom, first:last]
+        changed = differs.any(axis=0)
         if not changed.any():
             continue
         columns |= changed
-        inside = np.flatnonzero(rows.any(axis=1))
+        inside = np.flatnonzero(differs.any(axis=1))
         top_row = top_row if blocks else top + int(inside[0])
         bottom_row = top + int(inside[-1]) + 1
-        blocks += [
-            (top, first + begin, bottom, min(first + end, width)) for begin, end in _tile_runs(changed)
-        ]
+        tiles = np.logical_or.reduceat(changed, np.arange(0, len(changed), TILE))
+        edges = first + TILE * np.flatnonzero(np.diff(tiles, prepend=False, append=False))
+        runs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+        blocks += [(top, begin, bottom, min(end, width)) for begin, end in runs]
     if not blocks:
         return None
     where = np.flatnonzero(columns)
     return (top_row, first + int(where[0]), bottom_row, first + int(where[-1]) + 1), blocks
-
-
-def _tile_runs(changed: npt.NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-    """Yield the first and the end column of each run of tiles with a changed column."""
-    tiles = changed.reshape(-1, TILE).any(axis=1)
-    edges = np.flatnonzero(np.diff(tiles, prepend=False, append=False)) * TILE
-    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
 MAX_BYTES = 256 << 20

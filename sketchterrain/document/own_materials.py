@@ -7,14 +7,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Final
 
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.materials import BUILT_IN, MATERIALS, Colour, Material, MaterialTable
 from sketchterrain.document.parameters import LOOK, Parameter, Properties, check_values, parameter_table
 from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.errors import InputError, format_value
-from sketchterrain.io.files import relative_path
 
 MAX_MATERIALS: Final = 16
 """The most materials of a sketch, the program's included."""
@@ -136,22 +135,3 @@ def picture_files(folder: str | Path, name: str) -> dict[str, Path]:
     if "albedo" not in found:
         raise InputError(f"{where}: expected a picture named albedo, color or diffuse, PNG or JPEG")
     return found
-
-
-def resolved_folders(own: Mapping[str, Properties], base: Path) -> dict[str, dict[str, Any]]:
-    """Return values with folders relative to `base` made absolute; raise InputError without pictures."""
-    resolved = {name: dict(values) for name, values in own.items()}
-    for name, values in resolved.items():
-        if values.get("folder"):
-            values["folder"] = str(base.absolute() / values["folder"])
-            picture_files(values["folder"], name)
-    return resolved
-
-
-def relative_folders(own: Mapping[str, Properties], base: Path) -> dict[str, dict[str, Any]]:
-    """Return values with folders inside a sketch's relative to it."""
-    relative = {name: dict(values) for name, values in own.items()}
-    for values in relative.values():
-        if "folder" in values:
-            values["folder"] = relative_path(values["folder"], base)
-    return relative

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import math
 import re
 from collections.abc import Iterable, Mapping
@@ -114,6 +115,13 @@ def check_items(kind: type[_T], values: Iterable[object], key: str, *, most: int
     if len(items) > most:
         raise InputError(f"{len(items)} {key}: expected at most {most}")
     return tuple(items)
+
+
+def _read_only(values: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(values)
+
+
+copyreg.pickle(MappingProxyType, lambda mapping: (_read_only, (dict(mapping),)))  # as in sketches
 
 
 def parameter_table(*parameters: Parameter) -> Mapping[str, Parameter]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Mapping
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import blake2b, sha256
@@ -23,7 +25,7 @@ from sketchterrain.document.parameters import (
 )
 from sketchterrain.errors import InputError, check_keys, format_value, one_line
 from sketchterrain.io.disk_cache import RecordCache
-from sketchterrain.io.files import hash_file, relative_path, too_large, wrap_read_errors
+from sketchterrain.io.files import hash_file, too_large, wrap_read_errors
 
 MAX_RASTERS: Final = 64
 """The most raster sources of a sketch."""
@@ -75,6 +77,7 @@ RASTER: Final = parameter_table(
 """Keys of ``[[raster]]``; those from ``accuracy`` on are for elevation."""
 
 _EMBEDDED: Final = re.compile(r"[A-Za-z0-9_-]{1,40}-[0-9a-f]{8}\.raster")
+_SUFFIXES: Final = {b"II": ".tif", b"MM": ".tif", b"\x93N": ".npy", b"\x89P": ".png"}  # by the first bytes
 _LARGE: Final = 1 << 24  # bytes of a file whose hash is stored on disk
 _hashes = LRUCache(256)  # of files by path, size and time of modification, and of embedded contents
 
@@ -190,6 +193,35 @@ def embedded_files(rasters: Iterable[RasterSource]) -> dict[str, bytes]:
     return {each.path: each.content for each in rasters if each.content is not None}
 
 
+@contextmanager
+def raster_file(source: RasterSource, what: str = "raster") -> Iterator[Path]:
+    """Yield a source's file; one stored in the sketch is written to a temporary one of its format.
+
+    An InputError that is raised meanwhile names the source.
+    """
+    path = Path(source.path)
+    with ExitStack() as stack:
+        if source.content is not None:
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="sketchterrain-"))
+            # Without the hash: the name of an HGT is its place.
+            path = Path(folder) / (path.stem.rpartition("-")[0] + _suffix(source.content, source.range))
+            path.write_bytes(source.content)
+        try:
+            yield path
+        except InputError as error:
+            reason = str(error).replace(one_line(path), path.name).removeprefix(f"{path.name}: ")
+            raise InputError(f"{what} {one_line(source.path)}: {reason}") from None
+
+
+def _suffix(content: bytes, height_range: str) -> str:
+    """Return the suffix of a raster's format."""
+    head = content[:200].lstrip().lower()
+    if head.startswith(b"pk"):
+        return ".npz" if b".npy" in head else ".zip"
+    other = ".asc" if head.startswith(b"ncols") else ".r16" if height_range else ".hgt"
+    return _SUFFIXES.get(content[:2], other)
+
+
 def raster_problem(source: RasterSource, what: str = "raster") -> str:
     """Return in one line that a source is missing or has changed since it was added; empty if neither."""
     place, path = f"{what} {one_line(source.path)}", Path(source.path)
@@ -235,21 +267,3 @@ def _stored_hashes() -> RecordCache:
 def content_digests(rasters: Iterable[RasterSource]) -> list[str]:
     """Return the SHA-256 of the content of each source, or why there is none: results depend on them."""
     return [raster_problem(each) or content_hash(each) for each in rasters]
-
-
-def resolved_rasters(
-    rasters: Iterable[RasterSource], files: Mapping[str, bytes], base: Path | None
-) -> tuple[RasterSource, ...]:
-    """Return sources with the content of those among the sketch's `files`, other paths absolute."""
-
-    def resolved(source: RasterSource) -> RasterSource:
-        if source.path in files and is_embedded_name(source.path):
-            return replace(source, content=files[source.path])
-        return source if base is None else replace(source, path=str(base.absolute() / source.path))
-
-    return tuple(map(resolved, rasters))
-
-
-def relative_rasters(rasters: Iterable[RasterSource], base: Path) -> tuple[RasterSource, ...]:
-    """Return sources with paths inside a sketch's folder relative to it."""
-    return tuple(replace(each, path=relative_path(each.path, base)) for each in rasters)

@@ -168,18 +168,9 @@ class Sketch:
             object.__setattr__(self, key, value)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the fields as plain dicts, with compressed layers; empty ones are omitted."""
-        state = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
-        for key in (*TABLES, "vectors"):
-            state[key] = dict(state[key])
-        state["labels"] = {key: dict(values) for key, values in self.labels.items()}
-        state["materials"] = {key: dict(values) for key, values in self.materials.items()}
-        state["look"] = {key: dict(values) for key, values in self.look.items()}
-        state["size_px"] = (self.height_px, self.width_px)
-        state["layers"] = {
-            name: zlib.compress(image.data, 1) for name, image in self.layers.items() if image.any()
-        }
-        return state
+        """Return the fields, with compressed layers; empty ones are omitted."""
+        packed = {name: zlib.compress(image.data, 1) for name, image in self.layers.items() if image.any()}
+        return vars(self) | {"layers": packed, "size_px": (self.height_px, self.width_px)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore fields, which were checked when the sketch was created."""
@@ -189,11 +180,7 @@ class Sketch:
             name: freeze_image(np.frombuffer(zlib.decompress(packed), dtype=np.uint8).reshape(size))
             for name, packed in state["layers"].items()
         }
-        state["layers"] = {name: layers.get(name, empty) for name in PAINTED_LAYERS}
-        for key in ("labels", "materials", "look"):
-            state[key] = {name: MappingProxyType(values) for name, values in state[key].items()}
-        for key in ("layers", "vectors", "labels", "materials", "look", *TABLES):
-            state[key] = MappingProxyType(state[key])
+        state["layers"] = MappingProxyType({name: layers.get(name, empty) for name in PAINTED_LAYERS})
         for key, value in state.items():
             object.__setattr__(self, key, value)
 

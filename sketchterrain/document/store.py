@@ -6,27 +6,26 @@ import secrets
 import stat
 import time
 import zipfile
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from hashlib import sha256
 from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
+from types import MappingProxyType
 from typing import Any
 
 from sketchterrain.caching import LRUCache
-from sketchterrain.document.drapes import relocated_drapes
 from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
-from sketchterrain.document.own_materials import picture_files, relative_folders, resolved_folders
+from sketchterrain.document.own_materials import picture_files
 from sketchterrain.document.rasters import (
     RasterSource,
     content_digests,
     content_hash,
     embedded_files,
     is_embedded_name,
-    relative_rasters,
-    resolved_rasters,
 )
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text, starter_sketch
@@ -388,12 +387,10 @@ def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None)
                 _check_same_size(images, name)
     with prefix_errors(f"{place}/{SETTINGS}"):
         sketch = parse_settings(contents[SETTINGS], images)
-        if base is not None and sketch.materials:
-            sketch = sketch.replace(materials=resolved_folders(sketch.materials, base))
-        if sketch.rasters:
-            sketch = sketch.replace(rasters=resolved_rasters(sketch.rasters, contents, base))
-        if base is not None and sketch.drapes:
-            sketch = sketch.replace(drapes=relocated_drapes(sketch.drapes, base.absolute().joinpath))
+        sketch = _relocated(sketch, str if base is None else base.absolute().joinpath, contents)
+        for name, values in sketch.materials.items():
+            if base is not None and values.get("folder"):
+                picture_files(values["folder"], name)  # raises InputError without pictures
     vectors = {}
     for name in VECTOR_LAYERS:
         if f"{name}{SUFFIX}" in contents:
@@ -427,13 +424,29 @@ def _check_same_size(images: Mapping[str, LabelImage], name: str) -> None:
         )
 
 
+def _relocated(
+    sketch: Sketch, place: Callable[[str], str | Path], stored: Mapping[str, bytes] = MappingProxyType({})
+) -> Sketch:
+    """Return a sketch with changed paths of pictures, rasters and draped layers; with `stored` rasters."""
+
+    def relocated(source: RasterSource) -> RasterSource:
+        if source.path in stored and is_embedded_name(source.path):
+            return replace(source, content=stored[source.path])
+        return replace(source, path=str(place(source.path)))
+
+    if not (sketch.materials or sketch.rasters or sketch.drapes):
+        return sketch
+    materials = {name: dict(values) for name, values in sketch.materials.items()}
+    for values in materials.values():
+        if values.get("folder"):
+            values["folder"] = str(place(values["folder"]))
+    drapes = tuple(each.replace(path=str(place(each.path))) for each in sketch.drapes)
+    return sketch.replace(materials=materials, rasters=tuple(map(relocated, sketch.rasters)), drapes=drapes)
+
+
 def _encode(sketch: Sketch, base: Path | None) -> dict[str, bytes]:
-    if base is not None and (sketch.materials or sketch.rasters or sketch.drapes):
-        sketch = sketch.replace(
-            materials=relative_folders(sketch.materials, base),
-            rasters=relative_rasters(sketch.rasters, base),
-            drapes=relocated_drapes(sketch.drapes, partial(relative_path, base=base)),
-        )
+    if base is not None:
+        sketch = _relocated(sketch, partial(relative_path, base=base))
     files = {}
     for name, image in sketch.layers.items():
         encode = partial(encode_layer, image, LAYERS[name].colour)

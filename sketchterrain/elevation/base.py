@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -14,7 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.document.rasters import RasterSource, content_hash, raster_problem
+from sketchterrain.document.rasters import RasterSource, content_hash, raster_file, raster_problem
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
 from sketchterrain.elevation.offsets import measure_offsets
@@ -24,7 +23,7 @@ from sketchterrain.elevation.selection import Patchwork, RimFade
 from sketchterrain.elevation.store import PatchStore
 from sketchterrain.elevation.surface import Heights
 from sketchterrain.elevation.vertical import convert_heights, geoid_files
-from sketchterrain.errors import InputError, one_line
+from sketchterrain.errors import InputError
 from sketchterrain.stages.runner import Runner
 
 NODES: Final = 256
@@ -36,7 +35,6 @@ NODE_REACH: Final = 3
 _AUTOMATIC, _MOST = 0.04, 0.4  # margin over the shorter side of the data; at most the weight reaches 1 inside
 _MOST_NODES = 1 << 20  # of the fade, which has eight along the margin
 _MOST_HELD, _AT_ONCE = 1 << 28, 1 << 14  # samples of a grid; patches, of 5 kB
-_SUFFIXES = {b"II": ".tif", b"MM": ".tif", b"\x93N": ".npy", b"\x89P": ".png"}  # by the first bytes
 
 
 class BaseGrid(NamedTuple):
@@ -198,20 +196,16 @@ def grid_in_datum(source: RasterSource, frame: SketchFrame, datum: str) -> Itera
     A grid without a CRS has the coordinates of the sketch's frame. Errors become InputErrors that name it.
     """
     accuracy = None if source.accuracy < 0.0 else source.accuracy
-    with _file_of(source) as path:
-        try:
-            grid = read_grid(path, frame, source, accuracy=accuracy)
-            if not grid.crs:
-                grid = grid.moved(frame.east, frame.north)
-            grid = convert_heights(grid, datum, source.vertical)
-            if source.offset:
-                told = f"{source.offset:+g} m added to all heights"
-                rise = np.float32(source.offset)
-                grid = grid.raised(lambda first, last: rise, findings=(*grid.findings, told))
-            yield grid
-        except InputError as error:
-            reason = str(error).replace(one_line(path), path.name).removeprefix(f"{path.name}: ")
-            raise InputError(f"raster {one_line(source.path)}: {reason}") from None
+    with raster_file(source) as path:
+        grid = read_grid(path, frame, source, accuracy=accuracy)
+        if not grid.crs:
+            grid = grid.moved(frame.east, frame.north)
+        grid = convert_heights(grid, datum, source.vertical)
+        if source.offset:
+            told = f"{source.offset:+g} m added to all heights"
+            rise = np.float32(source.offset)
+            grid = grid.raised(lambda first, last: rise, findings=(*grid.findings, told))
+        yield grid
 
 
 def _frame_of(sketch: Sketch) -> SketchFrame:
@@ -223,21 +217,3 @@ def _allowed_margin(sides: Float64Array, asked: float, start: float) -> float:
     shorter = float(sides.min())
     least = max(8.0 * math.sqrt(float(sides.prod()) / _MOST_NODES), 2.5 * start)
     return max(min(asked if asked >= 0.0 else _AUTOMATIC * shorter, _MOST * shorter), least)
-
-
-@contextmanager
-def _file_of(source: RasterSource) -> Iterator[Path]:
-    """Yield a source's file; one stored in the sketch is written to a temporary one of its format."""
-    if source.content is None:
-        yield Path(source.path)
-        return
-    head = source.content[:200].lstrip().lower()
-    other = ".asc" if head.startswith(b"ncols") else ".r16" if source.range else ".hgt"
-    suffix = _SUFFIXES.get(source.content[:2], other)
-    if head.startswith(b"pk"):
-        suffix = ".npz" if b".npy" in head else ".zip"
-    with tempfile.TemporaryDirectory(prefix="sketchterrain-") as folder:
-        name = Path(source.path).stem.rpartition("-")[0]  # without the hash: that of an HGT is its place
-        path = Path(folder) / (name + suffix)
-        path.write_bytes(source.content)
-        yield path

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -12,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, UInt8Array
-from sketchterrain.document.rasters import RasterSource, raster_problem
+from sketchterrain.document.rasters import RasterSource, raster_file, raster_problem
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.elevation.raster_reader import PICTURES
-from sketchterrain.errors import InputError, one_line
+from sketchterrain.errors import InputError
 
 CANVAS: Final = 2048  # px of a picture along the sketch's longer side
 
@@ -77,19 +76,11 @@ class WarpedPicture:
 
 @contextmanager
 def picture_file(source: RasterSource, what: str = "raster") -> Iterator[Path]:
-    """Yield a source's file, a temporary one of a stored raster; what cannot be read is named by its path."""
+    """Yield a source's file as `raster_file` does; raise InputError if it is missing."""
     if source.content is None and not Path(source.path).is_file():
         raise InputError(raster_problem(source, what))
-    path = Path(source.path)
-    with ExitStack() as stack:
-        if source.content is not None:
-            path = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sketchterrain-"))) / "raster"
-            path.write_bytes(source.content)
-        try:
-            yield path
-        except InputError as error:
-            reason = str(error).removeprefix(f"{one_line(path)}: ")
-            raise InputError(f"{what} {one_line(source.path)}: {reason}") from None
+    with raster_file(source, what) as path:
+        yield path
 
 
 def read_picture(source: RasterSource, sketch: Sketch, *, side: int = CANVAS) -> RasterPicture:

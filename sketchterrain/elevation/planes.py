@@ -66,7 +66,7 @@ class ArrayFile:
 
 
 class CoefficientPlanes:
-    """Coefficients of each level (rows, columns), in chunks.
+    """Coefficients of each level (rows, columns), in chunks of one size, by level, row and column.
 
     Those of a file are checked by `sums`, one of each chunk, and held in `memory`.
     """
@@ -79,45 +79,36 @@ class CoefficientPlanes:
         memory: LRUCache | None = None,
     ) -> None:
         self.shapes, self._memory = list(shapes), memory
-        self._starts = np.cumsum([0, *(rows * columns for rows, columns in shapes)]).tolist()
-        chunks = [(-(-rows // CHUNK[0]), -(-columns // CHUNK[1])) for rows, columns in shapes]
-        self._first = np.cumsum([0, *(rows * columns for rows, columns in chunks)]).tolist()
-        self._across = [columns for _, columns in chunks]
-        self.values: Any = np.empty(self._starts[-1], np.float32) if values is None else values
-        self.sums = np.zeros(self._first[-1], np.uint32) if sums is None else sums
+        self._across = [-(-columns // CHUNK[1]) for _, columns in shapes]
+        counts = [
+            -(-rows // CHUNK[0]) * across for (rows, _), across in zip(shapes, self._across, strict=True)
+        ]
+        self._first = np.cumsum([0, *counts]).tolist()  # chunk of each level, and the end
+        self.values: Any = np.empty((self.size, *CHUNK), np.float32) if values is None else values
+        self.sums = np.zeros(self.size, np.uint32) if sums is None else sums
 
     @property
     def size(self) -> int:
-        """Number of coefficients."""
-        return int(self._starts[-1])
+        """Number of chunks."""
+        return int(self._first[-1])
 
     def write(self, level: int, row: int, values: Float32Array) -> None:
         """Write a row of chunks."""
-        first = self._first[level] + row * self._across[level]
-        parts = [values[:, start : start + CHUNK[1]] for start in range(0, values.shape[1], CHUNK[1])]
-        content = np.concatenate([each.ravel() for each in parts])
-        start = self._starts[level] + CHUNK[0] * row * values.shape[1]
-        self.values[start : start + len(content)] = content
-        at = 0
-        for number, each in enumerate(parts, start=first):
-            self.sums[number] = zlib.crc32(content[at : at + each.size].data)
-            at += each.size
+        across = self._across[level]
+        whole = np.zeros((CHUNK[0], across * CHUNK[1]), np.float32)
+        whole[: len(values), : values.shape[1]] = values
+        chunks = np.ascontiguousarray(whole.reshape(CHUNK[0], across, CHUNK[1]).swapaxes(0, 1))
+        part = slice(self._first[level] + row * across, self._first[level] + (row + 1) * across)
+        self.values[part], self.sums[part] = chunks, [zlib.crc32(each.data) for each in chunks]
 
     def rows(self, level: int, first: int, last: int) -> Float32Array:
         """Return rows of a level."""
-        rows, columns = self.shapes[level]
-        found = np.empty((last - first, columns), np.float32)
-        for row in range(first // CHUNK[0], -(-last // CHUNK[0])):
-            top, height = CHUNK[0] * row, min(CHUNK[0], rows - CHUNK[0] * row)
-            start = self._starts[level] + top * columns
-            content, at = self.values[start : start + height * columns], 0
-            low, high = max(first, top), min(last, top + height)
-            for left in range(0, columns, CHUNK[1]):
-                width = min(CHUNK[1], columns - left)
-                chunk = content[at : at + height * width].reshape(height, width)
-                found[low - first : high - first, left : left + width] = chunk[low - top : high - top]
-                at += height * width
-        return found
+        across, start = self._across[level], self._first[level]
+        top, bottom = first // CHUNK[0], -(-last // CHUNK[0])
+        chunks = self.values[start + top * across : start + bottom * across]
+        whole = chunks.reshape(-1, across, *CHUNK).swapaxes(1, 2).reshape(-1, across * CHUNK[1])
+        part = whole[first - CHUNK[0] * top : last - CHUNK[0] * top, : self.shapes[level][1]]
+        return np.ascontiguousarray(part)
 
     def copy_window(self, level: int, row: int, column: int, target: Float32Array) -> None:
         """Copy coefficients from a row and column on."""
@@ -128,20 +119,16 @@ class CoefficientPlanes:
             for j in range(column // CHUNK[1], (column + columns - 1) // CHUNK[1] + 1):
                 left = max(column - CHUNK[1] * j, 0)
                 into = target[to, CHUNK[1] * j + left - column : CHUNK[1] * (j + 1) - column]
-                into[:] = self._chunk(level, i, j)[top : top + into.shape[0], left : left + into.shape[1]]
+                chunk = self._chunk(self._first[level] + i * self._across[level] + j)
+                into[:] = chunk[top : top + into.shape[0], left : left + into.shape[1]]
 
-    def _chunk(self, level: int, i: int, j: int) -> Float32Array:
-        rows, columns = self.shapes[level]
-        height, width = min(CHUNK[0], rows - CHUNK[0] * i), min(CHUNK[1], columns - CHUNK[1] * j)
-        start = self._starts[level] + CHUNK[0] * i * columns + height * CHUNK[1] * j
-        number = self._first[level] + i * self._across[level] + j
-
+    def _chunk(self, number: int) -> Float32Array:
         def read() -> Float32Array:
-            values: Float32Array = self.values[start : start + height * width]
-            if self._memory is not None and zlib.crc32(values.data) != self.sums[number]:
+            chunk: Float32Array = self.values[number : number + 1][0]
+            if self._memory is not None and zlib.crc32(chunk.data) != self.sums[number]:
                 raise self.values.damaged()
-            return values.reshape(height, width)
+            return chunk
 
-        return (
-            read() if self._memory is None else self._memory.get_or_compute((self.values.path, number), read)
-        )
+        if self._memory is None:
+            return read()
+        return self._memory.get_or_compute((self.values.path, number), read)

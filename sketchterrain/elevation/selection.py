@@ -39,16 +39,12 @@ _HALF_STEP = 4.0  # growths, and a little more: tiles of areas end a step apart
 _CACHED, _CACHED_BYTES = 32, 1 << 27  # selections for cell sizes
 
 
-class Patchwork:
-    """The patches of any number of overlapping grids; a value.
-
-    Patches are numbered by the ids of their grids, then by level, row and column.
-    """
+class Patchwork(PatchNumbers):
+    """The patches of any number of overlapping grids, numbered by the ids of their grids; a value."""
 
     def __init__(self, grids: Mapping[bytes, GridPatches] | None = None) -> None:
         self.grids: dict[bytes, GridPatches] = dict(sorted((grids or {}).items()))
-        self._numbers = PatchNumbers(list(self.grids.values()))
-        self.grid = self._numbers.grid  # of each patch
+        super().__init__(list(self.grids.values()))
         self._tops: Tops | None = None
         self._for_cells = LRUCache(_CACHED, max_bytes=_CACHED_BYTES)
 
@@ -60,39 +56,26 @@ class Patchwork:
         """Return what its digest is of."""
         return tuple(self.grids)
 
-    def __len__(self) -> int:
-        return len(self._numbers)
-
-    @property
-    def reach(self) -> Float32Array:
-        """West, south, east and north (n, 4) of what each patch reaches, m, rounded outward."""
-        return self._numbers.reach
-
-    @property
-    def error(self) -> Float64Array:
-        """Error (m) of each patch."""
-        return self._numbers.error
-
     @property
     def middle(self) -> float:
         """Mean height (m) of the grids."""
-        return float(np.mean([each.base for each in self.grids.values()]))
+        return float(np.mean([each.base for each in self.parts]))
 
     @property
     def accuracy(self) -> float:
         """The largest error (m) of samples of any grid."""
-        return max(each.accuracy for each in self.grids.values())
+        return max(each.accuracy for each in self.parts)
 
     def rows(self, which: Int64Array) -> tuple[Patches, Float64Array]:
         """Return columns of some patches, and the corners of their rectangles if `which` ascends."""
         self._check()
-        return self._numbers.rows(which)
+        return super().rows(which)
 
     @property
     def tops(self) -> Tops:
         """Tops of all patches."""
         if self._tops is None:
-            self._tops = self._tops_from(np.zeros(len(self.grids), np.int64))
+            self._tops = self._tops_from(np.zeros(len(self.parts), np.int64))
         return self._tops
 
     def _tops_from(self, lowest: Int64Array) -> Tops:
@@ -101,24 +84,23 @@ class Patchwork:
         Grids have their own tops: only those of patches that touch another grid are computed. A grid's finer
         levels change no top.
         """
-        numbers = self._numbers
-        tops = Tops(np.empty(len(numbers)), np.zeros(len(numbers), bool))
-        boxes = np.array([box_around(each.table.reach) for each in numbers.parts]).reshape(-1, 4)
-        stale = np.zeros(len(numbers), bool)
-        for n, (part, level) in enumerate(zip(numbers.parts, lowest, strict=True)):
-            here = slice(numbers.starts[n], numbers.starts[n + 1])
+        tops = Tops(np.empty(len(self)), np.zeros(len(self), bool))
+        boxes = np.array([box_around(each.table.reach) for each in self.parts]).reshape(-1, 4)
+        stale = np.zeros(len(self), bool)
+        for n, (part, level) in enumerate(zip(self.parts, lowest, strict=True)):
+            here = slice(self.starts[n], self.starts[n + 1])
             tops.top[here] = part.table.top
             tops.is_best[here][slice(*part.table.starts[[level, level + 1]])] = True
             for other in np.flatnonzero(overlapping(boxes, boxes[n])):
                 if other != n:
-                    stale[here] |= overlapping(numbers.reach[here], boxes[other])
+                    stale[here] |= overlapping(self.reach[here], boxes[other])
             stale[here][: part.table.starts[level]] = False
         which = np.flatnonzero(stale)
-        tops.top[which], tops.is_best[which] = find_tops(numbers, which, lowest)
+        tops.top[which], tops.is_best[which] = find_tops(self, which, lowest)
         return tops
 
     def _check(self) -> None:
-        if not self.grids:
+        if not self.parts:
             raise InputError("expected at least one elevation grid")
 
     def cover(self, error: float) -> Int64Array:
@@ -150,7 +132,7 @@ class Patchwork:
         self._check()
         return tuple(
             int(np.clip(np.ceil(np.log2(0.5 * cell_size / each.step) - 1e-9), 0, each.levels - 1))
-            for each in self.grids.values()
+            for each in self.parts
         )
 
     def _selection(self, lowest: tuple[int, ...]) -> tuple[Int64Array | None, Float64Array, Tops]:
@@ -160,12 +142,12 @@ class Patchwork:
         return self._for_cells.get_or_compute(lowest, lambda: self._without_fine_levels(np.array(lowest)))
 
     def _without_fine_levels(self, lowest: Int64Array) -> tuple[Int64Array, Float64Array, Tops]:
-        numbers, errors, parts = self._numbers, self.error.copy(), [np.zeros(0, np.int64)]
-        for n, (each, level) in enumerate(zip(numbers.parts, lowest, strict=True)):
-            first, last = numbers.starts[n] + each.table.starts[[level, level + 1]]
+        errors, kept = self.error.copy(), [np.zeros(0, np.int64)]
+        for n, (each, level) in enumerate(zip(self.parts, lowest, strict=True)):
+            first, last = self.starts[n] + each.table.starts[[level, level + 1]]
             errors[first:last] = each.accuracy
-            parts.append(np.arange(first, numbers.starts[n + 1]))
-        which = np.concatenate(parts)
+            kept.append(np.arange(first, self.starts[n + 1]))
+        which = np.concatenate(kept)
         top, is_best = self._tops_from(lowest)
         return which, errors[which], Tops(top[which], is_best[which])
 
@@ -173,7 +155,7 @@ class Patchwork:
     def box(self) -> Float64Array:
         """West, south, east and north of all data, m."""
         self._check()
-        found: Float64Array = box_around(np.array([each.box for each in self.grids.values()]))
+        found: Float64Array = box_around(np.array([each.box for each in self.parts]))
         return found
 
     def rim_fade(self, margin: float, start: float = 0.0) -> RimFade:
@@ -190,7 +172,7 @@ class Patchwork:
             )
         west, south = low - 2.0 * spacing
         inside = np.zeros((int(shape[1]), int(shape[0])), bool)
-        for patches, corners in (group for each in self.grids.values() for group in each.finest()):
+        for patches, corners in (group for each in self.parts for group in each.finest()):
             _mark(np.arange(len(patches)), kernels_of(patches, corners), west, south, spacing, inside)
         # Coefficients two nodes from the rim are 0, as each reaches two nodes.
         # The raster's border is outside: kernels of few samples, grown by half a step, reach over it.
@@ -218,7 +200,7 @@ class Patchwork:
             centre=patches.centre,
             to_steps=patches.to_steps,
             density=1.0 / patches.step_area**2,
-            base=np.array([each.base for each in self.grids.values()])[self.grid[which]],
+            base=np.array([each.base for each in self.parts])[self.grid[which]],
             grid=self.grid[which],
             coefficients=coefficients,
             mask_of=mask_of,
@@ -232,19 +214,18 @@ class Patchwork:
         Then follow the number of the mask of each, -1 where data are all around, and masks (m, 35, 35). Of a
         grid on disk, what is not in memory is read.
         """
-        side, numbers = COEFFICIENTS, self._numbers
-        coefficients = np.empty((len(which), side, side), np.float32)
+        coefficients = np.empty((len(which), COEFFICIENTS, COEFFICIENTS), np.float32)
         mask_of = np.full(len(which), -1)
         for n in np.unique(self.grid[which]):
             slots = np.flatnonzero(self.grid[which] == n)
-            part, own = numbers.parts[n], which[slots] - numbers.starts[n]
+            part, own = self.parts[n], which[slots] - self.starts[n]
             part.copy_coefficients(own, coefficients, slots)
             mask_of[slots] = part.table.mask[own]
         masked = np.flatnonzero(mask_of >= 0)
-        masks = np.empty((len(masked), side, side), np.uint8)
+        masks = np.empty((len(masked), COEFFICIENTS, COEFFICIENTS), np.uint8)
         for slot, number in enumerate(masked):
             at = mask_of[number]
-            masks[slot] = numbers.parts[self.grid[which[number]]].masks[at : at + 1]
+            masks[slot] = self.parts[self.grid[which[number]]].masks[at : at + 1]
         mask_of[masked] = np.arange(len(masked))
         return coefficients, mask_of, masks
 

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import secrets
-import shutil
-import time
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -23,19 +20,19 @@ from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.detail_law import DetailLaw
 from sketchterrain.elevation.grids import MAX_HELD, ElevationGrid, SketchFrame
 from sketchterrain.elevation.patches import COEFFICIENTS, GridPatches, PatchTable
-from sketchterrain.elevation.planes import DESCRIPTION, ArrayFile, CoefficientPlanes
+from sketchterrain.elevation.planes import CHUNK, DESCRIPTION, ArrayFile, CoefficientPlanes
 from sketchterrain.elevation.quirks import Findings
 from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.io.disk_cache import delete_old_folders, write_folder
 from sketchterrain.io.files import cache_folder, check_disk, wrap_os_errors, write_atomic
 
 MAX_BYTES: Final = 1 << 36
 """Bytes of all stores: those that were not opened for longest are deleted beyond it."""
 
-_FORMAT = 2
+_FORMAT = 3
 _VALUES, _MASKS = "coefficients", "masks"
 _chunks = LRUCache(max_bytes=1 << 27)  # of all stores
 _BYTES = 6  # a sample, of all levels
-_ABANDONED = 86_400.0  # s
 _DAMAGE = (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)
 
 
@@ -89,22 +86,19 @@ class PatchStore:
 
     def _built(self, grid: ElevationGrid) -> GridPatches:
         folder = self._folder / grid.id.hex()
-        temporary = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}")
+
+        def build(temporary: Path) -> None:
+            check_disk(temporary, _BYTES * float(np.prod(grid.shape)), "patches of elevation")
+            values, masks = _array_files(temporary)
+            for each in (values, masks):
+                each.path.touch()
+            _describe(build_patches(grid, values=values, masks=masks), temporary / DESCRIPTION)
+
         with wrap_os_errors(folder):
-            temporary.mkdir(parents=True)
-            try:
-                check_disk(temporary, _BYTES * float(np.prod(grid.shape)), "patches of elevation")
-                values, masks = _array_files(temporary)
-                for each in (values, masks):
-                    each.path.touch()
-                _describe(build_patches(grid, values=values, masks=masks), temporary / DESCRIPTION)
-                if self.opened(grid.id) is None:  # not built by another process meanwhile
-                    shutil.rmtree(folder, ignore_errors=True)
-                    temporary.rename(folder)
-            finally:
-                shutil.rmtree(temporary, ignore_errors=True)
-        self._delete_old(folder)
-        return _reopened(self._folder, grid.id, self._memory)
+            write_folder(folder, build, lambda: self.opened(grid.id) is not None)
+        part = _reopened(self._folder, grid.id, self._memory)  # now the newest
+        delete_old_folders(self._folder.glob("*/"), self._max_bytes)
+        return part
 
     def opened(self, grid_id: bytes) -> StoredPatches | None:
         """Return stored patches, or None if there are none or they are damaged."""
@@ -129,20 +123,10 @@ class PatchStore:
             return None
         return StoredPatches(grid_id, grid.without_samples(), facts["base"], table, planes, masks, box, law)
 
-    def _delete_old(self, kept: Path) -> None:
-        """Delete the stores that were opened longest ago, beyond the limit, and abandoned ones."""
-        total, now = 0, time.time()
-        with suppress(OSError):
-            for each in sorted(self._folder.glob("*/"), key=_opened_at, reverse=True):
-                total += sum(file.stat().st_size for file in each.iterdir())
-                abandoned = each.name.startswith(".") and now - _opened_at(each) > _ABANDONED
-                if abandoned or (total > self._max_bytes and each != kept and not each.name.startswith(".")):
-                    shutil.rmtree(each, ignore_errors=True)
-
 
 def _array_files(folder: Path) -> tuple[ArrayFile, ArrayFile]:
-    shape = (COEFFICIENTS, COEFFICIENTS)
-    return ArrayFile(folder / _VALUES, np.float32), ArrayFile(folder / _MASKS, np.uint8, shape)
+    values, masks = (np.float32, CHUNK), (np.uint8, (COEFFICIENTS, COEFFICIENTS))
+    return ArrayFile(folder / _VALUES, *values), ArrayFile(folder / _MASKS, *masks)
 
 
 def _describe(part: GridPatches, path: Path) -> None:
@@ -170,7 +154,3 @@ def _reopened(folder: Path, grid_id: bytes, memory: LRUCache = _chunks) -> Store
 
 def _sent(folder: Path, corner: tuple[float, float]) -> StoredPatches:
     return _reopened(folder.parent, bytes.fromhex(folder.name)).moved(*corner)
-
-
-def _opened_at(folder: Path) -> float:
-    return folder.stat().st_mtime

@@ -42,12 +42,20 @@ class BoxIndex(NamedTuple):
             while np.prod(span / cell + 1.0) > 16 * len(members) + 64:  # few boxes, far apart
                 cell *= 2.0
             wide, deep = (int(n) for n in np.floor(span / cell) + 1)
-            start, item = _lists(mine, members, corner[0], corner[1], cell, wide, deep)
+            low = ((mine[:, :2] - corner) // cell).astype(np.int64)
+            high = np.minimum(((mine[:, 2:] - corner) // cell).astype(np.int64), [wide - 1, deep - 1])
+            across, down = (high - low + 1).T
+            count = across * down
+            owner = np.repeat(np.arange(len(mine)), count)  # of each pair of a box and a cell that it touches
+            nth = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+            row, column = np.divmod(nth, across[owner])
+            key = (low[owner, 1] + row) * wide + low[owner, 0] + column
+            order = np.argsort(key, kind="stable")
             places.append((corner[0], corner[1], cell))
             shapes.append((wide, deep, cells))
-            starts.append(start[:-1] + listed)
-            items.append(item)
-            cells, listed = cells + wide * deep, listed + len(item)
+            starts.append(listed + np.searchsorted(key[order], np.arange(wide * deep)))
+            items.append(members[owner[order]])
+            cells, listed = cells + wide * deep, listed + len(key)
         starts.append(np.array([listed]))
         return cls(
             np.array(places).reshape(-1, 3),
@@ -55,30 +63,6 @@ class BoxIndex(NamedTuple):
             np.concatenate(starts).astype(np.int64),
             np.concatenate(items) if items else np.zeros(0, np.int64),
         )
-
-
-@njit(cache=True, nogil=True)
-def _lists(boxes, members, west, south, cell, wide, deep):  # type: ignore[no-untyped-def]
-    """Return starts (cells + 1) and lists of the boxes that touch each cell."""
-    starts = np.zeros(wide * deep + 1, np.int64)
-    items = np.zeros(0, np.int64)
-    for fill in (False, True):
-        for n in range(len(boxes)):
-            x0, x1 = int((boxes[n, 0] - west) // cell), int((boxes[n, 2] - west) // cell)
-            y0, y1 = int((boxes[n, 1] - south) // cell), int((boxes[n, 3] - south) // cell)
-            for y in range(y0, min(y1, deep - 1) + 1):
-                for x in range(x0, min(x1, wide - 1) + 1):
-                    key = y * wide + x
-                    if fill:
-                        items[starts[key]] = members[n]
-                    starts[key + 1 - fill] += 1
-        if not fill:
-            starts = np.cumsum(starts)
-            items = np.empty(starts[-1], np.int64)
-    # Each start moved to its list's end, which is the next one's start.
-    starts[1:] = starts[:-1].copy()
-    starts[0] = 0
-    return starts, items
 
 
 class Heights(NamedTuple):

@@ -16,7 +16,6 @@ from sketchterrain.elevation.surface import BoxIndex
 
 _MAX_PIECES, _MAX_CORNERS = 512, 20
 _AT_ONCE, _NEAR = 1 << 15, 1 << 18  # patches whose tops are computed at once, and others beside them
-_RUN = 256  # patches
 
 
 class Tops(NamedTuple):
@@ -33,8 +32,9 @@ class PatchNumbers:
         self.parts = list(parts)
         counts = [len(each) for each in parts]
         self.starts = np.cumsum([0, *counts])
-        self.grid = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
+        self.grid = np.repeat(np.arange(len(counts), dtype=np.int32), counts)  # of each patch
         tables = [each.table for each in parts]
+        # West, south, east and north (m) of what each patch reaches, rounded outward; and its error (m).
         self.reach: Float32Array = _joined([each.reach for each in tables], (0, 4))
         self.error: Float64Array = _joined(
             [each.accuracy + each.table.error.astype(np.float64) for each in parts], (0,)
@@ -45,16 +45,6 @@ class PatchNumbers:
         self.ranks = np.array([parts[n].rank(level) for n, level in levels], np.int64)
         ends = [(self.starts[n] + tables[n].starts[[level, level + 1]]) for n, level in levels]
         self.ends = np.array(ends, np.int64).reshape(-1, 2)
-        # Runs of patches of a level: the level's index, first patch and end, and a box around them.
-        runs = [
-            (n, start, min(start + _RUN, last))
-            for n, (first, last) in enumerate(self.ends.tolist())
-            for start in range(first, last, _RUN)
-        ]
-        self._runs = np.array(runs, np.int64).reshape(-1, 3)
-        if runs:
-            low = np.minimum.reduceat(self.reach[:, :2], self._runs[:, 1])
-            self._boxes = np.hstack([low, np.maximum.reduceat(self.reach[:, 2:], self._runs[:, 1])])
 
     def __len__(self) -> int:
         return int(self.starts[-1])
@@ -72,11 +62,11 @@ class PatchNumbers:
 
     def touching(self, box: Float32Array, levels: BoolArray) -> Int64Array:
         """Return the patches of some levels that reach into a box."""
-        if not len(self._runs):
-            return np.zeros(0, np.int64)
-        runs = self._runs[overlapping(self._boxes, box) & levels[self._runs[:, 0]]].tolist()
-        which = np.concatenate([np.zeros(0, np.int64), *(np.arange(*ends) for _, *ends in runs)])
-        return which[overlapping(self.reach[which], box)]
+        found = [
+            first + np.flatnonzero(overlapping(self.reach[first:last], box))
+            for first, last in self.ends[levels].tolist()
+        ]
+        return np.concatenate([np.zeros(0, np.int64), *found])
 
 
 def overlapping(boxes: Float32Array, box: Float32Array) -> BoolArray:

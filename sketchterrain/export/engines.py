@@ -5,21 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Bounds, FloatArray
+from sketchterrain.array_types import FloatArray
 from sketchterrain.export.files import format_rows, write_json, write_json_list
+from sketchterrain.export.foliage_files import plant_chunks, plant_pieces
 from sketchterrain.export.sampled import TerrainSamples, interpolate_heights
 from sketchterrain.export.target import Export, ExportOptions, TileWindow
 from sketchterrain.export.vectors import lake_outline
 from sketchterrain.landforms.placement.feature_types import Lake, River
 from sketchterrain.terrain.surfaces import TerrainFeatures
-
-if TYPE_CHECKING:  # load SciPy and OpenCL
-    from sketchterrain.generation.terrain import Terrain
 
 Direction = Literal["east", "north", "up", "south"]
 PLANT_FIELDS: Final = (
@@ -29,7 +27,6 @@ PLANT_FIELDS: Final = (
 """Columns of a plant's row."""
 
 _PLANT_ROW: Final = "[%d,%.3f,%.3f,%.3f,%.4f,%.3f,%.3f,%.4f,%.4f,%.4f],\n"
-_PLANTS_AT_ONCE: Final = 1 << 12
 _WORLD: Final = {"east": (1, 0, 0), "north": (0, 1, 0), "up": (0, 0, 1), "south": (0, -1, 0)}
 _PLANTS: Final = {"woody": "trees and shrubs", "grass": "grass, flowers and ferns"}
 _DECIMALS: Final = 3
@@ -115,13 +112,6 @@ def requested_storeys(options: ExportOptions) -> dict[str, str]:
     return {storey: name for storey, (name, requested) in names.items() if requested}
 
 
-def plant_chunks(terrain: Terrain, bounds: Bounds, storey: str) -> Iterator[npt.NDArray[np.void]]:
-    """Return the plants of a rectangle in small chunks, none of them empty."""
-    for plants in terrain.foliage_pieces(*bounds, storey=storey):
-        for first in range(0, len(plants), _PLANTS_AT_ONCE):
-            yield plants[first : first + _PLANTS_AT_ONCE]
-
-
 def write_plants_json(export: Export, axes: EngineAxes, *, degrees: bool = False) -> dict[Path, str]:
     """Write the requested storeys of plants, a JSON file each; return the files with their descriptions."""
     samples, files = export.samples, dict[Path, str]()
@@ -132,17 +122,12 @@ def write_plants_json(export: Export, axes: EngineAxes, *, degrees: bool = False
         "species": list(export.terrain.species_names),
         "fields": list(PLANT_FIELDS),
     }
-    _, south, _, north = samples.grid.bounds
     for storey, kind in requested_storeys(export.options).items():
         path = export.folder / f"{export.name}_{kind}.json"
         with export.stages.stage(kind, kind.capitalize()) as progress:
-
-            def rows(storey: str = storey, progress: Callable[[float], None] = progress) -> Iterator[bytes]:
-                for plants in plant_chunks(export.terrain, samples.grid.bounds, storey):
-                    yield _plant_rows(plants, samples, axes, degrees=degrees)
-                    progress(min(1.0, max(0.0, (float(plants["y"].max()) - south) / (north - south))))
-
-            write_json_list(path, head, "plants", rows())
+            chunks = plant_chunks(plant_pieces(export.terrain, samples.grid.bounds, storey, progress))
+            rows = (_plant_rows(plants, samples, axes, degrees=degrees) for plants in chunks)
+            write_json_list(path, head, "plants", rows)
         files[path] = f"{_PLANTS[storey]}, {axes.title}"
     return files
 

@@ -6,7 +6,7 @@ Turk 1994, "The PLY polygon file format": an ASCII header that names the propert
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -126,16 +126,33 @@ def _storey_chunks(
     """Return chunks of plants with their storeys, and report progress."""
     estimate = _max_plants(terrain, bounds, options)
     before, total = 0, max(sum(estimate.values()), 1)
-    _, south, _, north = bounds
     for storey, count in estimate.items():
-        share = 0.0
-        for plants in terrain.foliage_pieces(*bounds, storey=storey):
-            yield storey, plants
-            if progress is not None and len(plants):
-                # Plants are in rows from south to north: y is the progress.
-                share = max(share, float(plants["y"].max() - south) / (north - south))
+
+        def report(share: float, before: int = before, count: int = count) -> None:
+            if progress is not None:
                 progress((before + share * count) / total)
+
+        for plants in plant_pieces(terrain, bounds, storey, report):
+            yield storey, plants
         before += count
+
+
+def plant_pieces(
+    terrain: Terrain, bounds: Bounds, storey: str, progress: Callable[[float], None]
+) -> Iterator[StructuredArray]:
+    """Yield the plants of a rectangle, and report progress by y: they are in rows from south to north."""
+    _, south, _, north = bounds
+    for plants in terrain.foliage_pieces(*bounds, storey=storey):
+        yield plants
+        if len(plants):
+            progress(min(max((float(plants["y"].max()) - south) / (north - south), 0.0), 1.0))
+
+
+def plant_chunks(pieces: Iterable[StructuredArray]) -> Iterator[StructuredArray]:
+    """Yield plants in small chunks, none of them empty."""
+    for plants in pieces:
+        for first in range(0, len(plants), _PLANTS_AT_ONCE):
+            yield plants[first : first + _PLANTS_AT_ONCE]
 
 
 def _max_plants(terrain: Terrain, bounds: Bounds, options: FoliageOptions) -> dict[str, int]:
@@ -154,8 +171,7 @@ def plant_table(path: Path, species: Sequence[str]) -> Iterator[Callable[[Struct
         stream.write(_HEADER)
 
         def add(plants: StructuredArray) -> None:
-            for first in range(0, len(plants), _PLANTS_AT_ONCE):
-                rows = plants[first : first + _PLANTS_AT_ONCE]
+            for rows in plant_chunks([plants]):
                 position, normal = (rows[axis] for axis in "xyz"), rows["normal"].T
                 look = rows["scale"], rows["rotation"], rows["tint"]
                 text = format_rows(_ROW, *position, names[rows["species"]], *look, *normal)
@@ -174,10 +190,9 @@ def plant_cloud(path: Path, species: Sequence[str]) -> Iterator[Callable[[Struct
 
         def add(plants: StructuredArray) -> None:
             nonlocal count
-            for first in range(0, len(plants), _PLANTS_AT_ONCE):
-                rows = _ply_vertices(plants[first : first + _PLANTS_AT_ONCE])
+            for rows in plant_chunks([plants]):
                 with wrap_os_errors(path):
-                    stream.write(rows.view(np.uint8).data)
+                    stream.write(_ply_vertices(rows).view(np.uint8).data)
             count += len(plants)
 
         yield add

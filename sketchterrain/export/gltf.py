@@ -30,7 +30,7 @@ from sketchterrain.export.mesh import (
     scene_objects,
     texture_stride,
 )
-from sketchterrain.export.sampled import SampleGrid, TerrainSamples, srgb_of
+from sketchterrain.export.sampled import SampleGrid, TerrainSamples, row_bands, srgb_of
 from sketchterrain.export.target import Export
 from sketchterrain.io.files import atomic_file
 from sketchterrain.look.texture_levels import (
@@ -63,7 +63,6 @@ _WATER: Final = {
 }
 _PNG_LEVEL: Final = 3
 _TEXELS = 256  # along a side of the textures that are averaged
-_ROWS_AT_ONCE = 256
 _WHOLE = 255  # sum of weights
 _STEPS = 65535
 _RISE: Final = 0.1  # of a cell: draped lines above the ground, whose triangles are as large
@@ -321,8 +320,7 @@ def bake_roughness(weights: UInt8Array, appearance: MaterialAppearance) -> UInt8
 def _weighted_mean(weights: UInt8Array, values: npt.NDArray[np.int64]) -> npt.NDArray[np.uint16]:
     """Return weighted means in integers, equal on every machine."""
     result = np.empty((*weights.shape[:2], values.shape[1]), np.uint16)
-    for top in range(0, len(weights), _ROWS_AT_ONCE):
-        rows = slice(top, top + _ROWS_AT_ONCE)
+    for rows in row_bands(len(weights)):
         for channel in range(values.shape[1]):
             total = np.full(weights[rows].shape[:2], _WHOLE // 2, np.int32)
             for material, value in enumerate(values[:, channel]):

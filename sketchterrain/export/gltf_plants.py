@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.errors import InputError
-from sketchterrain.export.engines import EngineAxes, plant_chunks, requested_storeys
+from sketchterrain.export.engines import EngineAxes, requested_storeys
+from sketchterrain.export.foliage_files import plant_chunks
 from sketchterrain.export.gltf import GlbWriter
 from sketchterrain.export.sampled import interpolate_heights
 from sketchterrain.export.target import Export
@@ -68,7 +69,7 @@ def collect_plants(export: Export, axes: EngineAxes) -> PlantInstances:
         (np.zeros((0, 3)), np.zeros(0, np.float32), np.zeros(0, np.float32), np.zeros(0, np.int64))
     ]
     for storey in storeys:
-        for plants in plant_chunks(terrain, samples.grid.bounds, storey):
+        for plants in plant_chunks(terrain.foliage_pieces(*samples.grid.bounds, storey=storey)):
             height = interpolate_heights(samples, plants["x"], plants["y"])
             position = axes.points(plants["x"], plants["y"], height).astype(np.float64)
             model = plants["species"].astype(np.int64) * VARIANTS

@@ -19,11 +19,10 @@ if TYPE_CHECKING:
     from sketchterrain.measure.realism import Realism
 
 # Okabe and Ito's palette for colour-blind readers.
-_COLOURS = {"both": (0, 158, 115), "painted only": (230, 130, 0), "terrain only": (204, 70, 150)}
-_LEGEND = {
-    "both": "as painted",
-    "painted only": "missing: painted, but not in the terrain",
-    "terrain only": "spill: in the terrain, but not painted",
+_AREAS = {
+    "as painted": (0, 158, 115),
+    "missing: painted, but not in the terrain": (230, 130, 0),
+    "spill: in the terrain, but not painted": (204, 70, 150),
 }
 _TINT = 0.55  # opacity of the colours over the hillshade
 _SHORTER_SIDE = 512  # px of a panel
@@ -53,7 +52,7 @@ def write_adherence_image(path: Path, terrain: Terrain, adherence: Adherence) ->
     draw, sketch = ImageDraw.Draw(image), terrain.sketch
     heading = f"{sketch.name}, seed {sketch.seed}, fidelity {sketch.fidelity:g}: adherence of each layer"
     draw.text((_GAP, 8), heading, fill=_TEXT, font=ImageFont.load_default(17))
-    _draw_legend(draw, size[1] - _LEGEND_HEIGHT, {_LEGEND[name]: _COLOURS[name] for name in _COLOURS})
+    _draw_legend(draw, size[1] - _LEGEND_HEIGHT, _AREAS)
     return (write_png(path, np.asarray(image, np.uint8)),)
 
 
@@ -61,13 +60,8 @@ def _panel(
     shade: npt.NDArray[np.float32], painted: npt.NDArray[np.bool_], terrain: npt.NDArray[np.bool_], title: str
 ) -> Image.Image:
     pixels = np.repeat(shade[..., None], 3, axis=-1)
-    areas = {
-        "both": painted & terrain,
-        "painted only": painted & ~terrain,
-        "terrain only": terrain & ~painted,
-    }
-    for name, area in areas.items():
-        colour = np.array(_COLOURS[name], np.float32)
+    areas = painted & terrain, painted & ~terrain, terrain & ~painted
+    for area, colour in zip(areas, np.array([*_AREAS.values()], np.float32), strict=True):
         pixels[area] = (1.0 - _TINT) * pixels[area] + _TINT * colour * (pixels[area] / 200.0)
     image = Image.fromarray(np.clip(pixels, 0, 255).astype(np.uint8))
     scale = _SHORTER_SIDE / min(image.size)
@@ -125,11 +119,10 @@ def _lit(east: npt.NDArray[Any], north: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return np.asarray(60.0 + 185.0 * np.clip(light, 0.0, 1.0))
 
 
-_FAULT_COLOURS = {"hollow": (40, 110, 220), "rising": (204, 40, 120), "wall": (230, 130, 0)}
-_FAULT_MEANINGS = {
-    "hollow": "closed hollow",
-    "rising": "channel that rises",
-    "wall": "steeper than real land's 95 %",
+_FAULTS = {
+    "hollow": ("closed hollow", (40, 110, 220)),
+    "rising": ("channel that rises", (204, 40, 120)),
+    "wall": ("steeper than real land's 95 %", (230, 130, 0)),
 }
 _FAULT_TINT = 0.7
 _MAP_SIDE = 768  # px, at least, of a map of faults
@@ -142,8 +135,7 @@ def write_realism_map(path: Path, realism: Realism) -> Path:
     size = (round(image.width * scale), round(image.height * scale))
     sheet = Image.new("RGB", (size[0], size[1] + _LEGEND_HEIGHT), _PAPER)
     sheet.paste(image.resize(size, Image.Resampling.NEAREST))
-    meanings = {_FAULT_MEANINGS[name]: colour for name, colour in _FAULT_COLOURS.items()}
-    _draw_legend(ImageDraw.Draw(sheet), size[1] + 4, meanings)
+    _draw_legend(ImageDraw.Draw(sheet), size[1] + 4, dict(_FAULTS.values()))
     return write_png(path, np.asarray(sheet, np.uint8))
 
 
@@ -154,6 +146,6 @@ def _fault_pixels(realism: Realism) -> npt.NDArray[np.uint8]:
     faults = realism.fault_maps()
     faults["rising"] = ndimage.binary_dilation(faults["rising"], np.ones((2, 2), np.bool_))
     for name in ("wall", "hollow", "rising"):
-        colour = np.array(_FAULT_COLOURS[name])
+        colour = np.array(_FAULTS[name][1])
         pixels[faults[name]] = (1.0 - _FAULT_TINT) * pixels[faults[name]] + _FAULT_TINT * colour
     return np.asarray(np.clip(pixels, 0, 255), np.uint8)

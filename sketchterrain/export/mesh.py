@@ -2,8 +2,7 @@
 
 Garland & Heckbert 1995, "Fast Polygonal Approximation of Terrains and Height Fields": the vertex with the
 largest error is inserted into a Delaunay triangulation until no error exceeds the bound. pydelatin works in
-float32, so the error is measured again in float64 at all vertices of the grid; triangles are clipped by rows
-in integers, so none on an edge is missed.
+float32, so the error is measured again in float64 at all vertices of the grid.
 """
 
 from __future__ import annotations
@@ -15,10 +14,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Float32Array, Float64Array, Int64Array
+from sketchterrain.array_types import Float32Array, Float64Array
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import EngineAxes
-from sketchterrain.export.sampled import SampleGrid, TerrainSamples, interpolate_heights
+from sketchterrain.export.sampled import SampleGrid, TerrainSamples, interpolate_heights, row_bands
 from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.terrain.surfaces import TerrainFeatures
 
@@ -28,8 +27,6 @@ if TYPE_CHECKING:
 MIN_ERROR: Final = 0.001  # m; about the precision of float32 for heights of kilometres
 
 _ROUNDING = 4.0 * float(np.finfo(np.float32).eps)  # of a height interpolated from three others
-_TRIANGLES = 1 << 18
-_SAMPLES = 1 << 21  # at once: bounds the memory to a few hundred megabytes
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,85 +119,12 @@ def mesh_error(
 
     `written`, (n,), are the heights of its vertices as stored in a file, by default the grid's.
     """
+    from sketchterrain.export.mesh_distance import largest_distance  # loads numba
+
     corners = (mesh.sample(height) if written is None else written).astype(np.float64)
     missed = np.ones(height.shape, bool)
-    worst = 0.0
-    for first in range(0, len(mesh.triangles), _TRIANGLES):
-        index = mesh.triangles[first : first + _TRIANGLES]
-        x = mesh.column[index].astype(np.int64)
-        y = mesh.row[index].astype(np.int64)
-        origin, slope_x, slope_y = _planes(x, y, corners[index])
-        for spans in _pieces(_spans(x, y)):
-            of, row = np.repeat(spans.triangle, spans.length), np.repeat(spans.row, spans.length)
-            column = _ranges(spans.first, spans.length)
-            surface = origin[of] + slope_x[of] * (column - x[of, 0]) + slope_y[of] * (row - y[of, 0])
-            worst = max(worst, float(np.abs(surface - height[row, column]).max(initial=0.0)))
-            missed[row, column] = False
-    return float("inf") if missed.any() else worst
-
-
-class _Spans(NamedTuple):
-    """Runs of grid vertices within triangles, each in one row."""
-
-    triangle: Int64Array
-    row: Int64Array
-    first: Int64Array  # column
-    length: Int64Array
-
-    def select(self, which: slice | npt.NDArray[np.bool_]) -> _Spans:
-        return _Spans(*(part[which] for part in self))
-
-
-def _planes(x: Int64Array, y: Int64Array, z: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return each triangle's height at its first corner, and its slopes along columns and rows."""
-    (ux, vx), (uy, vy), (uz, vz) = ((part[:, 1:] - part[:, :1]).T for part in (x, y, z))
-    area = ux * vy - uy * vx
-    flat = area == 0  # a degenerate triangle: its corners are in its neighbours too
-    divisor = np.where(flat, 1, area).astype(np.float64)
-    slope_x, slope_y = (uz * vy - uy * vz) / divisor, (ux * vz - uz * vx) / divisor
-    return z[:, 0], np.where(flat, 0.0, slope_x), np.where(flat, 0.0, slope_y)
-
-
-def _spans(x: Int64Array, y: Int64Array) -> _Spans:
-    """Return the grid vertices in each non-degenerate triangle, its edges included."""
-    order = np.argsort(y, axis=1, kind="stable")
-    x0, x1, x2 = np.take_along_axis(x, order, axis=1).T
-    y0, y1, y2 = np.take_along_axis(y, order, axis=1).T
-    area = (x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0)
-    rows = np.where(area == 0, 0, y2 - y0 + 1)
-    triangle = np.repeat(np.arange(len(x)), rows)
-    row = _ranges(y0, rows)
-    # The longest edge is crossed in every row, and one of the two others.
-    upper = (row < y1[triangle]) | (y1 == y2)[triangle]
-    ends = [
-        (x0[triangle], y0[triangle], x2[triangle], y2[triangle]),
-        tuple(np.where(upper, a[triangle], b[triangle]) for a, b in ((x0, x1), (y0, y1), (x1, x2), (y1, y2))),
-    ]
-    low, high = [], []
-    for from_x, from_y, to_x, to_y in ends:
-        down, along = to_y - from_y, (row - from_y) * (to_x - from_x)
-        low.append(from_x - (-along // down))
-        high.append(from_x + along // down)
-    first = np.minimum(*low)
-    return _Spans(triangle, row, first, np.maximum(np.maximum(*high) - first + 1, 0))
-
-
-def _pieces(spans: _Spans) -> Iterator[_Spans]:
-    """Yield non-empty spans in batches of a bounded number of vertices."""
-    spans = spans.select(spans.length > 0)
-    upto = np.cumsum(spans.length)
-    start = 0
-    while start < len(upto):
-        before = int(upto[start - 1]) if start else 0
-        stop = max(int(np.searchsorted(upto, before + _SAMPLES, side="right")), start + 1)
-        yield spans.select(slice(start, stop))
-        start = stop
-
-
-def _ranges(first: Int64Array, count: Int64Array) -> Int64Array:
-    """Return the concatenated ranges first … first + count − 1."""
-    before = np.cumsum(count) - count
-    return np.asarray(np.arange(int(count.sum())) - np.repeat(before - first, count))
+    largest = largest_distance(mesh.triangles, mesh.column, mesh.row, corners, height, missed)
+    return float("inf") if missed.any() else float(largest)
 
 
 MAX_TEXTURE_SIDE = 8192  # texels, of today's graphics cards
@@ -216,7 +140,7 @@ def mesh_positions(mesh: GridMesh, samples: TerrainSamples, axes: EngineAxes) ->
     grid = samples.grid
     dx, dy = grid.spacing
     result = np.empty((len(mesh.column), 3), np.float32)
-    for part in _parts(mesh):
+    for part in row_bands(len(mesh.column), _VERTICES_AT_ONCE):
         column, row = mesh.column[part], mesh.row[part]
         height = samples.height[row, column]
         result[part] = axes.points(grid.west + column * dx, grid.north - row * dy, height)
@@ -228,7 +152,7 @@ def mesh_normals(mesh: GridMesh, samples: TerrainSamples, axes: EngineAxes) -> F
     dx, dy = samples.grid.spacing
     height = samples.height
     result = np.empty((len(mesh.column), 3), np.float32)
-    for part in _parts(mesh):
+    for part in row_bands(len(mesh.column), _VERTICES_AT_ONCE):
         column, row = mesh.column[part].astype(np.intp), mesh.row[part].astype(np.intp)
         west, east = np.maximum(column - 1, 0), np.minimum(column + 1, samples.grid.columns - 1)
         north, south = np.maximum(row - 1, 0), np.minimum(row + 1, samples.grid.rows - 1)
@@ -254,11 +178,6 @@ def mesh_texcoords(mesh: GridMesh, grid: SampleGrid) -> Float32Array:
     for axis, index in enumerate((mesh.column, mesh.row)):
         result[:, axis] = np.minimum((index / stride + 0.5) / texels[axis], 1.0)
     return result
-
-
-def _parts(mesh: GridMesh) -> Iterator[slice]:
-    for first in range(0, len(mesh.column), _VERTICES_AT_ONCE):
-        yield slice(first, first + _VERTICES_AT_ONCE)
 
 
 WATER: Final = "water"
@@ -293,10 +212,7 @@ def built_meshes(terrain: Terrain, grid: SampleGrid) -> Iterator[ObjectMesh]:
             x, y, _ = part.position.T
             inside = (x >= west) & (x <= east) & (y >= south) & (y <= north)
             remaining = part.triangles[inside[part.triangles].any(axis=1)]
-            if len(remaining):
-                used, index = np.unique(remaining, return_inverse=True)
-                triangles = index.reshape(-1, 3).astype(np.uint32)
-                yield ObjectMesh(each.name, part.material, part.position[used], part.normal[used], triangles)
+            yield from _object(each.name, part.material, part.position, part.normal, remaining)
 
 
 def object_meshes(features: TerrainFeatures, samples: TerrainSamples) -> Iterator[ObjectMesh]:
@@ -322,8 +238,14 @@ def object_meshes(features: TerrainFeatures, samples: TerrainSamples) -> Iterato
         (ax, ay), (bx, by), (cx, cy) = (position[triangles[:, k], :2].T for k in range(3))
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
         remaining = triangles[visible & inside[triangles].any(axis=1) & (area > 0.0)]
-        if len(remaining):
-            used, index = np.unique(remaining, return_inverse=True)
-            normal = np.broadcast_to(_UP, (len(used), 3))
-            triangles = index.reshape(-1, 3).astype(np.uint32)
-            yield ObjectMesh(each.name, WATER, position[used], normal, triangles)
+        yield from _object(each.name, WATER, position, np.broadcast_to(_UP, position.shape), remaining)
+
+
+def _object(
+    name: str, material: str, position: Float64Array, normal: Float64Array, triangles: npt.NDArray[Any]
+) -> Iterator[ObjectMesh]:
+    """Yield an object of the vertices that some triangles have, unless there are none."""
+    if len(triangles):
+        used, index = np.unique(triangles, return_inverse=True)
+        corners = index.reshape(-1, 3).astype(np.uint32)
+        yield ObjectMesh(name, material, position[used], normal[used], corners)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from sketchterrain.document.frame import georeference
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.export.sampled import BYTES_PER_VERTEX, SampleGrid
+from sketchterrain.export.sampled import BYTES_PER_VERTEX, SampleGrid, row_bands
 from sketchterrain.export.target import ExportOptions, Target, Tiling
 from sketchterrain.export.targets import target_named
 from sketchterrain.io.crs import parse_metric_crs
@@ -27,7 +27,6 @@ _HIGHEST = _STEPS - 1
 _DECIMALS = 3  # of fitted ranges, which users copy into import dialogs
 _MIN_RANGE = 1.0  # m, also for flat terrain: engines refuse 0
 _LIMIT = 1e5  # m; beyond it a step is metres
-_ROWS_AT_ONCE = 256  # bounds the memory of large grids
 
 
 @dataclass(frozen=True)
@@ -96,8 +95,7 @@ class HeightQuantisation:
     def encode(self, height: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
         """Return the nearest numbers, in the heights' shape."""
         result = np.empty(height.shape, np.uint16)
-        for top in range(0, len(height), _ROWS_AT_ONCE):
-            rows = slice(top, top + _ROWS_AT_ONCE)
+        for rows in row_bands(len(height)):
             number = np.rint((height[rows].astype(np.float64) - self.low) / self.step)
             if number.min() < 0 or number.max() > _HIGHEST:
                 low, high = float(height[rows].min()), float(height[rows].max())

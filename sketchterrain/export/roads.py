@@ -16,7 +16,7 @@ from sketchterrain.array_types import BoolArray, Float64Array, UInt8Array
 from sketchterrain.document.layers import LAYERS, WAY_LAYERS
 from sketchterrain.export.engines import EngineAxes, rounded_list, tile_path, tile_samples, write_water_json
 from sketchterrain.export.files import write_json, write_values_png
-from sketchterrain.export.sampled import SampleGrid
+from sketchterrain.export.sampled import SampleGrid, row_bands
 from sketchterrain.export.target import Export
 from sketchterrain.export.vectors import Origin, VectorLayer, id_texts
 from sketchterrain.roads.road_shapes import AxisPoints, axis_points, grades
@@ -26,7 +26,6 @@ TOLERANCE: Final = 0.05
 """Largest deviation (m) of exported lines from the arcs and vertical curves of roads."""
 
 _MASK_TOLERANCE: Final = 0.05  # of a sample's cell
-_ROWS_AT_ONCE: Final = 256
 MASKS: Final = {
     "carriageway": "roads, railways and paths on the ground: 255 is all of a sample's cell",
     "built": "the same with shoulders and building pads",
@@ -193,9 +192,9 @@ def coverage(outlines: Sequence[Float64Array], grid: SampleGrid) -> UInt8Array:
         end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
         _add_edges(total, start, end)
     mask = np.empty((rows, columns), np.uint8)
-    for top in range(0, rows, _ROWS_AT_ONCE):
-        share = np.cumsum(total[top : top + _ROWS_AT_ONCE, :columns], axis=1)
-        mask[top : top + _ROWS_AT_ONCE] = np.rint(255.0 * np.clip(share, 0.0, 1.0))
+    for band in row_bands(rows):
+        share = np.cumsum(total[band, :columns], axis=1)
+        mask[band] = np.rint(255.0 * np.clip(share, 0.0, 1.0))
     return mask
 
 

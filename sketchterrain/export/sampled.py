@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -21,11 +21,15 @@ if TYPE_CHECKING:
 
 CHANNELS = ("red", "green", "blue", "alpha")
 _WHOLE = 255
-_ROWS_AT_ONCE = 256  # bounds the memory of large grids
 # Lowest bit of each field of Terrain3D's control map.
 _BASE, _OVERLAY, _BLEND = 27, 22, 14
 # Overlay 30 or 31 on base 15 or 31 would be Inf or NaN, which some programs normalise.
 _MAX_TEXTURES = 30
+
+
+def row_bands(rows: int, step: int = 256) -> Iterator[slice]:
+    """Return slices of successive rows, whose number bounds the memory of large grids."""
+    return (slice(top, top + step) for top in range(0, rows, step))
 
 
 def quantise_weights(weights: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
@@ -35,8 +39,7 @@ def quantise_weights(weights: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]
     the first is rounded up.
     """
     result = np.empty(weights.shape, np.uint8)
-    for top in range(0, weights.shape[0], _ROWS_AT_ONCE):
-        rows = slice(top, top + _ROWS_AT_ONCE)
+    for rows in row_bands(len(weights)):
         result[rows] = _largest_remainder(weights[rows].reshape(-1, weights.shape[-1])).reshape(
             result[rows].shape
         )
@@ -82,8 +85,7 @@ def splat_weights(weights: UInt8Array) -> UInt8Array:
     top, down = _splat_positions(rows)
     left, across = _splat_positions(columns)
     result = np.empty((rows, columns, weights.shape[2]), np.uint8)
-    for first in range(0, rows, _ROWS_AT_ONCE):
-        part = slice(first, first + _ROWS_AT_ONCE)
+    for part in row_bands(rows):
         upper, lower = (weights[top[part] + step].astype(np.float32) for step in (0, 1))
         share = down[part, None, None]
         band = upper * (1.0 - share) + lower * share
@@ -118,8 +120,7 @@ def control_map(weights: UInt8Array) -> npt.NDArray[np.float32]:
     if weights.shape[-1] > _MAX_TEXTURES:
         raise InputError(f"expected at most {_MAX_TEXTURES} materials, got {weights.shape[-1]}")
     result = np.empty(weights.shape[:2], np.uint32)
-    for first in range(0, len(weights), _ROWS_AT_ONCE):
-        rows = slice(first, first + _ROWS_AT_ONCE)
+    for rows in row_bands(len(weights)):
         result[rows] = _control_bits(weights[rows])
     return result.view(np.float32)
 

@@ -9,7 +9,8 @@ import shutil
 import sqlite3
 import time
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from threading import Lock
 from typing import Any, Final
@@ -76,31 +77,40 @@ def stored_folder(
     parent = cache_folder()
     parent.mkdir(parents=True, exist_ok=True)
     folder = parent / _name(family, recipe)
+
+    def build_whole(temporary: Path) -> None:
+        build(temporary)
+        (temporary / _DONE).touch()
+
     if not (folder / _DONE).is_file():
-        _discard(parent, family, max_bytes)
-        temporary = folder.with_name(f"{folder.name}.{secrets.token_hex(4)}.tmp")
-        temporary.mkdir()
-        try:
-            build(temporary)
-            (temporary / _DONE).touch()
-            if not (folder / _DONE).is_file():  # else another process has built it
-                shutil.rmtree(folder, ignore_errors=True)
-                temporary.replace(folder)
-        finally:
-            shutil.rmtree(temporary, ignore_errors=True)
-    os.utime(folder / _DONE)
+        delete_old_folders([*parent.glob(f"{family}-*/"), *parent.glob(f".{family}-*/")], max_bytes)
+        write_folder(folder, build_whole, (folder / _DONE).is_file)
+    os.utime(folder)
     return folder
 
 
-def _discard(parent: Path, family: str, max_bytes: int) -> None:
-    total = 0
-    for done in sorted(parent.glob(f"{family}-*/{_DONE}"), key=_opened, reverse=True):
-        total += sum(each.stat().st_size for each in done.parent.iterdir())
-        if total > max_bytes:
-            shutil.rmtree(done.parent, ignore_errors=True)
-    for each in parent.glob(f"{family}-*.tmp"):
-        if time.time() - _opened(each) > _STALE:
-            shutil.rmtree(each, ignore_errors=True)
+def write_folder(folder: Path, build: Callable[[Path], None], is_done: Callable[[], bool]) -> None:
+    """Have `build` write a folder that appears as a whole, unless another process has done it meanwhile."""
+    temporary = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}")
+    temporary.mkdir(parents=True)
+    try:
+        build(temporary)
+        if not is_done():
+            shutil.rmtree(folder, ignore_errors=True)
+            temporary.rename(folder)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def delete_old_folders(folders: Iterable[Path], max_bytes: int) -> None:
+    """Delete those that were opened longest ago, beyond so many bytes of all, and abandoned ones."""
+    total, now = 0, time.time()
+    with suppress(OSError):
+        for number, each in enumerate(sorted(folders, key=_opened, reverse=True)):
+            total += sum(file.stat().st_size for file in each.iterdir())
+            is_unfinished = each.name.startswith(".")
+            if now - _opened(each) > _STALE if is_unfinished else number and total > max_bytes:
+                shutil.rmtree(each, ignore_errors=True)
 
 
 class RecordCache:

@@ -8,7 +8,6 @@ import pyogrio
 import pytest
 import shapely
 
-from sketchterrain.document import vector_values
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vector_file import decode_vectors, encode_vectors
 from sketchterrain.document.vectors import AREA, LINE, POINT, VectorFeature, VectorLayer
@@ -197,9 +196,9 @@ def test_properties_have_the_types_of_their_declaration():
 
 
 def test_layers_have_limits(monkeypatch):
-    monkeypatch.setattr(vector_values, "MAX_FEATURE_VERTICES", 2)
+    monkeypatch.setattr("sketchterrain.document.vectors.MAX_FEATURE_VERTICES", 2)
     assert refusal() == "river feature 7: expected at most 2 vertices a line or border"
-    monkeypatch.setattr(vector_values, "MAX_VERTICES", 4)
+    monkeypatch.setattr("sketchterrain.document.vectors.MAX_VERTICES", 4)
     assert refusal().startswith("river: 5 vertices: expected at most ")
 
 

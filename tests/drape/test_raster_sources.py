@@ -193,13 +193,13 @@ def test_folders_are_built_once_and_the_oldest_are_discarded(tmp_path, monkeypat
     first = stored_folder("test", "a", build, max_bytes=250)
     assert stored_folder("test", "a", build, max_bytes=250) == first
     assert len(built) == 1
-    os.utime(first / "complete", (1, 1))
+    os.utime(first, (1, 1))
     others = [stored_folder("test", name, build, max_bytes=250) for name in "bcd"]
     assert not first.exists()
     assert [each.exists() for each in others] == [True] * 3
     with pytest.raises(ZeroDivisionError):
         stored_folder("test", "e", lambda _: 1 // 0)
-    assert not list((tmp_path / "sketchterrain").glob("*.tmp"))
+    assert not list((tmp_path / "sketchterrain").glob(".*"))
     (others[0] / "complete").unlink()  # as of a build by a version before
     assert stored_folder("test", "b", build, max_bytes=1000) == others[0]
     assert len(built) == 5

@@ -15,7 +15,6 @@ import threading
 from collections import ChainMap, deque
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import numpy as np
@@ -38,13 +37,6 @@ _SEND_BUFFER: Final = 1 << 20  # bytes in flight before a writer blocks, as far 
 _LEAST: Final = 1024  # bytes of an array that is sent by its digest
 _REMEMBERED: Final = 4  # messages with arrays
 _PLAIN: Final = frozenset({str, int, float, bool, bytes, tuple, list, dict, type(None), type})
-
-
-def _read_only(values: dict[Any, Any]) -> MappingProxyType[Any, Any]:
-    return MappingProxyType(values)
-
-
-copyreg.pickle(MappingProxyType, lambda mapping: (_read_only, (dict(mapping),)))  # a sketch's settings
 
 
 class _Held(NamedTuple):

@@ -9,6 +9,7 @@ import numpy as np
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.export.map.drawing import Colour, Points, Polygons, Polylines, Shape, rectangle
+from sketchterrain.export.map.features import along, arc_lengths
 from sketchterrain.export.map.relief import MapFrame
 from sketchterrain.roads.road_shapes import axis_points
 from sketchterrain.roads.road_types import BRIDGE, GROUND, STRUCTURES, TUNNEL, Pad, Road, RoadNetwork, Wall
@@ -138,12 +139,9 @@ def _beside(line: _Line, off: Float64Array) -> list[Points]:
 
 def _ties(line: _Line) -> list[Points]:
     """Return short lines across a railway."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line.path, axis=0).T))])
-    at = np.arange(0.5 * TIE_SPACING, along[-1], TIE_SPACING)
-    middle, left = (
-        np.stack([np.interp(at, along, values[:, axis]) for axis in (0, 1)], axis=-1)
-        for values in (line.path, line.left)
-    )
+    arc = arc_lengths(line.path)
+    lengths = np.arange(0.5 * TIE_SPACING, arc[-1], TIE_SPACING)
+    middle, left = (along(values, arc, lengths) for values in (line.path, line.left))
     return list(np.stack([middle - TIE * left, middle + TIE * left], axis=1))
 
 

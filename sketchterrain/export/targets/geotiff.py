@@ -10,6 +10,7 @@ import numpy.typing as npt
 from rasterio.crs import CRS
 
 from sketchterrain.export.engines import requested_storeys
+from sketchterrain.export.foliage_files import plant_pieces
 from sketchterrain.export.landuse import FIELDS, land_layer
 from sketchterrain.export.rasters import APPEARANCE, NO_DATA, Georeference, local_metres, write_cloud_tiff
 from sketchterrain.export.roads import MASKS, built_ground, coverage, road_layers
@@ -151,13 +152,13 @@ def _write_vectors(
         if vectors:
             file.add(sketch_layer(vectors, origin))
     layers = requested_storeys(export.options)
-    _, south, _, north = export.grid.bounds
     for index, (storey, name) in enumerate(layers.items()):
-        for plants in _large_chunks(terrain.foliage_pieces(*export.grid.bounds, storey=storey)):
+
+        def report(share: float, index: int = index) -> None:
+            progress((index + share) / len(layers))
+
+        for plants in _large_chunks(plant_pieces(terrain, export.grid.bounds, storey, report)):
             file.add(plant_layer(name, plants, terrain.species_names, origin))
-            if len(plants):  # in rows from south to north
-                done = (float(plants["y"].max()) - south) / (north - south)
-                progress((index + min(done, 1.0)) / len(layers))
         if name not in file.counts:
             file.add(plant_layer(name, np.zeros(0, PLANT), terrain.species_names, origin))
 

@@ -32,6 +32,7 @@ from sketchterrain.export.mesh import (
 )
 from sketchterrain.export.rasters import write_normals_and_weights
 from sketchterrain.export.roads import write_corridors
+from sketchterrain.export.sampled import row_bands
 from sketchterrain.export.target import Export, ExportOutput, Target
 from sketchterrain.io.files import atomic_file, wrap_os_errors, write_atomic
 
@@ -85,16 +86,15 @@ def _write_object(stream: BinaryIO, part: ObjObject, first: dict[str, int]) -> N
         columns["vt"] = np.stack([part.texcoord[:, 0], np.float32(1.0) - part.texcoord[:, 1]], axis=-1)
         corner = "%d/%d/%d"
     for word, values in columns.items():
-        for row in range(0, len(values), _ROWS_AT_ONCE):
-            stream.write(format_rows(f"{word} {_ROWS[word]}\n", *values[row : row + _ROWS_AT_ONCE].T))
+        for rows in row_bands(len(values), _ROWS_AT_ONCE):
+            stream.write(format_rows(f"{word} {_ROWS[word]}\n", *values[rows].T))
     starts = [first[word] for word in ("v", "vt", "vn") if word in columns]
     number = np.arange(len(part.position))
     corners = np.array(
         format_rows(f"{corner} ", *(number + start for start in starts)).decode().split(), object
     )
-    for row in range(0, len(part.triangles), _ROWS_AT_ONCE):
-        faces = corners[part.triangles[row : row + _ROWS_AT_ONCE]]
-        stream.write(format_rows("f %s %s %s\n", *faces.T))
+    for rows in row_bands(len(part.triangles), _ROWS_AT_ONCE):
+        stream.write(format_rows("f %s %s %s\n", *corners[part.triangles[rows]].T))
     for word, values in columns.items():
         first[word] += len(values)
 
@@ -112,8 +112,8 @@ def write_stl(path: Path, position: npt.NDArray[np.float32], triangles: npt.NDAr
         )
     with atomic_file(path) as stream, wrap_os_errors(path):
         stream.write(_HEADER.ljust(80) + struct.pack("<I", len(triangles)))
-        for row in range(0, len(triangles), _ROWS_AT_ONCE):
-            corners = position[triangles[row : row + _ROWS_AT_ONCE]]
+        for rows in row_bands(len(triangles), _ROWS_AT_ONCE):
+            corners = position[triangles[rows]]
             sides = corners[:, 1:].astype(np.float64) - corners[:, :1]
             normal = np.cross(sides[:, 0], sides[:, 1])
             facets = np.zeros(len(corners), _FACET)

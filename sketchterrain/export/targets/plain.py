@@ -1,6 +1,7 @@
 """Plain formats: raw numbers, 16-bit PNG, OpenEXR and NumPy arrays."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ from sketchterrain.array_types import Float32Array
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import requested_storeys, write_tiles
 from sketchterrain.export.files import write_values_png
-from sketchterrain.export.foliage_files import FoliageOptions, write_foliage
+from sketchterrain.export.foliage_files import FoliageOptions, plant_pieces, write_foliage
 from sketchterrain.export.landuse import land_entries
 from sketchterrain.export.planning import HeightQuantisation
 from sketchterrain.export.rasters import (
@@ -38,51 +39,44 @@ def _check_raw(options: ExportOptions) -> None:
 
 def _write_raw(export: Export) -> ExportOutput:
     form = str(export.options.format)
-    dtype = _DTYPES[form]
-    steps = _quantisation(export) if form in _QUANTISED else None
-
-    def write(path: Path, height: Float32Array) -> Path:
-        numbers = height if steps is None else steps.encode(height)
-        return write_raw(path.with_name(f"{path.name}.{form[:3]}"), numbers, dtype)
-
-    order = "big-endian" if dtype.startswith(">") else "little-endian"
+    order = "big-endian" if _DTYPES[form].startswith(">") else "little-endian"
     settings = {"Byte Order": order, "Header": "0 bytes", "First Row": "north"}
-    return _write_images(export, write, steps, {"byte_order": order}, settings)
+    write, facts = partial(write_raw, dtype=_DTYPES[form]), {"byte_order": order}
+    return _write_images(export, f".{form[:3]}", write, facts, settings, quantised=form in _QUANTISED)
 
 
 def _write_png16(export: Export) -> ExportOutput:
-    steps = _quantisation(export)
-
-    def write(path: Path, height: Float32Array) -> Path:
-        return write_values_png(path.with_name(f"{path.name}.png"), steps.encode(height))
-
-    return _write_images(export, write, steps, {}, {"Colour Space": "linear, non-colour data"})
+    settings = {"Colour Space": "linear, non-colour data"}
+    return _write_images(export, ".png", write_values_png, {}, settings, quantised=True)
 
 
 def _write_exr(export: Export) -> ExportOutput:
     def write(path: Path, height: Float32Array) -> Path:
-        return write_exr(path.with_name(f"{path.name}.exr"), {"Y": height})
+        return write_exr(path, {"Y": height})
 
-    return _write_images(export, write, None, {}, {"Colour Space": "linear, non-colour data", "Channel": "Y"})
-
-
-def _quantisation(export: Export) -> HeightQuantisation:
-    return HeightQuantisation.from_heights(export.samples.height, export.options.heights)
+    settings = {"Colour Space": "linear, non-colour data", "Channel": "Y"}
+    return _write_images(export, ".exr", write, {}, settings)
 
 
 def _write_images(
     export: Export,
-    write: Callable[[Path, Float32Array], Path],
-    steps: HeightQuantisation | None,
+    suffix: str,
+    write: Callable[[Path, Any], Path],
     facts: dict[str, Any],
     settings: dict[str, str],
+    *,
+    quantised: bool = False,
 ) -> ExportOutput:
     """Write heights in a format, normals and weights as images, plants as a table."""
     names = export.terrain.material_names
+    steps: HeightQuantisation | None = None
+    if quantised:
+        steps = HeightQuantisation.from_heights(export.samples.height, export.options.heights)
 
     def write_tile(tile: TileWindow, samples: TerrainSamples) -> dict[Path, str]:
         stem = export.folder / export.tiling.tile_name(export.name, tile)
-        path = write(stem.with_name(f"{stem.name}_height"), samples.height)
+        numbers = samples.height if steps is None else steps.encode(samples.height)
+        path = write(stem.with_name(f"{stem.name}_height{suffix}"), numbers)
         return {path: "heights"} | write_normals_and_weights(stem, samples, names)
 
     files = write_tiles(export, "files", "Writing files", write_tile)
@@ -142,13 +136,10 @@ def _write_npy(export: Export) -> ExportOutput:
     files = write_tiles(export, "files", "Writing files", write_tile)
     if export.options.plants:
         path = export.folder / "foliage.npy"
-        _, south, _, north = export.grid.bounds
         with export.stages.stage("plants", "Plants") as progress, npy_rows(path, PLANT) as add:
             for storey in requested_storeys(export.options):
-                for plants in export.terrain.foliage_pieces(*export.grid.bounds, storey=storey):
+                for plants in plant_pieces(export.terrain, export.grid.bounds, storey, progress):
                     add(plants)
-                    if len(plants):  # in rows from south to north
-                        progress(float(plants["y"].max() - south) / (north - south))
         files[path] = "plants, a structured array; species are indices into the sidecar's species"
     files |= _write_features(export) | write_road_masks(export)
     facts = {

@@ -9,13 +9,13 @@ import numpy.typing as npt
 
 from sketchterrain.export.engines import (
     EngineAxes,
-    plant_chunks,
     requested_storeys,
     tile_path,
     tile_samples,
     write_tiles,
 )
 from sketchterrain.export.files import format_rows, write_json_list, write_values_png
+from sketchterrain.export.foliage_files import plant_chunks
 from sketchterrain.export.planning import HeightQuantisation
 from sketchterrain.export.rasters import write_raw
 from sketchterrain.export.roads import write_corridors
@@ -122,7 +122,7 @@ def _write_trees(
     }
     files = {}
     for storey, kind in requested_storeys(export.options).items():
-        chunks = plant_chunks(export.terrain, samples.grid.bounds, storey)
+        chunks = plant_chunks(export.terrain.foliage_pieces(*samples.grid.bounds, storey=storey))
         rows = (_tree_rows(plants, samples, steps) for plants in chunks)
         path = tile_path(export, kind, tile, ".json")
         files[write_json_list(path, head, "instances", rows)] = _FILES[kind]

@@ -14,8 +14,7 @@ from PyQt6.QtGui import QAction, QActionGroup, QGuiApplication, QKeyEvent, QKeyS
 from PyQt6.QtWidgets import QMainWindow, QMenu, QToolBar, QWidget
 
 from sketchterrain.document.layers import LAYERS
-from sketchterrain.errors import InputError
-from sketchterrain.ui.commands import is_edited, is_locked, name_of
+from sketchterrain.ui.commands import is_edited, is_locked, name_of, reported
 from sketchterrain.ui.look.theme import icon
 from sketchterrain.ui.models.selection import delete, lock, reset, unlock
 from sketchterrain.ui.models.vectors import VECTOR_COMMANDS, delete_vector, paste, selected_text
@@ -313,10 +312,8 @@ def add_vector_commands(
     """Add the commands for the selected vector or draped feature; `report` gets why one is not possible."""
 
     def run(command: Callable[[Document, Workspace], None]) -> None:
-        try:
+        with reported(report):
             command(document, workspace)
-        except InputError as error:
-            report(str(error))
 
     is_draped = workspace.selection is not None and workspace.selection.is_draped
     of_vectors = {**VECTOR_COMMANDS, **CLIPBOARD_COMMANDS}

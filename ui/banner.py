@@ -13,10 +13,10 @@ from PyQt6.QtGui import QGuiApplication
 from PyQt6.QtWidgets import QFrame, QLabel, QMessageBox, QPushButton, QSizePolicy, QWidget
 
 from sketchterrain.errors import SketchterrainError, one_line
-from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import ErrorReport
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, Symbol, active_theme, row, theme, tool_button
+from sketchterrain.ui.models.background import single_shot
 
 _DURATION = 8000  # ms until information disappears
 _MAX_MESSAGES = 8

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from PyQt6.QtCore import QObject, pyqtSignal
 from PyQt6.QtWidgets import QWidget
@@ -62,8 +62,7 @@ class ElevationFiles(QObject):
         path = Path(sketch.elevation_rasters[0].path)
         self._files.read(path, partial(change, sketch), partial(self._change, title, sketch))
 
-    def _change(self, title: str, before: Sketch, found: object) -> None:
-        fields = cast("dict[str, Any]", found)
+    def _change(self, title: str, before: Sketch, fields: dict[str, Any]) -> None:
         if self._elevation.document.sketch is not before:
             self._banner.show_message(Message("info", f"{title}: the sketch has changed meanwhile", "hint"))
         elif all(getattr(before, name) == value for name, value in fields.items()):
@@ -71,8 +70,8 @@ class ElevationFiles(QObject):
         else:
             self._files.change(title, **fields)
 
-    def _start(self, found: object) -> None:
-        sketch, base = cast("tuple[Sketch, BaseElevation]", found)
+    def _start(self, found: tuple[Sketch, BaseElevation]) -> None:
+        sketch, base = found
         if not self._files.start_sketch(sketch, modified=True):
             return
         width, depth = (side / 1000.0 for side in sketch.size)
@@ -84,8 +83,8 @@ class ElevationFiles(QObject):
         buttons = (("Show", self.findings_requested.emit),) if count else ()
         self._banner.show_message(Message("good", "; ".join(parts), "elevation", buttons))
 
-    def _add(self, found: object) -> None:
-        sources, frame = cast("tuple[tuple[RasterSource, ...], dict[str, Any]]", found)
+    def _add(self, found: tuple[tuple[RasterSource, ...], dict[str, Any]]) -> None:
+        sources, frame = found
         sketch = self._elevation.document.sketch
         title = sources[0].title if len(sources) == 1 else f"{len(sources)} elevation grids"
         frame = {**sketch.frame} if sketch.frame["crs"] else frame

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from PyQt6.QtCore import QObject, QUrl, pyqtSignal
 from PyQt6.QtGui import QDesktopServices, QImage
@@ -19,11 +19,11 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import CHANGED, Hashes, file_hashes, load_sketch, reject_sketch_folder
 from sketchterrain.errors import InputError, SketchterrainError, prefix_errors
 from sketchterrain.ui.actions import Actions
-from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.banner import Banner, Message
+from sketchterrain.ui.commands import reported
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import RenderPicture
-from sketchterrain.ui.models.background import BackgroundQueue, BackgroundReader, SketchSaver
+from sketchterrain.ui.models.background import BackgroundQueue, BackgroundReader, SketchSaver, single_shot
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.drapes import new_drape, with_layer
 from sketchterrain.ui.models.workspace import Preferences, RecentFiles
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from sketchterrain.ui.world_window import WorldWindow
 
 
+_T = TypeVar("_T")
 _Button = QMessageBox.StandardButton
 _TITLES = {_Button.SaveAll: "Save &as…", _Button.Yes: "&Overwrite", _Button.Reset: "&Reload"}
 _MESSAGE_DELAY = 400  # ms of reading until a message is shown
@@ -88,12 +89,12 @@ class Files(QObject):
         self._banner.withdraw("file")
         return True
 
-    def read(self, path: Path, work: Callable[[], object], then: Callable[[object], None]) -> None:
+    def read(self, path: Path, work: Callable[[], _T], then: Callable[[_T], object]) -> None:
         """Run `work` in the background, then `then` with its result; messages meanwhile name `path`."""
         self._requested = path
         self.reading.read(work, partial(self._finish_reading, then))
 
-    def _finish_reading(self, then: Callable[[object], None], result: object) -> None:
+    def _finish_reading(self, then: Callable[[_T], object], result: _T) -> None:
         self._requested = None
         self._banner.withdraw("file")
         then(result)
@@ -209,7 +210,7 @@ class Files(QObject):
         }
         rows, columns = next(iter(self._document.sketch.layers.values())).shape
 
-        def read() -> object:
+        def read() -> dict[str, tuple[LabelImage, list[str]]]:
             return {name: _layer_image(path, name, (rows, columns)) for name, path in by_layer.items()}
 
         self.reading.read(read, self._import)
@@ -223,9 +224,9 @@ class Files(QObject):
         elif name:
             self.read(Path(name), partial(_read_picture, Path(name), _RASTERS[kind]), self._add_raster)
 
-    def _add_raster(self, found: object) -> None:
+    def _add_raster(self, found: tuple[RasterSource, RasterArea | None]) -> None:
         """Add a raster source in one undo step; a sketch without a CRS gets the raster's place."""
-        source, area = cast("tuple[RasterSource, RasterArea | None]", found)
+        source, area = found
         sketch = self._document.sketch
         frame = sketch.frame if area is None or sketch.frame["crs"] else {**sketch.frame, **area.frame}
         self.change(f"Add {source.title}", rasters=(*sketch.rasters, source), frame=frame)
@@ -289,8 +290,8 @@ class Files(QObject):
         cancel = (("Cancel", self.reading.cancel),)
         self._banner.show_message(Message("info", f"Reading {what} …", "reading", cancel))
 
-    def _show_sketch(self, path: Path | None, read: object) -> None:
-        files, sketch = cast("tuple[Hashes | None, Sketch]", read)
+    def _show_sketch(self, path: Path | None, read: tuple[Hashes | None, Sketch]) -> None:
+        files, sketch = read
         self._document.open(sketch, path, files)
         if path is not None:
             self._remember(path)
@@ -300,8 +301,7 @@ class Files(QObject):
         if line := "; ".join(notes):
             self._banner.show_message(Message("warning", line, "file"))
 
-    def _import(self, images: object) -> None:
-        read = cast("dict[str, tuple[LabelImage, list[str]]]", images)
+    def _import(self, read: dict[str, tuple[LabelImage, list[str]]]) -> None:
         new = {name: image for name, (image, _) in read.items()}
         sketch = self._document.sketch
         titles = " and ".join(LAYERS[name].title.lower() for name in new)
@@ -310,12 +310,8 @@ class Files(QObject):
 
     def change(self, title: str, **changes: object) -> None:
         """Change the sketch in one undo step, unless one that was opened meanwhile does not take it."""
-        try:
-            changed = self._document.sketch.replace(**changes)
-        except InputError as error:
-            self._report_read_error(str(error))
-            return
-        self._document.do(title, changed)
+        with reported(self._report_read_error):
+            self._document.do(title, self._document.sketch.replace(**changes))
 
     def _remember(self, path: Path) -> None:
         self._banner.withdraw("file")

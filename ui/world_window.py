@@ -14,7 +14,6 @@ from PyQt6.QtWidgets import QFileDialog, QLabel, QMainWindow, QMenu
 
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.errors import InputError
 from sketchterrain.ui import commands
 from sketchterrain.ui.actions import CLIPBOARD_COMMANDS, Actions, add_menus
 from sketchterrain.ui.banner import Banner, Message
@@ -168,10 +167,8 @@ class SketchActions(QObject):
         self._actions["lock-selection"].setChecked(locked)
 
     def _try(self, change: Callable[[], None]) -> None:
-        try:
+        with commands.reported(lambda line: self._banner.show_message(Message("warning", line, "command"))):
             change()
-        except InputError as error:
-            self._banner.show_message(Message("warning", str(error), "command"))
 
     def _apply_to_vector(self, command: Callable[[Document, Workspace], None]) -> None:
         self._try(lambda: command(self._document, self._workspace))

@@ -6,19 +6,17 @@ from dataclasses import replace
 from PyQt6.QtCore import QLineF, QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen
 
-from sketchterrain.errors import InputError
 from sketchterrain.ui.canvas.decorations import write_beside
 from sketchterrain.ui.canvas.drape_tool import draw_feature
 from sketchterrain.ui.canvas.marks import SELECTED, FeatureMarks
 from sketchterrain.ui.canvas.tool_context import REACH, Pointer, Tool, ToolContext
 from sketchterrain.ui.canvas.vectors import VectorMarks
-from sketchterrain.ui.commands import exists, name_of
+from sketchterrain.ui.commands import exists, name_of, reported
 from sketchterrain.ui.engine.protocol import GoTo, Placement
 from sketchterrain.ui.models.drapes import draped_handles, next_below
 from sketchterrain.ui.models.selection import (
     OFFSET_ROLES,
     FeatureDrag,
-    Handle,
     delete,
     handle_refusal,
     handles_of,
@@ -27,7 +25,7 @@ from sketchterrain.ui.models.selection import (
     vertex_at,
 )
 from sketchterrain.ui.models.vectors import insert_vertex, vector_at
-from sketchterrain.ui.models.workspace import Selection
+from sketchterrain.ui.models.workspace import Handle, Selection
 
 _TOLERANCE = 9.0  # logical px around a handle or feature
 _DRAG = 4.0  # logical px after which a press is a drag
@@ -100,16 +98,13 @@ class SelectTool(Tool):
     def double(self, pointer: Pointer) -> None:
         """Insert a vertex in the selected vector, else press: a drag may follow at once."""
         at, context = self.context.world_from_sketch(pointer.x, pointer.y), self.context
-        try:
+        with reported(self._report):
             is_inserted = self._handle_at(at) is None and insert_vertex(
                 context.document, context.workspace, *at, reach=REACH / context.px_per_metre
             )
-        except InputError as error:
-            self._report(str(error))
-            return
-        if not is_inserted:
-            self.press(pointer)
-            self._double_clicked = (pointer.x, pointer.y)
+            if not is_inserted:
+                self.press(pointer)
+                self._double_clicked = (pointer.x, pointer.y)
 
     def finish(self) -> None:
         """Record the drag as a history step."""
@@ -142,10 +137,8 @@ class SelectTool(Tool):
             workspace.selection = None
         elif workspace.selection is not None:
             self.finish()
-            try:
+            with reported(self._report):
                 delete(self.context.document, workspace, self.context.link.placed, workspace.selection)
-            except InputError as error:
-                self._report(str(error))
 
     def selection_under(self, place: QPointF) -> Selection | None:
         """Return what a command at a screen position is for: a vertex, or what a click would select."""

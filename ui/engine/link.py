@@ -9,12 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from PyQt6.QtCore import QObject, Qt, QTimer, pyqtBoundSignal, pyqtSignal
+from PyQt6.QtCore import QObject, Qt, pyqtBoundSignal, pyqtSignal
 from PyQt6.QtGui import QImage
 
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.channel import Channel, ContentChannel, UpdateBuilder, start_process
 from sketchterrain.ui.engine.frames import FrameMemory
+from sketchterrain.ui.models.background import single_shot
 from sketchterrain.ui.models.document import Document
 
 _EXIT_TIME: Final = 0.4  # s for processes to exit by themselves
@@ -265,10 +266,8 @@ class EngineLink(ViewSource):
         self._crashes = 0
         self._updates = UpdateBuilder(document)
         self._sent_at = 0.0
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
+        self._timer = single_shot(self, 0, self._send_sketch)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
-        self._timer.timeout.connect(self._send_sketch)
         self._routes |= {
             msg.Placement: ("placed", self.placed_changed),
             msg.Relief: ("relief", self.relief_changed),

@@ -68,11 +68,9 @@ def draw_icon(painter: QPainter, name: str, place: QRectF, colour: QColor) -> No
     painter.restore()
 
 
-def tool_button(
-    name: str, title: str, *, tip: str = "", side: int = 18, parent: QWidget | None = None
-) -> QToolButton:
+def tool_button(name: str, title: str, *, tip: str = "", side: int = 18) -> QToolButton:
     """Return an icon button; `title` is its accessible name, and its tool tip unless `tip` is given."""
-    button = QToolButton(parent)
+    button = QToolButton()
     button.setIcon(icon(name))
     button.setIconSize(QSize(side, side))
     button.setAccessibleName(title)
@@ -298,6 +296,14 @@ def _filled(box: _Box, items: Iterable[LayoutItem], margins: Margins, spacing: i
         else:
             box.addWidget(*item)
     return box
+
+
+def clear(box: QBoxLayout) -> None:
+    """Delete the widgets of a layout."""
+    while (item := box.takeAt(0)) is not None:
+        if (widget := item.widget()) is not None:
+            widget.hide()
+            widget.deleteLater()
 
 
 def described(widget: _Widget, name: str, tip: str) -> _Widget:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,15 +19,7 @@ from sketchterrain.landforms.placement.feature_types import (
     height_profile,
 )
 from sketchterrain.ui import commands
-from sketchterrain.ui.commands import (
-    drag_title,
-    dragged,
-    find_parent_river,
-    find_point,
-    find_river,
-    name_of,
-    with_vectors,
-)
+from sketchterrain.ui.commands import find_parent_river, find_point, find_river, name_of
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.drapes import dragged_feature, refusal
@@ -41,7 +33,7 @@ from sketchterrain.ui.models.vectors import (
     snapped,
     widths_of,
 )
-from sketchterrain.ui.models.workspace import Selection, Workspace
+from sketchterrain.ui.models.workspace import Handle, Selection, Workspace
 
 _MAX_HANDLES = 1000  # of a vector
 _ALONG = 0.1  # m along a line, which gives its direction
@@ -51,28 +43,6 @@ _TREE_HEIGHT = 20.0  # m that a dense forest counts when compared with mountains
 
 OFFSET_ROLES = ("width", "corner", "rotate")
 """Roles of handles that are shown some px farther from their base."""
-
-
-@dataclass(frozen=True)
-class Handle:
-    """A drag handle of a selection, which for a river's control point has its index."""
-
-    role: str  # move, radius, point (of a river or vector), width; corner, rotate (of a draped feature's box)
-    selection: Selection
-    x: float  # position, m
-    y: float
-    base_x: float  # origin of a radius or width, m: the feature's centre or the centreline
-    base_y: float
-
-    @property
-    def is_vertex(self) -> bool:
-        """Whether it is a vertex of a vector."""
-        return self.role == "point" and self.selection.is_vector
-
-    @property
-    def is_live(self) -> bool:
-        """Whether the document follows a drag at once: not for vertices of rivers and lakes."""
-        return not (self.is_vertex and LAYERS[self.selection.kind].is_painted)
 
 
 def handle_refusal(document: Document, workspace: Workspace, handle: Handle) -> str:
@@ -293,18 +263,17 @@ class FeatureDrag:
         if self._feature is not None:
             return dragged_feature(before, self._feature, handle, x, y)
         if not handle.selection.is_vector:
-            return dragged(before, self._placed, handle, x, y)
+            return commands.dragged(before, self._placed, handle, x, y)
         if handle.is_vertex:
-            return with_vectors(before, *node_moved(before, kind, (handle.x, handle.y), (x, y)))
+            return commands.with_vectors(before, *node_moved(before, kind, (handle.x, handle.y), (x, y)))
         parameter = LAYERS[kind].parameters["width"]
         low, high = parameter.soft_range or (parameter.low, parameter.high)
         width = round(2.0 * math.hypot(x - handle.base_x, y - handle.base_y), _DECIMALS)
-        return with_vectors(
-            before, set_value(before.vectors[kind], name, "width", min(max(width, low), high))
-        )
+        changed = set_value(before.vectors[kind], name, "width", min(max(width, low), high))
+        return commands.with_vectors(before, changed)
 
     def _do(self, sketch: Sketch) -> None:
-        self._document.do(drag_title(self._placed, self.handle), sketch, merge=self._merge)
+        self._document.do(commands.drag_title(self._placed, self.handle), sketch, merge=self._merge)
         self._last = self._document.sketch
 
 

@@ -367,6 +367,28 @@ class Selection:
         return not (self.is_vector or self.is_draped)
 
 
+@dataclass(frozen=True)
+class Handle:
+    """A drag handle of a selection, which for a river's control point has its index."""
+
+    role: str  # move, radius, point (of a river or vector), width; corner, rotate (of a draped feature's box)
+    selection: Selection
+    x: float  # position, m
+    y: float
+    base_x: float  # origin of a radius or width, m: the feature's centre or the centreline
+    base_y: float
+
+    @property
+    def is_vertex(self) -> bool:
+        """Whether it is a vertex of a vector."""
+        return self.role == "point" and self.selection.is_vector
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the document follows a drag at once: not for vertices of rivers and lakes."""
+        return not (self.is_vertex and LAYERS[self.selection.kind].is_painted)
+
+
 class Workspace(QObject):
     """Editing state with change signals; setting an equal value emits nothing."""
 

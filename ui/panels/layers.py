@@ -9,7 +9,6 @@ from PyQt6.QtWidgets import QLabel, QWidget
 from sketchterrain.document.label_layers import MAX_LABELS, LabelImage, label_areas
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.errors import InputError
 from sketchterrain.ui import commands
 from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, row, tabular, tool_button
@@ -182,19 +181,12 @@ class LayersPanel(QWidget):
 
     def _add_label(self, source: int | None) -> None:
         sketch, layer = self._document.sketch, self._workspace.layer
-        try:
+        with commands.reported(self.message.emit):
             label = commands.free_label(sketch, layer)
-        except InputError as error:
-            self.message.emit(str(error))
-            return
-        if source is None:
-            title = f"New {label_title(layer, label).lower()}"
-            changed = commands.new_label(sketch, layer, label)
-        else:
-            title = f"Copy {label_title(layer, source).lower()}"
-            changed = commands.copy_label(sketch, layer, label, source=source)
-        self._document.do(title, changed)
-        self._workspace.use_label(layer, label)
+            verb, named = ("New", label) if source is None else ("Copy", source)
+            changed = commands.new_label(sketch, layer, label, source=source)
+            self._document.do(f"{verb} {label_title(layer, named).lower()}", changed)
+            self._workspace.use_label(layer, label)
 
     def _check_unlocked(self, layer: str) -> bool:
         is_locked = self._workspace.look(layer).locked

@@ -15,11 +15,11 @@ from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.io.console import pluralize
 from sketchterrain.io.system import memory_in_use
 from sketchterrain.measure.lines import limited_lines
-from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import MeasureAdherence
 from sketchterrain.ui.look.layer_colours import label_colour, swatch
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, row, tabular
+from sketchterrain.ui.models.background import single_shot
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.controls import (

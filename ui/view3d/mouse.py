@@ -9,18 +9,17 @@ from PyQt6.QtCore import QEvent, QObject, QPointF, Qt, pyqtSignal
 from PyQt6.QtGui import QMouseEvent, QWheelEvent
 from PyQt6.QtWidgets import QWidget
 
-from sketchterrain.errors import InputError
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.actions import ContextMenu, add_selection_commands, add_vector_commands
-from sketchterrain.ui.application import single_shot
-from sketchterrain.ui.commands import exists
+from sketchterrain.ui.commands import exists, reported
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
+from sketchterrain.ui.models.background import single_shot
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.drapes import next_below
-from sketchterrain.ui.models.selection import FeatureDrag, Handle, add, handle_refusal, handles_of, select_at
+from sketchterrain.ui.models.selection import FeatureDrag, add, handle_refusal, handles_of, select_at
 from sketchterrain.ui.models.vectors import insert_vertex, vector_at
-from sketchterrain.ui.models.workspace import Selection, Workspace
+from sketchterrain.ui.models.workspace import Handle, Selection, Workspace
 from sketchterrain.ui.view3d.camera import Projection, drag_motion, zoom_motion
 from sketchterrain.ui.view3d.marks import HandleMark, Marks
 from sketchterrain.ui.view3d.scene import Scene
@@ -310,19 +309,16 @@ class ViewMouse(QObject):
 
     def _go_to(self, place: Place | None) -> None:
         """Insert a vertex in the selected vector at a place (m) on it, else centre the place."""
-        if place is not None and not self._insert_vertex(place):
-            self._link.send(GoTo(place[0], place[1]))
+        with reported(self.message.emit):
+            if place is not None and not self._insert_vertex(place):
+                self._link.send(GoTo(place[0], place[1]))
 
     def _insert_vertex(self, place: Place) -> bool:
         projection, document = self._projection(), self._document
         if projection is None or document is None:
             return False
         reach = _REACH * projection.metres_per_px(place)
-        try:
-            return insert_vertex(document, self._workspace, *place[:2], reach=reach)
-        except InputError as error:
-            self.message.emit(str(error))
-            return True
+        return insert_vertex(document, self._workspace, *place[:2], reach=reach)
 
     def _pick(self, purpose: str, at: QPointF, then: Callable[[Place | None], None]) -> None:
         """Ask the engine for the terrain at a pixel; replaces a pending pick of the same purpose."""

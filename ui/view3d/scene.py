@@ -14,8 +14,7 @@ from sketchterrain.ui.look.layer_colours import layer_glyph
 from sketchterrain.ui.look.theme import DARK, theme
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.drapes import draped_handles, outlines_of
-from sketchterrain.ui.models.selection import Handle
-from sketchterrain.ui.models.workspace import Selection, Workspace
+from sketchterrain.ui.models.workspace import Handle, Selection, Workspace
 from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, eye_height_text, length_text, scale_bar
 from sketchterrain.ui.view3d.marks import Dot, Drag, HandleMark, MarkBuilder, Marks, Segments
 

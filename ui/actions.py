@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import chain, repeat
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from PyQt6.QtCore import QEvent, QObject, QSize, Qt
 from PyQt6.QtGui import QAction, QActionGroup, QGuiApplication, QKeyEvent, QKeySequence
@@ -15,15 +15,12 @@ from PyQt6.QtWidgets import QMainWindow, QMenu, QToolBar, QWidget
 
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.ui.commands import is_edited, is_locked, name_of, reported
+from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.look.theme import icon
+from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import delete, lock, reset, unlock
 from sketchterrain.ui.models.vectors import VECTOR_COMMANDS, delete_vector, paste, selected_text
 from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, RecentFiles, Selection, Workspace
-
-if TYPE_CHECKING:
-    from sketchterrain.ui.engine.protocol import Placement
-    from sketchterrain.ui.files import Files
-    from sketchterrain.ui.models.document import Document
 
 
 @dataclass(frozen=True)
@@ -324,9 +321,9 @@ def add_vector_commands(
 class RecentMenu(QMenu):
     """Menu of recently opened files."""
 
-    def __init__(self, recent: RecentFiles, files: Files, parent: QWidget) -> None:
+    def __init__(self, recent: RecentFiles, open_file: Callable[[Path], object], parent: QWidget) -> None:
         super().__init__("Open &recent", parent)
-        self._recent, self._files = recent, files
+        self._recent, self._open_file = recent, open_file
         recent.changed.connect(self._fill)
         self._fill()
 
@@ -346,7 +343,7 @@ class RecentMenu(QMenu):
         self.setEnabled(bool(self._recent.paths))
 
     def _open(self, path: Path, _: bool = False) -> None:
-        self._files.open(path)
+        self._open_file(path)
 
 
 def _short(path: Path) -> str:

@@ -8,29 +8,29 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
 
-from PyQt6.QtCore import QObject, QUrl, pyqtSignal
-from PyQt6.QtGui import QDesktopServices, QImage
+from PyQt6.QtCore import QObject, pyqtSignal
 from PyQt6.QtWidgets import QApplication, QDialog, QFileDialog, QMessageBox, QWidget
 
 from sketchterrain.document.label_layers import LabelImage, decode_layer
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.store import CHANGED, Hashes, file_hashes, load_sketch, reject_sketch_folder
+from sketchterrain.document.store import CHANGED, Hashes, file_hashes, load_sketch
 from sketchterrain.errors import InputError, SketchterrainError, prefix_errors
 from sketchterrain.ui.actions import Actions
-from sketchterrain.ui.banner import Banner, Message
+from sketchterrain.ui.banner import Banner, Message, PictureFile
 from sketchterrain.ui.commands import reported
+from sketchterrain.ui.dialogs.form import run_dialog
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import RenderPicture
-from sketchterrain.ui.models.background import BackgroundQueue, BackgroundReader, SketchSaver, single_shot
+from sketchterrain.ui.models.background import BackgroundReader, SketchSaver, single_shot
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.drapes import new_drape, with_layer
 from sketchterrain.ui.models.workspace import Preferences, RecentFiles
+from sketchterrain.ui.world_window import WorldWindow
 
 if TYPE_CHECKING:
     from sketchterrain.importing.rasters import RasterArea
-    from sketchterrain.ui.world_window import WorldWindow
 
 
 _T = TypeVar("_T")
@@ -370,31 +370,6 @@ _WORLD_FILES = ("zarr.json", "ledger.jsonl")  # which stand for their folder
 _WORLD_FILTER = f"Worlds ({' '.join(_WORLD_FILES)} *.tif *.tiff);;All files (*)"
 
 
-class PictureFile(QObject):
-    """Writes pictures as PNG in the background and reports each in a banner."""
-
-    def __init__(self, banner: Banner, parent: QObject) -> None:
-        super().__init__(parent)
-        self._banner, self._background = banner, BackgroundQueue(self)
-
-    def write(self, picture: QImage, path: Path) -> None:
-        self._background.do("picture", partial(_write_png, picture, path), partial(self.report, path))
-
-    def report(self, path: Path, error: str = "") -> None:
-        if error:
-            self._banner.show_message(Message("error", error, "picture"))
-        else:
-            folder = QUrl.fromLocalFile(str(path.parent))
-            button = ("Open folder", partial(QDesktopServices.openUrl, folder))
-            self._banner.show_message(Message("good", f"The picture is saved: {path}", "picture", (button,)))
-
-
-def _write_png(picture: QImage, path: Path) -> None:
-    reject_sketch_folder(path.parent)
-    if not picture.save(str(path), "PNG"):
-        raise SketchterrainError(f"{path}: cannot be written")
-
-
 class OpenDialogs(QObject):
     """Opens the dialogs of a window; each is imported on first use, so that the window opens sooner."""
 
@@ -456,8 +431,6 @@ class OpenDialogs(QObject):
 
     def show_world(self, path: Path) -> None:
         """Show a stored world; its window reports errors."""
-        from sketchterrain.ui.world_window import WorldWindow
-
         self._preferences.last_folder = path.absolute().parent
         world = WorldWindow(path.absolute(), device=self._preferences.device)
         self.worlds.append(world)
@@ -549,10 +522,3 @@ class OpenDialogs(QObject):
             "about": partial(AboutDialog, self._link.facts),
         }
         run_dialog(dialogs[name](self._window))
-
-
-def run_dialog(dialog: QDialog) -> bool:
-    """Show a modal dialog and delete it; return whether it was accepted."""
-    accepted = bool(dialog.exec())
-    dialog.deleteLater()
-    return accepted

@@ -220,7 +220,7 @@ class MainWindow(QMainWindow):
                 views.addAction(action)
         self.panel_layout.add_toggles(panels)
         submenus = {
-            menu.title(): menu for menu in (RecentMenu(recent, self.files, self), tools, panels, views)
+            menu.title(): menu for menu in (RecentMenu(recent, self.files.open, self), tools, panels, views)
         }
         add_menus(self, self.actions_by_name, submenus)
 

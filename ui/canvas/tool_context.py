@@ -159,9 +159,8 @@ class ToolContext:
 
     def screens_from_world(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]:
         viewport, (columns, rows) = self.viewport, self.sketch_from_world(x, y)
-        return (viewport.left + columns * viewport.scale) / self.ratio, (
-            viewport.top + rows * viewport.scale
-        ) / self.ratio
+        right, down = viewport.left + columns * viewport.scale, viewport.top + rows * viewport.scale
+        return right / self.ratio, down / self.ratio
 
     def may_paint(self, *, pixels: bool = True) -> bool:
         """Return whether the active layer can be edited, and has pixels if that is asked; else report why."""

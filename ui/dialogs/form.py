@@ -294,6 +294,13 @@ def fix_width(dialog: QDialog, width: int) -> None:
         dialog.setFixedSize(width, rows.totalHeightForWidth(width))
 
 
+def run_dialog(dialog: QDialog) -> bool:
+    """Show a modal dialog and delete it; return whether it was accepted."""
+    accepted = bool(dialog.exec())
+    dialog.deleteLater()
+    return accepted
+
+
 class JobProgress(QWidget):
     """Progress and outcome of an export job."""
 

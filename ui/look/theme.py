@@ -1,6 +1,6 @@
 """Theme, icons and style sheet."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -68,9 +68,13 @@ def draw_icon(painter: QPainter, name: str, place: QRectF, colour: QColor) -> No
     painter.restore()
 
 
-def tool_button(name: str, title: str, *, tip: str = "", side: int = 18) -> QToolButton:
+def tool_button(
+    name: str, title: str, on_click: Callable[[], object] | None = None, *, tip: str = "", side: int = 18
+) -> QToolButton:
     """Return an icon button; `title` is its accessible name, and its tool tip unless `tip` is given."""
     button = QToolButton()
+    if on_click is not None:
+        button.clicked.connect(lambda _: on_click())
     button.setIcon(icon(name))
     button.setIconSize(QSize(side, side))
     button.setAccessibleName(title)

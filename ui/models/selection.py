@@ -21,18 +21,9 @@ from sketchterrain.landforms.placement.feature_types import (
 from sketchterrain.ui import commands
 from sketchterrain.ui.commands import find_parent_river, find_point, find_river, name_of
 from sketchterrain.ui.engine.protocol import Placement
+from sketchterrain.ui.models import vectors
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.drapes import dragged_feature, refusal
-from sketchterrain.ui.models.vectors import (
-    curves_of,
-    delete_vector,
-    drag_refusal,
-    find_vector,
-    network_of,
-    node_moved,
-    snapped,
-    widths_of,
-)
 from sketchterrain.ui.models.workspace import Handle, Selection, Workspace
 
 _MAX_HANDLES = 1000  # of a vector
@@ -51,7 +42,7 @@ def handle_refusal(document: Document, workspace: Workspace, handle: Handle) -> 
     if selection.is_draped:
         return refusal(document, workspace, selection.layer)
     node = document.sketch, workspace, selection.kind, handle.x, handle.y
-    return drag_refusal(*node) if selection.is_vector else ""
+    return vectors.drag_refusal(*node) if selection.is_vector else ""
 
 
 def select_at(placed: Placement, x: float, y: float, *, reach: float) -> Selection | None:
@@ -84,7 +75,7 @@ def _of_water(kind: str, name: int) -> Selection:
 
 def vector_handles(sketch: Sketch, selection: Selection | None) -> tuple[Handle, ...]:
     """Return handles for the vertices of the selected vector, of a large one every so many, and its width."""
-    feature = find_vector(sketch, selection)
+    feature = vectors.find_vector(sketch, selection)
     if feature is None or selection is None:
         return ()
     places = np.concatenate(feature.rings).tolist()
@@ -99,16 +90,16 @@ def vector_handles(sketch: Sketch, selection: Selection | None) -> tuple[Handle,
 
 def vector_width_handle(sketch: Sketch, selection: Selection | None) -> Handle | None:
     """Return the handle of a line's width: on its left, halfway along it; None if it is no line with one."""
-    feature = find_vector(sketch, selection)
+    feature = vectors.find_vector(sketch, selection)
     if feature is None or selection is None or feature.kind != LINE:
         return None
     layer = sketch.vectors[selection.kind]
     index = layer.index(selection.id)
-    line = curves_of(layer).shapes[index]
+    line = vectors.curves_of(layer).shapes[index]
     (x, y), (to_x, to_y) = (
         line.interpolate(min(0.5 * line.length + step, line.length)).coords[0] for step in (0.0, _ALONG)
     )
-    across = 0.5 * float(widths_of(sketch, layer)[index]) / max(math.hypot(to_x - x, to_y - y), 1e-9)
+    across = 0.5 * float(vectors.widths_of(sketch, layer)[index]) / max(math.hypot(to_x - x, to_y - y), 1e-9)
     whole = Selection(selection.kind, selection.id)
     return Handle("width", whole, x - across * (to_y - y), y + across * (to_x - x), x, y) if across else None
 
@@ -117,7 +108,7 @@ def vertex_at(
     sketch: Sketch, selection: Selection | None, x: float, y: float, *, reach: float
 ) -> Handle | None:
     """Return the vertex of the selected vector within a distance (m) of a position; the active one first."""
-    feature = find_vector(sketch, selection)
+    feature = vectors.find_vector(sketch, selection)
     if feature is None or selection is None:
         return None
     places = np.concatenate(feature.rings)
@@ -225,8 +216,8 @@ class FeatureDrag:
             return
         x, y = x + self._offset[0], y + self._offset[1]
         if self.handle.is_vertex:
-            layers = network_of(self._before, self.handle.selection.kind)
-            near = snapped(layers, x, y, self._reach, other_than=(self.handle.x, self.handle.y))
+            layers = vectors.network_of(self._before, self.handle.selection.kind)
+            near = vectors.snapped(layers, x, y, self._reach, other_than=(self.handle.x, self.handle.y))
             x, y = near or on_grid((x, y)).tolist()
         if self.handle.is_live:
             self._change(x, y)
@@ -265,7 +256,9 @@ class FeatureDrag:
         if not handle.selection.is_vector:
             return commands.dragged(before, self._placed, handle, x, y)
         if handle.is_vertex:
-            return commands.with_vectors(before, *node_moved(before, kind, (handle.x, handle.y), (x, y)))
+            return commands.with_vectors(
+                before, *vectors.node_moved(before, kind, (handle.x, handle.y), (x, y))
+            )
         parameter = LAYERS[kind].parameters["width"]
         low, high = parameter.soft_range or (parameter.low, parameter.high)
         width = round(2.0 * math.hypot(x - handle.base_x, y - handle.base_y), _DECIMALS)
@@ -302,7 +295,7 @@ reset = _command("Reset", commands.reset)
 def delete(document: Document, workspace: Workspace, placed: Placement | None, selection: Selection) -> None:
     """Delete an object and deselect it; of a vector its active vertex if there is one."""
     if not selection.is_placed:
-        delete_vector(document, workspace)
+        vectors.delete_vector(document, workspace)
     elif placed is not None:
         document.do(f"Delete {name_of(placed, selection)}", commands.deleted(document.sketch, selection))
         workspace.selection = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtGui import QIcon
-from PyQt6.QtWidgets import QComboBox, QLabel, QPushButton, QToolButton, QVBoxLayout, QWidget
+from PyQt6.QtWidgets import QComboBox, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from sketchterrain.document.drapes import DRAPE, STYLE, DrapeClass, DrapedLayer, draped_layer
 from sketchterrain.document.parameters import Parameter, Value
@@ -49,11 +49,15 @@ class DrapeList(QWidget):
         self.list.setToolTip("Draped layers, the highest on top. Space shows or hides one, Del removes it")
         add, tip = self.add_requested.emit, "Show vectors or rasters on the terrain"
         self.buttons = {
-            "add": _button("add", "Add draped layers", tip, add),
-            "raise": _button("up", "Raise", "Draw it over the next layer", partial(self._move, 1)),
-            "lower": _button("down", "Lower", "Draw it beneath the next layer", partial(self._move, -1)),
-            "zoom": _button("fit", "Zoom to the layer", "Show all of it", self._zoom),
-            "remove": _button("delete", "Remove", "Remove it from the sketch; its file stays", self._remove),
+            "add": tool_button("add", "Add draped layers", add, tip=tip),
+            "raise": tool_button("up", "Raise", partial(self._move, 1), tip="Draw it over the next layer"),
+            "lower": tool_button(
+                "down", "Lower", partial(self._move, -1), tip="Draw it beneath the next layer"
+            ),
+            "zoom": tool_button("fit", "Zoom to the layer", self._zoom, tip="Show all of it"),
+            "remove": tool_button(
+                "delete", "Remove", self._remove, tip="Remove it from the sketch; its file stays"
+            ),
         }
         line = row(None, (heading("Draped layers"), 1), *self.buttons.values(), spacing=0)
         line.setContentsMargins(SPACING, SMALL, SPACING, 0)
@@ -339,12 +343,6 @@ class DrapedFeaturePage(QWidget):
     def _set(self, name: str, text: object, _: object) -> None:
         with _reported(self):
             model.set_property(self._document, self._workspace, name, str(text))
-
-
-def _button(name: str, title: str, tip: str, command: Callable[[], object]) -> QToolButton:
-    button = tool_button(name, title, tip=tip)
-    button.clicked.connect(lambda _: command())
-    return button
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from functools import partial
 
 from PyQt6.QtCore import QObject, QSignalBlocker, QSize, Qt, QTimer, pyqtSignal
-from PyQt6.QtWidgets import QLabel, QWidget
+from PyQt6.QtWidgets import QLabel
 
 from sketchterrain.document.label_layers import MAX_LABELS, LabelImage, label_areas
 from sketchterrain.document.layers import LAYERS
@@ -14,7 +14,7 @@ from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, row, tabular, tool_button
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
-from sketchterrain.ui.panels.controls import SLIDER_STEPS, label_title, number, slider, with_unit
+from sketchterrain.ui.panels.controls import SLIDER_STEPS, Panel, label_title, number, slider, with_unit
 from sketchterrain.ui.panels.drapes import DrapeList
 from sketchterrain.ui.panels.layer_list import LayerList, Row
 
@@ -82,9 +82,10 @@ def label_detail(sketch: Sketch, layer: str, label: int, pixels: int) -> str:
     return f"{main} · {number(area / 1e6, decimals=1 if area >= 1e6 else 2)} km²"
 
 
-class LayersPanel(QWidget):
+class LayersPanel(Panel):
     """List of layers and labels, opacity of the active layer, and commands for labels."""
 
+    usual, smallest = QSize(300, 400), QSize(220, 160)
     message = pyqtSignal(str)  # why a command is refused, one line
 
     def __init__(self, document: Document, workspace: Workspace) -> None:
@@ -100,9 +101,11 @@ class LayersPanel(QWidget):
         self._percent.setFixedWidth(self._percent.fontMetrics().horizontalAdvance("100 %") + 2)
         self._percent.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         new_tip = "Another label of this layer, with properties of its own"
-        self.add = tool_button("add", "New label", tip=new_tip)
-        self.remove = tool_button("delete", "Delete label", tip="Delete this label, its paint and vectors")
-        self.clear = tool_button("eraser", "Clear layer", tip="Erase all paint and vectors of this layer")
+        delete_tip = "Delete this label, its paint and vectors"
+        clear_tip = "Erase all paint and vectors of this layer"
+        self.add = tool_button("add", "New label", self.new_label, tip=new_tip)
+        self.remove = tool_button("delete", "Delete label", self.delete_label, tip=delete_tip)
+        self.clear = tool_button("eraser", "Clear layer", self.clear_layer, tip=clear_tip)
         title = QLabel("&Opacity")
         title.setBuddy(self.opacity)
         buttons = row(None, self.add, self.remove, self.clear, spacing=0)
@@ -173,12 +176,6 @@ class LayersPanel(QWidget):
         menu.add_command(lock[0], f"{lock[1]} {title}", partial(self._toggle_locked, layer))
         return menu
 
-    def sizeHint(self) -> QSize:
-        return QSize(300, 400)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(220, 160)
-
     def _add_label(self, source: int | None) -> None:
         sketch, layer = self._document.sketch, self._workspace.layer
         with commands.reported(self.message.emit):
@@ -202,9 +199,6 @@ class LayersPanel(QWidget):
         self.list.lock_clicked.connect(self._toggle_locked)
         self.list.delete_requested.connect(self.delete_label)
         self.list.menu_requested.connect(lambda place: self.menu().popup(place))
-        self.add.clicked.connect(self.new_label)
-        self.remove.clicked.connect(self.delete_label)
-        self.clear.clicked.connect(self.clear_layer)
         self.opacity.valueChanged.connect(
             lambda step: workspace.set_look(workspace.layer, opacity=step / SLIDER_STEPS)
         )

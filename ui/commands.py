@@ -97,11 +97,9 @@ def name_of(placed: Placement, selection: Selection) -> str:
     return f"{layer} {ids.index(selection.id) + 1}" if selection.id in ids else layer
 
 
-def dragged(sketch: Sketch, placed: Placement | None, handle: Handle, x: float, y: float) -> Sketch:
+def dragged(sketch: Sketch, placed: Placement, handle: Handle, x: float, y: float) -> Sketch:
     """Return the sketch with a handle of a placed feature dragged to a position (m)."""
     selection = handle.selection
-    if placed is None:
-        return sketch
     if handle.role == "move":
         return moved(sketch, placed, selection, x, y)
     if handle.role == "point":
@@ -117,13 +115,13 @@ def dragged(sketch: Sketch, placed: Placement | None, handle: Handle, x: float, 
     return widened(sketch, selection, (_declared_width(sketch, river) or visible) * 2.0 * distance / visible)
 
 
-def drag_title(placed: Placement | None, handle: Handle) -> str:
+def drag_title(placed: Placement, handle: Handle) -> str:
     """Return the history title of a drag."""
     if handle.selection.is_draped:
         return {"point": "Move a vertex", "corner": "Resize a feature", "rotate": "Rotate a feature"}.get(
             handle.role, "Move a feature"
         )
-    if handle.selection.is_vector or placed is None:
+    if handle.selection.is_vector:
         verb = "Move a node" if handle.role == "point" else "Set the width"
         return f"{verb} of {LAYERS[handle.selection.kind].title.lower()}"
     return _TITLES[handle.role].format(name_of(placed, handle.selection))

@@ -138,7 +138,7 @@ class SketchActions(QObject):
     def _refresh_selection(self) -> None:
         selection, placed, sketch = self._workspace.selection, self._link.placed, self._document.sketch
         is_placed = can_lock = locked = edited = False
-        if selection is not None and placed is not None and commands.exists(placed, selection):
+        if selection is not None and commands.exists(placed, selection):
             is_placed = True
             can_lock = commands.find_point(placed, selection) is not None
             locked = can_lock and commands.is_locked(sketch, selection)
@@ -171,7 +171,7 @@ class SketchActions(QObject):
 
     def _apply(self, command: Callable[[Document, Workspace, msg.Placement, Selection], None]) -> None:
         selection, placed = self._workspace.selection, self._link.placed
-        if selection is not None and placed is not None:
+        if selection is not None:
             self._try(lambda: command(self._document, self._workspace, placed, selection))
             self.refresh()
 
@@ -239,7 +239,7 @@ class WorldWindow(QMainWindow):
         self.setWindowTitle(path.name)
         self.setMinimumSize(480, 320)
         self.link, self._workspace = WorldLink(path, sketch, device=device), Workspace()
-        self.view = View3D(None, self._workspace, self.link)
+        self.view = View3D(Document(), self._workspace, self.link)
         self.setCentralWidget(self.view)
         self._bookmarks = Bookmarks(None, state_folder() / "bookmarks", path)
         self._panel = BookmarksPanel(self.link, self._bookmarks)

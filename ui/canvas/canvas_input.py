@@ -216,7 +216,7 @@ class CanvasInput(QObject):
         if selection is not None and not selection.is_placed:
             add_vector_commands(menu, document, workspace, context.signals.message.emit)
             menu.addSeparator()
-        elif selection is not None and placed is not None:
+        elif selection is not None:
             add_selection_commands(menu, document, workspace, placed, selection)
             menu.addSeparator()
         submenu = menu.add_submenu("add", "Add here")

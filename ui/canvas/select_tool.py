@@ -45,7 +45,7 @@ class SelectTool(Tool):
         self._pressed: tuple[tuple[float, float], Handle | None] | None = None  # place, m
         self._next: Selection | None = None  # that a click on the selected draped feature selects
         self._double_clicked: tuple[float, float] | None = None
-        self._last_drag: tuple[Placement | None, FeatureDrag] | None = None  # drawn until it is placed
+        self._last_drag: tuple[Placement, FeatureDrag] | None = None  # drawn until it is placed
 
     @property
     def is_busy(self) -> bool:
@@ -66,7 +66,7 @@ class SelectTool(Tool):
         if handle is not None and not (handle.is_vertex or handle.selection.is_draped):
             self._start_drag(handle, at)
             return
-        if handle is None and self.context.link.placed is not None:
+        if handle is None:
             handle = next(iter(handles_of(self.context.link.placed, selection)), None)
             handle = handle if handle is not None and handle.role == "move" else None
         self._pressed = at, handle
@@ -173,8 +173,6 @@ class SelectTool(Tool):
                 self._draw_handle(painter, width)
             if self._drag is not None and self._last_drag is not None:
                 self._draw_drag(painter, placed)
-        if placed is None:
-            return
         if hovered is not None and self._drag is None and exists(placed, hovered):
             self._marks.draw_selection(painter, placed, hovered, faint)
             handles = handles_of(placed, hovered)
@@ -202,7 +200,7 @@ class SelectTool(Tool):
         else:
             painter.drawEllipse(at, 5.0, 5.0)
 
-    def _draw_drag(self, painter: QPainter, placed: Placement | None) -> None:
+    def _draw_drag(self, painter: QPainter, placed: Placement) -> None:
         """Draw the dragged handle until the engine has placed it."""
         if self._last_drag is None or (self._drag is None and self._last_drag[0] is not placed):
             self._last_drag = None
@@ -248,7 +246,7 @@ class SelectTool(Tool):
         if draped := context.document.drapes.stack(*at, 1.0 / px):
             return draped
         found = vector_at(context.document.sketch, context.workspace, *at, reach=REACH / px)
-        if found is None and placed is not None:
+        if found is None:
             found = select_at(placed, *at, reach=_TOLERANCE / px)
         return [] if found is None else [found]
 
@@ -260,7 +258,7 @@ class SelectTool(Tool):
         if vertex is not None:
             return vertex
         width = vector_width_handle(sketch, selection)
-        handles = [width] if width is not None else [] if placed is None else self._visible_handles(placed)
+        handles = self._visible_handles(placed) if width is None else [width]
         handles += self._draped_handles()
         near = [(QLineF(place, self._handle_place(each)).length(), each) for each in handles]
         best = min(near, key=lambda pair: pair[0], default=None)

@@ -185,7 +185,7 @@ class FeatureDrag:
     def __init__(
         self,
         document: Document,
-        placed: Placement | None,
+        placed: Placement,
         handle: Handle,
         *,
         grab: tuple[float, float] | None = None,
@@ -292,20 +292,18 @@ reset = _command("Reset", commands.reset)
 """Remove the edits of an object."""
 
 
-def delete(document: Document, workspace: Workspace, placed: Placement | None, selection: Selection) -> None:
+def delete(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
     """Delete an object and deselect it; of a vector its active vertex if there is one."""
     if not selection.is_placed:
         vectors.delete_vector(document, workspace)
-    elif placed is not None:
+    else:
         document.do(f"Delete {name_of(placed, selection)}", commands.deleted(document.sketch, selection))
         workspace.selection = None
 
 
-def delete_or_reset(
-    document: Document, workspace: Workspace, placed: Placement | None, selection: Selection
-) -> str:
+def delete_or_reset(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> str:
     """Delete the selection, or reset a river's control point; return why not, or nothing."""
-    if placed is None or selection.index is None or not selection.is_placed:
+    if selection.index is None or not selection.is_placed:
         delete(document, workspace, placed, selection)
     elif commands.is_edited(document.sketch, placed, selection):
         document.do("Reset a point of a river", commands.reset(document.sketch, placed, selection))

@@ -176,18 +176,16 @@ class ContradictionsPanel(Panel):
 
     def _refresh(self, *_: object) -> None:
         placed = self._link.placed
-        resolutions = () if placed is None else placed.resolutions
-        findings = () if placed is None else placed.findings
-        orphans = () if placed is None else placed.orphans
-        if (resolutions, findings, orphans) == self._lines:
+        lines = placed.resolutions, placed.findings, placed.orphans
+        if lines == self._lines:
             return
-        self._lines = (resolutions, findings, orphans)
+        self._lines = lines
         self._model.clear()
-        for line, x, y in resolutions:
+        for line, x, y in placed.resolutions:
             self._model.appendRow(_item(line, "warning", place=(x, y)))
-        for line, place in findings:
+        for line, place in placed.findings:
             self._model.appendRow(_item(line, "info", place=place))
-        for line in orphans:
+        for line in placed.orphans:
             self._model.appendRow(_item(f"Edit without its feature: {line}", "delete", is_pale=True))
         self._none.setHidden(self._model.rowCount() > 0)
         self.list.setVisible(self._model.rowCount() > 0)

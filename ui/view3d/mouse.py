@@ -12,7 +12,7 @@ from PyQt6.QtWidgets import QWidget
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.actions import ContextMenu, add_selection_commands, add_vector_commands
 from sketchterrain.ui.commands import exists, reported
-from sketchterrain.ui.engine.link import ViewSource
+from sketchterrain.ui.engine.link import NOT_PLACED, ViewSource
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
 from sketchterrain.ui.models.background import single_shot
 from sketchterrain.ui.models.document import Document
@@ -94,7 +94,7 @@ class ViewMouse(QObject):
         self,
         view: QWidget,
         scene: Scene,
-        document: Document | None,
+        document: Document,
         workspace: Workspace,
         link: ViewSource,
     ) -> None:
@@ -159,7 +159,7 @@ class ViewMouse(QObject):
     def open_menu(self, at: QPointF, place: Place | None, *, vertex: Selection | None = None) -> None:
         """Open the menu of a pixel and its place (m) or vertex, or of the selection without a place."""
         placed, document, workspace = self._link.placed, self._document, self._workspace
-        if placed is None or document is None:
+        if placed is NOT_PLACED:
             return
         menu = ContextMenu(self._view)
         if place is not None:
@@ -186,15 +186,15 @@ class ViewMouse(QObject):
         self._start = self._last = at
         self._is_moved = self._is_double = False
         plain = event.modifiers() == Qt.KeyboardModifier.NoModifier
-        projection, placed, document = self._projection(), self._link.placed, self._document
+        projection, document = self._projection(), self._document
         mark = self._marks().handle_at(at.x(), at.y(), reach=_REACH)
-        if event.button() == _Button.LeftButton and plain and mark and projection and placed and document:
+        if event.button() == _Button.LeftButton and plain and mark and projection:
             self._forget_drag()
             handle = mark.handle
             if refusal := handle_refusal(document, self._workspace, handle):
                 self.message.emit(refusal)
                 return
-            self._drag = HandleDrag(document, placed, mark, projection, at)
+            self._drag = HandleDrag(document, self._link.placed, mark, projection, at)
             self._workspace.selection = mark.handle.selection
             self._scene.drag = self._drag.state
 
@@ -298,7 +298,7 @@ class ViewMouse(QObject):
 
     def _find(self, place: Place) -> Selection | None:
         projection, placed, document = self._projection(), self._link.placed, self._document
-        if projection is None or placed is None or document is None:
+        if projection is None:
             return None
         (x, y, _), reach = place, _REACH * projection.metres_per_px(place)
         draped = document.drapes.stack(x, y, projection.metres_per_px(place))
@@ -314,11 +314,11 @@ class ViewMouse(QObject):
                 self._link.send(GoTo(place[0], place[1]))
 
     def _insert_vertex(self, place: Place) -> bool:
-        projection, document = self._projection(), self._document
-        if projection is None or document is None:
+        projection = self._projection()
+        if projection is None:
             return False
         reach = _REACH * projection.metres_per_px(place)
-        return insert_vertex(document, self._workspace, *place[:2], reach=reach)
+        return insert_vertex(self._document, self._workspace, *place[:2], reach=reach)
 
     def _pick(self, purpose: str, at: QPointF, then: Callable[[Place | None], None]) -> None:
         """Ask the engine for the terrain at a pixel; replaces a pending pick of the same purpose."""
@@ -335,14 +335,14 @@ class ViewMouse(QObject):
 
     def _confirm_drop(self, *_: object) -> None:
         """Forget a dropped handle as soon as it has been placed there."""
-        drag, placed = self._scene.drag, self._link.placed
-        if self._drag is not None or drag is None or placed is None:
+        drag = self._scene.drag
+        if self._drag is not None or drag is None:
             return
         handle, x, y = drag
         if not handle.selection.is_placed:  # it moves at once
             self._forget_drag()
             return
-        for each in handles_of(placed, handle.selection):
+        for each in handles_of(self._link.placed, handle.selection):
             is_same = (each.role, each.selection) == (handle.role, handle.selection)
             if is_same and max(abs(each.x - x), abs(each.y - y)) < _PLACED:
                 self._forget_drag()

@@ -119,7 +119,7 @@ _EDGE = 12.0  # px, from the widget's edge
 class Scene:
     """Paints the view; marks are cached until their inputs change."""
 
-    def __init__(self, document: Document | None, workspace: Workspace, link: ViewSource) -> None:
+    def __init__(self, document: Document, workspace: Workspace, link: ViewSource) -> None:
         self._document, self._workspace, self._link = document, workspace, link
         self.drag: Drag | None = None
         self._marks = Marks()
@@ -147,7 +147,7 @@ class Scene:
     def terrain(self) -> TerrainHeights | None:
         """Return the heights of the sketch's terrain; None until they are known."""
         relief = self._link.relief
-        if relief is None or self._document is None:
+        if relief is None:
             return None
         if self._terrain is None or self._terrain[0] is not relief:
             sketch = self._document.sketch
@@ -158,21 +158,19 @@ class Scene:
         link, workspace = self._link, self._workspace
         all_features = "features" in workspace.overlays and workspace.tool == "select"
         inputs = (link.frame, link.placed, link.relief, workspace.selection, self.drag)
-        sketch = None if self._document is None else self._document.sketch
-        vectors = () if sketch is None else tuple(sketch.vectors.values())
-        drapes = None if self._document is None else self._document.drapes
-        key = (*inputs, *vectors, drapes and drapes.current, all_features, width, height)
+        vectors, drapes = self._document.sketch.vectors.values(), self._document.drapes.current
+        key = (*inputs, *vectors, drapes, all_features, width, height)
         if key != self._marks_key:
             self._marks_key = key
-            projection, terrain, placed = self.projection(width, height), self.terrain(), link.placed
+            projection, terrain = self.projection(width, height), self.terrain()
             self._marks = Marks()
-            if projection and terrain is not None and placed is not None and self._document is not None:
+            if projection and terrain is not None:
                 document, selection = self._document, workspace.selection
                 lines = outlines_of(document, selection, step=2.0 * document.sketch.pixel_size)
                 draped = draped_handles(document, selection)
                 drag = None if draped else self.drag  # a draped feature follows at once
                 builder = MarkBuilder(
-                    projection, terrain, placed, selection, drag, document.sketch, lines, draped
+                    projection, terrain, link.placed, selection, drag, document.sketch, lines, draped
                 )
                 self._marks = builder.marks(all_features=all_features)
         return self._marks
@@ -213,7 +211,7 @@ class Scene:
     def _paint_label(self, painter: QPainter, marks: Marks, size: QRectF) -> None:
         """Label the selection at its first handle, a lake at its northern shore."""
         placed, selection = self._link.placed, self._workspace.selection
-        if placed is None or selection is None:
+        if selection is None:
             return
         if selection.kind == "water" and marks.outline and len(marks.outline[0].pixels):
             shore = marks.outline[0].pixels
@@ -237,7 +235,7 @@ class Scene:
             text += f" · radius {length_text((x * x + y * y) ** 0.5)}"
         elif point is not None and not LAYERS[FEATURE_TYPES[point["type"]]].is_share:
             text += f" · {length_text(float(point['strength']))}"
-        if self._document is not None and is_locked(self._document.sketch, selection):
+        if is_locked(self._document.sketch, selection):
             text += " · locked"
         draw_label(painter, text, own[0].x, own[0].y, painter.font(), size)
 

@@ -8,7 +8,6 @@ from PyQt6.QtCore import QPointF, QRectF, QSize, Qt
 from PyQt6.QtGui import QFocusEvent, QHideEvent, QKeyEvent, QPainter, QPaintEvent, QResizeEvent, QShowEvent
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
-from sketchterrain.array_types import Float64Array
 from sketchterrain.ui.actions import ShortcutOverride
 from sketchterrain.ui.commands import reported
 from sketchterrain.ui.engine.link import ViewSource
@@ -35,9 +34,9 @@ _OTHERS: Final = _Modifier.ControlModifier | _Modifier.AltModifier | _Modifier.M
 
 
 class View3D(QWidget):
-    """Shows the terrain of a document, or a stored world without one, where nothing can be selected."""
+    """Shows the terrain of a document, of a stored world with an empty one, so that nothing can be selected."""
 
-    def __init__(self, document: Document | None, workspace: Workspace, link: ViewSource) -> None:
+    def __init__(self, document: Document, workspace: Workspace, link: ViewSource) -> None:
         super().__init__()
         self._document, self._workspace, self._link = document, workspace, link
         self._scene = Scene(document, workspace, link)
@@ -65,13 +64,11 @@ class View3D(QWidget):
         ShortcutOverride(self, self._takes_key)
         link.error_reported.connect(self._handle_error)
         for signal in (
+            *(document.sketch_changed, document.drapes.changed),
             *(link.placed_changed, link.relief_changed, active_theme.changed),
             *(workspace.selection_changed, workspace.overlays_changed, workspace.tool_changed),
         ):
             signal.connect(self._refresh)
-        if document is not None:
-            document.sketch_changed.connect(self._refresh)
-            document.drapes.changed.connect(self._refresh)
         self.hovered, self.message = self._mouse.terrain_hovered, self._mouse.message
         self.bar = self._hud.bar
         self.picture_requested = self.bar.picture_requested
@@ -96,10 +93,9 @@ class View3D(QWidget):
         self._link.send(Look(None))
 
     def see_selection(self) -> None:
-        area, selection, lines = self._link.area(), self._workspace.selection, tuple[Float64Array, ...]()
-        if self._document is not None:
-            vector = find_vector(self._document.sketch, selection)
-            lines = outlines_of(self._document, selection) if vector is None else vector.rings
+        area, selection = self._link.area(), self._workspace.selection
+        vector = find_vector(self._document.sketch, selection)
+        lines = outlines_of(self._document, selection) if vector is None else vector.rings
         motion = None if area is None else motion_to(self._link.placed, selection, lines, size=area[0][2:])
         if motion is None:
             self.see_all()
@@ -109,7 +105,7 @@ class View3D(QWidget):
     def delete_selection(self) -> None:
         """Delete the selection, of a vector its active vertex; a river's control point is reset instead."""
         placed, selection = self._link.placed, self._workspace.selection
-        if self._document is not None and selection is not None:
+        if selection is not None:
             with reported(self.message.emit):
                 self.message.emit(delete_or_reset(self._document, self._workspace, placed, selection))
 

@@ -239,9 +239,11 @@ class WorldWindow(QMainWindow):
         self.setWindowTitle(path.name)
         self.setMinimumSize(480, 320)
         self.link, self._workspace = WorldLink(path, sketch, device=device), Workspace()
-        self.view = View3D(Document(), self._workspace, self.link)
+        document = Document()
+        document.path = path  # of which the bookmarks are
+        self.view = View3D(document, self._workspace, self.link)
         self.setCentralWidget(self.view)
-        self._bookmarks = Bookmarks(None, state_folder() / "bookmarks", path)
+        self._bookmarks = Bookmarks(document, state_folder() / "bookmarks")
         self._panel = BookmarksPanel(self.link, self._bookmarks)
         self._dock = Dock("bookmarks", "Bookmarks", self._panel, self)
         self.addDockWidget(Qt.DockWidgetArea.RightDockWidgetArea, self._dock)

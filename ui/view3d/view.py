@@ -34,7 +34,7 @@ _OTHERS: Final = _Modifier.ControlModifier | _Modifier.AltModifier | _Modifier.M
 
 
 class View3D(QWidget):
-    """Shows the terrain of a document, of a stored world with an empty one, so that nothing can be selected."""
+    """Shows the terrain of a document; a stored world has an empty one, where nothing can be selected."""
 
     def __init__(self, document: Document, workspace: Workspace, link: ViewSource) -> None:
         super().__init__()

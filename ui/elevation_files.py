@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from PyQt6.QtCore import QObject, pyqtSignal
-from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.elevation.raster_reader import SUFFIXES
-from sketchterrain.ui.banner import Banner, Message
-from sketchterrain.ui.files import Files, ask_files
+from sketchterrain.ui.banner import Message
+from sketchterrain.ui.files import Files
 from sketchterrain.ui.models.elevation import SketchElevation, added_elevation, new_on_elevation
-from sketchterrain.ui.models.workspace import Preferences
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -29,26 +27,18 @@ class ElevationFiles(QObject):
 
     findings_requested = pyqtSignal()  # to show what was found in the data
 
-    def __init__(
-        self,
-        window: QWidget,
-        files: Files,
-        elevation: SketchElevation,
-        preferences: Preferences,
-        banner: Banner,
-    ) -> None:
-        super().__init__(window)
-        self._window, self._files, self._banner = window, files, banner
-        self._elevation, self._preferences = elevation, preferences
+    def __init__(self, files: Files, elevation: SketchElevation) -> None:
+        super().__init__(files)
+        self._files, self._elevation, self._banner = files, elevation, files.banner
 
     def ask_new(self) -> None:
         """Ask for files and start a sketch on them unless the user keeps the current one."""
-        if paths := ask_files(self._window, self._preferences, "New from elevation", _FILTER):
+        if paths := self._files.ask_files("New from elevation", _FILTER):
             self._files.read(paths[0], partial(new_on_elevation, paths), self._start)
 
     def ask_add(self) -> None:
         """Ask for files and add them to the sketch."""
-        if paths := ask_files(self._window, self._preferences, "Add elevation", _FILTER):
+        if paths := self._files.ask_files("Add elevation", _FILTER):
             self.add(paths)
 
     def add(self, paths: Sequence[Path]) -> None:

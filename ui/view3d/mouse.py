@@ -12,14 +12,14 @@ from PyQt6.QtWidgets import QWidget
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.actions import ContextMenu, add_selection_commands, add_vector_commands
 from sketchterrain.ui.commands import exists, reported
-from sketchterrain.ui.engine.link import NOT_PLACED, ViewSource
+from sketchterrain.ui.engine.link import NOT_PLACED
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
 from sketchterrain.ui.models.background import single_shot
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.drapes import next_below
 from sketchterrain.ui.models.selection import FeatureDrag, add, handle_refusal, handles_of, select_at
 from sketchterrain.ui.models.vectors import insert_vertex, vector_at
-from sketchterrain.ui.models.workspace import Handle, Selection, Workspace
+from sketchterrain.ui.models.workspace import Handle, Selection
 from sketchterrain.ui.view3d.camera import Projection, drag_motion, zoom_motion
 from sketchterrain.ui.view3d.marks import HandleMark, Marks
 from sketchterrain.ui.view3d.scene import Scene
@@ -90,17 +90,10 @@ class ViewMouse(QObject):
     terrain_hovered = pyqtSignal(object)  # the terrain under the mouse: (x, y, height) in m, or None
     message = pyqtSignal(str)
 
-    def __init__(
-        self,
-        view: QWidget,
-        scene: Scene,
-        document: Document,
-        workspace: Workspace,
-        link: ViewSource,
-    ) -> None:
+    def __init__(self, view: QWidget, scene: Scene) -> None:
         super().__init__(view)
         self._view, self._scene = view, scene
-        self._document, self._workspace, self._link = document, workspace, link
+        self._document, self._workspace, self._link = scene.document, scene.workspace, scene.link
         self._picks: dict[str, tuple[int, Callable[[Place | None], None]]] = {}  # pending, by purpose
         self._drag: HandleDrag | None = None
         self._start: QPointF | None = None
@@ -117,9 +110,9 @@ class ViewMouse(QObject):
             QEvent.Type.Wheel: self._wheel,
         }
         view.installEventFilter(self)
-        link.picked.connect(self._answer)
-        link.placed_changed.connect(self._confirm_drop)
-        workspace.selection_changed.connect(self._change_selection)
+        scene.link.picked.connect(self._answer)
+        scene.link.placed_changed.connect(self._confirm_drop)
+        scene.workspace.selection_changed.connect(self._change_selection)
 
     @property
     def is_dragging(self) -> bool:

@@ -120,7 +120,7 @@ class Scene:
     """Paints the view; marks are cached until their inputs change."""
 
     def __init__(self, document: Document, workspace: Workspace, link: ViewSource) -> None:
-        self._document, self._workspace, self._link = document, workspace, link
+        self.document, self.workspace, self.link = document, workspace, link
         self.drag: Drag | None = None
         self._marks = Marks()
         self._marks_key: tuple[object, ...] = ()
@@ -128,7 +128,7 @@ class Scene:
 
     def picture_rectangle(self, width: int, height: int) -> QRectF:
         """Return the rectangle of the picture, which covers a widget of a size (px) undistorted."""
-        picture = self._link.picture
+        picture = self.link.picture
         if picture is None or picture.isNull():
             return QRectF(0.0, 0.0, width, height)
         scale = max(width / picture.width(), height / picture.height())
@@ -138,34 +138,34 @@ class Scene:
 
     def projection(self, width: int, height: int) -> Projection | None:
         """Return the camera of the current picture; None without one."""
-        frame = self._link.frame
-        if frame is None or self._link.picture is None or width < 1 or height < 1:
+        frame = self.link.frame
+        if frame is None or self.link.picture is None or width < 1 or height < 1:
             return None
         at = self.picture_rectangle(width, height)
         return Projection(frame, (at.left(), at.top(), at.width(), at.height()))
 
     def terrain(self) -> TerrainHeights | None:
         """Return the heights of the sketch's terrain; None until they are known."""
-        relief = self._link.relief
+        relief = self.link.relief
         if relief is None:
             return None
         if self._terrain is None or self._terrain[0] is not relief:
-            sketch = self._document.sketch
+            sketch = self.document.sketch
             self._terrain = relief, TerrainHeights(relief, sketch.pixel_size * relief.step)
         return self._terrain[1]
 
     def marks(self, width: int, height: int) -> Marks:
-        link, workspace = self._link, self._workspace
+        link, workspace = self.link, self.workspace
         all_features = "features" in workspace.overlays and workspace.tool == "select"
         inputs = (link.frame, link.placed, link.relief, workspace.selection, self.drag)
-        vectors, drapes = self._document.sketch.vectors.values(), self._document.drapes.current
+        vectors, drapes = self.document.sketch.vectors.values(), self.document.drapes.current
         key = (*inputs, *vectors, drapes, all_features, width, height)
         if key != self._marks_key:
             self._marks_key = key
             projection, terrain = self.projection(width, height), self.terrain()
             self._marks = Marks()
             if projection and terrain is not None:
-                document, selection = self._document, workspace.selection
+                document, selection = self.document, workspace.selection
                 lines = outlines_of(document, selection, step=2.0 * document.sketch.pixel_size)
                 draped = draped_handles(document, selection)
                 drag = None if draped else self.drag  # a draped feature follows at once
@@ -186,7 +186,7 @@ class Scene:
         is_refining: bool,
     ) -> None:
         """Paint picture, marks, label and scale bar."""
-        picture = self._link.picture
+        picture = self.link.picture
         painter.fillRect(size, theme().canvas)
         if picture is None or picture.isNull():
             return
@@ -210,7 +210,7 @@ class Scene:
 
     def _paint_label(self, painter: QPainter, marks: Marks, size: QRectF) -> None:
         """Label the selection at its first handle, a lake at its northern shore."""
-        placed, selection = self._link.placed, self._workspace.selection
+        placed, selection = self.link.placed, self.workspace.selection
         if selection is None:
             return
         if selection.kind == "water" and marks.outline and len(marks.outline[0].pixels):
@@ -235,13 +235,13 @@ class Scene:
             text += f" · radius {length_text((x * x + y * y) ** 0.5)}"
         elif point is not None and not LAYERS[FEATURE_TYPES[point["type"]]].is_share:
             text += f" · {length_text(float(point['strength']))}"
-        if is_locked(self._document.sketch, selection):
+        if is_locked(self.document.sketch, selection):
             text += " · locked"
         draw_label(painter, text, own[0].x, own[0].y, painter.font(), size)
 
     def _paint_readout(self, painter: QPainter, size: QRectF) -> None:
         """Draw a scale bar in orbit mode, else the eye's height, in the lower left corner."""
-        frame = self._link.frame
+        frame = self.link.frame
         projection = self.projection(round(size.width()), round(size.height()))
         if frame is None or projection is None:
             return
@@ -249,7 +249,7 @@ class Scene:
         font = QFont(painter.font())
         font.setPointSizeF(max(font.pointSizeF() * 0.88, 7.0))
         painter.setFont(font)
-        if self._link.view.mode != "orbit":
+        if self.link.view.mode != "orbit":
             _draw_text(painter, eye_height_text(frame.pose, self.terrain()), left, below)
             return
         bar = scale_bar(projection, frame.pose, most=_MAX_SCALE_BAR)

@@ -40,7 +40,7 @@ class View3D(QWidget):
         super().__init__()
         self._document, self._workspace, self._link = document, workspace, link
         self._scene = Scene(document, workspace, link)
-        self._mouse = ViewMouse(self, self._scene, document, workspace, link)
+        self._mouse = ViewMouse(self, self._scene)
         self._keys, self._hud = FlightKeys(), Hud(self, link)
         self._ratio = self.devicePixelRatioF()
         self._size_timer = single_shot(self, _RESIZE_DELAY, self._request_size)

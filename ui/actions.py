@@ -14,7 +14,7 @@ from PyQt6.QtGui import QAction, QActionGroup, QGuiApplication, QKeyEvent, QKeyS
 from PyQt6.QtWidgets import QMainWindow, QMenu, QToolBar, QWidget
 
 from sketchterrain.document.layers import LAYERS
-from sketchterrain.ui.commands import is_edited, is_locked, name_of, reported
+from sketchterrain.ui.commands import exists, is_edited, is_locked, name_of, reported
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.look.theme import icon
 from sketchterrain.ui.models.document import Document
@@ -276,7 +276,16 @@ class ContextMenu(QMenu):
 def add_selection_commands(
     menu: ContextMenu, document: Document, workspace: Workspace, placed: Placement, selection: Selection
 ) -> None:
-    """Add the commands for a feature, a river or a lake to a menu."""
+    """Add the commands for the selection, if it exists, to a menu."""
+    if not selection.is_placed:
+        _add_vector_commands(menu, document, workspace)
+    elif exists(placed, selection):
+        _add_placed_commands(menu, document, workspace, placed, selection)
+
+
+def _add_placed_commands(
+    menu: ContextMenu, document: Document, workspace: Workspace, placed: Placement, selection: Selection
+) -> None:
     name, sketch = name_of(placed, selection), document.sketch
     commands: dict[str, Callable[..., None]] = {"reset": reset, "delete": delete}
     if selection.kind == "feature":
@@ -303,13 +312,9 @@ def paste_vectors(document: Document, workspace: Workspace) -> None:
 CLIPBOARD_COMMANDS = {"copy": copy_vector, "paste": paste_vectors}
 
 
-def add_vector_commands(
-    menu: ContextMenu, document: Document, workspace: Workspace, report: Callable[[str], object]
-) -> None:
-    """Add the commands for the selected vector or draped feature; `report` gets why one is not possible."""
-
+def _add_vector_commands(menu: ContextMenu, document: Document, workspace: Workspace) -> None:
     def run(command: Callable[[Document, Workspace], None]) -> None:
-        with reported(report):
+        with reported(document.message.emit):
             command(document, workspace)
 
     is_draped = workspace.selection is not None and workspace.selection.is_draped

@@ -20,7 +20,9 @@ from sketchterrain.errors import InputError, SketchterrainError, prefix_errors
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.banner import Banner, Message, PictureFile
 from sketchterrain.ui.commands import reported
+from sketchterrain.ui.dialogs import help as help_dialogs
 from sketchterrain.ui.dialogs.form import run_dialog
+from sketchterrain.ui.dialogs.start import NewSketchDialog, PictureDialog, PresetsDialog
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import RenderPicture
 from sketchterrain.ui.models.background import BackgroundReader, SketchSaver, single_shot
@@ -369,7 +371,7 @@ _WORLD_FILTER = f"Worlds ({' '.join(_WORLD_FILES)} *.tif *.tiff);;All files (*)"
 
 
 class OpenDialogs(QObject):
-    """Opens the dialogs of a window; each is imported on first use, so that the window opens sooner."""
+    """Opens the dialogs of a window; those with much to import are imported on first use."""
 
     def __init__(self, files: Files, actions: Actions, link: EngineLink) -> None:
         super().__init__(files.window)
@@ -394,15 +396,11 @@ class OpenDialogs(QObject):
         link.picture_written.connect(lambda written: self._picture_file.report(Path(written.path)))
 
     def new(self) -> None:
-        from sketchterrain.ui.dialogs.start import NewSketchDialog
-
         dialog = NewSketchDialog(self._files.window)
         if run_dialog(dialog):
             self._files.start_sketch(dialog.sketch())
 
     def presets(self) -> None:
-        from sketchterrain.ui.dialogs.start import PresetsDialog
-
         dialog = PresetsDialog(self._files.window)
         if run_dialog(dialog):
             self._files.open_preset(dialog.name)
@@ -475,8 +473,6 @@ class OpenDialogs(QObject):
 
     def save_picture(self) -> None:
         """Save the 3-D view's picture, as shown or rendered in another size."""
-        from sketchterrain.ui.dialogs.start import PictureDialog
-
         picture = self._link.picture
         size = (0, 0) if picture is None else (picture.width(), picture.height())
         name = self._files.document.sketch.name or "terrain"
@@ -490,23 +486,17 @@ class OpenDialogs(QObject):
             self._picture_file.write(picture, dialog.path)
 
     def preferences(self) -> None:
-        from sketchterrain.ui.dialogs.help import PreferencesDialog
-
-        run_dialog(PreferencesDialog(self._files.preferences, self._files.window))
+        run_dialog(help_dialogs.PreferencesDialog(self._files.preferences, self._files.window))
 
     def find(self) -> None:
-        from sketchterrain.ui.dialogs.help import FindDialog
-
-        dialog = FindDialog(self._actions, self._files.window)
+        dialog = help_dialogs.FindDialog(self._actions, self._files.window)
         if run_dialog(dialog) and dialog.selected is not None:
             dialog.selected.trigger()
 
     def _show_help(self, name: str) -> None:
-        from sketchterrain.ui.dialogs.help import AboutDialog, FirstStepsDialog, KeysDialog
-
         dialogs: dict[str, Callable[[QWidget], QDialog]] = {
-            "first-steps": FirstStepsDialog,
-            "keys": KeysDialog,
-            "about": partial(AboutDialog, self._link.facts),
+            "first-steps": help_dialogs.FirstStepsDialog,
+            "keys": help_dialogs.KeysDialog,
+            "about": partial(help_dialogs.AboutDialog, self._link.facts),
         }
         run_dialog(dialogs[name](self._files.window))

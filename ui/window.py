@@ -191,11 +191,7 @@ class MainWindow(QMainWindow):
         workspace.label_changed.connect(focus.leave_field)
         for part in (self.canvas, self.view):
             part.hovered.connect(status.show_position)
-            part.message.connect(self._show_hint)
-        pages = properties.drape_page, properties.draped_feature_page
-        for page in (self._layers, self._layers.drapes, *pages):
-            page.message.connect(self._show_hint)
-        self._base.message.connect(self._show_hint)
+        document.message.connect(self._show_hint)
         contradictions.place_activated.connect(self._show_place)
         bar = self.statusBar()
         if bar is not None:

@@ -104,7 +104,7 @@ def open_canvas(workspace, link, show_widget):
         widget = show_widget(Canvas(document, workspace, link), 500, 500)
         widget.setFocus()
         widget.lines = []
-        widget.message.connect(widget.lines.append)
+        document.message.connect(widget.lines.append)
         return widget
 
     return open_

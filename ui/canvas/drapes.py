@@ -81,7 +81,7 @@ class DrapePictures(QObject):
         self._base: tuple[object, Drapes] | None = None  # without the feature that is held
         self._seconds, self._texel = 0.0, 0.0  # that the last picture took, and its scale
         self._reader = BackgroundReader(self)
-        self._reader.failed.connect(context.signals.message)
+        self._reader.failed.connect(context.document.message)
         context.document.drapes.changed.connect(self.update)
 
     @property

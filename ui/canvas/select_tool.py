@@ -238,7 +238,7 @@ class SelectTool(Tool):
 
     def _report(self, problem: str) -> None:
         if problem:
-            self.context.signals.message.emit(problem)
+            self.context.document.message.emit(problem)
 
     def _selections_at(self, at: tuple[float, float]) -> list[Selection]:
         """Return the draped features at a position (m), the highest first, else a vector or placed object."""

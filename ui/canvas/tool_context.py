@@ -101,7 +101,6 @@ class Pointer:
 class ToolSignals(QObject):
     """Signals of the tools to the canvas."""
 
-    message = pyqtSignal(str)  # a line for the user
     stale = pyqtSignal(object)  # rectangle (logical px) to redraw; None: everything
 
     def redraw(self, area: QRectF | None = None) -> None:
@@ -169,7 +168,7 @@ class ToolContext:
             title = LAYERS[self.workspace.layer].title
             refusal = f"{title} are drawn, not painted: use the line tool (L), or select one (V)."
         if refusal:
-            self.signals.message.emit(refusal)
+            self.document.message.emit(refusal)
         return not refusal
 
 

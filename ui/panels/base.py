@@ -45,7 +45,6 @@ class BasePanel(ScrollingPanel):
 
     add_requested = pyqtSignal()
     change_requested = pyqtSignal(str, object)  # title, and the change: fields of a sketch from it
-    message = pyqtSignal(str)  # why a value is refused, one line
 
     def __init__(self, document: Document, elevation: SketchElevation) -> None:
         super().__init__()
@@ -108,7 +107,7 @@ class BasePanel(ScrollingPanel):
     def _set(self, place: int, name: str, value: Value | None, key: object = None) -> None:
         source = self._document.sketch.elevation_rasters[place]
         title = _TITLES.get(name, title_from_key(name)).lower()
-        with reported(self.message.emit):
+        with reported(self._document.message.emit):
             value = RASTER[name].default if value is None else value
             changed = replace(source, **{name: value})  # type: ignore[arg-type] # it checks every value
             self._document.do(

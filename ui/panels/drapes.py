@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -35,7 +35,6 @@ _LONGEST: Final = 10_000  # characters of a property
 class DrapeList(QWidget):
     """The draped layers, the highest on top, with commands for the chosen one."""
 
-    message = pyqtSignal(str)
     add_requested = pyqtSignal()
     save_requested = pyqtSignal(int, bool)  # a layer, and whether under another name
     zoom_requested = pyqtSignal(int)
@@ -99,7 +98,7 @@ class DrapeList(QWidget):
 
     def add(self, layers: list[DrapedLayer]) -> None:
         """Add layers above the others and choose the last one."""
-        with _reported(self):
+        with _reported(self._document, self.refresh):
             model.add_drapes(self._document, self._workspace, layers)
 
     def menu(self) -> ContextMenu:
@@ -160,7 +159,7 @@ class DrapeList(QWidget):
 
     def update_file(self, number: int) -> None:
         """Accept a layer's file as it is now."""
-        with _reported(self):
+        with _reported(self._document, self.refresh):
             digest = draped_layer(Path(self._layer(number).path))["sha256"]
             model.change_drape(self._document, number, "Update", sha256=digest)
 
@@ -176,8 +175,6 @@ class DrapeList(QWidget):
 
 class DrapePage(QWidget):
     """Settings of the chosen layer, and the style of its features or of a class of them."""
-
-    message = pyqtSignal(str)
 
     def __init__(self, document: Document, workspace: Workspace) -> None:
         super().__init__()
@@ -257,7 +254,7 @@ class DrapePage(QWidget):
     def _set(self, name: str, value: Value | None, key: object = None) -> None:
         """Set a value of the layer, or a style of the shown class; None is the layer's."""
         changes: dict[str, Any] = {name: value}
-        with _reported(self):
+        with _reported(self._document, self.refresh):
             if self._index >= 0 and name in STYLE:
                 style = {**self._layer.classes[self._index].style, name: value}
                 own = {each: given for each, given in style.items() if given is not None}
@@ -275,14 +272,14 @@ class DrapePage(QWidget):
         return {"classes": (*classes[:index], *changed, *classes[index + 1 :])}
 
     def _classify(self) -> None:
-        with _reported(self):
+        with _reported(self._document, self.refresh):
             model.classify(self._document, self._number, self._layer["by"])
 
     def _set_class(self, index: int, value: str | None) -> None:
         """Set the value of a class, add one after the last, or remove one."""
         classes = self._layer.classes
         style = classes[index].style if index < len(classes) else {"colour": model.distinct_colour(index)}
-        with _reported(self):
+        with _reported(self._document, self.refresh):
             changes = self._with_class(index, *(() if value is None else (DrapeClass(value, style),)))
             self._index = min(index, len(changes["classes"]) - 1)
             model.change_drape(self._document, self._number, "Set classes of", **changes)
@@ -290,8 +287,6 @@ class DrapePage(QWidget):
 
 class DrapedFeaturePage(QWidget):
     """Properties of the selected draped feature as texts; values keep their types."""
-
-    message = pyqtSignal(str)
 
     def __init__(self, document: Document, workspace: Workspace) -> None:
         super().__init__()
@@ -341,15 +336,15 @@ class DrapedFeaturePage(QWidget):
         self._column.addWidget(self._fields)
 
     def _set(self, name: str, text: object, _: object) -> None:
-        with _reported(self):
+        with _reported(self._document, self.refresh):
             model.set_property(self._document, self._workspace, name, str(text))
 
 
 @contextmanager
-def _reported(widget: DrapeList | DrapePage | DrapedFeaturePage) -> Iterator[None]:
+def _reported(document: Document, refresh: Callable[[], None]) -> Iterator[None]:
     """Report a refused change and show the present values again."""
     try:
         yield
     except InputError as error:
-        widget.message.emit(str(error))
-        widget.refresh()
+        document.message.emit(str(error))
+        refresh()

@@ -86,7 +86,6 @@ class LayersPanel(Panel):
     """List of layers and labels, opacity of the active layer, and commands for labels."""
 
     usual, smallest = QSize(300, 400), QSize(220, 160)
-    message = pyqtSignal(str)  # why a command is refused, one line
 
     def __init__(self, document: Document, workspace: Workspace) -> None:
         super().__init__()
@@ -130,7 +129,7 @@ class LayersPanel(Panel):
         title = label_title(layer, label).lower()
         changed = commands.delete_label(self._document.sketch, layer, label)
         if changed is self._document.sketch:
-            self.message.emit(f"No {title} to delete")
+            self._document.message.emit(f"No {title} to delete")
         elif self._check_unlocked(layer):
             others = [each for each in self._labels(layer) if each != label]
             self._document.do(f"Delete {title}", changed)
@@ -140,7 +139,7 @@ class LayersPanel(Panel):
         layer = self._workspace.layer
         changed = commands.clear_layer(self._document.sketch, layer)
         if changed is self._document.sketch:
-            self.message.emit(f"No {LAYERS[layer].title.lower()} are painted or drawn")
+            self._document.message.emit(f"No {LAYERS[layer].title.lower()} are painted or drawn")
         elif self._check_unlocked(layer):
             self._document.do(f"Clear {LAYERS[layer].title.lower()}", changed)
 
@@ -178,7 +177,7 @@ class LayersPanel(Panel):
 
     def _add_label(self, source: int | None) -> None:
         sketch, layer = self._document.sketch, self._workspace.layer
-        with commands.reported(self.message.emit):
+        with commands.reported(self._document.message.emit):
             label = commands.free_label(sketch, layer)
             verb, named = ("New", label) if source is None else ("Copy", source)
             changed = commands.new_label(sketch, layer, label, source=source)
@@ -188,7 +187,7 @@ class LayersPanel(Panel):
     def _check_unlocked(self, layer: str) -> bool:
         is_locked = self._workspace.look(layer).locked
         if is_locked:
-            self.message.emit(f"{LAYERS[layer].title} are locked")
+            self._document.message.emit(f"{LAYERS[layer].title} are locked")
         return not is_locked
 
     def _connect(self) -> None:

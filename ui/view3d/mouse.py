@@ -10,8 +10,8 @@ from PyQt6.QtGui import QMouseEvent, QWheelEvent
 from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
-from sketchterrain.ui.actions import ContextMenu, add_selection_commands, add_vector_commands
-from sketchterrain.ui.commands import exists, reported
+from sketchterrain.ui.actions import ContextMenu, add_selection_commands
+from sketchterrain.ui.commands import reported
 from sketchterrain.ui.engine.link import NOT_PLACED
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
 from sketchterrain.ui.models.background import single_shot
@@ -88,7 +88,6 @@ class ViewMouse(QObject):
     """Event filter of a view that handles the mouse."""
 
     terrain_hovered = pyqtSignal(object)  # the terrain under the mouse: (x, y, height) in m, or None
-    message = pyqtSignal(str)
 
     def __init__(self, view: QWidget, scene: Scene) -> None:
         super().__init__(view)
@@ -99,7 +98,6 @@ class ViewMouse(QObject):
         self._start: QPointF | None = None
         self._last = QPointF()
         self._is_moved = self._is_double = False
-        self.hovered: Handle | Selection | None = None
         self._pick_timer = single_shot(self, _PICK_INTERVAL, self._pick_hovered)
         self._drop_timer = single_shot(self, _PLACEMENT_TIMEOUT, self._forget_drag)
         self._handlers: dict[QEvent.Type, Callable[[Any], None]] = {
@@ -158,9 +156,7 @@ class ViewMouse(QObject):
         if place is not None:
             workspace.selection = vertex or self._find(place)
         selection = workspace.selection
-        if selection is not None and not selection.is_placed:
-            add_vector_commands(menu, document, workspace, self.message.emit)
-        elif selection is not None and exists(placed, selection):
+        if selection is not None:
             add_selection_commands(menu, document, workspace, placed, selection)
         if place is not None:
             menu.addSeparator()
@@ -185,7 +181,7 @@ class ViewMouse(QObject):
             self._forget_drag()
             handle = mark.handle
             if refusal := handle_refusal(document, self._workspace, handle):
-                self.message.emit(refusal)
+                self._document.message.emit(refusal)
                 return
             self._drag = HandleDrag(document, self._link.placed, mark, projection, at)
             self._workspace.selection = mark.handle.selection
@@ -202,7 +198,7 @@ class ViewMouse(QObject):
             self._drag.move(projection, at)
             self._scene.drag = self._drag.state
             if self._drag.problem:
-                self.message.emit(self._drag.problem)
+                self._document.message.emit(self._drag.problem)
             self._view.update()
 
     def _release(self, event: QMouseEvent) -> None:
@@ -212,7 +208,7 @@ class ViewMouse(QObject):
         if self._drag is not None:
             self._drag.finish()
             if self._drag.problem:
-                self.message.emit(self._drag.problem)
+                self._document.message.emit(self._drag.problem)
             self._drag = None
             self._drop_timer.start()
             self._confirm_drop()
@@ -270,8 +266,8 @@ class ViewMouse(QObject):
             self._pick_timer.start()
 
     def _set_hovered(self, hovered: Handle | Selection | None) -> None:
-        if hovered != self.hovered:
-            self.hovered = hovered
+        if hovered != self._scene.hovered:
+            self._scene.hovered = hovered
             self._view.update()
 
     def _pick_hovered(self) -> None:
@@ -302,7 +298,7 @@ class ViewMouse(QObject):
 
     def _go_to(self, place: Place | None) -> None:
         """Insert a vertex in the selected vector at a place (m) on it, else centre the place."""
-        with reported(self.message.emit):
+        with reported(self._document.message.emit):
             if place is not None and not self._insert_vertex(place):
                 self._link.send(GoTo(place[0], place[1]))
 

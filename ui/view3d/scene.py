@@ -122,6 +122,7 @@ class Scene:
     def __init__(self, document: Document, workspace: Workspace, link: ViewSource) -> None:
         self.document, self.workspace, self.link = document, workspace, link
         self.drag: Drag | None = None
+        self.hovered: Handle | Selection | None = None
         self._marks = Marks()
         self._marks_key: tuple[object, ...] = ()
         self._terrain: tuple[object, TerrainHeights] | None = None
@@ -175,16 +176,7 @@ class Scene:
                 self._marks = builder.marks(all_features=all_features)
         return self._marks
 
-    def paint(
-        self,
-        painter: QPainter,
-        size: QRectF,
-        ratio: float,
-        *,
-        hovered: Handle | Selection | None,
-        dim: bool,
-        is_refining: bool,
-    ) -> None:
+    def paint(self, painter: QPainter, size: QRectF, ratio: float, *, dim: bool, is_refining: bool) -> None:
         """Paint picture, marks, label and scale bar."""
         picture = self.link.picture
         painter.fillRect(size, theme().canvas)
@@ -201,7 +193,7 @@ class Scene:
             painter.fillRect(size, veil)
             return
         marks = self.marks(width, height)
-        draw_marks(painter, marks, hovered=hovered)
+        draw_marks(painter, marks, hovered=self.hovered)
         self._paint_label(painter, marks, size)
         self._paint_readout(painter, size)
         if is_refining:

@@ -69,7 +69,7 @@ class View3D(QWidget):
             *(workspace.selection_changed, workspace.overlays_changed, workspace.tool_changed),
         ):
             signal.connect(self._refresh)
-        self.hovered, self.message = self._mouse.terrain_hovered, self._mouse.message
+        self.hovered = self._mouse.terrain_hovered
         self.bar = self._hud.bar
         self.picture_requested = self.bar.picture_requested
         self.bar.see_all.connect(self.see_all)
@@ -106,8 +106,9 @@ class View3D(QWidget):
         """Delete the selection, of a vector its active vertex; a river's control point is reset instead."""
         placed, selection = self._link.placed, self._workspace.selection
         if selection is not None:
-            with reported(self.message.emit):
-                self.message.emit(delete_or_reset(self._document, self._workspace, placed, selection))
+            report = self._document.message.emit
+            with reported(report):
+                report(delete_or_reset(self._document, self._workspace, placed, selection))
 
     def _open_menu(self) -> None:
         self._mouse.open_menu(QPointF(self.rect().center()), None)
@@ -186,7 +187,6 @@ class View3D(QWidget):
             painter,
             QRectF(self.rect()),
             self.devicePixelRatioF(),
-            hovered=self._mouse.hovered,
             dim=self._hud.placeholder.notice is not None,
             is_refining=self._hud.is_refining and not self._mouse.is_pressed,
         )

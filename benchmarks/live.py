@@ -40,13 +40,13 @@ from sketchterrain.errors import DeviceError
 from sketchterrain.generation.building import build
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.render.camera import Camera
-from sketchterrain.ui.app import new_window
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.models.drapes import draped_handles
 from sketchterrain.ui.models.painting import Stroke
 from sketchterrain.ui.models.selection import FeatureDrag, Handle, vertex_at
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.view3d.camera import overview
+from sketchterrain.ui.window import MainWindow
 
 if TYPE_CHECKING:
     from PyQt6.QtCore import QCoreApplication
@@ -195,7 +195,7 @@ class LatencyProbe(EngineProbe):
         from PyQt6.QtCore import Qt, QTimer
 
         from sketchterrain.ui.application import GarbageCollection
-        from sketchterrain.ui.models.workspace import Preferences
+        from sketchterrain.ui.models.workspace import Preferences, Workspace
 
         self._created: dict[int, float] = {}
         self._followed: list[msg.TerrainUpdated] = []
@@ -206,7 +206,8 @@ class LatencyProbe(EngineProbe):
         self._heart.timeout.connect(lambda: self._beats.append(time.monotonic()))
         self._folder = TemporaryDirectory(prefix="sketchterrain-latency-")
         folder = Path(self._folder.name)
-        self._window = new_window(self._document, self._link, Preferences(folder / "desktop.ini"), folder)
+        preferences = Preferences(folder / "desktop.ini")
+        self._window = MainWindow(self._document, Workspace(), self._link, preferences, folder)
         self._window.resize(1600, 900)
         self._window.show()
         self._link.start()

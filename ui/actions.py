@@ -7,24 +7,20 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import chain, repeat
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from PyQt6.QtCore import QEvent, QObject, QSize, Qt
 from PyQt6.QtGui import QAction, QActionGroup, QGuiApplication, QKeyEvent, QKeySequence
 from PyQt6.QtWidgets import QMainWindow, QMenu, QToolBar, QWidget
 
 from sketchterrain.document.layers import LAYERS
-from sketchterrain.errors import InputError
-from sketchterrain.ui.commands import is_edited, is_locked, name_of
+from sketchterrain.ui.commands import exists, is_edited, is_locked, name_of, reported
+from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.look.theme import icon
+from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import delete, lock, reset, unlock
 from sketchterrain.ui.models.vectors import VECTOR_COMMANDS, delete_vector, paste, selected_text
 from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, RecentFiles, Selection, Workspace
-
-if TYPE_CHECKING:
-    from sketchterrain.ui.engine.protocol import Placement
-    from sketchterrain.ui.files import Files  # which takes actions
-    from sketchterrain.ui.models.document import Document
 
 
 @dataclass(frozen=True)
@@ -280,7 +276,16 @@ class ContextMenu(QMenu):
 def add_selection_commands(
     menu: ContextMenu, document: Document, workspace: Workspace, placed: Placement, selection: Selection
 ) -> None:
-    """Add the commands for a feature, a river or a lake to a menu."""
+    """Add the commands for the selection, if it exists, to a menu."""
+    if not selection.is_placed:
+        _add_vector_commands(menu, document, workspace)
+    elif exists(placed, selection):
+        _add_placed_commands(menu, document, workspace, placed, selection)
+
+
+def _add_placed_commands(
+    menu: ContextMenu, document: Document, workspace: Workspace, placed: Placement, selection: Selection
+) -> None:
     name, sketch = name_of(placed, selection), document.sketch
     commands: dict[str, Callable[..., None]] = {"reset": reset, "delete": delete}
     if selection.kind == "feature":
@@ -307,16 +312,10 @@ def paste_vectors(document: Document, workspace: Workspace) -> None:
 CLIPBOARD_COMMANDS = {"copy": copy_vector, "paste": paste_vectors}
 
 
-def add_vector_commands(
-    menu: ContextMenu, document: Document, workspace: Workspace, report: Callable[[str], object]
-) -> None:
-    """Add the commands for the selected vector or draped feature; `report` gets why one is not possible."""
-
+def _add_vector_commands(menu: ContextMenu, document: Document, workspace: Workspace) -> None:
     def run(command: Callable[[Document, Workspace], None]) -> None:
-        try:
+        with reported(document.message.emit):
             command(document, workspace)
-        except InputError as error:
-            report(str(error))
 
     is_draped = workspace.selection is not None and workspace.selection.is_draped
     of_vectors = {**VECTOR_COMMANDS, **CLIPBOARD_COMMANDS}
@@ -327,9 +326,9 @@ def add_vector_commands(
 class RecentMenu(QMenu):
     """Menu of recently opened files."""
 
-    def __init__(self, recent: RecentFiles, files: Files, parent: QWidget) -> None:
+    def __init__(self, recent: RecentFiles, open_file: Callable[[Path], object], parent: QWidget) -> None:
         super().__init__("Open &recent", parent)
-        self._recent, self._files = recent, files
+        self._recent, self._open_file = recent, open_file
         recent.changed.connect(self._fill)
         self._fill()
 
@@ -349,7 +348,7 @@ class RecentMenu(QMenu):
         self.setEnabled(bool(self._recent.paths))
 
     def _open(self, path: Path, _: bool = False) -> None:
-        self._files.open(path)
+        self._open_file(path)
 
 
 def _short(path: Path) -> str:

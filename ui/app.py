@@ -20,10 +20,8 @@ if TYPE_CHECKING:
     from PyQt6.QtWidgets import QApplication
 
     from sketchterrain.document.drapes import DrapedLayer
-    from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.models.background import Autosave
     from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.workspace import Preferences
     from sketchterrain.ui.window import MainWindow
 
 _DEFAULT_PRESET = "valley_river"
@@ -66,7 +64,7 @@ def _run_editor(app: QApplication, sketch: Sketch, path: Path | None, files: Map
     from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.look.theme import apply_theme
     from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.workspace import Preferences, config_folder, state_folder
+    from sketchterrain.ui.models.workspace import Preferences, Workspace, config_folder, state_folder
 
     settings = config_folder() / "desktop.ini"
     is_new = not settings.exists()
@@ -79,8 +77,9 @@ def _run_editor(app: QApplication, sketch: Sketch, path: Path | None, files: Map
     apply_theme(app, preferences.theme)
     from sketchterrain.ui.application import show_until_closed
     from sketchterrain.ui.models.background import Autosave
+    from sketchterrain.ui.window import MainWindow
 
-    window = new_window(document, link, preferences, state_folder())
+    window = MainWindow(document, Workspace(), link, preferences, state_folder())
     if path is not None:
         window.files.recent.add(path.absolute())
     window.uncaught_exceptions.install()
@@ -101,26 +100,6 @@ def _run_editor(app: QApplication, sketch: Sketch, path: Path | None, files: Map
         window.uncaught_exceptions.uninstall()
 
     return show_until_closed(app, window, stop)
-
-
-def new_window(document: Document, link: EngineLink, preferences: Preferences, state: Path) -> MainWindow:
-    """Return a main window that stores recent files and bookmarks in the folder `state`."""
-    from sketchterrain.ui.models.background import SketchSaver
-    from sketchterrain.ui.models.workspace import Bookmarks, RecentFiles, Workspace
-    from sketchterrain.ui.window import MainWindow
-
-    bookmarks = Bookmarks(document, state / "bookmarks")
-    window = MainWindow(
-        document,
-        Workspace(),
-        link,
-        preferences=preferences,
-        recent=RecentFiles(state / "recent"),
-        saving=SketchSaver(document),
-        bookmarks=bookmarks,
-    )
-    bookmarks.failed.connect(window.warn)
-    return window
 
 
 def _welcome(window: MainWindow, document: Document, autosave: Autosave, *, is_new: bool) -> None:

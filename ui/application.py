@@ -1,4 +1,4 @@
-"""The Qt application object, its timers and garbage collection."""
+"""The Qt application object and its garbage collection."""
 
 from __future__ import annotations
 
@@ -21,15 +21,6 @@ def named_application() -> QApplication:
     app.setApplicationDisplayName("Sketchterrain")
     app.setDesktopFileName("sketchterrain")
     return app
-
-
-def single_shot(parent: QObject, milliseconds: int, on_timeout: Callable[[], object]) -> QTimer:
-    """Return a single-shot timer that is not yet started."""
-    timer = QTimer(parent)
-    timer.setSingleShot(True)
-    timer.setInterval(milliseconds)
-    timer.timeout.connect(on_timeout)
-    return timer
 
 
 class GarbageCollection(QObject):

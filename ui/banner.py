@@ -1,4 +1,4 @@
-"""Message banner at the top of the window, and reporting of engine errors and uncaught exceptions in it."""
+"""Message banner at the top of the window; engine errors, uncaught exceptions and saved pictures in it."""
 
 import sys
 import threading
@@ -6,17 +6,19 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from types import TracebackType
 
-from PyQt6.QtCore import QObject, Qt, pyqtSignal
-from PyQt6.QtGui import QGuiApplication
+from PyQt6.QtCore import QObject, Qt, QUrl, pyqtSignal
+from PyQt6.QtGui import QDesktopServices, QGuiApplication, QImage
 from PyQt6.QtWidgets import QFrame, QLabel, QMessageBox, QPushButton, QSizePolicy, QWidget
 
+from sketchterrain.document.store import reject_sketch_folder
 from sketchterrain.errors import SketchterrainError, one_line
-from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import ErrorReport
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, Symbol, active_theme, row, theme, tool_button
+from sketchterrain.ui.models.background import BackgroundQueue, single_shot
 
 _DURATION = 8000  # ms until information disappears
 _MAX_MESSAGES = 8
@@ -49,8 +51,7 @@ class Banner(QFrame):
         self._line.setWordWrap(True)
         self._line.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._line.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Preferred)
-        close = tool_button("close", "Dismiss this message", tip="Dismiss", side=14)
-        close.clicked.connect(self.dismiss)
+        close = tool_button("close", "Dismiss this message", self.dismiss, tip="Dismiss", side=14)
         self._row = row(self, self._symbol, (self._line, 1), close, margins=(MARGIN, SMALL, SPACING, SMALL))
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self._timer = single_shot(self, _DURATION, self.dismiss)
@@ -199,3 +200,28 @@ class UncaughtExceptions(QObject):
         box.setDetailedText(details)
         box.exec()
         box.deleteLater()
+
+
+class PictureFile(QObject):
+    """Writes pictures as PNG in the background and reports each in a banner."""
+
+    def __init__(self, banner: Banner, parent: QObject) -> None:
+        super().__init__(parent)
+        self._banner, self._background = banner, BackgroundQueue(self)
+
+    def write(self, picture: QImage, path: Path) -> None:
+        self._background.do("picture", partial(_write_png, picture, path), partial(self.report, path))
+
+    def report(self, path: Path, error: str = "") -> None:
+        if error:
+            self._banner.show_message(Message("error", error, "picture"))
+        else:
+            folder = QUrl.fromLocalFile(str(path.parent))
+            button = ("Open folder", partial(QDesktopServices.openUrl, folder))
+            self._banner.show_message(Message("good", f"The picture is saved: {path}", "picture", (button,)))
+
+
+def _write_png(picture: QImage, path: Path) -> None:
+    reject_sketch_folder(path.parent)
+    if not picture.save(str(path), "PNG"):
+        raise SketchterrainError(f"{path}: cannot be written")

@@ -9,8 +9,9 @@ from __future__ import annotations
 import dataclasses
 import math
 import random
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, cast
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Final, cast
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from sketchterrain.document.edits import ACTIONS, Edit
 from sketchterrain.document.label_layers import MAX_LABELS, freeze_image, labels_in
 from sketchterrain.document.layers import LAYERS, layer_of
 from sketchterrain.document.parameters import SKETCH, Parameter, Value
+from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.errors import InputError
@@ -31,10 +33,7 @@ from sketchterrain.landforms.placement.feature_types import (
 )
 from sketchterrain.landforms.placement.heights import UNSET_HEIGHT
 from sketchterrain.ui.engine.protocol import Placement
-from sketchterrain.ui.models.workspace import Selection
-
-if TYPE_CHECKING:  # it imports this module
-    from sketchterrain.ui.models.selection import Handle  # which runs commands
+from sketchterrain.ui.models.workspace import Handle, Selection
 
 _DIGITS = 3  # of a metre, resolution of dragged values
 _SAME_PLACE = 0.01  # m; tolerance of a control point's position in an edit
@@ -44,6 +43,15 @@ _TITLES = {
     "point": "Move a point of {}",
     "width": "Set the width of {}",
 }
+
+
+@contextmanager
+def reported(report: Callable[[str], object]) -> Iterator[None]:
+    """Report why a change is refused, one line."""
+    try:
+        yield
+    except InputError as error:
+        report(str(error))
 
 
 def find_point(placed: Placement, selection: Selection) -> np.void | None:
@@ -89,11 +97,9 @@ def name_of(placed: Placement, selection: Selection) -> str:
     return f"{layer} {ids.index(selection.id) + 1}" if selection.id in ids else layer
 
 
-def dragged(sketch: Sketch, placed: Placement | None, handle: Handle, x: float, y: float) -> Sketch:
+def dragged(sketch: Sketch, placed: Placement, handle: Handle, x: float, y: float) -> Sketch:
     """Return the sketch with a handle of a placed feature dragged to a position (m)."""
     selection = handle.selection
-    if placed is None:
-        return sketch
     if handle.role == "move":
         return moved(sketch, placed, selection, x, y)
     if handle.role == "point":
@@ -109,13 +115,13 @@ def dragged(sketch: Sketch, placed: Placement | None, handle: Handle, x: float, 
     return widened(sketch, selection, (_declared_width(sketch, river) or visible) * 2.0 * distance / visible)
 
 
-def drag_title(placed: Placement | None, handle: Handle) -> str:
+def drag_title(placed: Placement, handle: Handle) -> str:
     """Return the history title of a drag."""
     if handle.selection.is_draped:
         return {"point": "Move a vertex", "corner": "Resize a feature", "rotate": "Rotate a feature"}.get(
             handle.role, "Move a feature"
         )
-    if handle.selection.is_vector or placed is None:
+    if handle.selection.is_vector:
         verb = "Move a node" if handle.role == "point" else "Set the width"
         return f"{verb} of {LAYERS[handle.selection.kind].title.lower()}"
     return _TITLES[handle.role].format(name_of(placed, handle.selection))
@@ -332,16 +338,11 @@ def free_label(sketch: Sketch, layer: str) -> int:
     return next(label for label in range(1, 256) if label not in used)
 
 
-def new_label(sketch: Sketch, layer: str, label: int) -> Sketch:
-    """Declare a label with default properties."""
-    if (layer, label) in sketch.labels:
+def new_label(sketch: Sketch, layer: str, label: int, *, source: int | None = None) -> Sketch:
+    """Declare a label with default properties, or with those of another label of its layer."""
+    if source is None and (layer, label) in sketch.labels:
         return sketch
-    return sketch.replace(labels={**sketch.labels, (layer, label): {}})
-
-
-def copy_label(sketch: Sketch, layer: str, label: int, *, source: int) -> Sketch:
-    """Declare a label with the properties of another label of its layer."""
-    properties = dict(sketch.labels.get((layer, source), {}))
+    properties = {} if source is None else dict(sketch.labels.get((layer, source), {}))
     return sketch.replace(labels={**sketch.labels, (layer, label): properties})
 
 
@@ -351,21 +352,22 @@ def delete_label(sketch: Sketch, layer: str, label: int) -> Sketch:
     labels = {key: value for key, value in sketch.labels.items() if key != (layer, label)}
     if len(labels) < len(sketch.labels):
         sketch = sketch.replace(labels=labels)
-    image = sketch.layers[layer] if LAYERS[layer].is_painted else np.zeros(0, np.uint8)
-    painted = image == label
-    if not painted.any():
-        return sketch
-    erased = np.where(painted, np.uint8(0), image)
-    return sketch.replace(layers={**sketch.layers, layer: freeze_image(erased)})
+    return _without_paint(sketch, layer, label)
 
 
 def clear_layer(sketch: Sketch, layer: str) -> Sketch:
     """Erase a layer's paint and vectors; its labels keep their properties."""
-    sketch = _without_vectors(sketch, layer)
+    return _without_paint(_without_vectors(sketch, layer), layer)
+
+
+def _without_paint(sketch: Sketch, layer: str, label: int | None = None) -> Sketch:
+    """Erase the paint of a layer, or of a label of it."""
     image = sketch.layers[layer] if LAYERS[layer].is_painted else np.zeros(0, np.uint8)
-    if not image.any():
+    painted = image > 0 if label is None else image == label
+    if not painted.any():
         return sketch
-    return sketch.replace(layers={**sketch.layers, layer: freeze_image(np.zeros_like(image))})
+    erased = freeze_image(np.where(painted, np.uint8(0), image))
+    return sketch.replace(layers={**sketch.layers, layer: erased})
 
 
 def _without_vectors(sketch: Sketch, layer: str, label: int | None = None) -> Sketch:
@@ -382,6 +384,12 @@ def _without_vectors(sketch: Sketch, layer: str, label: int | None = None) -> Sk
 def with_vectors(sketch: Sketch, *layers: VectorLayer) -> Sketch:
     """Return the sketch with other vector layers in place of those of their names."""
     return sketch.replace(vectors={**sketch.vectors, **{layer.layer: layer for layer in layers}})
+
+
+def with_raster(sketch: Sketch, source: RasterSource, *changed: RasterSource) -> Sketch:
+    """Return the sketch with another raster source, or none, in place of one."""
+    rasters = (part for each in sketch.rasters for part in (changed if each is source else (each,)))
+    return sketch.replace(rasters=tuple(rasters))
 
 
 def set_property(sketch: Sketch, layer: str, label: int, name: str, value: Value) -> Sketch:
@@ -402,40 +410,27 @@ def reset_property(sketch: Sketch, layer: str, label: int, name: str) -> Sketch:
 
 
 WORLD = "sketch"  # name of the table of top-level keys
-
-
-def declared(table: str) -> Mapping[str, Parameter]:
-    """Return the parameters of a table: `WORLD` or a name of ``TABLES``."""
-    if table == WORLD:
-        return SKETCH
-    if table not in TABLES:
-        raise InputError(f"no table {table!r}: expected {', '.join((WORLD, *TABLES))}")
-    return TABLES[table]
+DECLARED: Final[Mapping[str, Mapping[str, Parameter]]] = {WORLD: SKETCH, **TABLES}
+"""The parameters of each table."""
 
 
 def settings(sketch: Sketch, table: str) -> dict[str, Value]:
     """Return all values of a table, in the order of their declaration."""
-    parameters = declared(table)
-    if table == WORLD:
-        return {name: getattr(sketch, name) for name in parameters}
-    return {name: getattr(sketch, table)[name] for name in parameters}
+    values = vars(sketch) if table == WORLD else getattr(sketch, table)
+    return {name: values[name] for name in DECLARED[table]}
 
 
 def set_setting(sketch: Sketch, table: str, name: str, value: Value) -> Sketch:
     """Set a value of a table."""
-    parameters = declared(table)
-    if name not in parameters:
-        raise InputError(f"no setting {name!r} in {table}: expected {', '.join(parameters)}")
     if settings(sketch, table)[name] == value:
         return sketch
-    if table == WORLD:
-        return sketch.replace(**{name: value})
-    return sketch.replace(**{table: {**getattr(sketch, table), name: value}})
+    changed = {name: value} if table == WORLD else {table: {**getattr(sketch, table), name: value}}
+    return sketch.replace(**changed)
 
 
 def reset_setting(sketch: Sketch, table: str, name: str) -> Sketch:
     """Reset a value of a table to its default."""
-    return set_setting(sketch, table, name, declared(table)[name].default)
+    return set_setting(sketch, table, name, DECLARED[table][name].default)
 
 
 _SEEDS = 1_000_000  # fewer than there are: short enough to remember

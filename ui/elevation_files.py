@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from PyQt6.QtCore import QObject, pyqtSignal
-from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.elevation.raster_reader import SUFFIXES
-from sketchterrain.ui.banner import Banner, Message
-from sketchterrain.ui.files import Files, ask_files
+from sketchterrain.ui.banner import Message
+from sketchterrain.ui.files import Files
 from sketchterrain.ui.models.elevation import SketchElevation, added_elevation, new_on_elevation
-from sketchterrain.ui.models.workspace import Preferences
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -29,26 +27,18 @@ class ElevationFiles(QObject):
 
     findings_requested = pyqtSignal()  # to show what was found in the data
 
-    def __init__(
-        self,
-        window: QWidget,
-        files: Files,
-        elevation: SketchElevation,
-        preferences: Preferences,
-        banner: Banner,
-    ) -> None:
-        super().__init__(window)
-        self._window, self._files, self._banner = window, files, banner
-        self._elevation, self._preferences = elevation, preferences
+    def __init__(self, files: Files, elevation: SketchElevation) -> None:
+        super().__init__(files)
+        self._files, self._elevation, self._banner = files, elevation, files.banner
 
     def ask_new(self) -> None:
         """Ask for files and start a sketch on them unless the user keeps the current one."""
-        if paths := ask_files(self._window, self._preferences, "New from elevation", _FILTER):
+        if paths := self._files.ask_files("New from elevation", _FILTER):
             self._files.read(paths[0], partial(new_on_elevation, paths), self._start)
 
     def ask_add(self) -> None:
         """Ask for files and add them to the sketch."""
-        if paths := ask_files(self._window, self._preferences, "Add elevation", _FILTER):
+        if paths := self._files.ask_files("Add elevation", _FILTER):
             self.add(paths)
 
     def add(self, paths: Sequence[Path]) -> None:
@@ -62,8 +52,7 @@ class ElevationFiles(QObject):
         path = Path(sketch.elevation_rasters[0].path)
         self._files.read(path, partial(change, sketch), partial(self._change, title, sketch))
 
-    def _change(self, title: str, before: Sketch, found: object) -> None:
-        fields = cast("dict[str, Any]", found)
+    def _change(self, title: str, before: Sketch, fields: dict[str, Any]) -> None:
         if self._elevation.document.sketch is not before:
             self._banner.show_message(Message("info", f"{title}: the sketch has changed meanwhile", "hint"))
         elif all(getattr(before, name) == value for name, value in fields.items()):
@@ -71,8 +60,8 @@ class ElevationFiles(QObject):
         else:
             self._files.change(title, **fields)
 
-    def _start(self, found: object) -> None:
-        sketch, base = cast("tuple[Sketch, BaseElevation]", found)
+    def _start(self, found: tuple[Sketch, BaseElevation]) -> None:
+        sketch, base = found
         if not self._files.start_sketch(sketch, modified=True):
             return
         width, depth = (side / 1000.0 for side in sketch.size)
@@ -84,8 +73,8 @@ class ElevationFiles(QObject):
         buttons = (("Show", self.findings_requested.emit),) if count else ()
         self._banner.show_message(Message("good", "; ".join(parts), "elevation", buttons))
 
-    def _add(self, found: object) -> None:
-        sources, frame = cast("tuple[tuple[RasterSource, ...], dict[str, Any]]", found)
+    def _add(self, found: tuple[tuple[RasterSource, ...], dict[str, Any]]) -> None:
+        sources, frame = found
         sketch = self._elevation.document.sketch
         title = sources[0].title if len(sources) == 1 else f"{len(sources)} elevation grids"
         frame = {**sketch.frame} if sketch.frame["crs"] else frame

@@ -2,15 +2,13 @@
 
 import json
 import pickle
-from typing import cast
 
 from PyQt6.QtCore import QObject, QProcess, pyqtSignal
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.io.system import module_command
-from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.engine.protocol import Request, WorldRequest
-from sketchterrain.ui.models.background import BackgroundReader
+from sketchterrain.ui.models.background import BackgroundReader, single_shot
 
 _GRACE = 5000  # ms from SIGTERM to SIGKILL
 _WORLD_GRACE = 60_000  # a world's pending shards are finished
@@ -69,8 +67,8 @@ class ExportJob(QObject):
                 self._process.kill()
                 self._process.waitForFinished(_GRACE)
 
-    def _send(self, pickled: object) -> None:
-        self._process.write(cast(bytes, pickled))
+    def _send(self, pickled: bytes) -> None:
+        self._process.write(pickled)
         self._process.closeWriteChannel()
 
     def _read(self) -> None:

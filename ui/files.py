@@ -6,33 +6,36 @@ import re
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, TypeVar, cast
 
-from PyQt6.QtCore import QObject, QUrl, pyqtSignal
-from PyQt6.QtGui import QDesktopServices, QImage
+from PyQt6.QtCore import QObject, pyqtSignal
 from PyQt6.QtWidgets import QApplication, QDialog, QFileDialog, QMessageBox, QWidget
 
 from sketchterrain.document.label_layers import LabelImage, decode_layer
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.store import CHANGED, Hashes, file_hashes, load_sketch, reject_sketch_folder
+from sketchterrain.document.store import CHANGED, Hashes, file_hashes, load_sketch
 from sketchterrain.errors import InputError, SketchterrainError, prefix_errors
 from sketchterrain.ui.actions import Actions
-from sketchterrain.ui.application import single_shot
-from sketchterrain.ui.banner import Banner, Message
+from sketchterrain.ui.banner import Banner, Message, PictureFile
+from sketchterrain.ui.commands import reported
+from sketchterrain.ui.dialogs import help as help_dialogs
+from sketchterrain.ui.dialogs.form import run_dialog
+from sketchterrain.ui.dialogs.start import NewSketchDialog, PictureDialog, PresetsDialog
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import RenderPicture
-from sketchterrain.ui.models.background import BackgroundQueue, BackgroundReader, SketchSaver
+from sketchterrain.ui.models.background import BackgroundReader, SketchSaver, single_shot
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.drapes import new_drape, with_layer
 from sketchterrain.ui.models.workspace import Preferences, RecentFiles
+from sketchterrain.ui.world_window import WorldWindow
 
 if TYPE_CHECKING:
     from sketchterrain.importing.rasters import RasterArea
-    from sketchterrain.ui.world_window import WorldWindow  # which offers the same files
 
 
+_T = TypeVar("_T")
 _Button = QMessageBox.StandardButton
 _TITLES = {_Button.SaveAll: "Save &as…", _Button.Yes: "&Overwrite", _Button.Reset: "&Reload"}
 _MESSAGE_DELAY = 400  # ms of reading until a message is shown
@@ -59,54 +62,60 @@ class Files(QObject):
     def __init__(
         self,
         window: QWidget,
-        *,
         document: Document,
         preferences: Preferences,
         recent: RecentFiles,
-        saving: SketchSaver,
         banner: Banner,
     ) -> None:
         super().__init__(window)
-        self._window, self._document, self._banner = window, document, banner
-        self._preferences, self.recent, self._saving = preferences, recent, saving
+        self.window, self.document, self.banner = window, document, banner
+        self.preferences, self.recent, self._saving = preferences, recent, SketchSaver(document)
         self._requested: Path | None = None
         self._reported: Hashes = {}  # of a change of the sketch's file
         self.reading = BackgroundReader(self)
         self.reading.failed.connect(self._report_read_error)
         self.reading.busy_changed.connect(self._show_reading)
         self._message_timer = single_shot(self, _MESSAGE_DELAY, self._show_reading_message)
-        saving.saved.connect(self._remember)
-        saving.failed.connect(self._report_save_error)
-        saving.refused.connect(self._ask_overwrite)
+        self._saving.saved.connect(self._remember)
+        self._saving.failed.connect(self._report_save_error)
+        self._saving.refused.connect(self._ask_overwrite)
         cast(QApplication, QApplication.instance()).focusWindowChanged.connect(self._report_change)
 
     def start_sketch(self, sketch: Sketch, *, modified: bool = False) -> bool:
         """Open an unsaved sketch unless the user keeps the current one; return whether it was opened."""
         if not self.confirm_close():
             return False
-        self._document.open(sketch, modified=modified)
-        self._banner.withdraw("file")
+        self.document.open(sketch, modified=modified)
+        self.banner.withdraw("file")
         return True
 
-    def read(self, path: Path, work: Callable[[], object], then: Callable[[object], None]) -> None:
+    def read(self, path: Path, work: Callable[[], _T], then: Callable[[_T], object]) -> None:
         """Run `work` in the background, then `then` with its result; messages meanwhile name `path`."""
         self._requested = path
         self.reading.read(work, partial(self._finish_reading, then))
 
-    def _finish_reading(self, then: Callable[[object], None], result: object) -> None:
+    def _finish_reading(self, then: Callable[[_T], object], result: _T) -> None:
         self._requested = None
-        self._banner.withdraw("file")
+        self.banner.withdraw("file")
         then(result)
 
+    def ask_files(self, title: str, kinds: str) -> list[Path]:
+        """Ask for files of some kinds, none if cancelled, and remember their folder."""
+        start = str(self.preferences.last_folder)
+        names, _ = QFileDialog.getOpenFileNames(self.window, title, start, kinds)
+        if names:
+            self.preferences.last_folder = Path(names[0]).absolute().parent
+        return [Path(name) for name in names]
+
     def ask_open(self) -> None:
-        start = str(self._preferences.last_folder)
-        name, _ = QFileDialog.getOpenFileName(self._window, "Open a sketch", start, _OPEN_FILTER)
+        start = str(self.preferences.last_folder)
+        name, _ = QFileDialog.getOpenFileName(self.window, "Open a sketch", start, _OPEN_FILTER)
         if name:
             self.open(Path(name))
 
     def ask_open_folder(self) -> None:
-        start = str(self._preferences.last_folder)
-        name = QFileDialog.getExistingDirectory(self._window, "Open a sketch's folder", start)
+        start = str(self.preferences.last_folder)
+        name = QFileDialog.getExistingDirectory(self.window, "Open a sketch's folder", start)
         if name:
             self.open(Path(name))
 
@@ -126,17 +135,17 @@ class Files(QObject):
 
     def save(self) -> bool:
         """Start saving the sketch at its path, or ask for one; return False if cancelled."""
-        if self._document.path is None:
+        if self.document.path is None:
             return self.save_as()
-        self._saving.save(self._document.path)
+        self._saving.save(self.document.path)
         return True
 
     def save_as(self) -> bool:
         """Ask for a path and start saving there; return False if cancelled."""
-        path = self._document.path or self._preferences.last_folder / self._default_name()
-        kind = _FOLDER if self._document.path and path.suffix.lower() != _SUFFIX else _ONE_FILE
+        path = self.document.path or self.preferences.last_folder / self._default_name()
+        kind = _FOLDER if self.document.path and path.suffix.lower() != _SUFFIX else _ONE_FILE
         name, selected = QFileDialog.getSaveFileName(
-            self._window, "Save the sketch", str(path), f"{_ONE_FILE};;{_FOLDER}", kind
+            self.window, "Save the sketch", str(path), f"{_ONE_FILE};;{_FOLDER}", kind
         )
         if not name:
             return False
@@ -148,12 +157,12 @@ class Files(QObject):
 
     def confirm_close(self) -> bool:
         """Ask whether to save unsaved changes; return False if the sketch stays open."""
-        draft = self._document.draft
+        draft = self.document.draft
         if draft is not None:
             draft.cancel()
-        if not self._document.is_modified:
+        if not self.document.is_modified:
             return self._saving.wait() or not self._saving.is_busy
-        question = f"Save the changes to “{self._document.sketch.name}”?"
+        question = f"Save the changes to “{self.document.sketch.name}”?"
         answer = self._ask(question, "Otherwise they are lost.", _Button.Save, _Button.Discard)
         if answer != _Button.Save:
             return answer == _Button.Discard
@@ -161,21 +170,21 @@ class Files(QObject):
 
     def _report_change(self) -> None:
         """Report once that another program has changed the sketch's file, when the window gets the focus."""
-        path, is_busy = self._document.path, self._saving.is_busy or self.reading.is_busy
-        if path is None or is_busy or not self._window.isActiveWindow():
+        path, is_busy = self.document.path, self._saving.is_busy or self.reading.is_busy
+        if path is None or is_busy or not self.window.isActiveWindow():
             return
         found = file_hashes(path)
-        if found not in ({}, self._document.known_files.get(path, found), self._reported):
+        if found not in ({}, self.document.known_files.get(path, found), self._reported):
             self._reported = found
             buttons = (("Reload", partial(self.open, path)), ("Save as…", self.save_as))
-            self._banner.show_message(Message("warning", f"{path.name} was {CHANGED}.", "file", buttons))
+            self.banner.show_message(Message("warning", f"{path.name} was {CHANGED}.", "file", buttons))
 
     def _ask_overwrite(self, path: Path) -> None:
         """Ask what to do about a file that another program has changed, instead of saving there."""
         lost = "Overwrite: its changes are lost. Reload: yours and the undo history are lost."
         answer = self._ask(f"{path.name} was {CHANGED}.", lost, *_TITLES)
         if answer == _Button.Yes:
-            self._document.known_files[path] = file_hashes(path)
+            self.document.known_files[path] = file_hashes(path)
             self._saving.save(path)
         elif answer == _Button.SaveAll:
             self.save_as()
@@ -184,7 +193,7 @@ class Files(QObject):
 
     def _ask(self, question: str, consequence: str, *buttons: QMessageBox.StandardButton) -> int:
         """Return the answer to a question, Cancel if the box is closed; the first button is the default."""
-        box = QMessageBox(QMessageBox.Icon.NoIcon, "Sketchterrain", question, _Button.Cancel, self._window)
+        box = QMessageBox(QMessageBox.Icon.NoIcon, "Sketchterrain", question, _Button.Cancel, self.window)
         box.setInformativeText(consequence)
         for each in buttons:
             button = box.addButton(each)
@@ -197,8 +206,8 @@ class Files(QObject):
 
     def ask_import(self, layer: str) -> None:
         """Ask for an image and import it into the layer of its file name, else into `layer`."""
-        start = str(self._preferences.last_folder)
-        name, _ = QFileDialog.getOpenFileName(self._window, "Import a layer", start, "Layer images (*.png)")
+        start = str(self.preferences.last_folder)
+        name, _ = QFileDialog.getOpenFileName(self.window, "Import a layer", start, "Layer images (*.png)")
         if name:
             self.import_layers([Path(name)], layer)
 
@@ -207,37 +216,37 @@ class Files(QObject):
         by_layer = {
             path.stem.lower() if path.stem.lower() in PAINTED_LAYERS else layer: path for path in paths
         }
-        rows, columns = next(iter(self._document.sketch.layers.values())).shape
+        rows, columns = next(iter(self.document.sketch.layers.values())).shape
 
-        def read() -> object:
+        def read() -> dict[str, tuple[LabelImage, list[str]]]:
             return {name: _layer_image(path, name, (rows, columns)) for name, path in by_layer.items()}
 
         self.reading.read(read, self._import)
 
     def ask_add_raster(self) -> None:
         """Ask for a raster file, and its role by the kind of file, and add it to the sketch."""
-        start, kinds = str(self._preferences.last_folder), ";;".join(_RASTERS)
-        name, kind = QFileDialog.getOpenFileName(self._window, "Add a raster", start, kinds)
+        start, kinds = str(self.preferences.last_folder), ";;".join(_RASTERS)
+        name, kind = QFileDialog.getOpenFileName(self.window, "Add a raster", start, kinds)
         if name and _RASTERS[kind] == "elevation":
             self.elevation_chosen.emit([Path(name)])
         elif name:
             self.read(Path(name), partial(_read_picture, Path(name), _RASTERS[kind]), self._add_raster)
 
-    def _add_raster(self, found: object) -> None:
+    def _add_raster(self, found: tuple[RasterSource, RasterArea | None]) -> None:
         """Add a raster source in one undo step; a sketch without a CRS gets the raster's place."""
-        source, area = cast("tuple[RasterSource, RasterArea | None]", found)
-        sketch = self._document.sketch
+        source, area = found
+        sketch = self.document.sketch
         frame = sketch.frame if area is None or sketch.frame["crs"] else {**sketch.frame, **area.frame}
         self.change(f"Add {source.title}", rasters=(*sketch.rasters, source), frame=frame)
 
     def ask_add_drapes(self) -> None:
         """Ask for vector and raster files and drape them on the terrain."""
-        if paths := ask_files(self._window, self._preferences, "Add draped layers", _DRAPE_FILTER):
+        if paths := self.ask_files("Add draped layers", _DRAPE_FILTER):
             self.add_drapes(paths)
 
     def add_drapes(self, paths: list[Path]) -> None:
         """Drape files on the terrain in one undo step."""
-        first = len(self._document.sketch.drapes)
+        first = len(self.document.sketch.drapes)
 
         def read() -> object:
             return [new_drape(path, number) for number, path in enumerate(paths, start=first)]
@@ -248,14 +257,14 @@ class Files(QObject):
         """Save a draped layer with its edits in its file, or in another one."""
         from sketchterrain.drape.feature_edits import DRIVERS, save_layer  # GDAL
 
-        document, drapes = self._document, self._document.drapes.current
+        document, drapes = self.document, self.document.drapes.current
         if drapes is None or drapes.layers != document.sketch.drapes:
             self._report_save_error("the layer is not read yet")
             return
         path = Path(document.sketch.drapes[number].path)
         if ask or path.suffix.lower() not in DRIVERS:
             start = str(path.with_suffix(".gpkg"))
-            name, _ = QFileDialog.getSaveFileName(self._window, "Save the layer", start, _SAVED_FILTER)
+            name, _ = QFileDialog.getSaveFileName(self.window, "Save the layer", start, _SAVED_FILTER)
             path = Path(name)
             if not name:
                 return
@@ -264,7 +273,7 @@ class Files(QObject):
         except (SketchterrainError, OSError) as error:
             self._report_save_error(str(error))
             return
-        self._banner.withdraw("file")
+        self.banner.withdraw("file")
         document.do(f"Save {saved.title}", with_layer(document.sketch, number, saved))
 
     def open_dropped(self, paths: Iterable[Path], layer: str) -> None:
@@ -282,67 +291,54 @@ class Files(QObject):
             self._message_timer.start()
         else:
             self._message_timer.stop()
-            self._banner.withdraw("reading")
+            self.banner.withdraw("reading")
 
     def _show_reading_message(self) -> None:
         what = "images" if self._requested is None else self._requested.name
         cancel = (("Cancel", self.reading.cancel),)
-        self._banner.show_message(Message("info", f"Reading {what} …", "reading", cancel))
+        self.banner.show_message(Message("info", f"Reading {what} …", "reading", cancel))
 
-    def _show_sketch(self, path: Path | None, read: object) -> None:
-        files, sketch = cast("tuple[Hashes | None, Sketch]", read)
-        self._document.open(sketch, path, files)
+    def _show_sketch(self, path: Path | None, read: tuple[Hashes | None, Sketch]) -> None:
+        files, sketch = read
+        self.document.open(sketch, path, files)
         if path is not None:
             self._remember(path)
         self._show_notes(sketch.notes)
 
     def _show_notes(self, notes: Iterable[str]) -> None:
         if line := "; ".join(notes):
-            self._banner.show_message(Message("warning", line, "file"))
+            self.banner.show_message(Message("warning", line, "file"))
 
-    def _import(self, images: object) -> None:
-        read = cast("dict[str, tuple[LabelImage, list[str]]]", images)
+    def _import(self, read: dict[str, tuple[LabelImage, list[str]]]) -> None:
         new = {name: image for name, (image, _) in read.items()}
-        sketch = self._document.sketch
+        sketch = self.document.sketch
         titles = " and ".join(LAYERS[name].title.lower() for name in new)
         self.change(f"Import {titles}", layers={**sketch.layers, **new})
         self._show_notes(f"{name}: {note}" for name, (_, notes) in read.items() for note in notes)
 
     def change(self, title: str, **changes: object) -> None:
         """Change the sketch in one undo step, unless one that was opened meanwhile does not take it."""
-        try:
-            changed = self._document.sketch.replace(**changes)
-        except InputError as error:
-            self._report_read_error(str(error))
-            return
-        self._document.do(title, changed)
+        with reported(self._report_read_error):
+            self.document.do(title, self.document.sketch.replace(**changes))
 
     def _remember(self, path: Path) -> None:
-        self._banner.withdraw("file")
-        self._preferences.last_folder = path.absolute().parent
+        self.banner.withdraw("file")
+        self.preferences.last_folder = path.absolute().parent
         self.recent.add(path.absolute())
 
     def _report_read_error(self, line: str) -> None:
-        self._banner.show_message(Message("error", line, "file"))
+        self.banner.show_message(Message("error", line, "file"))
         if self._requested in self.recent.paths and not self._requested.exists():
             self.recent.forget(self._requested)
         self._requested = None
 
     def _report_save_error(self, line: str) -> None:
         buttons = (("Save as…", self.save_as),)
-        self._banner.show_message(Message("error", f"Not saved: {line}", "file", buttons))
+        self.banner.show_message(Message("error", f"Not saved: {line}", "file", buttons))
 
     def _default_name(self) -> str:
-        name = re.sub(r"[^\w .-]+", "", self._document.sketch.name).strip(" .")
+        name = re.sub(r"[^\w .-]+", "", self.document.sketch.name).strip(" .")
         return f"{name or 'sketch'}{_SUFFIX}"
-
-
-def ask_files(window: QWidget, preferences: Preferences, title: str, kinds: str) -> list[Path]:
-    """Ask for files of some kinds, none if cancelled, and remember their folder."""
-    names, _ = QFileDialog.getOpenFileNames(window, title, str(preferences.last_folder), kinds)
-    if names:
-        preferences.last_folder = Path(names[0]).absolute().parent
-    return [Path(name) for name in names]
 
 
 def _load(path: Path) -> tuple[Hashes, Sketch]:
@@ -374,50 +370,13 @@ _WORLD_FILES = ("zarr.json", "ledger.jsonl")  # which stand for their folder
 _WORLD_FILTER = f"Worlds ({' '.join(_WORLD_FILES)} *.tif *.tiff);;All files (*)"
 
 
-class PictureFile(QObject):
-    """Writes pictures as PNG in the background and reports each in a banner."""
-
-    def __init__(self, banner: Banner, parent: QObject) -> None:
-        super().__init__(parent)
-        self._banner, self._background = banner, BackgroundQueue(self)
-
-    def write(self, picture: QImage, path: Path) -> None:
-        self._background.do("picture", partial(_write_png, picture, path), partial(self.report, path))
-
-    def report(self, path: Path, error: str = "") -> None:
-        if error:
-            self._banner.show_message(Message("error", error, "picture"))
-        else:
-            folder = QUrl.fromLocalFile(str(path.parent))
-            button = ("Open folder", partial(QDesktopServices.openUrl, folder))
-            self._banner.show_message(Message("good", f"The picture is saved: {path}", "picture", (button,)))
-
-
-def _write_png(picture: QImage, path: Path) -> None:
-    reject_sketch_folder(path.parent)
-    if not picture.save(str(path), "PNG"):
-        raise SketchterrainError(f"{path}: cannot be written")
-
-
 class OpenDialogs(QObject):
-    """Opens the dialogs of a window; each is imported on first use, so that the window opens sooner."""
+    """Opens the dialogs of a window; those with much to import are imported on first use."""
 
-    def __init__(
-        self,
-        window: QWidget,
-        actions: Actions,
-        *,
-        document: Document,
-        link: EngineLink,
-        preferences: Preferences,
-        files: Files,
-        banner: Banner,
-    ) -> None:
-        super().__init__(window)
-        self._window, self._actions, self._banner = window, actions, banner
-        self._document, self._link, self._files = document, link, files
-        self._preferences = preferences
-        self._picture_file = PictureFile(banner, self)
+    def __init__(self, files: Files, actions: Actions, link: EngineLink) -> None:
+        super().__init__(files.window)
+        self._files, self._actions, self._link = files, actions, link
+        self._picture_file = PictureFile(files.banner, self)
         self.beside: dict[str, QDialog] = {}  # export and world dialogs, which are not modal
         self.worlds: list[WorldWindow] = []
         actions.bind(
@@ -437,33 +396,27 @@ class OpenDialogs(QObject):
         link.picture_written.connect(lambda written: self._picture_file.report(Path(written.path)))
 
     def new(self) -> None:
-        from sketchterrain.ui.dialogs.start import NewSketchDialog
-
-        dialog = NewSketchDialog(self._window)
+        dialog = NewSketchDialog(self._files.window)
         if run_dialog(dialog):
             self._files.start_sketch(dialog.sketch())
 
     def presets(self) -> None:
-        from sketchterrain.ui.dialogs.start import PresetsDialog
-
-        dialog = PresetsDialog(self._window)
+        dialog = PresetsDialog(self._files.window)
         if run_dialog(dialog):
             self._files.open_preset(dialog.name)
 
     def open_world(self) -> None:
         """Ask for a stored world and show it in a window of its own."""
-        start = str(self._preferences.last_folder)
-        name, _ = QFileDialog.getOpenFileName(self._window, "Open a world", start, _WORLD_FILTER)
+        start = str(self._files.preferences.last_folder)
+        name, _ = QFileDialog.getOpenFileName(self._files.window, "Open a world", start, _WORLD_FILTER)
         if name:
             path = Path(name)
             self.show_world(path.parent if path.name in _WORLD_FILES else path)
 
     def show_world(self, path: Path) -> None:
         """Show a stored world; its window reports errors."""
-        from sketchterrain.ui.world_window import WorldWindow  # which use these
-
-        self._preferences.last_folder = path.absolute().parent
-        world = WorldWindow(path.absolute(), device=self._preferences.device)
+        self._files.preferences.last_folder = path.absolute().parent
+        world = WorldWindow(path.absolute(), device=self._files.preferences.device)
         self.worlds.append(world)
         world.closed.connect(partial(self._delete_world, world))
         world.show()
@@ -473,8 +426,8 @@ class OpenDialogs(QObject):
         world.deleteLater()
 
     def trace(self) -> None:
-        start = str(self._preferences.last_folder)
-        name, _ = QFileDialog.getOpenFileName(self._window, "New from a picture", start, _TRACE_FILTER)
+        start = str(self._files.preferences.last_folder)
+        name, _ = QFileDialog.getOpenFileName(self._files.window, "New from a picture", start, _TRACE_FILTER)
         if name:
             self.trace_file(Path(name))
 
@@ -482,9 +435,9 @@ class OpenDialogs(QObject):
         """Ask what a picture's colours become and open the traced sketch."""
         from sketchterrain.ui.dialogs.trace import TraceDialog
 
-        dialog = TraceDialog(path, self._window)
+        dialog = TraceDialog(path, self._files.window)
         if run_dialog(dialog):
-            self._preferences.last_folder = path.absolute().parent
+            self._files.preferences.last_folder = path.absolute().parent
             self._files.start_sketch(dialog.sketch(), modified=True)
 
     def export(self) -> None:
@@ -500,7 +453,9 @@ class OpenDialogs(QObject):
     def _show_beside(self, name: str, create: Callable[..., QDialog]) -> None:
         dialog = self.beside.get(name)
         if dialog is None:
-            dialog = self.beside[name] = create(self._document.sketch, self._preferences, self._window)
+            dialog = self.beside[name] = create(
+                self._files.document.sketch, self._files.preferences, self._files.window
+            )
             dialog.finished.connect(partial(self._delete_dialog, name))
         dialog.show()
         dialog.raise_()
@@ -518,45 +473,30 @@ class OpenDialogs(QObject):
 
     def save_picture(self) -> None:
         """Save the 3-D view's picture, as shown or rendered in another size."""
-        from sketchterrain.ui.dialogs.start import PictureDialog
-
         picture = self._link.picture
         size = (0, 0) if picture is None else (picture.width(), picture.height())
-        name = self._document.sketch.name or "terrain"
-        dialog = PictureDialog(size, self._preferences.last_folder, name, self._window)
+        name = self._files.document.sketch.name or "terrain"
+        dialog = PictureDialog(size, self._files.preferences.last_folder, name, self._files.window)
         if not run_dialog(dialog) or dialog.path is None:
             return
         if dialog.render_size is not None:
-            self._banner.show_message(Message("info", "Drawing the picture …", "picture"))
+            self._files.banner.show_message(Message("info", "Drawing the picture …", "picture"))
             self._link.send(RenderPicture(str(dialog.path), *dialog.render_size))
         elif picture is not None:
             self._picture_file.write(picture, dialog.path)
 
     def preferences(self) -> None:
-        from sketchterrain.ui.dialogs.help import PreferencesDialog  # which use these
-
-        run_dialog(PreferencesDialog(self._preferences, self._window))
+        run_dialog(help_dialogs.PreferencesDialog(self._files.preferences, self._files.window))
 
     def find(self) -> None:
-        from sketchterrain.ui.dialogs.help import FindDialog  # which use these
-
-        dialog = FindDialog(self._actions, self._window)
+        dialog = help_dialogs.FindDialog(self._actions, self._files.window)
         if run_dialog(dialog) and dialog.selected is not None:
             dialog.selected.trigger()
 
     def _show_help(self, name: str) -> None:
-        from sketchterrain.ui.dialogs.help import AboutDialog, FirstStepsDialog, KeysDialog  # they use it
-
         dialogs: dict[str, Callable[[QWidget], QDialog]] = {
-            "first-steps": FirstStepsDialog,
-            "keys": KeysDialog,
-            "about": partial(AboutDialog, self._link.facts),
+            "first-steps": help_dialogs.FirstStepsDialog,
+            "keys": help_dialogs.KeysDialog,
+            "about": partial(help_dialogs.AboutDialog, self._link.facts),
         }
-        run_dialog(dialogs[name](self._window))
-
-
-def run_dialog(dialog: QDialog) -> bool:
-    """Show a modal dialog and delete it; return whether it was accepted."""
-    accepted = bool(dialog.exec())
-    dialog.deleteLater()
-    return accepted
+        run_dialog(dialogs[name](self._files.window))

@@ -22,8 +22,8 @@ from PyQt6.QtWidgets import (
 )
 
 from sketchterrain.ui.actions import Actions
-from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.look.theme import SMALL, SPACING, row, tool_button
+from sketchterrain.ui.models.background import single_shot
 
 
 class Dock(QDockWidget):

@@ -23,7 +23,6 @@ from sketchterrain.ui.files import Files, OpenDialogs
 from sketchterrain.ui.layout import FullScreenActions, PaneFocus, PanelLayout, fitting_size
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, active_theme, app_icon, described, row, tabular
-from sketchterrain.ui.models.background import SketchSaver
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import BRUSHES, Bookmarks, Preferences, RecentFiles, Workspace
 from sketchterrain.ui.panels.base import BasePanel
@@ -110,18 +109,15 @@ _MIN_SIZE = QSize(720, 480)
 
 
 class MainWindow(QMainWindow):
-    """The editor's window."""
+    """The editor's window, which stores recent files and bookmarks in the folder `state`."""
 
     def __init__(
         self,
         document: Document,
         workspace: Workspace,
         link: EngineLink,
-        *,
         preferences: Preferences,
-        recent: RecentFiles,
-        saving: SketchSaver,
-        bookmarks: Bookmarks,
+        state: Path,
     ) -> None:
         super().__init__()
         self._document, self._workspace, self._link = document, workspace, link
@@ -140,17 +136,12 @@ class MainWindow(QMainWindow):
         # Qt raises the canvas after another tab is shown.
         self.tabifiedDockWidgetActivated.connect(lambda _: QTimer.singleShot(0, self.banner.raise_))
         self.uncaught_exceptions = UncaughtExceptions(self.banner, self)
+        bookmarks, recent = Bookmarks(document, state / "bookmarks"), RecentFiles(state / "recent")
+        bookmarks.failed.connect(self.warn)
         self._add_panels(bookmarks)
-        self.files = Files(
-            self,
-            document=document,
-            preferences=preferences,
-            recent=recent,
-            saving=saving,
-            banner=self.banner,
-        )
+        self.files = Files(self, document, preferences, recent, self.banner)
         elevation = self.canvas.underlay.elevation
-        self.elevation_files = ElevationFiles(self, self.files, elevation, preferences, self.banner)
+        self.elevation_files = ElevationFiles(self.files, elevation)
         self.files.elevation_chosen.connect(self.elevation_files.add)
         self.elevation_files.findings_requested.connect(partial(self.panel_layout.show_panel, "base"))
         drapes = self._layers.drapes
@@ -200,11 +191,7 @@ class MainWindow(QMainWindow):
         workspace.label_changed.connect(focus.leave_field)
         for part in (self.canvas, self.view):
             part.hovered.connect(status.show_position)
-            part.message.connect(self._show_hint)
-        pages = properties.drape_page, properties.draped_feature_page
-        for page in (self._layers, self._layers.drapes, *pages):
-            page.message.connect(self._show_hint)
-        self._base.message.connect(self._show_hint)
+        document.message.connect(self._show_hint)
         contradictions.place_activated.connect(self._show_place)
         bar = self.statusBar()
         if bar is not None:
@@ -220,7 +207,7 @@ class MainWindow(QMainWindow):
                 views.addAction(action)
         self.panel_layout.add_toggles(panels)
         submenus = {
-            menu.title(): menu for menu in (RecentMenu(recent, self.files, self), tools, panels, views)
+            menu.title(): menu for menu in (RecentMenu(recent, self.files.open, self), tools, panels, views)
         }
         add_menus(self, self.actions_by_name, submenus)
 
@@ -229,15 +216,7 @@ class MainWindow(QMainWindow):
         FullScreenActions(self, actions, self.panel_layout)
         SketchActions(actions, self._document, self._workspace, self._link, self.banner)
         ViewActions(actions, self._link, self._workspace)
-        self.dialogs = OpenDialogs(
-            self,
-            actions,
-            document=self._document,
-            link=self._link,
-            preferences=self._preferences,
-            files=files,
-            banner=self.banner,
-        )
+        self.dialogs = OpenDialogs(files, actions, self._link)
         self.view.picture_requested.connect(actions["save-picture"].trigger)
         actions.bind(
             {

@@ -14,24 +14,13 @@ from PyQt6.QtWidgets import QFileDialog, QLabel, QMainWindow, QMenu
 
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.errors import InputError
 from sketchterrain.ui import commands
 from sketchterrain.ui.actions import CLIPBOARD_COMMANDS, Actions, add_menus
-from sketchterrain.ui.banner import Banner, Message
+from sketchterrain.ui.banner import Banner, Message, PictureFile
+from sketchterrain.ui.dialogs.form import run_dialog
 from sketchterrain.ui.dialogs.help import KeysDialog
+from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.link import EngineLink, EngineProcesses, ViewSource
-from sketchterrain.ui.engine.protocol import (
-    MODES,
-    ErrorReport,
-    FrameFacts,
-    Look,
-    MeasureAdherence,
-    Placement,
-    SetDrapes,
-    ViewState,
-    WorldFacts,
-)
-from sketchterrain.ui.files import PictureFile, run_dialog
 from sketchterrain.ui.layout import Dock, FullScreenActions, PaneFocus, fitting_size
 from sketchterrain.ui.look.theme import app_icon
 from sketchterrain.ui.models.document import Document
@@ -49,7 +38,7 @@ class ViewActions(QObject):
     def __init__(self, actions: Actions, link: ViewSource, workspace: Workspace | None = None) -> None:
         super().__init__(actions)
         self._actions, self._link, self._workspace = actions, link, workspace
-        actions.bind({f"mode-{mode}": partial(self._set_mode, mode) for mode in MODES})
+        actions.bind({f"mode-{mode}": partial(self._set_mode, mode) for mode in msg.MODES})
         actions.bind_checked({"play": lambda on: link.set_view(replace(link.view, plays=on))})
         if workspace is not None:
             actions.bind({"measure": partial(self._measure, workspace)})
@@ -72,7 +61,7 @@ class ViewActions(QObject):
 
     def _measure(self, workspace: Workspace) -> None:
         workspace.show_overlay("adherence", True)
-        self._link.send(MeasureAdherence())
+        self._link.send(msg.MeasureAdherence())
 
 
 _BRUSH_STEP = 1.25
@@ -149,7 +138,7 @@ class SketchActions(QObject):
     def _refresh_selection(self) -> None:
         selection, placed, sketch = self._workspace.selection, self._link.placed, self._document.sketch
         is_placed = can_lock = locked = edited = False
-        if selection is not None and placed is not None and commands.exists(placed, selection):
+        if selection is not None and commands.exists(placed, selection):
             is_placed = True
             can_lock = commands.find_point(placed, selection) is not None
             locked = can_lock and commands.is_locked(sketch, selection)
@@ -168,10 +157,8 @@ class SketchActions(QObject):
         self._actions["lock-selection"].setChecked(locked)
 
     def _try(self, change: Callable[[], None]) -> None:
-        try:
+        with commands.reported(lambda line: self._banner.show_message(Message("warning", line, "command"))):
             change()
-        except InputError as error:
-            self._banner.show_message(Message("warning", str(error), "command"))
 
     def _apply_to_vector(self, command: Callable[[Document, Workspace], None]) -> None:
         self._try(lambda: command(self._document, self._workspace))
@@ -182,9 +169,9 @@ class SketchActions(QObject):
             self._try(lambda: delete(self._document, self._workspace, placed, selection))
             self.refresh()
 
-    def _apply(self, command: Callable[[Document, Workspace, Placement, Selection], None]) -> None:
+    def _apply(self, command: Callable[[Document, Workspace, msg.Placement, Selection], None]) -> None:
         selection, placed = self._workspace.selection, self._link.placed
-        if selection is not None and placed is not None:
+        if selection is not None:
             self._try(lambda: command(self._document, self._workspace, placed, selection))
             self.refresh()
 
@@ -223,11 +210,11 @@ class WorldLink(ViewSource):
     world_known = pyqtSignal(object)  # `WorldFacts`
 
     def __init__(self, path: Path, sketch: Sketch | None = None, *, device: str | None = None) -> None:
-        super().__init__(ViewState(mode="fly"))
+        super().__init__(msg.ViewState(mode="fly"))
         self.path, self.device = path, device
         self._sketch = sketch  # with draped layers, in viewing coordinates
-        self.world: WorldFacts | None = None
-        self._routes[WorldFacts] = ("world", self.world_known)
+        self.world: msg.WorldFacts | None = None
+        self._routes[msg.WorldFacts] = ("world", self.world_known)
 
     def area(self) -> tuple[tuple[float, float, float, float], float] | None:
         """Return the world's rectangle (m) and the height of its centre; None until they are known."""
@@ -236,9 +223,9 @@ class WorldLink(ViewSource):
     def start(self) -> None:
         self._run(EngineProcesses(device=self.device, world=self.path))
         if (sketch := self._sketch) is not None and sketch.drapes:
-            self.send(SetDrapes(sketch.drapes, sketch.frame, sketch.size, sketch.extent))
+            self.send(msg.SetDrapes(sketch.drapes, sketch.frame, sketch.size, sketch.extent))
         if self.frame is None:
-            self.send(Look())
+            self.send(msg.Look())
 
 
 class WorldWindow(QMainWindow):
@@ -252,9 +239,11 @@ class WorldWindow(QMainWindow):
         self.setWindowTitle(path.name)
         self.setMinimumSize(480, 320)
         self.link, self._workspace = WorldLink(path, sketch, device=device), Workspace()
-        self.view = View3D(None, self._workspace, self.link)
+        document = Document()
+        document.path = path  # of which the bookmarks are
+        self.view = View3D(document, self._workspace, self.link)
         self.setCentralWidget(self.view)
-        self._bookmarks = Bookmarks(None, state_folder() / "bookmarks", path)
+        self._bookmarks = Bookmarks(document, state_folder() / "bookmarks")
         self._panel = BookmarksPanel(self.link, self._bookmarks)
         self._dock = Dock("bookmarks", "Bookmarks", self._panel, self)
         self.addDockWidget(Qt.DockWidgetArea.RightDockWidgetArea, self._dock)
@@ -324,19 +313,19 @@ class WorldWindow(QMainWindow):
     def _show_keys(self) -> None:
         run_dialog(KeysDialog(self, _ACTIONS))
 
-    def _show_world(self, world: WorldFacts) -> None:
+    def _show_world(self, world: msg.WorldFacts) -> None:
         west, south, east, north = world.bounds
         size = f"{length_text(east - west)} × {length_text(north - south)}"
         self._extent.setText(f"{size}, {world.cell:g} m between vertices")
         for line in world.missing:
             self.banner.show_message(Message("info", f"{line[:1].upper()}{line[1:]}.", line))
 
-    def _show_position(self, frame: FrameFacts) -> None:
+    def _show_position(self, frame: msg.FrameFacts) -> None:
         corner = (0.0, 0.0) if self.link.world is None else self.link.world.corner
         x, y, z = frame.pose.eye
         self._position.setText(f"Eye at {x + corner[0]:.0f}, {y + corner[1]:.0f} m, {z:.0f} m high")
 
-    def _report_error(self, error: ErrorReport) -> None:
+    def _report_error(self, error: msg.ErrorReport) -> None:
         """Report an unreadable part; the view itself shows why it has no picture."""
         if error.source == "world":
             self._missing_parts += 1

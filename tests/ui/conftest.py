@@ -104,7 +104,7 @@ def open_canvas(workspace, link, show_widget):
         widget = show_widget(Canvas(document, workspace, link), 500, 500)
         widget.setFocus()
         widget.lines = []
-        widget.message.connect(widget.lines.append)
+        document.message.connect(widget.lines.append)
         return widget
 
     return open_
@@ -122,20 +122,10 @@ def small():
 def open_window(qtbot, document, workspace, link, tmp_path):
     """Return a factory of main windows that share preferences and recent files."""
     # Imported late: most tests do not need the whole window.
-    from sketchterrain.ui.models.background import SketchSaver
-    from sketchterrain.ui.models.workspace import Bookmarks, RecentFiles
     from sketchterrain.ui.window import MainWindow
 
     def open_():
-        window = MainWindow(
-            document,
-            workspace,
-            link,
-            preferences=Preferences(tmp_path / "desktop.ini"),
-            recent=RecentFiles(tmp_path / "recent"),
-            saving=SketchSaver(document),
-            bookmarks=Bookmarks(document, tmp_path / "bookmarks"),
-        )
+        window = MainWindow(document, workspace, link, Preferences(tmp_path / "desktop.ini"), tmp_path)
         # Closing must not ask about unsaved changes.
         qtbot.addWidget(
             window, before_close_func=lambda _: document.mark_saved(document.state, tmp_path / "end.sketch")

@@ -175,7 +175,7 @@ def test_strokes_end_by_escape_undo_tool_focus_and_another_document(canvas, blan
 
 def test_painting_on_a_locked_or_hidden_layer_is_refused(canvas, blank, workspace):
     lines: list[str] = []
-    canvas.message.connect(lines.append)
+    blank.message.connect(lines.append)
     for change in ({"locked": True}, {"locked": False, "visible": False}):
         workspace.set_look("mountain", **change)
         for tool in ("brush", "eraser", "line", "fill"):
@@ -236,7 +236,7 @@ def test_pick_activates_the_topmost_visible_label(canvas, blank, workspace, qtbo
     layers["forest"] = np.full((SIDE, SIDE), 2, np.uint8)
     blank.open(Sketch(layers=layers))
     lines: list[str] = []
-    canvas.message.connect(lines.append)
+    blank.message.connect(lines.append)
     workspace.tool = "pick"
     qtbot.mouseClick(canvas, LEFT, pos=at(canvas, 64.0, 64.0))
     assert (workspace.layer, workspace.label) == ("forest", 2)

@@ -259,7 +259,7 @@ def test_locked_hidden_and_raster_layers_refuse_with_one_line(draped, blank, wor
 
 def test_properties_keep_their_types(draped, blank, workspace, show_widget):
     page, lines = show_widget(DrapedFeaturePage(blank, workspace)), []
-    page.message.connect(lines.append)
+    blank.message.connect(lines.append)
     workspace.selection = Selection("drape", 1, layer=0)
     assert {name: row.field.text() for name, row in page.rows.items()} == {"use": "wood", "rank": "2"}
     for name, text in (("rank", "7"), ("use", "12"), ("rank", "many")):
@@ -295,7 +295,7 @@ def test_the_list_shows_hides_locks_moves_and_removes_layers(blank, workspace, f
 
 def test_styles_and_classes_are_steps_and_drags_merge(draped, blank, workspace, show_widget, fields):
     page, lines = show_widget(DrapePage(blank, workspace)), []
-    page.message.connect(lines.append)
+    blank.message.connect(lines.append)
     workspace.selection = Selection("drape", -1, layer=0)
     count = len(blank.history.titles)
     slider = page.style_form.rows["width"].slider

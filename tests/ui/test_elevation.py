@@ -147,7 +147,7 @@ def test_the_panel_shows_and_edits_each_grid(panel, on_dem, dem, tmp_path, qtbot
     titles = [f"Set {name} of ridge.tif" for name in ("offset", "accuracy", "vertical datum")]
     assert list(on_dem.history.titles[1:]) == titles
     refused = []
-    panel.message.connect(refused.append)
+    on_dem.message.connect(refused.append)
     page.form.edited.emit("vertical", "sea", object())
     assert len(refused) == 1
     assert on_dem.sketch.rasters == (source,)

@@ -8,8 +8,8 @@ import pytest
 from sketchterrain.document.layers import id_of_vector
 from sketchterrain.landforms.placement.feature_types import FEATURE, FILL_BIT, lake_centre
 from sketchterrain.ui.engine.protocol import Placement
-from sketchterrain.ui.models.selection import FeatureDrag, Handle, handles_of, select_at
-from sketchterrain.ui.models.workspace import Selection
+from sketchterrain.ui.models.selection import FeatureDrag, handles_of, select_at
+from sketchterrain.ui.models.workspace import Handle, Selection
 
 
 def feature(number: int, x: float, y: float, radius: float, strength: float, kind: int = 0) -> np.ndarray:

@@ -10,7 +10,7 @@ from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.ui import commands
-from sketchterrain.ui.commands import WORLD, declared, reset_setting, set_setting, settings
+from sketchterrain.ui.commands import DECLARED, WORLD, reset_setting, set_setting, settings
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def test_a_new_label_is_the_smallest_free_one_and_survives_a_file(sketch, tmp_pa
 
 
 def test_properties_are_copied_set_and_reset(sketch):
-    copied = commands.copy_label(sketch, "mountain", 4, source=2)
+    copied = commands.new_label(sketch, "mountain", 4, source=2)
     assert copied.properties("mountain", 4) == sketch.properties("mountain", 2)
     high = commands.set_property(copied, "mountain", 4, "height", 1200.0)
     assert high.properties("mountain", 4)["height"] == 1200.0
@@ -74,9 +74,9 @@ def test_deleting_a_label_and_clearing_a_layer_keep_other_paint_and_properties(s
 
 
 def test_every_setting_can_be_set_and_reset_alone(sketch):
-    assert list(declared(WORLD)) == list(SKETCH)
+    assert list(DECLARED[WORLD]) == list(SKETCH)
     for table in [WORLD, *TABLES]:
-        for name, parameter in declared(table).items():
+        for name, parameter in DECLARED[table].items():
             texts = {"crs": "EPSG:25832", "vertical": "EPSG:5773"}
             text = texts.get(name, parameter.choices[-1] if parameter.choices else "other")
             value = text if parameter.kind is str else parameter.kind(parameter.high)

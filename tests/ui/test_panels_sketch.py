@@ -138,7 +138,7 @@ def test_labels_are_added_deleted_and_cleared_unless_locked(layers, document, wo
     document.undo()
     assert all(np.array_equal(document.sketch.layers[name], before.layers[name]) for name in PAINTED_LAYERS)
     messages = []
-    layers.message.connect(messages.append)
+    document.message.connect(messages.append)
     workspace.set_look("forest", locked=True)
     layers.clear_layer()
     layers.delete_label()

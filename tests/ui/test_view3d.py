@@ -201,7 +201,7 @@ def test_river_points_are_dragged_and_reset(view, document, workspace, placed):
     key(view, Qt.Key.Key_Delete)
     assert document.sketch.edits == ()
     lines = []
-    view.message.connect(lines.append)
+    document.message.connect(lines.append)
     key(view, Qt.Key.Key_Delete)
     assert "cannot be deleted" in lines[0]
     workspace.selection = Selection("feature", int(placed.points["id"][0]))

@@ -22,7 +22,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.ui.actions import MENUS
-from sketchterrain.ui.app import _welcome, new_window
+from sketchterrain.ui.app import _welcome
 from sketchterrain.ui.banner import Message
 from sketchterrain.ui.dialogs.start import RecoveryDialog
 from sketchterrain.ui.engine.background import _render
@@ -30,9 +30,10 @@ from sketchterrain.ui.engine.protocol import ErrorReport, MeasureAdherence, Rend
 from sketchterrain.ui.look.theme import theme
 from sketchterrain.ui.models.background import Autosave
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.workspace import TOOLS, Preferences, Selection
+from sketchterrain.ui.models.workspace import TOOLS, Preferences, Selection, Workspace
 from sketchterrain.ui.panels.properties import PropertiesPanel
 from sketchterrain.ui.panels.settings import SeedRow
+from sketchterrain.ui.window import MainWindow
 
 from .conftest import FakeLink
 from .events import LEFT, NO_KEYS, finish_reading, paint, pen, repeated_mnemonics
@@ -260,7 +261,9 @@ def test_closing_asks_about_unsaved_changes_only(window, document, tmp_path, mon
 def other(qtbot, tmp_path):
     """A second window with its own document, as of another program."""
     document = Document(Sketch())
-    window = new_window(document, FakeLink(document), Preferences(tmp_path / "other.ini"), tmp_path)
+    window = MainWindow(
+        document, Workspace(), FakeLink(document), Preferences(tmp_path / "other.ini"), tmp_path
+    )
     qtbot.addWidget(window, before_close_func=lambda _: document.open(Sketch()))
     window.show()
     return window

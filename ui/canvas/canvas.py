@@ -24,7 +24,6 @@ class Canvas(QWidget):
     """Displays a document's sketch; `CanvasInput` handles mouse, pen and keys."""
 
     hovered = pyqtSignal(object)  # (x, y, height or None) under the mouse, m; None: outside the sketch
-    message = pyqtSignal(str)  # a line for the user
 
     def __init__(self, document: Document, workspace: Workspace, link: EngineLink) -> None:
         super().__init__()
@@ -55,7 +54,6 @@ class Canvas(QWidget):
         workspace.look_changed.connect(self._redraw)
         link.placed_changed.connect(self._redraw)
         link.frame_shown.connect(self._on_frame)
-        self._context.signals.message.connect(self.message)
         self._context.signals.stale.connect(self._redraw)
         self._sketch_view.stale.connect(self._on_stale)
 

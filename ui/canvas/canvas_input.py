@@ -20,12 +20,7 @@ from PyQt6.QtGui import (
 from PyQt6.QtWidgets import QToolTip
 
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
-from sketchterrain.ui.actions import (
-    ContextMenu,
-    ShortcutOverride,
-    add_selection_commands,
-    add_vector_commands,
-)
+from sketchterrain.ui.actions import ContextMenu, ShortcutOverride, add_selection_commands
 from sketchterrain.ui.canvas.decorations import warning_at
 from sketchterrain.ui.canvas.drape_tool import DrapeLineTool
 from sketchterrain.ui.canvas.marks import FeatureMarks
@@ -213,10 +208,7 @@ class CanvasInput(QObject):
         x, y = context.world_from_sketch(*context.sketch_from_screen(place))
         selection = workspace.selection = self._select.selection_under(place)
         menu = ContextMenu(self._canvas)
-        if selection is not None and not selection.is_placed:
-            add_vector_commands(menu, document, workspace, context.signals.message.emit)
-            menu.addSeparator()
-        elif selection is not None and placed is not None:
+        if selection is not None:
             add_selection_commands(menu, document, workspace, placed, selection)
             menu.addSeparator()
         submenu = menu.add_submenu("add", "Add here")

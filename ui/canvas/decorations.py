@@ -99,8 +99,7 @@ def _camera_place(context: ToolContext, pose: Pose) -> QPointF:
 
 def draw_warnings(painter: QPainter, context: ToolContext) -> None:
     """Draw a warning sign where layers contradict each other."""
-    placed = context.link.placed
-    for _, x, y in placed.resolutions if placed is not None else ():
+    for _, x, y in context.link.placed.resolutions:
         at = context.screen_from_world(x, y)
         sign = _warning_sign().translated(at)
         painter.setPen(QPen(QColor(255, 255, 255, 220), 4.0, join=Qt.PenJoinStyle.RoundJoin))
@@ -123,8 +122,7 @@ def _warning_sign() -> QPainterPath:
 
 def warning_at(context: ToolContext, place: QPointF) -> str:
     """Return the resolved contradictions at a screen position, a line each."""
-    placed = context.link.placed
-    found = [(line, context.screen_from_world(x, y)) for line, x, y in placed.resolutions] if placed else []
+    found = [(line, context.screen_from_world(x, y)) for line, x, y in context.link.placed.resolutions]
     return "\n".join(line for line, at in found if QLineF(place, at).length() <= _WARNING)
 
 
@@ -147,7 +145,7 @@ def draw_legend(painter: QPainter, context: ToolContext, width: float, *, realis
             painter, [(None, f"{title}: {'measuring …' if measured is None else 'not measured'}")], width
         )
         return
-    if placed is not None and placed.version > measured.version:
+    if placed.version > measured.version:
         rows.append((None, "before the last change"))
     _draw_rows(painter, rows, width)
 
@@ -193,14 +191,14 @@ class Decorations:
 
     def draw(self, painter: QPainter, area: QRect, tool: Tool, width: float, height: float) -> None:
         """Draw an area (logical px) of a canvas of a size."""
-        context, overlays, placed = self._context, self._context.workspace.overlays, self._context.link.placed
+        context, overlays = self._context, self._context.workspace.overlays
         ratio = context.ratio
         source = QRectF(area.x() * ratio, area.y() * ratio, area.width() * ratio, area.height() * ratio)
         vectors = self._vectors.image()
         if vectors is not None:
             painter.drawImage(QRectF(area), vectors, source)
-        if placed is not None and "features" in overlays:
-            painter.drawImage(QRectF(area), self._marks.image(placed), source)
+        if "features" in overlays:
+            painter.drawImage(QRectF(area), self._marks.image(context.link.placed), source)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         if "contradictions" in overlays:
             draw_warnings(painter, context)

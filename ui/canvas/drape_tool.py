@@ -51,7 +51,7 @@ class DrapeLineTool(LineTool):
         context = self.context
         problem = refusal(context.document, context.workspace, self._layer)
         if problem:
-            context.signals.message.emit(problem)
+            context.document.message.emit(problem)
         return not problem
 
     def _add_vector(self, kind: int, points: list[tuple[float, float]]) -> None:
@@ -60,7 +60,7 @@ class DrapeLineTool(LineTool):
         try:
             draw_draped(context.document, context.workspace, self._layer, places)
         except InputError as error:
-            context.signals.message.emit(str(error))
+            context.document.message.emit(str(error))
             self._points = points
 
     def _snapped(self, pointer: Pointer) -> tuple[float, float]:

@@ -6,10 +6,10 @@ import math
 import time
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final, NamedTuple, cast
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
-from PyQt6.QtCore import QByteArray, QDataStream, QLineF, QObject, QPointF, QRectF, Qt, pyqtSignal
+from PyQt6.QtCore import QLineF, QObject, QPointF, QRectF, Qt, pyqtSignal
 from PyQt6.QtGui import QBrush, QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF, QTransform
 
 from sketchterrain.array_types import Float64Array, Int64Array
@@ -40,6 +40,9 @@ _JOINS: Final = {
     "mitre": Qt.PenJoinStyle.MiterJoin,
     "round": Qt.PenJoinStyle.RoundJoin,
 }
+
+
+_Images: TypeAlias = tuple[QImage | None, QImage | None]  # beneath and above the paint
 
 
 class PictureWindow(NamedTuple):
@@ -78,7 +81,7 @@ class DrapePictures(QObject):
         self._base: tuple[object, Drapes] | None = None  # without the feature that is held
         self._seconds, self._texel = 0.0, 0.0  # that the last picture took, and its scale
         self._reader = BackgroundReader(self)
-        self._reader.failed.connect(context.signals.message)
+        self._reader.failed.connect(context.document.message)
         context.document.drapes.changed.connect(self.update)
 
     @property
@@ -117,8 +120,8 @@ class DrapePictures(QObject):
         texel = context.document.sketch.pixel_size / viewport.scale
         return PictureWindow(west, north, texel, viewport.width, viewport.height)
 
-    def _show(self, window: PictureWindow, found: object) -> None:
-        images, self._seconds = cast("tuple[tuple[QImage | None, QImage | None], float]", found)
+    def _show(self, window: PictureWindow, found: tuple[_Images, float]) -> None:
+        images, self._seconds = found
         (east, north), (west, south, right, top) = self._context.document.sketch.size, window.box
         place = QRectF(west / east, 1.0 - top / north, (right - west) / east, (top - south) / north)
         before = self.beneath, self.above
@@ -128,7 +131,7 @@ class DrapePictures(QObject):
         self.update()  # what has changed meanwhile
 
 
-def _draw(drapes: Drapes, window: PictureWindow) -> tuple[tuple[QImage | None, QImage | None], float]:
+def _draw(drapes: Drapes, window: PictureWindow) -> tuple[_Images, float]:
     """Return the pictures of the layers beneath and above the paint, and the time that they took (s)."""
     started = time.perf_counter()
     rasters, items = dict(drapes.rasters(window.texel)), drapes.items(window.box, window.texel)
@@ -201,13 +204,11 @@ def draw_items(painter: QPainter, drapes: Drapes, items: Items, window: PictureW
 
 
 def path_of(points: Float64Array, starts: Int64Array) -> QPainterPath:
-    """Return lines through points (n, 2), each from one of the starts on, as Qt stores paths."""
-    elements = np.ones(len(points), [("kind", ">i4"), ("x", ">f8"), ("y", ">f8")])
-    elements["kind"][starts] = 0
-    elements["x"], elements["y"] = points.T
-    ends = np.array([len(points), 0, Qt.FillRule.WindingFill.value], ">i4").tobytes()
+    """Return lines through points (n, 2), each from one of the starts on."""
     path = QPainterPath()
-    QDataStream(QByteArray(ends[:4] + elements.tobytes() + ends[4:])) >> path  # type: ignore[operator] # the stubs lack it
+    path.setFillRule(Qt.FillRule.WindingFill)
+    for start, end in pairwise([*starts.tolist(), len(points)]):
+        path.addPolygon(QPolygonF(list(map(QPointF, *points[start:end].T.tolist()))))
     return path
 
 

@@ -151,7 +151,7 @@ class FeatureMarks:
     def __init__(self, context: ToolContext) -> None:
         self._context = context
         self._image = OverlayImage(context, self._draw)
-        self._placed: Placement | None = None
+        self._placed = context.link.placed
         self._rings = False
         self._spacings = LRUCache(1)
 
@@ -180,8 +180,6 @@ class FeatureMarks:
 
     def _draw(self, painter: QPainter, visible: QRectF) -> None:
         context, placed = self._context, self._placed
-        if placed is None:
-            return
         if not self._rings:
             corner = context.screen_from_sketch(context.viewport.columns, context.viewport.rows)
             sketch = QRectF(context.screen_from_sketch(0, 0), corner)

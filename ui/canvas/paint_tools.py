@@ -214,11 +214,11 @@ def pick_label(context: ToolContext, pointer: Pointer) -> None:
         ]
         found = pick(layers, math.floor(pointer.y), math.floor(pointer.x))
     if found is None:
-        context.signals.message.emit("Nothing is painted or drawn here.")
+        context.document.message.emit("Nothing is painted or drawn here.")
     else:
         context.workspace.use_label(*found)
         verb = "Paints" if LAYERS[found[0]].is_painted else "Draws"
-        context.signals.message.emit(f"{verb} {LAYERS[found[0]].title.lower()}, label {found[1]}.")
+        context.document.message.emit(f"{verb} {LAYERS[found[0]].title.lower()}, label {found[1]}.")
 
 
 _DRAG = 6.0  # logical px after which a press draws freehand
@@ -372,7 +372,7 @@ class LineTool(Tool):
             layers = vectors.with_feature(context.document.sketch, name, feature)
             vectors.change_vectors(context.document, context.workspace, f"Draw {what} of", *layers)
         except InputError as error:
-            context.signals.message.emit(str(error))
+            context.document.message.emit(str(error))
             self._points = points
 
     def _snapped(self, pointer: Pointer) -> tuple[float, float]:

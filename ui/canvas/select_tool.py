@@ -6,19 +6,17 @@ from dataclasses import replace
 from PyQt6.QtCore import QLineF, QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen
 
-from sketchterrain.errors import InputError
 from sketchterrain.ui.canvas.decorations import write_beside
 from sketchterrain.ui.canvas.drape_tool import draw_feature
 from sketchterrain.ui.canvas.marks import SELECTED, FeatureMarks
 from sketchterrain.ui.canvas.tool_context import REACH, Pointer, Tool, ToolContext
 from sketchterrain.ui.canvas.vectors import VectorMarks
-from sketchterrain.ui.commands import exists, name_of
+from sketchterrain.ui.commands import exists, name_of, reported
 from sketchterrain.ui.engine.protocol import GoTo, Placement
 from sketchterrain.ui.models.drapes import draped_handles, next_below
 from sketchterrain.ui.models.selection import (
     OFFSET_ROLES,
     FeatureDrag,
-    Handle,
     delete,
     handle_refusal,
     handles_of,
@@ -27,7 +25,7 @@ from sketchterrain.ui.models.selection import (
     vertex_at,
 )
 from sketchterrain.ui.models.vectors import insert_vertex, vector_at
-from sketchterrain.ui.models.workspace import Selection
+from sketchterrain.ui.models.workspace import Handle, Selection
 
 _TOLERANCE = 9.0  # logical px around a handle or feature
 _DRAG = 4.0  # logical px after which a press is a drag
@@ -47,7 +45,7 @@ class SelectTool(Tool):
         self._pressed: tuple[tuple[float, float], Handle | None] | None = None  # place, m
         self._next: Selection | None = None  # that a click on the selected draped feature selects
         self._double_clicked: tuple[float, float] | None = None
-        self._last_drag: tuple[Placement | None, FeatureDrag] | None = None  # drawn until it is placed
+        self._last_drag: tuple[Placement, FeatureDrag] | None = None  # drawn until it is placed
 
     @property
     def is_busy(self) -> bool:
@@ -68,7 +66,7 @@ class SelectTool(Tool):
         if handle is not None and not (handle.is_vertex or handle.selection.is_draped):
             self._start_drag(handle, at)
             return
-        if handle is None and self.context.link.placed is not None:
+        if handle is None:
             handle = next(iter(handles_of(self.context.link.placed, selection)), None)
             handle = handle if handle is not None and handle.role == "move" else None
         self._pressed = at, handle
@@ -100,16 +98,13 @@ class SelectTool(Tool):
     def double(self, pointer: Pointer) -> None:
         """Insert a vertex in the selected vector, else press: a drag may follow at once."""
         at, context = self.context.world_from_sketch(pointer.x, pointer.y), self.context
-        try:
+        with reported(self._report):
             is_inserted = self._handle_at(at) is None and insert_vertex(
                 context.document, context.workspace, *at, reach=REACH / context.px_per_metre
             )
-        except InputError as error:
-            self._report(str(error))
-            return
-        if not is_inserted:
-            self.press(pointer)
-            self._double_clicked = (pointer.x, pointer.y)
+            if not is_inserted:
+                self.press(pointer)
+                self._double_clicked = (pointer.x, pointer.y)
 
     def finish(self) -> None:
         """Record the drag as a history step."""
@@ -142,10 +137,8 @@ class SelectTool(Tool):
             workspace.selection = None
         elif workspace.selection is not None:
             self.finish()
-            try:
+            with reported(self._report):
                 delete(self.context.document, workspace, self.context.link.placed, workspace.selection)
-            except InputError as error:
-                self._report(str(error))
 
     def selection_under(self, place: QPointF) -> Selection | None:
         """Return what a command at a screen position is for: a vertex, or what a click would select."""
@@ -180,8 +173,6 @@ class SelectTool(Tool):
                 self._draw_handle(painter, width)
             if self._drag is not None and self._last_drag is not None:
                 self._draw_drag(painter, placed)
-        if placed is None:
-            return
         if hovered is not None and self._drag is None and exists(placed, hovered):
             self._marks.draw_selection(painter, placed, hovered, faint)
             handles = handles_of(placed, hovered)
@@ -209,7 +200,7 @@ class SelectTool(Tool):
         else:
             painter.drawEllipse(at, 5.0, 5.0)
 
-    def _draw_drag(self, painter: QPainter, placed: Placement | None) -> None:
+    def _draw_drag(self, painter: QPainter, placed: Placement) -> None:
         """Draw the dragged handle until the engine has placed it."""
         if self._last_drag is None or (self._drag is None and self._last_drag[0] is not placed):
             self._last_drag = None
@@ -247,7 +238,7 @@ class SelectTool(Tool):
 
     def _report(self, problem: str) -> None:
         if problem:
-            self.context.signals.message.emit(problem)
+            self.context.document.message.emit(problem)
 
     def _selections_at(self, at: tuple[float, float]) -> list[Selection]:
         """Return the draped features at a position (m), the highest first, else a vector or placed object."""
@@ -255,7 +246,7 @@ class SelectTool(Tool):
         if draped := context.document.drapes.stack(*at, 1.0 / px):
             return draped
         found = vector_at(context.document.sketch, context.workspace, *at, reach=REACH / px)
-        if found is None and placed is not None:
+        if found is None:
             found = select_at(placed, *at, reach=_TOLERANCE / px)
         return [] if found is None else [found]
 
@@ -267,7 +258,7 @@ class SelectTool(Tool):
         if vertex is not None:
             return vertex
         width = vector_width_handle(sketch, selection)
-        handles = [width] if width is not None else [] if placed is None else self._visible_handles(placed)
+        handles = self._visible_handles(placed) if width is None else [width]
         handles += self._draped_handles()
         near = [(QLineF(place, self._handle_place(each)).length(), each) for each in handles]
         best = min(near, key=lambda pair: pair[0], default=None)

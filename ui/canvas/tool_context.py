@@ -101,7 +101,6 @@ class Pointer:
 class ToolSignals(QObject):
     """Signals of the tools to the canvas."""
 
-    message = pyqtSignal(str)  # a line for the user
     stale = pyqtSignal(object)  # rectangle (logical px) to redraw; None: everything
 
     def redraw(self, area: QRectF | None = None) -> None:
@@ -159,9 +158,8 @@ class ToolContext:
 
     def screens_from_world(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]:
         viewport, (columns, rows) = self.viewport, self.sketch_from_world(x, y)
-        return (viewport.left + columns * viewport.scale) / self.ratio, (
-            viewport.top + rows * viewport.scale
-        ) / self.ratio
+        right, down = viewport.left + columns * viewport.scale, viewport.top + rows * viewport.scale
+        return right / self.ratio, down / self.ratio
 
     def may_paint(self, *, pixels: bool = True) -> bool:
         """Return whether the active layer can be edited, and has pixels if that is asked; else report why."""
@@ -170,7 +168,7 @@ class ToolContext:
             title = LAYERS[self.workspace.layer].title
             refusal = f"{title} are drawn, not painted: use the line tool (L), or select one (V)."
         if refusal:
-            self.signals.message.emit(refusal)
+            self.document.message.emit(refusal)
         return not refusal
 
 

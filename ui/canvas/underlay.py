@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias, cast
+from typing import TYPE_CHECKING, TypeAlias
 
 from PyQt6.QtCore import QObject, QRectF, pyqtSignal
 from PyQt6.QtGui import QImage
@@ -12,8 +12,7 @@ from PyQt6.QtGui import QImage
 from sketchterrain.document.rasters import raster_problem
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.ui.application import single_shot
-from sketchterrain.ui.models.background import BackgroundReader
+from sketchterrain.ui.models.background import BackgroundReader, single_shot
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.elevation import Hillshade, SketchElevation
 
@@ -82,9 +81,9 @@ class RasterUnderlay(QObject):
     def _read(self) -> None:
         self._reader.read(partial(_read_pictures, self._document.sketch), self._show)
 
-    def _show(self, found: object) -> None:
+    def _show(self, found: tuple[Pictures, tuple[str, ...]]) -> None:
         before = self.pictures, self._problems
-        self.pictures, self._problems = cast("tuple[Pictures, tuple[str, ...]]", found)
+        self.pictures, self._problems = found
         if before != (self.pictures, self._problems):
             self.changed.emit()
 

@@ -185,7 +185,8 @@ class ExportDialog(JobDialog):
     """Exports the terrain of a sketch as it is when the dialog opens."""
 
     def __init__(self, sketch: Sketch, preferences: Preferences, parent: QWidget | None = None) -> None:
-        super().__init__("Export terrain", sketch, preferences, parent)
+        self.outcome = ExportOutcome()
+        super().__init__("Export terrain", self.outcome, sketch, preferences, parent)
         self._values: dict[str, dict[str, Any]] = {}  # entered for targets
         self._shown = ""  # target whose form is visible
         self.targets = QComboBox()
@@ -197,7 +198,6 @@ class ExportDialog(JobDialog):
         self.target = TargetForm(sketch)
         folder = preferences.export_folder or preferences.last_folder / "terrain"
         self.path_field.setText(str(folder))
-        self.outcome = ExportOutcome()
         self.pages, page = QStackedWidget(), QWidget()
         targets = titled("E&xport for", self.targets, "Program or format")
         path = titled("&Folder", self.path_field, "Folder for the files", self._browse)
@@ -215,9 +215,6 @@ class ExportDialog(JobDialog):
     @property
     def options(self) -> EverythingForm | TargetForm:
         return self.target if self.targets.currentData() else self.everything
-
-    def show_cancelling(self) -> None:
-        self.outcome.doing.setText("Cancelling …")
 
     def closeEvent(self, event: QCloseEvent | None) -> None:
         super().closeEvent(event)
@@ -268,19 +265,13 @@ class ExportDialog(JobDialog):
         self.pages.addWidget(self.outcome)
         self.pages.setCurrentWidget(self.outcome)
         self.outcome.begin(is_target=bool(self._shown))
-        self.run(
-            self.options.request(self.path, self._preferences.device),
-            on_stage=self.outcome.show_stage,
-            on_share=self.outcome.show_share,
-            on_finish=self._show_done,
-            on_failure=self._show_failed,
-        )
+        self.run(self.options.request(self.path, self._preferences.device))
 
-    def _show_done(self, summary: dict[str, Any]) -> None:
+    def show_done(self, summary: dict[str, Any]) -> None:
         self.outcome.show_done(summary, self.path)
         self.folder_button.show()
         self.finish()
 
-    def _show_failed(self, line: str) -> None:
+    def show_failed(self, line: str) -> None:
         self.outcome.show_failed(line)
         self.finish()

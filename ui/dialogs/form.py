@@ -120,6 +120,7 @@ class Line:
         return [part for part in self.parts if isinstance(part, Field)]
 
 
+_MAX_NOTES = 4  # that a running job shows
 _EXTENT = SKETCH["extent"]
 NAME = Field("name", "&Name", "My terrain", "Name of the sketch")
 EXTENT = Field(
@@ -293,6 +294,13 @@ def fix_width(dialog: QDialog, width: int) -> None:
         dialog.setFixedSize(width, rows.totalHeightForWidth(width))
 
 
+def run_dialog(dialog: QDialog) -> bool:
+    """Show a modal dialog and delete it; return whether it was accepted."""
+    accepted = bool(dialog.exec())
+    dialog.deleteLater()
+    return accepted
+
+
 class JobProgress(QWidget):
     """Progress and outcome of an export job."""
 
@@ -302,19 +310,40 @@ class JobProgress(QWidget):
         super().__init__()
         self.heading, self.doing, self.notes = heading(title), QLabel("Starting"), note(selectable=True)
         self.doing.setWordWrap(True)
+        self.lines: list[str] = []
         self.bar = QProgressBar()
         self.bar.setRange(0, self.UNITS)
         self.bar.setTextVisible(False)
         self.bar.setAccessibleName(name)
         self._column = column(self, self.heading, self.doing, self.bar, self.notes, spacing=MARGIN)
 
+    def show_stage(self, title: str) -> None:
+        self.doing.setText(title)
+
+    def show_share(self, share: float) -> None:
+        """Show the progress, 0 … 1."""
+        self.bar.setValue(round(self.UNITS * share))
+
+    def show_note(self, line: str) -> None:
+        self.lines.append(line)
+        self.notes.setText("\n".join(self.lines[-_MAX_NOTES:]))
+
 
 class JobDialog(QDialog):
     """Asks for options and a path, then runs an export job; subclasses call `add_buttons` and `run`."""
 
-    def __init__(self, title: str, sketch: Sketch, preferences: Preferences, parent: QWidget | None) -> None:
+    cancelling = "Cancelling …"
+
+    def __init__(
+        self,
+        title: str,
+        progress: JobProgress,
+        sketch: Sketch,
+        preferences: Preferences,
+        parent: QWidget | None,
+    ) -> None:
         super().__init__(parent)
-        self._sketch, self._preferences = sketch, preferences
+        self._progress, self._sketch, self._preferences = progress, sketch, preferences
         self.job: ExportJob | None = None
         self.path_field, self.hint = QLineEdit(), note(selectable=True)
         self._column = dialog_column(self, title)
@@ -336,25 +365,23 @@ class JobDialog(QDialog):
     def path(self) -> Path:
         return Path(self.path_field.text().strip()).expanduser()
 
-    def run(
-        self,
-        request: Request,
-        *,
-        on_stage: Callable[[str], object],
-        on_share: Callable[[float], object],
-        on_finish: Callable[[dict[str, Any]], object],
-        on_failure: Callable[[str], object],
-        on_note: Callable[[str], object] | None = None,
-    ) -> None:
+    def run(self, request: Request) -> None:
         self.job = ExportJob(request, self._sketch, self)
-        self.job.stage_changed.connect(on_stage)
-        self.job.share_changed.connect(on_share)
-        self.job.finished.connect(on_finish)
-        self.job.failed.connect(on_failure)
-        if on_note is not None:
-            self.job.noted.connect(on_note)
+        self.job.stage_changed.connect(self._progress.show_stage)
+        self.job.share_changed.connect(self._progress.show_share)
+        self.job.noted.connect(self._progress.show_note)
+        self.job.finished.connect(self.show_done)
+        self.job.failed.connect(self.show_failed)
         self.accept_button.hide()
         self.job.start()
+
+    def show_done(self, summary: dict[str, Any]) -> None:
+        """Show the summary of a finished job, see `export_process`."""
+        raise NotImplementedError
+
+    def show_failed(self, line: str) -> None:
+        """Show why a job failed; an empty line means cancelled."""
+        raise NotImplementedError
 
     def finish(self) -> None:
         """Make the close button the default of a finished dialog."""
@@ -363,13 +390,10 @@ class JobDialog(QDialog):
         self.close_button.setDefault(True)
         self.close_button.setFocus()
 
-    def show_cancelling(self) -> None:
-        """Show that a running job is being cancelled."""
-
     def reject(self) -> None:
         if self.job is not None and self.job.is_running:
             self.close_button.setEnabled(False)
-            self.show_cancelling()
+            self._progress.doing.setText(self.cancelling)
             self.job.cancel()
         else:
             super().reject()

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -33,7 +32,6 @@ from sketchterrain.importing.images import SPECKS, ColouredMap, Kind, coloured_m
 from sketchterrain.importing.layered import trace_folder, trace_mask, trace_open_raster
 from sketchterrain.importing.legend import INK, NOTHING, Meaning
 from sketchterrain.importing.traced_layers import DEFAULT_MAX_SIDE, TraceOptions, TraceResult, sketch_picture
-from sketchterrain.ui.application import single_shot
 from sketchterrain.ui.dialogs.form import (
     EXTENT,
     NAME,
@@ -46,7 +44,7 @@ from sketchterrain.ui.dialogs.form import (
 )
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, described, row, tabular
-from sketchterrain.ui.models.background import BackgroundReader
+from sketchterrain.ui.models.background import BackgroundReader, single_shot
 
 _PREVIEW = 900  # px along the longer side
 Rgba = npt.NDArray[np.uint8]
@@ -289,8 +287,8 @@ class TraceDialog(QDialog):
         self.form["name"].setMaxLength(int(SKETCH["name"].high))
         self.form.changed.connect(self._trace_later)
 
-    def _show_source(self, source: object) -> None:
-        self._source = source = cast(TraceSource, source)
+    def _show_source(self, source: TraceSource) -> None:
+        self._source = source
         if source.preview is not None:
             self.before.show_pixels(source.preview)
         if source.map is not None:
@@ -333,8 +331,8 @@ class TraceDialog(QDialog):
         )
         self._reading.read(trace, self._show_result)
 
-    def _show_result(self, result: object) -> None:
-        traced, preview = cast("tuple[TraceResult, Rgba]", result)
+    def _show_result(self, result: tuple[TraceResult, Rgba]) -> None:
+        traced, preview = result
         self._result = traced
         self.after.show_pixels(preview)
         sketch = traced.sketch

@@ -29,7 +29,6 @@ _FORMS: Final = {
 _PLANTS: Final = {"none": "None", "parquet": "GeoParquet", "flatgeobuf": "FlatGeobuf"}
 _STEPS: Final = {0.0: "Every bit", 2.0**-10: "1 mm (1/1024 m)", 2.0**-7: "8 mm (1/128 m)", 0.125: "1/8 m"}
 _PREFERENCES_KEY: Final = "world"
-_MAX_NOTES: Final = 4
 _FROM_CORNER: Final = "Metres from the sketch's south-west corner"
 
 
@@ -120,6 +119,8 @@ class WorldForm(Form):
 class WorldDialog(JobDialog):
     """Writes the world of a sketch as it is when the dialog opens, after an estimate."""
 
+    cancelling = "Finishing pending shards …"
+
     def __init__(
         self,
         sketch: Sketch,
@@ -128,15 +129,14 @@ class WorldDialog(JobDialog):
         *,
         view: Callable[[Path], object] | None = None,
     ) -> None:
-        super().__init__("Write world", sketch, preferences, parent)
-        self._is_estimated = False
-        self._notes: list[str] = []
+        self.progress = JobProgress("Writing the world", "Progress of the world")
+        super().__init__("Write world", self.progress, sketch, preferences, parent)
+        self._is_estimated = self._only_estimates = False
         self.form = WorldForm(sketch, preferences.export_options(_PREFERENCES_KEY))
         folder = preferences.export_folder
         stem = (preferences.last_folder if folder is None else folder.parent) / "world"
         self.path_field.setText(f"{stem}{ENDINGS[self.form.values['form']]}")
         self.options_page = QWidget()
-        self.progress = JobProgress("Writing the world", "Progress of the world")
         path = titled("O&utput", self.path_field, "File or folder of the world", self._browse)
         column(self.options_page, self.form, path, self.hint, 1, spacing=MARGIN)
         for page in (self.options_page, self.progress):
@@ -150,9 +150,6 @@ class WorldDialog(JobDialog):
         self.path_field.textChanged.connect(self._check)
         self.setMinimumWidth(620)
         self._check()
-
-    def show_cancelling(self) -> None:
-        self.progress.doing.setText("Finishing pending shards …")
 
     def _use_suffix(self) -> None:
         """Give the output the suffix of the selected form."""
@@ -205,27 +202,16 @@ class WorldDialog(JobDialog):
     def _start(self) -> None:
         """Estimate the world; once estimated, write it."""
         self._preferences.set_export_options(_PREFERENCES_KEY, self.form.values)
-        only_estimate = not self._is_estimated
+        self._only_estimates = not self._is_estimated
         output, device = self.path.absolute(), self._preferences.device
         workers = self.form.values["workers"]
-        self._notes = []
+        self.progress.lines.clear()
         self.progress.notes.clear()
         self.progress.bar.setValue(0)
-        self.progress.heading.setText("Estimate" if only_estimate else "Writing the world")
+        self.progress.heading.setText("Estimate" if self._only_estimates else "Writing the world")
         self._show_page(self.progress)
         self.close_button.setText("Cancel")
-        self.run(
-            WorldRequest(output, self.form.options(), workers, device, only_estimate),
-            on_stage=self.progress.doing.setText,
-            on_share=lambda share: self.progress.bar.setValue(round(JobProgress.UNITS * share)),
-            on_finish=self._show_estimate if only_estimate else self._show_done,
-            on_failure=self._show_not_estimated if only_estimate else self._show_failed,
-            on_note=self._add_note,
-        )
-
-    def _add_note(self, line: str) -> None:
-        self._notes.append(line)
-        self.progress.notes.setText("\n".join(self._notes[-_MAX_NOTES:]))
+        self.run(WorldRequest(output, self.form.options(), workers, device, self._only_estimates))
 
     def _show_estimate(self, estimate: dict[str, Any]) -> None:
         lines = [line[:1].upper() + line[1:] for line in estimate["lines"]]
@@ -237,17 +223,16 @@ class WorldDialog(JobDialog):
         show_note(self.hint, "\n".join([*lines, problem]).strip(), is_error=bool(problem))
         self._show_options()
 
-    def _show_not_estimated(self, line: str) -> None:
-        show_note(self.hint, line, is_error=True)
-        self._show_options()
-
     def _show_options(self) -> None:
         self._show_page(self.options_page)
         self.accept_button.show()
         self.close_button.setEnabled(True)
         self.accept_button.setDefault(True)
 
-    def _show_done(self, summary: dict[str, Any]) -> None:
+    def show_done(self, summary: dict[str, Any]) -> None:
+        if self._only_estimates:
+            self._show_estimate(summary)
+            return
         self.progress.heading.setText("Written" if summary["made"] else "Already complete")
         self.progress.bar.setValue(JobProgress.UNITS)
         self.progress.doing.setText(
@@ -258,9 +243,13 @@ class WorldDialog(JobDialog):
         self.folder_button.show()
         self.finish()
 
-    def _show_failed(self, line: str) -> None:
+    def show_failed(self, line: str) -> None:
+        if self._only_estimates:
+            show_note(self.hint, line, is_error=True)
+            self._show_options()
+            return
         self.progress.heading.setText("Not written" if line else "Cancelled")
         self.progress.doing.setText("Finished shards remain: the same world at the same output resumes.")
-        self.progress.notes.setText("\n".join([*self._notes[-_MAX_NOTES:], line]).strip())
+        self.progress.notes.setText(f"{self.progress.notes.text()}\n{line}".strip())
         self.folder_button.show()
         self.finish()

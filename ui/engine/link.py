@@ -9,15 +9,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from PyQt6.QtCore import QObject, Qt, QTimer, pyqtBoundSignal, pyqtSignal
+import numpy as np
+from PyQt6.QtCore import QObject, Qt, pyqtBoundSignal, pyqtSignal
 from PyQt6.QtGui import QImage
 
+from sketchterrain.landforms.placement.feature_types import FEATURE
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.channel import Channel, ContentChannel, UpdateBuilder, start_process
 from sketchterrain.ui.engine.frames import FrameMemory
+from sketchterrain.ui.models.background import single_shot
 from sketchterrain.ui.models.document import Document
 
 _EXIT_TIME: Final = 0.4  # s for processes to exit by themselves
+
+
+NOT_PLACED: Final = msg.Placement(-1, np.zeros(0, FEATURE), (), ())
+"""The placement of a view before its first one, and of a stored world."""
 
 
 class EngineProcesses:
@@ -104,7 +111,7 @@ class ViewSource(QObject):
         self.facts = msg.EngineFacts()
         self.frame: msg.FrameFacts | None = None
         self.picture: QImage | None = None
-        self.placed: msg.Placement | None = None
+        self.placed = NOT_PLACED
         self.relief: msg.Relief | None = None
         self.view = view
         self.activity = ""
@@ -206,7 +213,7 @@ class ViewSource(QObject):
 
     def _revalidate(self, message: msg.Unchanged) -> None:
         """Apply a version to the last placement or relief."""
-        if message.kind == "placement" and self.placed is not None:
+        if message.kind == "placement":
             self.placed = replace(self.placed, version=message.version)
             self.placed_changed.emit(self.placed)
         elif message.kind == "relief" and self.relief is not None:
@@ -265,10 +272,8 @@ class EngineLink(ViewSource):
         self._crashes = 0
         self._updates = UpdateBuilder(document)
         self._sent_at = 0.0
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
+        self._timer = single_shot(self, 0, self._send_sketch)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
-        self._timer.timeout.connect(self._send_sketch)
         self._routes |= {
             msg.Placement: ("placed", self.placed_changed),
             msg.Relief: ("relief", self.relief_changed),

@@ -1,6 +1,6 @@
 """Theme, icons and style sheet."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -69,10 +69,12 @@ def draw_icon(painter: QPainter, name: str, place: QRectF, colour: QColor) -> No
 
 
 def tool_button(
-    name: str, title: str, *, tip: str = "", side: int = 18, parent: QWidget | None = None
+    name: str, title: str, on_click: Callable[[], object] | None = None, *, tip: str = "", side: int = 18
 ) -> QToolButton:
     """Return an icon button; `title` is its accessible name, and its tool tip unless `tip` is given."""
-    button = QToolButton(parent)
+    button = QToolButton()
+    if on_click is not None:
+        button.clicked.connect(lambda _: on_click())
     button.setIcon(icon(name))
     button.setIconSize(QSize(side, side))
     button.setAccessibleName(title)
@@ -298,6 +300,14 @@ def _filled(box: _Box, items: Iterable[LayoutItem], margins: Margins, spacing: i
         else:
             box.addWidget(*item)
     return box
+
+
+def clear(box: QBoxLayout) -> None:
+    """Delete the widgets of a layout."""
+    while (item := box.takeAt(0)) is not None:
+        if (widget := item.widget()) is not None:
+            widget.hide()
+            widget.deleteLater()
 
 
 def described(widget: _Widget, name: str, tip: str) -> _Widget:

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Condition, Thread
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from PyQt6.QtCore import QObject, QTimer, pyqtSignal
 
@@ -27,6 +27,18 @@ from sketchterrain.io.system import lock_file
 
 if TYPE_CHECKING:  # it reads files in the background itself
     from sketchterrain.ui.models.document import Document  # which holds it
+
+
+_T = TypeVar("_T")
+
+
+def single_shot(parent: QObject, milliseconds: int, on_timeout: Callable[[], object]) -> QTimer:
+    """Return a single-shot timer that is not yet started."""
+    timer = QTimer(parent)
+    timer.setSingleShot(True)
+    timer.setInterval(milliseconds)
+    timer.timeout.connect(on_timeout)
+    return timer
 
 
 def _run(work: Callable[[], object]) -> tuple[object, str]:
@@ -51,14 +63,14 @@ class BackgroundReader(QObject):
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._newest = 0
-        self._then: Callable[[object], None] | None = None
+        self._then: Callable[[Any], object] | None = None
         self._finished.connect(self._finish)
 
     @property
     def is_busy(self) -> bool:
         return self._then is not None
 
-    def read(self, work: Callable[[], object], then: Callable[[object], None]) -> None:
+    def read(self, work: Callable[[], _T], then: Callable[[_T], object]) -> None:
         """Run `work` on a thread and pass its result to `then` on this one."""
         self._newest += 1
         self._then = then
@@ -273,11 +285,10 @@ class Autosave(QObject):
         self._claimed: dict[Path, Lock] = {}
         self._discarded: list[Path] = []
         self._has_failed = False
-        self._interval, self._pause = QTimer(self), QTimer(self)
-        for timer, seconds in ((self._interval, interval_s), (self._pause, min(_PAUSE, interval_s))):
-            timer.setSingleShot(True)
-            timer.setInterval(round(1000 * seconds))
-            timer.timeout.connect(self.save_now)
+        self._interval, self._pause = (
+            single_shot(self, round(1000 * seconds), self.save_now)
+            for seconds in (interval_s, min(_PAUSE, interval_s))
+        )
         document.sketch_changed.connect(self._schedule)
         document.saved_changed.connect(self._schedule)
         document.opened.connect(self.save_now)

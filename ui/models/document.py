@@ -72,6 +72,7 @@ class Document(QObject):
     history_changed = pyqtSignal()
     saved_changed = pyqtSignal()  # path or `is_modified`
     opened = pyqtSignal()
+    message = pyqtSignal(str)  # a line for the user, such as why a change is refused
 
     def __init__(self, sketch: Sketch | None = None) -> None:
         super().__init__()

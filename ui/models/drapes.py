@@ -19,7 +19,7 @@ from sketchterrain.document.drapes import MAX_CLASSES, DrapeClass, DrapedLayer, 
 from sketchterrain.errors import InputError
 from sketchterrain.geometry.splines import drop_repeats
 from sketchterrain.ui.models.background import BackgroundReader
-from sketchterrain.ui.models.workspace import Selection, Workspace
+from sketchterrain.ui.models.workspace import Handle, Selection, Workspace
 
 if TYPE_CHECKING:  # GDAL and shapely take a quarter of a second
     from sketchterrain.document.sketch import Sketch
@@ -27,7 +27,6 @@ if TYPE_CHECKING:  # GDAL and shapely take a quarter of a second
     from sketchterrain.drape.raster_source import RasterSource
     from sketchterrain.drape.vector_source import Feature, VectorSource
     from sketchterrain.ui.models.document import Document  # which reads drapes
-    from sketchterrain.ui.models.selection import Handle  # which reads drapes
 
 _Change: TypeAlias = "Callable[[DrapedLayer, Feature], DrapedLayer]"
 
@@ -123,8 +122,7 @@ class DrapeSources(QObject):
         else:
             self._reader.read(partial(_read, current, layers, place), self._show)
 
-    def _show(self, found: object) -> None:
-        drapes = cast("Drapes | None", found)
+    def _show(self, drapes: Drapes | None) -> None:
         if self.held is not None and (drapes is None or _find(drapes, *self.held) is None):
             self.hold(None)  # before it is gone
         self.current, self._failure = drapes, ""
@@ -278,8 +276,6 @@ def draped_handles(
     Of the vertices in a square of `spacing` m it is the first one; the active one is among them.
     """
     import shapely
-
-    from sketchterrain.ui.models.selection import Handle  # which reads drapes
 
     feature = document.drapes.feature(selection)
     if feature is None or selection is None:

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from PyQt6.QtCore import QObject, QTimer, pyqtSignal
+from PyQt6.QtCore import QObject, pyqtSignal
 
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Results, Runner
-from sketchterrain.ui.models.background import BackgroundReader
+from sketchterrain.ui.models.background import BackgroundReader, single_shot
 from sketchterrain.ui.models.document import Document
 
 if TYPE_CHECKING:
@@ -59,10 +59,7 @@ class SketchElevation(QObject):
         self._key: tuple[object, ...] = ()
         self._reader = BackgroundReader(self)
         self._reader.failed.connect(lambda line: self._show(ElevationFacts(problem=line)))
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(_DELAY)
-        self._timer.timeout.connect(self._read)
+        self._timer = single_shot(self, _DELAY, self._read)
         document.opened.connect(self._forget)
         document.sketch_changed.connect(self._update)
         self._update()
@@ -96,8 +93,8 @@ class SketchElevation(QObject):
     def _read(self) -> None:
         self._reader.read(partial(_read_facts, self.document.sketch, self.memory), self._show)
 
-    def _show(self, facts: object) -> None:
-        self.facts = cast(ElevationFacts, facts)
+    def _show(self, facts: ElevationFacts) -> None:
+        self.facts = facts
         self.changed.emit()
 
 

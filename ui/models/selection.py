@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,29 +19,12 @@ from sketchterrain.landforms.placement.feature_types import (
     height_profile,
 )
 from sketchterrain.ui import commands
-from sketchterrain.ui.commands import (
-    drag_title,
-    dragged,
-    find_parent_river,
-    find_point,
-    find_river,
-    name_of,
-    with_vectors,
-)
+from sketchterrain.ui.commands import find_parent_river, find_point, find_river, name_of
 from sketchterrain.ui.engine.protocol import Placement
+from sketchterrain.ui.models import vectors
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.drapes import dragged_feature, refusal
-from sketchterrain.ui.models.vectors import (
-    curves_of,
-    delete_vector,
-    drag_refusal,
-    find_vector,
-    network_of,
-    node_moved,
-    snapped,
-    widths_of,
-)
-from sketchterrain.ui.models.workspace import Selection, Workspace
+from sketchterrain.ui.models.workspace import Handle, Selection, Workspace
 
 _MAX_HANDLES = 1000  # of a vector
 _ALONG = 0.1  # m along a line, which gives its direction
@@ -53,35 +36,13 @@ OFFSET_ROLES = ("width", "corner", "rotate")
 """Roles of handles that are shown some px farther from their base."""
 
 
-@dataclass(frozen=True)
-class Handle:
-    """A drag handle of a selection, which for a river's control point has its index."""
-
-    role: str  # move, radius, point (of a river or vector), width; corner, rotate (of a draped feature's box)
-    selection: Selection
-    x: float  # position, m
-    y: float
-    base_x: float  # origin of a radius or width, m: the feature's centre or the centreline
-    base_y: float
-
-    @property
-    def is_vertex(self) -> bool:
-        """Whether it is a vertex of a vector."""
-        return self.role == "point" and self.selection.is_vector
-
-    @property
-    def is_live(self) -> bool:
-        """Whether the document follows a drag at once: not for vertices of rivers and lakes."""
-        return not (self.is_vertex and LAYERS[self.selection.kind].is_painted)
-
-
 def handle_refusal(document: Document, workspace: Workspace, handle: Handle) -> str:
     """Return why a handle cannot be dragged; empty if it can."""
     selection = handle.selection
     if selection.is_draped:
         return refusal(document, workspace, selection.layer)
     node = document.sketch, workspace, selection.kind, handle.x, handle.y
-    return drag_refusal(*node) if selection.is_vector else ""
+    return vectors.drag_refusal(*node) if selection.is_vector else ""
 
 
 def select_at(placed: Placement, x: float, y: float, *, reach: float) -> Selection | None:
@@ -114,7 +75,7 @@ def _of_water(kind: str, name: int) -> Selection:
 
 def vector_handles(sketch: Sketch, selection: Selection | None) -> tuple[Handle, ...]:
     """Return handles for the vertices of the selected vector, of a large one every so many, and its width."""
-    feature = find_vector(sketch, selection)
+    feature = vectors.find_vector(sketch, selection)
     if feature is None or selection is None:
         return ()
     places = np.concatenate(feature.rings).tolist()
@@ -129,16 +90,16 @@ def vector_handles(sketch: Sketch, selection: Selection | None) -> tuple[Handle,
 
 def vector_width_handle(sketch: Sketch, selection: Selection | None) -> Handle | None:
     """Return the handle of a line's width: on its left, halfway along it; None if it is no line with one."""
-    feature = find_vector(sketch, selection)
+    feature = vectors.find_vector(sketch, selection)
     if feature is None or selection is None or feature.kind != LINE:
         return None
     layer = sketch.vectors[selection.kind]
     index = layer.index(selection.id)
-    line = curves_of(layer).shapes[index]
+    line = vectors.curves_of(layer).shapes[index]
     (x, y), (to_x, to_y) = (
         line.interpolate(min(0.5 * line.length + step, line.length)).coords[0] for step in (0.0, _ALONG)
     )
-    across = 0.5 * float(widths_of(sketch, layer)[index]) / max(math.hypot(to_x - x, to_y - y), 1e-9)
+    across = 0.5 * float(vectors.widths_of(sketch, layer)[index]) / max(math.hypot(to_x - x, to_y - y), 1e-9)
     whole = Selection(selection.kind, selection.id)
     return Handle("width", whole, x - across * (to_y - y), y + across * (to_x - x), x, y) if across else None
 
@@ -147,7 +108,7 @@ def vertex_at(
     sketch: Sketch, selection: Selection | None, x: float, y: float, *, reach: float
 ) -> Handle | None:
     """Return the vertex of the selected vector within a distance (m) of a position; the active one first."""
-    feature = find_vector(sketch, selection)
+    feature = vectors.find_vector(sketch, selection)
     if feature is None or selection is None:
         return None
     places = np.concatenate(feature.rings)
@@ -224,7 +185,7 @@ class FeatureDrag:
     def __init__(
         self,
         document: Document,
-        placed: Placement | None,
+        placed: Placement,
         handle: Handle,
         *,
         grab: tuple[float, float] | None = None,
@@ -255,8 +216,8 @@ class FeatureDrag:
             return
         x, y = x + self._offset[0], y + self._offset[1]
         if self.handle.is_vertex:
-            layers = network_of(self._before, self.handle.selection.kind)
-            near = snapped(layers, x, y, self._reach, other_than=(self.handle.x, self.handle.y))
+            layers = vectors.network_of(self._before, self.handle.selection.kind)
+            near = vectors.snapped(layers, x, y, self._reach, other_than=(self.handle.x, self.handle.y))
             x, y = near or on_grid((x, y)).tolist()
         if self.handle.is_live:
             self._change(x, y)
@@ -293,18 +254,19 @@ class FeatureDrag:
         if self._feature is not None:
             return dragged_feature(before, self._feature, handle, x, y)
         if not handle.selection.is_vector:
-            return dragged(before, self._placed, handle, x, y)
+            return commands.dragged(before, self._placed, handle, x, y)
         if handle.is_vertex:
-            return with_vectors(before, *node_moved(before, kind, (handle.x, handle.y), (x, y)))
+            return commands.with_vectors(
+                before, *vectors.node_moved(before, kind, (handle.x, handle.y), (x, y))
+            )
         parameter = LAYERS[kind].parameters["width"]
         low, high = parameter.soft_range or (parameter.low, parameter.high)
         width = round(2.0 * math.hypot(x - handle.base_x, y - handle.base_y), _DECIMALS)
-        return with_vectors(
-            before, set_value(before.vectors[kind], name, "width", min(max(width, low), high))
-        )
+        changed = set_value(before.vectors[kind], name, "width", min(max(width, low), high))
+        return commands.with_vectors(before, changed)
 
     def _do(self, sketch: Sketch) -> None:
-        self._document.do(drag_title(self._placed, self.handle), sketch, merge=self._merge)
+        self._document.do(commands.drag_title(self._placed, self.handle), sketch, merge=self._merge)
         self._last = self._document.sketch
 
 
@@ -330,20 +292,18 @@ reset = _command("Reset", commands.reset)
 """Remove the edits of an object."""
 
 
-def delete(document: Document, workspace: Workspace, placed: Placement | None, selection: Selection) -> None:
+def delete(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
     """Delete an object and deselect it; of a vector its active vertex if there is one."""
     if not selection.is_placed:
-        delete_vector(document, workspace)
-    elif placed is not None:
+        vectors.delete_vector(document, workspace)
+    else:
         document.do(f"Delete {name_of(placed, selection)}", commands.deleted(document.sketch, selection))
         workspace.selection = None
 
 
-def delete_or_reset(
-    document: Document, workspace: Workspace, placed: Placement | None, selection: Selection
-) -> str:
+def delete_or_reset(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> str:
     """Delete the selection, or reset a river's control point; return why not, or nothing."""
-    if placed is None or selection.index is None or not selection.is_placed:
+    if selection.index is None or not selection.is_placed:
         delete(document, workspace, placed, selection)
     elif commands.is_edited(document.sketch, placed, selection):
         document.do("Reset a point of a river", commands.reset(document.sketch, placed, selection))

@@ -217,14 +217,13 @@ class Bookmarks(QObject):
     changed = pyqtSignal()
     failed = pyqtSignal(str)  # error of writing
 
-    def __init__(self, document: Document | None, folder: Path, path: Path | None = None) -> None:
+    def __init__(self, document: Document, folder: Path) -> None:
         super().__init__()
         self._document, self._folder = document, folder
-        self._path = path if document is None else document.path
+        self._path = document.path
         self.all = self._read()
-        if document is not None:
-            document.opened.connect(self._on_opened)
-            document.saved_changed.connect(self._on_saved)
+        document.opened.connect(self._on_opened)
+        document.saved_changed.connect(self._on_saved)
 
     def free_name(self) -> str:
         """Return an unused name: ``View 3``."""
@@ -256,13 +255,13 @@ class Bookmarks(QObject):
         self.changed.emit()
 
     def _on_opened(self) -> None:
-        self._path = None if self._document is None else self._document.path
+        self._path = self._document.path
         self.all = self._read()
         self.changed.emit()
 
     def _on_saved(self) -> None:
         """Store the bookmarks under the path that the sketch was saved at."""
-        if self._document is not None and self._document.path != self._path:
+        if self._document.path != self._path:
             self._path = self._document.path
             self._write()
 
@@ -365,6 +364,28 @@ class Selection:
     @property
     def is_placed(self) -> bool:
         return not (self.is_vector or self.is_draped)
+
+
+@dataclass(frozen=True)
+class Handle:
+    """A drag handle of a selection, which for a river's control point has its index."""
+
+    role: str  # move, radius, point (of a river or vector), width; corner, rotate (of a draped feature's box)
+    selection: Selection
+    x: float  # position, m
+    y: float
+    base_x: float  # origin of a radius or width, m: the feature's centre or the centreline
+    base_y: float
+
+    @property
+    def is_vertex(self) -> bool:
+        """Whether it is a vertex of a vector."""
+        return self.role == "point" and self.selection.is_vector
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the document follows a drag at once: not for vertices of rivers and lakes."""
+        return not (self.is_vertex and LAYERS[self.selection.kind].is_painted)
 
 
 class Workspace(QObject):

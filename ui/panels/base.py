@@ -12,9 +12,9 @@ from PyQt6.QtWidgets import QPushButton, QWidget
 
 from sketchterrain.document.parameters import Value
 from sketchterrain.document.rasters import RASTER, RasterSource
-from sketchterrain.errors import InputError, one_line
-from sketchterrain.ui.commands import settings
-from sketchterrain.ui.look.theme import SMALL, SPACING, column, described, icon, row, tool_button
+from sketchterrain.errors import one_line
+from sketchterrain.ui.commands import reported, settings, with_raster
+from sketchterrain.ui.look.theme import SMALL, SPACING, clear, column, described, icon, row, tool_button
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.elevation import SketchElevation, with_flat_lakes, without_offsets
 from sketchterrain.ui.panels.controls import CollapsibleGroup, ScrollingPanel, faint_label, title_from_key
@@ -45,7 +45,6 @@ class BasePanel(ScrollingPanel):
 
     add_requested = pyqtSignal()
     change_requested = pyqtSignal(str, object)  # title, and the change: fields of a sketch from it
-    message = pyqtSignal(str)  # why a value is refused, one line
 
     def __init__(self, document: Document, elevation: SketchElevation) -> None:
         super().__init__()
@@ -86,10 +85,7 @@ class BasePanel(ScrollingPanel):
         self.change_requested.emit(title, change)
 
     def _fill(self, sources: tuple[RasterSource, ...]) -> None:
-        while (item := self._groups.takeAt(0)) is not None:
-            if (widget := item.widget()) is not None:
-                widget.hide()
-                widget.deleteLater()
+        clear(self._groups)
         self._shown, self.pages = tuple(each.path for each in sources), []
         for place, source in enumerate(sources):
             page = GridPage(source)
@@ -110,25 +106,19 @@ class BasePanel(ScrollingPanel):
 
     def _set(self, place: int, name: str, value: Value | None, key: object = None) -> None:
         source = self._document.sketch.elevation_rasters[place]
-        try:
+        title = _TITLES.get(name, title_from_key(name)).lower()
+        with reported(self._document.message.emit):
             value = RASTER[name].default if value is None else value
             changed = replace(source, **{name: value})  # type: ignore[arg-type] # it checks every value
-        except InputError as error:
-            self.message.emit(str(error))
-            return
-        title = _TITLES.get(name, title_from_key(name)).lower()
-        self._replace(f"Set {title} of {source.title}", source, (changed,), key)
+            self._document.do(
+                f"Set {title} of {source.title}",
+                with_raster(self._document.sketch, source, changed),
+                merge=key,
+            )
 
     def _remove(self, place: int, _: bool = False) -> None:
         source = self._document.sketch.elevation_rasters[place]
-        self._replace(f"Remove {source.title}", source, ())
-
-    def _replace(
-        self, title: str, source: RasterSource, by: tuple[RasterSource, ...], key: object = None
-    ) -> None:
-        sketch = self._document.sketch
-        rasters = tuple(part for each in sketch.rasters for part in (by if each is source else (each,)))
-        self._document.do(title, sketch.replace(rasters=rasters), merge=key)
+        self._document.do(f"Remove {source.title}", with_raster(self._document.sketch, source))
 
 
 def _short(title: str) -> str:

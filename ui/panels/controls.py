@@ -350,11 +350,13 @@ class CollapsibleGroup(QCollapsible):  # type: ignore[misc] # superqt has no typ
 class Panel(QWidget):
     """A dock's content with its usual and smallest size."""
 
+    usual, smallest = QSize(300, 320), QSize(220, 80)
+
     def sizeHint(self) -> QSize:
-        return QSize(300, 320)
+        return self.usual
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(220, 80)
+        return self.smallest
 
 
 class ScrollingPanel(QScrollArea):

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtGui import QIcon
-from PyQt6.QtWidgets import QComboBox, QLabel, QPushButton, QToolButton, QVBoxLayout, QWidget
+from PyQt6.QtWidgets import QComboBox, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from sketchterrain.document.drapes import DRAPE, STYLE, DrapeClass, DrapedLayer, draped_layer
 from sketchterrain.document.parameters import Parameter, Value
@@ -35,7 +35,6 @@ _LONGEST: Final = 10_000  # characters of a property
 class DrapeList(QWidget):
     """The draped layers, the highest on top, with commands for the chosen one."""
 
-    message = pyqtSignal(str)
     add_requested = pyqtSignal()
     save_requested = pyqtSignal(int, bool)  # a layer, and whether under another name
     zoom_requested = pyqtSignal(int)
@@ -49,11 +48,15 @@ class DrapeList(QWidget):
         self.list.setToolTip("Draped layers, the highest on top. Space shows or hides one, Del removes it")
         add, tip = self.add_requested.emit, "Show vectors or rasters on the terrain"
         self.buttons = {
-            "add": _button("add", "Add draped layers", tip, add),
-            "raise": _button("up", "Raise", "Draw it over the next layer", partial(self._move, 1)),
-            "lower": _button("down", "Lower", "Draw it beneath the next layer", partial(self._move, -1)),
-            "zoom": _button("fit", "Zoom to the layer", "Show all of it", self._zoom),
-            "remove": _button("delete", "Remove", "Remove it from the sketch; its file stays", self._remove),
+            "add": tool_button("add", "Add draped layers", add, tip=tip),
+            "raise": tool_button("up", "Raise", partial(self._move, 1), tip="Draw it over the next layer"),
+            "lower": tool_button(
+                "down", "Lower", partial(self._move, -1), tip="Draw it beneath the next layer"
+            ),
+            "zoom": tool_button("fit", "Zoom to the layer", self._zoom, tip="Show all of it"),
+            "remove": tool_button(
+                "delete", "Remove", self._remove, tip="Remove it from the sketch; its file stays"
+            ),
         }
         line = row(None, (heading("Draped layers"), 1), *self.buttons.values(), spacing=0)
         line.setContentsMargins(SPACING, SMALL, SPACING, 0)
@@ -95,7 +98,7 @@ class DrapeList(QWidget):
 
     def add(self, layers: list[DrapedLayer]) -> None:
         """Add layers above the others and choose the last one."""
-        with _reported(self):
+        with _reported(self._document, self.refresh):
             model.add_drapes(self._document, self._workspace, layers)
 
     def menu(self) -> ContextMenu:
@@ -156,7 +159,7 @@ class DrapeList(QWidget):
 
     def update_file(self, number: int) -> None:
         """Accept a layer's file as it is now."""
-        with _reported(self):
+        with _reported(self._document, self.refresh):
             digest = draped_layer(Path(self._layer(number).path))["sha256"]
             model.change_drape(self._document, number, "Update", sha256=digest)
 
@@ -172,8 +175,6 @@ class DrapeList(QWidget):
 
 class DrapePage(QWidget):
     """Settings of the chosen layer, and the style of its features or of a class of them."""
-
-    message = pyqtSignal(str)
 
     def __init__(self, document: Document, workspace: Workspace) -> None:
         super().__init__()
@@ -253,7 +254,7 @@ class DrapePage(QWidget):
     def _set(self, name: str, value: Value | None, key: object = None) -> None:
         """Set a value of the layer, or a style of the shown class; None is the layer's."""
         changes: dict[str, Any] = {name: value}
-        with _reported(self):
+        with _reported(self._document, self.refresh):
             if self._index >= 0 and name in STYLE:
                 style = {**self._layer.classes[self._index].style, name: value}
                 own = {each: given for each, given in style.items() if given is not None}
@@ -271,14 +272,14 @@ class DrapePage(QWidget):
         return {"classes": (*classes[:index], *changed, *classes[index + 1 :])}
 
     def _classify(self) -> None:
-        with _reported(self):
+        with _reported(self._document, self.refresh):
             model.classify(self._document, self._number, self._layer["by"])
 
     def _set_class(self, index: int, value: str | None) -> None:
         """Set the value of a class, add one after the last, or remove one."""
         classes = self._layer.classes
         style = classes[index].style if index < len(classes) else {"colour": model.distinct_colour(index)}
-        with _reported(self):
+        with _reported(self._document, self.refresh):
             changes = self._with_class(index, *(() if value is None else (DrapeClass(value, style),)))
             self._index = min(index, len(changes["classes"]) - 1)
             model.change_drape(self._document, self._number, "Set classes of", **changes)
@@ -286,8 +287,6 @@ class DrapePage(QWidget):
 
 class DrapedFeaturePage(QWidget):
     """Properties of the selected draped feature as texts; values keep their types."""
-
-    message = pyqtSignal(str)
 
     def __init__(self, document: Document, workspace: Workspace) -> None:
         super().__init__()
@@ -337,21 +336,15 @@ class DrapedFeaturePage(QWidget):
         self._column.addWidget(self._fields)
 
     def _set(self, name: str, text: object, _: object) -> None:
-        with _reported(self):
+        with _reported(self._document, self.refresh):
             model.set_property(self._document, self._workspace, name, str(text))
 
 
-def _button(name: str, title: str, tip: str, command: Callable[[], object]) -> QToolButton:
-    button = tool_button(name, title, tip=tip)
-    button.clicked.connect(lambda _: command())
-    return button
-
-
 @contextmanager
-def _reported(widget: DrapeList | DrapePage | DrapedFeaturePage) -> Iterator[None]:
+def _reported(document: Document, refresh: Callable[[], None]) -> Iterator[None]:
     """Report a refused change and show the present values again."""
     try:
         yield
     except InputError as error:
-        widget.message.emit(str(error))
-        widget.refresh()
+        document.message.emit(str(error))
+        refresh()

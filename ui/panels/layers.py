@@ -4,18 +4,17 @@ from collections.abc import Mapping
 from functools import partial
 
 from PyQt6.QtCore import QObject, QSignalBlocker, QSize, Qt, QTimer, pyqtSignal
-from PyQt6.QtWidgets import QLabel, QWidget
+from PyQt6.QtWidgets import QLabel
 
 from sketchterrain.document.label_layers import MAX_LABELS, LabelImage, label_areas
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.errors import InputError
 from sketchterrain.ui import commands
 from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, row, tabular, tool_button
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
-from sketchterrain.ui.panels.controls import SLIDER_STEPS, label_title, number, slider, with_unit
+from sketchterrain.ui.panels.controls import SLIDER_STEPS, Panel, label_title, number, slider, with_unit
 from sketchterrain.ui.panels.drapes import DrapeList
 from sketchterrain.ui.panels.layer_list import LayerList, Row
 
@@ -83,10 +82,10 @@ def label_detail(sketch: Sketch, layer: str, label: int, pixels: int) -> str:
     return f"{main} · {number(area / 1e6, decimals=1 if area >= 1e6 else 2)} km²"
 
 
-class LayersPanel(QWidget):
+class LayersPanel(Panel):
     """List of layers and labels, opacity of the active layer, and commands for labels."""
 
-    message = pyqtSignal(str)  # why a command is refused, one line
+    usual, smallest = QSize(300, 400), QSize(220, 160)
 
     def __init__(self, document: Document, workspace: Workspace) -> None:
         super().__init__()
@@ -101,9 +100,11 @@ class LayersPanel(QWidget):
         self._percent.setFixedWidth(self._percent.fontMetrics().horizontalAdvance("100 %") + 2)
         self._percent.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         new_tip = "Another label of this layer, with properties of its own"
-        self.add = tool_button("add", "New label", tip=new_tip)
-        self.remove = tool_button("delete", "Delete label", tip="Delete this label, its paint and vectors")
-        self.clear = tool_button("eraser", "Clear layer", tip="Erase all paint and vectors of this layer")
+        delete_tip = "Delete this label, its paint and vectors"
+        clear_tip = "Erase all paint and vectors of this layer"
+        self.add = tool_button("add", "New label", self.new_label, tip=new_tip)
+        self.remove = tool_button("delete", "Delete label", self.delete_label, tip=delete_tip)
+        self.clear = tool_button("eraser", "Clear layer", self.clear_layer, tip=clear_tip)
         title = QLabel("&Opacity")
         title.setBuddy(self.opacity)
         buttons = row(None, self.add, self.remove, self.clear, spacing=0)
@@ -128,7 +129,7 @@ class LayersPanel(QWidget):
         title = label_title(layer, label).lower()
         changed = commands.delete_label(self._document.sketch, layer, label)
         if changed is self._document.sketch:
-            self.message.emit(f"No {title} to delete")
+            self._document.message.emit(f"No {title} to delete")
         elif self._check_unlocked(layer):
             others = [each for each in self._labels(layer) if each != label]
             self._document.do(f"Delete {title}", changed)
@@ -138,7 +139,7 @@ class LayersPanel(QWidget):
         layer = self._workspace.layer
         changed = commands.clear_layer(self._document.sketch, layer)
         if changed is self._document.sketch:
-            self.message.emit(f"No {LAYERS[layer].title.lower()} are painted or drawn")
+            self._document.message.emit(f"No {LAYERS[layer].title.lower()} are painted or drawn")
         elif self._check_unlocked(layer):
             self._document.do(f"Clear {LAYERS[layer].title.lower()}", changed)
 
@@ -174,32 +175,19 @@ class LayersPanel(QWidget):
         menu.add_command(lock[0], f"{lock[1]} {title}", partial(self._toggle_locked, layer))
         return menu
 
-    def sizeHint(self) -> QSize:
-        return QSize(300, 400)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(220, 160)
-
     def _add_label(self, source: int | None) -> None:
         sketch, layer = self._document.sketch, self._workspace.layer
-        try:
+        with commands.reported(self._document.message.emit):
             label = commands.free_label(sketch, layer)
-        except InputError as error:
-            self.message.emit(str(error))
-            return
-        if source is None:
-            title = f"New {label_title(layer, label).lower()}"
-            changed = commands.new_label(sketch, layer, label)
-        else:
-            title = f"Copy {label_title(layer, source).lower()}"
-            changed = commands.copy_label(sketch, layer, label, source=source)
-        self._document.do(title, changed)
-        self._workspace.use_label(layer, label)
+            verb, named = ("New", label) if source is None else ("Copy", source)
+            changed = commands.new_label(sketch, layer, label, source=source)
+            self._document.do(f"{verb} {label_title(layer, named).lower()}", changed)
+            self._workspace.use_label(layer, label)
 
     def _check_unlocked(self, layer: str) -> bool:
         is_locked = self._workspace.look(layer).locked
         if is_locked:
-            self.message.emit(f"{LAYERS[layer].title} are locked")
+            self._document.message.emit(f"{LAYERS[layer].title} are locked")
         return not is_locked
 
     def _connect(self) -> None:
@@ -210,9 +198,6 @@ class LayersPanel(QWidget):
         self.list.lock_clicked.connect(self._toggle_locked)
         self.list.delete_requested.connect(self.delete_label)
         self.list.menu_requested.connect(lambda place: self.menu().popup(place))
-        self.add.clicked.connect(self.new_label)
-        self.remove.clicked.connect(self.delete_label)
-        self.clear.clicked.connect(self.clear_layer)
         self.opacity.valueChanged.connect(
             lambda step: workspace.set_look(workspace.layer, opacity=step / SLIDER_STEPS)
         )

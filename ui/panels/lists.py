@@ -176,18 +176,16 @@ class ContradictionsPanel(Panel):
 
     def _refresh(self, *_: object) -> None:
         placed = self._link.placed
-        resolutions = () if placed is None else placed.resolutions
-        findings = () if placed is None else placed.findings
-        orphans = () if placed is None else placed.orphans
-        if (resolutions, findings, orphans) == self._lines:
+        lines = placed.resolutions, placed.findings, placed.orphans
+        if lines == self._lines:
             return
-        self._lines = (resolutions, findings, orphans)
+        self._lines = lines
         self._model.clear()
-        for line, x, y in resolutions:
+        for line, x, y in placed.resolutions:
             self._model.appendRow(_item(line, "warning", place=(x, y)))
-        for line, place in findings:
+        for line, place in placed.findings:
             self._model.appendRow(_item(line, "info", place=place))
-        for line in orphans:
+        for line in placed.orphans:
             self._model.appendRow(_item(f"Edit without its feature: {line}", "delete", is_pale=True))
         self._none.setHidden(self._model.rowCount() > 0)
         self.list.setVisible(self._model.rowCount() > 0)
@@ -231,9 +229,10 @@ class BookmarksPanel(Panel):
         self._error = QLabel()
         self._error.setWordWrap(True)
         self._error.hide()
-        self._add = tool_button("add", "Add the current view as a bookmark")
-        self._replace = tool_button("camera", "Replace the bookmark's view with the current one")
-        self._delete = tool_button("delete", "Delete the bookmark")
+        self._add = tool_button("add", "Add the current view as a bookmark", self.add)
+        tip = "Replace the bookmark's view with the current one"
+        self._replace = tool_button("camera", tip, self.replace_current)
+        self._delete = tool_button("delete", "Delete the bookmark", self.delete_current)
         buttons = row(None, self._add, self._replace, 1, self._delete, spacing=SMALL)
         column(self, (self._list, 1), self._error, buttons, margins=(MARGIN, SPACING, MARGIN, SPACING))
         self._connect()
@@ -250,9 +249,6 @@ class BookmarksPanel(Panel):
         delete_key.setShortcutContext(Qt.ShortcutContext.WidgetShortcut)
         delete_key.triggered.connect(self.delete_current)
         self._list.addAction(delete_key)
-        self._add.clicked.connect(self.add)
-        self._replace.clicked.connect(self.replace_current)
-        self._delete.clicked.connect(self.delete_current)
         self._link.frame_shown.connect(self._update_buttons)
         self._bookmarks.changed.connect(self._refresh)
         self._bookmarks.failed.connect(self._show_error)

@@ -303,7 +303,7 @@ class SelectionPage(QWidget):
             form.setVisible(selection is not None and kind == selection.kind)
         for button in (self.lock, self.reset, self.delete):
             button.setEnabled(selection is not None)
-        if placed is None or selection is None:
+        if selection is None:
             self._head.show_text("Gone", "The selection no longer exists.")
             self._note.hide()
             return
@@ -323,7 +323,7 @@ class SelectionPage(QWidget):
     def _existing_selection(self) -> Selection | None:
         """Return the selection if it exists, without a control point that the river has no longer."""
         placed, selection = self._link.placed, self._workspace.selection
-        if placed is None or selection is None or not commands.exists(placed, selection):
+        if selection is None or not commands.exists(placed, selection):
             return None
         river = commands.find_river(placed, selection)
         is_gone = river is not None and selection.index is not None and selection.index >= len(river.points)
@@ -333,7 +333,7 @@ class SelectionPage(QWidget):
         self, command: Callable[[Document, Workspace, Placement, Selection], None], _: object = None
     ) -> None:
         placed, selection = self._link.placed, self._existing_selection()
-        if placed is not None and selection is not None:
+        if selection is not None:
             command(self._document, self._workspace, placed, selection)
 
 

@@ -1,6 +1,5 @@
 """Panels of settings: those of the sketch as a whole, and those of the 3-D view."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Final
@@ -13,10 +12,18 @@ from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.parameters import SKETCH, Parameter, Sentinel, Value
 from sketchterrain.document.rasters import RasterSource, embedded
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.ui.application import single_shot
-from sketchterrain.ui.commands import WORLD, declared, random_seed, reset_setting, set_setting, settings
+from sketchterrain.ui.commands import (
+    DECLARED,
+    WORLD,
+    random_seed,
+    reset_setting,
+    set_setting,
+    settings,
+    with_raster,
+)
 from sketchterrain.ui.engine.link import EngineLink
-from sketchterrain.ui.look.theme import SMALL, SPACING, column, described, row, tabular, tool_button
+from sketchterrain.ui.look.theme import SMALL, SPACING, clear, column, described, row, tabular, tool_button
+from sketchterrain.ui.models.background import single_shot
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.panels.controls import (
     CollapsibleGroup,
@@ -119,28 +126,28 @@ class RasterRows(QWidget):
         rasters = self._document.sketch.rasters
         if rasters == self._shown:
             return
-        while (item := self._column.takeAt(0)) is not None:
-            if (widget := item.widget()) is not None:
-                widget.deleteLater()
+        clear(self._column)
         self._shown, self.buttons = rasters, []
         for place, source in enumerate(rasters):
             line, label = QWidget(), status_label(one_line(source.path))
             label.setText(f"{source.title}, {source.role}")
             store = tool_button("save", f"Store {source.title}", tip="Store a copy in the sketch")
             store.setEnabled(source.content is None)
-            store.clicked.connect(partial(self._replace, f"Store {source.title}", place, embedded))
+            store.clicked.connect(partial(self._store, place))
             remove = tool_button("delete", f"Remove {source.title}", tip="Remove from the sketch")
-            remove.clicked.connect(partial(self._replace, f"Remove {source.title}", place, None))
+            remove.clicked.connect(partial(self._remove, place))
             row(line, (label, 1), store, remove, spacing=SMALL)
             self.buttons.append((store, remove))
             self._column.addWidget(line)
 
-    def _replace(
-        self, title: str, place: int, change: Callable[[RasterSource], RasterSource] | None, _: bool = False
-    ) -> None:
-        rasters = list(self._document.sketch.rasters)
-        rasters[place : place + 1] = [] if change is None else [change(rasters[place])]
-        self._document.do(title, self._document.sketch.replace(rasters=tuple(rasters)))
+    def _store(self, place: int, _: bool = False) -> None:
+        source = self._document.sketch.rasters[place]
+        changed = with_raster(self._document.sketch, source, embedded(source))
+        self._document.do(f"Store {source.title}", changed)
+
+    def _remove(self, place: int, _: bool = False) -> None:
+        source = self._document.sketch.rasters[place]
+        self._document.do(f"Remove {source.title}", with_raster(self._document.sketch, source))
 
 
 class WorldPanel(ScrollingPanel):
@@ -183,7 +190,7 @@ class WorldPanel(ScrollingPanel):
 
 def table_form(document: Document, table: str) -> ParameterForm:
     """Return a form for a table of the sketch file whose changes are undo steps."""
-    form = ParameterForm(declared(table).values(), titles=_TITLES.get(table))
+    form = ParameterForm(DECLARED[table].values(), titles=_TITLES.get(table))
     _connect(document, table, form)
     return form
 

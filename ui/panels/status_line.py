@@ -15,11 +15,11 @@ from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.io.console import pluralize
 from sketchterrain.io.system import memory_in_use
 from sketchterrain.measure.lines import limited_lines
-from sketchterrain.ui.application import single_shot
-from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.engine.link import NOT_PLACED, EngineLink
 from sketchterrain.ui.engine.protocol import MeasureAdherence
 from sketchterrain.ui.look.layer_colours import label_colour, swatch
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, row, tabular
+from sketchterrain.ui.models.background import single_shot
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.controls import (
@@ -163,8 +163,8 @@ class AdherencePanel(ScrollingPanel):
             self._timer.start()
 
     def _is_current(self) -> bool:
-        result, placed = self._link.adherence, self._link.placed
-        return result is not None and (placed is None or result.version >= placed.version)
+        result = self._link.adherence
+        return result is not None and result.version >= self._link.placed.version
 
     def _refresh(self) -> None:
         result = self._link.adherence
@@ -307,7 +307,7 @@ class StatusLine(QWidget):
 
     def _show_timings(self) -> None:
         placed, frame = self._link.placed, self._link.frame
-        _show(self.placing, "" if placed is None else f"Placing {_milliseconds(placed.seconds)}")
+        _show(self.placing, "" if placed is NOT_PLACED else f"Placing {_milliseconds(placed.seconds)}")
         _show(self.tiles, "" if frame is None else f"Tiles {_milliseconds(frame.generation_seconds)}")
         rate = "" if frame is None or frame.seconds <= 0 else f", {number(1 / frame.seconds, decimals=0)}/s"
         _show(self.frame, "" if frame is None else f"Frame {_milliseconds(frame.seconds)}{rate}")

@@ -265,7 +265,7 @@ def overview(bounds: tuple[float, float, float, float], height: float, *, aspect
 
 
 def motion_to(
-    placed: Placement | None,
+    placed: Placement,
     selection: Selection | None,
     lines: Sequence[Float64Array],
     *,
@@ -274,7 +274,7 @@ def motion_to(
     """Return the motion that shows the selection or its lines; None without one or if it no longer exists."""
     if lines:
         return show_line(np.concatenate(lines), size)
-    if placed is None or selection is None:
+    if selection is None:
         return None
     find = (placed, selection)
     point, river, lake = find_point(*find), find_river(*find), find_lake(*find)

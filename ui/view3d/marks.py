@@ -14,9 +14,9 @@ from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, River
 from sketchterrain.ui.canvas.marks import shore_lines
 from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
-from sketchterrain.ui.models.selection import OFFSET_ROLES, Handle, handles_of, vector_handles
+from sketchterrain.ui.models.selection import OFFSET_ROLES, handles_of, vector_handles
 from sketchterrain.ui.models.vectors import Curves, curves_of, find_vector, network_of, with_moved_node
-from sketchterrain.ui.models.workspace import Selection
+from sketchterrain.ui.models.workspace import Handle, Selection
 from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, circle
 
 _MAX_DOTS = 300

@@ -9,18 +9,17 @@ from PyQt6.QtCore import QEvent, QObject, QPointF, Qt, pyqtSignal
 from PyQt6.QtGui import QMouseEvent, QWheelEvent
 from PyQt6.QtWidgets import QWidget
 
-from sketchterrain.errors import InputError
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
-from sketchterrain.ui.actions import ContextMenu, add_selection_commands, add_vector_commands
-from sketchterrain.ui.application import single_shot
-from sketchterrain.ui.commands import exists
-from sketchterrain.ui.engine.link import ViewSource
+from sketchterrain.ui.actions import ContextMenu, add_selection_commands
+from sketchterrain.ui.commands import reported
+from sketchterrain.ui.engine.link import NOT_PLACED
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
+from sketchterrain.ui.models.background import single_shot
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.drapes import next_below
-from sketchterrain.ui.models.selection import FeatureDrag, Handle, add, handle_refusal, handles_of, select_at
+from sketchterrain.ui.models.selection import FeatureDrag, add, handle_refusal, handles_of, select_at
 from sketchterrain.ui.models.vectors import insert_vertex, vector_at
-from sketchterrain.ui.models.workspace import Selection, Workspace
+from sketchterrain.ui.models.workspace import Handle, Selection
 from sketchterrain.ui.view3d.camera import Projection, drag_motion, zoom_motion
 from sketchterrain.ui.view3d.marks import HandleMark, Marks
 from sketchterrain.ui.view3d.scene import Scene
@@ -89,25 +88,16 @@ class ViewMouse(QObject):
     """Event filter of a view that handles the mouse."""
 
     terrain_hovered = pyqtSignal(object)  # the terrain under the mouse: (x, y, height) in m, or None
-    message = pyqtSignal(str)
 
-    def __init__(
-        self,
-        view: QWidget,
-        scene: Scene,
-        document: Document | None,
-        workspace: Workspace,
-        link: ViewSource,
-    ) -> None:
+    def __init__(self, view: QWidget, scene: Scene) -> None:
         super().__init__(view)
         self._view, self._scene = view, scene
-        self._document, self._workspace, self._link = document, workspace, link
+        self._document, self._workspace, self._link = scene.document, scene.workspace, scene.link
         self._picks: dict[str, tuple[int, Callable[[Place | None], None]]] = {}  # pending, by purpose
         self._drag: HandleDrag | None = None
         self._start: QPointF | None = None
         self._last = QPointF()
         self._is_moved = self._is_double = False
-        self.hovered: Handle | Selection | None = None
         self._pick_timer = single_shot(self, _PICK_INTERVAL, self._pick_hovered)
         self._drop_timer = single_shot(self, _PLACEMENT_TIMEOUT, self._forget_drag)
         self._handlers: dict[QEvent.Type, Callable[[Any], None]] = {
@@ -118,9 +108,9 @@ class ViewMouse(QObject):
             QEvent.Type.Wheel: self._wheel,
         }
         view.installEventFilter(self)
-        link.picked.connect(self._answer)
-        link.placed_changed.connect(self._confirm_drop)
-        workspace.selection_changed.connect(self._change_selection)
+        scene.link.picked.connect(self._answer)
+        scene.link.placed_changed.connect(self._confirm_drop)
+        scene.workspace.selection_changed.connect(self._change_selection)
 
     @property
     def is_dragging(self) -> bool:
@@ -160,15 +150,13 @@ class ViewMouse(QObject):
     def open_menu(self, at: QPointF, place: Place | None, *, vertex: Selection | None = None) -> None:
         """Open the menu of a pixel and its place (m) or vertex, or of the selection without a place."""
         placed, document, workspace = self._link.placed, self._document, self._workspace
-        if placed is None or document is None:
+        if placed is NOT_PLACED:
             return
         menu = ContextMenu(self._view)
         if place is not None:
             workspace.selection = vertex or self._find(place)
         selection = workspace.selection
-        if selection is not None and not selection.is_placed:
-            add_vector_commands(menu, document, workspace, self.message.emit)
-        elif selection is not None and exists(placed, selection):
+        if selection is not None:
             add_selection_commands(menu, document, workspace, placed, selection)
         if place is not None:
             menu.addSeparator()
@@ -187,15 +175,15 @@ class ViewMouse(QObject):
         self._start = self._last = at
         self._is_moved = self._is_double = False
         plain = event.modifiers() == Qt.KeyboardModifier.NoModifier
-        projection, placed, document = self._projection(), self._link.placed, self._document
+        projection, document = self._projection(), self._document
         mark = self._marks().handle_at(at.x(), at.y(), reach=_REACH)
-        if event.button() == _Button.LeftButton and plain and mark and projection and placed and document:
+        if event.button() == _Button.LeftButton and plain and mark and projection:
             self._forget_drag()
             handle = mark.handle
             if refusal := handle_refusal(document, self._workspace, handle):
-                self.message.emit(refusal)
+                self._document.message.emit(refusal)
                 return
-            self._drag = HandleDrag(document, placed, mark, projection, at)
+            self._drag = HandleDrag(document, self._link.placed, mark, projection, at)
             self._workspace.selection = mark.handle.selection
             self._scene.drag = self._drag.state
 
@@ -210,7 +198,7 @@ class ViewMouse(QObject):
             self._drag.move(projection, at)
             self._scene.drag = self._drag.state
             if self._drag.problem:
-                self.message.emit(self._drag.problem)
+                self._document.message.emit(self._drag.problem)
             self._view.update()
 
     def _release(self, event: QMouseEvent) -> None:
@@ -220,7 +208,7 @@ class ViewMouse(QObject):
         if self._drag is not None:
             self._drag.finish()
             if self._drag.problem:
-                self.message.emit(self._drag.problem)
+                self._document.message.emit(self._drag.problem)
             self._drag = None
             self._drop_timer.start()
             self._confirm_drop()
@@ -278,8 +266,8 @@ class ViewMouse(QObject):
             self._pick_timer.start()
 
     def _set_hovered(self, hovered: Handle | Selection | None) -> None:
-        if hovered != self.hovered:
-            self.hovered = hovered
+        if hovered != self._scene.hovered:
+            self._scene.hovered = hovered
             self._view.update()
 
     def _pick_hovered(self) -> None:
@@ -299,7 +287,7 @@ class ViewMouse(QObject):
 
     def _find(self, place: Place) -> Selection | None:
         projection, placed, document = self._projection(), self._link.placed, self._document
-        if projection is None or placed is None or document is None:
+        if projection is None:
             return None
         (x, y, _), reach = place, _REACH * projection.metres_per_px(place)
         draped = document.drapes.stack(x, y, projection.metres_per_px(place))
@@ -310,19 +298,16 @@ class ViewMouse(QObject):
 
     def _go_to(self, place: Place | None) -> None:
         """Insert a vertex in the selected vector at a place (m) on it, else centre the place."""
-        if place is not None and not self._insert_vertex(place):
-            self._link.send(GoTo(place[0], place[1]))
+        with reported(self._document.message.emit):
+            if place is not None and not self._insert_vertex(place):
+                self._link.send(GoTo(place[0], place[1]))
 
     def _insert_vertex(self, place: Place) -> bool:
-        projection, document = self._projection(), self._document
-        if projection is None or document is None:
+        projection = self._projection()
+        if projection is None:
             return False
         reach = _REACH * projection.metres_per_px(place)
-        try:
-            return insert_vertex(document, self._workspace, *place[:2], reach=reach)
-        except InputError as error:
-            self.message.emit(str(error))
-            return True
+        return insert_vertex(self._document, self._workspace, *place[:2], reach=reach)
 
     def _pick(self, purpose: str, at: QPointF, then: Callable[[Place | None], None]) -> None:
         """Ask the engine for the terrain at a pixel; replaces a pending pick of the same purpose."""
@@ -339,14 +324,14 @@ class ViewMouse(QObject):
 
     def _confirm_drop(self, *_: object) -> None:
         """Forget a dropped handle as soon as it has been placed there."""
-        drag, placed = self._scene.drag, self._link.placed
-        if self._drag is not None or drag is None or placed is None:
+        drag = self._scene.drag
+        if self._drag is not None or drag is None:
             return
         handle, x, y = drag
         if not handle.selection.is_placed:  # it moves at once
             self._forget_drag()
             return
-        for each in handles_of(placed, handle.selection):
+        for each in handles_of(self._link.placed, handle.selection):
             is_same = (each.role, each.selection) == (handle.role, handle.selection)
             if is_same and max(abs(each.x - x), abs(each.y - y)) < _PLACED:
                 self._forget_drag()

@@ -14,8 +14,7 @@ from sketchterrain.ui.look.layer_colours import layer_glyph
 from sketchterrain.ui.look.theme import DARK, theme
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.drapes import draped_handles, outlines_of
-from sketchterrain.ui.models.selection import Handle
-from sketchterrain.ui.models.workspace import Selection, Workspace
+from sketchterrain.ui.models.workspace import Handle, Selection, Workspace
 from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, eye_height_text, length_text, scale_bar
 from sketchterrain.ui.view3d.marks import Dot, Drag, HandleMark, MarkBuilder, Marks, Segments
 
@@ -120,16 +119,17 @@ _EDGE = 12.0  # px, from the widget's edge
 class Scene:
     """Paints the view; marks are cached until their inputs change."""
 
-    def __init__(self, document: Document | None, workspace: Workspace, link: ViewSource) -> None:
-        self._document, self._workspace, self._link = document, workspace, link
+    def __init__(self, document: Document, workspace: Workspace, link: ViewSource) -> None:
+        self.document, self.workspace, self.link = document, workspace, link
         self.drag: Drag | None = None
+        self.hovered: Handle | Selection | None = None
         self._marks = Marks()
         self._marks_key: tuple[object, ...] = ()
         self._terrain: tuple[object, TerrainHeights] | None = None
 
     def picture_rectangle(self, width: int, height: int) -> QRectF:
         """Return the rectangle of the picture, which covers a widget of a size (px) undistorted."""
-        picture = self._link.picture
+        picture = self.link.picture
         if picture is None or picture.isNull():
             return QRectF(0.0, 0.0, width, height)
         scale = max(width / picture.width(), height / picture.height())
@@ -139,57 +139,46 @@ class Scene:
 
     def projection(self, width: int, height: int) -> Projection | None:
         """Return the camera of the current picture; None without one."""
-        frame = self._link.frame
-        if frame is None or self._link.picture is None or width < 1 or height < 1:
+        frame = self.link.frame
+        if frame is None or self.link.picture is None or width < 1 or height < 1:
             return None
         at = self.picture_rectangle(width, height)
         return Projection(frame, (at.left(), at.top(), at.width(), at.height()))
 
     def terrain(self) -> TerrainHeights | None:
         """Return the heights of the sketch's terrain; None until they are known."""
-        relief = self._link.relief
-        if relief is None or self._document is None:
+        relief = self.link.relief
+        if relief is None:
             return None
         if self._terrain is None or self._terrain[0] is not relief:
-            sketch = self._document.sketch
+            sketch = self.document.sketch
             self._terrain = relief, TerrainHeights(relief, sketch.pixel_size * relief.step)
         return self._terrain[1]
 
     def marks(self, width: int, height: int) -> Marks:
-        link, workspace = self._link, self._workspace
+        link, workspace = self.link, self.workspace
         all_features = "features" in workspace.overlays and workspace.tool == "select"
         inputs = (link.frame, link.placed, link.relief, workspace.selection, self.drag)
-        sketch = None if self._document is None else self._document.sketch
-        vectors = () if sketch is None else tuple(sketch.vectors.values())
-        drapes = None if self._document is None else self._document.drapes
-        key = (*inputs, *vectors, drapes and drapes.current, all_features, width, height)
+        vectors, drapes = self.document.sketch.vectors.values(), self.document.drapes.current
+        key = (*inputs, *vectors, drapes, all_features, width, height)
         if key != self._marks_key:
             self._marks_key = key
-            projection, terrain, placed = self.projection(width, height), self.terrain(), link.placed
+            projection, terrain = self.projection(width, height), self.terrain()
             self._marks = Marks()
-            if projection and terrain is not None and placed is not None and self._document is not None:
-                document, selection = self._document, workspace.selection
+            if projection and terrain is not None:
+                document, selection = self.document, workspace.selection
                 lines = outlines_of(document, selection, step=2.0 * document.sketch.pixel_size)
                 draped = draped_handles(document, selection)
                 drag = None if draped else self.drag  # a draped feature follows at once
                 builder = MarkBuilder(
-                    projection, terrain, placed, selection, drag, document.sketch, lines, draped
+                    projection, terrain, link.placed, selection, drag, document.sketch, lines, draped
                 )
                 self._marks = builder.marks(all_features=all_features)
         return self._marks
 
-    def paint(
-        self,
-        painter: QPainter,
-        size: QRectF,
-        ratio: float,
-        *,
-        hovered: Handle | Selection | None,
-        dim: bool,
-        is_refining: bool,
-    ) -> None:
+    def paint(self, painter: QPainter, size: QRectF, ratio: float, *, dim: bool, is_refining: bool) -> None:
         """Paint picture, marks, label and scale bar."""
-        picture = self._link.picture
+        picture = self.link.picture
         painter.fillRect(size, theme().canvas)
         if picture is None or picture.isNull():
             return
@@ -204,7 +193,7 @@ class Scene:
             painter.fillRect(size, veil)
             return
         marks = self.marks(width, height)
-        draw_marks(painter, marks, hovered=hovered)
+        draw_marks(painter, marks, hovered=self.hovered)
         self._paint_label(painter, marks, size)
         self._paint_readout(painter, size)
         if is_refining:
@@ -213,8 +202,8 @@ class Scene:
 
     def _paint_label(self, painter: QPainter, marks: Marks, size: QRectF) -> None:
         """Label the selection at its first handle, a lake at its northern shore."""
-        placed, selection = self._link.placed, self._workspace.selection
-        if placed is None or selection is None:
+        placed, selection = self.link.placed, self.workspace.selection
+        if selection is None:
             return
         if selection.kind == "water" and marks.outline and len(marks.outline[0].pixels):
             shore = marks.outline[0].pixels
@@ -238,13 +227,13 @@ class Scene:
             text += f" · radius {length_text((x * x + y * y) ** 0.5)}"
         elif point is not None and not LAYERS[FEATURE_TYPES[point["type"]]].is_share:
             text += f" · {length_text(float(point['strength']))}"
-        if self._document is not None and is_locked(self._document.sketch, selection):
+        if is_locked(self.document.sketch, selection):
             text += " · locked"
         draw_label(painter, text, own[0].x, own[0].y, painter.font(), size)
 
     def _paint_readout(self, painter: QPainter, size: QRectF) -> None:
         """Draw a scale bar in orbit mode, else the eye's height, in the lower left corner."""
-        frame = self._link.frame
+        frame = self.link.frame
         projection = self.projection(round(size.width()), round(size.height()))
         if frame is None or projection is None:
             return
@@ -252,7 +241,7 @@ class Scene:
         font = QFont(painter.font())
         font.setPointSizeF(max(font.pointSizeF() * 0.88, 7.0))
         painter.setFont(font)
-        if self._link.view.mode != "orbit":
+        if self.link.view.mode != "orbit":
             _draw_text(painter, eye_height_text(frame.pose, self.terrain()), left, below)
             return
         bar = scale_bar(projection, frame.pose, most=_MAX_SCALE_BAR)

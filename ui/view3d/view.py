@@ -1,19 +1,19 @@
 """The 3-D view: pictures of the terrain with marks over them, mouse and keyboard input."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-from PyQt6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt
+from PyQt6.QtCore import QPointF, QRectF, QSize, Qt
 from PyQt6.QtGui import QFocusEvent, QHideEvent, QKeyEvent, QPainter, QPaintEvent, QResizeEvent, QShowEvent
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
-from sketchterrain.array_types import Float64Array
-from sketchterrain.errors import InputError
-from sketchterrain.ui.application import single_shot
+from sketchterrain.ui.actions import ShortcutOverride
+from sketchterrain.ui.commands import reported
 from sketchterrain.ui.engine.link import ViewSource
-from sketchterrain.ui.engine.protocol import MODES, ErrorReport, Look
+from sketchterrain.ui.engine.protocol import MODES, ErrorReport, Fly, Look
 from sketchterrain.ui.look.theme import active_theme, draw_focus
+from sketchterrain.ui.models.background import single_shot
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.drapes import outlines_of
 from sketchterrain.ui.models.selection import delete_or_reset
@@ -33,86 +33,15 @@ _MODE_KEYS: Final = dict(zip((_Key.Key_1, _Key.Key_2, _Key.Key_3), MODES, strict
 _OTHERS: Final = _Modifier.ControlModifier | _Modifier.AltModifier | _Modifier.MetaModifier
 
 
-class ViewKeyboard(QObject):
-    """Event filter of a view that handles its keys before the window's shortcuts."""
-
-    def __init__(
-        self,
-        view: QWidget,
-        link: ViewSource,
-        workspace: Workspace,
-        mouse: ViewMouse,
-        commands: Mapping[int, Callable[[], None]],
-    ) -> None:
-        super().__init__(view)
-        self._link, self._workspace, self._mouse = link, workspace, mouse
-        self._commands = commands
-        self._keys = FlightKeys()
-        view.installEventFilter(self)
-
-    def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:
-        if not isinstance(event, QKeyEvent):
-            return False
-        if event.type() == QEvent.Type.KeyPress:
-            return self._press(event)
-        if event.type() == QEvent.Type.KeyRelease:
-            self._release(event)
-            return True
-        if self._accepts(event):  # ShortcutOverride
-            event.accept()
-            return True
-        return False
-
-    def release_all(self) -> None:
-        """Release all keys: the view will not receive their release."""
-        self._send(self._keys.release_all())
-
-    def _accepts(self, event: QKeyEvent) -> bool:
-        if event.modifiers() & _OTHERS:
-            return False
-        if event.key() == _Key.Key_Escape:
-            return self._mouse.is_dragging or self._workspace.selection is not None
-        return event.key() in FLYING_KEYS or event.key() in _MODE_KEYS or event.key() in self._commands
-
-    def _press(self, event: QKeyEvent) -> bool:
-        key = event.key()
-        if not self._accepts(event):
-            if key == _Key.Key_Shift:
-                self._send(self._keys.set_boost(True))
-            return False
-        if event.isAutoRepeat():
-            return True
-        if key in FLYING_KEYS:
-            self._send(self._keys.press(key))
-        elif key in _MODE_KEYS:
-            self._link.set_view(replace(self._link.view, mode=_MODE_KEYS[_Key(key)]))
-        elif key in self._commands:
-            self._commands[key]()
-        elif not self._mouse.cancel():
-            self._workspace.selection = None
-        return True
-
-    def _release(self, event: QKeyEvent) -> None:
-        if event.isAutoRepeat():
-            return
-        if event.key() == _Key.Key_Shift:
-            self._send(self._keys.set_boost(False))
-        self._send(self._keys.release(event.key()))
-
-    def _send(self, motion: object | None) -> None:
-        if motion is not None:
-            self._link.send(motion)
-
-
 class View3D(QWidget):
-    """Shows the terrain of a document, or a stored world without one, where nothing can be selected."""
+    """Shows the terrain of a document; a stored world has an empty one, where nothing can be selected."""
 
-    def __init__(self, document: Document | None, workspace: Workspace, link: ViewSource) -> None:
+    def __init__(self, document: Document, workspace: Workspace, link: ViewSource) -> None:
         super().__init__()
         self._document, self._workspace, self._link = document, workspace, link
         self._scene = Scene(document, workspace, link)
-        self._mouse = ViewMouse(self, self._scene, document, workspace, link)
-        self._hud = Hud(self, link)
+        self._mouse = ViewMouse(self, self._scene)
+        self._keys, self._hud = FlightKeys(), Hud(self, link)
         self._ratio = self.devicePixelRatioF()
         self._size_timer = single_shot(self, _RESIZE_DELAY, self._request_size)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
@@ -123,7 +52,7 @@ class View3D(QWidget):
         self.setMinimumSize(160, 120)
         self.setAccessibleName("3-D view")
         self.setAccessibleDescription("The terrain. Arrow keys move, F shows the selection, R all of it.")
-        commands: dict[int, Callable[[], None]] = {
+        self._commands: dict[int, Callable[[], None]] = {
             Qt.Key.Key_F: self.see_selection,
             Qt.Key.Key_R: self.see_all,
             Qt.Key.Key_Home: self.see_all,
@@ -132,17 +61,15 @@ class View3D(QWidget):
             Qt.Key.Key_Backspace: self.delete_selection,
             Qt.Key.Key_Menu: self._open_menu,
         }
-        self._keyboard = ViewKeyboard(self, link, workspace, self._mouse, commands)
+        ShortcutOverride(self, self._takes_key)
         link.error_reported.connect(self._handle_error)
         for signal in (
+            *(document.sketch_changed, document.drapes.changed),
             *(link.placed_changed, link.relief_changed, active_theme.changed),
             *(workspace.selection_changed, workspace.overlays_changed, workspace.tool_changed),
         ):
             signal.connect(self._refresh)
-        if document is not None:
-            document.sketch_changed.connect(self._refresh)
-            document.drapes.changed.connect(self._refresh)
-        self.hovered, self.message = self._mouse.terrain_hovered, self._mouse.message
+        self.hovered = self._mouse.terrain_hovered
         self.bar = self._hud.bar
         self.picture_requested = self.bar.picture_requested
         self.bar.see_all.connect(self.see_all)
@@ -166,10 +93,9 @@ class View3D(QWidget):
         self._link.send(Look(None))
 
     def see_selection(self) -> None:
-        area, selection, lines = self._link.area(), self._workspace.selection, tuple[Float64Array, ...]()
-        if self._document is not None:
-            vector = find_vector(self._document.sketch, selection)
-            lines = outlines_of(self._document, selection) if vector is None else vector.rings
+        area, selection = self._link.area(), self._workspace.selection
+        vector = find_vector(self._document.sketch, selection)
+        lines = outlines_of(self._document, selection) if vector is None else vector.rings
         motion = None if area is None else motion_to(self._link.placed, selection, lines, size=area[0][2:])
         if motion is None:
             self.see_all()
@@ -179,11 +105,10 @@ class View3D(QWidget):
     def delete_selection(self) -> None:
         """Delete the selection, of a vector its active vertex; a river's control point is reset instead."""
         placed, selection = self._link.placed, self._workspace.selection
-        if self._document is not None and selection is not None:
-            try:
-                self.message.emit(delete_or_reset(self._document, self._workspace, placed, selection))
-            except InputError as error:
-                self.message.emit(str(error))
+        if selection is not None:
+            report = self._document.message.emit
+            with reported(report):
+                report(delete_or_reset(self._document, self._workspace, placed, selection))
 
     def _open_menu(self) -> None:
         self._mouse.open_menu(QPointF(self.rect().center()), None)
@@ -201,6 +126,44 @@ class View3D(QWidget):
             width, height = (max(round(side * ratio), _MIN_SIDE) for side in (self.width(), self.height()))
             self._link.set_view(replace(self._link.view, width=width, height=height))
 
+    def _takes_key(self, event: QKeyEvent) -> bool:
+        """Return whether a key means something here, so that no shortcut of the window gets it."""
+        if event.modifiers() & _OTHERS:
+            return False
+        if event.key() == _Key.Key_Escape:
+            return self._mouse.is_dragging or self._workspace.selection is not None
+        return event.key() in FLYING_KEYS or event.key() in _MODE_KEYS or event.key() in self._commands
+
+    def _fly(self, motion: Fly | None) -> None:
+        if motion is not None:
+            self._link.send(motion)
+
+    def keyPressEvent(self, event: QKeyEvent | None) -> None:
+        if event is None:
+            return
+        key = event.key()
+        if not self._takes_key(event):
+            if key == _Key.Key_Shift:
+                self._fly(self._keys.set_boost(True))
+            super().keyPressEvent(event)
+        elif event.isAutoRepeat():
+            return
+        elif key in FLYING_KEYS:
+            self._fly(self._keys.press(key))
+        elif key in _MODE_KEYS:
+            self._link.set_view(replace(self._link.view, mode=_MODE_KEYS[_Key(key)]))
+        elif key in self._commands:
+            self._commands[key]()
+        elif not self._mouse.cancel():
+            self._workspace.selection = None
+
+    def keyReleaseEvent(self, event: QKeyEvent | None) -> None:
+        if event is None or event.isAutoRepeat():
+            return
+        if event.key() == _Key.Key_Shift:
+            self._fly(self._keys.set_boost(False))
+        self._fly(self._keys.release(event.key()))
+
     def resizeEvent(self, event: QResizeEvent | None) -> None:
         self._hud.update_positions()
         self._size_timer.start(_RESIZE_DELAY)
@@ -211,7 +174,7 @@ class View3D(QWidget):
     def hideEvent(self, event: QHideEvent | None) -> None:
         self._mouse.cancel()
         self._mouse.leave()
-        self._keyboard.release_all()
+        self._fly(self._keys.release_all())
         self._size_timer.stop()
         self._link.set_view(replace(self._link.view, width=0, height=0))
 
@@ -224,12 +187,11 @@ class View3D(QWidget):
             painter,
             QRectF(self.rect()),
             self.devicePixelRatioF(),
-            hovered=self._mouse.hovered,
             dim=self._hud.placeholder.notice is not None,
             is_refining=self._hud.is_refining and not self._mouse.is_pressed,
         )
         draw_focus(painter, self)
 
     def focusOutEvent(self, event: QFocusEvent | None) -> None:
-        self._keyboard.release_all()
+        self._fly(self._keys.release_all())
         self.update()

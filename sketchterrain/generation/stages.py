@@ -6,6 +6,7 @@ Parameters are results of other stages; `sketch` has the fields named above alon
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
@@ -22,9 +23,11 @@ from sketchterrain.document.layers import (
 )
 from sketchterrain.document.material_rules import resolved_rules
 from sketchterrain.document.rasters import content_digests
+from sketchterrain.document.store import shown_files
 from sketchterrain.elevation.base import BaseElevation, load_base
 from sketchterrain.elevation.raster_reader import file_stamps
 from sketchterrain.elevation.vertical import geoid_files
+from sketchterrain.io.resources import code_digest
 from sketchterrain.landforms.base_ground import BaseGround
 from sketchterrain.landforms.edits import EditedPoints, apply_fill_edits, apply_painted_edits
 from sketchterrain.landforms.hydrology.courses import RiverCourse
@@ -57,6 +60,7 @@ from sketchterrain.landuse.areas import LandUse, land_use
 from sketchterrain.roads.build import ROAD_LAYERS, road_network
 from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.roads.waters import Floods
+from sketchterrain.stages.digests import digest_of
 from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 from sketchterrain.stages.table import StageTable
@@ -410,6 +414,16 @@ def with_network(recipe: TerrainRecipe, network: RoadNetwork, run: Runner) -> Te
     pads = run(PadsLayer, recipe.materials.names, network.pads)
     roads = run(RoadsLayer, recipe.materials.names, network.roads)
     return replace(recipe.with_layers([pads, roads]), network=network)
+
+
+def fingerprint(sketch: Sketch, *options: object) -> str:
+    """Return a digest of all that files of a sketch depend on but the device: they name and may contain it.
+
+    Pictures beneath the paint, which only the window shows, and notes of reading it are left out.
+    """
+    program = version("sketchterrain"), code_digest()
+    contents = files.function(sketch), shown_files(sketch)
+    return digest_of((program, sketch.replace(notes=()), contents, options)).hex()
 
 
 def _heights(recipe: TerrainRecipe, region: Sources, ground: PaintedGround, nodes: int = 1) -> Ground:

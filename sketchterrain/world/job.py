@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
-from hashlib import sha256
 from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import product
@@ -23,12 +21,11 @@ from rasterio.crs import CRS
 from rasterio.enums import WktVersion
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.store import sketch_digests
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.export.rasters import local_metres
+from sketchterrain.generation.stages import fingerprint
 from sketchterrain.io.crs import parse_metric_crs
 from sketchterrain.io.files import hash_file, wrap_os_errors, wrap_read_errors, write_atomic
-from sketchterrain.io.resources import code_digest
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.world.grid import SHARD, LayerSpec, Level, Shard, World, layer_specs
 
@@ -53,6 +50,7 @@ _LIBRARIES: Final = {
     "flatgeobuf": ("pyogrio",),
 }
 """Libraries whose versions may change the encoding of files, but no value in them."""
+_NOT_IN_BYTES: Final = ("sketch", "recipe", "output")  # the recipe is the sketch's
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,18 +80,11 @@ class Job:
         return layer_specs(self.recipe.materials.names)
 
 
-def fingerprint(job: Job) -> str:
-    """Return the SHA-256 of everything that determines a world's bytes: neither output path nor device."""
-    whole = {
-        "version": version("sketchterrain"),
-        "code": code_digest(),
-        "sketch": sketch_digests(job.sketch),
-        "world": asdict(job.world),
-        "layers": sorted(job.layers),
-        **{name: getattr(job, name) for name in ("form", "plants", "grass", "crs", "origin", "step", "fast")},
-        "libraries": {name: version(name) for name in (*_LIBRARIES[job.form], *_LIBRARIES[job.plants])},
-    }
-    return sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
+def job_fingerprint(job: Job) -> str:
+    """Return a digest of everything that determines a world's bytes: neither output path nor device."""
+    options = [getattr(job, each.name) for each in fields(job) if each.name not in _NOT_IN_BYTES]
+    libraries = [(name, version(name)) for name in (*_LIBRARIES[job.form], *_LIBRARIES[job.plants])]
+    return fingerprint(job.sketch, options, libraries)
 
 
 class Task(NamedTuple):

@@ -24,7 +24,7 @@ from sketchterrain.world.job import (
     Job,
     Task,
     WrittenFile,
-    fingerprint,
+    job_fingerprint,
     layer_file,
     ledger_file,
     parts_folder,
@@ -198,7 +198,7 @@ def load_ledger(job: Job, store: Store) -> Ledger | None:
             f"{one_line(job.output)}: was started by version {one_line(ledger.header.version)} of the "
             f"program, this is {version('sketchterrain')}; choose another output"
         )
-    if ledger.header.fingerprint != fingerprint(job):
+    if ledger.header.fingerprint != job_fingerprint(job):
         raise InputError(
             f"{one_line(job.output)}: was computed from another sketch, seed, bounds or options, "
             "or by other code; choose another output"

@@ -20,8 +20,8 @@ from sketchterrain.world.job import (
     Task,
     TaskResult,
     WrittenFile,
-    fingerprint,
     iter_tasks,
+    job_fingerprint,
     require,
     shard_store,
     task_count,
@@ -170,7 +170,7 @@ class _Run:
         self._store = shard_store(job)
         self._layout = OutputLayout.from_job(job, self._store)
         saved = load_ledger(job, self._store)
-        self._ledger = saved or Ledger(Header(fingerprint(job), version("sketchterrain")), {})
+        self._ledger = saved or Ledger(Header(job_fingerprint(job), version("sketchterrain")), {})
         self._broken: list[BrokenFile] = []
         self._computed = 0
         self._tasks = task_count(job)

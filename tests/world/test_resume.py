@@ -17,7 +17,7 @@ import pytest
 
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.world.grid import DEFAULT_LAYERS, World
-from sketchterrain.world.job import Job, fingerprint, shard_store, task_count
+from sketchterrain.world.job import Job, job_fingerprint, shard_store, task_count
 from sketchterrain.world.journal import (
     Header,
     Journal,
@@ -338,7 +338,7 @@ def test_only_partial_files_are_removed(form, small_job, tmp_path, tree) -> None
     store.journal.parent.mkdir(parents=True)
     store.journal.with_name(".journal.jsonl.0123abcd.tmp").write_bytes(b"half")
     check_output_unused(job, resume=False)  # killed before it wrote anything
-    with Journal(store.journal, Ledger(Header(fingerprint(job), version("sketchterrain")), {})):
+    with Journal(store.journal, Ledger(Header(job_fingerprint(job), version("sketchterrain")), {})):
         store.create()
     remove_partial_files(job, store, layout, ())
     check_output_unused(job, resume=True)

@@ -88,14 +88,21 @@ def test_files_that_a_sketch_shows_change_both(small_job, tmp_path) -> None:
 
 def test_folder_and_order_of_tables_change_neither(small_job, tmp_path) -> None:
     values = {name: value for name, value in CHANGES.items() if name not in ("rasters", "drapes")}
+    values |= {"density": {"hill": 2.0, "mountain": 0.5}, "coast": {"beach": 50.0, "shelf": 90.0}}
     values["labels"] = {("river", 1): {"width": 12.0, "depth": 1.0}, ("river", 2): {}}
-    for name in ("one.sketch", "other.sketch"):
-        save_sketch(Sketch(**values), tmp_path / name)
-        for table in ("labels", "density", "layers"):
-            values[table] = dict(reversed(values[table].items()))
-        values["labels"] = {label: dict(reversed(each.items())) for label, each in values["labels"].items()}
-    one, other = fingerprints(small_job, map(load_sketch, sorted(tmp_path.iterdir())))
-    assert one == other
+    values["look"] = {"rock": {"bump": 1.5, "colour": "#101010"}, "snow": {"bump": 1.5}}
+    turned = {
+        table: {
+            name: dict(reversed(each.items())) if isinstance(each, dict) else each
+            for name, each in reversed(values[table].items())
+        }
+        for table in ("labels", "density", "coast", "look", "layers")
+    }
+    sketches = Sketch(**values), Sketch(**values | turned)
+    for number, sketch in enumerate(sketches):
+        save_sketch(sketch, tmp_path / str(number))
+    loaded = [load_sketch(tmp_path / str(number)) for number in range(2)]
+    assert len({*fingerprints(small_job, [*sketches, *loaded])}) == 1
 
 
 def test_options_and_program_change_both(small_job, monkeypatch) -> None:

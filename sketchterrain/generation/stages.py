@@ -145,6 +145,7 @@ def region(unpainted: UnpaintedSettings, elevation: BaseElevation | None, run: R
     *_named("painted", *POINT_LAYERS, "river"),
     *_named("labels", *POINT_LAYERS),
     *("fidelity", "seed", *_PIXELS),
+    stored=True,
 )
 def placed(sketch: Sketch, run: Runner) -> StructuredArray:
     """Features of painted shapes."""
@@ -179,20 +180,26 @@ def features(points: EditedPoints, adopted: EditedPoints) -> StructuredArray:
     return np.concatenate([points.points, adopted.points])
 
 
-@_stage("painted.sea", "labels.sea", "coast", "fidelity", *_PIXELS)
+@_stage("painted.sea", "labels.sea", "coast", "fidelity", *_PIXELS, stored=True)
 def sea(sketch: Sketch) -> Sea | None:
     """The sea and its coast."""
     return create_sea(sketch)
 
 
-@_stage(*_named("painted", *_RAISED), "fidelity", *_PIXELS)
+@_stage(*_named("painted", *_RAISED), "fidelity", *_PIXELS, stored=True)
 def outlines(sketch: Sketch, unpainted: UnpaintedSettings, run: Runner) -> _Outlines:
     """Outlines of painted shapes, by layer."""
     parts = {layer: part_of(sketch, f"layers.{layer}", "fidelity", *_PIXELS) for layer in _RAISED}
     return {layer: run(painted_outline, part, layer, unpainted.spacing) for layer, part in parts.items()}
 
 
-@_stage(*_named("painted", "mountain", "hill"), *_named("labels", "mountain", "hill"), "fidelity", *_PIXELS)
+@_stage(
+    *_named("painted", "mountain", "hill"),
+    *_named("labels", "mountain", "hill"),
+    "fidelity",
+    *_PIXELS,
+    stored=True,
+)
 def land(
     sketch: Sketch,
     features: StructuredArray,
@@ -250,7 +257,7 @@ def bare(dry: TerrainRecipe) -> TerrainRecipe:
     return replace(dry.with_layers([CoversLayer(())]), climate={}, material_rules=())
 
 
-@_stage(hashed=False)
+@_stage(hashed=False, stored=True)
 def coarse_ground(region: Sources, land: PaintedLand, sea: Sea | None, run: Runner) -> PaintedGround:
     """Coarse ground, drained to the sea."""
     return painted_ground(region, land, PaintedWater(sea=sea), COARSE, run)
@@ -262,7 +269,7 @@ def coarse_heights(bare: TerrainRecipe, region: Sources, coarse_ground: PaintedG
     return _heights(bare, region, coarse_ground, 1 << COARSE_LEVEL)
 
 
-@_stage()
+@_stage(stored=True)
 def featureless_heights(bare: TerrainRecipe, region: Sources, sea: Sea | None, run: Runner) -> Ground:
     """Those of coarse ground without features."""
     ground = run(painted_ground, region, NO_LAND, PaintedWater(sea=sea), COARSE, hashed=False)
@@ -277,13 +284,13 @@ _WATERS: Final = (
 )
 
 
-@_stage(*_WATERS)
+@_stage(*_WATERS, stored=True)
 def layout(sketch: Sketch, coarse_heights: Ground, run: Runner) -> WaterLayout:
     """Courses of rivers and outlines of lakes."""
     return lay_out_water(sketch, seed=sketch.seed, ground=coarse_heights, run=run)
 
 
-@_stage()
+@_stage(stored=True)
 def water(
     featureless_heights: Ground, layout: WaterLayout, land: PaintedLand, sea: Sea | None
 ) -> PaintedWater:
@@ -295,7 +302,7 @@ def water(
     return PaintedWater(layout.courses, slopes, floors, bare_slopes, lakes, outlets, sea)
 
 
-@_stage(hashed=False)
+@_stage(hashed=False, stored=True)
 def ground(region: Sources, land: PaintedLand, water: PaintedWater, run: Runner) -> PaintedGround:
     """The ground of the sketch, drained to its water."""
     return painted_ground(region, land, water, FINE, run)
@@ -307,13 +314,13 @@ def heights(bare: TerrainRecipe, region: Sources, ground: PaintedGround) -> Grou
     return _heights(bare, region, ground)
 
 
-@_stage(*_named("painted", "plateau", "river"), "labels.plateau", "fidelity", *_PIXELS)
+@_stage(*_named("painted", "plateau", "river"), "labels.plateau", "fidelity", *_PIXELS, stored=True)
 def plateaus(sketch: Sketch, heights: Ground, run: Runner) -> PlateausLayer:
     """Plateaus on it."""
     return PlateausLayer(create_plateaus(sketch, heights, run))
 
 
-@_stage(hashed=False)
+@_stage(hashed=False, stored=True)
 def flow(
     region: Sources, ground: PaintedGround, water: PaintedWater, outlines: _Outlines, run: Runner
 ) -> Flow:
@@ -321,7 +328,7 @@ def flow(
     return painted_flow(region, ground, water, run, outlines["plateau"])
 
 
-@_stage("climate.aridity", "seed", *_PIXELS)
+@_stage("climate.aridity", "seed", *_PIXELS, stored=True)
 def streams(
     sketch: Sketch, heights: Ground, flow: Flow, layout: WaterLayout, run: Runner
 ) -> list[RiverCourse]:
@@ -337,7 +344,7 @@ def streams(
     )
 
 
-@_stage(*_WATERS, *_named("layers", "mountain", "plateau"))
+@_stage(*_WATERS, *_named("layers", "mountain", "plateau"), stored=True)
 def waters(
     sketch: Sketch,
     heights: Ground,
@@ -351,7 +358,7 @@ def waters(
     return solve_water(sketch, layout, seed=sketch.seed, ground=raised, streams=streams, run=run)
 
 
-@_stage("extent")
+@_stage("extent", stored=True)
 def corridors(sketch: Sketch, waters: Hydrology, run: Runner) -> CorridorsLayer:
     """Rivers and their valleys."""
     radii = [valley_radius(*each) for each in zip(waters.rivers, waters.grounds, strict=True)]
@@ -374,7 +381,7 @@ def natural(
     return replace(dry.with_layers(layers), resolutions=waters.resolutions, orphans=orphans)
 
 
-@_stage(*_named("vectors", *ROAD_LAYERS), *_named("labels", *ROAD_LAYERS))
+@_stage(*_named("vectors", *ROAD_LAYERS), *_named("labels", *ROAD_LAYERS), stored=True)
 def roads(sketch: Sketch, natural: TerrainRecipe, run: Runner) -> RoadNetwork:
     """Roads, railways, paths, pads and walls."""
     ground = Ground(natural, _ROAD_CELL)

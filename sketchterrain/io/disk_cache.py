@@ -9,7 +9,8 @@ import shutil
 import sqlite3
 import time
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from threading import Lock
 from typing import Any, Final
@@ -28,24 +29,30 @@ CREATE TABLE IF NOT EXISTS records (a INT, b INT, c INT, d INT, content BLOB, PR
 
 
 def cached_bytes(
-    family: str, recipe: str, compute: Callable[[], bytes], folder: Path | None = None
+    family: str,
+    recipe: str,
+    compute: Callable[[], bytes],
+    folder: Path | None = None,
+    *,
+    max_bytes: int = 0,
 ) -> bytes | memoryview:
     """Return bytes that depend on `recipe` alone, from the cache folder or computed and then stored.
 
-    Other cache files of the same family are of older recipes and are deleted when this one is written.
+    When they are written, other files of the family that were not read for longest are deleted as far as all
+    exceed `max_bytes`.
     """
     folder = folder or cache_folder()
     path = folder / f"{_name(family, recipe)}{_SUFFIX}"
     cached = _read(path)
     if cached is not None:
+        with suppress(OSError):
+            os.utime(path)
         return cached
     computed = compute()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_atomic(path, hashlib.sha256(computed).digest() + computed)
-        for old in folder.glob(f"{family}-*"):
-            if old != path:
-                old.unlink(missing_ok=True)
+        _discard(folder.glob(f"{family}-*{_SUFFIX}"), max_bytes, path)
     except (OSError, SketchterrainError):
         pass  # a full or read-only disk costs time, no more
     return computed
@@ -77,7 +84,10 @@ def stored_folder(
     parent.mkdir(parents=True, exist_ok=True)
     folder = parent / _name(family, recipe)
     if not (folder / _DONE).is_file():
-        _discard(parent, family, max_bytes)
+        _discard((done.parent for done in parent.glob(f"{family}-*/{_DONE}")), max_bytes)
+        for each in parent.glob(f"{family}-*.tmp"):
+            if time.time() - _opened(each) > _STALE:
+                shutil.rmtree(each, ignore_errors=True)
         temporary = folder.with_name(f"{folder.name}.{secrets.token_hex(4)}.tmp")
         temporary.mkdir()
         try:
@@ -92,15 +102,13 @@ def stored_folder(
     return folder
 
 
-def _discard(parent: Path, family: str, max_bytes: int) -> None:
+def _discard(paths: Iterable[Path], max_bytes: int, kept: Path | None = None) -> None:
+    """Delete files or folders that were not opened for longest, as far as all exceed `max_bytes`."""
     total = 0
-    for done in sorted(parent.glob(f"{family}-*/{_DONE}"), key=_opened, reverse=True):
-        total += sum(each.stat().st_size for each in done.parent.iterdir())
-        if total > max_bytes:
-            shutil.rmtree(done.parent, ignore_errors=True)
-    for each in parent.glob(f"{family}-*.tmp"):
-        if time.time() - _opened(each) > _STALE:
-            shutil.rmtree(each, ignore_errors=True)
+    for path in sorted(paths, key=_opened, reverse=True):
+        total += sum(each.stat().st_size for each in (path.iterdir() if path.is_dir() else [path]))
+        if total > max_bytes and path != kept:
+            shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
 
 
 class RecordCache:
@@ -124,11 +132,7 @@ class RecordCache:
             database.executescript(_SCHEMA)
             self._left -= path.stat().st_size
             os.utime(path)
-            total = 0
-            for each in sorted(folder.glob(f"{family}-*.sqlite"), key=_opened, reverse=True):
-                total += each.stat().st_size
-                if total > max_bytes:
-                    each.unlink()
+            _discard(folder.glob(f"{family}-*.sqlite"), max_bytes)
             self._database = database
         except (OSError, sqlite3.Error):
             pass
@@ -160,4 +164,4 @@ class RecordCache:
 
 
 def _opened(path: Path) -> float:
-    return path.stat().st_mtime
+    return (path / _DONE if path.is_dir() else path).stat().st_mtime

@@ -11,6 +11,7 @@ import numpy as np
 
 from sketchterrain.array_types import Bounds, LatticeArray
 from sketchterrain.geometry.differences import merge_boxes
+from sketchterrain.stages.digests import digest_of
 
 if TYPE_CHECKING:
     from sketchterrain.terrain.recipe import TerrainRecipe
@@ -55,8 +56,9 @@ def difference(old: TerrainRecipe, new: TerrainRecipe) -> RecipeChange | None:
     changes: dict[str, LayerChange] = {}
     layers = []
     for before, now in zip(old.layers, new.layers, strict=True):
-        change = None if before is now else now.change(before, new.world)
-        if before is not now and change is None:
+        same = before is now or digest_of(before) == digest_of(now)
+        change = None if same else now.change(before, new.world)
+        if not same and change is None:
             return None
         if change:
             changes[now.name] = change

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
@@ -15,6 +15,7 @@ from sketchterrain.geometry.box_index import ITEM
 from sketchterrain.geometry.differences import row_difference
 from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.io.resources import kernel_struct
+from sketchterrain.stages.digests import digest_of
 from sketchterrain.terrain.changes import LayerChange
 from sketchterrain.terrain.noise import (
     FINEST_CELL,
@@ -164,9 +165,11 @@ class TerrainLayer:
         """Return the fields, without cached properties."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
-    def key(self) -> Hashable:
-        """Return everything that it depends on everywhere."""
-        return tuple(getattr(self, each.name) for each in fields(self) if not each.metadata.get("items"))
+    def key(self) -> bytes:
+        """Return a digest of everything that it depends on everywhere."""
+        return digest_of(
+            [getattr(self, each.name) for each in fields(self) if not each.metadata.get("items")]
+        )
 
     def stacks(self, world: WorldSettings) -> tuple[NoiseStack, ...]:
         """Return its noises; they must not depend on items: one edit would reshape the whole world."""

@@ -22,8 +22,9 @@ from sketchterrain.generation import stages
 from sketchterrain.generation.stages import fingerprint
 from sketchterrain.io import resources
 from sketchterrain.world.grid import World
-from sketchterrain.world.job import Job, job_fingerprint, shard_store
+from sketchterrain.world.job import Job, job_fingerprint
 from sketchterrain.world.journal import Header, Journal, Ledger, check_output_unused
+from sketchterrain.world.task_runner import shard_store
 
 ROOT = Path(__file__).parents[2]
 
@@ -133,9 +134,8 @@ def test_options_and_program_change_both(small_job, monkeypatch) -> None:
 
 def test_resuming_a_world_whose_road_has_moved_is_refused(small_job, tmp_path) -> None:
     job = replace(small_job, sketch=Sketch(vectors=ROAD), output=tmp_path, form="tiles")
-    store = shard_store(job)
-    with Journal(store.journal, Ledger(Header(job_fingerprint(job), version("sketchterrain")), {})):
-        store.create()
+    with Journal(job.layout.journal, Ledger(Header(job_fingerprint(job), version("sketchterrain")), {})):
+        shard_store(job).create()
     check_output_unused(job, resume=True)
     moved = replace(job, sketch=job.sketch.replace(vectors=CHANGES["vectors"]))
     with pytest.raises(InputError, match=r"computed from another sketch, .* or by other code"):

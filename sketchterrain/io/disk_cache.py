@@ -86,7 +86,7 @@ def stored_folder(
     if not (folder / _DONE).is_file():
         _discard((done.parent for done in parent.glob(f"{family}-*/{_DONE}")), max_bytes)
         for each in parent.glob(f"{family}-*.tmp"):
-            if time.time() - _opened(each) > _STALE:
+            if time.time() - each.stat().st_mtime > _STALE:
                 shutil.rmtree(each, ignore_errors=True)
         temporary = folder.with_name(f"{folder.name}.{secrets.token_hex(4)}.tmp")
         temporary.mkdir()

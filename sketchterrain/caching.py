@@ -11,6 +11,7 @@ import numpy as np
 
 Value = TypeVar("Value")
 _PLAIN = frozenset({int, float, str, bytes, bool, type(None)})
+_MISSING: Any = object()
 
 
 class LRUCache:
@@ -34,12 +35,8 @@ class LRUCache:
 
     def get_or_compute(self, key: Hashable, compute: Callable[[], Value]) -> Value:
         """Return the value cached for a key of everything it depends on; compute it if missing."""
-        with self._lock:
-            if key in self._values:
-                self._values.move_to_end(key)
-                value: Value = self._values[key][0]
-                return value
-        return self.store(key, compute())
+        value: Value = self.get(key, _MISSING)
+        return self.store(key, compute()) if value is _MISSING else value
 
     def store(self, key: Hashable, value: Value) -> Value:
         """Cache a value and return it."""

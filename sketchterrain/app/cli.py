@@ -237,7 +237,7 @@ def adherence(
         with stages.stage("program", "Loading the program"):
             from sketchterrain.document.sketch import sketch_notes
             from sketchterrain.export.files import prepare_folder
-            from sketchterrain.generation.building import build
+            from sketchterrain.generation.building import build, stored_results
             from sketchterrain.jobs.export import DeviceFallback
             from sketchterrain.measure.adherence import measure_adherence
 
@@ -246,7 +246,7 @@ def adherence(
 
         def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[Terrain, Adherence]:
             with stages.stage("features", "Placing features"):
-                terrain = build(document, device=context)
+                terrain = build(document, device=context, memory=stored_results())
             with stages.stage("adherence", "Comparing with the sketch"):
                 return terrain, measure_adherence(terrain)
 

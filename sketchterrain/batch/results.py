@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from hashlib import sha256
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
@@ -16,7 +13,6 @@ from PIL import Image, ImageDraw, ImageFont
 from rich.progress import TaskID
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.store import sketch_digests
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.planning import memory_needed as export_memory
@@ -24,7 +20,6 @@ from sketchterrain.export.rasters import write_picture
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.io.console import progress_bars
 from sketchterrain.io.files import hash_file, write_atomic
-from sketchterrain.io.resources import code_digest
 from sketchterrain.jobs.estimates import check_size, memory_needed, plant_bytes
 
 MANIFEST = "manifest.json"
@@ -152,17 +147,6 @@ def estimate_needs(sketch: Sketch, output: Output) -> Needs:
         vertices, memory = export_plan.vertices, export_memory(export_plan)
         disk = export_plan.target.disk * vertices + plant_bytes(east * north, "csv", grass=options.grass)
     return Needs(vertices, memory, disk + output.preview * _PREVIEW_DISK)
-
-
-def fingerprint(sketch: Sketch, output: Output) -> str:
-    """Return a hash of everything that determines a terrain's files, which the device does not."""
-    whole = {
-        "version": version("sketchterrain"),
-        "code": code_digest(),
-        "sketch": sketch_digests(sketch),
-        "output": msgspec.to_builtins(output),
-    }
-    return sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
 
 
 COLUMNS: Final = 4

@@ -27,7 +27,6 @@ from sketchterrain.batch.results import (
     Needs,
     Output,
     estimate_needs,
-    fingerprint,
     read_manifest,
     write_sheets,
 )
@@ -40,6 +39,7 @@ from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.rasters import write_picture
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.generation.building import build
+from sketchterrain.generation.stages import fingerprint
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages, describe_error
 from sketchterrain.io.files import check_disk, hash_file

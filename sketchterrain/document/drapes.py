@@ -121,9 +121,8 @@ class DrapeClass:
 
     def __post_init__(self) -> None:
         given = {"value": self.value, **self.style}
-        checked = check_values(given, CLASS, "[[drape.class]]", "drape.class.")
-        ordered = {name: checked[name] for name in STYLE if name in checked}
-        object.__setattr__(self, "style", MappingProxyType(ordered))
+        _, *style = check_values(given, CLASS, "[[drape.class]]", "drape.class.").items()
+        object.__setattr__(self, "style", MappingProxyType(dict(style)))
 
     def __hash__(self) -> int:
         return hash((self.value, tuple(self.style.items())))

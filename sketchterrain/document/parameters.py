@@ -132,9 +132,10 @@ def parameter_table(*parameters: Parameter) -> Mapping[str, Parameter]:
 def check_values(
     values: Mapping[str, object], table: Mapping[str, Parameter], where: str, prefix: str
 ) -> dict[str, Value]:
-    """Return checked values of a table; `where` names it and `prefix` its keys in errors."""
+    """Return checked values in the order of a table; `where` names it and `prefix` its keys in errors."""
     check_keys(values, table, where)
-    return {name: table[name].check(value, f"{prefix}{name}") for name, value in values.items()}
+    checked = {name: table[name].check(value, f"{prefix}{name}") for name, value in values.items()}
+    return {name: checked[name] for name in table if name in checked}
 
 
 def defaults(table: Mapping[str, Parameter]) -> dict[str, Value]:

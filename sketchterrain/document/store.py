@@ -14,7 +14,6 @@ from hashlib import sha256
 from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
-from typing import Any
 
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer
@@ -400,19 +399,13 @@ def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None)
         return sketch.replace(vectors=vectors, notes=tuple(notes)) if vectors or notes else sketch
 
 
-def sketch_digests(sketch: Sketch) -> dict[str, Any]:
-    """Return digests of a sketch, and of the files that results show: all but pictures beneath the paint."""
+def shown_files(sketch: Sketch) -> list[str]:
+    """Return digests of the files that are shown on the terrain: draped layers, and pictures of materials."""
     paths = [layer.path for layer in sketch.drapes]
     for name, values in sketch.materials.items():
         if values.get("folder"):
             paths += map(str, picture_files(values["folder"], name).values())
-    rasters = [source for source in sketch.rasters if source.role != "picture"]
-    return {
-        "settings": settings_text(sketch),
-        "painted": {name: digest_of(image).hex() for name, image in sketch.layers.items()},
-        "vectors": {name: layer.digest for name, layer in sketch.vectors.items()},
-        "files": content_digests([*rasters, *map(RasterSource, paths)]),
-    }
+    return content_digests(map(RasterSource, paths))
 
 
 def _check_same_size(images: Mapping[str, LabelImage], name: str) -> None:

@@ -23,7 +23,7 @@ from sketchterrain.elevation.patches import COEFFICIENTS, GridPatches, PatchTabl
 from sketchterrain.elevation.planes import CHUNK, DESCRIPTION, ArrayFile, CoefficientPlanes
 from sketchterrain.elevation.quirks import Findings
 from sketchterrain.errors import SketchterrainError, one_line
-from sketchterrain.io.disk_cache import delete_old_folders, write_folder
+from sketchterrain.io.disk_cache import delete_old, write_folder
 from sketchterrain.io.files import cache_folder, check_disk, wrap_os_errors, write_atomic
 
 MAX_BYTES: Final = 1 << 36
@@ -97,7 +97,7 @@ class PatchStore:
         with wrap_os_errors(folder):
             write_folder(folder, build, lambda: self.opened(grid.id) is not None)
         part = _reopened(self._folder, grid.id, self._memory)  # now the newest
-        delete_old_folders(self._folder.glob("*/"), self._max_bytes)
+        delete_old(self._folder.glob("*/"), self._max_bytes)
         return part
 
     def opened(self, grid_id: bytes) -> StoredPatches | None:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import pickle
+import sys
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
 
 from sketchterrain.array_types import Bounds
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.generation.stages import STAGES
 from sketchterrain.generation.terrain import Terrain
+from sketchterrain.io.disk_cache import cached_bytes
+from sketchterrain.io.resources import code_digest
 from sketchterrain.landforms.painted_ground import Sources, drafted_ground, ground_without
 from sketchterrain.stages.digests import digest_of
 from sketchterrain.stages.runner import Results, Runner
@@ -26,6 +32,26 @@ from sketchterrain.terrain.recipe import TerrainRecipe
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
+
+
+_STORED_BYTES: Final = 1 << 29  # of the last ten to thirty sketches
+
+
+def stored_results() -> Results:
+    """Return results of which those of stages that are `stored` are kept on disk for other processes.
+
+    They are read back at once, so that their digests are the same in the process that computed them. Pickles
+    are safe as compiled code is there: the folder is the user's own.
+    """
+
+    def on_disk(key: bytes, compute: Callable[[], Any]) -> Any:
+        versions = sys.version, np.__version__, code_digest()
+        content = cached_bytes(
+            "stages", f"{key.hex()} {versions}", lambda: pickle.dumps(compute(), 5), max_bytes=_STORED_BYTES
+        )
+        return pickle.loads(content)  # noqa: S301
+
+    return Results(on_disk=on_disk)
 
 
 def build(
@@ -106,7 +132,9 @@ def draft_recipe(now: Evaluation, before: Evaluation) -> TerrainRecipe | None:
     images = zip(now.sketch.layers.values(), before.sketch.layers.values(), strict=True)
     strokes = sum(digest_of(image) != digest_of(other) for image, other in images)
     # What a first mountain changes of the surroundings waits for the final terrain.
-    kinds = {(each["region"].settings, each["region"].base, each["dry"].world) for each in (before, now)}
+    kinds = {
+        digest_of((each["region"].settings, each["region"].base, each["dry"].world)) for each in (before, now)
+    }
     if strokes != 1 or len(kinds) > 1 or ground is None or now["land"] is before["land"]:
         return None
     old, new = ((each["land"], each["coarse_ground"].raster) for each in (before, now))

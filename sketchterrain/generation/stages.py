@@ -6,6 +6,7 @@ Parameters are results of other stages; `sketch` has the fields named above alon
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
@@ -22,9 +23,11 @@ from sketchterrain.document.layers import (
 )
 from sketchterrain.document.material_rules import resolved_rules
 from sketchterrain.document.rasters import content_digests
+from sketchterrain.document.store import shown_files
 from sketchterrain.elevation.base import BaseElevation, load_base
 from sketchterrain.elevation.raster_reader import file_stamps
 from sketchterrain.elevation.vertical import geoid_files
+from sketchterrain.io.resources import code_digest
 from sketchterrain.landforms.base_ground import BaseGround
 from sketchterrain.landforms.edits import EditedPoints, apply_fill_edits, apply_painted_edits
 from sketchterrain.landforms.hydrology.courses import RiverCourse
@@ -57,6 +60,7 @@ from sketchterrain.landuse.areas import LandUse, land_use
 from sketchterrain.roads.build import ROAD_LAYERS, road_network
 from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.roads.waters import Floods
+from sketchterrain.stages.digests import digest_of
 from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 from sketchterrain.stages.table import StageTable
@@ -141,6 +145,7 @@ def region(unpainted: UnpaintedSettings, elevation: BaseElevation | None, run: R
     *_named("painted", *POINT_LAYERS, "river"),
     *_named("labels", *POINT_LAYERS),
     *("fidelity", "seed", *_PIXELS),
+    stored=True,
 )
 def placed(sketch: Sketch, run: Runner) -> StructuredArray:
     """Features of painted shapes."""
@@ -175,20 +180,26 @@ def features(points: EditedPoints, adopted: EditedPoints) -> StructuredArray:
     return np.concatenate([points.points, adopted.points])
 
 
-@_stage("painted.sea", "labels.sea", "coast", "fidelity", *_PIXELS)
+@_stage("painted.sea", "labels.sea", "coast", "fidelity", *_PIXELS, stored=True)
 def sea(sketch: Sketch) -> Sea | None:
     """The sea and its coast."""
     return create_sea(sketch)
 
 
-@_stage(*_named("painted", *_RAISED), "fidelity", *_PIXELS)
+@_stage(*_named("painted", *_RAISED), "fidelity", *_PIXELS, stored=True)
 def outlines(sketch: Sketch, unpainted: UnpaintedSettings, run: Runner) -> _Outlines:
     """Outlines of painted shapes, by layer."""
     parts = {layer: part_of(sketch, f"layers.{layer}", "fidelity", *_PIXELS) for layer in _RAISED}
     return {layer: run(painted_outline, part, layer, unpainted.spacing) for layer, part in parts.items()}
 
 
-@_stage(*_named("painted", "mountain", "hill"), *_named("labels", "mountain", "hill"), "fidelity", *_PIXELS)
+@_stage(
+    *_named("painted", "mountain", "hill"),
+    *_named("labels", "mountain", "hill"),
+    "fidelity",
+    *_PIXELS,
+    stored=True,
+)
 def land(
     sketch: Sketch,
     features: StructuredArray,
@@ -246,7 +257,7 @@ def bare(dry: TerrainRecipe) -> TerrainRecipe:
     return replace(dry.with_layers([CoversLayer(())]), climate={}, material_rules=())
 
 
-@_stage(hashed=False)
+@_stage(hashed=False, stored=True)
 def coarse_ground(region: Sources, land: PaintedLand, sea: Sea | None, run: Runner) -> PaintedGround:
     """Coarse ground, drained to the sea."""
     return painted_ground(region, land, PaintedWater(sea=sea), COARSE, run)
@@ -258,7 +269,7 @@ def coarse_heights(bare: TerrainRecipe, region: Sources, coarse_ground: PaintedG
     return _heights(bare, region, coarse_ground, 1 << COARSE_LEVEL)
 
 
-@_stage()
+@_stage(stored=True)
 def featureless_heights(bare: TerrainRecipe, region: Sources, sea: Sea | None, run: Runner) -> Ground:
     """Those of coarse ground without features."""
     ground = run(painted_ground, region, NO_LAND, PaintedWater(sea=sea), COARSE, hashed=False)
@@ -273,13 +284,13 @@ _WATERS: Final = (
 )
 
 
-@_stage(*_WATERS)
+@_stage(*_WATERS, stored=True)
 def layout(sketch: Sketch, coarse_heights: Ground, run: Runner) -> WaterLayout:
     """Courses of rivers and outlines of lakes."""
     return lay_out_water(sketch, seed=sketch.seed, ground=coarse_heights, run=run)
 
 
-@_stage()
+@_stage(stored=True)
 def water(
     featureless_heights: Ground, layout: WaterLayout, land: PaintedLand, sea: Sea | None
 ) -> PaintedWater:
@@ -291,7 +302,7 @@ def water(
     return PaintedWater(layout.courses, slopes, floors, bare_slopes, lakes, outlets, sea)
 
 
-@_stage(hashed=False)
+@_stage(hashed=False, stored=True)
 def ground(region: Sources, land: PaintedLand, water: PaintedWater, run: Runner) -> PaintedGround:
     """The ground of the sketch, drained to its water."""
     return painted_ground(region, land, water, FINE, run)
@@ -303,13 +314,13 @@ def heights(bare: TerrainRecipe, region: Sources, ground: PaintedGround) -> Grou
     return _heights(bare, region, ground)
 
 
-@_stage(*_named("painted", "plateau", "river"), "labels.plateau", "fidelity", *_PIXELS)
+@_stage(*_named("painted", "plateau", "river"), "labels.plateau", "fidelity", *_PIXELS, stored=True)
 def plateaus(sketch: Sketch, heights: Ground, run: Runner) -> PlateausLayer:
     """Plateaus on it."""
     return PlateausLayer(create_plateaus(sketch, heights, run))
 
 
-@_stage(hashed=False)
+@_stage(hashed=False, stored=True)
 def flow(
     region: Sources, ground: PaintedGround, water: PaintedWater, outlines: _Outlines, run: Runner
 ) -> Flow:
@@ -317,7 +328,7 @@ def flow(
     return painted_flow(region, ground, water, run, outlines["plateau"])
 
 
-@_stage("climate.aridity", "seed", *_PIXELS)
+@_stage("climate.aridity", "seed", *_PIXELS, stored=True)
 def streams(
     sketch: Sketch, heights: Ground, flow: Flow, layout: WaterLayout, run: Runner
 ) -> list[RiverCourse]:
@@ -333,7 +344,7 @@ def streams(
     )
 
 
-@_stage(*_WATERS, *_named("layers", "mountain", "plateau"))
+@_stage(*_WATERS, *_named("layers", "mountain", "plateau"), stored=True)
 def waters(
     sketch: Sketch,
     heights: Ground,
@@ -347,7 +358,7 @@ def waters(
     return solve_water(sketch, layout, seed=sketch.seed, ground=raised, streams=streams, run=run)
 
 
-@_stage("extent")
+@_stage("extent", stored=True)
 def corridors(sketch: Sketch, waters: Hydrology, run: Runner) -> CorridorsLayer:
     """Rivers and their valleys."""
     radii = [valley_radius(*each) for each in zip(waters.rivers, waters.grounds, strict=True)]
@@ -370,7 +381,7 @@ def natural(
     return replace(dry.with_layers(layers), resolutions=waters.resolutions, orphans=orphans)
 
 
-@_stage(*_named("vectors", *ROAD_LAYERS), *_named("labels", *ROAD_LAYERS))
+@_stage(*_named("vectors", *ROAD_LAYERS), *_named("labels", *ROAD_LAYERS), stored=True)
 def roads(sketch: Sketch, natural: TerrainRecipe, run: Runner) -> RoadNetwork:
     """Roads, railways, paths, pads and walls."""
     ground = Ground(natural, _ROAD_CELL)
@@ -410,6 +421,16 @@ def with_network(recipe: TerrainRecipe, network: RoadNetwork, run: Runner) -> Te
     pads = run(PadsLayer, recipe.materials.names, network.pads)
     roads = run(RoadsLayer, recipe.materials.names, network.roads)
     return replace(recipe.with_layers([pads, roads]), network=network)
+
+
+def fingerprint(sketch: Sketch, *options: object) -> str:
+    """Return a digest of all that files of a sketch depend on but the device: they name and may contain it.
+
+    Pictures beneath the paint, which only the window shows, and notes of reading it are left out.
+    """
+    program = version("sketchterrain"), code_digest()
+    contents = files.function(sketch), shown_files(sketch)
+    return digest_of((program, sketch.replace(notes=()), contents, options)).hex()
 
 
 def _heights(recipe: TerrainRecipe, region: Sources, ground: PaintedGround, nodes: int = 1) -> Ground:

@@ -29,24 +29,30 @@ CREATE TABLE IF NOT EXISTS records (a INT, b INT, c INT, d INT, content BLOB, PR
 
 
 def cached_bytes(
-    family: str, recipe: str, compute: Callable[[], bytes], folder: Path | None = None
+    family: str,
+    recipe: str,
+    compute: Callable[[], bytes],
+    folder: Path | None = None,
+    *,
+    max_bytes: int = 0,
 ) -> bytes | memoryview:
     """Return bytes that depend on `recipe` alone, from the cache folder or computed and then stored.
 
-    Other cache files of the same family are of older recipes and are deleted when this one is written.
+    When they are written, other files of the family that were not read for longest are deleted as far as all
+    exceed `max_bytes`.
     """
     folder = folder or cache_folder()
     path = folder / f"{_name(family, recipe)}{_SUFFIX}"
     cached = _read(path)
     if cached is not None:
+        with suppress(OSError):
+            os.utime(path)
         return cached
     computed = compute()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_atomic(path, hashlib.sha256(computed).digest() + computed)
-        for old in folder.glob(f"{family}-*"):
-            if old != path:
-                old.unlink(missing_ok=True)
+        delete_old(folder.glob(f"{family}-*{_SUFFIX}"), max_bytes)
     except (OSError, SketchterrainError):
         pass  # a full or read-only disk costs time, no more
     return computed
@@ -83,7 +89,7 @@ def stored_folder(
         (temporary / _DONE).touch()
 
     if not (folder / _DONE).is_file():
-        delete_old_folders([*parent.glob(f"{family}-*/"), *parent.glob(f".{family}-*/")], max_bytes)
+        delete_old([*parent.glob(f"{family}-*/"), *parent.glob(f".{family}-*/")], max_bytes)
         write_folder(folder, build_whole, (folder / _DONE).is_file)
     os.utime(folder)
     return folder
@@ -102,15 +108,15 @@ def write_folder(folder: Path, build: Callable[[Path], None], is_done: Callable[
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def delete_old_folders(folders: Iterable[Path], max_bytes: int) -> None:
-    """Delete those that were opened longest ago, beyond so many bytes of all, and abandoned ones."""
+def delete_old(paths: Iterable[Path], max_bytes: int) -> None:
+    """Delete files or folders opened longest ago, beyond so many bytes of all, and abandoned ones."""
     total, now = 0, time.time()
     with suppress(OSError):
-        for number, each in enumerate(sorted(folders, key=_opened, reverse=True)):
-            total += sum(file.stat().st_size for file in each.iterdir())
-            is_unfinished = each.name.startswith(".")
-            if now - _opened(each) > _STALE if is_unfinished else number and total > max_bytes:
-                shutil.rmtree(each, ignore_errors=True)
+        for number, path in enumerate(sorted(paths, key=_opened, reverse=True)):
+            total += sum(each.stat().st_size for each in (path.iterdir() if path.is_dir() else [path]))
+            is_unfinished = path.name.startswith(".")
+            if now - _opened(path) > _STALE if is_unfinished else number and total > max_bytes:
+                shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
 
 
 class RecordCache:
@@ -134,11 +140,7 @@ class RecordCache:
             database.executescript(_SCHEMA)
             self._left -= path.stat().st_size
             os.utime(path)
-            total = 0
-            for each in sorted(folder.glob(f"{family}-*.sqlite"), key=_opened, reverse=True):
-                total += each.stat().st_size
-                if total > max_bytes:
-                    each.unlink()
+            delete_old(folder.glob(f"{family}-*.sqlite"), max_bytes)
             self._database = database
         except (OSError, sqlite3.Error):
             pass

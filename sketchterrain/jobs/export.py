@@ -24,7 +24,7 @@ from sketchterrain.export.sampled import sample_terrain
 from sketchterrain.export.scene import SceneView
 from sketchterrain.export.sidecar import SIDECAR, check_sidecar, write_sidecar
 from sketchterrain.export.target import Export, ExportOptions, ProgressStages
-from sketchterrain.generation.building import build
+from sketchterrain.generation.building import build, stored_results
 from sketchterrain.generation.self_test import self_test
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages, print_note
@@ -125,7 +125,7 @@ def export(
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> ExportResult:
         with _prepared(folder), staging(folder) as hidden:
             with stages.stage("features", "Placing features"):
-                terrain = build(sketch, device=context)
+                terrain = build(sketch, device=context, memory=stored_results())
             done = write_export(plan, terrain, hidden, stages=stages)
             report = done.report | {"restarts": list(restarts)} if restarts else done.report
             # As tiles of another layout, which an import must not find.

@@ -37,7 +37,7 @@ from sketchterrain.export.rasters import (
 )
 from sketchterrain.export.sampled import SampleGrid, sample_appearance
 from sketchterrain.export.vectors import write_features
-from sketchterrain.generation.building import build
+from sketchterrain.generation.building import build, stored_results
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages
 from sketchterrain.io.system import peak_memory
@@ -181,7 +181,7 @@ def generate(
     """
     check_view(options.view)
     weather = sketch_weather(sketch, options.hour, options.sky, options.clouds)
-    use = shared or SharedResources(DeviceFallback(device, fast=fast))
+    use = shared or SharedResources(DeviceFallback(device, fast=fast), stored_results())
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> GenerateResult:
         prepare_folder(folder)

@@ -15,7 +15,7 @@ from sketchterrain.export.files import prepare_folder
 from sketchterrain.export.film import check_film, film
 from sketchterrain.export.map.sheet import write_map
 from sketchterrain.export.rasters import write_picture
-from sketchterrain.generation.building import build
+from sketchterrain.generation.building import build, stored_results
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages, print_note
 from sketchterrain.jobs.export import DeviceFallback, noted_drapes
@@ -70,7 +70,7 @@ def render_to_file(
 
     def work(context: ComputeContext, _: tuple[str, ...]) -> list[LegendEntry]:
         with stages.stage("features", "Placing features"):
-            terrain = build(sketch, device=context)
+            terrain = build(sketch, device=context, memory=stored_results())
         with stages.stage("picture", "Drawing the map" if options.top_down else "Rendering"):
             if options.top_down:
                 write_map(path, terrain, size=options.size, drapes=noted_drapes(terrain))
@@ -166,7 +166,7 @@ def fly(
             frame_count = max(1, count) if flight is None else len(flight.times(options.fps, seconds))
             check_film(output, size=options.size, frames=frame_count)
         with stages.stage("features", "Placing features"):
-            terrain = build(sketch, device=context)
+            terrain = build(sketch, device=context, memory=stored_results())
         with stages.stage("path", "Choosing a path"):
             path = tour(terrain, seconds=seconds or SECONDS) if flight is None else flight
             surface = partial(scene.surface_heights, terrain)

@@ -70,24 +70,18 @@ class BaseNodes(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BaseGround:
-    """Elevation data at nodes r0 · 2^level apart; a value by the data's id, the spacing and other ground."""
+    """Elevation data at nodes r0 · 2^level apart, and procedural ground."""
 
     base: BaseElevation
     spacing: float  # r0, m
     source: NodeSource  # procedural ground
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, BaseGround) and self.digest_parts() == other.digest_parts()
-
-    def __hash__(self) -> int:
-        return hash(self.digest_parts())
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Leave out what is cached."""
         return BaseGround, (self.base, self.spacing, self.source)
 
     def digest_parts(self) -> tuple[bytes, float, NodeSource]:
-        """Return what it is equal by."""
+        """Return what it depends on."""
         return self.base.id, self.spacing, self.source
 
     def window(self, level: int, column: int, row: int, rows: int, columns: int) -> BaseNodes:

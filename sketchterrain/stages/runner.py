@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, partial
 from hashlib import blake2b
 from inspect import signature
 from typing import Any, TypeVar
@@ -20,10 +20,20 @@ _MISSING: Any = object()
 
 
 class Results(LRUCache):
-    """Results of runs by the digests of function and inputs, and one object for each digest of a value."""
+    """Results of runs by the digests of function and inputs, and one object for each digest of a value.
 
-    def __init__(self, capacity: int = 1 << 14, *, max_bytes: int = 1 << 29) -> None:
+    `on_disk` returns the result of a key that is on disk, or computes and stores it; by default none is.
+    """
+
+    def __init__(
+        self,
+        capacity: int = 1 << 14,
+        *,
+        max_bytes: int = 1 << 29,
+        on_disk: Callable[[bytes, Callable[[], Any]], Any] = lambda _, compute: compute(),
+    ) -> None:
         super().__init__(capacity, max_bytes=max_bytes)
+        self.on_disk = on_disk
         self._objects: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
 
     def canonical(self, value: Value) -> Value:
@@ -52,8 +62,10 @@ class Runner:
         self.results = Results() if results is None else results
         self.checkpoint = checkpoint
 
-    def __call__(self, function: Callable[..., Value], *inputs: Any, hashed: bool = True) -> Value:
-        """Return the result of a function for some inputs.
+    def __call__(
+        self, function: Callable[..., Value], *inputs: Any, hashed: bool = True, stored: bool = False
+    ) -> Value:
+        """Return the result of a function for some inputs; if `stored`, it may be kept on disk.
 
         Unless `hashed`, its digest is that of the run: nothing is saved where other inputs give the same.
         """
@@ -62,7 +74,8 @@ class Runner:
         if found is not _MISSING:
             return found
         self.checkpoint()
-        result = function(*inputs, run=self) if _takes_runner(function) else function(*inputs)
+        compute = partial(function, *inputs, **({"run": self} if _takes_runner(function) else {}))
+        result: Value = self.results.on_disk(key, compute) if stored else compute()
         if hashed:
             result = self.results.canonical(result)
         else:

@@ -24,13 +24,14 @@ class Stage:
     reads: tuple[str, ...]
     hashed: bool  # whether its result is compared with earlier ones; else its digest is that of its inputs
     fresh: bool  # whether it reads what may change without the sketch, and runs each time
+    stored: bool  # whether its result may be kept on disk
 
 
 class StageTable(dict[str, Stage]):
     """Stages in the order in which they are declared: each after its inputs."""
 
     def stage(
-        self, *reads: str, hashed: bool = True, fresh: bool = False
+        self, *reads: str, hashed: bool = True, fresh: bool = False, stored: bool = False
     ) -> Callable[[Callable[..., Any]], Stage]:
         """Declare a function as the stage of its name, and its parameters as its inputs."""
 
@@ -41,7 +42,7 @@ class StageTable(dict[str, Stage]):
                 raise TypeError(
                     f"stage {function.__name__}: expected inputs declared before it, got {unknown}"
                 )
-            found = Stage(function.__name__, function, inputs, reads, hashed, fresh)
+            found = Stage(function.__name__, function, inputs, reads, hashed, fresh, stored)
             self[found.name] = found
             return found
 
@@ -64,7 +65,8 @@ class Evaluation:
             if stage.fresh:
                 self._found[name] = stage.function(*inputs)
             else:
-                self._found[name] = self._run(stage.function, *inputs, hashed=stage.hashed)
+                options = {"hashed": stage.hashed, "stored": stage.stored}
+                self._found[name] = self._run(stage.function, *inputs, **options)
         return self._found[name]
 
     def _part(self, reads: Sequence[str]) -> Any:

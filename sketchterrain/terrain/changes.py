@@ -10,6 +10,7 @@ import numpy as np
 
 from sketchterrain.array_types import Bounds
 from sketchterrain.geometry.differences import merge_boxes
+from sketchterrain.stages.digests import digest_of
 from sketchterrain.terrain.layers.layer import LayerChange, no_boxes
 from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -35,8 +36,9 @@ def difference(old: TerrainRecipe, new: TerrainRecipe) -> RecipeChange | None:
     changes: dict[str, LayerChange] = {}
     layers = []
     for before, now in zip(old.layers, new.layers, strict=True):
-        change = None if before is now else now.change(before, new.world)
-        if before is not now and change is None:
+        same = before is now or digest_of(before) == digest_of(now)
+        change = None if same else now.change(before, new.world)
+        if not same and change is None:
             return None
         if change:
             changes[now.name] = change

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -19,6 +19,7 @@ from sketchterrain.document.parameters import GEOLOGY, defaults
 from sketchterrain.landforms.placement.feature_types import Lake, River
 from sketchterrain.landuse.areas import LandUse
 from sketchterrain.roads.road_types import NO_ROADS, RoadNetwork
+from sketchterrain.stages.digests import digest_of
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.forests import COVER_NOISE
 from sketchterrain.terrain.layers.lakes import LakesLayer
@@ -88,11 +89,10 @@ class TerrainRecipe:
         for key, value in state.items():
             object.__setattr__(self, key, MappingProxyType(value) if isinstance(value, dict) else value)
 
-    def key(self) -> Hashable:
-        """Return everything that heights and materials depend on everywhere."""
-        layers = tuple((layer.name, layer.key()) for layer in self.layers)
-        climate = tuple(sorted(self.climate.items()))
-        return self.world, climate, self.strata, self.materials, self.material_rules, layers
+    def key(self) -> bytes:
+        """Return a digest of everything that heights and materials depend on everywhere."""
+        layers = [(layer.name, layer.key()) for layer in self.layers]
+        return digest_of((self.world, self.climate, self.strata, self.materials, self.material_rules, layers))
 
     def __getitem__(self, kind: type[_Layer]) -> _Layer:
         """Return the layer of a kind."""

@@ -25,7 +25,7 @@ from sketchterrain.compute.device import choose_device, list_devices
 from sketchterrain.compute.device_check import is_usable
 from sketchterrain.errors import DeviceError, InputError, SketchterrainError, one_line
 from sketchterrain.io.console import DEBUG
-from sketchterrain.world.job import Job, Task, TaskResult, shard_store
+from sketchterrain.world.job import Job, Task, TaskResult
 from sketchterrain.world.task_runner import TaskRunner
 from sketchterrain.world.worker import WorkerSetup, run_task, sample_digest
 
@@ -79,7 +79,7 @@ class ClusterExecutor:
                 stack.enter_context(warnings.catch_warnings())
                 warnings.filterwarnings("ignore", module="(distributed|dask|tornado)")
             self._client = self._connect(stack)
-            probe = shard_store(self._job).journal.with_name(f".{self._run}")
+            probe = self._job.layout.journal.with_name(f".{self._run}")
             stack.callback(probe.unlink, missing_ok=True)
             probe.write_text(self._run, encoding="utf-8")
             self._set_up((str(probe), self._run))

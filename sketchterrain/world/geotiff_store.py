@@ -29,16 +29,11 @@ from sketchterrain.export.files import prepare_folder
 from sketchterrain.io.files import atomic_path, wrap_os_errors, write_atomic
 from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, Level, Shard, ShardData
 from sketchterrain.world.job import (
-    JOURNAL,
-    LEDGER,
     SKETCH,
     TAGS,
     Georeference,
     Job,
     layer_file,
-    ledger_file,
-    parts_folder,
-    read_text,
     tile_name,
     vrt_name,
     write_if_changed,
@@ -72,13 +67,7 @@ class TileStore:
 
     def __init__(self, job: Job) -> None:
         self._job, self._georeference = job, Georeference(job)
-        self.folder, self._tiles, self._ledger = self._paths(job.output)
-        self.journal = self._tiles / JOURNAL
-
-    @staticmethod
-    def _paths(output: Path) -> tuple[Path, Path, Path]:
-        """Return the folder of relative names, the folder of the tiles, and the ledger."""
-        return output, output, output / LEDGER
+        self.folder, self._tiles = job.layout.folder, job.layout.journal.parent
 
     def create(self) -> tuple[str, ...]:
         """Create the folder of the tiles and write the sketch if changed; return names of final files."""
@@ -101,15 +90,12 @@ class TileStore:
 
     def close(self, ledger: str) -> None:
         """Write the ledger's text, then delete the journal and temporary files."""
-        write_atomic(self._ledger, ledger.encode())
-        with wrap_os_errors(self.journal):
-            self.journal.unlink(missing_ok=True)
+        write_atomic(self._job.layout.ledger, ledger.encode())
+        journal = self._job.layout.journal
+        with wrap_os_errors(journal):
+            journal.unlink(missing_ok=True)
             if not self.shards_are_final:
                 shutil.rmtree(self._tiles)
-
-    def ledger_text(self) -> str | None:
-        """Return the ledger of a finished world, None if missing."""
-        return read_text(self._ledger)
 
 
 class TiffStore(TileStore):
@@ -119,10 +105,6 @@ class TiffStore(TileStore):
     """
 
     shards_are_final = False
-
-    @staticmethod
-    def _paths(output: Path) -> tuple[Path, Path, Path]:
-        return output.parent, parts_folder(output), ledger_file(output)
 
     def join(self, *, progress: Callable[[float], None]) -> tuple[str, ...]:
         """Write the files; see `TileStore.join`."""

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
-from hashlib import sha256
 from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import product
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,21 +21,13 @@ from rasterio.crs import CRS
 from rasterio.enums import WktVersion
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.store import sketch_digests
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.export.rasters import local_metres
+from sketchterrain.generation.stages import fingerprint
 from sketchterrain.io.crs import parse_metric_crs
 from sketchterrain.io.files import hash_file, wrap_os_errors, wrap_read_errors, write_atomic
-from sketchterrain.io.resources import code_digest
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.world.grid import SHARD, LayerSpec, Level, Shard, World, layer_specs
-
-if TYPE_CHECKING:  # they load OpenCL, and libraries of the extra ``world``
-    from sketchterrain.world.geotiff_store import TileStore  # which stores import
-    from sketchterrain.world.plants import PlantStore  # which stores import
-    from sketchterrain.world.zarr_store import ZarrStore  # which stores import
-
-    Store: TypeAlias = TileStore | ZarrStore
 
 Form = Literal["zarr", "tiles", "tif"]
 """A Zarr store; a folder of GeoTIFF tiles with VRTs; one GeoTIFF per layer."""
@@ -53,6 +43,7 @@ _LIBRARIES: Final = {
     "flatgeobuf": ("pyogrio",),
 }
 """Libraries whose versions may change the encoding of files, but no value in them."""
+_NOT_IN_BYTES: Final = ("sketch", "recipe", "output")  # the recipe is the sketch's
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,23 +68,21 @@ class Job:
     fast: bool = False
 
     @property
+    def layout(self) -> OutputLayout:
+        """The paths of the world's files."""
+        return OutputLayout.of(self.output, self.form)
+
+    @property
     def specs(self) -> dict[str, LayerSpec]:
         """The layers that the world may have."""
         return layer_specs(self.recipe.materials.names)
 
 
-def fingerprint(job: Job) -> str:
-    """Return the SHA-256 of everything that determines a world's bytes: neither output path nor device."""
-    whole = {
-        "version": version("sketchterrain"),
-        "code": code_digest(),
-        "sketch": sketch_digests(job.sketch),
-        "world": asdict(job.world),
-        "layers": sorted(job.layers),
-        **{name: getattr(job, name) for name in ("form", "plants", "grass", "crs", "origin", "step", "fast")},
-        "libraries": {name: version(name) for name in (*_LIBRARIES[job.form], *_LIBRARIES[job.plants])},
-    }
-    return sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
+def job_fingerprint(job: Job) -> str:
+    """Return a digest of everything that determines a world's bytes: neither output path nor device."""
+    options = [getattr(job, each.name) for each in fields(job) if each.name not in _NOT_IN_BYTES]
+    libraries = [(name, version(name)) for name in (*_LIBRARIES[job.form], *_LIBRARIES[job.plants])]
+    return fingerprint(job.sketch, options, libraries)
 
 
 class Task(NamedTuple):
@@ -120,12 +109,10 @@ class WrittenFile(NamedTuple):
 
 @dataclass(frozen=True)
 class TaskResult:
-    """A finished task: files, seconds in total and by part, worker name (empty without workers)."""
+    """A finished task: its files, and the worker's name (empty without workers)."""
 
     task: Task
     files: tuple[WrittenFile, ...]
-    seconds: float
-    parts: dict[str, float]
     worker: str = ""
 
 
@@ -160,6 +147,8 @@ LEDGER: Final = "ledger.jsonl"
 """All other files of a finished world, with their hashes."""
 JOURNAL: Final = "journal.jsonl"
 """The same while the world is being written, for every form."""
+PLANTS: Final = "plants/"
+"""Prefix of the names of plant files in the ledger."""
 TAGS: Final = "sketchterrain"
 """GDAL metadata domain of the world's description."""
 
@@ -176,29 +165,39 @@ def require(what: str, modules: Iterable[str]) -> None:
         raise SketchterrainError(f"{what} needs Python's assertions: run it without -O and PYTHONOPTIMIZE")
 
 
-def shard_store(job: Job) -> Store:
-    """Return the writer of a job's form, created in each process; raise SketchterrainError without a library.
-
-    Names are relative to its `folder`. The run writes its `journal`, which `close` deletes. Its methods raise
-    SketchterrainError if a file cannot be written.
-    """
+def check_libraries(job: Job) -> None:
+    """Raise SketchterrainError if a library of a job's form or plants is missing."""
     if job.form == "zarr":
-        from sketchterrain.world.zarr_store import ZarrStore  # stores import it
-
-        return ZarrStore(job)
-    from sketchterrain.world.geotiff_store import TiffStore, TileStore  # stores import it
-
-    return TileStore(job) if job.form == "tiles" else TiffStore(job)
+        require("A world as a Zarr store", ["zarr"])
+    if job.plants != "none":
+        require(f"plants as {job.plants}", ["pyarrow"])
 
 
-def plant_store(job: Job) -> PlantStore | None:
-    """Return the store of a job's plants, None without plants; raise SketchterrainError as `shard_store`."""
-    if job.plants == "none":
-        return None
-    require(f"plants as {job.plants}", ["pyarrow"])
-    from sketchterrain.world.plants import PlantStore  # stores import it
+@dataclass(frozen=True)
+class OutputLayout:
+    """Paths of a world: the folder of its files' names, its journal, its ledger, and the folder of plants."""
 
-    return PlantStore(job)
+    folder: Path
+    journal: Path
+    ledger: Path
+    plants: Path
+
+    @classmethod
+    def of(cls, output: Path, form: Form) -> OutputLayout:
+        """Return the paths of a world of some form."""
+        plants = output.with_name(f"{output.stem if output.suffix else output.name}-plants")
+        if form == "zarr":  # readers of Zarr ignore further files in an array's folder
+            return cls(output, output / "ledger" / JOURNAL, output / "ledger" / "c" / "0", plants)
+        if form == "tiles":
+            return cls(output, output / JOURNAL, output / LEDGER, plants)
+        ledger = output.with_name(f"{output.stem}.{LEDGER}")
+        return cls(output.parent, output.with_name(f".{output.name}.parts") / JOURNAL, ledger, plants)
+
+    def path(self, name: str) -> Path:
+        """Return the path of a file of the ledger."""
+        if name.startswith(PLANTS):
+            return self.plants / name.removeprefix(PLANTS)
+        return self.folder / name
 
 
 def tile_name(layer: str, shard: Shard) -> str:
@@ -214,21 +213,6 @@ def vrt_name(layer: str, level: int) -> str:
 def layer_file(world: Path, layer: str) -> Path:
     """Return the GeoTIFF of a layer; heights have the world's own name."""
     return world if layer == "height" else world.with_name(f"{world.stem}_{layer}{world.suffix}")
-
-
-def ledger_file(world: Path) -> Path:
-    """Return the ledger of a world with one GeoTIFF per layer."""
-    return world.with_name(f"{world.stem}.{LEDGER}")
-
-
-def parts_folder(world: Path) -> Path:
-    """Return the hidden folder of such a world's shards until they are joined."""
-    return world.with_name(f".{world.name}.parts")
-
-
-def plants_folder(output: Path) -> Path:
-    """Return the folder of a world's plants: ``world-plants`` beside ``world.zarr``."""
-    return output.with_name(f"{output.stem if output.suffix else output.name}-plants")
 
 
 def write_if_changed(path: Path, content: bytes) -> None:

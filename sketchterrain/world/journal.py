@@ -3,43 +3,31 @@
 from __future__ import annotations
 
 import os
-import time
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from glob import escape
 from importlib.metadata import version
-from itertools import chain, islice, product
+from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import msgspec
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.io.files import wrap_os_errors, wrap_read_errors, write_atomic
 from sketchterrain.world.job import (
-    JOURNAL,
-    LEDGER,
+    Form,
     Job,
+    OutputLayout,
     Task,
     WrittenFile,
-    fingerprint,
+    check_libraries,
+    job_fingerprint,
     layer_file,
-    ledger_file,
-    parts_folder,
-    plant_store,
-    plants_folder,
     read_text,
-    shard_store,
 )
 
-if TYPE_CHECKING:
-    from sketchterrain.world.job import Store
-
-PLANTS: Final = "plants/"
-"""Prefix of the names of plant files in the ledger."""
-_SYNC = 5.0  # s between two flushes of the journal to the disk
 _THREADS: Final = 4  # more do not speed up reading from a disk
 _BATCH: Final = 64  # files
 _HEX: Final = "[0-9a-f]" * 8
@@ -47,7 +35,6 @@ _HEX: Final = "[0-9a-f]" * 8
 _PARTIAL: Final = (f".*.{_HEX}.tmp", f".*.{_HEX}.fgb")
 # Probe of the output's folder by workers, and files that each of them tries to write.
 _PROBES: Final = (f".sketchterrain-{_HEX * 4}", f".sketchterrain-{_HEX * 4}-{_HEX}")
-_ZARR_CHUNKS: Final = "c"  # folder of an array's shards
 
 
 class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -144,7 +131,6 @@ class Journal:
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(path, ledger.text().encode())
             self._stream = path.open("ab", buffering=0)
-        self._synced = time.monotonic()
 
     def __enter__(self) -> Journal:
         return self
@@ -153,43 +139,18 @@ class Journal:
         self._stream.close()
 
     def add(self, task: Task, files: tuple[WrittenFile, ...]) -> None:
-        """Append a finished task."""
+        """Append a finished task, flushed to the disk, so that it survives a power cut."""
         with wrap_os_errors(self._path):
             self._stream.write(_line(task, files).encode())
-        if time.monotonic() - self._synced > _SYNC:
-            self.sync()
-
-    def sync(self) -> None:
-        """Flush to the disk, so that lines survive a power cut."""
-        with wrap_os_errors(self._path):
             os.fsync(self._stream.fileno())
-        self._synced = time.monotonic()
 
 
-@dataclass(frozen=True)
-class OutputLayout:
-    """Folder of the shards, and folder of names that begin with ``plants/`` (None without plants)."""
-
-    shards: Path
-    plants: Path | None
-
-    @classmethod
-    def from_job(cls, job: Job, store: Store) -> OutputLayout:
-        """Return the layout of a job."""
-        return cls(store.folder, None if job.plants == "none" else plants_folder(job.output))
-
-    def path(self, name: str) -> Path:
-        """Return the path of a file of the ledger."""
-        if self.plants is not None and name.startswith(PLANTS):
-            return self.plants / name.removeprefix(PLANTS)
-        return self.shards / name
-
-
-def load_ledger(job: Job, store: Store) -> Ledger | None:
+def load_ledger(job: Job) -> Ledger | None:
     """Return the journal or ledger of a job's world, None if missing; raise InputError if not of this job."""
-    ledger = read_journal(store.journal)
-    if ledger is None and (text := store.ledger_text()) is not None:
-        ledger = read_ledger(text, store.folder)
+    layout = job.layout
+    ledger = read_journal(layout.journal)
+    if ledger is None and (text := read_text(layout.ledger)) is not None:
+        ledger = read_ledger(text, layout.folder)
         ledger.finished = True
     if ledger is None:
         return None
@@ -198,7 +159,7 @@ def load_ledger(job: Job, store: Store) -> Ledger | None:
             f"{one_line(job.output)}: was started by version {one_line(ledger.header.version)} of the "
             f"program, this is {version('sketchterrain')}; choose another output"
         )
-    if ledger.header.fingerprint != fingerprint(job):
+    if ledger.header.fingerprint != job_fingerprint(job):
         raise InputError(
             f"{one_line(job.output)}: was computed from another sketch, seed, bounds or options, "
             "or by other code; choose another output"
@@ -211,23 +172,23 @@ def check_output_unused(job: Job, *, resume: bool) -> None:
 
     Raise SketchterrainError if a required library is missing.
     """
-    store, output, name = shard_store(job), job.output, one_line(job.output)
-    plant_store(job)
+    check_libraries(job)
+    layout, output, name = job.layout, job.output, one_line(job.output)
     with wrap_read_errors(output):
-        parent = next(each for each in store.folder.parents if each.exists())
+        parent = next(each for each in layout.folder.parents if each.exists())
         if not parent.is_dir():
             raise InputError(f"{name}: expected a path to write to, {one_line(parent)} is a file")
         if job.form != "tif" and output.exists() and not output.is_dir():
             raise InputError(f"{name}: expected a folder to write into, this is a file")
-        if load_ledger(job, store) is not None:
+        if load_ledger(job) is not None:
             if not resume:
                 raise InputError(f"{name}: world exists; --resume completes it, or choose another output")
             return
         outputs = [output]
         if job.form == "tif":
-            outputs += [*(layer_file(output, layer) for layer in job.layers), store.journal.parent]
+            outputs += [*(layer_file(output, layer) for layer in job.layers), layout.journal.parent]
         if job.plants != "none":
-            outputs.append(plants_folder(output))
+            outputs.append(layout.plants)
         used = next((each for each in outputs if _is_used(each)), None)
     if used is not None:
         raise InputError(f"{one_line(used)}: holds other files; choose another output")
@@ -242,18 +203,15 @@ def _is_used(path: Path) -> bool:
     )
 
 
-def remove_partial_files(job: Job, store: Store, layout: OutputLayout, complete: Collection[str]) -> None:
-    """Delete leftovers of a killed run: temporary files, and Zarr shards that are not `complete`."""
-    folders = {job.output, store.journal.parent, *((layout.plants,) if layout.plants is not None else ())}
+def remove_partial_files(job: Job) -> None:
+    """Delete temporary files of a killed run."""
+    layout = job.layout
+    folders = {job.output, layout.journal.parent, *(() if job.plants == "none" else (layout.plants,))}
     paths = [path for folder in folders for pattern in _PARTIAL for path in folder.rglob(pattern)]
-    paths += [path for pattern in _PROBES for path in store.journal.parent.glob(pattern)]
+    paths += [path for pattern in _PROBES for path in layout.journal.parent.glob(pattern)]
     if job.form == "tif":
-        for file in (ledger_file(job.output), *(layer_file(job.output, each) for each in job.layers)):
+        for file in (layout.ledger, *(layer_file(job.output, each) for each in job.layers)):
             paths += job.output.parent.glob(f".{escape(file.name)}.{_HEX}.tmp")
-    if job.form == "zarr":
-        for level, layer in product(job.world.levels, job.layers):
-            shards = (job.output / str(level.number) / layer / _ZARR_CHUNKS).rglob("*")
-            paths += [each for each in shards if each.relative_to(layout.shards).as_posix() not in complete]
     for path in paths:
         if not path.is_dir():
             path.unlink(missing_ok=True)
@@ -287,17 +245,12 @@ def check_world(path: str | Path, *, progress: Callable[[float], None]) -> Itera
     Raise InputError if the ledger is missing or invalid, or the world is not finished.
     """
     output = Path(path)
-    if output.is_dir():
-        zarr = output / "ledger"
-        candidates = [(zarr / "c" / "0", zarr / JOURNAL), (output / LEDGER, output / JOURNAL)]
-    else:
-        candidates = [(ledger_file(output), parts_folder(output) / JOURNAL)]
-    layout = OutputLayout(output if output.is_dir() else output.parent, plants_folder(output))
-    for file, journal in candidates:
-        if read_journal(journal) is not None:
+    forms: tuple[Form, ...] = ("zarr", "tiles") if output.is_dir() else ("tif",)
+    for layout in (OutputLayout.of(output, form) for form in forms):
+        if read_journal(layout.journal) is not None:
             raise InputError(f"{one_line(output)}: is not finished; world --resume completes it")
-        if (text := read_text(file)) is not None:
-            ledger = read_ledger(text, file)
+        if (text := read_text(layout.ledger)) is not None:
+            ledger = read_ledger(text, layout.ledger)
             return chain(broken_lines(ledger), verify(ledger, layout, progress=progress))
     raise InputError(f"{one_line(output)}: expected a world, its ledger is missing")
 

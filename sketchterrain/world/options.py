@@ -14,7 +14,7 @@ from sketchterrain.io.console import pluralize
 from sketchterrain.jobs.estimates import Estimate, format_count, layer_bytes, plant_bytes
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.world.grid import DEFAULT_LAYERS, LAYERS, Shard, World
-from sketchterrain.world.job import Form, Job, PlantsForm, require, shard_store, task_count
+from sketchterrain.world.job import Form, Job, PlantsForm, require, task_count
 from sketchterrain.world.journal import load_ledger
 
 _FINEST_STEP, _COARSEST_STEP = 2.0**-24, 2.0**10  # m
@@ -178,6 +178,6 @@ def estimate_world(job: Job, *, workers: int = 0) -> WorldEstimate:
     vertices = max(math.prod(level.size_of(Shard(level.number, 0, 0))) for level in world.levels)
     each = _PROCESS + _BYTES_LAUNCHED * min(vertices, _LAUNCHED) + _BYTES_PER_VERTEX * vertices
     memory = each * max(workers, 1) + (_PROCESS if workers else 0)
-    ledger = load_ledger(job, shard_store(job))
+    ledger = load_ledger(job)
     done, present = (0, 0) if ledger is None else (len(ledger.done), ledger.bytes)
     return WorldEstimate(job, Estimate(disk, memory, present), task_count(job), done)

@@ -20,7 +20,7 @@ from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.crs import plain_path
 from sketchterrain.io.files import atomic_path, wrap_os_errors
 from sketchterrain.world.grid import SHARD, World
-from sketchterrain.world.job import Georeference, Job, Task, plants_folder
+from sketchterrain.world.job import Georeference, Job, Task
 
 _GEOMETRY: Final = "geometry"  # points as ISO WKB, with the height as z
 _FLOATS: Final = ("x", "y", "z", "nx", "ny", "nz", "scale", "rotation", "tint")
@@ -36,7 +36,7 @@ class PlantStore:
     """
 
     def __init__(self, job: Job) -> None:
-        self.folder = plants_folder(job.output)
+        self.folder = job.layout.plants
         self._job = job
 
     def write(self, task: Task, terrain: Terrain) -> tuple[str, ...]:

@@ -20,10 +20,9 @@ from sketchterrain.world.job import (
     Task,
     TaskResult,
     WrittenFile,
-    fingerprint,
     iter_tasks,
+    job_fingerprint,
     require,
-    shard_store,
     task_count,
 )
 from sketchterrain.world.journal import (
@@ -31,14 +30,13 @@ from sketchterrain.world.journal import (
     Header,
     Journal,
     Ledger,
-    OutputLayout,
     broken_lines,
     check_output_unused,
     load_ledger,
     remove_partial_files,
     verify,
 )
-from sketchterrain.world.task_runner import SerialExecutor
+from sketchterrain.world.task_runner import SerialExecutor, shard_store
 
 if TYPE_CHECKING:  # it loads dask, of the extra `world`
     from sketchterrain.world.cluster import ClusterExecutor
@@ -158,7 +156,7 @@ def run_world(
         if not run.is_finished():
             run.prepare()
             if run.has_pending_tasks:
-                run.run_tasks(device=device, workers=workers, scheduler=scheduler)
+                run.run_tasks(run.executor(device=device, workers=workers, scheduler=scheduler))
                 interrupts.check()
             run.join()
         return run.close(start)
@@ -167,10 +165,9 @@ def run_world(
 class _Run:
     def __init__(self, job: Job, reporter: ProgressReporter, interrupts: Interrupts) -> None:
         self.job, self.reporter, self._interrupts = job, reporter, interrupts
-        self._store = shard_store(job)
-        self._layout = OutputLayout.from_job(job, self._store)
-        saved = load_ledger(job, self._store)
-        self._ledger = saved or Ledger(Header(fingerprint(job), version("sketchterrain")), {})
+        self._store, self._layout = shard_store(job), job.layout
+        saved = load_ledger(job)
+        self._ledger = saved or Ledger(Header(job_fingerprint(job), version("sketchterrain")), {})
         self._broken: list[BrokenFile] = []
         self._computed = 0
         self._tasks = task_count(job)
@@ -188,8 +185,8 @@ class _Run:
         broken, done = {each.file for each in self._broken}, self._ledger.done
         for task in [each for each in done if not broken.isdisjoint(file.file for file in done[each])]:
             del done[task]
-        with Journal(self._store.journal, self._ledger):  # first: it marks the output as a world
-            self._remove_partial_files()
+        with Journal(self._layout.journal, self._ledger):  # first: it marks the output as a world
+            remove_partial_files(self.job)
         self._ledger.others = self._records(self._store.create())
         self.reporter.started(self._tasks, len(done))
 
@@ -197,18 +194,16 @@ class _Run:
     def has_pending_tasks(self) -> bool:
         return len(self._ledger.done) < self._tasks
 
-    def run_tasks(self, *, device: str | None, workers: int | None, scheduler: str | None) -> None:
-        executor = self._executor(device=device, workers=workers, scheduler=scheduler)
-        with Journal(self._store.journal, self._ledger) as journal, executor:
+    def run_tasks(self, executor: SerialExecutor | ClusterExecutor) -> None:
+        with Journal(self._layout.journal, self._ledger) as journal, executor:
             for result in executor.run(self._pending_tasks()):
                 journal.add(result.task, result.files)
                 self._ledger.done[result.task] = result.files
                 self._computed += 1
                 self.reporter.task_finished(result)
-            journal.sync()
 
     def join(self) -> None:
-        self._remove_partial_files()  # of lost workers
+        remove_partial_files(self.job)  # of lost workers
         joined = self._records(self._store.join(progress=self._interruptible(self.reporter.joined)))
         if self._store.shards_are_final:
             self._ledger.others += joined
@@ -219,12 +214,12 @@ class _Run:
 
     def close(self, start: float) -> WorldResult:
         """Write the ledger, which marks the world as finished, and return the outcome."""
-        self._store.journal.parent.mkdir(parents=True, exist_ok=True)  # `close` deletes its content
+        self._layout.journal.parent.mkdir(parents=True, exist_ok=True)  # `close` deletes its content
         self._store.close(self._ledger.text())
         files, size, seconds = len(list(self._ledger.files)), self._ledger.bytes, time.perf_counter() - start
         return WorldResult(self._tasks, self._computed, tuple(self._broken), files, size, seconds)
 
-    def _executor(
+    def executor(
         self, *, device: str | None, workers: int | None, scheduler: str | None
     ) -> SerialExecutor | ClusterExecutor:
         """Return the executor of tasks; record a device with deviating results in the ledger's header."""
@@ -267,10 +262,6 @@ class _Run:
             report(share)
 
         return report_or_raise
-
-    def _remove_partial_files(self) -> None:
-        complete = {file.file for file in self._ledger.files}
-        remove_partial_files(self.job, self._store, self._layout, complete)
 
     def _records(self, names: Iterable[str]) -> tuple[WrittenFile, ...]:
         return tuple(WrittenFile.from_path(self._layout.path(name), name) for name in names)

@@ -1,11 +1,12 @@
 """Tasks of a world run by one process: evaluated on a device, written by a thread."""
 
-import time
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -19,9 +20,35 @@ from sketchterrain.generation.self_test import self_test
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.terrain.rasters import QuantizedBand
 from sketchterrain.terrain.surfaces import Band
+from sketchterrain.world.geotiff_store import TiffStore, TileStore
 from sketchterrain.world.grid import SHARD, Level, Shard, ShardData
-from sketchterrain.world.job import Job, Task, TaskResult, WrittenFile, plant_store, shard_store
-from sketchterrain.world.journal import PLANTS, OutputLayout
+from sketchterrain.world.job import PLANTS, Job, Task, TaskResult, WrittenFile, check_libraries
+from sketchterrain.world.zarr_store import ZarrStore
+
+if TYPE_CHECKING:  # it loads a library of the extra ``world``
+    from sketchterrain.world.plants import PlantStore
+
+Store: TypeAlias = TileStore | ZarrStore
+
+
+def shard_store(job: Job) -> Store:
+    """Return the writer of a job's form, created in each process; raise SketchterrainError without a library.
+
+    Names are relative to its `folder`. Its methods raise SketchterrainError if a file cannot be written.
+    """
+    check_libraries(job)
+    stores: dict[str, type[Store]] = {"zarr": ZarrStore, "tiles": TileStore, "tif": TiffStore}
+    return stores[job.form](job)
+
+
+def plant_store(job: Job) -> PlantStore | None:
+    """Return the store of a job's plants, None without plants; raise SketchterrainError as `shard_store`."""
+    if job.plants == "none":
+        return None
+    check_libraries(job)
+    from sketchterrain.world.plants import PlantStore
+
+    return PlantStore(job)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +58,6 @@ class PendingTask:
     task: Task
     shard: ShardData | None
     names: tuple[str, ...]
-    seconds: float
 
 
 class TaskRunner:
@@ -45,27 +71,22 @@ class TaskRunner:
         self.terrain = Terrain(job.sketch, job.recipe, context)
         self._painted = draped_appearance(self.terrain)
         self._store, self._plants = shard_store(job), plant_store(job)
-        self._layout = OutputLayout.from_job(job, self._store)
+        self._layout = job.layout
         self._window = self.terrain.window_bytes if context.device.has_double else self._window_on_host
 
     def evaluate(self, task: Task) -> PendingTask:
         """Run the part of a task that needs the device."""
-        start = time.perf_counter()
-        shard, names = None, tuple[str, ...]()
-        if task.kind == "ground":
-            shard = self.compute_shard(Shard(task.level, task.row, task.column))
-        elif self._plants is not None:
-            names = tuple(f"{PLANTS}{name}" for name in self._plants.write(task, self.terrain))
-        return PendingTask(task, shard, names, time.perf_counter() - start)
+        if task.kind == "ground" or self._plants is None:
+            return PendingTask(task, self.compute_shard(Shard(task.level, task.row, task.column)), ())
+        written = self._plants.write(task, self.terrain)
+        return PendingTask(task, None, tuple(f"{PLANTS}{name}" for name in written))
 
     def finish(self, pending: PendingTask) -> TaskResult:
         """Compress, write and hash the files of an evaluated task."""
-        start = time.perf_counter()
         names = pending.names if pending.shard is None else self._store.write(pending.shard)
-        files = tuple(WrittenFile.from_path(self._layout.path(name), name) for name in names)
-        elapsed = time.perf_counter() - start
-        parts = {"evaluate": pending.seconds, "write": elapsed}
-        return TaskResult(pending.task, files, pending.seconds + elapsed, parts)
+        return TaskResult(
+            pending.task, tuple(WrittenFile.from_path(self._layout.path(name), name) for name in names)
+        )
 
     def compute_shard(self, shard: Shard) -> ShardData:
         """Evaluate a shard; layers that are not requested are empty."""

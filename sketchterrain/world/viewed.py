@@ -19,7 +19,7 @@ from sketchterrain.document.materials import BEDROCK, BUILT_IN, MaterialTable, w
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.export.files import prepare_folder
-from sketchterrain.generation.building import build
+from sketchterrain.generation.building import build, stored_results
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.geometry.lattice import LATTICE_BITS, QUADS, finest_level
 from sketchterrain.io.console import Stages
@@ -420,7 +420,7 @@ def draw_world(
 
     def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[list[LegendEntry], list[str]]:
         with stages.stage("features", "Placing features"):
-            terrain = None if sketch is None else build(sketch, device=context)
+            terrain = None if sketch is None else build(sketch, device=context, memory=stored_results())
             world = StoredTerrain(stored, context, terrain)
         with stages.stage("picture", "Rendering"):
             (x, y), positions = world.corner, (still.eye, still.look_at)

@@ -10,7 +10,6 @@ import warnings
 from collections.abc import Callable
 from dataclasses import asdict
 from importlib.metadata import version
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -20,12 +19,10 @@ from sketchterrain.io.files import wrap_os_errors
 from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, LayerSpec, Level, Shard, ShardData
 from sketchterrain.world.job import (
     GRID_MAPPING,
-    JOURNAL,
     Georeference,
     Job,
     axis_attributes,
     read_text,
-    require,
     write_if_changed,
 )
 
@@ -61,15 +58,12 @@ class ZarrStore:
     shards_are_final = True
 
     def __init__(self, job: Job) -> None:
-        require("A world as a Zarr store", ["zarr"])
         self._job = job
-        self.folder: Path = job.output
-        # Readers of Zarr ignore further files in an array's folder.
-        self.journal = self.folder / LEDGER / JOURNAL
+        self.folder = job.output
 
     def create(self) -> tuple[str, ...]:
         """Write metadata, coordinates and the sketch; files that depend on the ledger are not returned."""
-        text = self.ledger_text()
+        text = read_text(self._job.layout.ledger)
         names = []
         for name, content in self._metadata(None if text is None else text.encode()).items():
             write_if_changed(self.folder / name, content)
@@ -102,12 +96,9 @@ class ZarrStore:
         content = self._metadata(ledger.encode())
         for name in reversed(_CLOSING):
             write_if_changed(self.folder / name, content.get(name, b""))
-        with wrap_os_errors(self.journal):
-            self.journal.unlink(missing_ok=True)
-
-    def ledger_text(self) -> str | None:
-        """Return the ledger of a finished world, None if missing."""
-        return read_text(self.folder / LEDGER / BYTES)
+        journal = self._job.layout.journal
+        with wrap_os_errors(journal):
+            journal.unlink(missing_ok=True)
 
     def _metadata(self, ledger: bytes | None) -> dict[str, bytes]:
         job, georeference, content = self._job, Georeference(self._job), dict[str, Any]()

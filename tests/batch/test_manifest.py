@@ -18,13 +18,13 @@ from sketchterrain.batch.results import (
     File,
     Manifest,
     Output,
-    fingerprint,
     read_manifest,
     write_sheets,
 )
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.export.target import ExportOptions
+from sketchterrain.generation.stages import fingerprint
 from sketchterrain.io.files import hash_file
 
 DONE = Entry(

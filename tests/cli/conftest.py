@@ -64,7 +64,7 @@ def shared_between_commands() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(typer.main, "get_command", cache(typer.main.get_command))
-        patch.setattr(building, "Results", lambda: PLACED)
+        patch.setattr(building, "Results", lambda **_: PLACED)
         patch.setattr(sketchterrain.jobs.generate, "build", build)
         yield
 

@@ -10,11 +10,14 @@ from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.document.material_rules import RuleChange
 from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import TABLES, Sketch
+from sketchterrain.generation import building
+from sketchterrain.generation.building import make_recipe
 from sketchterrain.generation.stages import STAGES
 from sketchterrain.stages.digests import digest_of
 from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Results, Runner
 from sketchterrain.stages.table import Evaluation, StageTable
+from sketchterrain.terrain.changes import difference
 from tests.conftest import ROOT
 from tests.sample_roads import sketch_with
 
@@ -53,12 +56,12 @@ class LoggedRunner(Runner):
         self.ran: list[str] = []
         super().__init__(results)
 
-    def __call__(self, function, *inputs, hashed=True):
+    def __call__(self, function, *inputs, **options):
         if getattr(STAGES.get(function.__name__), "function", None) is not function:
-            return super().__call__(function, *inputs, hashed=hashed)
+            return super().__call__(function, *inputs, **options)
         if digest_of((function, inputs)) not in self.results:
             self.ran.append(function.__name__)
-        return super().__call__(function, *inputs, hashed=hashed)
+        return super().__call__(function, *inputs, **options)
 
 
 def changed_value(parameter, value):
@@ -140,6 +143,35 @@ def cases(step):
     again = LoggedRunner(results)
     assert Evaluation(STAGES, base(), again)["recipe"] is before["recipe"]
     assert again.ran == []
+
+
+def test_stored_results_are_read_by_the_next_process_unless_damaged_or_of_other_code(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    plain, stored = make_recipe(base()), sorted(each.name for each in STAGES.values() if each.stored)
+
+    def computed():
+        results, names = building.stored_results(), []
+
+        def on_disk(key, compute, read=results.on_disk):
+            return read(key, lambda: names.append(compute.func.__name__) or compute())
+
+        results.on_disk = on_disk
+        change = difference(plain, make_recipe(base(), memory=results))
+        assert change is not None
+        assert change.layers == {}
+        return sorted(names)
+
+    assert computed() == stored
+    assert computed() == []
+    damaged, *_ = files = sorted(tmp_path.rglob("stages-*"))
+    damaged.write_bytes(damaged.read_bytes()[:-1])
+    assert len(computed()) == 1
+    assert len(files) == len(stored)
+    total = sum(each.stat().st_size for each in files)
+    monkeypatch.setattr(building, "code_digest", lambda: "other")
+    monkeypatch.setattr(building, "_STORED_BYTES", total)
+    assert computed() == stored
+    assert sum(each.stat().st_size for each in tmp_path.rglob("stages-*")) <= total
 
 
 def test_some_fields_run_the_stages_that_declare_them_and_what_differs_after():

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sketchterrain.batch import results
 from sketchterrain.batch.results import Output
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.document.edits import Edit
@@ -16,13 +15,16 @@ from sketchterrain.document.layers import DENSITY
 from sketchterrain.document.material_rules import RuleChange
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.document.vectors import LINE, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError
+from sketchterrain.generation import stages
+from sketchterrain.generation.stages import fingerprint
 from sketchterrain.io import resources
-from sketchterrain.world import job as jobs
 from sketchterrain.world.grid import World
-from sketchterrain.world.job import Job
+from sketchterrain.world.job import Job, job_fingerprint
 from sketchterrain.world.journal import Header, Journal, Ledger, check_output_unused
+from sketchterrain.world.task_runner import shard_store
 
 ROOT = Path(__file__).parents[2]
 
@@ -60,10 +62,7 @@ CHANGES = {
 
 def fingerprints(job: Job, sketches: Iterable[Sketch]) -> list[tuple[str, str]]:
     """Return the fingerprints of a world and of a batch's item of each sketch."""
-    return [
-        (jobs.fingerprint(replace(job, sketch=each)), results.fingerprint(each, Output()))
-        for each in sketches
-    ]
+    return [(job_fingerprint(replace(job, sketch=each)), fingerprint(each, Output())) for each in sketches]
 
 
 def test_every_field_of_a_sketch_changes_both(small_job) -> None:
@@ -88,6 +87,25 @@ def test_files_that_a_sketch_shows_change_both(small_job, tmp_path) -> None:
     assert of_picture == of_other  # it lies beneath the paint in the window alone
 
 
+def test_folder_and_order_of_tables_change_neither(small_job, tmp_path) -> None:
+    values = {name: value for name, value in CHANGES.items() if name not in ("rasters", "drapes")}
+    values |= {"density": {"hill": 2.0, "mountain": 0.5}, "coast": {"beach": 50.0, "shelf": 90.0}}
+    values["labels"] = {("river", 1): {"width": 12.0, "depth": 1.0}, ("river", 2): {}}
+    values["look"] = {"rock": {"bump": 1.5, "colour": "#101010"}, "snow": {"bump": 1.5}}
+    turned = {
+        table: {
+            name: dict(reversed(each.items())) if isinstance(each, dict) else each
+            for name, each in reversed(values[table].items())
+        }
+        for table in ("labels", "density", "coast", "look", "layers")
+    }
+    sketches = Sketch(**values), Sketch(**values | turned)
+    for number, sketch in enumerate(sketches):
+        save_sketch(sketch, tmp_path / str(number))
+    loaded = [load_sketch(tmp_path / str(number)) for number in range(2)]
+    assert len({*fingerprints(small_job, [*sketches, *loaded])}) == 1
+
+
 def test_options_and_program_change_both(small_job, monkeypatch) -> None:
     others = {
         "world": World(0.0, 0.0, 8.0, 8.0, 1.0),
@@ -101,23 +119,23 @@ def test_options_and_program_change_both(small_job, monkeypatch) -> None:
         "fast": True,
     }
     assert {*others, "sketch", "recipe", "output"} == {each.name for each in fields(Job)}
-    before = jobs.fingerprint(small_job)
-    found = {jobs.fingerprint(replace(small_job, **{name: value})) for name, value in others.items()}
+    before = job_fingerprint(small_job)
+    found = {job_fingerprint(replace(small_job, **{name: value})) for name, value in others.items()}
     assert len(found | {before}) == len(others) + 1
-    assert jobs.fingerprint(replace(small_job, output=Path("elsewhere.zarr"))) == before
+    assert job_fingerprint(replace(small_job, output=Path("elsewhere.zarr"))) == before
     (both,) = fingerprints(small_job, [Sketch()])
-    for place, module in enumerate((jobs, results)):
-        for name in ("version", "code_digest"):
-            with monkeypatch.context() as patched:
-                patched.setattr(module, name, lambda *_: "other")
-                assert fingerprints(small_job, [Sketch()])[0][place] != both[place]
+    for name in ("version", "code_digest"):
+        with monkeypatch.context() as patched:
+            patched.setattr(stages, name, lambda *_: "other")
+            (other,) = fingerprints(small_job, [Sketch()])
+            assert other[0] != both[0]
+            assert other[1] != both[1]
 
 
 def test_resuming_a_world_whose_road_has_moved_is_refused(small_job, tmp_path) -> None:
     job = replace(small_job, sketch=Sketch(vectors=ROAD), output=tmp_path, form="tiles")
-    store = jobs.shard_store(job)
-    with Journal(store.journal, Ledger(Header(jobs.fingerprint(job), version("sketchterrain")), {})):
-        store.create()
+    with Journal(job.layout.journal, Ledger(Header(job_fingerprint(job), version("sketchterrain")), {})):
+        shard_store(job).create()
     check_output_unused(job, resume=True)
     moved = replace(job, sketch=job.sketch.replace(vectors=CHANGES["vectors"]))
     with pytest.raises(InputError, match=r"computed from another sketch, .* or by other code"):

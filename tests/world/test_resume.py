@@ -17,18 +17,18 @@ import pytest
 
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.world.grid import DEFAULT_LAYERS, World
-from sketchterrain.world.job import Job, fingerprint, shard_store, task_count
+from sketchterrain.world.job import Job, job_fingerprint, task_count
 from sketchterrain.world.journal import (
     Header,
     Journal,
     Ledger,
-    OutputLayout,
     check_output_unused,
     check_world,
     load_ledger,
     remove_partial_files,
 )
 from sketchterrain.world.run import ProgressReporter, run_world
+from sketchterrain.world.task_runner import shard_store
 
 pytestmark = pytest.mark.usefixtures("evaluated_once")
 
@@ -93,7 +93,6 @@ def test_run_computes_each_task_once(job, reporter, finished_world, tree, evalua
     assert files == tree(finished_world)
     assert not [name for name in files if name.split("/")[-1].startswith(".") or "journal" in name]
     assert [path.name for path in job.output.parent.iterdir()] == [job.output.name]
-    assert all({"evaluate", "write"} == set(made.parts) for made in reporter.done)
 
 
 def test_resume_computes_only_pending_tasks(job, reporter, finished_world, tree) -> None:
@@ -232,7 +231,6 @@ def test_full_disk_is_reported_and_resumed(at, job, reporter, finished_world, tr
         monkeypatch.setattr(
             "sketchterrain.world.journal.os", SimpleNamespace(**{**vars(os), "fsync": no_space})
         )
-        monkeypatch.setattr("sketchterrain.world.journal._SYNC", -1.0)
     else:
         replaced = type(job.output).replace
         monkeypatch.setattr(
@@ -333,31 +331,30 @@ def test_user_files_are_refused_and_unchanged(form, name, small_job, tmp_path, r
 @pytest.mark.parametrize("form", FORMS)
 def test_only_partial_files_are_removed(form, small_job, tmp_path, tree) -> None:
     job = replace(small_job, output=tmp_path / FORMS[form], form=form, plants="parquet")
-    store = shard_store(job)
-    layout = OutputLayout.from_job(job, store)
-    store.journal.parent.mkdir(parents=True)
-    store.journal.with_name(".journal.jsonl.0123abcd.tmp").write_bytes(b"half")
+    store, layout = shard_store(job), job.layout
+    layout.journal.parent.mkdir(parents=True)
+    layout.journal.with_name(".journal.jsonl.0123abcd.tmp").write_bytes(b"half")
     check_output_unused(job, resume=False)  # killed before it wrote anything
-    with Journal(store.journal, Ledger(Header(fingerprint(job), version("sketchterrain")), {})):
+    with Journal(layout.journal, Ledger(Header(job_fingerprint(job), version("sketchterrain")), {})):
         store.create()
-    remove_partial_files(job, store, layout, ())
+    remove_partial_files(job)
     check_output_unused(job, resume=True)
     with pytest.raises(InputError, match="world exists; --resume completes it"):
         check_output_unused(job, resume=False)
     (tmp_path / "world-plants").mkdir()
-    for folder in (tmp_path, store.journal.parent, tmp_path / "world-plants"):
+    for folder in (tmp_path, layout.journal.parent, tmp_path / "world-plants"):
         for name in (".draft.tmp", ".draft.12345678x.tmp", ".sketchterrain-mine", "notes.txt"):
             (folder / name).write_text("mine")
     before = tree(tmp_path)
     probe = f".sketchterrain-{'0' * 32}"
     for path in (
-        store.journal.with_name(".height.tif.0123abcd.tmp"),
+        layout.journal.with_name(".height.tif.0123abcd.tmp"),
         tmp_path / "world-plants" / ".p.01234567.tmp",
-        store.journal.with_name(probe),
-        store.journal.with_name(f"{probe}-0123abcd"),
+        layout.journal.with_name(probe),
+        layout.journal.with_name(f"{probe}-0123abcd"),
     ):
         path.write_bytes(b"half")
-    remove_partial_files(job, store, layout, ())
+    remove_partial_files(job)
     assert tree(tmp_path) == before
 
 
@@ -396,7 +393,7 @@ def test_interrupted_and_damaged_worlds_are_repaired(form_job: Job, reporter, tm
     stopped.task_finished = lambda made: stopped.done.append(made) or _raise_if(len(stopped.done) == 3)
     with pytest.raises(_StoppedError):
         run_world(form_job, reporter=stopped)
-    assert len(load_ledger(form_job, shard_store(form_job)).done) == 3
+    assert len(load_ledger(form_job).done) == 3
     with pytest.raises(InputError, match="is not finished"):
         check_world(form_job.output, progress=lambda _: None)
     again = reporter_type()

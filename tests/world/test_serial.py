@@ -130,7 +130,7 @@ def test_writer_error_ends_run(error, job, reporter, monkeypatch) -> None:
     assert reporter.done == []
 
 
-RESULT = TaskResult(Task("ground", 0, 0, 0), (), 4.0, {})
+RESULT = TaskResult(Task("ground", 0, 0, 0), ())
 
 
 def test_progress_lines_are_periodic_with_remaining_time(capsys: pytest.CaptureFixture[str]) -> None:

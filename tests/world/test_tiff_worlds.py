@@ -59,7 +59,7 @@ def synthetic_world(request, small_job: Job, tmp_path_factory) -> Job:
     )
     store = (TileStore if request.param == "tiles" else TiffStore)(job)
     store.create()
-    assert store.ledger_text() is None
+    assert not job.layout.ledger.exists()
     for ground in shards(AREA):
         store.write(ground)
     shares: list[float] = []
@@ -68,8 +68,8 @@ def synthetic_world(request, small_job: Job, tmp_path_factory) -> Job:
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
     store.close("a ledger\n")
-    assert store.ledger_text() == "a ledger\n"
-    assert not store.journal.exists()
+    assert job.layout.ledger.read_text() == "a ledger\n"
+    assert not job.layout.journal.exists()
     return job
 
 

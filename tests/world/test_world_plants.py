@@ -17,8 +17,9 @@ from sketchterrain.errors import DeviceFailedError, SketchterrainError
 from sketchterrain.vegetation.plants import PLANT
 from sketchterrain.world import plants as written
 from sketchterrain.world.grid import SHARD, World
-from sketchterrain.world.job import Task, plant_store, plant_tasks
+from sketchterrain.world.job import Task, plant_tasks
 from sketchterrain.world.plants import PlantStore, plant_square
+from sketchterrain.world.task_runner import plant_store
 
 EAST, NORTH = 512_000.0, 5_403_000.0
 CELL = 1.0 / 32.0
@@ -235,4 +236,4 @@ def test_empty_squares_failures_and_names(small_job, plants, tmp_path, file_size
 
     monkeypatch.setattr("sketchterrain.world.job.find_spec", lambda name: None)
     with pytest.raises(SketchterrainError, match=f"plants as {plants} needs pyarrow"):
-        plant_store(replace(small_job, plants=plants))
+        plant_store(replace(small_job, plants=plants, form="tiles"))

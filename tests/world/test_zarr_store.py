@@ -70,7 +70,7 @@ def written(job, shards):
     for ground in shards:
         store.write(ground)
     assert store.join(progress=lambda _: None) == ()
-    store.journal.write_text("…")
+    job.layout.journal.write_text("…")
     store.close(LEDGER)
     return job.output
 
@@ -176,12 +176,12 @@ def test_consolidated_metadata_equal_members(written):
 
 def test_sketch_and_ledger_are_stored(written, job, tmp_path):
     group = zarr.open_group(written, mode="r")
-    assert bytes(group["ledger"][:]).decode() == LEDGER == ZarrStore(job).ledger_text()
+    assert bytes(group["ledger"][:]).decode() == LEDGER == job.layout.ledger.read_text()
     (tmp_path / "a.sketch").write_bytes(bytes(group["sketch"][:]))
     sketch = st.load_sketch(tmp_path / "a.sketch")
     assert (sketch.name, sketch.seed) == ("North-east", 5)
     np.testing.assert_array_equal(sketch.layers["mountain"], job.sketch.layers["mountain"])
-    assert not ZarrStore(job).journal.exists()
+    assert not job.layout.journal.exists()
 
 
 def test_store_contains_only_zarr_files(written, job):
@@ -197,11 +197,12 @@ def test_store_contains_only_zarr_files(written, job):
 
 
 def test_unfinished_store_opens(job, shards, tmp_path):
-    store = ZarrStore(replace(job, output=tmp_path / "a.zarr"))
+    job = replace(job, output=tmp_path / "a.zarr")
+    store = ZarrStore(job)
     names = store.create()
-    assert store.ledger_text() is None
+    assert not job.layout.ledger.exists()
     assert all((store.folder / name).is_file() for name in names)
-    store.journal.write_text("…")
+    job.layout.journal.write_text("…")
     store.write(shards[0])
     group = zarr.open_group(store.folder, mode="r")
     assert group["ledger"].shape == (0,)

@@ -92,7 +92,7 @@ def world(
         document = args.read_sketch(sketch, seed, stages, layer)
         with stages.stage("program", "Loading the program"):
             from sketchterrain.compute.device import choose_device
-            from sketchterrain.generation.building import make_recipe
+            from sketchterrain.generation.building import make_recipe, stored_results
             from sketchterrain.world.journal import check_output_unused
             from sketchterrain.world.options import WorldOptions, check_layers, estimate_world, output_form
 
@@ -116,7 +116,7 @@ def world(
 
                 check_scheduler(scheduler)
         with stages.stage("features", "Placing features"):
-            job = options.job(document, make_recipe(document), Path(output), form)
+            job = options.job(document, make_recipe(document, memory=stored_results()), Path(output), form)
         check_output_unused(job, resume=resume)
         estimate = estimate_world(job, workers=workers or 0)
     if dry_run:

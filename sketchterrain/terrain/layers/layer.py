@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, ClassVar, Final
@@ -17,6 +17,7 @@ from sketchterrain.geometry.differences import row_difference
 from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.io.resources import kernel_struct
 from sketchterrain.landforms.placement.feature_types import smoothstep
+from sketchterrain.stages.digests import digest_of
 from sketchterrain.terrain.noise import (
     FINEST_CELL,
     NOISE_PEAK,
@@ -195,9 +196,11 @@ class TerrainLayer:
         """What follows from it and the extent, the settings of the world or the cell size, by these."""
         return LRUCache()
 
-    def key(self) -> Hashable:
-        """Return everything that it depends on everywhere."""
-        return tuple(getattr(self, each.name) for each in fields(self) if not each.metadata.get("items"))
+    def key(self) -> bytes:
+        """Return a digest of everything that it depends on everywhere."""
+        return digest_of(
+            [getattr(self, each.name) for each in fields(self) if not each.metadata.get("items")]
+        )
 
     def stacks(self, world: WorldSettings) -> tuple[NoiseStack, ...]:
         """Return its noises; they must not depend on items: one edit would reshape the whole world."""

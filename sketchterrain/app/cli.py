@@ -237,16 +237,14 @@ def adherence(
         with stages.stage("program", "Loading the program"):
             from sketchterrain.document.sketch import sketch_notes
             from sketchterrain.export.files import prepare_folder
-            from sketchterrain.generation.building import build
-            from sketchterrain.jobs.export import DeviceFallback
+            from sketchterrain.jobs.export import DeviceFallback, build_terrain
             from sketchterrain.measure.adherence import measure_adherence
 
             if output is not None:
                 prepare_folder(output.parent)
 
         def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[Terrain, Adherence]:
-            with stages.stage("features", "Placing features"):
-                terrain = build(document, device=context)
+            terrain = build_terrain(document, context, stages)
             with stages.stage("adherence", "Comparing with the sketch"):
                 return terrain, measure_adherence(terrain)
 

@@ -39,13 +39,12 @@ from sketchterrain.export.foliage_files import FoliageOptions
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.rasters import write_picture
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.generation.building import build
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages, describe_error
 from sketchterrain.io.files import check_disk, hash_file
 from sketchterrain.io.system import Interrupts, exclusive_run
 from sketchterrain.jobs.estimates import Estimate, free_memory
-from sketchterrain.jobs.export import DeviceFallback, write_export
+from sketchterrain.jobs.export import DeviceFallback, build_terrain, write_export
 from sketchterrain.jobs.generate import (
     REPORT,
     GenerateOptions,
@@ -257,9 +256,14 @@ class _Batch:
     def _stage(self, item: Item, title: str) -> Iterator[Callable[[float], None]]:
         self._check_stop()
         self._progress.stage(item.name, title)
-        yield self._check_stop
 
-    def _check_stop(self, _: float = 0.0) -> None:
+        def show(share: float) -> None:
+            self._check_stop()
+            self._progress.share(item.name, share)
+
+        yield show
+
+    def _check_stop(self) -> None:
         if self._stop.is_set():
             raise _StoppedError
 
@@ -318,8 +322,7 @@ def _export(
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> GenerateResult:
         prepare_folder(folder)
         with staging(folder) as hidden:
-            with stages.stage("features", "Placing features"):
-                terrain = build(sketch, device=context, memory=shared.memory)
+            terrain = build_terrain(sketch, context, stages, shared.memory)
             done = write_export(export_plan, terrain, hidden, stages=stages)
             measured = measure_terrain(terrain, stages)
             files, problem, rendering = list(done.files), None, dict[str, float]()

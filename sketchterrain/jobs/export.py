@@ -29,6 +29,7 @@ from sketchterrain.generation.self_test import self_test
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages, print_note
 from sketchterrain.io.files import check_disk, wrap_os_errors
+from sketchterrain.stages.runner import Results
 
 if TYPE_CHECKING:
     from sketchterrain.drape.drapes import Drapes
@@ -91,6 +92,14 @@ class DeviceFallback:
             print_note(f"self-test of {device.name} ({device.platform}): {verdict.line}")
 
 
+def build_terrain(
+    sketch: Sketch, context: ComputeContext, stages: Stages, memory: Results | None = None
+) -> Terrain:
+    """Return the terrain of a sketch, built as a stage of a job; `memory` is as for `build`."""
+    with stages.stage("features", "Placing features") as progress:
+        return build(sketch, device=context, memory=memory, progress=progress)
+
+
 # Reserved file names on Windows, with any suffix.
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)")
 
@@ -124,8 +133,7 @@ def export(
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> ExportResult:
         with _prepared(folder), staging(folder) as hidden:
-            with stages.stage("features", "Placing features"):
-                terrain = build(sketch, device=context)
+            terrain = build_terrain(sketch, context, stages)
             done = write_export(plan, terrain, hidden, stages=stages)
             report = done.report | {"restarts": list(restarts)} if restarts else done.report
             # As tiles of another layout, which an import must not find.

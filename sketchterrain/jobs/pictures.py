@@ -15,10 +15,9 @@ from sketchterrain.export.files import prepare_folder
 from sketchterrain.export.film import check_film, film
 from sketchterrain.export.map.sheet import write_map
 from sketchterrain.export.rasters import write_picture
-from sketchterrain.generation.building import build
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages, print_note
-from sketchterrain.jobs.export import DeviceFallback, noted_drapes
+from sketchterrain.jobs.export import DeviceFallback, build_terrain, noted_drapes
 from sketchterrain.render import scene
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import CameraStates, Flight
@@ -69,8 +68,7 @@ def render_to_file(
     prepare_folder(path.parent)
 
     def work(context: ComputeContext, _: tuple[str, ...]) -> list[LegendEntry]:
-        with stages.stage("features", "Placing features"):
-            terrain = build(sketch, device=context)
+        terrain = build_terrain(sketch, context, stages)
         with stages.stage("picture", "Drawing the map" if options.top_down else "Rendering"):
             if options.top_down:
                 write_map(path, terrain, size=options.size, drapes=noted_drapes(terrain))
@@ -165,8 +163,7 @@ def fly(
             count = round((seconds or SECONDS) * options.fps)
             frame_count = max(1, count) if flight is None else len(flight.times(options.fps, seconds))
             check_film(output, size=options.size, frames=frame_count)
-        with stages.stage("features", "Placing features"):
-            terrain = build(sketch, device=context)
+        terrain = build_terrain(sketch, context, stages)
         with stages.stage("path", "Choosing a path"):
             path = tour(terrain, seconds=seconds or SECONDS) if flight is None else flight
             surface = partial(scene.surface_heights, terrain)

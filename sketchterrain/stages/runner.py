@@ -51,6 +51,7 @@ class Runner:
     def __init__(self, results: Results | None = None, checkpoint: Callable[[], None] = lambda: None) -> None:
         self.results = Results() if results is None else results
         self.checkpoint = checkpoint
+        self.count = 0  # of runs, whose results were not stored
 
     def __call__(self, function: Callable[..., Value], *inputs: Any, hashed: bool = True) -> Value:
         """Return the result of a function for some inputs.
@@ -62,6 +63,7 @@ class Runner:
         if found is not _MISSING:
             return found
         self.checkpoint()
+        self.count += 1
         result = function(*inputs, run=self) if _takes_runner(function) else function(*inputs)
         if hashed:
             result = self.results.canonical(result)

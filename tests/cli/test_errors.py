@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image
 
 import sketchterrain.document.store
-import sketchterrain.jobs.generate
+import sketchterrain.jobs.export
 
 
 def test_invalid_sketches_are_refused_and_nothing_is_written(call, tmp_path):
@@ -75,7 +75,7 @@ def test_exceptions_are_reported_and_tracebacks_optional(call, sketch, tmp_path,
         ),
         (ZeroDivisionError("division\nby\x1b"), 1, "unexpected ZeroDivisionError: division by\ufffd; "),
     ):
-        monkeypatch.setattr(sketchterrain.jobs.generate, "build", fails_with(error))
+        monkeypatch.setattr(sketchterrain.jobs.export, "build", fails_with(error))
         done = call("generate", sketch, "-o", tmp_path, "--size", 9)
         assert (done.code, done.error.startswith(line)) == (code, True), line
         assert list(tmp_path.iterdir()) == []

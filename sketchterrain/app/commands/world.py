@@ -115,8 +115,8 @@ def world(
                 from sketchterrain.world.cluster import check_scheduler
 
                 check_scheduler(scheduler)
-        with stages.stage("features", "Placing features"):
-            job = options.job(document, make_recipe(document), Path(output), form)
+        with stages.stage("features", "Placing features") as progress:
+            job = options.job(document, make_recipe(document, progress=progress), Path(output), form)
         check_output_unused(job, resume=resume)
         estimate = estimate_world(job, workers=workers or 0)
     if dry_run:

@@ -28,24 +28,31 @@ from sketchterrain.render.sky import Weather, sun_at
 from sketchterrain.render.views import check_view, tour
 
 Point = tuple[float, float, float]
+_SIZE = (1280, 720)  # px, of pictures
 
 
 @dataclass(frozen=True)
-class PictureOptions:
-    """Camera, light and content of a picture; of a map only the size counts."""
+class SceneOptions:
+    """Light and content of pictures and films; by default in the sketch's weather."""
 
     size: tuple[int, int] | None = None  # width, height (px)
-    eye: Point | None = None  # m; without it a view is found
-    look_at: Point | None = None
-    view: str = "auto"
     hour: float | None = None  # in place of the sketch's, as sky and clouds
     sky: str | None = None
     clouds: float | None = None
-    quality: float = 1.0
+    quality: float | None = None  # 0 … 1; by default the best, or in real time what suits the device
     without: tuple[str, ...] = ()
     overlays: tuple[str, ...] = ()
     textures: Path | None = None
     drape_method: str = "auto"
+
+
+@dataclass(frozen=True)
+class PictureOptions(SceneOptions):
+    """The same and the camera of a picture; of a map only the size counts."""
+
+    eye: Point | None = None  # m; without it a view is found
+    look_at: Point | None = None
+    view: str = "auto"
     top_down: bool = False  # a map
 
 
@@ -82,7 +89,7 @@ def check_picture(options: PictureOptions) -> Quality:
     """Return the quality of a picture; raise InputError for unknown overlays, views or parts."""
     check_overlays(options.overlays)
     check_view(options.view)
-    return Quality.from_level(options.quality, without=options.without)
+    return Quality.from_level(1.0 if options.quality is None else options.quality, without=options.without)
 
 
 def draw_picture(
@@ -92,7 +99,7 @@ def draw_picture(
     legend: list[LegendEntry] = []
     picture = render_picture(
         terrain,
-        size=options.size or (1280, 720),
+        size=options.size or _SIZE,
         camera=_camera(terrain, options.eye, options.look_at),
         view=options.view,
         weather=weather,
@@ -126,21 +133,13 @@ SECONDS = 20.0
 
 
 @dataclass(frozen=True)
-class FlightOptions:
-    """How to film a flight; by default all of the path, complete frames, in the sketch's weather."""
+class FlightOptions(SceneOptions):
+    """The same and how to film a flight; by default all of the path, complete frames."""
 
-    size: tuple[int, int] = (1280, 720)  # width, height (px)
+    size: tuple[int, int] = _SIZE
     fps: int = 30
     seconds: float | None = None
-    quality: float | None = None  # 0 … 1; by default the best, or in real time what suits the device
     real_time: bool = False  # draw frames within a time budget, as a viewer does
-    overlays: tuple[str, ...] = ()
-    hour: float | None = None
-    sky: str | None = None
-    clouds: float | None = None
-    without: tuple[str, ...] = ()
-    textures: Path | None = None
-    drape_method: str = "auto"
 
 
 def fly(

@@ -77,57 +77,51 @@ def blender_extension(
 
 _MAX_JOBS = 64
 
-Seeds = Annotated[
-    str | None,
-    typer.Option(metavar="A-B", help="Seeds, as 1-100 or 1,5,9-12; by default each sketch's own."),
-]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="NAME=VALUES",
-        help="A setting of the sketches, as river.1.width=30, hill.1.height=100,200 or fidelity=0.2..1..0.2; "
-        "several make all combinations.",
-    ),
-]
-SweepPath = Annotated[
-    Path | None,
-    typer.Option("--sweep", metavar="FILE", help="All this in a TOML file; options take precedence."),
-]
-TargetName = Annotated[
-    str | None,
-    typer.Option("--to", metavar="TARGET", help="Export each terrain to a target; `targets` lists them."),
-]
-Jobs = Annotated[
-    int | None, typer.Option(metavar="N", min=1, max=_MAX_JOBS, help="Concurrent terrains, by default 2.")
-]
-Foliage = Annotated[
-    str | None,
-    typer.Option(metavar="csv|ply|both|none", help="Plants as `generate` writes them; csv by default."),
-]
-Preview = Annotated[
-    bool | None, typer.Option("--preview/--no-preview", help="Render previews and a contact sheet.")
-]
-
 
 @with_option_groups
 def batch(
     output: args.Folder,
     *,
-    sketches: args.SketchNames = None,
-    seeds: Seeds = None,
-    settings: Settings = None,
-    sweep: SweepPath = None,
-    jobs: Jobs = None,
+    sketches: Annotated[
+        list[str] | None, typer.Argument(metavar="[SKETCH]...", help="Folders, .sketch files or presets.")
+    ] = None,
+    seeds: Annotated[
+        str | None,
+        typer.Option(metavar="A-B", help="Seeds, as 1-100 or 1,5,9-12; by default each sketch's own."),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUES",
+            help="A setting of the sketches, as river.1.width=30, hill.1.height=100,200 or fidelity=0.2..1..0.2; "
+            "several make all combinations.",
+        ),
+    ] = None,
+    sweep: Annotated[
+        Path | None,
+        typer.Option("--sweep", metavar="FILE", help="All this in a TOML file; options take precedence."),
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(metavar="N", min=1, max=_MAX_JOBS, help="Concurrent terrains, by default 2.")
+    ] = None,
     resume: args.Resume = False,
     dry_run: args.DryRun = False,
     size: args.WholeSize = None,
-    preview: Preview = None,
+    preview: Annotated[
+        bool | None, typer.Option("--preview/--no-preview", help="Render previews and a contact sheet.")
+    ] = None,
     view: args.ViewKind = None,
-    foliage: Foliage = None,
+    foliage: Annotated[
+        str | None,
+        typer.Option(metavar="csv|ply|both|none", help="Plants as `generate` writes them; csv by default."),
+    ] = None,
     grass: args.Grass = False,
     map_kind: args.MapKind = None,
-    target: TargetName = None,
+    target: Annotated[
+        str | None,
+        typer.Option("--to", metavar="TARGET", help="Export each terrain to a target; `targets` lists them."),
+    ] = None,
     exported: args.ExportArguments,
     device: args.DeviceName = None,
     fast: args.Fast = False,

@@ -86,26 +86,13 @@ def _parse_point(text: str) -> tuple[float, ...]:
     return point
 
 
-def _check_picture_file(path: Path | None) -> Path | None:
-    if path is not None and (path.suffix.lower() != ".png" or path.is_dir()):
-        raise typer.BadParameter(f"expected the name of a .png file, got {str(path)!r}")
-    return path
-
-
-def _check_render_file(path: Path) -> Path:
-    if path.suffix.lower() not in (".png", ".svg") or path.is_dir():
-        raise typer.BadParameter(
-            f"expected the name of a .png file, or with --map of an .svg file, got {str(path)!r}"
-        )
-    return path
-
-
-def _check_film_place(path: Path | None) -> Path | None:
-    if path is None or path.is_dir() or path.suffix.lower() in ("", *_FILMS):
+def _file(expected: str, *suffixes: str, folders: bool = False) -> Callable[[Path | None], Path | None]:
+    def check(path: Path | None) -> Path | None:
+        if path is not None and not (folders if path.is_dir() else path.suffix.lower() in suffixes):
+            raise typer.BadParameter(f"expected {expected}, got {str(path)!r}")
         return path
-    raise typer.BadParameter(
-        f"expected a folder, or the name of a file that ends in {', '.join(_FILMS)}, got {str(path)!r}"
-    )
+
+    return check
 
 
 def _check_textures(folder: Path | None) -> Path | None:
@@ -162,13 +149,21 @@ Grass = Annotated[bool, typer.Option("--grass", help="Include grass, flowers and
 PictureFile = Annotated[
     Path | None,
     typer.Option(
-        "--output", "-o", metavar="FILE.png", callback=_check_picture_file, help="Picture to write."
+        "--output",
+        "-o",
+        metavar="FILE.png",
+        callback=_file("the name of a .png file", ".png"),
+        help="Picture to write.",
     ),
 ]
 RenderFile = Annotated[
     Path,
     typer.Option(
-        "--output", "-o", metavar="FILE", callback=_check_render_file, help="Picture to write, a .png."
+        "--output",
+        "-o",
+        metavar="FILE",
+        callback=_file("the name of a .png file, or with --map of an .svg file", ".png", ".svg"),
+        help="Picture to write, a .png.",
     ),
 ]
 ViewKind = Annotated[
@@ -215,7 +210,9 @@ FilmPlace = Annotated[
         "--output",
         "-o",
         metavar="DIR|FILE",
-        callback=_check_film_place,
+        callback=_file(
+            f"a folder, or the name of a file that ends in {', '.join(_FILMS)}", "", *_FILMS, folders=True
+        ),
         help=f"Folder of frames, or a file named {', '.join(_FILMS)}; without it only statistics.",
     ),
 ]
@@ -336,7 +333,7 @@ class ExportArguments:
     """Options of an export besides size and grass, None by default."""
 
     tiles: Annotated[
-        Any, typer.Option("--tiles", parser=_parse_tiles, metavar="CxR", help="Columns and rows of tiles.")
+        Any, typer.Option(parser=_parse_tiles, metavar="CxR", help="Columns and rows of tiles.")
     ] = None
     overlap: Annotated[
         int | None,
@@ -344,11 +341,11 @@ class ExportArguments:
     ] = None
     tile_name: Annotated[
         str | None,
-        typer.Option("--tile-name", metavar="PATTERN", help="As {name}_x{x}_y{y}; {x:02} has leading zeros."),
+        typer.Option(metavar="PATTERN", help="As {name}_x{x}_y{y}; {x:02} has leading zeros."),
     ] = None
     tile_first: Annotated[
         int | None,
-        typer.Option("--tile-first", metavar="N", min=0, help="Number of the first tile each way."),
+        typer.Option(metavar="N", min=0, help="Number of the first tile each way."),
     ] = None
     tiles_from_south: Annotated[
         bool | None,
@@ -357,12 +354,11 @@ class ExportArguments:
         ),
     ] = None
     format: Annotated[
-        str | None, typer.Option("--format", metavar="NAME", help="Of heights, where a target has several.")
+        str | None, typer.Option(metavar="NAME", help="Of heights, where a target has several.")
     ] = None
     heights: Annotated[
         Any,
         typer.Option(
-            "--heights",
             parser=_parse_pair,
             metavar="LOW,HIGH",
             help="Range of 16-bit heights, m, as for several terrains; by default the terrain's.",
@@ -370,7 +366,7 @@ class ExportArguments:
     ] = None
     error: Annotated[
         float | None,
-        typer.Option("--error", metavar="M", help="Tolerance of a mesh, m; by default it has all vertices."),
+        typer.Option(metavar="M", help="Tolerance of a mesh, m; by default it has all vertices."),
     ] = None
     crs: Crs = None
     origin: Origin = None
@@ -401,10 +397,7 @@ class SceneArguments:
     size: Annotated[
         Any,
         typer.Option(
-            "--size",
-            parser=_parse_picture_size,
-            metavar="WxH",
-            help="Pixels, by default 1280x720; a map fits in.",
+            parser=_parse_picture_size, metavar="WxH", help="Pixels, by default 1280x720; a map fits in."
         ),
     ] = None
     time: Hour = None
@@ -413,7 +406,6 @@ class SceneArguments:
     quality: Annotated[
         float | None,
         typer.Option(
-            "--quality",
             metavar="0..1",
             min=0.0,
             max=1.0,
@@ -433,7 +425,6 @@ class SceneArguments:
     overlay: Annotated[
         list[str] | None,
         typer.Option(
-            "--overlay",
             metavar="NAME",
             help="Draw wireframe, levels, error, screen-error, materials, features, triplanar on it.",
         ),
@@ -442,7 +433,6 @@ class SceneArguments:
     drape_method: Annotated[
         str | None,
         typer.Option(
-            "--drape-method",
             metavar="|".join(DRAPE_METHODS),
             callback=_one_of(*DRAPE_METHODS),
             help="How draped layers are drawn; by default as suits them.",

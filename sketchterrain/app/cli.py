@@ -111,7 +111,7 @@ def generate(
     sketch: args.SketchName,
     output: args.Folder,
     seed: args.Seed = None,
-    size: Annotated[int, typer.Option("--size", metavar="N", help="Vertices along the longer side.")] = 1025,
+    size: Annotated[int, typer.Option(metavar="N", help="Vertices along the longer side.")] = 1025,
     device: args.DeviceName = None,
     fast: args.Fast = False,
     foliage: args.FoliageKind = "csv",
@@ -185,12 +185,12 @@ def fly(
     sketch: args.SketchName,
     path: Annotated[
         Path | None,
-        typer.Option("--path", metavar="FILE", help="Path file; by default a tour of the sketch."),
+        typer.Option(metavar="FILE", help="Path file; by default a tour of the sketch."),
     ] = None,
     output: args.FilmPlace = None,
     *,
     seconds: args.Seconds = None,
-    fps: Annotated[int, typer.Option("--fps", metavar="N", min=1, max=240, help="Frames a second.")] = 30,
+    fps: Annotated[int, typer.Option(metavar="N", min=1, max=240, help="Frames a second.")] = 30,
     real_time: Annotated[
         bool,
         typer.Option("--real-time", help="Draw frames within a time budget, as a viewer; else complete."),
@@ -271,7 +271,7 @@ def edit(
 def bench(
     names: Annotated[list[str] | None, typer.Argument(metavar="[NAME]...", help="All if none.")] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write tables and charts there.")
+        Path | None, typer.Option("-o", metavar="DIR", help="Write tables and charts there.")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small sizes, few rounds.")] = False,
     device: args.DeviceName = None,

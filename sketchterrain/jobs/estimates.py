@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from sketchterrain.errors import InputError
 from sketchterrain.io.files import check_disk, format_bytes, free_disk_space
-from sketchterrain.io.system import physical_memory, proc_memory
+from sketchterrain.io.system import free_memory, physical_memory
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -75,12 +75,6 @@ def layer_bytes(vertices: float, layers: Iterable[str]) -> dict[str, float]:
 def plant_bytes(area: float, form: str, *, grass: bool = False) -> float:
     """Return the bytes on disk of the plants of an area (m²) in a file format."""
     return area * (_WOODY + _GRASS * grass) * _PLANT_BYTES[form]
-
-
-def free_memory() -> int:
-    """Return the free memory, bytes; where the system does not report it, all physical memory."""
-    free = proc_memory("meminfo", "MemAvailable")
-    return physical_memory() if free is None else free
 
 
 def format_count(count: float) -> str:

@@ -23,7 +23,7 @@ from sketchterrain.export.planning import ExportPlan, checked_plan
 from sketchterrain.export.sampled import sample_terrain
 from sketchterrain.export.scene import SceneView
 from sketchterrain.export.sidecar import SIDECAR, check_sidecar, write_sidecar
-from sketchterrain.export.target import Export, ExportOptions, ProgressStages
+from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.generation.building import build
 from sketchterrain.generation.self_test import self_test
 from sketchterrain.generation.terrain import Terrain
@@ -143,7 +143,7 @@ def export(
     return DeviceFallback(device, fast=fast).run(work, stages=stages)
 
 
-def write_export(plan: ExportPlan, terrain: Terrain, folder: Path, *, stages: ProgressStages) -> ExportResult:
+def write_export(plan: ExportPlan, terrain: Terrain, folder: Path, *, stages: Stages) -> ExportResult:
     """Sample a terrain and write a target's files and the sidecar into a hidden folder."""
     _check_disk(plan, terrain, folder)
     with stages.stage("ground", "Heights and materials") as progress:

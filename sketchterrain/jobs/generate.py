@@ -182,16 +182,30 @@ def generate(
     weather = sketch_weather(sketch, options.hour, options.sky, options.clouds)
     use = shared or SharedResources(DeviceFallback(device, fast=fast))
 
+    def write(context: ComputeContext, hidden: Path) -> GenerateResult:
+        return _write_files(sketch, hidden, options, weather, context, use, stages)
+
+    return write_together(folder, write, use.devices, stages)
+
+
+def write_together(
+    folder: Path,
+    write: Callable[[ComputeContext, Path], GenerateResult],
+    devices: DeviceFallback,
+    stages: Stages,
+) -> GenerateResult:
+    """Write files and a report into a hidden folder, and move them into `folder` once all are complete."""
+
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> GenerateResult:
         prepare_folder(folder)
         with staging(folder) as hidden:
-            done = _write_files(sketch, hidden, options, weather, context, use, stages)
+            done = write(context, hidden)
             done.report["restarts"] = list(restarts)
             report = write_json(hidden / REPORT, done.report)
             stale = stale_files(folder / REPORT, done.report, ("format", "target"))
             return replace(done, files=move_files(folder, (*done.files, report), stale=stale))
 
-    return use.devices.run(work, stages=stages)
+    return devices.run(work, stages=stages)
 
 
 def _write_files(

@@ -63,9 +63,9 @@ def targets(as_json: args.AsJson = False) -> None:
 
 
 def blender_extension(
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE.zip", help="The file to write.")
-    ] = Path("sketchterrain_blender.zip"),
+    output: Annotated[Path, typer.Option("-o", metavar="FILE.zip", help="The file to write.")] = Path(
+        "sketchterrain_blender.zip"
+    ),
 ) -> None:
     """Write the extension for Blender that imports exports for it: File, Import, Sketchterrain."""
     from sketchterrain.export.blender_package import write_extension
@@ -94,13 +94,13 @@ def batch(
         typer.Option(
             "--set",
             metavar="NAME=VALUES",
-            help="A setting of the sketches, as river.1.width=30, hill.1.height=100,200 or fidelity=0.2..1..0.2; "
-            "several make all combinations.",
+            help="A setting of the sketches, as river.1.width=30, hill.1.height=100,200 or "
+            "fidelity=0.2..1..0.2; several make all combinations.",
         ),
     ] = None,
     sweep: Annotated[
         Path | None,
-        typer.Option("--sweep", metavar="FILE", help="All this in a TOML file; options take precedence."),
+        typer.Option(metavar="FILE", help="All this in a TOML file; options take precedence."),
     ] = None,
     jobs: Annotated[
         int | None, typer.Option(metavar="N", min=1, max=_MAX_JOBS, help="Concurrent terrains, by default 2.")

@@ -49,13 +49,11 @@ def new(
     crs: args.Crs = None,
     origin: args.Origin = None,
     vertical: Annotated[
-        str | None, typer.Option("--vertical", metavar="CODE", help="Vertical datum, as EPSG:5773.")
+        str | None, typer.Option(metavar="CODE", help="Vertical datum, as EPSG:5773.")
     ] = None,
     raster: Annotated[
         list[str] | None,
-        typer.Option(
-            "--raster", metavar="ROLE=FILE", help="A raster source, as picture=map.tif; repeatable."
-        ),
+        typer.Option(metavar="ROLE=FILE", help="A raster source, as picture=map.tif; repeatable."),
     ] = None,
     embed: Annotated[
         bool, typer.Option("--embed", help="Store copies of the rasters in the sketch.")

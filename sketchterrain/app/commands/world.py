@@ -35,26 +35,23 @@ def world(
     output: Annotated[
         str,
         typer.Option(
-            "--output",
             "-o",
             metavar="PATH",
             help="world.zarr: a Zarr store; world.tif: a GeoTIFF a layer; DIR: a folder of GeoTIFF tiles.",
         ),
     ],
     bounds: args.WorldBounds = None,
-    cell: Annotated[float, typer.Option("--cell", metavar="M", help="Metres between vertices.")] = 1.0,
-    layers: Annotated[
-        str, typer.Option("--layers", metavar="NAMES", help=_LAYERS)
-    ] = "height,normal,materials",
+    cell: Annotated[float, typer.Option(metavar="M", help="Metres between vertices.")] = 1.0,
+    layers: Annotated[str, typer.Option(metavar="NAMES", help=_LAYERS)] = "height,normal,materials",
     plants: Annotated[
-        str, typer.Option("--plants", metavar="none|parquet|flatgeobuf", help="File format of plants.")
+        str, typer.Option(metavar="none|parquet|flatgeobuf", help="File format of plants.")
     ] = "none",
     grass: args.Grass = False,
     crs: args.Crs = None,
     origin: args.Origin = None,
     step: Annotated[
         float,
-        typer.Option("--step", metavar="M", help="Round heights to a power of two, as 0.0078125; 0: exact."),
+        typer.Option(metavar="M", help="Round heights to a power of two, as 0.0078125; 0: exact."),
     ] = 0.0,
     layer: args.LayerFiles = None,
     seed: args.Seed = None,
@@ -62,13 +59,11 @@ def world(
     dry_run: args.DryRun = False,
     workers: Annotated[
         int | None,
-        typer.Option("--workers", metavar="N", min=1, max=_MAX_WORKERS, help="Local worker processes."),
+        typer.Option(metavar="N", min=1, max=_MAX_WORKERS, help="Local worker processes."),
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(
-            "--scheduler", metavar="ADDRESS", help="Address of a dask scheduler, as tcp://10.0.0.1:8786."
-        ),
+        typer.Option(metavar="ADDRESS", help="Address of a dask scheduler, as tcp://10.0.0.1:8786."),
     ] = None,
     device: args.DeviceName = None,
     fast: args.Fast = False,
@@ -156,7 +151,7 @@ def _report(result: WorldResult, estimate: WorldEstimate, *, as_json: bool) -> N
 def stats(
     store: args.WorldPath,
     level: Annotated[
-        int | None, typer.Option("--level", metavar="N", min=0, help="Of the pyramid; 0, the finest.")
+        int | None, typer.Option(metavar="N", min=0, help="Of the pyramid; 0, the finest.")
     ] = None,
     check: Annotated[bool, typer.Option("--check", help="Verify the hash of every file instead.")] = False,
     as_json: args.AsJson = False,

@@ -271,7 +271,7 @@ def edit(
 def bench(
     names: Annotated[list[str] | None, typer.Argument(metavar="[NAME]...", help="All if none.")] = None,
     output: Annotated[
-        Path | None, typer.Option("-o", metavar="DIR", help="Write tables and charts there.")
+        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write tables and charts there.")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small sizes, few rounds.")] = False,
     device: args.DeviceName = None,

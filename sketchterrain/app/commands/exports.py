@@ -63,9 +63,9 @@ def targets(as_json: args.AsJson = False) -> None:
 
 
 def blender_extension(
-    output: Annotated[Path, typer.Option("-o", metavar="FILE.zip", help="The file to write.")] = Path(
-        "sketchterrain_blender.zip"
-    ),
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE.zip", help="The file to write.")
+    ] = Path("sketchterrain_blender.zip"),
 ) -> None:
     """Write the extension for Blender that imports exports for it: File, Import, Sketchterrain."""
     from sketchterrain.export.blender_package import write_extension

@@ -42,7 +42,7 @@ def trace(
             "vectors (GeoJSON, GeoPackage, FlatGeobuf, Shapefile, GPX, KML, DXF, OpenStreetMap).",
         ),
     ],
-    output: Annotated[Path, typer.Option("-o", metavar="DIR|FILE.sketch", help="A new sketch.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR|FILE.sketch", help="A new sketch.")],
     extent: Annotated[float | None, typer.Option(metavar="M", help="Metres along the longer side.")] = None,
     size: Annotated[
         int | None,

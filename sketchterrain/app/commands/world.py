@@ -35,6 +35,7 @@ def world(
     output: Annotated[
         str,
         typer.Option(
+            "--output",
             "-o",
             metavar="PATH",
             help="world.zarr: a Zarr store; world.tif: a GeoTIFF a layer; DIR: a folder of GeoTIFF tiles.",

@@ -23,7 +23,7 @@ from sketchterrain.app.option_groups import with_option_groups
 from sketchterrain.io.console import PARTIAL, USAGE_ERROR, Stages, fail, pluralize, print_note
 
 if TYPE_CHECKING:
-    from sketchterrain.batch.plan import Item
+    from sketchterrain.batch.plan import Item, SweepFile
     from sketchterrain.batch.results import Output
     from sketchterrain.batch.run import BatchResult
 
@@ -128,6 +128,8 @@ def batch(
     as_json: args.AsJson = False,
 ) -> None:
     """Generate many terrains: every sketch with every seed and every value of its settings."""
+    from msgspec import structs
+
     from sketchterrain.batch.plan import (
         SweepFile,
         parse_seeds,
@@ -139,14 +141,11 @@ def batch(
     from sketchterrain.batch.results import BatchProgress
     from sketchterrain.batch.run import run_batch
 
-    file = SweepFile() if sweep is None else read_sweep(sweep)
     keys: dict[str, Any] = {"size": size, "preview": preview, "view": view, "foliage": foliage}
     keys |= {"grass": grass or None, "map": map_kind, "to": target}
-    written = _output(
-        {name: getattr(file, name) if value is None else value for name, value in keys.items()},
-        args.ExportArguments(**file.export | exported.given()),
-        fast=fast,
-    )
+    given = {name: value for name, value in keys.items() if value is not None}
+    file = structs.replace(SweepFile() if sweep is None else read_sweep(sweep), **given)
+    written = _output(file, args.ExportArguments(**file.export | exported.given()), fast=fast)
     swept = parse_settings(settings or (), file.settings)
     sources = read_sources(sketches or file.sketches)
     for each in filter(None, (source.sketch for source in sources)):
@@ -161,31 +160,31 @@ def batch(
     _report_done(done, output, as_json=as_json)
 
 
-def _output(keys: dict[str, Any], exported: args.ExportArguments, *, fast: bool) -> Output:
-    """Return the files to write of each terrain, from a sweep file's keys and its table ``export``."""
+def _output(file: SweepFile, exported: args.ExportArguments, *, fast: bool) -> Output:
+    """Return the files to write of each terrain, from a sweep file and the options of its target."""
     from sketchterrain.batch.results import Output
     from sketchterrain.export.foliage_files import FoliageOptions
     from sketchterrain.export.targets import target_named
     from sketchterrain.render.views import check_view
 
-    preview, view = keys["preview"] is not False, keys["view"] or "auto"
-    if not preview and keys["view"] is not None:
+    preview, view = file.preview is not False, file.view or "auto"
+    if not preview and file.view is not None:
         raise USAGE_ERROR("a view without a preview: it is the preview's")
-    if keys["map"] not in (None, "png", "svg"):
-        raise USAGE_ERROR(f"expected a map as png or svg, got {keys['map']!r}")
+    if file.map not in (None, "png", "svg"):
+        raise USAGE_ERROR(f"expected a map as png or svg, got {file.map!r}")
     check_view(view)
-    if keys["to"] is None:
+    if file.to is None:
         extra = next(iter(exported.given()), None)
         if extra is not None:
             raise USAGE_ERROR(f"{extra.replace('_', '-')} needs --to TARGET")
-        files = FoliageOptions(keys["foliage"] or "csv", bool(keys["grass"]))
-        return Output(keys["size"], preview, view, files.kind, files.grass, keys["map"], fast=fast)
+        files = FoliageOptions(file.foliage or "csv", bool(file.grass))
+        return Output(file.size, preview, view, files.kind, files.grass, file.map, fast=fast)
     for name in ("foliage", "map"):
-        if keys[name] is not None:
+        if getattr(file, name) is not None:
             raise USAGE_ERROR(f"{name} with a target: it is for the files of `generate`")
-    target_named(keys["to"])
-    options = exported.options(keys["size"], grass=bool(keys["grass"]))
-    return Output(keys["size"], preview, view, "none", target=keys["to"], options=options, fast=fast)
+    target_named(file.to)
+    options = exported.options(file.size, grass=bool(file.grass))
+    return Output(file.size, preview, view, "none", target=file.to, options=options, fast=fast)
 
 
 def _report_plan(

@@ -158,10 +158,9 @@ def _world_job(request: WorldRequest, sketch: Sketch, stages: Stages) -> Job:
         from sketchterrain.world.options import output_form
 
         request.options.check(sketch)
-    with stages.stage("features", "Placing features"):
-        job = request.options.job(
-            sketch, make_recipe(sketch), request.output, output_form(str(request.output))
-        )
+    with stages.stage("features", "Placing features") as progress:
+        recipe = make_recipe(sketch, progress=progress)
+        job = request.options.job(sketch, recipe, request.output, output_form(str(request.output)))
     check_output_unused(job, resume=True)
     return job
 

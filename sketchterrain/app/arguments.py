@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.export.target import ExportOptions
     from sketchterrain.importing.rasters import RasterArea
-    from sketchterrain.jobs.pictures import PictureOptions
 
 _PIXELS = range(16, 8193)  # a picture's side
 _MAX_COORDINATE = 1e9  # m
@@ -87,26 +86,13 @@ def _parse_point(text: str) -> tuple[float, ...]:
     return point
 
 
-def _check_picture_file(path: Path | None) -> Path | None:
-    if path is not None and (path.suffix.lower() != ".png" or path.is_dir()):
-        raise typer.BadParameter(f"expected the name of a .png file, got {str(path)!r}")
-    return path
-
-
-def _check_render_file(path: Path) -> Path:
-    if path.suffix.lower() not in (".png", ".svg") or path.is_dir():
-        raise typer.BadParameter(
-            f"expected the name of a .png file, or with --map of an .svg file, got {str(path)!r}"
-        )
-    return path
-
-
-def _check_film_place(path: Path | None) -> Path | None:
-    if path is None or path.is_dir() or path.suffix.lower() in ("", *_FILMS):
+def _file(expected: str, *suffixes: str, folders: bool = False) -> Callable[[Path | None], Path | None]:
+    def check(path: Path | None) -> Path | None:
+        if path is not None and not (folders if path.is_dir() else path.suffix.lower() in suffixes):
+            raise typer.BadParameter(f"expected {expected}, got {str(path)!r}")
         return path
-    raise typer.BadParameter(
-        f"expected a folder, or the name of a file that ends in {', '.join(_FILMS)}, got {str(path)!r}"
-    )
+
+    return check
 
 
 def _check_textures(folder: Path | None) -> Path | None:
@@ -135,9 +121,6 @@ _parse_pair = _numbers(2, "two numbers with a comma between them")
 
 # Sketches, devices, results
 SketchName = Annotated[str, typer.Argument(metavar="SKETCH", help="A folder, a .sketch file or a preset.")]
-SketchNames = Annotated[
-    list[str] | None, typer.Argument(metavar="[SKETCH]...", help="Folders, .sketch files or presets.")
-]
 WorldPath = Annotated[
     Path, typer.Argument(metavar="WORLD", help="Output of `world`: .zarr, .tif or a folder of tiles.")
 ]
@@ -151,7 +134,6 @@ AsJson = Annotated[bool, typer.Option("--json", help="Write JSON to stdout.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Report what it would take; write nothing.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Resume: recompute only missing or broken files.")]
 Folder = Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder to write into.")]
-Vertices = Annotated[int, typer.Option("--size", metavar="N", help="Vertices along the longer side.")]
 FoliageKind = Annotated[
     str,
     typer.Option(
@@ -167,32 +149,26 @@ Grass = Annotated[bool, typer.Option("--grass", help="Include grass, flowers and
 PictureFile = Annotated[
     Path | None,
     typer.Option(
-        "--output", "-o", metavar="FILE.png", callback=_check_picture_file, help="Picture to write."
+        "--output",
+        "-o",
+        metavar="FILE.png",
+        callback=_file("the name of a .png file", ".png"),
+        help="Picture to write.",
     ),
 ]
 RenderFile = Annotated[
     Path,
     typer.Option(
-        "--output", "-o", metavar="FILE", callback=_check_render_file, help="Picture to write, a .png."
-    ),
-]
-PictureSize = Annotated[
-    Any,
-    typer.Option(
-        "--size",
-        parser=_parse_picture_size,
-        metavar="WxH",
-        help="Pixels, by default 1280x720; a map fits in.",
+        "--output",
+        "-o",
+        metavar="FILE",
+        callback=_file("the name of a .png file, or with --map of an .svg file", ".png", ".svg"),
+        help="Picture to write, a .png.",
     ),
 ]
 ViewKind = Annotated[
     str | None,
     typer.Option("--view", metavar="KIND", help="The view to find: auto, ground, hill, air or layers."),
-]
-Eye = Annotated[Any, typer.Option(parser=_parse_point, metavar="X,Y,Z", help="Camera position, m.")]
-LookAt = Annotated[
-    Any,
-    typer.Option(parser=_parse_point, metavar="X,Y,Z", help="Target, m; by default the sketch's middle."),
 ]
 Hour = Annotated[
     Any,
@@ -216,32 +192,6 @@ Clouds = Annotated[
     float | None,
     typer.Option("--clouds", metavar="0..1", min=0.0, max=1.0, help="Cloud cover, in place of the sketch's."),
 ]
-Quality = Annotated[
-    float | None,
-    typer.Option(
-        "--quality",
-        metavar="0..1",
-        min=0.0,
-        max=1.0,
-        help="Rendering cost; by default 1, with --real-time what suits the device.",
-    ),
-]
-Without = Annotated[
-    list[str] | None,
-    typer.Option(metavar="PART", help="Leave out shadows, clouds, haze, water, trees, rocks, grass, detail."),
-]
-Textures = Annotated[
-    Path | None,
-    typer.Option(metavar="DIR", callback=_check_textures, help="Your own textures, grass.png and so on."),
-]
-OverlayNames = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--overlay",
-        metavar="NAME",
-        help="Draw wireframe, levels, error, screen-error, materials, features, triplanar on it.",
-    ),
-]
 LayerFiles = Annotated[
     list[str] | None,
     typer.Option(
@@ -250,16 +200,6 @@ LayerFiles = Annotated[
         help="Drape a vector or raster file on it, as trails.gpkg,colour=#d03030,width=3; repeatable.",
     ),
 ]
-DrapeMethod = Annotated[
-    str | None,
-    typer.Option(
-        "--drape-method",
-        metavar="|".join(DRAPE_METHODS),
-        callback=_one_of(*DRAPE_METHODS),
-        help="How draped layers are drawn; by default as suits them.",
-    ),
-]
-MapFlag = Annotated[bool, typer.Option("--map", help="A topographic map instead, .png or .svg.")]
 MapKind = Annotated[
     str | None,
     typer.Option("--map", metavar="png|svg", callback=_one_of(*_MAPS), help="Draw map.png or map.svg too."),
@@ -270,21 +210,15 @@ FilmPlace = Annotated[
         "--output",
         "-o",
         metavar="DIR|FILE",
-        callback=_check_film_place,
+        callback=_file(
+            f"a folder, or the name of a file that ends in {', '.join(_FILMS)}", "", *_FILMS, folders=True
+        ),
         help=f"Folder of frames, or a file named {', '.join(_FILMS)}; without it only statistics.",
     ),
 ]
-FlightFile = Annotated[
-    Path | None,
-    typer.Option("--path", metavar="FILE", help="Path file; by default a tour of the sketch."),
-]
-Fps = Annotated[int, typer.Option("--fps", metavar="N", min=1, max=240, help="Frames a second.")]
 Seconds = Annotated[
     float | None,
     typer.Option(metavar="N", callback=_check_seconds, help="Duration; by default the path's, or 20."),
-]
-RealTime = Annotated[
-    bool, typer.Option("--real-time", help="Draw frames within a time budget, as a viewer; else complete.")
 ]
 
 # Exports
@@ -301,40 +235,6 @@ WholeSize = Annotated[
     int | None,
     typer.Option("--size", metavar="N", min=2, help="Vertices along the longer side of all tiles together."),
 ]
-Tiles = Annotated[
-    Any, typer.Option("--tiles", parser=_parse_tiles, metavar="CxR", help="Columns and rows of tiles.")
-]
-Overlap = Annotated[
-    int | None,
-    typer.Option(metavar="N", min=0, help="Vertices that neighbouring tiles share: 1 is an edge."),
-]
-TileName = Annotated[
-    str | None,
-    typer.Option("--tile-name", metavar="PATTERN", help="As {name}_x{x}_y{y}; {x:02} has leading zeros."),
-]
-TileFirst = Annotated[
-    int | None, typer.Option("--tile-first", metavar="N", min=0, help="Number of the first tile each way.")
-]
-TilesFromSouth = Annotated[
-    bool | None,
-    typer.Option("--tiles-from-south/--tiles-from-north", help="Which row of tiles has the first number."),
-]
-Format = Annotated[
-    str | None, typer.Option("--format", metavar="NAME", help="Of heights, where a target has several.")
-]
-Heights = Annotated[
-    Any,
-    typer.Option(
-        "--heights",
-        parser=_parse_pair,
-        metavar="LOW,HIGH",
-        help="Range of 16-bit heights, m, as for several terrains; by default the terrain's.",
-    ),
-]
-MeshError = Annotated[
-    float | None,
-    typer.Option("--error", metavar="M", help="Tolerance of a mesh, m; by default it has all vertices."),
-]
 Crs = Annotated[
     str | None,
     typer.Option("--crs", metavar="CRS", help="Coordinate reference system in metres, as EPSG:25832."),
@@ -342,17 +242,6 @@ Crs = Annotated[
 Origin = Annotated[
     Any,
     typer.Option("--origin", parser=_parse_pair, metavar="E,N", help="The sketch's south-west corner in it."),
-]
-VerticalDatum = Annotated[
-    str | None, typer.Option("--vertical", metavar="CODE", help="Vertical datum, as EPSG:5773.")
-]
-Rasters = Annotated[
-    list[str] | None,
-    typer.Option("--raster", metavar="ROLE=FILE", help="A raster source, as picture=map.tif; repeatable."),
-]
-Embed = Annotated[bool, typer.Option("--embed", help="Store copies of the rasters in the sketch.")]
-Plants = Annotated[
-    bool | None, typer.Option("--plants/--no-plants", help="Write trees and shrubs, as by default.")
 ]
 
 # Worlds and vector sources
@@ -443,17 +332,47 @@ def read_rasters(texts: Sequence[str], *, embed: bool) -> tuple[tuple[RasterSour
 class ExportArguments:
     """Options of an export besides size and grass, None by default."""
 
-    tiles: Tiles = None
-    overlap: Overlap = None
-    tile_name: TileName = None
-    tile_first: TileFirst = None
-    tiles_from_south: TilesFromSouth = None
-    format: Format = None
-    heights: Heights = None
-    error: MeshError = None
+    tiles: Annotated[
+        Any, typer.Option(parser=_parse_tiles, metavar="CxR", help="Columns and rows of tiles.")
+    ] = None
+    overlap: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=0, help="Vertices that neighbouring tiles share: 1 is an edge."),
+    ] = None
+    tile_name: Annotated[
+        str | None,
+        typer.Option(metavar="PATTERN", help="As {name}_x{x}_y{y}; {x:02} has leading zeros."),
+    ] = None
+    tile_first: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=0, help="Number of the first tile each way."),
+    ] = None
+    tiles_from_south: Annotated[
+        bool | None,
+        typer.Option(
+            "--tiles-from-south/--tiles-from-north", help="Which row of tiles has the first number."
+        ),
+    ] = None
+    format: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of heights, where a target has several.")
+    ] = None
+    heights: Annotated[
+        Any,
+        typer.Option(
+            parser=_parse_pair,
+            metavar="LOW,HIGH",
+            help="Range of 16-bit heights, m, as for several terrains; by default the terrain's.",
+        ),
+    ] = None
+    error: Annotated[
+        float | None,
+        typer.Option(metavar="M", help="Tolerance of a mesh, m; by default it has all vertices."),
+    ] = None
     crs: Crs = None
     origin: Origin = None
-    plants: Plants = None
+    plants: Annotated[
+        bool | None, typer.Option("--plants/--no-plants", help="Write trees and shrubs, as by default.")
+    ] = None
 
     def given(self) -> dict[str, Any]:
         """Return the values that are not None."""
@@ -472,22 +391,74 @@ class ExportArguments:
 
 
 @dataclass(frozen=True)
-class PictureArguments:
-    """Camera, light and content of a picture, None by default."""
+class SceneArguments:
+    """Light and content of pictures and films, None by default."""
 
-    size: PictureSize = None
-    view: ViewKind = None
-    eye: Eye = None
-    look_at: LookAt = None
+    size: Annotated[
+        Any,
+        typer.Option(
+            parser=_parse_picture_size, metavar="WxH", help="Pixels, by default 1280x720; a map fits in."
+        ),
+    ] = None
     time: Hour = None
     sky: Sky = None
     clouds: Clouds = None
-    quality: Quality = None
-    without: Without = None
-    textures: Textures = None
-    overlay: OverlayNames = None
+    quality: Annotated[
+        float | None,
+        typer.Option(
+            metavar="0..1",
+            min=0.0,
+            max=1.0,
+            help="Rendering cost; by default 1, with --real-time what suits the device.",
+        ),
+    ] = None
+    without: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PART", help="Leave out shadows, clouds, haze, water, trees, rocks, grass, detail."
+        ),
+    ] = None
+    textures: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", callback=_check_textures, help="Your own textures, grass.png and so on."),
+    ] = None
+    overlay: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Draw wireframe, levels, error, screen-error, materials, features, triplanar on it.",
+        ),
+    ] = None
     layer: LayerFiles = None
-    drape_method: DrapeMethod = None
+    drape_method: Annotated[
+        str | None,
+        typer.Option(
+            metavar="|".join(DRAPE_METHODS),
+            callback=_one_of(*DRAPE_METHODS),
+            help="How draped layers are drawn; by default as suits them.",
+        ),
+    ] = None
+
+    def given(self) -> dict[str, Any]:
+        """Return the values that are not None, by their names in `SceneOptions`."""
+        names = {"time": "hour", "overlay": "overlays"}
+        given = {name: value for name, value in vars(self).items() if value is not None and name != "layer"}
+        return {
+            names.get(name, name): tuple(value) if isinstance(value, list) else value
+            for name, value in given.items()
+        }
+
+
+@dataclass(frozen=True)
+class PictureArguments(SceneArguments):
+    """The same and the camera of a picture."""
+
+    view: ViewKind = None
+    eye: Annotated[Any, typer.Option(parser=_parse_point, metavar="X,Y,Z", help="Camera position, m.")] = None
+    look_at: Annotated[
+        Any,
+        typer.Option(parser=_parse_point, metavar="X,Y,Z", help="Target, m; by default the sketch's middle."),
+    ] = None
 
     def check_camera(self) -> None:
         """Raise a usage error if camera options contradict each other."""
@@ -495,23 +466,3 @@ class PictureArguments:
             raise typer.BadParameter("--look-at needs an --eye at another place")
         if self.eye is not None:
             reject_combination("--eye", {"--view": self.view}, "either a camera or a view to find")
-
-    def options(self, *, top_down: bool = False) -> PictureOptions:
-        """Return picture options; `top_down` for a map."""
-        from sketchterrain.jobs.pictures import PictureOptions
-
-        return PictureOptions(
-            size=self.size,
-            eye=self.eye,
-            look_at=self.look_at,
-            view=self.view or "auto",
-            hour=self.time,
-            sky=self.sky,
-            clouds=self.clouds,
-            quality=1.0 if self.quality is None else self.quality,
-            without=tuple(self.without or ()),
-            overlays=tuple(self.overlay or ()),
-            textures=self.textures,
-            drape_method=self.drape_method or "auto",
-            top_down=top_down,
-        )

@@ -111,7 +111,7 @@ def generate(
     sketch: args.SketchName,
     output: args.Folder,
     seed: args.Seed = None,
-    size: args.Vertices = 1025,
+    size: Annotated[int, typer.Option(metavar="N", help="Vertices along the longer side.")] = 1025,
     device: args.DeviceName = None,
     fast: args.Fast = False,
     foliage: args.FoliageKind = "csv",
@@ -154,7 +154,7 @@ def render(
     output: args.RenderFile,
     *,
     picture: args.PictureArguments,
-    top_down: args.MapFlag = False,
+    top_down: Annotated[bool, typer.Option("--map", help="A topographic map instead, .png or .svg.")] = False,
     seed: args.Seed = None,
     device: args.DeviceName = None,
     fast: args.Fast = False,
@@ -174,29 +174,28 @@ def render(
         document = args.read_sketch(sketch, seed, stages, picture.layer)
         with stages.stage("program", "Loading the program"):
             from sketchterrain.jobs import pictures as app
-        options = picture.options(top_down=top_down)
+        options = app.PictureOptions(**picture.given(), top_down=top_down)
         legend = app.render_to_file(document, output, options, device=device, fast=fast, stages=stages)
     print_lines(str(output), *legend_lines(legend))
 
 
 @app.command()
+@with_option_groups
 def fly(
     sketch: args.SketchName,
-    path: args.FlightFile = None,
+    path: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Path file; by default a tour of the sketch."),
+    ] = None,
     output: args.FilmPlace = None,
-    size: args.PictureSize = "1280x720",
+    *,
     seconds: args.Seconds = None,
-    fps: args.Fps = 30,
-    time: args.Hour = None,
-    sky: args.Sky = None,
-    clouds: args.Clouds = None,
-    quality: args.Quality = None,
-    without: args.Without = None,
-    textures: args.Textures = None,
-    real_time: args.RealTime = False,
-    overlay: args.OverlayNames = None,
-    layer: args.LayerFiles = None,
-    drape_method: args.DrapeMethod = None,
+    fps: Annotated[int, typer.Option(metavar="N", min=1, max=240, help="Frames a second.")] = 30,
+    real_time: Annotated[
+        bool,
+        typer.Option("--real-time", help="Draw frames within a time budget, as a viewer; else complete."),
+    ] = False,
+    picture: args.SceneArguments,
     seed: args.Seed = None,
     device: args.DeviceName = None,
     fast: args.Fast = False,
@@ -204,20 +203,15 @@ def fly(
 ) -> None:
     """Fly over a sketch's terrain along a path: write a film, and report frame statistics."""
     with Stages() as stages:
-        document = args.read_sketch(sketch, seed, stages, layer)
+        document = args.read_sketch(sketch, seed, stages, picture.layer)
         with stages.stage("program", "Loading the program"):
             from sketchterrain.jobs import pictures as app
             from sketchterrain.render.flight import load_flight
             from sketchterrain.render.overlays import check_overlays
 
-            check_overlays(overlay or ())
+            check_overlays(picture.overlay or ())
             flight = None if path is None else load_flight(path)
-        options = app.FlightOptions(
-            *(size, fps, seconds, quality, real_time, tuple(overlay or ()), time, sky, clouds),
-            without=tuple(without or ()),
-            textures=textures,
-            drape_method=drape_method or "auto",
-        )
+        options = app.FlightOptions(**picture.given(), fps=fps, seconds=seconds, real_time=real_time)
         report = app.fly(document, flight, options, output=output, device=device, fast=fast, stages=stages)
     report["path"] = None if path is None else str(path)
     print_result(report, flight_lines(report), as_json=as_json)
@@ -237,16 +231,14 @@ def adherence(
         with stages.stage("program", "Loading the program"):
             from sketchterrain.document.sketch import sketch_notes
             from sketchterrain.export.files import prepare_folder
-            from sketchterrain.generation.building import build, stored_results
-            from sketchterrain.jobs.export import DeviceFallback
+            from sketchterrain.jobs.export import DeviceFallback, build_terrain
             from sketchterrain.measure.adherence import measure_adherence
 
             if output is not None:
                 prepare_folder(output.parent)
 
         def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[Terrain, Adherence]:
-            with stages.stage("features", "Placing features"):
-                terrain = build(document, device=context, memory=stored_results())
+            terrain = build_terrain(document, context, stages)
             with stages.stage("adherence", "Comparing with the sketch"):
                 return terrain, measure_adherence(terrain)
 

@@ -238,6 +238,10 @@ class BatchProgress:
         """Show the stage of an item."""
         self._show(name, f"{name}: {title}")
 
+    def share(self, name: str, share: float) -> None:
+        """Show the share done of an item's stage, 0 … 1."""
+        self._bars.update(self._tasks[name], completed=share)
+
     def finished(self, entry: Entry) -> None:
         """Report the result of an item."""
         self._done += 1
@@ -254,9 +258,11 @@ class BatchProgress:
         """Report that the batch is interrupted."""
         self._bars.console.print("stopping: unfinished terrains are discarded, finished ones remain …")
 
-    def _show(self, name: str, text: str, done: int = 0, total: int | None = None) -> None:
+    def _show(self, name: str, text: str, done: int = 0, total: int = 1) -> None:
         if name not in self._tasks:
             self._tasks[name] = self._bars.add_task(text, total=total)
+        elif name:  # each stage of an item has its own time
+            self._bars.reset(self._tasks[name])
         self._bars.update(self._tasks[name], description=text, completed=done)
 
     def _remove(self, name: str) -> None:

@@ -33,21 +33,19 @@ from sketchterrain.batch.results import (
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, SketchterrainError, one_line
-from sketchterrain.export.files import move_files, prepare_folder, staging, stale_files, write_json
+from sketchterrain.export.files import prepare_folder
 from sketchterrain.export.foliage_files import FoliageOptions
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.rasters import write_picture
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.generation.building import build
 from sketchterrain.generation.stages import fingerprint
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages, describe_error
 from sketchterrain.io.files import check_disk, hash_file
-from sketchterrain.io.system import Interrupts, exclusive_run
-from sketchterrain.jobs.estimates import Estimate, free_memory
-from sketchterrain.jobs.export import DeviceFallback, write_export
+from sketchterrain.io.system import Interrupts, exclusive_run, free_memory
+from sketchterrain.jobs.estimates import Estimate
+from sketchterrain.jobs.export import DeviceFallback, build_terrain, write_export
 from sketchterrain.jobs.generate import (
-    REPORT,
     GenerateOptions,
     GenerateResult,
     SharedResources,
@@ -57,6 +55,7 @@ from sketchterrain.jobs.generate import (
     report_header,
     rounded,
     run_statistics,
+    write_together,
 )
 from sketchterrain.jobs.pictures import sketch_weather
 from sketchterrain.render.offscreen import SnapshotRenderer
@@ -257,9 +256,14 @@ class _Batch:
     def _stage(self, item: Item, title: str) -> Iterator[Callable[[float], None]]:
         self._check_stop()
         self._progress.stage(item.name, title)
-        yield self._check_stop
 
-    def _check_stop(self, _: float = 0.0) -> None:
+        def show(share: float) -> None:
+            self._check_stop()
+            self._progress.share(item.name, share)
+
+        yield show
+
+    def _check_stop(self) -> None:
         if self._stop.is_set():
             raise _StoppedError
 
@@ -315,28 +319,22 @@ def _export(
     weather = sketch_weather(sketch)
     export_plan = checked_plan(sketch, target, output.options or ExportOptions())
 
-    def work(context: ComputeContext, restarts: tuple[str, ...]) -> GenerateResult:
-        prepare_folder(folder)
-        with staging(folder) as hidden:
-            with stages.stage("features", "Placing features"):
-                terrain = build(sketch, device=context, memory=shared.memory)
-            done = write_export(export_plan, terrain, hidden, stages=stages)
-            measured = measure_terrain(terrain, stages)
-            files, problem, rendering = list(done.files), None, dict[str, float]()
-            if output.preview and shared.take_picture is not None:
-                with stages.stage("preview", "Preview"):
-                    picture, problem = render_preview(
-                        terrain, output.view, weather, shared.take_picture, rendering
-                    )
-                    if picture is not None:
-                        files += write_picture(hidden / "preview.png", picture)
-            facts = report_header(terrain) | run_statistics(stages, rendering, files)
-            facts |= {"target": target, **measured, "restarts": list(restarts)}
-            report = write_json(hidden / REPORT, facts)
-            outdated = stale_files(folder / REPORT, facts, ("format", "target"))
-            return GenerateResult(facts, move_files(folder, (*files, report), stale=outdated), problem)
+    def write(context: ComputeContext, hidden: Path) -> GenerateResult:
+        terrain = build_terrain(sketch, context, stages, shared.memory)
+        done = write_export(export_plan, terrain, hidden, stages=stages)
+        measured = measure_terrain(terrain, stages)
+        files, problem, rendering = done.files, None, dict[str, float]()
+        if output.preview and shared.take_picture is not None:
+            with stages.stage("preview", "Preview"):
+                picture, problem = render_preview(
+                    terrain, output.view, weather, shared.take_picture, rendering
+                )
+                if picture is not None:
+                    files += write_picture(hidden / "preview.png", picture)
+        facts = report_header(terrain) | run_statistics(stages, rendering, files)
+        return GenerateResult(facts | {"target": target, **measured}, files, problem)
 
-    return shared.devices.run(work, stages=stages)
+    return write_together(folder, write, shared.devices, stages)
 
 
 def _blank(item: Item) -> Entry:

@@ -24,11 +24,12 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple, TypeAlias
 
 import numpy as np
+import psutil
 
 from sketchterrain.array_types import BoolArray
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.io.gdal import OFFLINE, ONLINE_DRIVERS
-from sketchterrain.io.system import module_command, proc_memory
+from sketchterrain.io.system import module_command
 
 Affine6: TypeAlias = tuple[float, float, float, float, float, float]
 """a, b, c, d, e, f of x = a·column + b·row + c, y = d·column + e·row + f."""
@@ -247,7 +248,7 @@ def _limit(seconds: float, memory: int = 0, *, writes: bool = False) -> None:
         limits = {resource.RLIMIT_CPU: math.ceil(time.process_time() + seconds)}
         limits[resource.RLIMIT_FSIZE] = resource.getrlimit(resource.RLIMIT_FSIZE)[1] if writes else 0
         if memory:
-            limits[resource.RLIMIT_AS] = (proc_memory("self/status", "VmSize") or 0) + memory
+            limits[resource.RLIMIT_AS] = psutil.Process().memory_info().vms + memory
             limits[resource.RLIMIT_CORE] = 0
         for kind, most in limits.items():
             resource.setrlimit(kind, (most, resource.getrlimit(kind)[1]))

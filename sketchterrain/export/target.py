@@ -5,10 +5,9 @@ from __future__ import annotations
 import re
 import string
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.sampled import SampleGrid, TerrainSamples
@@ -17,6 +16,7 @@ if TYPE_CHECKING:
     from sketchterrain.export.drapes import DrapedShapes
     from sketchterrain.export.scene import SceneView
     from sketchterrain.generation.terrain import Terrain
+    from sketchterrain.io.console import Stages
 
 
 _FIELDS = ("name", "x", "y")
@@ -154,13 +154,6 @@ class ExportOptions:
     grass: bool = False  # write grass, flowers and ferns as well
 
 
-class ProgressStages(Protocol):
-    """Timed stages of work, see `sketchterrain.io.console.Stages`."""
-
-    def stage(self, name: str, title: str) -> AbstractContextManager[Callable[[float], None]]:
-        """Time a stage, and yield a function that reports its progress, 0 … 1."""
-
-
 @dataclass(frozen=True, eq=False)
 class Export:
     """Input of a target's writer: one sampled terrain and where to write it."""
@@ -172,7 +165,7 @@ class Export:
     tiling: Tiling
     samples: TerrainSamples  # at the grid's vertices
     folder: Path  # a staging folder: all files are moved to their destination together
-    stages: ProgressStages
+    stages: Stages
     drapes: Sequence[DrapedShapes] = ()  # vectors on the ground
     view: SceneView | None = None  # the preview's camera and light, for targets with a `scene`
 

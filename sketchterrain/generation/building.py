@@ -60,6 +60,7 @@ def build(
     seed: int | None = None,
     device: str | ComputeContext | None = None,
     memory: Results | None = None,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> Terrain:
     """Place a sketch's features and open a device; no part of the terrain is computed yet.
 
@@ -73,6 +74,8 @@ def build(
         :func:`~sketchterrain.compute.device.choose_device`.
     memory
         Results of stages of earlier terrains, of any sketch; they save time.
+    progress
+        Called with the completed share, 0 … 1.
 
     Raises
     ------
@@ -83,38 +86,51 @@ def build(
     if seed is not None:
         sketch = sketch.replace(seed=seed)
     memory = Results() if memory is None else memory
-    return Terrain(sketch, make_recipe(sketch, memory=memory), context, memory=memory)
+    return Terrain(sketch, make_recipe(sketch, memory=memory, progress=progress), context, memory=memory)
 
 
 def rebuild(
-    terrain: Terrain, sketch: Sketch, *, checkpoint: Callable[[], None] = lambda: None
+    terrain: Terrain,
+    sketch: Sketch,
+    *,
+    checkpoint: Callable[[], None] = lambda: None,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> tuple[Terrain, list[Bounds]]:
     """Return the terrain of a changed sketch on the same device, and the areas where it may differ.
 
     Stages whose inputs are unchanged do not run again; the bits are those of `build`. Only tiles that the
-    areas touch have changed, see :func:`~sketchterrain.terrain.changes.changed_areas`. ``checkpoint`` is as
-    for `make_recipe`.
+    areas touch have changed, see :func:`~sketchterrain.terrain.changes.changed_areas`. ``checkpoint``
+    and ``progress`` are as for `make_recipe`.
     """
-    return terrain.updated(sketch, make_recipe(sketch, memory=terrain.memory, checkpoint=checkpoint))
+    recipe = make_recipe(sketch, memory=terrain.memory, checkpoint=checkpoint, progress=progress)
+    return terrain.updated(sketch, recipe)
 
 
 def make_recipe(
-    sketch: Sketch, *, memory: Results | None = None, checkpoint: Callable[[], None] = lambda: None
+    sketch: Sketch,
+    *,
+    memory: Results | None = None,
+    checkpoint: Callable[[], None] = lambda: None,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> TerrainRecipe:
     """Return the recipe of a sketch, in plain NumPy without a device.
 
     ``memory`` holds results of stages of earlier recipes, of any sketch; the bits are the same.
-    ``checkpoint`` is called before each run of a function; it may raise to cancel.
+    ``checkpoint`` is called before each run of a function, ``progress`` with the share that is done, 0 … 1;
+    they may raise to cancel.
     """
-    recipe: TerrainRecipe = evaluation(sketch, memory, checkpoint)["recipe"]
+    recipe: TerrainRecipe = evaluation(sketch, memory, checkpoint, progress)["recipe"]
     return recipe
 
 
 def evaluation(
-    sketch: Sketch, memory: Results | None = None, checkpoint: Callable[[], None] = lambda: None
+    sketch: Sketch,
+    memory: Results | None = None,
+    checkpoint: Callable[[], None] = lambda: None,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> Evaluation:
     """Return the stages of a sketch's terrain, by name; see `make_recipe`."""
-    return Evaluation(STAGES, sketch, Runner(memory, checkpoint))
+    return Evaluation(STAGES, sketch, Runner(memory, checkpoint), progress)
 
 
 def draft_recipe(now: Evaluation, before: Evaluation) -> TerrainRecipe | None:

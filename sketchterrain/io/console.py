@@ -93,9 +93,7 @@ class Stages:
     def __init__(self, show: ShowStage | None = None) -> None:
         self.seconds: dict[str, float] = {}
         self._start = time.perf_counter()
-        self._bars: Progress | None = (
-            progress_bars(remaining=False) if show is None and sys.stderr.isatty() else None
-        )
+        self._bars: Progress | None = progress_bars() if show is None and sys.stderr.isatty() else None
         self._show: ShowStage = show or self._show_on_stderr
 
     def __enter__(self) -> Stages:
@@ -138,17 +136,25 @@ class Stages:
         bars.update(task, total=1.0, completed=1.0)
 
 
-def progress_bars(*, remaining: bool = True) -> Progress:
-    """Return progress bars on stderr, disabled without a terminal."""
+def progress_bars() -> Progress:
+    """Return progress bars on stderr with shares and remaining times, disabled without a terminal."""
     # Importing rich takes 0.1 s.
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
-    text = "{task.description}" if remaining else "{task.description:<28}"
-    columns = (TextColumn(text, markup=False), BarColumn(), TimeElapsedColumn())
     return Progress(
-        *columns,
-        *((TimeRemainingColumn(),) if remaining else ()),
+        TextColumn("{task.description:<28}", markup=False),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
         console=Console(stderr=True, markup=False, emoji=False, highlight=False, soft_wrap=True),
         disable=not sys.stderr.isatty(),
         speed_estimate_period=3600.0,

@@ -1,6 +1,7 @@
 """Kernel and shader sources with the constants and layouts that they define, digests of code, and presets."""
 
 import re
+from ast import literal_eval
 from collections.abc import Iterable, Mapping
 from functools import cache
 from hashlib import sha256
@@ -91,18 +92,12 @@ def _inline(name: str, seen: set[str]) -> str:
 def kernel_constants(file: str, *names: str) -> tuple[float, ...]:
     """Return the values of ``#define NAME`` in a kernel source: integers, or reals written as ``R(…)``."""
     constants = _constants(file)
-    return tuple(_number(constants[name]) for name in names)
+    return tuple(literal_eval(constants[name]) for name in names)
 
 
 @cache
 def _constants(file: str) -> dict[str, str]:
     return dict(_CONSTANT.findall(source(file)))
-
-
-def _number(text: str) -> float:
-    if text.startswith("0x") or text.lstrip("-").isdigit():
-        return int(text, 0)
-    return float(text)
 
 
 def kernel_columns(file: str, row: str) -> Mapping[str, int]:

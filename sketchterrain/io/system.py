@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,14 +16,13 @@ from types import FrameType
 from typing import Any, Final
 
 import filelock
+import psutil
 
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.io.files import wrap_os_errors
 
 if sys.platform == "win32":
     import msvcrt
-
-    import psutil
 else:
     import fcntl
     import resource
@@ -95,28 +95,20 @@ def lower_priority(increment: int) -> None:
 
 def physical_memory() -> int:
     """Return the memory of this machine, bytes."""
-    if sys.platform == "win32":
-        return int(psutil.virtual_memory().total)
-    else:  # noqa: RET505
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return int(psutil.virtual_memory().total)
 
 
-def resident_memory(process: int) -> int | None:
-    """Return the resident memory of a process, bytes; None if it has ended or it is unknown."""
-    if sys.platform == "win32":
-        return int(psutil.Process(process).memory_info().rss) if psutil.pid_exists(process) else None
-    else:  # noqa: RET505
-        try:
-            pages = Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1]
-        except OSError:
-            return None
-        return int(pages) * os.sysconf("SC_PAGE_SIZE")
+def free_memory() -> int:
+    """Return the memory that programs can have without swapping, bytes."""
+    return int(psutil.virtual_memory().available)
 
 
-def memory_in_use() -> int:
-    """Return the resident memory of this process, bytes; its peak where only that is known."""
-    resident = resident_memory(os.getpid())
-    return peak_memory() if resident is None else resident
+def resident_memory(process: int | None = None) -> int:
+    """Return the resident memory of a process, by default this one, bytes; 0 if it has ended."""
+    try:
+        return int(psutil.Process(process).memory_info().rss)
+    except psutil.NoSuchProcess:
+        return 0
 
 
 def peak_memory() -> int:
@@ -124,20 +116,11 @@ def peak_memory() -> int:
     if sys.platform == "win32":
         return int(psutil.Process().memory_info().peak_wset)
     else:  # noqa: RET505
-        peak = proc_memory("self/status", "VmHWM")  # getrusage would include the parent before the exec
-        if peak is not None:
-            return peak
+        status = Path("/proc/self/status")
+        if status.exists():  # getrusage would include the parent before the exec
+            (peak,) = re.findall(r"^VmHWM:\s*(\d+) kB", status.read_text(encoding="utf-8"), re.MULTILINE)
+            return 1024 * int(peak)
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-
-
-def proc_memory(file: str, name: str) -> int | None:
-    """Return an entry of a file under ``/proc``, bytes; None if it does not exist."""
-    path = Path("/proc", file)
-    if path.exists():
-        for line in path.read_text(encoding="utf-8").splitlines():
-            if line.startswith(f"{name}:"):
-                return int(line.split()[1]) * 1024
-    return None
 
 
 _MAX_LINE: Final = 200  # characters of the last line of stderr

@@ -1,15 +1,15 @@
-"""Estimates of memory and disk space, checked before work starts."""
+"""Estimates of memory and disk space, checked before work starts, and of the time that it takes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from sketchterrain.errors import InputError
 from sketchterrain.io.files import check_disk, format_bytes, free_disk_space
-from sketchterrain.io.system import physical_memory, proc_memory
+from sketchterrain.io.system import free_memory, physical_memory
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -77,12 +77,6 @@ def plant_bytes(area: float, form: str, *, grass: bool = False) -> float:
     return area * (_WOODY + _GRASS * grass) * _PLANT_BYTES[form]
 
 
-def free_memory() -> int:
-    """Return the free memory, bytes; where the system does not report it, all physical memory."""
-    free = proc_memory("meminfo", "MemAvailable")
-    return physical_memory() if free is None else free
-
-
 def format_count(count: float) -> str:
     """Return a large number as text.
 
@@ -98,6 +92,20 @@ def format_duration(seconds: float) -> str:
         return f"{max(round(seconds), 1)} s"
     minutes = round(seconds / 60)
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"
+
+
+_SOON: Final = 2.0  # s of work, from which the rest is estimated
+
+
+def time_left(share: float, seconds: float) -> str:
+    """Return ``about 12 s left`` for work of which a share took so many seconds, else an empty text.
+
+    >>> time_left(0.25, 4.0), time_left(0.25, 1.0), time_left(1.0, 4.0)
+    ('about 12 s left', '', '')
+    """
+    if seconds < _SOON or not 0.0 < share < 1.0:
+        return ""
+    return f"about {format_duration(seconds * (1.0 - share) / share)} left"
 
 
 MAX_SIZE = 16385

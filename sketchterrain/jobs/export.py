@@ -23,12 +23,13 @@ from sketchterrain.export.planning import ExportPlan, checked_plan
 from sketchterrain.export.sampled import sample_terrain
 from sketchterrain.export.scene import SceneView
 from sketchterrain.export.sidecar import SIDECAR, check_sidecar, write_sidecar
-from sketchterrain.export.target import Export, ExportOptions, ProgressStages
+from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.generation.building import build, stored_results
 from sketchterrain.generation.self_test import self_test
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages, print_note
 from sketchterrain.io.files import check_disk, wrap_os_errors
+from sketchterrain.stages.runner import Results
 
 if TYPE_CHECKING:
     from sketchterrain.drape.drapes import Drapes
@@ -91,6 +92,15 @@ class DeviceFallback:
             print_note(f"self-test of {device.name} ({device.platform}): {verdict.line}")
 
 
+def build_terrain(
+    sketch: Sketch, context: ComputeContext, stages: Stages, memory: Results | None = None
+) -> Terrain:
+    """Return the terrain of a sketch, built as a stage of a job; by default with the results on disk."""
+    memory = stored_results() if memory is None else memory
+    with stages.stage("features", "Placing features") as progress:
+        return build(sketch, device=context, memory=memory, progress=progress)
+
+
 # Reserved file names on Windows, with any suffix.
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)")
 
@@ -124,8 +134,7 @@ def export(
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> ExportResult:
         with _prepared(folder), staging(folder) as hidden:
-            with stages.stage("features", "Placing features"):
-                terrain = build(sketch, device=context, memory=stored_results())
+            terrain = build_terrain(sketch, context, stages)
             done = write_export(plan, terrain, hidden, stages=stages)
             report = done.report | {"restarts": list(restarts)} if restarts else done.report
             # As tiles of another layout, which an import must not find.
@@ -135,7 +144,7 @@ def export(
     return DeviceFallback(device, fast=fast).run(work, stages=stages)
 
 
-def write_export(plan: ExportPlan, terrain: Terrain, folder: Path, *, stages: ProgressStages) -> ExportResult:
+def write_export(plan: ExportPlan, terrain: Terrain, folder: Path, *, stages: Stages) -> ExportResult:
     """Sample a terrain and write a target's files and the sidecar into a hidden folder."""
     _check_disk(plan, terrain, folder)
     with stages.stage("ground", "Heights and materials") as progress:

@@ -37,11 +37,11 @@ from sketchterrain.export.rasters import (
 )
 from sketchterrain.export.sampled import SampleGrid, sample_appearance
 from sketchterrain.export.vectors import write_features
-from sketchterrain.generation.building import build, stored_results
+from sketchterrain.generation.building import stored_results
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages
 from sketchterrain.io.system import peak_memory
-from sketchterrain.jobs.export import DeviceFallback, noted_drapes
+from sketchterrain.jobs.export import DeviceFallback, build_terrain, noted_drapes
 from sketchterrain.jobs.pictures import sketch_weather
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.measure.adherence import measure_adherence
@@ -183,16 +183,30 @@ def generate(
     weather = sketch_weather(sketch, options.hour, options.sky, options.clouds)
     use = shared or SharedResources(DeviceFallback(device, fast=fast), stored_results())
 
+    def write(context: ComputeContext, hidden: Path) -> GenerateResult:
+        return _write_files(sketch, hidden, options, weather, context, use, stages)
+
+    return write_together(folder, write, use.devices, stages)
+
+
+def write_together(
+    folder: Path,
+    write: Callable[[ComputeContext, Path], GenerateResult],
+    devices: DeviceFallback,
+    stages: Stages,
+) -> GenerateResult:
+    """Write files and a report into a hidden folder, and move them into `folder` once all are complete."""
+
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> GenerateResult:
         prepare_folder(folder)
         with staging(folder) as hidden:
-            done = _write_files(sketch, hidden, options, weather, context, use, stages)
+            done = write(context, hidden)
             done.report["restarts"] = list(restarts)
             report = write_json(hidden / REPORT, done.report)
             stale = stale_files(folder / REPORT, done.report, ("format", "target"))
             return replace(done, files=move_files(folder, (*done.files, report), stale=stale))
 
-    return use.devices.run(work, stages=stages)
+    return devices.run(work, stages=stages)
 
 
 def _write_files(
@@ -210,9 +224,7 @@ def _write_files(
         take_picture = None
         if options.preview:
             take_picture = shared.take_picture or _picture_taker(painter, sketch, context.device, stack)
-        with stages.stage("features", "Placing features"):
-            terrain = build(sketch, device=context, memory=shared.memory)
-            features = terrain.features
+        terrain = build_terrain(sketch, context, stages, shared.memory)
         area = (0.0, 0.0, *terrain.size)
         check_disk_space(folder, terrain, area, options.foliage)
         with stages.stage("ground", "Heights and materials") as progress:
@@ -235,7 +247,7 @@ def _write_files(
         facts = raster_facts(raster)
         del raster  # freed once written
         writer.add("drainage", write_drainage, folder, terrain.drainage())
-        writer.add("features.json", write_features, folder, features)
+        writer.add("features.json", write_features, folder, terrain.features)
         with stages.stage("plants", "Plants") as progress:
             plants = write_foliage(folder, terrain, area, options.foliage, progress=progress)
         terrain.release_buffers()

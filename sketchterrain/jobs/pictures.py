@@ -15,10 +15,9 @@ from sketchterrain.export.files import prepare_folder
 from sketchterrain.export.film import check_film, film
 from sketchterrain.export.map.sheet import write_map
 from sketchterrain.export.rasters import write_picture
-from sketchterrain.generation.building import build, stored_results
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages, print_note
-from sketchterrain.jobs.export import DeviceFallback, noted_drapes
+from sketchterrain.jobs.export import DeviceFallback, build_terrain, noted_drapes
 from sketchterrain.render import scene
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import CameraStates, Flight
@@ -29,24 +28,31 @@ from sketchterrain.render.sky import Weather, sun_at
 from sketchterrain.render.views import check_view, tour
 
 Point = tuple[float, float, float]
+_SIZE = (1280, 720)  # px, of pictures
 
 
 @dataclass(frozen=True)
-class PictureOptions:
-    """Camera, light and content of a picture; of a map only the size counts."""
+class SceneOptions:
+    """Light and content of pictures and films; by default in the sketch's weather."""
 
     size: tuple[int, int] | None = None  # width, height (px)
-    eye: Point | None = None  # m; without it a view is found
-    look_at: Point | None = None
-    view: str = "auto"
     hour: float | None = None  # in place of the sketch's, as sky and clouds
     sky: str | None = None
     clouds: float | None = None
-    quality: float = 1.0
+    quality: float | None = None  # 0 … 1; by default the best, or in real time what suits the device
     without: tuple[str, ...] = ()
     overlays: tuple[str, ...] = ()
     textures: Path | None = None
     drape_method: str = "auto"
+
+
+@dataclass(frozen=True)
+class PictureOptions(SceneOptions):
+    """The same and the camera of a picture; of a map only the size counts."""
+
+    eye: Point | None = None  # m; without it a view is found
+    look_at: Point | None = None
+    view: str = "auto"
     top_down: bool = False  # a map
 
 
@@ -69,8 +75,7 @@ def render_to_file(
     prepare_folder(path.parent)
 
     def work(context: ComputeContext, _: tuple[str, ...]) -> list[LegendEntry]:
-        with stages.stage("features", "Placing features"):
-            terrain = build(sketch, device=context, memory=stored_results())
+        terrain = build_terrain(sketch, context, stages)
         with stages.stage("picture", "Drawing the map" if options.top_down else "Rendering"):
             if options.top_down:
                 write_map(path, terrain, size=options.size, drapes=noted_drapes(terrain))
@@ -84,7 +89,7 @@ def check_picture(options: PictureOptions) -> Quality:
     """Return the quality of a picture; raise InputError for unknown overlays, views or parts."""
     check_overlays(options.overlays)
     check_view(options.view)
-    return Quality.from_level(options.quality, without=options.without)
+    return Quality.from_level(1.0 if options.quality is None else options.quality, without=options.without)
 
 
 def draw_picture(
@@ -94,7 +99,7 @@ def draw_picture(
     legend: list[LegendEntry] = []
     picture = render_picture(
         terrain,
-        size=options.size or (1280, 720),
+        size=options.size or _SIZE,
         camera=_camera(terrain, options.eye, options.look_at),
         view=options.view,
         weather=weather,
@@ -128,21 +133,13 @@ SECONDS = 20.0
 
 
 @dataclass(frozen=True)
-class FlightOptions:
-    """How to film a flight; by default all of the path, complete frames, in the sketch's weather."""
+class FlightOptions(SceneOptions):
+    """The same and how to film a flight; by default all of the path, complete frames."""
 
-    size: tuple[int, int] = (1280, 720)  # width, height (px)
+    size: tuple[int, int] = _SIZE
     fps: int = 30
     seconds: float | None = None
-    quality: float | None = None  # 0 … 1; by default the best, or in real time what suits the device
     real_time: bool = False  # draw frames within a time budget, as a viewer does
-    overlays: tuple[str, ...] = ()
-    hour: float | None = None
-    sky: str | None = None
-    clouds: float | None = None
-    without: tuple[str, ...] = ()
-    textures: Path | None = None
-    drape_method: str = "auto"
 
 
 def fly(
@@ -165,8 +162,7 @@ def fly(
             count = round((seconds or SECONDS) * options.fps)
             frame_count = max(1, count) if flight is None else len(flight.times(options.fps, seconds))
             check_film(output, size=options.size, frames=frame_count)
-        with stages.stage("features", "Placing features"):
-            terrain = build(sketch, device=context, memory=stored_results())
+        terrain = build_terrain(sketch, context, stages)
         with stages.stage("path", "Choosing a path"):
             path = tour(terrain, seconds=seconds or SECONDS) if flight is None else flight
             surface = partial(scene.surface_heights, terrain)

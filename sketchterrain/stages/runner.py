@@ -61,6 +61,7 @@ class Runner:
     def __init__(self, results: Results | None = None, checkpoint: Callable[[], None] = lambda: None) -> None:
         self.results = Results() if results is None else results
         self.checkpoint = checkpoint
+        self.count = 0  # of runs, whose results were not stored
 
     def __call__(
         self, function: Callable[..., Value], *inputs: Any, hashed: bool = True, stored: bool = False
@@ -74,6 +75,7 @@ class Runner:
         if found is not _MISSING:
             return found
         self.checkpoint()
+        self.count += 1
         compute = partial(function, *inputs, **({"run": self} if _takes_runner(function) else {}))
         result: Value = self.results.on_disk(key, compute) if stored else compute()
         if hashed:

@@ -25,13 +25,19 @@ class Stage:
     hashed: bool  # whether its result is compared with earlier ones; else its digest is that of its inputs
     fresh: bool  # whether it reads what may change without the sketch, and runs each time
     stored: bool  # whether its result may be kept on disk
+    cost: int  # a hint for progress: how long it takes, relative to the others
 
 
 class StageTable(dict[str, Stage]):
     """Stages in the order in which they are declared: each after its inputs."""
 
     def stage(
-        self, *reads: str, hashed: bool = True, fresh: bool = False, stored: bool = False
+        self,
+        *reads: str,
+        hashed: bool = True,
+        fresh: bool = False,
+        stored: bool = False,
+        cost: int = 1,
     ) -> Callable[[Callable[..., Any]], Stage]:
         """Declare a function as the stage of its name, and its parameters as its inputs."""
 
@@ -42,7 +48,7 @@ class StageTable(dict[str, Stage]):
                 raise TypeError(
                     f"stage {function.__name__}: expected inputs declared before it, got {unknown}"
                 )
-            found = Stage(function.__name__, function, inputs, reads, hashed, fresh, stored)
+            found = Stage(function.__name__, function, inputs, reads, hashed, fresh, stored, cost)
             self[found.name] = found
             return found
 
@@ -50,11 +56,22 @@ class StageTable(dict[str, Stage]):
 
 
 class Evaluation:
-    """Results of the stages of a sketch, each run when it is first asked for."""
+    """Results of the stages of a sketch, each run when it is first asked for.
 
-    def __init__(self, table: StageTable, sketch: Any, run: Runner) -> None:
-        self._table, self.sketch, self._run = table, sketch, run
+    `progress` is called after each stage with the share done of the whole table's costs, 0 … 1; a stage whose
+    result was stored costs nothing.
+    """
+
+    def __init__(
+        self,
+        table: StageTable,
+        sketch: Any,
+        run: Runner,
+        progress: Callable[[float], None] = lambda _: None,
+    ) -> None:
+        self._table, self.sketch, self._run, self._progress = table, sketch, run, progress
         self._found: dict[str, Any] = {}
+        self._done, self._left = 0, sum(stage.cost for stage in table.values())
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._found:
@@ -62,11 +79,15 @@ class Evaluation:
             inputs = [self[each] for each in stage.inputs]
             if stage.reads:
                 inputs.insert(0, self._part(stage.reads))
+            runs = self._run.count
             if stage.fresh:
                 self._found[name] = stage.function(*inputs)
             else:
                 options = {"hashed": stage.hashed, "stored": stage.stored}
                 self._found[name] = self._run(stage.function, *inputs, **options)
+            self._left -= stage.cost
+            self._done += stage.cost if stage.fresh or self._run.count > runs else 0
+            self._progress(1.0 - self._left / max(self._left + self._done, 1))
         return self._found[name]
 
     def _part(self, reads: Sequence[str]) -> Any:

@@ -14,7 +14,7 @@ from msgspec import structs
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.io.console import progress_bars
 from sketchterrain.io.system import Interrupts, exclusive_run
-from sketchterrain.jobs.estimates import format_duration
+from sketchterrain.jobs.estimates import time_left
 from sketchterrain.world.job import (
     Job,
     Task,
@@ -95,13 +95,9 @@ class ProgressReporter:
     def task_finished(self, result: TaskResult) -> None:
         """Show the number of finished tasks and the remaining time."""
         self._done += 1
-        elapsed, left = self._timer() - self._start, self._tasks - self._done
-        seconds = elapsed * left / (self._done - self._present)
-        self._show(
-            f"{self._done} of {self._tasks} shards",
-            self._done / self._tasks,
-            f"about {format_duration(seconds)} left" if left else "",
-        )
+        share = (self._done - self._present) / (self._tasks - self._present)
+        left = time_left(share, self._timer() - self._start)
+        self._show(f"{self._done} of {self._tasks} shards", self._done / self._tasks, left)
 
     def joined(self, share: float) -> None:
         """Show the share of the joined files that is written."""

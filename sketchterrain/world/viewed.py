@@ -19,11 +19,10 @@ from sketchterrain.document.materials import BEDROCK, BUILT_IN, MaterialTable, w
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.export.files import prepare_folder
-from sketchterrain.generation.building import build, stored_results
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.geometry.lattice import LATTICE_BITS, QUADS, finest_level
 from sketchterrain.io.console import Stages
-from sketchterrain.jobs.export import DeviceFallback
+from sketchterrain.jobs.export import DeviceFallback, build_terrain
 from sketchterrain.jobs.pictures import PictureOptions, check_picture, draw_picture, sketch_weather
 from sketchterrain.landforms.placement.feature_types import FEATURE, Lake, River, ShapeField
 from sketchterrain.landforms.placement.plateaus import Plateau
@@ -419,9 +418,8 @@ def draw_world(
         sketch = draped_sketch(stored, drapes)
 
     def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[list[LegendEntry], list[str]]:
-        with stages.stage("features", "Placing features"):
-            terrain = None if sketch is None else build(sketch, device=context, memory=stored_results())
-            world = StoredTerrain(stored, context, terrain)
+        terrain = None if sketch is None else build_terrain(sketch, context, stages)
+        world = StoredTerrain(stored, context, terrain)
         with stages.stage("picture", "Rendering"):
             (x, y), positions = world.corner, (still.eye, still.look_at)
             eye, look_at = (each and (each[0] - x, each[1] - y, each[2]) for each in positions)

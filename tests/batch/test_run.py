@@ -46,9 +46,14 @@ class RecordingReporter(BatchProgress):
     def __init__(self) -> None:
         super().__init__()
         self.skipped, self.was_interrupted, self.results = 0, False, list[tuple[str, str]]()
+        self.shares: list[tuple[str, float]] = []
 
     def started(self, items: int, skipped: int) -> None:
         self.skipped = skipped
+
+    def share(self, name: str, share: float) -> None:
+        super().share(name, share)
+        self.shares.append((name, share))
 
     def finished(self, entry: Entry) -> None:
         self.results.append((entry.name, entry.state))
@@ -74,7 +79,8 @@ class FakeWriter:
             self.most = max(self.most, self.at_once)
         try:
             prepare_folder(folder)
-            with staging(folder) as hidden, stages.stage("ground", "Heights"):
+            with staging(folder) as hidden, stages.stage("ground", "Heights") as progress:
+                progress(0.5)
                 names = ["height.bin", "report.json"] + (["map.png"] if output.map else [])
                 files = [write_atomic(hidden / name, f"{name} {sketch.seed}".encode()) for name in names]
                 self.before(sketch.seed)
@@ -135,6 +141,7 @@ def test_items_run_in_order_with_requested_jobs(writer, tmp_path):
     assert sorted(writer.seeds) == list(range(6))
     assert writer.most == 2
     assert sorted(reporter.results) == sorted((entry.name, "done") for entry in done.entries)
+    assert sorted(reporter.shares) == sorted((entry.name, 0.5) for entry in done.entries)
     manifest = read_manifest(tmp_path / "new" / "out")
     assert manifest is not None
     assert manifest.items == done.entries
@@ -183,6 +190,7 @@ def test_an_unexpected_exception_in_a_thread_never_hangs_the_batch(writer, tmp_p
     def broken(reporter: RecordingReporter, name: str, title: str) -> None:
         if name.endswith("3"):
             raise ZeroDivisionError("in the progress report")
+        BatchProgress.stage(reporter, name, title)
 
     with monkeypatch.context() as patch:
         patch.setattr(RecordingReporter, "stage", broken)

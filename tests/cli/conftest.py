@@ -5,14 +5,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import typer.main
 
-import sketchterrain.jobs.generate
+import sketchterrain.jobs.export
 from sketchterrain.app.cli import main
-from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import save_sketch
 from sketchterrain.generation import building
@@ -59,13 +59,13 @@ PLACED = Results()
 def shared_between_commands() -> Iterator[None]:
     """Let commands share the parser and one cache of placed features, as the terrains of a batch do."""
 
-    def build(sketch: Sketch, *, device: ComputeContext, memory: Results) -> Terrain:
-        return building.build(sketch, device=device)
+    def build(sketch: Sketch, *, memory: Results, **options: Any) -> Terrain:
+        return building.build(sketch, **options)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(typer.main, "get_command", cache(typer.main.get_command))
         patch.setattr(building, "Results", lambda **_: PLACED)
-        patch.setattr(sketchterrain.jobs.generate, "build", build)
+        patch.setattr(sketchterrain.jobs.export, "build", build)
         yield
 
 

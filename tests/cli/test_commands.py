@@ -5,6 +5,7 @@ import shlex
 import subprocess
 import sys
 import threading
+from contextlib import contextmanager
 from importlib.metadata import version
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -19,13 +20,16 @@ from PIL import Image
 import sketchterrain.io.console
 import sketchterrain.jobs.pictures
 import sketchterrain.render.offscreen
+from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import list_devices
 from sketchterrain.document.store import load_sketch
 from sketchterrain.export.map import relief
 from sketchterrain.io.console import Stages
 from sketchterrain.io.resources import preset_names
+from sketchterrain.jobs.export import build_terrain
 from sketchterrain.render.overlays import LegendEntry
 from sketchterrain.render.quality import Quality
+from tests.cli.conftest import PLACED
 
 COMMANDS = ("new", "generate", "render", "fly", "adherence", "realism", "edit", "bench", "devices", "presets")
 
@@ -360,4 +364,16 @@ def test_stages_are_timed_and_displayed_on_terminals_or_if_slow(capsys, terminal
     assert capsys.readouterr() == ("", "Slow …\n")
     monkeypatch.setattr(sys, "stderr", terminal)
     run_stages()
-    assert all(title in terminal.getvalue() for title in ("First", "Second"))
+    assert all(text in terminal.getvalue() for text in ("First", "100%", "Second"))
+
+
+def test_placing_features_shows_its_share():
+    shares = []
+
+    @contextmanager
+    def show(title):
+        yield lambda share: shares.append((title, share))
+
+    build_terrain(load_sketch("valley_river"), ComputeContext(), Stages(show), PLACED)
+    assert shares == sorted(shares)
+    assert shares[-1] == ("Placing features", 1.0)

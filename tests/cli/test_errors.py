@@ -1,14 +1,15 @@
 """Every failure is one line on stderr with its exit code, and nothing is written."""
 
-import os
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import psutil
 from PIL import Image
 
 import sketchterrain.document.store
-import sketchterrain.jobs.generate
+import sketchterrain.jobs.export
 
 
 def test_invalid_sketches_are_refused_and_nothing_is_written(call, tmp_path):
@@ -28,8 +29,7 @@ def test_invalid_sketches_are_refused_and_nothing_is_written(call, tmp_path):
 
 
 def test_size_beyond_the_memory_is_refused(call, sketch, tmp_path, monkeypatch):
-    there = {"SC_PAGE_SIZE": 4096, "SC_PHYS_PAGES": 1 << 18}
-    monkeypatch.setattr(os, "sysconf", there.__getitem__)
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(total=1 << 30))
     done = call("generate", sketch, "-o", tmp_path / "out", "--size", 8193)
     assert done.code == 3
     assert "this machine has 1.0 GiB" in done.error
@@ -75,7 +75,7 @@ def test_exceptions_are_reported_and_tracebacks_optional(call, sketch, tmp_path,
         ),
         (ZeroDivisionError("division\nby\x1b"), 1, "unexpected ZeroDivisionError: division by\ufffd; "),
     ):
-        monkeypatch.setattr(sketchterrain.jobs.generate, "build", fails_with(error))
+        monkeypatch.setattr(sketchterrain.jobs.export, "build", fails_with(error))
         done = call("generate", sketch, "-o", tmp_path, "--size", 9)
         assert (done.code, done.error.startswith(line)) == (code, True), line
         assert list(tmp_path.iterdir()) == []

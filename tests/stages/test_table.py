@@ -1,6 +1,7 @@
 """A stage has what it declares, runs when that differs, and otherwise its result is the same object."""
 
 import dataclasses
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -193,6 +194,43 @@ def test_roads_leave_the_natural_terrain_as_it_is():
     after["recipe"]
     assert run.ran == ["roads", "recipe"]
     assert after["natural"] is before["natural"]
+
+
+def shares_of(sketch, results, stop=2.0):
+    """Return the shares done that are reported until one reaches a limit, which cancels."""
+    shares = []
+
+    def report(share):
+        shares.append(share)
+        if share >= stop:
+            raise InterruptedError
+
+    with suppress(InterruptedError):
+        Evaluation(STAGES, sketch, Runner(results), report)["recipe"]
+    assert shares == sorted(shares)
+    return shares
+
+
+def test_shares_done_are_by_costs_of_stages_that_run_each_once():
+    sketch, results = base(), Results(max_bytes=1 << 32)
+    costs = [stage.cost for stage in STAGES.values()]
+    shares = shares_of(sketch, results)
+    np.testing.assert_allclose(sorted(np.diff([0.0, *shares]) * sum(costs)), sorted(costs), rtol=1e-9)
+    changed = dict(changes(sketch))["vectors.road"]
+    shares = shares_of(changed, results)
+    assert (len(shares), shares[-1]) == (len(STAGES), 1.0)
+    assert np.diff(shares).max() > 0.95  # of roads: results of the others are stored, but for the recipe's
+    assert shares_of(changed, results)[-1] == 1.0
+
+
+def test_a_cancelled_evaluation_leaves_valid_results():
+    sketch, results = base(), Results(max_bytes=1 << 32)
+    shares = shares_of(sketch, results, stop=0.5)
+    assert 0.5 <= shares[-1] < 1.0
+    run = LoggedRunner(results)
+    recipe = Evaluation(STAGES, sketch, run)["recipe"]
+    assert len(run.ran) <= len(STAGES) - len(shares)
+    assert digest_of(recipe) == digest_of(Evaluation(STAGES, sketch, Runner())["recipe"])
 
 
 def test_a_stage_has_no_access_to_what_it_does_not_declare():

@@ -1,5 +1,6 @@
 """Engine and placer on threads of the test, and the link with fake processes: failures and messages."""
 
+import re
 import socket
 import threading
 from dataclasses import replace
@@ -17,6 +18,7 @@ from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.generation import building as from_sketch
 from sketchterrain.generation.building import make_recipe
 from sketchterrain.generation.stages import STAGES
+from sketchterrain.jobs import estimates
 from sketchterrain.ui.engine import link as link_module
 from sketchterrain.ui.engine import placer as placer_module
 from sketchterrain.ui.engine import protocol as msg
@@ -433,6 +435,18 @@ def test_a_draft_comes_before_a_long_placement(placer):
     placer.served._policy._expected = 10.0
     placer.placed(Sketch(extent=2000.0), {"mountain": blob(11), "hill": blob(30)})  # another sketch
     assert not placer.other.receive().draft
+
+
+def test_the_share_of_a_long_placement_is_shown_with_the_remaining_time(placer, monkeypatch):
+    monkeypatch.setattr(estimates, "_SOON", 0.0)
+    placer.thread.start()
+    placer.window.send(placer.update(Sketch(extent=2000.0), {"mountain": blob(10)}))
+    texts = [message.text for message in placer.answer(msg.Placement)[1]]
+    assert texts.pop() == ""
+    pattern = r"Placing features: (\d+)%, about \d+ (s|min) left"
+    shares = [int(re.fullmatch(pattern, text)[1]) for text in texts if text != "Placing features"]
+    assert shares == sorted(shares)
+    assert shares[-1] > 50
 
 
 def test_a_draft_is_shown_until_the_terrain_is_there():

@@ -3,6 +3,7 @@
 import json
 from dataclasses import fields
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from PyQt6.QtWidgets import QAbstractButton, QLabel
@@ -10,6 +11,7 @@ from PyQt6.QtWidgets import QAbstractButton, QLabel
 from sketchterrain.export.planning import checked_plan, option_names
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.targets import TARGET_NAMES, target_named
+from sketchterrain.ui.dialogs import export as export_module
 from sketchterrain.ui.dialogs.export import ExportDialog
 from sketchterrain.ui.models.workspace import Preferences
 
@@ -184,6 +186,19 @@ def test_an_export_of_everything_writes_the_listed_files(qtbot, opened, tmp_path
     assert "Heights and materials" in stages
     assert dialog.outcome.bar.value() == dialog.outcome.bar.maximum()
     qtbot.waitUntil(lambda: not dialog.job.is_running)
+
+
+def test_the_remaining_time_of_an_export_is_shown(opened, monkeypatch):
+    clock = SimpleNamespace(monotonic=lambda: 100.0)
+    monkeypatch.setattr(export_module, "time", clock)
+    outcome = opened().outcome
+    outcome.begin(is_target=False)
+    outcome.show_stage("Plants")
+    outcome.show_share(0.68)  # half of all, by the stages' shares
+    clock.monotonic = lambda: 110.0
+    outcome._show_time()
+    outcome.end()
+    assert outcome.notes.text() == "10 s, about 10 s left"
 
 
 @pytest.mark.slow

@@ -22,6 +22,7 @@ from PyQt6.QtWidgets import (
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.export.sidecar import setting_rows
 from sketchterrain.export.targets import TARGET_NAMES, target_named
+from sketchterrain.jobs.estimates import time_left
 from sketchterrain.ui.dialogs.export_options import EverythingForm, TargetForm
 from sketchterrain.ui.dialogs.form import JobDialog, JobProgress, show_note, titled
 from sketchterrain.ui.look.theme import MARGIN, column, described, row
@@ -129,7 +130,9 @@ class ExportOutcome(JobProgress):
         self.notes.setText(line)
 
     def _show_time(self) -> None:
-        self.notes.setText(f"{time.monotonic() - self._start:.0f} s")
+        seconds = time.monotonic() - self._start
+        left = time_left(self.bar.value() / self.UNITS, seconds)
+        self.notes.setText(f"{seconds:.0f} s{left and ', '}{left}")
 
     def _show_settings(self, settings: dict[str, Any]) -> None:
         rows = setting_rows(settings)

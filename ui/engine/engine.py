@@ -351,7 +351,7 @@ def _open(window: Channel, options: dict[str, Any]) -> dict[str, Any]:
 
         def used_bytes() -> int:
             processes = [os.getpid(), options["placer_id"], jobs.pid]
-            return sum(resident_memory(process) or 0 for process in processes if process)
+            return sum(resident_memory(process) for process in processes if process)
 
         pacer = FramePacer(renderer, FrameMemory(options["frames"]), used_bytes=used_bytes)
     return {"session": session, "pacer": pacer, "jobs": jobs, "facts": facts}

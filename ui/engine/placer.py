@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.jobs.estimates import time_left
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.channel import Channel, ContentChannel
 
@@ -138,7 +139,7 @@ class Placer:
         self._policy.start()
         self._started = started = time.monotonic()
         try:
-            stages = evaluation(sketch, self._memory, self._checkpoint)
+            stages = evaluation(sketch, self._memory, self._checkpoint, self._show_share)
             if self._policy.shows_drafts and self._last is not None:
                 draft = draft_recipe(stages, self._last)
                 if draft is not None:
@@ -179,6 +180,12 @@ class Placer:
             self._reported = True
             self._window.send(msg.Activity("Placing features"))
         self._policy.checkpoint()
+
+    def _show_share(self, share: float) -> None:
+        left = time_left(share, time.monotonic() - self._started)
+        if left:
+            self._reported = True
+            self._window.send(msg.Activity(f"Placing features: {share:.0%}, {left}"))
 
 
 if __name__ == "__main__":

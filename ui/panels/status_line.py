@@ -13,7 +13,7 @@ from superqt import QElidingLabel
 
 from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.io.console import pluralize
-from sketchterrain.io.system import memory_in_use
+from sketchterrain.io.system import resident_memory
 from sketchterrain.measure.lines import limited_lines
 from sketchterrain.ui.engine.link import NOT_PLACED, EngineLink
 from sketchterrain.ui.engine.protocol import MeasureAdherence
@@ -311,7 +311,7 @@ class StatusLine(QWidget):
         _show(self.tiles, "" if frame is None else f"Tiles {_milliseconds(frame.generation_seconds)}")
         rate = "" if frame is None or frame.seconds <= 0 else f", {number(1 / frame.seconds, decimals=0)}/s"
         _show(self.frame, "" if frame is None else f"Frame {_milliseconds(frame.seconds)}{rate}")
-        _show(self.memory, size_text(memory_in_use() + (0 if frame is None else frame.memory)))
+        _show(self.memory, size_text(resident_memory() + (0 if frame is None else frame.memory)))
 
 
 def _milliseconds(seconds: float) -> str:

@@ -23,7 +23,7 @@ from sketchterrain.app.option_groups import with_option_groups
 from sketchterrain.io.console import PARTIAL, USAGE_ERROR, Stages, fail, pluralize, print_note
 
 if TYPE_CHECKING:
-    from sketchterrain.batch.plan import Item
+    from sketchterrain.batch.plan import Item, SweepFile
     from sketchterrain.batch.results import Output
     from sketchterrain.batch.run import BatchResult
 
@@ -77,63 +77,59 @@ def blender_extension(
 
 _MAX_JOBS = 64
 
-Seeds = Annotated[
-    str | None,
-    typer.Option(metavar="A-B", help="Seeds, as 1-100 or 1,5,9-12; by default each sketch's own."),
-]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="NAME=VALUES",
-        help="A setting of the sketches, as river.1.width=30, hill.1.height=100,200 or fidelity=0.2..1..0.2; "
-        "several make all combinations.",
-    ),
-]
-SweepPath = Annotated[
-    Path | None,
-    typer.Option("--sweep", metavar="FILE", help="All this in a TOML file; options take precedence."),
-]
-TargetName = Annotated[
-    str | None,
-    typer.Option("--to", metavar="TARGET", help="Export each terrain to a target; `targets` lists them."),
-]
-Jobs = Annotated[
-    int | None, typer.Option(metavar="N", min=1, max=_MAX_JOBS, help="Concurrent terrains, by default 2.")
-]
-Foliage = Annotated[
-    str | None,
-    typer.Option(metavar="csv|ply|both|none", help="Plants as `generate` writes them; csv by default."),
-]
-Preview = Annotated[
-    bool | None, typer.Option("--preview/--no-preview", help="Render previews and a contact sheet.")
-]
-
 
 @with_option_groups
 def batch(
     output: args.Folder,
     *,
-    sketches: args.SketchNames = None,
-    seeds: Seeds = None,
-    settings: Settings = None,
-    sweep: SweepPath = None,
-    jobs: Jobs = None,
+    sketches: Annotated[
+        list[str] | None, typer.Argument(metavar="[SKETCH]...", help="Folders, .sketch files or presets.")
+    ] = None,
+    seeds: Annotated[
+        str | None,
+        typer.Option(metavar="A-B", help="Seeds, as 1-100 or 1,5,9-12; by default each sketch's own."),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUES",
+            help="A setting of the sketches, as river.1.width=30, hill.1.height=100,200 or "
+            "fidelity=0.2..1..0.2; several make all combinations.",
+        ),
+    ] = None,
+    sweep: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="All this in a TOML file; options take precedence."),
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(metavar="N", min=1, max=_MAX_JOBS, help="Concurrent terrains, by default 2.")
+    ] = None,
     resume: args.Resume = False,
     dry_run: args.DryRun = False,
     size: args.WholeSize = None,
-    preview: Preview = None,
+    preview: Annotated[
+        bool | None, typer.Option("--preview/--no-preview", help="Render previews and a contact sheet.")
+    ] = None,
     view: args.ViewKind = None,
-    foliage: Foliage = None,
+    foliage: Annotated[
+        str | None,
+        typer.Option(metavar="csv|ply|both|none", help="Plants as `generate` writes them; csv by default."),
+    ] = None,
     grass: args.Grass = False,
     map_kind: args.MapKind = None,
-    target: TargetName = None,
+    target: Annotated[
+        str | None,
+        typer.Option("--to", metavar="TARGET", help="Export each terrain to a target; `targets` lists them."),
+    ] = None,
     exported: args.ExportArguments,
     device: args.DeviceName = None,
     fast: args.Fast = False,
     as_json: args.AsJson = False,
 ) -> None:
     """Generate many terrains: every sketch with every seed and every value of its settings."""
+    from msgspec import structs
+
     from sketchterrain.batch.plan import (
         SweepFile,
         parse_seeds,
@@ -145,14 +141,11 @@ def batch(
     from sketchterrain.batch.results import BatchProgress
     from sketchterrain.batch.run import run_batch
 
-    file = SweepFile() if sweep is None else read_sweep(sweep)
     keys: dict[str, Any] = {"size": size, "preview": preview, "view": view, "foliage": foliage}
     keys |= {"grass": grass or None, "map": map_kind, "to": target}
-    written = _output(
-        {name: getattr(file, name) if value is None else value for name, value in keys.items()},
-        args.ExportArguments(**file.export | exported.given()),
-        fast=fast,
-    )
+    given = {name: value for name, value in keys.items() if value is not None}
+    file = structs.replace(SweepFile() if sweep is None else read_sweep(sweep), **given)
+    written = _output(file, args.ExportArguments(**file.export | exported.given()), fast=fast)
     swept = parse_settings(settings or (), file.settings)
     sources = read_sources(sketches or file.sketches)
     for each in filter(None, (source.sketch for source in sources)):
@@ -167,31 +160,31 @@ def batch(
     _report_done(done, output, as_json=as_json)
 
 
-def _output(keys: dict[str, Any], exported: args.ExportArguments, *, fast: bool) -> Output:
-    """Return the files to write of each terrain, from a sweep file's keys and its table ``export``."""
+def _output(file: SweepFile, exported: args.ExportArguments, *, fast: bool) -> Output:
+    """Return the files to write of each terrain, from a sweep file and the options of its target."""
     from sketchterrain.batch.results import Output
     from sketchterrain.export.foliage_files import FoliageOptions
     from sketchterrain.export.targets import target_named
     from sketchterrain.render.views import check_view
 
-    preview, view = keys["preview"] is not False, keys["view"] or "auto"
-    if not preview and keys["view"] is not None:
+    preview, view = file.preview is not False, file.view or "auto"
+    if not preview and file.view is not None:
         raise USAGE_ERROR("a view without a preview: it is the preview's")
-    if keys["map"] not in (None, "png", "svg"):
-        raise USAGE_ERROR(f"expected a map as png or svg, got {keys['map']!r}")
+    if file.map not in (None, "png", "svg"):
+        raise USAGE_ERROR(f"expected a map as png or svg, got {file.map!r}")
     check_view(view)
-    if keys["to"] is None:
+    if file.to is None:
         extra = next(iter(exported.given()), None)
         if extra is not None:
             raise USAGE_ERROR(f"{extra.replace('_', '-')} needs --to TARGET")
-        files = FoliageOptions(keys["foliage"] or "csv", bool(keys["grass"]))
-        return Output(keys["size"], preview, view, files.kind, files.grass, keys["map"], fast=fast)
+        files = FoliageOptions(file.foliage or "csv", bool(file.grass))
+        return Output(file.size, preview, view, files.kind, files.grass, file.map, fast=fast)
     for name in ("foliage", "map"):
-        if keys[name] is not None:
+        if getattr(file, name) is not None:
             raise USAGE_ERROR(f"{name} with a target: it is for the files of `generate`")
-    target_named(keys["to"])
-    options = exported.options(keys["size"], grass=bool(keys["grass"]))
-    return Output(keys["size"], preview, view, "none", target=keys["to"], options=options, fast=fast)
+    target_named(file.to)
+    options = exported.options(file.size, grass=bool(file.grass))
+    return Output(file.size, preview, view, "none", target=file.to, options=options, fast=fast)
 
 
 def _report_plan(

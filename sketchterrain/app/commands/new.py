@@ -48,9 +48,16 @@ def new(
     columns: Annotated[int | None, typer.Option(metavar="N", help="Columns of .raw, if not square.")] = None,
     crs: args.Crs = None,
     origin: args.Origin = None,
-    vertical: args.VerticalDatum = None,
-    raster: args.Rasters = None,
-    embed: args.Embed = False,
+    vertical: Annotated[
+        str | None, typer.Option(metavar="CODE", help="Vertical datum, as EPSG:5773.")
+    ] = None,
+    raster: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ROLE=FILE", help="A raster source, as picture=map.tif; repeatable."),
+    ] = None,
+    embed: Annotated[
+        bool, typer.Option("--embed", help="Store copies of the rasters in the sketch.")
+    ] = False,
 ) -> None:
     """Write a starter sketch, or with --dem an empty one on real elevation."""
     from sketchterrain.document.rasters import raster_source

@@ -82,13 +82,11 @@ def _measure_sketch(
 ) -> tuple[Realism, dict[str, Any]]:
     document = args.read_sketch(source, seed, stages)
     with stages.stage("program", "Loading the program"):
-        from sketchterrain.generation.building import build, stored_results
-        from sketchterrain.jobs.export import DeviceFallback
+        from sketchterrain.jobs.export import DeviceFallback, build_terrain
         from sketchterrain.measure.realism import DEFAULT_CELL, measure_terrain_realism
 
     def work(context: ComputeContext, _: tuple[str, ...]) -> Realism:
-        with stages.stage("features", "Placing features"):
-            terrain = build(document, device=context, memory=stored_results())
+        terrain = build_terrain(document, context, stages)
         with stages.stage("realism", "Comparing with real land"):
             return measure_terrain_realism(terrain, cell=cell or DEFAULT_CELL, size=size, kinds=kinds)
 

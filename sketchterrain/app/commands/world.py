@@ -27,58 +27,45 @@ _MAX_FILES = 10  # missing or broken ones named in text
 _BAR_LENGTH = 40  # characters
 _WIDTH = 12  # columns
 
-Output = Annotated[
-    str,
-    typer.Option(
-        "--output",
-        "-o",
-        metavar="PATH",
-        help="world.zarr: a Zarr store; world.tif: a GeoTIFF a layer; DIR: a folder of GeoTIFF tiles.",
-    ),
-]
-Cell = Annotated[float, typer.Option("--cell", metavar="M", help="Metres between vertices.")]
 _LAYERS = "Some of height,normal,materials,appearance."
-Layers = Annotated[str, typer.Option("--layers", metavar="NAMES", help=_LAYERS)]
-PlantFormat = Annotated[
-    str, typer.Option("--plants", metavar="none|parquet|flatgeobuf", help="File format of plants.")
-]
-Step = Annotated[
-    float,
-    typer.Option("--step", metavar="M", help="Round heights to a power of two, as 0.0078125; 0: exact."),
-]
-Workers = Annotated[
-    int | None,
-    typer.Option("--workers", metavar="N", min=1, max=_MAX_WORKERS, help="Local worker processes."),
-]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        "--scheduler", metavar="ADDRESS", help="Address of a dask scheduler, as tcp://10.0.0.1:8786."
-    ),
-]
-Level = Annotated[
-    int | None, typer.Option("--level", metavar="N", min=0, help="Of the pyramid; 0, the finest.")
-]
-Check = Annotated[bool, typer.Option("--check", help="Verify the hash of every file instead.")]
 
 
 def world(
     sketch: args.SketchName,
-    output: Output,
+    output: Annotated[
+        str,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="PATH",
+            help="world.zarr: a Zarr store; world.tif: a GeoTIFF a layer; DIR: a folder of GeoTIFF tiles.",
+        ),
+    ],
     bounds: args.WorldBounds = None,
-    cell: Cell = 1.0,
-    layers: Layers = "height,normal,materials",
-    plants: PlantFormat = "none",
+    cell: Annotated[float, typer.Option(metavar="M", help="Metres between vertices.")] = 1.0,
+    layers: Annotated[str, typer.Option(metavar="NAMES", help=_LAYERS)] = "height,normal,materials",
+    plants: Annotated[
+        str, typer.Option(metavar="none|parquet|flatgeobuf", help="File format of plants.")
+    ] = "none",
     grass: args.Grass = False,
     crs: args.Crs = None,
     origin: args.Origin = None,
-    step: Step = 0.0,
+    step: Annotated[
+        float,
+        typer.Option(metavar="M", help="Round heights to a power of two, as 0.0078125; 0: exact."),
+    ] = 0.0,
     layer: args.LayerFiles = None,
     seed: args.Seed = None,
     resume: args.Resume = False,
     dry_run: args.DryRun = False,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, max=_MAX_WORKERS, help="Local worker processes."),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Address of a dask scheduler, as tcp://10.0.0.1:8786."),
+    ] = None,
     device: args.DeviceName = None,
     fast: args.Fast = False,
     as_json: args.AsJson = False,
@@ -115,8 +102,9 @@ def world(
                 from sketchterrain.world.cluster import check_scheduler
 
                 check_scheduler(scheduler)
-        with stages.stage("features", "Placing features"):
-            job = options.job(document, make_recipe(document, memory=stored_results()), Path(output), form)
+        with stages.stage("features", "Placing features") as progress:
+            recipe = make_recipe(document, memory=stored_results(), progress=progress)
+            job = options.job(document, recipe, Path(output), form)
         check_output_unused(job, resume=resume)
         estimate = estimate_world(job, workers=workers or 0)
     if dry_run:
@@ -164,8 +152,10 @@ def _report(result: WorldResult, estimate: WorldEstimate, *, as_json: bool) -> N
 
 def stats(
     store: args.WorldPath,
-    level: Level = None,
-    check: Check = False,
+    level: Annotated[
+        int | None, typer.Option(metavar="N", min=0, help="Of the pyramid; 0, the finest.")
+    ] = None,
+    check: Annotated[bool, typer.Option("--check", help="Verify the hash of every file instead.")] = False,
     as_json: args.AsJson = False,
 ) -> None:
     """Report a written world's relief, slopes and hypsometry, or verify its files."""
@@ -280,9 +270,10 @@ def view(
     picture.check_camera()
     with Stages() as stages:
         with stages.stage("program", "Loading the program"):
+            from sketchterrain.jobs.pictures import PictureOptions
             from sketchterrain.world.viewed import draw_world
 
-        options = picture.options()
+        options = PictureOptions(**picture.given())
         drapes = args.read_layers(picture.layer or ())
         legend, missing = draw_world(store, output, options, drapes, device=device, stages=stages)
     print_note(*missing)

@@ -242,8 +242,8 @@ def dry(
 
 @_stage()
 def bare(dry: TerrainRecipe) -> TerrainRecipe:
-    """The same without covers and rules, on which heights do not depend."""
-    return replace(dry.with_layers([CoversLayer(())]), climate={}, material_rules=())
+    """The same without covers, rules and forests, on which heights do not depend."""
+    return _height_recipe(dry)
 
 
 @_stage(hashed=False)
@@ -370,12 +370,17 @@ def natural(
     return replace(dry.with_layers(layers), resolutions=waters.resolutions, orphans=orphans)
 
 
+@_stage()
+def surface(natural: TerrainRecipe) -> Floods:
+    """Heights without roads, and levels of floods on them."""
+    ground = Ground(_height_recipe(natural), _ROAD_CELL)
+    return Floods(natural.rivers, natural.lakes, natural.sea_level, ground)
+
+
 @_stage(*_named("vectors", *ROAD_LAYERS), *_named("labels", *ROAD_LAYERS))
-def roads(sketch: Sketch, natural: TerrainRecipe, run: Runner) -> RoadNetwork:
+def roads(sketch: Sketch, surface: Floods, run: Runner) -> RoadNetwork:
     """Roads, railways, paths, pads and walls."""
-    ground = Ground(natural, _ROAD_CELL)
-    floods = Floods(natural.rivers, natural.lakes, natural.sea_level, ground)
-    return road_network(sketch, ground, floods, run)
+    return road_network(sketch, surface.ground, surface, run)
 
 
 @_stage("vectors.landuse", "labels.landuse")
@@ -410,6 +415,12 @@ def with_network(recipe: TerrainRecipe, network: RoadNetwork, run: Runner) -> Te
     pads = run(PadsLayer, recipe.materials.names, network.pads)
     roads = run(RoadsLayer, recipe.materials.names, network.roads)
     return replace(recipe.with_layers([pads, roads]), network=network)
+
+
+def _height_recipe(recipe: TerrainRecipe) -> TerrainRecipe:
+    """Return a recipe of the same heights without what changes none."""
+    layers = [CoversLayer(()), recipe.points.without_forests()]
+    return replace(recipe.with_layers(layers), climate={}, material_rules=(), resolutions=(), orphans=())
 
 
 def _heights(recipe: TerrainRecipe, region: Sources, ground: PaintedGround, nodes: int = 1) -> Ground:

@@ -18,28 +18,27 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.layers.points import PackedFeatures
 
 
-def outline_bend(
-    octaves: OctaveTable, x: LatticeArray, y: LatticeArray, *, warp: float
-) -> tuple[Float64Array, Float64Array]:
-    """Return the displacement of outlines eastward and northward, in radii, at positions of shape (n,)."""
-    east, north = (warp * np.clip(fbm(octaves, name, x, y), -1, 1) for name in ("warp_u", "warp_v"))
-    return east, north
-
-
 @dataclass(frozen=True)
 class PointSite:
-    """Lattice positions with the features near them and the warp there."""
+    """Lattice positions with the features near them and the warp of their outlines."""
 
     x: LatticeArray
     y: LatticeArray
     unit: float
     packed: PackedFeatures
-    bend: tuple[Float64Array, Float64Array]  # displacement of outlines, in radii
+    octaves: OctaveTable
+    warp: float  # greatest displacement of outlines, in radii
 
     @cached_property
     def _metres(self) -> Float64Array:
         """Positions from the first one (m), (n, 2)."""
         return np.stack([self.x - self.x[:1], self.y - self.y[:1]], axis=-1) * self.unit
+
+    @cached_property
+    def _bend(self) -> tuple[Float64Array, ...]:
+        """Displacement of outlines eastward and northward, in radii."""
+        noises = (fbm(self.octaves, name, self.x, self.y) for name in ("warp_u", "warp_v"))
+        return tuple(self.warp * np.clip(noise, -1, 1) for noise in noises)
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -62,7 +61,7 @@ class PointSite:
         """Return the distances of positions from features' centres, in radii."""
         packed, point, feature = self.packed, pairs.point, pairs.feature
         scale = self.unit * packed["inverse_radius"][feature]
-        east, north = (bend[point] for bend in self.bend)
+        east, north = (bend[point] for bend in self._bend)
         dx = (self.x[point] - packed.at[feature, 0]) * scale + east
         dy = (self.y[point] - packed.at[feature, 1]) * scale + north
         return np.asarray(np.hypot(dx, dy))

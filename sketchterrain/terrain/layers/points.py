@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Final
 
@@ -35,7 +35,7 @@ from sketchterrain.terrain.layers.layer import (
     effective_cell,
     mask_bits,
 )
-from sketchterrain.terrain.layers.point_site import PointSite, outline_bend
+from sketchterrain.terrain.layers.point_site import PointSite
 from sketchterrain.terrain.noise import NoiseStack
 
 if TYPE_CHECKING:
@@ -96,6 +96,12 @@ class PointsLayer(TerrainLayer):
         forests = self.painted[self.painted["type"] == FEATURE_TYPES.index("forest")]
         shares = (*conifer_share(forests["peakiness"]), self.fill.conifers)
         return bool(max(shares) >= 0.0)
+
+    def without_forests(self) -> PointsLayer:
+        """Return the dunes alone: all features on which heights depend."""
+        dunes = self.painted[self.painted["type"] == FEATURE_TYPES.index("dune")]
+        empty = replace(self.fill, rules={}, painted=dunes[:0], images={}, near=None, replaced=dunes[:0])
+        return PointsLayer(dunes, self.fill if self.fill.dune_styles else empty)
 
     def stacks(self, world: WorldSettings) -> tuple[NoiseStack, ...]:
         """Return the noises of the warp."""
@@ -208,15 +214,14 @@ class PointsLayer(TerrainLayer):
         state.near = _near_points(state.blocks, culled, sampling.world)
 
     def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:
-        """Find the features near the points, and the warp of outlines there."""
+        """Find the features near the points."""
         sampling = site.sampling
         finder = site.finder or PointFinder(self, sampling.world)
         block = np.array([[site.x.min(), site.y.min(), site.x.max(), site.y.max()]])
         near = finder.near(block, min_radius=sampling.cell)
         packed = self.pack_features(near, sampling.world, sampling.cell)
         warp = outline_warp(sampling.world.fidelity)
-        bend = outline_bend(sampling.octaves, site.x, site.y, warp=warp)
-        site.points = PointSite(site.x, site.y, sampling.unit, packed, bend)
+        site.points = PointSite(site.x, site.y, sampling.unit, packed, sampling.octaves, warp)
         return ground
 
 

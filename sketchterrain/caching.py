@@ -79,8 +79,15 @@ class LRUCache:
 
 def _array_bytes(value: object) -> int:
     """Return the bytes of the arrays that a value consists of."""
-    if isinstance(value, np.ndarray):
-        return value.nbytes
-    if isinstance(value, (tuple, list)):
-        return sum(_array_bytes(each) for each in value if type(each) not in _PLAIN)
-    return sum(map(_array_bytes, vars(value).values())) if hasattr(value, "__dataclass_fields__") else 0
+    size, pending = 0, [value]
+    while pending:
+        each = pending.pop()
+        if type(each) in _PLAIN:
+            continue
+        if isinstance(each, np.ndarray):
+            size += each.nbytes
+        elif isinstance(each, (tuple, list)):
+            pending += each
+        elif hasattr(each, "__dataclass_fields__"):
+            pending += vars(each).values()
+    return size

@@ -12,7 +12,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from sketchterrain.caching import LRUCache
-from sketchterrain.stages.digests import digest_of, remember
+from sketchterrain.stages.digests import digest_of, remember_parts
 
 Value = TypeVar("Value")
 
@@ -66,7 +66,7 @@ class Runner:
         if hashed:
             result = self.results.canonical(result)
         else:
-            remember(result, key)
+            remember_parts(result, key)
         return self.results.store(key, result)
 
     def each(

@@ -28,13 +28,14 @@ _LITERALS: Final = frozenset({str, int, float, complex, bool, type(None)})
 _SCALARS: Final = (str, bytes, int, float, complex, type(None), np.generic, PurePath)
 
 
-class _Known(weakref.ref[Any]):
+class Known(weakref.ref[Any]):
     """What is known of an object, as long as it lives."""
 
     found: Any
 
     @classmethod
-    def keep(cls, memory: dict[int, _Known], value: object, found: object) -> None:
+    def keep(cls, memory: dict[int, Known], value: object, found: object) -> None:
+        """Keep what was found of an object."""
         name = id(value)
 
         def forget(gone: weakref.ref[Any]) -> None:
@@ -45,19 +46,20 @@ class _Known(weakref.ref[Any]):
         own.found = found
 
     @staticmethod
-    def of(memory: dict[int, _Known], value: object) -> Any:
+    def of(memory: dict[int, Known], value: object) -> Any:
+        """Return what was kept of an object; None without."""
         known = memory.get(id(value))
         return known.found if known is not None and known() is value else None
 
 
-_digests: dict[int, _Known] = {}
-_blocks: dict[int, _Known] = {}
+_digests: dict[int, Known] = {}
+_blocks: dict[int, Known] = {}
 """Digests of objects by id, and of the blocks of read-only images."""
 
 
 def digest_of(value: object) -> bytes:
     """Return the digest of a value; raise TypeError for one that is no plain value."""
-    known: bytes | None = _Known.of(_digests, value)
+    known: bytes | None = Known.of(_digests, value)
     if known is not None:
         return known
     found = _image_digest(value) if is_image(value) else _hashed(value)
@@ -69,20 +71,18 @@ def digest_of(value: object) -> bytes:
 def remember(value: object, digest: bytes) -> None:
     """Keep a digest for a value that need not be hashed; without effect on values that have no address."""
     if isinstance(value, np.ndarray) or is_dataclass(value) or hasattr(value, "digest_parts"):
-        _Known.keep(_digests, value, digest)
+        Known.keep(_digests, value, digest)
 
 
 def remember_parts(value: object, digest: bytes) -> None:
-    """Keep digests that follow from one that identifies a value, for its objects that have none yet."""
-    parts: Sequence[object] = ()
-    if isinstance(value, (tuple, list)):
-        parts = value
-    elif is_dataclass(value) and _Known.of(_digests, value) is None:
-        remember(value, digest)
-        parts = [getattr(value, each.name) for each in fields(value)]
-    for number, part in enumerate(parts):
-        if isinstance(part, (tuple, list)) or is_dataclass(part):
+    """Keep a digest that identifies a value, and those of its items or fields that follow from it."""
+    remember(value, digest)
+    parts = [getattr(value, each.name) for each in fields(value)] if is_dataclass(value) else value
+    for number, part in enumerate(parts if isinstance(parts, (tuple, list)) else ()):
+        if isinstance(part, tuple):
             remember_parts(part, _hashed((digest, number)))
+        elif is_dataclass(part) and Known.of(_digests, part) is None:
+            remember(part, _hashed((digest, number)))
 
 
 def derive_digest(image: npt.NDArray[np.uint8], before: npt.NDArray[np.uint8], box: Sequence[int]) -> None:
@@ -101,7 +101,7 @@ def _derive_blocks(image: npt.NDArray[np.uint8], before: Any, where: npt.NDArray
     """Keep the digests of an image's blocks, which are another's but for some."""
     blocks = blocks_of(before).copy()
     blocks[where] = _hashed_blocks(image, where)
-    _Known.keep(_blocks, image, blocks)
+    Known.keep(_blocks, image, blocks)
 
 
 def places_of(where: npt.NDArray[np.bool_]) -> Iterator[tuple[slice, slice]]:
@@ -142,11 +142,11 @@ def _image_digest(image: Any) -> bytes:
 
 def blocks_of(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.void]:
     """Return the digests of the blocks of a read-only image, (rows, columns)."""
-    known: npt.NDArray[np.void] | None = _Known.of(_blocks, image)
+    known: npt.NDArray[np.void] | None = Known.of(_blocks, image)
     if known is None:
         shape = [-(-side // BLOCK) for side in image.shape]
         known = _hashed_blocks(image, np.ones(shape, np.bool_)).reshape(shape)
-        _Known.keep(_blocks, image, known)
+        Known.keep(_blocks, image, known)
     return known
 
 

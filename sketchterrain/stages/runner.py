@@ -12,11 +12,13 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from sketchterrain.caching import LRUCache
-from sketchterrain.stages.digests import digest_of, remember_parts
+from sketchterrain.stages.digests import Known, digest_of, remember_parts
 
 Value = TypeVar("Value")
 
 _MISSING: Any = object()
+_sizes: dict[int, Known] = {}
+"""Bytes of the arrays of objects, by id."""
 
 
 class Results(LRUCache):
@@ -25,6 +27,15 @@ class Results(LRUCache):
     def __init__(self, capacity: int = 1 << 14, *, max_bytes: int = 1 << 29) -> None:
         super().__init__(capacity, max_bytes=max_bytes)
         self._objects: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
+
+    def _size_of(self, value: object) -> int:
+        if not hasattr(value, "__dataclass_fields__"):
+            return super()._size_of(value)
+        size: int | None = Known.of(_sizes, value)
+        if size is None:
+            size = super()._size_of(value)
+            Known.keep(_sizes, value, size)
+        return size
 
     def canonical(self, value: Value) -> Value:
         """Return the object that had the same digest before, or this one; of a sequence, with such items."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 import shapely
@@ -203,8 +203,16 @@ def _extent(
     return np.ceil(united_reach(line.along, line.first, whole + widest)), deepest
 
 
-_Part: TypeAlias = tuple[int, str, int, int, int, Works, float, tuple[int, int], Float64Array, Float64Array]
-"""What a road is made of: fields of `Road`, columns at its stations, and bends between them."""
+class _Part(NamedTuple):
+    """What a road is made of."""
+
+    own: tuple[int, str, int, int, int]  # first fields of `Road`
+    works: Works
+    trees: float
+    ends: tuple[int, int]
+    # (m, 11) axis (3 columns), crossfall (2), along, slope, half width, shoulder, reach, depth
+    stations: Float64Array
+    bend: Float64Array  # (m − 1,)
 
 
 def _parts(graph: WayGraph, line: Alignment, structure: Int64Array, stations: Float64Array) -> list[_Part]:
@@ -217,13 +225,13 @@ def _parts(graph: WayGraph, line: Alignment, structure: Int64Array, stations: Fl
             way = graph.ways[line.way[a]]
             ends = (leg.degrees[0] if a == start else 2, leg.degrees[1] if b == end - 1 else 2)
             own = way.id, way.layer, leg.key, part, int(structure[a])
-            parts.append((*own, way.works, way.trees, ends, stations[a : b + 1], line.bend[a:b]))
+            parts.append(_Part(own, way.works, way.trees, ends, stations[a : b + 1], line.bend[a:b]))
     return parts
 
 
 def _cut_roads(parts: Sequence[_Part]) -> list[Road]:
     roads = []
-    for *own, works, trees, ends, stations, bend in parts:
+    for own, works, trees, ends, stations, bend in parts:
         axis, crossfall = stations[:, :3].copy(), stations[:, 3:5].copy()
         along, slope, half, shoulder, reach, depth = stations[:, 5:].T.copy()
         beside = slope, half, shoulder, crossfall, reach, depth

@@ -164,7 +164,7 @@ def _hashed(value: object) -> bytes:
 
 def _feed(update: Callable[[Any], None], value: Any, *, outermost: bool = False) -> None:
     """Feed a value's canonical bytes; objects inside of it by their digests."""
-    kind = type(value)
+    kind: Any = type(value)
     if kind in _LITERALS:
         update(f"{kind.__name__} {value!r};".encode())
     elif isinstance(value, np.ndarray):

@@ -243,4 +243,6 @@ def gradients(cell_u: LatticeArray, cell_v: LatticeArray, *, seed: int) -> _Pair
     h ^= h >> np.uint32(15)
     h *= np.uint32(0x735A2D97)
     h ^= h >> np.uint32(15)
-    return h.view(np.int32) * 2.0**-31, (h << np.uint32(16)).view(np.int32) * 2.0**-31
+    both = (word.view(np.int32).astype(np.float64) for word in (h, h << np.uint32(16)))
+    east, north = (part * 2.0**-31 for part in both)
+    return east, north

@@ -109,7 +109,7 @@ class _CutGround:
             found = np.zeros(x.shape)
             for i in range(*octaves.ranges["base"]):
                 if world.unit / octaves.scale[i, 1] < self.law.resolution:
-                    found += octaves.scale[i, 0] * octave_noise(octaves, i, x, y).value
+                    found += octaves.scale[i, 0] * octave_noise(octaves, i, x, y)
             found *= fixed * self.law.resolution / found.std()
         return found.reshape(self.truth.shape)
 

@@ -40,7 +40,7 @@ class LRUCache:
 
     def store(self, key: Hashable, value: Value) -> Value:
         """Cache a value and return it."""
-        size = _array_bytes(value)
+        size = self._size_of(value)
         with self._lock:
             self._bytes += size - self._values.pop(key, (None, 0))[1]
             self._values[key] = value, size
@@ -49,6 +49,14 @@ class LRUCache:
             ):
                 self._bytes -= self._values.popitem(last=False)[1][1]
         return value
+
+    def _size_of(self, value: object) -> int:
+        """Return the bytes of the arrays that a value consists of."""
+        if isinstance(value, np.ndarray):
+            return value.nbytes
+        if isinstance(value, (tuple, list)):
+            return sum(self._size_of(each) for each in value if type(each) not in _PLAIN)
+        return sum(map(self._size_of, vars(value).values())) if hasattr(value, "__dataclass_fields__") else 0
 
     def get(self, key: Hashable, default: Any = None) -> Any:
         """Return the value cached for a key, now the most recently used, or a default."""
@@ -72,12 +80,3 @@ class LRUCache:
         for key in keys:
             other.store(key, self._values[key][0])
         return other
-
-
-def _array_bytes(value: object) -> int:
-    """Return the bytes of the arrays that a value consists of."""
-    if isinstance(value, np.ndarray):
-        return value.nbytes
-    if isinstance(value, (tuple, list)):
-        return sum(_array_bytes(each) for each in value if type(each) not in _PLAIN)
-    return sum(map(_array_bytes, vars(value).values())) if hasattr(value, "__dataclass_fields__") else 0

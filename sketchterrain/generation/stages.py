@@ -259,8 +259,8 @@ def dry(
 
 @_stage()
 def bare(dry: TerrainRecipe) -> TerrainRecipe:
-    """The same without covers and rules, on which heights do not depend."""
-    return replace(dry.with_layers([CoversLayer(())]), climate={}, material_rules=())
+    """The same without covers, rules and forests, on which heights do not depend."""
+    return _height_recipe(dry)
 
 
 @_stage(hashed=False, stored=True, cost=80)
@@ -387,12 +387,17 @@ def natural(
     return replace(dry.with_layers(layers), resolutions=waters.resolutions, orphans=orphans)
 
 
+@_stage()
+def surface(natural: TerrainRecipe) -> Floods:
+    """Heights without roads, and levels of floods on them."""
+    ground = Ground(_height_recipe(natural), _ROAD_CELL)
+    return Floods(natural.rivers, natural.lakes, natural.sea_level, ground)
+
+
 @_stage(*_named("vectors", *ROAD_LAYERS), *_named("labels", *ROAD_LAYERS), stored=True, cost=450)
-def roads(sketch: Sketch, natural: TerrainRecipe, run: Runner) -> RoadNetwork:
+def roads(sketch: Sketch, surface: Floods, run: Runner) -> RoadNetwork:
     """Roads, railways, paths, pads and walls."""
-    ground = Ground(natural, _ROAD_CELL)
-    floods = Floods(natural.rivers, natural.lakes, natural.sea_level, ground)
-    return road_network(sketch, ground, floods, run)
+    return road_network(sketch, surface.ground, surface, run)
 
 
 @_stage("vectors.landuse", "labels.landuse")
@@ -437,6 +442,12 @@ def fingerprint(sketch: Sketch, *options: object) -> str:
     program = version("sketchterrain"), code_digest()
     contents = files.function(sketch), shown_files(sketch)
     return digest_of((program, sketch.replace(notes=()), contents, options)).hex()
+
+
+def _height_recipe(recipe: TerrainRecipe) -> TerrainRecipe:
+    """Return a recipe of the same heights without what changes none."""
+    layers = [CoversLayer(()), recipe.points.without_forests()]
+    return replace(recipe.with_layers(layers), climate={}, material_rules=(), resolutions=(), orphans=())
 
 
 def _heights(recipe: TerrainRecipe, region: Sources, ground: PaintedGround, nodes: int = 1) -> Ground:

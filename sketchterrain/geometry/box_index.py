@@ -274,8 +274,8 @@ def content_items(
 ) -> StructuredArray:
     """Return `ITEM` rows of contents and their boxes (n, 2), sorted."""
     rows = np.zeros(len(contents), ITEM)
-    for row, parts in zip(rows, contents, strict=True):
-        digest = blake2b(b"".join(parts) if isinstance(parts, tuple) else parts, digest_size=16).digest()
-        row["id"], row["digest"] = np.frombuffer(digest, np.uint64)
+    joined = (b"".join(parts) if isinstance(parts, tuple) else parts for parts in contents)
+    digests = b"".join(blake2b(each, digest_size=16).digest() for each in joined)
+    rows["id"], rows["digest"] = np.frombuffer(digests, np.uint64).reshape(-1, 2).T
     rows["low"], rows["high"] = low, high
     return np.asarray(rows[np.argsort(rows, order=("id", "digest"))])

@@ -98,9 +98,15 @@ class PaintedWater:
     outlets: Float64Array | None = None  # (n, 2) where each lake overflows, m
     sea: Sea | None = None
 
+    @cached_property
     def bare(self) -> PaintedWater:
-        """Return it on ground without paint."""
+        """It on ground without paint."""
         return replace(self, slopes=self.bare_slopes, bare_slopes=())
+
+    @cached_property
+    def unsloped(self) -> PaintedWater:
+        """It without slopes."""
+        return replace(self, slopes=(), bare_slopes=())
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +157,7 @@ NO_LAND: Final = PaintedLand(NO_FEATURES, {})
 
 def data_heights(region: Sources, water: PaintedWater, run: Runner) -> GroundHeight:
     """Return heights (m) of the region with elevation data and without features, by its coarse nodes."""
-    level = run(blended_ground, region, water.bare(), COARSE, hashed=False)[-1]
+    level = run(blended_ground, region, water.bare, COARSE, hashed=False)[-1]
     source = run(unpainted_levels, region.settings, hashed=False)[0][COARSE - 1]
     raster, nodes = _raster(source, region.settings.spacing), np.nan_to_num(level.flow.height)
 
@@ -208,7 +214,7 @@ def painted_flow(
     barred = np.zeros(wet.shape, np.bool_)
     if plateaus is not None:
         barred = plateaus.depth_at(source.origin, wet.shape) > -region.settings.spacing
-    for each in run(blended_ground, region, water.bare(), FINE, hashed=False)[3:]:
+    for each in run(blended_ground, region, water.bare, FINE, hashed=False)[3:]:
         barred |= each.weight > 0.0
     raster = _raster(source, region.settings.spacing)
     return Flow(
@@ -226,7 +232,7 @@ def ground_without(
 ) -> DrainedRaster:
     """Return the painted region without the uplift of some features, on the network drained with all."""
     cell = region.settings.spacing
-    blended = run(blended_ground, region, water.bare(), FINE, hashed=False)
+    blended = run(blended_ground, region, water.bare, FINE, hashed=False)
     uplift = _uplift(region, land.without(removed), water, FINE, run)
     if blended:
         own = sum(part for layer, part in ground.parts if removed[layer.members].all())
@@ -242,9 +248,9 @@ def painted_ground(
     region: Sources, land: PaintedLand, water: PaintedWater, count: int, run: Runner
 ) -> PaintedGround:
     """Return the painted region as it is drained, on the `count` coarsest levels; finer ones are empty."""
-    cell, blended = region.settings.spacing, run(blended_ground, region, water.bare(), count, hashed=False)
+    cell, blended = region.settings.spacing, run(blended_ground, region, water.bare, count, hashed=False)
     bare = [each.unchanged for each in blended]
-    bare = bare or run(bare_ground, region.settings, water.bare(), count, hashed=False)
+    bare = bare or run(bare_ground, region.settings, water.bare, count, hashed=False)
     uplift = _uplift(region, land, water, count, run)
     drained, factors = drain_painted(uplift, cell, bare)
     finest = blended[-1].flow if blended else drained[-1]
@@ -268,8 +274,8 @@ def _uplift(
 ) -> PaintedUplift:
     """Return the uplift of features on ground that is drained around them and to water."""
     (unpainted, rock), cell = run(unpainted_levels, region.settings, hashed=False), region.settings.spacing
-    blended = run(blended_ground, region, water.bare(), count, hashed=False)
-    bare = [] if blended else run(bare_ground, region.settings, water.bare(), count, hashed=False)
+    blended = run(blended_ground, region, water.bare, count, hashed=False)
+    bare = [] if blended else run(bare_ground, region.settings, water.bare, count, hashed=False)
     rock = np.zeros_like(rock) if blended else rock
     uplift = run(painted_uplift, land.features, unpainted[-1], cell, rock, land.outlines, hashed=False)
     levels = []
@@ -292,7 +298,7 @@ def blended_ground(region: Sources, water: PaintedWater, count: int, run: Runner
         return []
     levels, rock = run(unpainted_levels, region.settings, hashed=False)
     # Its water has no slopes of its own: data give them.
-    bare = run(bare_ground, region.settings, water.bare(), count, hashed=False)
+    bare = run(bare_ground, region.settings, water.bare, count, hashed=False)
     return [
         blended_level(base, source, cell, drained, at_level(rock, source, levels[-1]))
         for source, drained in zip(_wet(region.settings, water, count, run), bare, strict=True)
@@ -333,8 +339,8 @@ def _region(settings: UnpaintedSettings) -> tuple[DrainageInput, Float32Array]:
 
 
 def _limits(source: DrainageInput, cell: float, water: PaintedWater, run: Runner) -> DrainageConstraints:
-    # Slopes on bare ground are not among them.
-    return run(_constraints, source, cell, replace(water, bare_slopes=()), hashed=False)
+    found: DrainageConstraints = run(_constraints, source, cell, water.unsloped, hashed=False)
+    return found.limited(water.slopes)
 
 
 def _constraints(source: DrainageInput, cell: float, water: PaintedWater) -> DrainageConstraints:
@@ -344,7 +350,6 @@ def _constraints(source: DrainageInput, cell: float, water: PaintedWater) -> Dra
         source.base,
         source.domain,
         water.courses,
-        slopes=water.slopes,
         floors=water.floors,
         lakes=water.lakes,
         outlets=water.outlets,

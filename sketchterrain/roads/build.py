@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 import shapely
@@ -18,7 +18,7 @@ from sketchterrain.roads.alignment import Alignment, align
 from sketchterrain.roads.network import WayGraph, way_graph
 from sketchterrain.roads.profile import StationGraph, station_graph, united_reach
 from sketchterrain.roads.road_types import Pad, Road, RoadNetwork, Wall, Works
-from sketchterrain.roads.structures import FREEBOARD, Carried, bends_told, carry
+from sketchterrain.roads.structures import FREEBOARD, bends_told, carry
 from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 
@@ -109,7 +109,10 @@ def _roads(
     crossfall = _crossfall(graph, line, half)
     cut, fill = of_ways([way.works.cut for way in ways]), of_ways([way.works.fill for way in ways])
     extent = _extent(line, carried.profile.height, (left, middle, right), half + shoulder, cut, fill)
-    roads = _parts(graph, line, carried, half, shoulder, crossfall, extent)
+    profile = carried.profile
+    section = (profile.slope, half, shoulder, *extent)
+    stations = np.column_stack([line.at, profile.height, crossfall, line.along, *section])
+    roads = run.each(_cut_roads, _parts(graph, line, carried.structure, stations))
     return tuple(roads), (*carried.findings, *plan.bends)
 
 
@@ -200,47 +203,39 @@ def _extent(
     return np.ceil(united_reach(line.along, line.first, whole + widest)), deepest
 
 
-def _parts(
-    graph: WayGraph,
-    line: Alignment,
-    carried: Carried,
-    half: Float64Array,
-    shoulder: Float64Array,
-    crossfall: Float64Array,
-    extent: tuple[Float64Array, Float64Array],
-) -> list[Road]:
+class _Part(NamedTuple):
+    """What a road is made of."""
+
+    own: tuple[int, str, int, int, int]  # first fields of `Road`
+    works: Works
+    trees: float
+    ends: tuple[int, int]
+    # (m, 11) axis (3 columns), crossfall (2), along, slope, half width, shoulder, reach, depth
+    stations: Float64Array
+    bend: Float64Array  # (m − 1,)
+
+
+def _parts(graph: WayGraph, line: Alignment, structure: Int64Array, stations: Float64Array) -> list[_Part]:
     """Return the legs cut where their features or structures change."""
-    roads = []
-    reach, depth = extent
-    axis = np.column_stack([line.at, carried.profile.height])
-    change = np.flatnonzero((np.diff(line.way) != 0) | (np.diff(carried.structure) != 0)) + 1
+    parts: list[_Part] = []
+    change = np.flatnonzero((np.diff(line.way) != 0) | (np.diff(structure) != 0)) + 1
     for leg, (start, end) in zip(graph.legs, pairwise(line.first.tolist()), strict=True):
         inner = change[(change > start) & (change < end - 1)].tolist()
         for part, (a, b) in enumerate(pairwise([start, *inner, end - 1])):
             way = graph.ways[line.way[a]]
-            stations = slice(a, b + 1)
             ends = (leg.degrees[0] if a == start else 2, leg.degrees[1] if b == end - 1 else 2)
-            roads.append(
-                Road(
-                    way.id,
-                    way.layer,
-                    leg.key,
-                    part,
-                    int(carried.structure[a]),
-                    axis[stations],
-                    line.bend[a:b],
-                    line.along[stations],
-                    carried.profile.slope[stations],
-                    half[stations],
-                    shoulder[stations],
-                    crossfall[stations],
-                    reach[stations],
-                    depth[stations],
-                    way.works,
-                    way.trees,
-                    ends,
-                )
-            )
+            own = way.id, way.layer, leg.key, part, int(structure[a])
+            parts.append(_Part(own, way.works, way.trees, ends, stations[a : b + 1], line.bend[a:b]))
+    return parts
+
+
+def _cut_roads(parts: Sequence[_Part]) -> list[Road]:
+    roads = []
+    for own, works, trees, ends, stations, bend in parts:
+        axis, crossfall = stations[:, :3].copy(), stations[:, 3:5].copy()
+        along, slope, half, shoulder, reach, depth = stations[:, 5:].T.copy()
+        beside = slope, half, shoulder, crossfall, reach, depth
+        roads.append(Road(*own, axis, bend.copy(), along, *beside, works, trees, ends))
     return roads
 
 

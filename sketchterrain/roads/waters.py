@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -34,19 +35,23 @@ class Floods:
             inside = is_inside(lake.shape, at)
             level[inside] = np.fmax(level[inside], lake.level)
         if self.rivers:
-            line = np.concatenate([river.centreline for river in self.rivers])
-            half = (
-                0.5
-                * _BANKS
-                * np.concatenate([river.centreline_width for river in self.rivers]).astype(np.float64)
-            )
-            depth = np.concatenate([river.centreline_depth for river in self.rivers]).astype(np.float64)
-            gap = 0.5 * max(
-                float(np.hypot(*np.diff(river.centreline[:, :2], axis=0).T).max()) for river in self.rivers
-            )
-            away, nearest = cKDTree(line[:, :2]).query(at, distance_upper_bound=float(half.max()) + gap)
+            tree, half, top, reach = self._river_points
+            away, nearest = tree.query(at, distance_upper_bound=reach)
             found = np.isfinite(away)
             nearest = np.where(found, nearest, 0)
             wet = found & (away < half[nearest])
-            level[wet] = np.fmax(level[wet], (line[:, 2] + _FLOOD * depth)[nearest[wet]])
+            level[wet] = np.fmax(level[wet], top[nearest[wet]])
         return level
+
+    @cached_property
+    def _river_points(self) -> tuple[cKDTree, Float64Array, Float64Array, float]:
+        """Points of rivers, their half widths with banks and tops of banks (n,), and how far these reach."""
+        line, width, depth = (
+            np.concatenate([getattr(river, name) for river in self.rivers]).astype(np.float64)
+            for name in ("centreline", "centreline_width", "centreline_depth")
+        )
+        half = 0.5 * _BANKS * width
+        gap = 0.5 * max(
+            float(np.hypot(*np.diff(river.centreline[:, :2], axis=0).T).max()) for river in self.rivers
+        )
+        return cKDTree(line[:, :2]), half, line[:, 2] + _FLOOD * depth, float(half.max()) + gap

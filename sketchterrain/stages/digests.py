@@ -8,10 +8,10 @@ live: neither they nor read-only arrays may change.
 
 from __future__ import annotations
 
-import struct
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, is_dataclass
+from functools import cache
 from hashlib import blake2b
 from pathlib import PurePath
 from types import BuiltinFunctionType, FunctionType, MappingProxyType
@@ -24,17 +24,18 @@ _SIZE: Final = 16  # bytes
 _LARGE: Final = 1 << 12  # bytes of arrays whose digests are kept
 BLOCK: Final = 64
 """Pixels along the sides of blocks of images."""
-_CONTAINERS: Final = (tuple, list, dict, MappingProxyType, set, frozenset)
+_LITERALS: Final = frozenset({str, int, float, complex, bool, type(None)})
 _SCALARS: Final = (str, bytes, int, float, complex, type(None), np.generic, PurePath)
 
 
-class _Known(weakref.ref[Any]):
+class Known(weakref.ref[Any]):
     """What is known of an object, as long as it lives."""
 
     found: Any
 
     @classmethod
-    def keep(cls, memory: dict[int, _Known], value: object, found: object) -> None:
+    def keep(cls, memory: dict[int, Known], value: object, found: object) -> None:
+        """Keep what was found of an object."""
         name = id(value)
 
         def forget(gone: weakref.ref[Any]) -> None:
@@ -45,19 +46,20 @@ class _Known(weakref.ref[Any]):
         own.found = found
 
     @staticmethod
-    def of(memory: dict[int, _Known], value: object) -> Any:
+    def of(memory: dict[int, Known], value: object) -> Any:
+        """Return what was kept of an object; None without."""
         known = memory.get(id(value))
         return known.found if known is not None and known() is value else None
 
 
-_digests: dict[int, _Known] = {}
-_blocks: dict[int, _Known] = {}
+_digests: dict[int, Known] = {}
+_blocks: dict[int, Known] = {}
 """Digests of objects by id, and of the blocks of read-only images."""
 
 
 def digest_of(value: object) -> bytes:
     """Return the digest of a value; raise TypeError for one that is no plain value."""
-    known: bytes | None = _Known.of(_digests, value)
+    known: bytes | None = Known.of(_digests, value)
     if known is not None:
         return known
     found = _image_digest(value) if is_image(value) else _hashed(value)
@@ -69,7 +71,18 @@ def digest_of(value: object) -> bytes:
 def remember(value: object, digest: bytes) -> None:
     """Keep a digest for a value that need not be hashed; without effect on values that have no address."""
     if isinstance(value, np.ndarray) or is_dataclass(value) or hasattr(value, "digest_parts"):
-        _Known.keep(_digests, value, digest)
+        Known.keep(_digests, value, digest)
+
+
+def remember_parts(value: object, digest: bytes) -> None:
+    """Keep a digest that identifies a value, and those of its items or fields that follow from it."""
+    remember(value, digest)
+    parts = [getattr(value, each.name) for each in fields(value)] if is_dataclass(value) else value
+    for number, part in enumerate(parts if isinstance(parts, (tuple, list)) else ()):
+        if isinstance(part, tuple):
+            remember_parts(part, _hashed((digest, number)))
+        elif is_dataclass(part) and Known.of(_digests, part) is None:
+            remember(part, _hashed((digest, number)))
 
 
 def derive_digest(image: npt.NDArray[np.uint8], before: npt.NDArray[np.uint8], box: Sequence[int]) -> None:
@@ -88,7 +101,7 @@ def _derive_blocks(image: npt.NDArray[np.uint8], before: Any, where: npt.NDArray
     """Keep the digests of an image's blocks, which are another's but for some."""
     blocks = blocks_of(before).copy()
     blocks[where] = _hashed_blocks(image, where)
-    _Known.keep(_blocks, image, blocks)
+    Known.keep(_blocks, image, blocks)
 
 
 def places_of(where: npt.NDArray[np.bool_]) -> Iterator[tuple[slice, slice]]:
@@ -129,11 +142,11 @@ def _image_digest(image: Any) -> bytes:
 
 def blocks_of(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.void]:
     """Return the digests of the blocks of a read-only image, (rows, columns)."""
-    known: npt.NDArray[np.void] | None = _Known.of(_blocks, image)
+    known: npt.NDArray[np.void] | None = Known.of(_blocks, image)
     if known is None:
         shape = [-(-side // BLOCK) for side in image.shape]
         known = _hashed_blocks(image, np.ones(shape, np.bool_)).reshape(shape)
-        _Known.keep(_blocks, image, known)
+        Known.keep(_blocks, image, known)
     return known
 
 
@@ -151,40 +164,60 @@ def _hashed(value: object) -> bytes:
 
 def _feed(update: Callable[[Any], None], value: Any, *, outermost: bool = False) -> None:
     """Feed a value's canonical bytes; objects inside of it by their digests."""
-    kind = type(value)
-    if isinstance(value, np.ndarray):
-        if not outermost and not value.flags.writeable and value.nbytes > _LARGE:
+    kind: Any = type(value)
+    if kind in _LITERALS:
+        update(f"{kind.__name__} {value!r};".encode())
+    elif isinstance(value, np.ndarray):
+        if value.nbytes <= _LARGE or outermost or value.flags.writeable:
+            update(b"array %s %r;" % (_type_name(value.dtype), value.shape))
+            update(np.ascontiguousarray(value).reshape(-1).view(np.uint8).data if value.size else b"")
+        else:
             update(digest_of(value))
-            return
-        if value.dtype.hasobject:
-            raise TypeError(f"expected an array of plain values, got {value.dtype}")
-        update(f"array {value.dtype.descr if value.dtype.fields else value.dtype.str} {value.shape}".encode())
-        update(np.ascontiguousarray(value).reshape(-1).view(np.uint8).data if value.size else b"")
     elif isinstance(value, _SCALARS):
         text = value if isinstance(value, bytes) else repr(value).encode()
         update(b"%s %d %s" % (kind.__name__.encode(), len(text), text))
-    elif isinstance(value, _CONTAINERS):
-        if isinstance(value, (tuple, list)) and all(type(each) is str for each in value):
-            update(f"texts {value!r}".encode())
-            return
-        is_set = isinstance(value, (set, frozenset))
-        items: Any = sorted(map(digest_of, value)) if is_set else getattr(value, "items", lambda: value)()
-        update(b"items " + struct.pack("<q", len(value)))
-        for each in items:
+    elif isinstance(value, (tuple, list)):
+        update(b"%s %d;" % (kind.__name__.encode(), len(value)))
+        for each in value:
             _feed(update, each)
+    elif isinstance(value, (dict, MappingProxyType)):
+        _feed(update, ("items", [part for item in value.items() for part in item]))
+    elif isinstance(value, (set, frozenset)):
+        _feed(update, ("set", sorted(map(digest_of, value))))
     elif isinstance(value, slice):
         _feed(update, ("slice", value.start, value.stop, value.step))
     elif isinstance(value, (FunctionType, BuiltinFunctionType, type)):
-        if "<" in value.__qualname__:
-            raise TypeError(f"expected a function of a module, got {value.__qualname__}")
-        update(f"name {value.__module__}.{value.__qualname__}".encode())
+        update(_name_of(value))
     elif not outermost:
         update(digest_of(value))
     elif hasattr(value, "digest_parts"):
         _feed(update, (kind, value.digest_parts()))
     elif is_dataclass(value):
-        whole = not kind.__dataclass_params__.eq
-        names = [each.name for each in fields(value) if each.init and (whole or each.compare)]
-        _feed(update, (kind, [getattr(value, name) for name in names]))
+        update(_name_of(kind))
+        for name in _compared_fields(kind):
+            _feed(update, getattr(value, name))
     else:
         raise TypeError(f"expected a plain value, got {kind.__module__}.{kind.__qualname__}")
+
+
+@cache
+def _name_of(value: Any) -> bytes:
+    """Return the canonical bytes of a function or class."""
+    if "<" in value.__qualname__:
+        raise TypeError(f"expected a function of a module, got {value.__qualname__}")
+    return f"name {value.__module__}.{value.__qualname__};".encode()
+
+
+@cache
+def _type_name(dtype: np.dtype[Any]) -> bytes:
+    """Return the canonical bytes of a type of arrays."""
+    if dtype.hasobject:
+        raise TypeError(f"expected an array of plain values, got {dtype}")
+    return str(dtype.descr if dtype.fields else dtype.str).encode()
+
+
+@cache
+def _compared_fields(kind: Any) -> tuple[str, ...]:
+    """Return the names of a dataclass's fields: those that it is equal by, or all if it is by identity."""
+    whole = not kind.__dataclass_params__.eq
+    return tuple(each.name for each in fields(kind) if each.init and (whole or each.compare))

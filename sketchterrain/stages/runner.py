@@ -12,11 +12,13 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from sketchterrain.caching import LRUCache
-from sketchterrain.stages.digests import digest_of, remember
+from sketchterrain.stages.digests import Known, digest_of, remember_parts
 
 Value = TypeVar("Value")
 
 _MISSING: Any = object()
+_sizes: dict[int, Known] = {}
+"""Bytes of the arrays of objects, by id."""
 
 
 class Results(LRUCache):
@@ -35,6 +37,15 @@ class Results(LRUCache):
         super().__init__(capacity, max_bytes=max_bytes)
         self.on_disk = on_disk
         self._objects: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
+
+    def _size_of(self, value: object) -> int:
+        if not hasattr(value, "__dataclass_fields__"):
+            return super()._size_of(value)
+        size: int | None = Known.of(_sizes, value)
+        if size is None:
+            size = super()._size_of(value)
+            Known.keep(_sizes, value, size)
+        return size
 
     def canonical(self, value: Value) -> Value:
         """Return the object that had the same digest before, or this one; of a sequence, with such items."""
@@ -81,7 +92,7 @@ class Runner:
         if hashed:
             result = self.results.canonical(result)
         else:
-            remember(result, key)
+            remember_parts(result, key)
         return self.results.store(key, result)
 
     def each(

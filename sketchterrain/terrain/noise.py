@@ -1,9 +1,9 @@
 """Noise octaves on the integer lattice, and their evaluation on the host in float64."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -177,61 +177,72 @@ class ValueSlope(NamedTuple):
 
 def fbm(octaves: OctaveTable, stack: str, x: LatticeArray, y: LatticeArray) -> Float64Array:
     """Return a stack's sum of octaves at lattice positions."""
-    return fbm_slope(octaves, stack, x, y).value
+    total = np.zeros(x.shape)
+    for i in range(*octaves.ranges[stack]):
+        total += octaves.scale[i, 0] * octave_noise(octaves, i, x, y)
+    return total
 
 
 def fbm_slope(octaves: OctaveTable, stack: str, x: LatticeArray, y: LatticeArray) -> ValueSlope:
     """Return a stack's sum of octaves with its slope per lattice unit."""
-    total = ValueSlope(*np.zeros((3, *x.shape)))
+    total = np.zeros((3, *x.shape))
     for i in range(*octaves.ranges[stack]):
-        noise = octave_noise(octaves, i, x, y)
-        total = ValueSlope(
-            *(part + octaves.scale[i, 0] * more for part, more in zip(total, noise, strict=True))
-        )
-    return total
+        amplitude, inverse = octaves.scale[i]
+        value, along, across = np.zeros((3, *x.shape))
+        for (dx, dy), (gx, gy), fade in simplex_corners(octaves, i, x, y):
+            ramp, fourth = gx * dx + gy * dy, fade**4
+            steepness = 8 * fade**3 * ramp
+            value += fourth * ramp
+            along += fourth * gx - steepness * dx
+            across += fourth * gy - steepness * dy
+        slopes = (-across, along) if octaves.form[i, 2] else (along, across)
+        octave = 70 * value, *(inverse * (70 * slope) for slope in slopes)
+        for part, more in zip(total, octave, strict=True):
+            part += amplitude * more
+    return ValueSlope(*total)
 
 
-def skewed(
+def octave_noise(octaves: OctaveTable, i: int, x: LatticeArray, y: LatticeArray) -> Float64Array:
+    """Return the noise of one octave, -1 … 1."""
+    total = np.zeros(x.shape)
+    for (dx, dy), (gx, gy), fade in simplex_corners(octaves, i, x, y):
+        total += fade**4 * (gx * dx + gy * dy)
+    return 70 * total
+
+
+_Pair: TypeAlias = tuple[Float64Array, Float64Array]
+
+
+def simplex_corners(
     octaves: OctaveTable, i: int, x: LatticeArray, y: LatticeArray
-) -> tuple[LatticeArray, LatticeArray, Float64Array, Float64Array]:
-    """Return the cells and fractions of positions in an octave's lattice."""
-    shift, _, turn, _ = (int(word) for word in octaves.form[i])
+) -> Iterator[tuple[_Pair, _Pair, Float64Array]]:
+    """Yield the offsets from corners of an octave's simplices around positions, in cells along its lattice.
+
+    With each corner come its gradient, and 0.5 less the square of the distance, at least 0.
+    """
+    shift, seed, turn, _ = (int(word) for word in octaves.form[i])
     if turn:  # the lattice's axes are the world's north and west
         x, y = y, -x
     u = SKEW_SAME * x + SKEW_OTHER * y + octaves.offset[i, 0]
     v = SKEW_OTHER * x + SKEW_SAME * y + octaves.offset[i, 1]
     cell_u, cell_v = u >> shift, v >> shift
-    return cell_u, cell_v, (u - (cell_u << shift)) / 2.0**shift, (v - (cell_v << shift)) / 2.0**shift
-
-
-def octave_noise(octaves: OctaveTable, i: int, x: LatticeArray, y: LatticeArray) -> ValueSlope:
-    """Return the noise of one octave with its slope per lattice unit, -1 … 1."""
-    noise = _simplex_in(*skewed(octaves, i, x, y), int(octaves.form[i, 1]))
-    slopes = (-noise.north, noise.east) if octaves.form[i, 2] else noise[1:]
-    return ValueSlope(noise.value, *(octaves.scale[i, 1] * slope for slope in slopes))
-
-
-def _simplex_in(
-    cell_u: LatticeArray, cell_v: LatticeArray, fu: Float64Array, fv: Float64Array, seed: int
-) -> ValueSlope:
-    lower = fu > fv
-    total, slopes = np.zeros(fu.shape), np.zeros((2, *fu.shape))
-    for iu, iv in ((0, 0), (lower.astype(np.int64), (~lower).astype(np.int64)), (1, 1)):
+    fu, fv = (u - (cell_u << shift)) / 2.0**shift, (v - (cell_v << shift)) / 2.0**shift
+    lower = (fu > fv).astype(np.int64)
+    for iu, iv in ((0, 0), (lower, 1 - lower), (1, 1)):
         du, dv = fu - iu, fv - iv
-        d = np.stack([du, dv]) - (du + dv) * UNSKEW
-        g = gradients(cell_u + iu, cell_v + iv, seed=seed)
-        fade = np.maximum(0.5 - (d * d).sum(axis=0), 0)
-        ramp = (g * d).sum(axis=0)
-        total += fade**4 * ramp
-        slopes += fade**4 * g - 8 * fade**3 * ramp * d
-    return ValueSlope(70 * total, *(70 * slopes))
+        skew = (du + dv) * UNSKEW
+        dx, dy = du - skew, dv - skew
+        gradient = gradients(cell_u + iu, cell_v + iv, seed=seed)
+        yield (dx, dy), gradient, np.maximum(0.5 - (dx * dx + dy * dy), 0)
 
 
-def gradients(cell_u: LatticeArray, cell_v: LatticeArray, *, seed: int) -> Float64Array:
-    """Return the gradients at corners of cells, components in [-1, 1); shape (2, …)."""
+def gradients(cell_u: LatticeArray, cell_v: LatticeArray, *, seed: int) -> _Pair:
+    """Return the gradients at corners of cells, components in [-1, 1)."""
     word = cell_u * STRIDES[0] + cell_v * STRIDES[1] + seed
     h = (word & 0xFFFFFFFF).astype(np.uint32)
     h ^= h >> np.uint32(15)
     h *= np.uint32(0x735A2D97)
     h ^= h >> np.uint32(15)
-    return np.stack([h.astype(np.int32), (h << np.uint32(16)).astype(np.int32)]) / 2.0**31
+    both = (word.view(np.int32).astype(np.float64) for word in (h, h << np.uint32(16)))
+    east, north = (part * 2.0**-31 for part in both)
+    return east, north

@@ -182,7 +182,8 @@ def feature(kind, x, y, radius, strength, **more) -> np.ndarray[Any, Any]:
 
 def with_roads(sketch: Sketch, recipe: TerrainRecipe, results: Results | None = None) -> TerrainRecipe:
     run = Runner(results)
-    return with_network(recipe, STAGES["roads"].function(sketch, recipe, run), run)
+    surface = STAGES["surface"].function(recipe)
+    return with_network(recipe, STAGES["roads"].function(sketch, surface, run), run)
 
 
 def octave_arguments(context, octaves, corner, step_bits) -> tuple[object, ...]:

@@ -111,7 +111,7 @@ def build(sketch, base=None, water=DRY, run=RUN, data=False):
     land = land_of(sketch, heights)
     ground = ground_of(region, land, water, run)
     raster, flow = ground.raster, grounds.painted_flow(region, ground, water, run)
-    blended = run(grounds.blended_ground, region, water.bare(), grounds.FINE, hashed=False)
+    blended = run(grounds.blended_ground, region, water.bare, grounds.FINE, hashed=False)
     uplift = grounds._uplift(region, land, water, grounds.FINE, run)
     nodes, where = raster.levels[0], flow.raster
     x, y = where.positions().T.reshape(2, *where.shape)

@@ -6,7 +6,7 @@ import itertools
 import math
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -65,12 +65,21 @@ class DrainageConstraints:
     base : heights (m) of outlets, NaN at other nodes
     slope : greatest slope (m/m): 0 in lakes, infinite away from water
     floor : the same on valley floors beside rivers, where nothing is painted
+    point : number of the nearest of the points of all courses on nodes of their paths, −1 elsewhere
     """
 
     course: npt.NDArray[np.int32]
     base: Float64Array
     slope: Float64Array
     floor: Float64Array
+    point: npt.NDArray[np.int32]
+
+    def limited(self, slopes: Sequence[Float64Array]) -> DrainageConstraints:
+        """Return them with the greatest slope at each point of each course: see `course_slopes`."""
+        if not slopes:
+            return self
+        limit = np.concatenate(slopes)[self.point]
+        return replace(self, slope=np.where(self.point >= 0, limit, self.slope))
 
 
 def lake_outlets(lakes: Sequence[Lake], courses: Sequence[RiverCourse], ground: GroundHeight) -> Float64Array:
@@ -125,7 +134,6 @@ def drainage_constraints(
     domain: BoolArray,
     courses: Sequence[RiverCourse],
     *,
-    slopes: Sequence[Float64Array] = (),
     floors: Sequence[Float64Array] = (),
     lakes: Sequence[Lake] = (),
     outlets: Float64Array | None = None,
@@ -142,7 +150,7 @@ def drainage_constraints(
     ----------
     base : heights (m) of outlets, NaN at other nodes
     courses : parents first
-    slopes, floors : at each point of each course: see `course_slopes`, `valley_floors`
+    floors : at each point of each course: see `valley_floors`
     lakes, outlets : lakes, and where they overflow: see `lake_outlets`
     coast : distance inside the painted sea, whose nodes are outlets at `sea_level` (m)
     """
@@ -156,6 +164,8 @@ def drainage_constraints(
     for number, nodes in enumerate(water):
         rows.lake[nodes] = number
         slope.flat[nodes] = 0.0
+    point = np.full(raster.shape, -1, np.int32)
+    first = np.cumsum([0, *(len(course.line) for course in courses)])
     paths: list[Path] = []
     number_of = {course.id: number for number, course in enumerate(courses)}
     for number, course in enumerate(courses):
@@ -166,11 +176,10 @@ def drainage_constraints(
         paths.append(path)
         rows.force(path)
         if path:
-            limits = slopes[number] if slopes else np.full(len(course.line), np.inf)
             own = np.array(path)
-            own = own[np.isinf(slope.flat[own])]
+            free = np.isinf(slope.flat[own]) & (point.flat[own] < 0)
             nearest = np.minimum(np.searchsorted(at, np.arange(len(path))), len(at) - 1)
-            slope.flat[own] = limits[nearest[np.isin(path, own)]]
+            point.flat[own[free]] = first[number] + nearest[free]
     floor = np.full(raster.shape, np.inf)
     if floors:
         _level_floors(raster, courses, floors, floor)
@@ -178,7 +187,7 @@ def drainage_constraints(
         if len(nodes) and outlets is not None:
             rows.drain_lake(number, nodes, _nearest_of(raster, nodes, outlets[number]), paths)
     receiver = rows.receiver.reshape(raster.shape).astype(np.int32)
-    return DrainageConstraints(receiver, base, slope, floor)
+    return DrainageConstraints(receiver, base, slope, floor, point)
 
 
 def valley_floors(courses: Sequence[RiverCourse], slopes: Sequence[Float64Array]) -> list[Float64Array]:

@@ -225,7 +225,7 @@ def solve_water(
     lakes = with_deltas(lakes, courses, seed=seed, run=run)
     mouths = mouth_lakes(sketch, courses, seed=seed, at_sea=to_sea.at_sea)
     lakes, lake_orphans = apply_lake_edits([*lakes, *mouths], sketch.edits)
-    mountains = run(label_mountains, sketch.layers["mountain"])
+    mountains = run(label_mountains, sketch.layers["mountain"], hashed=False)
     cuts = [
         [each[:2] for each in mountain_crossings(sketch, mountains, course.line)] if course.label else []
         for course in courses

@@ -85,7 +85,7 @@ class BaseDetail:
         for i, (factor, wavelength) in enumerate(packed, start=octaves.ranges["base"][0]):
             amplitude = _onset(wavelength / data.resolution) * factor * octaves.scale[i, 0]
             if np.any(amplitude):
-                detail += rough * amplitude * octave_noise(octaves, i, site.x, site.y).value
+                detail += rough * amplitude * octave_noise(octaves, i, site.x, site.y)
                 cut = gully_octave(octaves, i, site, deep * amplitude, z, cut)
         detail += cut.value
         return np.asarray(detail * data.bound / np.maximum(np.hypot(detail, data.bound), 1e-300))

@@ -5,7 +5,7 @@ import numpy as np
 from sketchterrain.array_types import Float64Array, LatticeArray
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.terrain.layers.layer import HostSite
-from sketchterrain.terrain.noise import UNSKEW, OctaveTable, ValueSlope, gradients, skewed
+from sketchterrain.terrain.noise import OctaveTable, ValueSlope, simplex_corners
 
 TALUS, FEED, GENTLE, _WAVES, _PIVOT, _CALM, _SHARP = kernel_constants(
     "layers/erosion.clh", "TALUS", "FEED", "GENTLE", "WAVES", "PIVOT", "CALM", "SHARP"
@@ -49,16 +49,13 @@ def _waves(
     octaves: OctaveTable, i: int, x: LatticeArray, y: LatticeArray, east: Float64Array, north: Float64Array
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Sum an octave's waves (turns per cell eastward and northward) over the corners around each point."""
-    cell_u, cell_v, fu, fv = skewed(octaves, i, x, y)
     if octaves.form[i, 2]:
         east, north = north, -east
-    lower = fu > fv
-    sums = np.zeros((3, *x.shape))
-    for iu, iv in ((0, 0), (lower.astype(np.int64), (~lower).astype(np.int64)), (1, 1)):
-        du, dv = fu - iu, fv - iv
-        d = np.stack([du, dv]) - (du + dv) * UNSKEW
-        g = gradients(cell_u + iu, cell_v + iv, seed=int(octaves.form[i, 1]))
-        weight = np.maximum(0.5 - (d * d).sum(axis=0), 0) ** 2
-        angle = 2 * np.pi * (east * (d[0] - _PIVOT * g[0]) + north * (d[1] - _PIVOT * g[1]))
-        sums += weight * np.stack([np.cos(angle), np.sin(angle), np.ones(x.shape)])
-    return sums[0], sums[1], sums[2]
+    cosine, sine, total = np.zeros((3, *x.shape))
+    for (dx, dy), (gx, gy), near in simplex_corners(octaves, i, x, y):
+        weight = near**2
+        angle = 2 * np.pi * (east * (dx - _PIVOT * gx) + north * (dy - _PIVOT * gy))
+        cosine += weight * np.cos(angle)
+        sine += weight * np.sin(angle)
+        total += weight
+    return cosine, sine, total

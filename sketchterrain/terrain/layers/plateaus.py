@@ -278,7 +278,7 @@ def _cliff_offset(r: dict[str, float], site: HostSite) -> tuple[Float64Array, Fl
     for i in range(*octaves.ranges["cliff"]):
         waves = octaves.scale[i, 1] / world.unit
         share, fine = octave_share(waves, r["half_breadth"], world.fidelity)
-        n = octave_noise(octaves, i, site.x, site.y).value
+        n = octave_noise(octaves, i, site.x, site.y)
         alcove = _ALCOVE_MEAN - _ALCOVE_GAIN * np.sqrt(n * n + _ALCOVE_ROUND)
         moved = r["cliff_noise"] * octaves.scale[i, 0] * share * (n + (alcove - n) * fine)
         alone = smooth_rise(r["talus_width"] * waves, _CLIFF_WAVES, 1 / _INVERSE_CLIFF_WAVES)

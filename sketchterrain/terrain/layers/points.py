@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
 from typing import ClassVar, Final, NamedTuple
@@ -38,7 +38,7 @@ from sketchterrain.terrain.layers.layer import (
     mask_bits,
     smooth_rise,
 )
-from sketchterrain.terrain.noise import NoiseStack, fbm
+from sketchterrain.terrain.noise import NoiseStack, OctaveTable, fbm
 
 _HEADER: Final = "layers/points.clh"
 SLOT_FOREST, SLOT_DUNE = (int(slot) for slot in kernel_constants(_HEADER, "SLOT_FOREST", "SLOT_DUNE"))
@@ -93,6 +93,12 @@ class PointsLayer(TerrainLayer):
         forests = self.painted[self.painted["type"] == FEATURE_TYPES.index("forest")]
         shares = (*conifer_share(forests["peakiness"]), self.fill.conifers)
         return bool(max(shares) >= 0.0)
+
+    def without_forests(self) -> PointsLayer:
+        """Return the dunes alone: all features on which heights depend."""
+        dunes = self.painted[self.painted["type"] == FEATURE_TYPES.index("dune")]
+        empty = replace(self.fill, rules={}, painted=dunes[:0], images={}, near=None, replaced=dunes[:0])
+        return PointsLayer(dunes, self.fill if self.fill.dune_styles else empty)
 
     def stacks(self, world: WorldSettings) -> tuple[NoiseStack, ...]:
         """Return the noises of the warp."""
@@ -197,16 +203,14 @@ class PointsLayer(TerrainLayer):
         state.near = _near_points(state.blocks, culled, sampling.world)
 
     def heights(self, ground: HostSamples, site: HostSite) -> HostSamples:
-        """Find the features near the points, and the warp of outlines there."""
+        """Find the features near the points."""
         sampling = site.sampling
         finder = site.finder or PointFinder(self, sampling.world)
         block = np.array([[site.x.min(), site.y.min(), site.x.max(), site.y.max()]])
         near = finder.near(block, min_radius=sampling.cell)
         packed = self.pack_features(near, sampling.world, sampling.cell)
         warp = outline_warp(sampling.world.fidelity)
-        noises = (fbm(sampling.octaves, name, site.x, site.y) for name in ("warp_u", "warp_v"))
-        east, north = (warp * np.clip(noise, -1, 1) for noise in noises)
-        site.points = PointSite(site.x, site.y, sampling.unit, packed, (east, north))
+        site.points = PointSite(site.x, site.y, sampling.unit, packed, sampling.octaves, warp)
         return ground
 
 
@@ -311,12 +315,19 @@ class PointSite:
     y: LatticeArray
     unit: float
     packed: PackedFeatures
-    bend: tuple[Float64Array, Float64Array]  # displacement of outlines, in radii
+    octaves: OctaveTable
+    warp: float  # greatest displacement of outlines, in radii
 
     @cached_property
     def _metres(self) -> Float64Array:
         """Positions from the first one (m), (n, 2)."""
         return np.stack([self.x - self.x[:1], self.y - self.y[:1]], axis=-1) * self.unit
+
+    @cached_property
+    def _bend(self) -> tuple[Float64Array, ...]:
+        """Displacement of outlines eastward and northward, in radii."""
+        noises = (fbm(self.octaves, name, self.x, self.y) for name in ("warp_u", "warp_v"))
+        return tuple(self.warp * np.clip(noise, -1, 1) for noise in noises)
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -339,7 +350,7 @@ class PointSite:
         """Return the distances of positions from features' centres, in radii."""
         packed, point, feature = self.packed, pairs.point, pairs.feature
         scale = self.unit * packed["inverse_radius"][feature]
-        east, north = (bend[point] for bend in self.bend)
+        east, north = (bend[point] for bend in self._bend)
         dx = (self.x[point] - packed.at[feature, 0]) * scale + east
         dy = (self.y[point] - packed.at[feature, 1]) * scale + north
         return np.asarray(np.hypot(dx, dy))

@@ -255,9 +255,8 @@ class ReliefLayer(TerrainLayer):
 
     def _eroded(self, site: HostSite) -> tuple[ValueSlope, Float64Array, Float64Array, Float64Array]:
         """Return the splines with their gullies, the shares of rock, wetness and data."""
-        rise, rock, wet, data = self.smooth(site)
+        rise, rock, wet, data, noise = self.smooth(site)
         free = np.maximum(1.0 - _ROUNDED_UP * data, 0.0)
-        noise = fbm(site.sampling.octaves, "bend_u", site.x, site.y)
         patches = np.clip(_PATCHY_MEAN + _PATCHY * noise, _PATCHY_LEAST, 1)
         erosion = free * (_GENTLE_GULLIES + (1 - _GENTLE_GULLIES) * rock) * patches
         cut = gullies(self.scale(site.sampling.world), site.sampling.octaves, site, rise, erosion)
@@ -271,19 +270,20 @@ class ReliefLayer(TerrainLayer):
             shown = at - bend * np.stack([fbm(octaves, name, x, y) for name in ("bend_u", "bend_v")], axis=-1)
         return np.asarray(shown)
 
-    def smooth(self, site: HostSite) -> tuple[ValueSlope, Float64Array, Float64Array, Float64Array]:
+    def smooth(
+        self, site: HostSite
+    ) -> tuple[ValueSlope, Float64Array, Float64Array, Float64Array, Float64Array]:
         """Return the nodes' splines with their slope per metre, the share of rock, the wetness, and of data.
 
-        Elevation data are added by their weight.
+        Elevation data are added by their weight. With them comes the noise that displaces nodes eastward.
         """
         world = site.sampling.world
         level = node_level(site.sampling.cell, world.extent)
         bits = NODE_BITS + level
         bend = self.scale(world).bend * 2.0**-bits
-        bends = [
-            scaled_slope(fbm_slope(site.sampling.octaves, name, site.x, site.y), bend)
-            for name in ("bend_u", "bend_v")
-        ]
+        octaves = site.sampling.octaves
+        noises = [fbm_slope(octaves, name, site.x, site.y) for name in ("bend_u", "bend_v")]
+        bends = [scaled_slope(noise, bend) for noise in noises]
         place = np.stack([site.x, site.y], axis=-1) >> bits
         fraction = (np.stack([site.x, site.y], axis=-1) & ((1 << bits) - 1)) * 2.0**-bits
         u, v = (np.asarray(fraction[:, i] + np.clip(bends[i].value, -1, 1), np.float64) for i in (0, 1))
@@ -314,7 +314,7 @@ class ReliefLayer(TerrainLayer):
                 rise.east + (data.east * z[0] + data.value * z[1]),
                 rise.north + (data.north * z[0] + data.value * z[2]),
             )
-        return rise, rock, wet, data.value
+        return rise, rock, wet, data.value, noises[0].value
 
 
 def _displaced_slope(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from itertools import groupby
+from functools import cached_property, lru_cache
+from itertools import groupby, pairwise
 from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
@@ -89,7 +89,24 @@ class RoadsLayer(TerrainLayer):
 
     def rows(self, extent: float) -> PackedRoads:
         """Return the pieces of all roads on the ground, by chain."""
-        return self.cache.get_or_compute(extent, lambda: _packed(self.roads, self.materials, extent))
+        return self.cache.get_or_compute(
+            extent, lambda: _joined([_packed(*run, self.materials, extent) for run in self._runs], extent)
+        )
+
+    @cached_property
+    def _runs(self) -> list[tuple[tuple[Road, ...], tuple[bool, bool]]]:
+        """Successive roads on the ground, and whether they begin and end at tunnels."""
+        runs = []
+        for _, leg in groupby(self.roads, key=lambda road: road.leg):
+            parts = list(leg)
+            end = 0
+            for is_ground, group in groupby(parts, key=lambda road: road.structure == GROUND):
+                run = tuple(group)
+                start, end = end, end + len(run)
+                if is_ground:
+                    beside = parts[max(start - 1, 0)], parts[min(end, len(parts) - 1)]
+                    runs.append((run, (beside[0].structure == TUNNEL, beside[1].structure == TUNNEL)))
+        return runs
 
     @cached_property
     def _widths(self) -> Float64Array:
@@ -99,28 +116,8 @@ class RoadsLayer(TerrainLayer):
 
     def items(self, world: WorldSettings) -> StructuredArray:
         """Return runs of pieces by their contents."""
-        packed = self.rows(world.extent)
-        if not len(packed.at):
-            return np.zeros(0, ITEM)
-        boxes = packed.boxes
-        breaks = np.flatnonzero(np.append(True, np.diff(packed.chain) != 0))
-        first = np.concatenate(
-            [
-                np.arange(a, b, _IN_ITEM)
-                for a, b in zip(breaks, np.append(breaks[1:], len(packed.at)), strict=True)
-            ]
-        )
-        ends = np.append(first[1:], len(packed.at))
-        of_chains = np.isin(np.stack([first, ends], axis=1), np.append(breaks, len(packed.at)))
-        contents = [
-            (packed.at[a:b].tobytes(), packed.row[a:b].tobytes(), is_end.tobytes())
-            for a, b, is_end in zip(first.tolist(), ends.tolist(), of_chains, strict=True)
-        ]
-        low, high = (
-            reduce.reduceat(part, first)
-            for reduce, part in ((np.minimum, boxes[:, :2]), (np.maximum, boxes[:, 2:]))
-        )
-        return content_items(contents, low, high)
+        parts = [_items(*run, self.materials, world.extent) for run in self._runs]
+        return np.sort(np.concatenate([np.zeros(0, ITEM), *parts]), order=("id", "digest"))
 
     def pack_key(self, cell: float) -> float:
         """Return how many widths a cell does not show."""
@@ -231,30 +228,26 @@ class _Feet(NamedTuple):
         return _Feet._make(each[chosen] for each in self)
 
 
-def _packed(roads: Sequence[Road], materials: tuple[str, ...], extent: float) -> PackedRoads:
+_KEPT: Final = 1 << 11
+"""Runs of roads whose pieces are kept: those that an edit does not change."""
+
+
+@lru_cache(_KEPT)
+def _packed(
+    run: tuple[Road, ...], tunnels: tuple[bool, bool], materials: tuple[str, ...], extent: float
+) -> PackedRoads:
+    """Return the pieces of successive roads, by chain."""
     unit = metres_per_unit(extent)
-    starts, rows, chains = [np.zeros((0, 2))], [np.zeros((0, _DEPTH + 1))], [np.zeros(0, np.int32)]
-    number = 0
-    for _, leg in groupby(roads, key=lambda road: road.leg):
-        parts = list(leg)
-        for is_ground, group in groupby(parts, key=lambda road: road.structure == GROUND):
-            run = list(group)
-            if not is_ground:
-                continue
-            place = parts.index(run[0])
-            before = place > 0 and parts[place - 1].structure == TUNNEL
-            behind = place + len(run)
-            after = behind < len(parts) and parts[behind].structure == TUNNEL
-            at, row = _run_rows(run, materials)
-            row[0, ROAD["road_portals"]] += before
-            row[-1, ROAD["road_portals"]] += 2 * after
-            for first, last, share in _chains(row, run):
-                own = row[first:last].copy()
-                own[:, ROAD["road_from_share"]], own[:, ROAD["road_to_share"]] = share[:-1], share[1:]
-                starts.append(at[first:last])
-                rows.append(own)
-                chains.append(np.full(last - first, number, np.int32))
-                number += 1
+    at, row = _run_rows(run, materials)
+    row[0, ROAD["road_portals"]] += tunnels[0]
+    row[-1, ROAD["road_portals"]] += 2 * tunnels[1]
+    starts, rows, chains = [], [], []
+    for number, (first, last, share) in enumerate(_chains(row, run)):
+        own = row[first:last].copy()
+        own[:, ROAD["road_from_share"]], own[:, ROAD["road_to_share"]] = share[:-1], share[1:]
+        starts.append(at[first:last])
+        rows.append(own)
+        chains.append(np.full(last - first, number, np.int32))
     at, row = np.concatenate(starts), np.concatenate(rows)
     lattice = to_lattice(at, extent)
     end = to_lattice(at + row[:, :2], extent)
@@ -264,6 +257,42 @@ def _packed(roads: Sequence[Road], materials: tuple[str, ...], extent: float) ->
     whole = length2 > 0.0
     lattice, chain, row = lattice[whole], np.concatenate(chains)[whole], row[whole]
     return PackedRoads(unit, lattice, chain, row[:, :_DEPTH], row[:, _DEPTH])
+
+
+def _joined(runs: Sequence[PackedRoads], extent: float) -> PackedRoads:
+    """Return the pieces of many runs."""
+    none = np.zeros((0, 2), np.int64), np.zeros(0, np.int32), np.zeros((0, _DEPTH)), np.zeros(0)
+    parts, number = [none], 0
+    for run in runs:
+        parts.append((run.at, run.chain + np.int32(number), run.row, run.depth))
+        number += int(run.chain.max(initial=-1)) + 1
+    return PackedRoads(metres_per_unit(extent), *map(np.concatenate, zip(*parts, strict=True)))
+
+
+@lru_cache(_KEPT)
+def _items(
+    run: tuple[Road, ...], tunnels: tuple[bool, bool], materials: tuple[str, ...], extent: float
+) -> StructuredArray:
+    """Return the pieces of successive roads as items, by their contents."""
+    packed = _packed(run, tunnels, materials, extent)
+    if not len(packed.at):
+        return np.zeros(0, ITEM)
+    boxes = packed.boxes
+    breaks = np.flatnonzero(np.append(True, np.diff(packed.chain) != 0))
+    first = np.concatenate(
+        [np.arange(a, b, _IN_ITEM) for a, b in pairwise([*breaks.tolist(), len(packed.at)])]
+    )
+    ends = np.append(first[1:], len(packed.at))
+    of_chains = np.isin(np.stack([first, ends], axis=1), np.append(breaks, len(packed.at)))
+    contents = [
+        (packed.at[a:b].tobytes(), packed.row[a:b].tobytes(), is_end.tobytes())
+        for a, b, is_end in zip(first.tolist(), ends.tolist(), of_chains, strict=True)
+    ]
+    low, high = (
+        reduce.reduceat(part, first)
+        for reduce, part in ((np.minimum, boxes[:, :2]), (np.maximum, boxes[:, 2:]))
+    )
+    return content_items(contents, low, high)
 
 
 def _run_rows(run: Sequence[Road], materials: tuple[str, ...]) -> tuple[Float64Array, Float64Array]:

@@ -43,8 +43,8 @@ from sketchterrain.render.camera import Camera
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.models.drapes import draped_handles
 from sketchterrain.ui.models.painting import Stroke
-from sketchterrain.ui.models.selection import FeatureDrag, Handle, vertex_at
-from sketchterrain.ui.models.workspace import Selection
+from sketchterrain.ui.models.selection import FeatureDrag, vertex_at
+from sketchterrain.ui.models.workspace import Handle, Selection
 from sketchterrain.ui.view3d.camera import overview
 from sketchterrain.ui.window import MainWindow
 

@@ -31,25 +31,29 @@ _SCALARS: Final = (str, bytes, int, float, complex, type(None), np.generic, Pure
 class Known(weakref.ref[Any]):
     """What is known of an object, as long as it lives."""
 
+    __slots__ = ("found", "memory", "name")  # there are many
+
+    memory: dict[int, Known]
+    name: int
     found: Any
 
     @classmethod
     def keep(cls, memory: dict[int, Known], value: object, found: object) -> None:
         """Keep what was found of an object."""
         name = id(value)
-
-        def forget(gone: weakref.ref[Any]) -> None:
-            if memory.get(name) is gone:
-                del memory[name]
-
-        memory[name] = own = cls(value, forget)
-        own.found = found
+        memory[name] = own = cls(value, _forget)
+        own.memory, own.name, own.found = memory, name, found
 
     @staticmethod
     def of(memory: dict[int, Known], value: object) -> Any:
         """Return what was kept of an object; None without."""
         known = memory.get(id(value))
         return known.found if known is not None and known() is value else None
+
+
+def _forget(gone: Any) -> None:
+    if gone.memory.get(gone.name) is gone:
+        del gone.memory[gone.name]
 
 
 _digests: dict[int, Known] = {}

@@ -124,19 +124,19 @@ def river(x=X):
 
 def resolved(plan, ground=60.0):
     return resolve_conflicts(
-        plan, label_mountains(plan.layers["mountain"]), [river()], [np.full(len(X), ground)], []
+        plan, label_mountains(plan.layers["mountain"], Runner()), [river()], [np.full(len(X), ground)], []
     )
 
 
 def test_crossings_are_runs_inside_mountains_numbered_in_reading_order():
-    numbers = label_mountains(sketch((5, 10), (20, 30)).layers["mountain"])
+    numbers = label_mountains(sketch((5, 10), (20, 30)).layers["mountain"], Runner())
     assert numbers[0, [0, 5, 9, 10, 20, 29, 30]].tolist() == [0, 1, 1, 0, 2, 2, 0]
 
     plan = sketch((5, 10), (20, 30))
-    found = mountain_crossings(plan, label_mountains(plan.layers["mountain"]), river().centreline)
+    found = mountain_crossings(plan, label_mountains(plan.layers["mountain"], Runner()), river().centreline)
     assert [(run.first, run.last, run.mountain) for run in found] == [(10, 19, 1), (40, 59, 2)]
     outside = river().centreline + np.array([0.0, 900.0, 0.0])
-    assert mountain_crossings(plan, label_mountains(plan.layers["mountain"]), outside) == []
+    assert mountain_crossings(plan, label_mountains(plan.layers["mountain"], Runner()), outside) == []
 
 
 def test_rivers_cross_begin_or_end_in_mountains():

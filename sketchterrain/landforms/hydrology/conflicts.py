@@ -20,6 +20,7 @@ from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.landforms.hydrology.lakes import runs_inside
 from sketchterrain.landforms.placement.feature_types import Lake, River, lake_centre
 from sketchterrain.landforms.placement.shapes import find_regions, region_numbers
+from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
     from sketchterrain.document.label_layers import LabelImage
@@ -42,9 +43,9 @@ class Resolution(NamedTuple):
     y: float  # m
 
 
-def label_mountains(image: LabelImage) -> Int64Array:
+def label_mountains(image: LabelImage, run: Runner) -> Int64Array:
     """Return the number of the mountain, or of another layer's shape, at each pixel, from 1; 0 for none."""
-    return region_numbers(image, find_regions(image)) + 1
+    return region_numbers(image, run(find_regions, image, hashed=False)) + 1
 
 
 def mountain_crossings(sketch: Sketch, numbers: Int64Array, line: Float64Array) -> list[Crossing]:
@@ -91,17 +92,18 @@ def resolve_conflicts(
     return tuple(found)
 
 
-def canyon_resolutions(sketch: Sketch, rivers: Sequence[River]) -> tuple[Resolution, ...]:
+def canyon_resolutions(sketch: Sketch, rivers: Sequence[River], run: Runner) -> tuple[Resolution, ...]:
     """Describe the canyons that rivers cut through plateaus."""
     if not (rivers and sketch.layers["plateau"].any()):
         return ()
-    numbers = label_mountains(sketch.layers["plateau"])
+    numbers = label_mountains(sketch.layers["plateau"], run)
     found = []
     for number, river in enumerate(rivers, 1):
         line = river.centreline[:, :2]
-        for run in mountain_crossings(sketch, numbers, line):
-            text = f"river {number} cuts a canyon through plateau {run.mountain}"
-            found.append(_resolution_at(text, line[_display_point(run.first, run.last, len(line))]))
+        for crossing in mountain_crossings(sketch, numbers, line):
+            text = f"river {number} cuts a canyon through plateau {crossing.mountain}"
+            place = _display_point(crossing.first, crossing.last, len(line))
+            found.append(_resolution_at(text, line[place]))
     return tuple(found)
 
 

@@ -233,7 +233,7 @@ def solve_water(
     rivers, lakes, grounds = _solve_levels(courses, grounds, cuts, lakes, run, level)
     painted = [river for river in rivers if river.label]  # they come first
     resolutions = resolve_conflicts(sketch, mountains, painted, grounds[: len(painted)], lakes)
-    resolutions += canyon_resolutions(sketch, painted)
+    resolutions += canyon_resolutions(sketch, painted, run)
     if level is not None:
         resolutions += sea_resolutions(sketch, level, to_sea, painted, lakes)
     orphans = layout.orphans + orphans + lake_orphans

@@ -46,12 +46,14 @@ _TITLES = {
 
 
 @contextmanager
-def reported(report: Callable[[str], object]) -> Iterator[None]:
-    """Report why a change is refused, one line."""
+def reported(report: Callable[[str], object], refresh: Callable[[], object] | None = None) -> Iterator[None]:
+    """Report why a change is refused, one line, and show the present values again."""
     try:
         yield
     except InputError as error:
         report(str(error))
+        if refresh is not None:
+            refresh()
 
 
 def find_point(placed: Placement, selection: Selection) -> np.void | None:

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -212,7 +211,7 @@ class MainWindow(QMainWindow):
         add_menus(self, self.actions_by_name, submenus)
 
     def _bind(self) -> None:
-        actions, files = self.actions_by_name, self.files
+        actions, files, show = self.actions_by_name, self.files, self._link.change_view
         FullScreenActions(self, actions, self.panel_layout)
         SketchActions(actions, self._document, self._workspace, self._link, self.banner)
         ViewActions(actions, self._link, self._workspace)
@@ -242,7 +241,7 @@ class MainWindow(QMainWindow):
                 "bookmark": self._bookmarks.add,
                 **{f"bookmark-{n + 1}": partial(self._bookmarks.go_to, n) for n in range(9)},
                 "restart": self._link.start,
-                **{f"drape-{each}": partial(self._set_drape_method, each) for each in DRAPE_METHODS},
+                **{f"drape-{each}": partial(show, drape_method=each) for each in DRAPE_METHODS},
             }
         )
         actions["drape-tiles"].setChecked(True)
@@ -316,9 +315,6 @@ class MainWindow(QMainWindow):
             if one_line(layer.path) in line and Path(layer.path).exists() and drape_problem(layer):
                 return (("Update", partial(self._layers.drapes.update_file, number)),)
         return ()
-
-    def _set_drape_method(self, method: str) -> None:
-        self._link.set_view(replace(self._link.view, drape_method=method))
 
     def _zoom_to_drape(self, number: int) -> None:
         """Show all of a draped layer on the canvas and in 3-D."""

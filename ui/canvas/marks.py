@@ -2,13 +2,12 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 from contourpy import LineType, contour_generator
-from PyQt6.QtCore import QPointF, QRect, QRectF, Qt
+from PyQt6.QtCore import QPointF, QRect, QRectF, QSize, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 from scipy.spatial import cKDTree
 
@@ -117,18 +116,14 @@ class OverlayImage:
 
     def updated(self, *key: object) -> QImage:
         """Return the image, device pixels, premultiplied, of what a key stands for."""
-        viewport, last = self._context.viewport, self._viewport
-        is_same, self._key, self._viewport = key == self._key, key, viewport
-        if is_same and viewport == last:
-            return self._image
-        if is_same and last is not None and replace(last, left=viewport.left, top=viewport.top) == viewport:
-            for area in scroll_image(self._image, viewport.left - last.left, viewport.top - last.top):
-                self._draw(area)
-            return self._image
-        whole = QRect(0, 0, viewport.width, viewport.height)
-        if self._image.size() != whole.size():
-            self._image = QImage(whole.size(), QImage.Format.Format_ARGB32_Premultiplied)
-        self._draw(whole)
+        viewport = self._context.viewport
+        size = QSize(viewport.width, viewport.height)
+        before = self._viewport if key == self._key else None
+        self._key, self._viewport = key, viewport
+        if self._image.size() != size:
+            self._image, before = QImage(size, QImage.Format.Format_ARGB32_Premultiplied), None
+        for area in scroll_image(self._image, before, viewport):
+            self._draw(area)
         return self._image
 
     def _draw(self, area: QRect) -> None:

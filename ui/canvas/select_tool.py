@@ -3,12 +3,13 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 from PyQt6.QtCore import QLineF, QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen
 
 from sketchterrain.ui.canvas.decorations import write_beside
-from sketchterrain.ui.canvas.drape_tool import draw_feature
-from sketchterrain.ui.canvas.marks import SELECTED, FeatureMarks
+from sketchterrain.ui.canvas.drapes import PictureWindow, draw_items
+from sketchterrain.ui.canvas.marks import SELECTED, FeatureMarks, draw_haloed, screen_paths
 from sketchterrain.ui.canvas.tool_context import REACH, Pointer, Tool, ToolContext
 from sketchterrain.ui.canvas.vectors import VectorMarks
 from sketchterrain.ui.commands import exists, name_of, reported
@@ -24,7 +25,7 @@ from sketchterrain.ui.models.selection import (
     vector_width_handle,
     vertex_at,
 )
-from sketchterrain.ui.models.vectors import insert_vertex, vector_at
+from sketchterrain.ui.models.vectors import insert_vertex, outlines, vector_at
 from sketchterrain.ui.models.workspace import Handle, Selection
 
 _TOLERANCE = 9.0  # logical px around a handle or feature
@@ -161,8 +162,8 @@ class SelectTool(Tool):
         faint.setAlpha(150)
         if hovered is not None and hovered.is_vector and self._drag is None:
             self._vectors.draw_outline(painter, hovered, faint)
-        draw_feature(painter, self.context, hovered, faint)
-        draw_feature(painter, self.context, selection, SELECTED)
+        _draw_draped(painter, self.context, hovered, faint)
+        _draw_draped(painter, self.context, selection, SELECTED)
         for handle in self._draped_handles():
             self._draw_handle(painter, handle)
         if selection is not None and selection.is_vector:
@@ -294,3 +295,26 @@ class SelectTool(Tool):
         offset = at - self.context.screen_from_world(handle.base_x, handle.base_y)
         length = math.hypot(offset.x(), offset.y())
         return at + (offset * (_WIDTH_OFFSET / length) if length > 0.0 else QPointF(0.0, -_WIDTH_OFFSET))
+
+
+def _draw_draped(
+    painter: QPainter, context: ToolContext, selection: Selection | None, colour: QColor
+) -> None:
+    """Highlight a draped feature, if one is selected; while it is edited draw it as its layer does, too."""
+    import shapely
+
+    drapes, feature = context.document.drapes, context.document.drapes.feature(selection)
+    if feature is None or selection is None or drapes.current is None:
+        return
+    if drapes.held == (selection.layer, selection.id):
+        corner = context.world_from_sketch(*context.sketch_from_screen(QPointF(0.0, 0.0)))
+        window = PictureWindow(*corner, 1.0 / context.px_per_metre, 0, 0)
+        painter.save()
+        draw_items(painter, drapes.current, drapes.current.only(drapes.held, window.texel), window)
+        painter.restore()
+    lines = outlines(np.array([feature.geometry]))  # areas may be invalid
+    (path,) = screen_paths(context, lines, context.area)
+    if feature.geometry.length == 0.0:
+        for place in shapely.get_coordinates(feature.geometry).tolist():
+            path.addEllipse(context.screen_from_world(*place), 6.0, 6.0)
+    draw_haloed(painter, path, colour, 2.0)

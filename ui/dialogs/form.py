@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from PyQt6.QtCore import Qt, QUrl, pyqtSignal
-from PyQt6.QtGui import QCloseEvent, QDesktopServices, QPalette
+from PyQt6.QtGui import QCloseEvent, QDesktopServices, QFont, QPalette
 from PyQt6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -30,7 +30,7 @@ from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.engine.protocol import Request
 from sketchterrain.ui.export_job import ExportJob
-from sketchterrain.ui.look.theme import MARGIN, SPACING, LayoutItem, column, row
+from sketchterrain.ui.look.theme import MARGIN, SPACING, LayoutItem, column, heading, row
 from sketchterrain.ui.models.workspace import Preferences
 from sketchterrain.ui.panels.controls import NumberBox
 
@@ -231,14 +231,9 @@ def titled(
     return line
 
 
-def heading(text: str) -> QLabel:
+def headline(text: str) -> QLabel:
     """Return the headline of a dialog."""
-    label = QLabel(text)
-    font = label.font()
-    font.setPointSizeF(font.pointSizeF() * 1.25)
-    font.setBold(True)
-    label.setFont(font)
-    return label
+    return heading(text, weight=QFont.Weight.Bold, scale=1.25)
 
 
 def note(text: str = "", *, selectable: bool = False) -> QLabel:
@@ -308,7 +303,7 @@ class JobProgress(QWidget):
 
     def __init__(self, title: str, name: str) -> None:
         super().__init__()
-        self.heading, self.doing, self.notes = heading(title), QLabel("Starting"), note(selectable=True)
+        self.heading, self.doing, self.notes = headline(title), QLabel("Starting"), note(selectable=True)
         self.doing.setWordWrap(True)
         self.lines: list[str] = []
         self.bar = QProgressBar()

@@ -318,17 +318,10 @@ def _bookmark(table: dict[str, Any]) -> Bookmark:
 TOOLS: Final = ("select", "brush", "eraser", "line", "fill", "pick", "pan")
 PAINT_TOOLS: Final = ("brush", "eraser", "fill")
 """Tools for layers with an image."""
-OVERLAYS: Final = {
-    "relief": "the terrain's relief beneath the paint",
-    "elevation": "elevation data beneath the paint, shaded",
-    "pictures": "pictures of raster sources beneath the paint",
-    "features": "placed features and rivers",
-    "contradictions": "where layers contradict each other, and how it was resolved",
-    "adherence": "where the terrain agrees with the sketch",
-    "realism": "where landforms differ from real land",
-    "eye": "position and direction of the 3-D camera",
-}
-"""Overlays of the canvas and their descriptions."""
+OVERLAYS: Final = (
+    *("relief", "elevation", "pictures", "features", "contradictions", "adherence", "realism", "eye"),
+)
+"""Overlays of the canvas."""
 BRUSHES: Final = (0.5, 512.0)  # range of the brush radius, px of the sketch
 
 

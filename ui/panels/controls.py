@@ -29,7 +29,7 @@ from superqt import QCollapsible, QElidingLabel
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.parameters import Parameter, format_number
 from sketchterrain.ui.look.layer_colours import swatch
-from sketchterrain.ui.look.theme import MARGIN, MARKS, SPACING, column, described, tabular
+from sketchterrain.ui.look.theme import MARGIN, MARKS, SPACING, column, described, heading, tabular
 
 SLIDER_STEPS = 1000
 _LOG_RATIO = 100.0  # ratio of the ends from which on a scale is not linear
@@ -279,15 +279,6 @@ def faint_label(text: str = "") -> QLabel:
 def check_box(title: str, tip: str) -> QCheckBox:
     """Return a check box, its title with ``&`` before its key."""
     return described(QCheckBox(title), title.replace("&", ""), tip)
-
-
-def heading(text: str = "") -> QLabel:
-    """Return a label for a title."""
-    label = QLabel(text)
-    font = QFont(label.font())
-    font.setWeight(QFont.Weight.DemiBold)
-    label.setFont(font)
-    return label
 
 
 def status_label(tip: str, sample: str | None = None) -> QElidingLabel:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,14 +14,15 @@ from PyQt6.QtWidgets import QComboBox, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from sketchterrain.document.drapes import DRAPE, STYLE, DrapeClass, DrapedLayer, draped_layer
 from sketchterrain.document.parameters import Parameter, Value
-from sketchterrain.errors import InputError, one_line
+from sketchterrain.errors import one_line
 from sketchterrain.ui.actions import ContextMenu
+from sketchterrain.ui.commands import reported
 from sketchterrain.ui.look.layer_colours import colour_swatch
-from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, row, tool_button
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, heading, row, tool_button
 from sketchterrain.ui.models import drapes as model
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Selection, Workspace
-from sketchterrain.ui.panels.controls import CollapsibleGroup, PageHead, heading, scroll_past
+from sketchterrain.ui.panels.controls import CollapsibleGroup, PageHead, scroll_past
 from sketchterrain.ui.panels.form import ParameterForm, TextRow
 from sketchterrain.ui.panels.layer_list import ROW_HEIGHT, LayerList, Row
 
@@ -98,7 +98,7 @@ class DrapeList(QWidget):
 
     def add(self, layers: list[DrapedLayer]) -> None:
         """Add layers above the others and choose the last one."""
-        with _reported(self._document, self.refresh):
+        with reported(self._document.message.emit, self.refresh):
             model.add_drapes(self._document, self._workspace, layers)
 
     def menu(self) -> ContextMenu:
@@ -159,7 +159,7 @@ class DrapeList(QWidget):
 
     def update_file(self, number: int) -> None:
         """Accept a layer's file as it is now."""
-        with _reported(self._document, self.refresh):
+        with reported(self._document.message.emit, self.refresh):
             digest = draped_layer(Path(self._layer(number).path))["sha256"]
             model.change_drape(self._document, number, "Update", sha256=digest)
 
@@ -254,7 +254,7 @@ class DrapePage(QWidget):
     def _set(self, name: str, value: Value | None, key: object = None) -> None:
         """Set a value of the layer, or a style of the shown class; None is the layer's."""
         changes: dict[str, Any] = {name: value}
-        with _reported(self._document, self.refresh):
+        with reported(self._document.message.emit, self.refresh):
             if self._index >= 0 and name in STYLE:
                 style = {**self._layer.classes[self._index].style, name: value}
                 own = {each: given for each, given in style.items() if given is not None}
@@ -272,14 +272,14 @@ class DrapePage(QWidget):
         return {"classes": (*classes[:index], *changed, *classes[index + 1 :])}
 
     def _classify(self) -> None:
-        with _reported(self._document, self.refresh):
+        with reported(self._document.message.emit, self.refresh):
             model.classify(self._document, self._number, self._layer["by"])
 
     def _set_class(self, index: int, value: str | None) -> None:
         """Set the value of a class, add one after the last, or remove one."""
         classes = self._layer.classes
         style = classes[index].style if index < len(classes) else {"colour": model.distinct_colour(index)}
-        with _reported(self._document, self.refresh):
+        with reported(self._document.message.emit, self.refresh):
             changes = self._with_class(index, *(() if value is None else (DrapeClass(value, style),)))
             self._index = min(index, len(changes["classes"]) - 1)
             model.change_drape(self._document, self._number, "Set classes of", **changes)
@@ -336,15 +336,5 @@ class DrapedFeaturePage(QWidget):
         self._column.addWidget(self._fields)
 
     def _set(self, name: str, text: object, _: object) -> None:
-        with _reported(self._document, self.refresh):
+        with reported(self._document.message.emit, self.refresh):
             model.set_property(self._document, self._workspace, name, str(text))
-
-
-@contextmanager
-def _reported(document: Document, refresh: Callable[[], None]) -> Iterator[None]:
-    """Report a refused change and show the present values again."""
-    try:
-        yield
-    except InputError as error:
-        document.message.emit(str(error))
-        refresh()

@@ -1,6 +1,5 @@
 """Lists of the undo history, contradictions and bookmarks."""
 
-from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -17,7 +16,7 @@ from PyQt6.QtCore import (
     Qt,
     pyqtSignal,
 )
-from PyQt6.QtGui import QAction, QIcon, QImage, QPainter, QPalette, QStandardItem, QStandardItemModel
+from PyQt6.QtGui import QIcon, QImage, QPainter, QPalette, QShortcut, QStandardItem, QStandardItemModel
 from PyQt6.QtWidgets import (
     QAbstractItemView,
     QLabel,
@@ -244,11 +243,9 @@ class BookmarksPanel(Panel):
         self._list.itemChanged.connect(self._rename)
         self._list.currentRowChanged.connect(self._update_buttons)
         self._list.customContextMenuRequested.connect(self._open_menu)
-        delete_key = QAction(self._list)
-        delete_key.setShortcut(Qt.Key.Key_Delete)
-        delete_key.setShortcutContext(Qt.ShortcutContext.WidgetShortcut)
-        delete_key.triggered.connect(self.delete_current)
-        self._list.addAction(delete_key)
+        QShortcut(
+            Qt.Key.Key_Delete, self._list, self.delete_current, context=Qt.ShortcutContext.WidgetShortcut
+        )
         self._link.frame_shown.connect(self._update_buttons)
         self._bookmarks.changed.connect(self._refresh)
         self._bookmarks.failed.connect(self._show_error)
@@ -257,7 +254,7 @@ class BookmarksPanel(Panel):
         """Go to the viewpoint of a bookmark if it exists."""
         if 0 <= index < len(self._bookmarks.all):
             bookmark = self._bookmarks.all[index]
-            self._link.set_view(replace(self._link.view, mode=bookmark.mode))
+            self._link.change_view(mode=bookmark.mode)
             self._link.send(Look(bookmark.pose))
             self._list.setCurrentRow(index)
 

@@ -1,6 +1,5 @@
 """Panels of settings: those of the sketch as a whole, and those of the 3-D view."""
 
-from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -259,8 +258,8 @@ class ViewPanel(ScrollingPanel):
         self._quality = _AUTOMATIC
         self.quality.edited.connect(lambda quality, _: self._set_quality(quality))
         self.quality.reset_requested.connect(lambda: self._set_quality(_AUTOMATIC))
-        self.plays.toggled.connect(lambda on: link.set_view(replace(link.view, plays=on)))
-        self.refines.toggled.connect(lambda on: link.set_view(replace(link.view, refines=on)))
+        self.plays.toggled.connect(lambda on: link.change_view(plays=on))
+        self.refines.toggled.connect(lambda on: link.change_view(refines=on))
         for name, box in self.overlays.items():
             box.toggled.connect(partial(self._show_overlay, name))
         document.sketch_changed.connect(self._show_weather)
@@ -287,9 +286,9 @@ class ViewPanel(ScrollingPanel):
 
     def _send_quality(self) -> None:
         quality = None if self._quality == _AUTOMATIC else self._quality
-        self._link.set_view(replace(self._link.view, quality=quality))
+        self._link.change_view(quality=quality)
 
     def _show_overlay(self, name: str, on: bool) -> None:
         visible = {*self._link.view.overlays, name} if on else {*self._link.view.overlays} - {name}
         overlays = tuple(each for each in OVERLAY_TITLES if each in visible)
-        self._link.set_view(replace(self._link.view, overlays=overlays))
+        self._link.change_view(overlays=overlays)

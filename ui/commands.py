@@ -394,20 +394,13 @@ def with_raster(sketch: Sketch, source: RasterSource, *changed: RasterSource) ->
     return sketch.replace(rasters=tuple(rasters))
 
 
-def set_property(sketch: Sketch, layer: str, label: int, name: str, value: Value) -> Sketch:
-    """Set a property of a label."""
-    if sketch.properties(layer, label).get(name) == value:
-        return sketch
-    properties = {**sketch.labels.get((layer, label), {}), name: value}
-    return sketch.replace(labels={**sketch.labels, (layer, label): properties})
-
-
-def reset_property(sketch: Sketch, layer: str, label: int, name: str) -> Sketch:
-    """Reset a property of a label to its default."""
+def set_property(sketch: Sketch, layer: str, label: int, name: str, value: Value | None) -> Sketch:
+    """Set a property of a label; None resets it to its default."""
     declared = sketch.labels.get((layer, label), {})
-    if name not in declared:
+    is_same = name not in declared if value is None else sketch.properties(layer, label).get(name) == value
+    if is_same:
         return sketch
-    properties = {key: value for key, value in declared.items() if key != name}
+    properties = {key: each for key, each in {**declared, name: value}.items() if each is not None}
     return sketch.replace(labels={**sketch.labels, (layer, label): properties})
 
 
@@ -422,17 +415,13 @@ def settings(sketch: Sketch, table: str) -> dict[str, Value]:
     return {name: values[name] for name in DECLARED[table]}
 
 
-def set_setting(sketch: Sketch, table: str, name: str, value: Value) -> Sketch:
-    """Set a value of a table."""
+def set_setting(sketch: Sketch, table: str, name: str, value: Value | None) -> Sketch:
+    """Set a value of a table; None resets it to its default."""
+    value = DECLARED[table][name].default if value is None else value
     if settings(sketch, table)[name] == value:
         return sketch
     changed = {name: value} if table == WORLD else {table: {**getattr(sketch, table), name: value}}
     return sketch.replace(**changed)
-
-
-def reset_setting(sketch: Sketch, table: str, name: str) -> Sketch:
-    """Reset a value of a table to its default."""
-    return set_setting(sketch, table, name, DECLARED[table][name].default)
 
 
 _SEEDS = 1_000_000  # fewer than there are: short enough to remember

@@ -224,7 +224,7 @@ class MainWindow(QMainWindow):
                 "open-folder": files.ask_open_folder,
                 "save": files.save,
                 "save-as": files.save_as,
-                "import": self._import,
+                "import": lambda: files.ask_import(self._workspace.layer),
                 "add-raster": files.ask_add_raster,
                 "add-drapes": files.ask_add_drapes,
                 "quit": self.close,
@@ -322,9 +322,6 @@ class MainWindow(QMainWindow):
         if source is not None:
             self.canvas.show_box(*source.box.tolist())
             self._link.send(show_line(source.box.reshape(2, 2), self._document.sketch.size))
-
-    def _import(self) -> None:
-        self.files.ask_import(self._workspace.layer)
 
     def _show_place(self, x: float, y: float) -> None:
         self.canvas.show_place(x, y)

@@ -81,7 +81,7 @@ class SketchActions(QObject):
                     name: partial(self._apply_to_vector, command)
                     for name, command in {**VECTOR_COMMANDS, **CLIPBOARD_COMMANDS}.items()
                 },
-                "delete-selection": self._delete,
+                "delete-selection": partial(self._apply, delete),
                 "reset-selection": partial(self._apply, reset),
                 "select-none": partial(setattr, workspace, "selection", None),
                 "brush-smaller": partial(self._scale_brush, 1.0 / _BRUSH_STEP),
@@ -158,12 +158,6 @@ class SketchActions(QObject):
 
     def _apply_to_vector(self, command: Callable[[Document, Workspace], None]) -> None:
         self._try(lambda: command(self._document, self._workspace))
-
-    def _delete(self) -> None:
-        selection, placed = self._workspace.selection, self._link.placed
-        if selection is not None:
-            self._try(lambda: delete(self._document, self._workspace, placed, selection))
-            self.refresh()
 
     def _apply(self, command: Callable[[Document, Workspace, msg.Placement, Selection], None]) -> None:
         selection, placed = self._workspace.selection, self._link.placed

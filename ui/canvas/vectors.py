@@ -55,7 +55,7 @@ class VectorMarks:
 
     def draw_selection(self, painter: QPainter, selection: Selection, drag: FeatureDrag | None) -> None:
         """Draw the selected vector with its vertices, and while one is dragged all that share the node."""
-        context, layer = self._context, self._context.document.sketch.vectors[selection.kind]
+        context = self._context
         feature = vectors.find_vector(context.document.sketch, selection)
         if feature is None:
             return
@@ -67,10 +67,9 @@ class VectorMarks:
         else:
             start, end = (drag.handle.x, drag.handle.y), (drag.x, drag.y)
             places[(places == start).all(axis=1)] = end
-            for layer in network:
-                moved = vectors.Curves.from_layer(vectors.with_moved_node(layer, start, end))
-                for path in screen_paths(context, moved.shapes, context.area):
-                    draw_haloed(painter, path, SELECTED, 2.0)
+            moved = vectors.moved_shapes(context.document.sketch, selection.kind, start, end)
+            for path in screen_paths(context, moved, context.area):
+                draw_haloed(painter, path, SELECTED, 2.0)
         x, y = context.screens_from_world(*places.T)
         left, top, right, bottom = context.area.adjusted(-5.0, -5.0, 5.0, 5.0).getCoords()
         visible = np.flatnonzero((x > left) & (x < right) & (y > top) & (y < bottom))

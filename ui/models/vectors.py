@@ -94,12 +94,6 @@ class Curves:
         excess = np.where(np.isnan(distance), np.inf, distance - reach[rows])  # nan: of what is outside
         return int(rows[np.argmin(excess)]) if excess.min(initial=np.inf) <= 0.0 else None
 
-    def lines(self, index: int) -> list[Float64Array]:
-        """Return the outline of a feature as lines (n, 2), m."""
-        import shapely
-
-        return [shapely.get_coordinates(each) for each in shapely.get_parts(self.outlines[index])]
-
 
 def outlines(shapes: Shapes) -> Shapes:
     """Return shapes with their borders and holes in place of areas."""
@@ -313,6 +307,12 @@ def with_moved_node(layer: VectorLayer, start: tuple[float, float], end: tuple[f
         return edits.move_node(own, start, end)
     except InputError:
         return own
+
+
+def moved_shapes(sketch: Sketch, name: str, start: tuple[float, float], end: tuple[float, float]) -> Shapes:
+    """Return the curves of all features of a network at a node, moved as by `with_moved_node`."""
+    moved = (with_moved_node(layer, start, end) for layer in network_of(sketch, name))
+    return np.concatenate([Curves.from_layer(each).shapes for each in moved])
 
 
 def node_moved(

@@ -198,7 +198,6 @@ class DrapePage(QWidget):
         column(self, self._head, *groups, spacing=MARGIN)
         for form in (self.layer_form, self.style_form):
             form.edited.connect(self._set)
-            form.reset_requested.connect(self._reset)
         self.value.edited.connect(lambda value, _: self._set_class(self._index, str(value)))
         self.classify.clicked.connect(self._classify)
         self.by.activated.connect(lambda _: self._set("by", self.by.currentText()))
@@ -252,8 +251,9 @@ class DrapePage(QWidget):
                 field.reset.setVisible(name in own if index >= 0 else own[name] != STYLE[name].default)
 
     def _set(self, name: str, value: Value | None, key: object = None) -> None:
-        """Set a value of the layer, or a style of the shown class; None is the layer's."""
-        changes: dict[str, Any] = {name: value}
+        """Set a value of the layer, or a style of the shown class; None is the default, or the layer's."""
+        default = {**DRAPE, **STYLE}[name].default
+        changes: dict[str, Any] = {name: default if value is None else value}
         with reported(self._document.message.emit, self.refresh):
             if self._index >= 0 and name in STYLE:
                 style = {**self._layer.classes[self._index].style, name: value}
@@ -261,10 +261,6 @@ class DrapePage(QWidget):
                 changes = self._with_class(self._index, replace(self._layer.classes[self._index], style=own))
             title = f"Set {name.replace('_', ' ')} of"
             model.change_drape(self._document, self._number, title, merge=key, **changes)
-
-    def _reset(self, name: str) -> None:
-        is_class = self._index >= 0 and name in STYLE
-        self._set(name, None if is_class else {**DRAPE, **STYLE}[name].default)
 
     def _with_class(self, index: int, *changed: DrapeClass) -> dict[str, Any]:
         """Return the change that replaces a class by its index, adds one after the last, or removes one."""

@@ -246,25 +246,16 @@ class LabelPage(QWidget):
             self._declared[layer] = parameters
             form = self.forms[layer] = ParameterForm(parameters.values())
             form.edited.connect(self._set)
-            form.reset_requested.connect(self._reset)
             self._column.addWidget(form)
         self.forms[layer].show_values(self._document.sketch.properties(layer, label))
         for name, form in self.forms.items():
             form.setVisible(name == layer)
 
-    def _set(self, name: str, value: Value, key: object) -> None:
+    def _set(self, name: str, value: Value | None, key: object) -> None:
         if self._shown is not None:
             changed = commands.set_property(self._document.sketch, *self._shown, name, value)
-            self._document.do(f"Set {self._property_title(name)}", changed, merge=key)
-
-    def _reset(self, name: str) -> None:
-        if self._shown is not None:
-            changed = commands.reset_property(self._document.sketch, *self._shown, name)
-            self._document.do(f"Reset {self._property_title(name)}", changed)
-
-    def _property_title(self, name: str) -> str:
-        label = "" if self._shown is None else label_title(*self._shown)
-        return f"{title_from_key(name).lower()} of {label.lower()}"
+            verb, title = "Reset" if value is None else "Set", title_from_key(name).lower()
+            self._document.do(f"{verb} {title} of {label_title(*self._shown).lower()}", changed, merge=key)
 
 
 class SelectionPage(QWidget):

@@ -16,14 +16,13 @@ from PyQt6.QtCore import (
     Qt,
     pyqtSignal,
 )
-from PyQt6.QtGui import QIcon, QImage, QPainter, QPalette, QShortcut, QStandardItem, QStandardItemModel
+from PyQt6.QtGui import QIcon, QImage, QPainter, QShortcut, QStandardItem, QStandardItemModel
 from PyQt6.QtWidgets import (
     QAbstractItemView,
     QLabel,
     QListView,
     QListWidget,
     QListWidgetItem,
-    QStyle,
     QStyledItemDelegate,
     QStyleOptionViewItem,
 )
@@ -70,12 +69,8 @@ class _RowDelegate(QStyledItemDelegate):
         if painter is None:
             return
         painter.save()
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        draw_band(painter, option, QRectF(option.rect).adjusted(2, 1, -2, -1))
-        role = QPalette.ColorRole
-        is_selected = bool(option.state & QStyle.StateFlag.State_Selected)
-        text_role = role.PlaceholderText if index.data(PALE) else role.Text
-        colour = option.palette.color(role.HighlightedText if is_selected else text_role)
+        primary, pale = draw_band(painter, option, QRectF(option.rect).adjusted(2, 1, -2, -1))
+        colour = pale if index.data(PALE) else primary
         name = index.data(ICON)
         if name:
             left, top = option.rect.left() + SPACING, option.rect.top() + SMALL + 2

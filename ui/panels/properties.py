@@ -74,32 +74,24 @@ class FeatureForm(QWidget):
         self.rows["x"].set_slider_range(0.0, east)
         self.rows["y"].set_slider_range(0.0, north)
         self.rows["radius"].set_slider_range(max(east, north) / 1000, max(east, north))
-        for name, value in self._values(placed, selection, point).items():
+        values = commands.values_of(self._document.sketch, point)
+        height = values.pop("strength")
+        for name, value in {**values, "height": height, "density": min(height, 1.0)}.items():
             self.rows[name].show_value(value)
         self.rows["height"].setVisible(not LAYERS[self.layer].is_share)
         self.rows["density"].setVisible(LAYERS[self.layer].is_share)
 
-    def _values(self, placed: Placement, selection: Selection, point: np.void) -> dict[str, float]:
-        """Return the values of a feature with pending edits, which are placed a moment later."""
-        values = {name: float(point[name]) for name in ("x", "y", "radius")}
-        for edit in self._document.sketch.edits:
-            if edit.feature == selection.id:
-                values |= {name: float(value) for name, value in edit.values.items() if name in values}
-        height = commands.strength_of(self._document.sketch, placed, selection) or 0.0
-        return {**values, "height": height, "density": min(height, 1.0)}
-
     def _apply(self, name: str, value: float, key: object) -> None:
         if self._shown is None:
             return
-        sketch, kind = self._document.sketch, commands.name_of(*self._shown)
+        kind = commands.name_of(*self._shown)
+        action, values, title = "strength", {"strength": value}, f"Set {name} of {kind}"
         if name in ("x", "y"):
-            position = {each: self.rows[each].number for each in ("x", "y")} | {name: value}
-            changed = commands.moved(sketch, *self._shown, position["x"], position["y"])
-            title = f"Move {kind}"
+            position = {each: self.rows[each].number for each in ("x", "y")}
+            action, values, title = "move", position | {name: value}, f"Move {kind}"
         elif name == "radius":
-            changed, title = commands.resized(sketch, *self._shown, value), f"Resize {kind}"
-        else:
-            changed, title = commands.strengthened(sketch, *self._shown, value), f"Set {name} of {kind}"
+            action, values, title = "resize", {"radius": value}, f"Resize {kind}"
+        changed = commands.with_values(self._document.sketch, *self._shown, action, **values)
         self._document.do(title, changed, merge=key)
 
 

@@ -198,7 +198,7 @@ class Decorations:
         if vectors is not None:
             painter.drawImage(QRectF(area), vectors, source)
         if "features" in overlays:
-            painter.drawImage(QRectF(area), self._marks.image(context.link.placed), source)
+            painter.drawImage(QRectF(area), self._marks.image(), source)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         if "contradictions" in overlays:
             draw_warnings(painter, context)

@@ -12,7 +12,6 @@ from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, Lake, River, ShapeField
 from sketchterrain.ui.canvas.sketch_image import scroll_image
@@ -140,20 +139,25 @@ class OverlayImage:
         painter.end()
 
 
+@lru_cache(maxsize=1)
+def _neighbour_distances(placed: Placement) -> Float64Array:
+    """Return each feature's distance (m) from its nearest neighbour."""
+    places = np.stack([placed.points["x"], placed.points["y"]], axis=-1)
+    return np.asarray(cKDTree(places).query(places, k=2)[0])[:, 1] if len(places) else np.empty(0)
+
+
 class FeatureMarks:
     """A cached image of the placed features; rings of influence are drawn with the selection tool only."""
 
     def __init__(self, context: ToolContext) -> None:
         self._context = context
         self._image = OverlayImage(context, self._draw)
-        self._placed = context.link.placed
         self._rings = False
-        self._spacings = LRUCache(1)
 
-    def image(self, placed: Placement) -> QImage:
+    def image(self) -> QImage:
         """Return the image of the whole canvas, device pixels, premultiplied."""
-        self._placed, self._rings = placed, self._context.workspace.tool == "select"
-        return self._image.updated(placed, self._rings)
+        self._rings = self._context.workspace.tool == "select"
+        return self._image.updated(self._context.link.placed, self._rings)
 
     def draw_selection(
         self, painter: QPainter, placed: Placement, selection: Selection, colour: QColor
@@ -174,7 +178,7 @@ class FeatureMarks:
             self._draw_shore(painter, lake, colour, 2.4, canvas)
 
     def _draw(self, painter: QPainter, visible: QRectF) -> None:
-        context, placed = self._context, self._placed
+        context, placed = self._context, self._context.link.placed
         if not self._rings:
             corner = context.screen_from_sketch(context.viewport.columns, context.viewport.rows)
             sketch = QRectF(context.screen_from_sketch(0, 0), corner)
@@ -185,20 +189,11 @@ class FeatureMarks:
             self._draw_river(painter, river, QColor(_RIVER), visible)
         self._draw_points(painter, placed, visible)
 
-    def _neighbour_distances(self, placed: Placement) -> Float64Array:
-        """Return each feature's distance (m) from its nearest neighbour."""
-
-        def compute() -> Float64Array:
-            places = np.stack([placed.points["x"], placed.points["y"]], axis=-1)
-            return np.asarray(cKDTree(places).query(places, k=2)[0])[:, 1] if len(places) else np.empty(0)
-
-        return self._spacings.get_or_compute(placed, compute)
-
     def _draw_points(self, painter: QPainter, placed: Placement, area: QRectF) -> None:
         context, points, rings = self._context, placed.points, self._rings
         # Glyphs shrink where they would overlap, and while painting.
         largest = 1.0 if rings else _SIZE_WHILE_PAINTING
-        free = self._neighbour_distances(placed) * context.px_per_metre / _SPACING
+        free = _neighbour_distances(placed) * context.px_per_metre / _SPACING
         sizes = np.round(np.clip(free, _LEAST_SIZE, largest), 1)
         x, y = context.screens_from_world(points["x"], points["y"])
         radius = points["radius"].astype(np.float64) * context.px_per_metre

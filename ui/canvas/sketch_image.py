@@ -113,8 +113,8 @@ def tint_image(adherence: Adherence, name: str) -> QImage | None:
     """
     codes, colours = adherence.faults, [*FAULT_COLOURS.values()]  # of codes from 1 on; 0 is nothing
     if name != "realism":
-        painted, present = adherence.images.get(name, (None, None))
-        codes = None if painted is None else painted + np.uint8(2) * present
+        images = adherence.images.get(name)
+        codes = None if images is None else images[0] + np.uint8(2) * images[1]
         colours = [AGREEMENT[each] for each in ("missing", "spill", "as painted")]
     if codes is None:
         return None

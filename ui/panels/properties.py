@@ -84,14 +84,15 @@ class FeatureForm(QWidget):
     def _apply(self, name: str, value: float, key: object) -> None:
         if self._shown is None:
             return
-        kind = commands.name_of(*self._shown)
+        placed, selection = self._shown
+        kind = commands.name_of(placed, selection)
         action, values, title = "strength", {"strength": value}, f"Set {name} of {kind}"
         if name in ("x", "y"):
             position = {each: self.rows[each].number for each in ("x", "y")}
             action, values, title = "move", position | {name: value}, f"Move {kind}"
         elif name == "radius":
             action, values, title = "resize", {"radius": value}, f"Resize {kind}"
-        changed = commands.with_values(self._document.sketch, *self._shown, action, **values)
+        changed = commands.with_values(self._document.sketch, placed, selection, action, **values)
         self._document.do(title, changed, merge=key)
 
 

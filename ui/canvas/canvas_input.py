@@ -25,11 +25,9 @@ from sketchterrain.errors import InputError
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.actions import ContextMenu, ShortcutOverride, add_selection_commands
 from sketchterrain.ui.canvas.decorations import warning_at
-from sketchterrain.ui.canvas.marks import FeatureMarks
 from sketchterrain.ui.canvas.paint_tools import BrushTool, FillTool, LineTool, PickTool, pick_label
 from sketchterrain.ui.canvas.select_tool import SelectTool
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
-from sketchterrain.ui.canvas.vectors import VectorMarks
 from sketchterrain.ui.engine.protocol import GoTo
 from sketchterrain.ui.models.drapes import draw_draped, refusal
 from sketchterrain.ui.models.selection import add
@@ -116,13 +114,11 @@ class PanTool(Tool):
 class CanvasInput(QObject):
     """Event filter of the canvas: passes input to the active tool, pans and zooms."""
 
-    def __init__(
-        self, context: ToolContext, marks: FeatureMarks, vectors: VectorMarks, canvas: Canvas
-    ) -> None:
+    def __init__(self, context: ToolContext, canvas: Canvas) -> None:
         super().__init__(canvas)  # the parent disconnects it
         self._context = context
         self._canvas = canvas
-        self._select = SelectTool(context, marks, vectors)
+        self._select = SelectTool(context)
         self._tools: dict[str, Tool] = {
             "select": self._select,
             "brush": BrushTool(context),

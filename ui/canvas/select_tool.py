@@ -9,9 +9,9 @@ from PyQt6.QtGui import QColor, QPainter, QPen
 
 from sketchterrain.ui.canvas.decorations import write_beside
 from sketchterrain.ui.canvas.drapes import PictureWindow, draw_items
-from sketchterrain.ui.canvas.marks import SELECTED, FeatureMarks, draw_haloed, screen_paths
+from sketchterrain.ui.canvas.marks import SELECTED, draw_haloed, draw_placed, screen_paths
 from sketchterrain.ui.canvas.tool_context import REACH, Pointer, Tool, ToolContext
-from sketchterrain.ui.canvas.vectors import VectorMarks
+from sketchterrain.ui.canvas.vectors import draw_selected_vector, draw_vector
 from sketchterrain.ui.commands import exists, name_of, reported
 from sketchterrain.ui.engine.protocol import GoTo, Placement
 from sketchterrain.ui.models.drapes import draped_handles, next_below
@@ -38,9 +38,8 @@ _DELETE_KEYS = (Qt.Key.Key_Delete, Qt.Key.Key_Backspace)
 class SelectTool(Tool):
     """A click selects, a drag moves, handles resize."""
 
-    def __init__(self, context: ToolContext, marks: FeatureMarks, vectors: VectorMarks) -> None:
+    def __init__(self, context: ToolContext) -> None:
         super().__init__(context)
-        self._marks, self._vectors = marks, vectors
         self._hovered: Selection | None = None
         self._drag: FeatureDrag | None = None
         self._pressed: tuple[tuple[float, float], Handle | None] | None = None  # place, m
@@ -161,21 +160,22 @@ class SelectTool(Tool):
         faint = QColor(SELECTED)
         faint.setAlpha(150)
         if hovered is not None and hovered.is_vector and self._drag is None:
-            self._vectors.draw_outline(painter, hovered, faint)
+            draw_vector(painter, self.context, hovered, faint)
         _draw_draped(painter, self.context, hovered, faint)
         _draw_draped(painter, self.context, selection, SELECTED)
         for handle in self._draped_handles():
             self._draw_handle(painter, handle)
         if selection is not None and selection.is_vector:
             drag = self._drag
-            self._vectors.draw_selection(painter, selection, None if drag and drag.handle.is_live else drag)
+            moved = None if drag and drag.handle.is_live else drag
+            draw_selected_vector(painter, self.context, selection, moved)
             width = vector_width_handle(self.context.document.sketch, selection)
             if width is not None and (drag is None or not drag.handle.is_vertex):
                 self._draw_handle(painter, width)
             if self._drag is not None and self._last_drag is not None:
                 self._draw_drag(painter, placed)
         if hovered is not None and self._drag is None and exists(placed, hovered):
-            self._marks.draw_selection(painter, placed, hovered, faint)
+            draw_placed(painter, self.context, hovered, faint)
             handles = handles_of(placed, hovered)
             other = selection is None or hovered.id != selection.id
             if other and handles and handles[0].role == "move":
@@ -183,7 +183,7 @@ class SelectTool(Tool):
                 write_beside(painter, at + QPointF(10.0, -9.0), name_of(placed, hovered).capitalize())
         if selection is None or not exists(placed, selection):
             return
-        self._marks.draw_selection(painter, placed, selection, SELECTED)
+        draw_placed(painter, self.context, selection, SELECTED)
         for handle in self._visible_handles(placed):
             self._draw_handle(painter, handle)
         self._draw_drag(painter, placed)

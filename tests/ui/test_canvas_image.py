@@ -253,7 +253,7 @@ def test_panning_equals_a_full_redraw(canvas, link, placed):
         canvas.scroll_by(rng.randint(-90, 90), rng.randint(-90, 90))
         moved = pixels(canvas)
         canvas._sketch_view.refresh()
-        canvas._marks._image._key = ()
+        canvas._decorations._features._key = ()
         # Qt rounds fractions of pixels from where a strip begins.
         assert np.abs(moved - pixels(canvas)).max() <= 2
 

@@ -464,6 +464,10 @@ class Workspace(QObject):
             self._looks[layer] = look
             self.look_changed.emit(layer)
 
+    def toggle_look(self, layer: str, field: str) -> None:
+        """Toggle whether a layer is ``visible`` or ``locked``."""
+        self.set_look(layer, **{field: not getattr(self.look(layer), field)})
+
     def refusal(self, layer: str) -> str:
         """Return why a layer cannot be edited; empty if it can."""
         look, title = self._looks[layer], LAYERS[layer].title

@@ -143,8 +143,7 @@ class DrapeList(QWidget):
         model.change_drape(self._document, number, "Hide" if shown else "Show", visible=1 - shown)
 
     def _toggle_locked(self, number: int) -> None:
-        key = model.look_key(self._layer(number))
-        self._workspace.set_look(key, locked=not self._workspace.look(key).locked)
+        self._workspace.toggle_look(model.look_key(self._layer(number)), "locked")
 
     def _move(self, by: int) -> None:
         model.move_drape(self._document, self._workspace, self._chosen, self._chosen + by)

@@ -85,8 +85,11 @@ class _RowDelegate(QStyledItemDelegate):
         return SPACING + (_ICON_SIZE + SPACING if index.data(ICON) else 0)
 
 
-def _list_view(name: str, tip: str) -> QListView:
+def _list_view(name: str, tip: str) -> tuple[QListView, QStandardItemModel]:
+    """Return a list and its rows."""
     view = described(QListView(), name, tip)
+    items = QStandardItemModel(view)
+    view.setModel(items)
     view.setItemDelegate(_RowDelegate(view))
     view.setFrameShape(QListView.Shape.NoFrame)
     view.setMouseTracking(True)
@@ -94,7 +97,7 @@ def _list_view(name: str, tip: str) -> QListView:
     view.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
     view.setVerticalScrollMode(QListView.ScrollMode.ScrollPerPixel)
     view.setEditTriggers(QListView.EditTrigger.NoEditTriggers)
-    return view
+    return view, items
 
 
 class HistoryPanel(Panel):
@@ -104,10 +107,8 @@ class HistoryPanel(Panel):
         super().__init__()
         self._document = document
         self._is_filling = False
-        self._steps = QStandardItemModel(self)
-        self.list = _list_view("History", "Click a step to undo or redo up to there")
+        self.list, self._steps = _list_view("History", "Click a step to undo or redo up to there")
         self.list.setUniformItemSizes(True)
-        self.list.setModel(self._steps)
         self._memory = faint_label()
         self._memory.setContentsMargins(MARGIN - SMALL, SMALL, MARGIN, SMALL)
         column(self, (self.list, 1), self._memory, margins=(SMALL, SMALL, SMALL, 0), spacing=0)
@@ -145,10 +146,8 @@ class ContradictionsPanel(Panel):
         super().__init__()
         self._workspace, self._link = workspace, link
         self._lines: tuple[object, ...] = ()
-        self._model = QStandardItemModel(self)
-        self.list = _list_view("Contradictions", "Click a line to see the place")
+        self.list, self._model = _list_view("Contradictions", "Click a line to see the place")
         self.list.setWordWrap(True)
-        self.list.setModel(self._model)
         self.mark = check_box("&Mark them in the sketch", "Marks where layers contradict each other")
         self._none = faint_label(
             "No layer contradicts another one. A river painted across a mountain would be listed here, "

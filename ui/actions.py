@@ -59,14 +59,16 @@ DRAPE_METHODS = {
     "geometry": ("Drape by &geometry", "Draw draped layers in each picture, exact to the pixel"),
 }
 _OVERLAYS = {
-    "relief": ("&Relief beneath the paint", "eye"),
-    "elevation": ("Elevation &data beneath the paint", "world"),
-    "pictures": ("Pictur&es beneath the paint", "gallery"),
-    "features": ("Placed feat&ures and rivers", "target"),
-    "contradictions": ("Co&ntradictions", "warning"),
-    "adherence": ("&Adherence", "adherence"),
-    "realism": ("Realis&m", "adherence"),
-    "eye": ("Viewpoint of the 3-D &view", "camera"),
+    "relief": ("&Relief beneath the paint", "the terrain's relief beneath the paint", "eye"),
+    "elevation": ("Elevation &data beneath the paint", "elevation data beneath the paint, shaded", "world"),
+    "pictures": ("Pictur&es beneath the paint", "pictures of raster sources beneath the paint", "gallery"),
+    "features": ("Placed feat&ures and rivers", "placed features and rivers", "target"),
+    "contradictions": (
+        *("Co&ntradictions", "where layers contradict each other, and how it was resolved", "warning"),
+    ),
+    "adherence": ("&Adherence", "where the terrain agrees with the sketch", "adherence"),
+    "realism": ("Realis&m", "where landforms differ from real land", "adherence"),
+    "eye": ("Viewpoint of the 3-D &view", "position and direction of the 3-D camera", "camera"),
 }
 
 COMMANDS: Final[dict[str, Command]] = {
@@ -124,8 +126,8 @@ COMMANDS: Final[dict[str, Command]] = {
     "zoom-out": Command("Zoom ou&t", "Show the sketch smaller", "zoom-out", ("Ctrl+-",)),
     "actual-size": Command("&One to one", "One sketch pixel a screen pixel", "actual-size", ("Ctrl+1",)),
     **{
-        f"overlay-{name}": Command(text, f"Show {OVERLAYS[name]}", icon, (), "check")
-        for name, (text, icon) in _OVERLAYS.items()
+        f"overlay-{name}": Command(text, f"Show {shown}", icon, (), "check")
+        for name, (text, shown, icon) in _OVERLAYS.items()
     },
     **{f"drape-{name}": Command(*texts, kind="drape") for name, texts in DRAPE_METHODS.items()},
     "canvas-only": Command("&Canvas only", "Maximise the sketch", "canvas", ("F9",), "check"),

@@ -11,7 +11,7 @@ from types import TracebackType
 
 from PyQt6.QtCore import QObject, Qt, QUrl, pyqtSignal
 from PyQt6.QtGui import QDesktopServices, QGuiApplication, QImage
-from PyQt6.QtWidgets import QFrame, QLabel, QMessageBox, QPushButton, QSizePolicy, QWidget
+from PyQt6.QtWidgets import QFileDialog, QFrame, QLabel, QMessageBox, QPushButton, QSizePolicy, QWidget
 
 from sketchterrain.document.store import reject_sketch_folder
 from sketchterrain.errors import SketchterrainError, one_line
@@ -219,6 +219,12 @@ class PictureFile(QObject):
             folder = QUrl.fromLocalFile(str(path.parent))
             button = ("Open folder", partial(QDesktopServices.openUrl, folder))
             self._banner.show_message(Message("good", f"The picture is saved: {path}", "picture", (button,)))
+
+
+def ask_picture_path(parent: QWidget, title: str, start: Path) -> Path | None:
+    """Ask for the path of a PNG; None if cancelled."""
+    name, _ = QFileDialog.getSaveFileName(parent, title, str(start), "Pictures (*.png)")
+    return Path(name if name.lower().endswith(".png") else f"{name}.png") if name else None
 
 
 def _write_png(picture: QImage, path: Path) -> None:

@@ -46,12 +46,14 @@ _TITLES = {
 
 
 @contextmanager
-def reported(report: Callable[[str], object]) -> Iterator[None]:
-    """Report why a change is refused, one line."""
+def reported(report: Callable[[str], object], refresh: Callable[[], object] | None = None) -> Iterator[None]:
+    """Report why a change is refused, one line, and show the present values again."""
     try:
         yield
     except InputError as error:
         report(str(error))
+        if refresh is not None:
+            refresh()
 
 
 def find_point(placed: Placement, selection: Selection) -> np.void | None:
@@ -101,12 +103,12 @@ def dragged(sketch: Sketch, placed: Placement, handle: Handle, x: float, y: floa
     """Return the sketch with a handle of a placed feature dragged to a position (m)."""
     selection = handle.selection
     if handle.role == "move":
-        return moved(sketch, placed, selection, x, y)
+        return with_values(sketch, placed, selection, "move", x=x, y=y)
     if handle.role == "point":
         return point_moved(sketch, placed, selection, x, y)
     distance = math.hypot(x - handle.base_x, y - handle.base_y)
     if handle.role == "radius":
-        return resized(sketch, placed, selection, distance)
+        return with_values(sketch, placed, selection, "resize", radius=distance)
     visible = 2.0 * math.hypot(handle.x - handle.base_x, handle.y - handle.base_y)
     river = find_river(placed, selection)
     if river is None or visible <= 0.0:
@@ -127,38 +129,39 @@ def drag_title(placed: Placement, handle: Handle) -> str:
     return _TITLES[handle.role].format(name_of(placed, handle.selection))
 
 
-def moved(sketch: Sketch, placed: Placement, selection: Selection, x: float, y: float) -> Sketch:
-    """Return the sketch with a feature moved to a position (m)."""
-    return _with_value(
-        sketch, placed, Edit("move", selection.id, x=_clamp("move", "x", x), y=_clamp("move", "y", y))
-    )
+def with_values(
+    sketch: Sketch, placed: Placement, selection: Selection, action: str, **values: float
+) -> Sketch:
+    """Return the sketch with a feature moved (x and y), resized (radius) or with another strength (m).
 
-
-def resized(sketch: Sketch, placed: Placement, selection: Selection, radius: float) -> Sketch:
-    """Return the sketch with another radius (m) of a feature."""
-    return _with_value(
-        sketch, placed, Edit("resize", selection.id, radius=_clamp("resize", "radius", radius))
-    )
-
-
-def strengthened(sketch: Sketch, placed: Placement, selection: Selection, strength: float) -> Sketch:
-    """Return the sketch with another strength of a feature: height (m), of a forest its density."""
-    strength = _clamp("strength", "strength", strength)
-    point = find_point(placed, selection)
-    if point is not None and LAYERS[FEATURE_TYPES[point["type"]]].is_share:
-        strength = min(strength, 1.0)
-    return _with_value(sketch, placed, Edit("strength", selection.id, strength=strength))
-
-
-def strength_of(sketch: Sketch, placed: Placement, selection: Selection) -> float | None:
-    """Return a feature's edited or placed strength; None if missing."""
+    The strength of a forest is its density. The edit replaces an earlier one and comes before the lock,
+    which takes over its values.
+    """
+    values = {name: _clamp(action, name, value) for name, value in values.items()}
     point = find_point(placed, selection)
     if point is None:
-        return None
-    edited = [
-        each.strength for each in sketch.edits if each.feature == selection.id and each.strength is not None
-    ]
-    return edited[-1] if edited else float(point["strength"])
+        return sketch
+    if "strength" in values and LAYERS[FEATURE_TYPES[point["type"]]].is_share:
+        values["strength"] = min(values["strength"], 1.0)
+    edit = Edit(action, selection.id, **values)  # type: ignore[arg-type] # its own values
+    edits: list[Edit] = []
+    for each in sketch.edits:
+        if each.target == edit.target:
+            continue
+        if each.action == "lock" and each.feature == edit.feature:
+            edits += [edit, dataclasses.replace(each, **values)]  # type: ignore[arg-type] # as above
+        else:
+            edits.append(each)
+    return sketch.replace(edits=tuple(edits)) if edit in edits else sketch.with_edit(edit)
+
+
+def values_of(sketch: Sketch, point: np.void) -> dict[str, float]:
+    """Return position, radius and strength of a feature with its edits, which are placed a moment later."""
+    values = {name: float(point[name]) for name in ("x", "y", "radius", "strength")}
+    for edit in sketch.edits:
+        if edit.feature == int(point["id"]):
+            values |= {name: float(value) for name, value in edit.values.items() if name in values}
+    return values
 
 
 def point_moved(sketch: Sketch, placed: Placement, selection: Selection, x: float, y: float) -> Sketch:
@@ -259,21 +262,6 @@ def added_at(sketch: Sketch, kind: str, x: float, y: float) -> Sketch:
     if layer.kind == "summits" and strength == 0.0:  # automatic
         strength = UNSET_HEIGHT * radius
     return added(sketch, kind, x, y, radius, min(strength, TYPES[kind].fill_slope * radius))
-
-
-def _with_value(sketch: Sketch, placed: Placement, edit: Edit) -> Sketch:
-    """Add a point feature's edit in place of an earlier one, before its lock, which takes over the value."""
-    if find_point(placed, Selection("feature", edit.feature or 0)) is None:
-        return sketch
-    edits: list[Edit] = []
-    for each in sketch.edits:
-        if each.target == edit.target:
-            continue
-        if each.action == "lock" and each.feature == edit.feature:
-            edits += [edit, dataclasses.replace(each, **edit.values)]  # type: ignore[arg-type] # its own values
-        else:
-            edits.append(each)
-    return sketch.replace(edits=tuple(edits)) if edit in edits else sketch.with_edit(edit)
 
 
 def _without(sketch: Sketch, selection: Selection, matches: Callable[[Edit], bool]) -> Sketch:
@@ -392,20 +380,13 @@ def with_raster(sketch: Sketch, source: RasterSource, *changed: RasterSource) ->
     return sketch.replace(rasters=tuple(rasters))
 
 
-def set_property(sketch: Sketch, layer: str, label: int, name: str, value: Value) -> Sketch:
-    """Set a property of a label."""
-    if sketch.properties(layer, label).get(name) == value:
-        return sketch
-    properties = {**sketch.labels.get((layer, label), {}), name: value}
-    return sketch.replace(labels={**sketch.labels, (layer, label): properties})
-
-
-def reset_property(sketch: Sketch, layer: str, label: int, name: str) -> Sketch:
-    """Reset a property of a label to its default."""
+def set_property(sketch: Sketch, layer: str, label: int, name: str, value: Value | None) -> Sketch:
+    """Set a property of a label; None resets it to its default."""
     declared = sketch.labels.get((layer, label), {})
-    if name not in declared:
+    is_same = name not in declared if value is None else sketch.properties(layer, label).get(name) == value
+    if is_same:
         return sketch
-    properties = {key: value for key, value in declared.items() if key != name}
+    properties = {key: each for key, each in {**declared, name: value}.items() if each is not None}
     return sketch.replace(labels={**sketch.labels, (layer, label): properties})
 
 
@@ -420,17 +401,13 @@ def settings(sketch: Sketch, table: str) -> dict[str, Value]:
     return {name: values[name] for name in DECLARED[table]}
 
 
-def set_setting(sketch: Sketch, table: str, name: str, value: Value) -> Sketch:
-    """Set a value of a table."""
+def set_setting(sketch: Sketch, table: str, name: str, value: Value | None) -> Sketch:
+    """Set a value of a table; None resets it to its default."""
+    value = DECLARED[table][name].default if value is None else value
     if settings(sketch, table)[name] == value:
         return sketch
     changed = {name: value} if table == WORLD else {table: {**getattr(sketch, table), name: value}}
     return sketch.replace(**changed)
-
-
-def reset_setting(sketch: Sketch, table: str, name: str) -> Sketch:
-    """Reset a value of a table to its default."""
-    return set_setting(sketch, table, name, DECLARED[table][name].default)
 
 
 _SEEDS = 1_000_000  # fewer than there are: short enough to remember

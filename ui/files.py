@@ -107,11 +107,16 @@ class Files(QObject):
             self.preferences.last_folder = Path(names[0]).absolute().parent
         return [Path(name) for name in names]
 
-    def ask_open(self) -> None:
+    def ask_file(self, title: str, kinds: str) -> tuple[Path | None, str]:
+        """Ask for a file of some kinds; return it, None if cancelled, and the chosen kind."""
         start = str(self.preferences.last_folder)
-        name, _ = QFileDialog.getOpenFileName(self.window, "Open a sketch", start, _OPEN_FILTER)
-        if name:
-            self.open(Path(name))
+        name, kind = QFileDialog.getOpenFileName(self.window, title, start, kinds)
+        return (Path(name) if name else None), kind
+
+    def ask_open(self) -> None:
+        path, _ = self.ask_file("Open a sketch", _OPEN_FILTER)
+        if path:
+            self.open(path)
 
     def ask_open_folder(self) -> None:
         start = str(self.preferences.last_folder)
@@ -206,10 +211,9 @@ class Files(QObject):
 
     def ask_import(self, layer: str) -> None:
         """Ask for an image and import it into the layer of its file name, else into `layer`."""
-        start = str(self.preferences.last_folder)
-        name, _ = QFileDialog.getOpenFileName(self.window, "Import a layer", start, "Layer images (*.png)")
-        if name:
-            self.import_layers([Path(name)], layer)
+        path, _ = self.ask_file("Import a layer", "Layer images (*.png)")
+        if path:
+            self.import_layers([path], layer)
 
     def import_layers(self, paths: Iterable[Path], layer: str) -> None:
         """Import images as layers in one undo step."""
@@ -225,12 +229,11 @@ class Files(QObject):
 
     def ask_add_raster(self) -> None:
         """Ask for a raster file, and its role by the kind of file, and add it to the sketch."""
-        start, kinds = str(self.preferences.last_folder), ";;".join(_RASTERS)
-        name, kind = QFileDialog.getOpenFileName(self.window, "Add a raster", start, kinds)
-        if name and _RASTERS[kind] == "elevation":
-            self.elevation_chosen.emit([Path(name)])
-        elif name:
-            self.read(Path(name), partial(_read_picture, Path(name), _RASTERS[kind]), self._add_raster)
+        path, kind = self.ask_file("Add a raster", ";;".join(_RASTERS))
+        if path and _RASTERS[kind] == "elevation":
+            self.elevation_chosen.emit([path])
+        elif path:
+            self.read(path, partial(_read_picture, path, _RASTERS[kind]), self._add_raster)
 
     def _add_raster(self, found: tuple[RasterSource, RasterArea | None]) -> None:
         """Add a raster source in one undo step; a sketch without a CRS gets the raster's place."""
@@ -407,10 +410,8 @@ class OpenDialogs(QObject):
 
     def open_world(self) -> None:
         """Ask for a stored world and show it in a window of its own."""
-        start = str(self._files.preferences.last_folder)
-        name, _ = QFileDialog.getOpenFileName(self._files.window, "Open a world", start, _WORLD_FILTER)
-        if name:
-            path = Path(name)
+        path, _ = self._files.ask_file("Open a world", _WORLD_FILTER)
+        if path:
             self.show_world(path.parent if path.name in _WORLD_FILES else path)
 
     def show_world(self, path: Path) -> None:
@@ -426,10 +427,9 @@ class OpenDialogs(QObject):
         world.deleteLater()
 
     def trace(self) -> None:
-        start = str(self._files.preferences.last_folder)
-        name, _ = QFileDialog.getOpenFileName(self._files.window, "New from a picture", start, _TRACE_FILTER)
-        if name:
-            self.trace_file(Path(name))
+        path, _ = self._files.ask_file("New from a picture", _TRACE_FILTER)
+        if path:
+            self.trace_file(path)
 
     def trace_file(self, path: Path) -> None:
         """Ask what a picture's colours become and open the traced sketch."""

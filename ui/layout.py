@@ -6,12 +6,11 @@ from itertools import islice, pairwise
 from typing import Final, cast
 
 from PyQt6.QtCore import QByteArray, QEvent, QObject, QSize, Qt
-from PyQt6.QtGui import QKeyEvent, QScreen
+from PyQt6.QtGui import QFont, QKeyEvent, QScreen
 from PyQt6.QtWidgets import (
     QAbstractSpinBox,
     QApplication,
     QDockWidget,
-    QLabel,
     QLineEdit,
     QMainWindow,
     QMenu,
@@ -22,7 +21,7 @@ from PyQt6.QtWidgets import (
 )
 
 from sketchterrain.ui.actions import Actions
-from sketchterrain.ui.look.theme import SMALL, SPACING, row, tool_button
+from sketchterrain.ui.look.theme import SMALL, SPACING, heading, row, tool_button
 from sketchterrain.ui.models.background import single_shot
 
 
@@ -42,10 +41,7 @@ class _TitleBar(QWidget):
 
     def __init__(self, dock: Dock) -> None:
         super().__init__(dock)
-        name = QLabel(dock.windowTitle())
-        font = name.font()
-        font.setBold(True)
-        name.setFont(font)
+        name = heading(dock.windowTitle(), weight=QFont.Weight.Bold)
         float_button = _button("float", f"Float {dock.windowTitle()}")
         float_button.clicked.connect(lambda: dock.setFloating(not dock.isFloating()))
         close = _button("close", f"Close {dock.windowTitle()}")

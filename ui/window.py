@@ -1,22 +1,25 @@
-"""Main window of the editor."""
+"""Main window of the editor, its tool options and elevation files."""
+
+from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from PyQt6.QtCore import QEvent, QSignalBlocker, QSize, Qt, QTimer
+from PyQt6.QtCore import QEvent, QObject, QSignalBlocker, QSize, Qt, QTimer, pyqtSignal
 from PyQt6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QResizeEvent, QShowEvent
 from PyQt6.QtWidgets import QLabel, QMainWindow, QMenu, QSizePolicy, QSlider, QTabWidget, QWidget
 
 from sketchterrain.document.drapes import drape_problem
 from sketchterrain.document.layers import LAYERS
+from sketchterrain.document.rasters import RasterSource
+from sketchterrain.elevation.raster_reader import SUFFIXES
 from sketchterrain.errors import one_line
 from sketchterrain.ui.actions import DRAPE_METHODS, Actions, RecentMenu, add_menus, add_tool_bars
 from sketchterrain.ui.banner import Banner, ErrorReporter, Message, UncaughtExceptions
 from sketchterrain.ui.canvas.canvas import Canvas
-from sketchterrain.ui.elevation_files import ElevationFiles
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import GoTo
 from sketchterrain.ui.files import Files, OpenDialogs
@@ -24,6 +27,7 @@ from sketchterrain.ui.layout import FullScreenActions, PaneFocus, PanelLayout, f
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, active_theme, app_icon, described, row, tabular
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.elevation import SketchElevation, added_elevation, new_on_elevation
 from sketchterrain.ui.models.workspace import BRUSHES, Bookmarks, Preferences, RecentFiles, Workspace
 from sketchterrain.ui.panels.base import BasePanel
 from sketchterrain.ui.panels.layers import LayersPanel
@@ -35,11 +39,16 @@ from sketchterrain.ui.view3d.camera import show_line
 from sketchterrain.ui.view3d.view import View3D
 from sketchterrain.ui.world_window import SketchActions, ViewActions
 
+if TYPE_CHECKING:
+    from sketchterrain.document.sketch import Sketch
+    from sketchterrain.elevation.base import BaseElevation
+
 _STEPS = 400
 _LOG_MIN, _LOG_MAX = (math.log(radius) for radius in BRUSHES)
 _SWATCH = 20
 _LABEL_TOOLS = ("brush", "line", "fill", "pick")
 _SIZE_TOOLS = ("brush", "eraser", "line")
+_ELEVATION_FILTER = f"Elevation ({' '.join(f'*{each}' for each in SUFFIXES)});;All files (*)"
 
 
 class ToolOptions(QWidget):
@@ -102,6 +111,65 @@ class ToolOptions(QWidget):
 
     def _set_brush(self, step: int) -> None:
         self._workspace.brush = math.exp(_LOG_MIN + step / _STEPS * (_LOG_MAX - _LOG_MIN))
+
+
+class ElevationFiles(QObject):
+    """Asks for elevation files and reads them; failures become messages."""
+
+    findings_requested = pyqtSignal()  # to show what was found in the data
+
+    def __init__(self, files: Files, elevation: SketchElevation) -> None:
+        super().__init__(files)
+        self._files, self._elevation, self._banner = files, elevation, files.banner
+
+    def ask_new(self) -> None:
+        """Ask for files and start a sketch on them unless the user keeps the current one."""
+        if paths := self._files.ask_files("New from elevation", _ELEVATION_FILTER):
+            self._files.read(paths[0], partial(new_on_elevation, paths), self._start)
+
+    def ask_add(self) -> None:
+        """Ask for files and add them to the sketch."""
+        if paths := self._files.ask_files("Add elevation", _ELEVATION_FILTER):
+            self.add(paths)
+
+    def add(self, paths: Sequence[Path]) -> None:
+        """Add files to the sketch in one undo step; a sketch without a place gets theirs."""
+        work = partial(added_elevation, paths, self._elevation.document.sketch, self._elevation.memory)
+        self._files.read(paths[0], work, self._add)
+
+    def change(self, title: str, change: Callable[[Sketch], dict[str, Any]]) -> None:
+        """Change fields of the sketch by what is in its elevation data, in one undo step."""
+        sketch = self._elevation.document.sketch
+        path = Path(sketch.elevation_rasters[0].path)
+        self._files.read(path, partial(change, sketch), partial(self._change, title, sketch))
+
+    def _change(self, title: str, before: Sketch, fields: dict[str, Any]) -> None:
+        if self._elevation.document.sketch is not before:
+            self._banner.show_message(Message("info", f"{title}: the sketch has changed meanwhile", "hint"))
+        elif all(getattr(before, name) == value for name, value in fields.items()):
+            self._banner.show_message(Message("info", f"{title}: there are none", "hint"))
+        else:
+            self._files.change(title, **fields)
+
+    def _start(self, found: tuple[Sketch, BaseElevation]) -> None:
+        sketch, base = found
+        if not self._files.start_sketch(sketch, modified=True):
+            return
+        width, depth = (side / 1000.0 for side in sketch.size)
+        line = f"A sketch of {width:.3g} × {depth:.3g} km on elevation data"
+        names = tuple(f"{each.name}: " for each in base.grids)
+        parts = [line, *(each for each in base.findings if not each.startswith(names))]
+        if count := sum(each.startswith(names) for each in base.findings):
+            parts.append(f"findings in the data: {count}")
+        buttons = (("Show", self.findings_requested.emit),) if count else ()
+        self._banner.show_message(Message("good", "; ".join(parts), "elevation", buttons))
+
+    def _add(self, found: tuple[tuple[RasterSource, ...], dict[str, Any]]) -> None:
+        sources, frame = found
+        sketch = self._elevation.document.sketch
+        title = sources[0].title if len(sources) == 1 else f"{len(sources)} elevation grids"
+        frame = {**sketch.frame} if sketch.frame["crs"] else frame
+        self._files.change(f"Add {title}", rasters=(*sketch.rasters, *sources), frame=frame)
 
 
 _SIZE = QSize(1500, 920)
@@ -212,7 +280,7 @@ class MainWindow(QMainWindow):
         add_menus(self, self.actions_by_name, submenus)
 
     def _bind(self) -> None:
-        actions, files = self.actions_by_name, self.files
+        actions, files, show = self.actions_by_name, self.files, self._link.change_view
         FullScreenActions(self, actions, self.panel_layout)
         SketchActions(actions, self._document, self._workspace, self._link, self.banner)
         ViewActions(actions, self._link, self._workspace)
@@ -225,7 +293,7 @@ class MainWindow(QMainWindow):
                 "open-folder": files.ask_open_folder,
                 "save": files.save,
                 "save-as": files.save_as,
-                "import": self._import,
+                "import": lambda: files.ask_import(self._workspace.layer),
                 "add-raster": files.ask_add_raster,
                 "add-drapes": files.ask_add_drapes,
                 "quit": self.close,
@@ -242,7 +310,7 @@ class MainWindow(QMainWindow):
                 "bookmark": self._bookmarks.add,
                 **{f"bookmark-{n + 1}": partial(self._bookmarks.go_to, n) for n in range(9)},
                 "restart": self._link.start,
-                **{f"drape-{each}": partial(self._set_drape_method, each) for each in DRAPE_METHODS},
+                **{f"drape-{each}": partial(show, drape_method=each) for each in DRAPE_METHODS},
             }
         )
         actions["drape-tiles"].setChecked(True)
@@ -317,18 +385,12 @@ class MainWindow(QMainWindow):
                 return (("Update", partial(self._layers.drapes.update_file, number)),)
         return ()
 
-    def _set_drape_method(self, method: str) -> None:
-        self._link.set_view(replace(self._link.view, drape_method=method))
-
     def _zoom_to_drape(self, number: int) -> None:
         """Show all of a draped layer on the canvas and in 3-D."""
         source = self._document.drapes.source(number)
         if source is not None:
             self.canvas.show_box(*source.box.tolist())
             self._link.send(show_line(source.box.reshape(2, 2), self._document.sketch.size))
-
-    def _import(self) -> None:
-        self.files.ask_import(self._workspace.layer)
 
     def _show_place(self, x: float, y: float) -> None:
         self.canvas.show_place(x, y)

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Final
 
 from PyQt6.QtCore import QObject, QSize, Qt, pyqtSignal
 from PyQt6.QtGui import QCloseEvent, QResizeEvent
-from PyQt6.QtWidgets import QFileDialog, QLabel, QMainWindow, QMenu
+from PyQt6.QtWidgets import QLabel, QMainWindow, QMenu
 
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui import commands
 from sketchterrain.ui.actions import CLIPBOARD_COMMANDS, Actions, add_menus
-from sketchterrain.ui.banner import Banner, Message, PictureFile
+from sketchterrain.ui.banner import Banner, Message, PictureFile, ask_picture_path
 from sketchterrain.ui.dialogs.form import run_dialog
 from sketchterrain.ui.dialogs.help import KeysDialog
 from sketchterrain.ui.engine import protocol as msg
@@ -38,8 +37,8 @@ class ViewActions(QObject):
     def __init__(self, actions: Actions, link: ViewSource, workspace: Workspace | None = None) -> None:
         super().__init__(actions)
         self._actions, self._link, self._workspace = actions, link, workspace
-        actions.bind({f"mode-{mode}": partial(self._set_mode, mode) for mode in msg.MODES})
-        actions.bind_checked({"play": lambda on: link.set_view(replace(link.view, plays=on))})
+        actions.bind({f"mode-{mode}": partial(link.change_view, mode=mode) for mode in msg.MODES})
+        actions.bind_checked({"play": lambda on: link.change_view(plays=on)})
         if workspace is not None:
             actions.bind({"measure": partial(self._measure, workspace)})
             actions.bind_checked(
@@ -55,9 +54,6 @@ class ViewActions(QObject):
                 self._actions[f"overlay-{name}"].setChecked(name in self._workspace.overlays)
         self._actions[f"mode-{self._link.view.mode}"].setChecked(True)
         self._actions["play"].setChecked(self._link.view.plays)
-
-    def _set_mode(self, mode: str) -> None:
-        self._link.set_view(replace(self._link.view, mode=mode))
 
     def _measure(self, workspace: Workspace) -> None:
         workspace.show_overlay("adherence", True)
@@ -85,7 +81,7 @@ class SketchActions(QObject):
                     name: partial(self._apply_to_vector, command)
                     for name, command in {**VECTOR_COMMANDS, **CLIPBOARD_COMMANDS}.items()
                 },
-                "delete-selection": self._delete,
+                "delete-selection": partial(self._apply, delete),
                 "reset-selection": partial(self._apply, reset),
                 "select-none": partial(setattr, workspace, "selection", None),
                 "brush-smaller": partial(self._scale_brush, 1.0 / _BRUSH_STEP),
@@ -162,12 +158,6 @@ class SketchActions(QObject):
 
     def _apply_to_vector(self, command: Callable[[Document, Workspace], None]) -> None:
         self._try(lambda: command(self._document, self._workspace))
-
-    def _delete(self) -> None:
-        selection, placed = self._workspace.selection, self._link.placed
-        if selection is not None:
-            self._try(lambda: delete(self._document, self._workspace, placed, selection))
-            self.refresh()
 
     def _apply(self, command: Callable[[Document, Workspace, msg.Placement, Selection], None]) -> None:
         selection, placed = self._workspace.selection, self._link.placed
@@ -291,10 +281,8 @@ class WorldWindow(QMainWindow):
         picture = self.link.picture
         if picture is None:
             return
-        start = str(Path.home() / f"{self.link.path.stem}.png")
-        name, _ = QFileDialog.getSaveFileName(self, "Save the picture", start, "Pictures (*.png)")
-        if name:
-            path = Path(name if name.lower().endswith(".png") else f"{name}.png")
+        path = ask_picture_path(self, "Save the picture", Path.home() / f"{self.link.path.stem}.png")
+        if path is not None:
             self._picture_file.write(picture, path)
 
     def closeEvent(self, event: QCloseEvent | None) -> None:

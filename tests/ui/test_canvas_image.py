@@ -17,7 +17,6 @@ from sketchterrain.ui.canvas.compositing import (
     MASK,
     HatchTable,
     LayerCompositor,
-    LayerHatch,
     LayerPaint,
     level_for,
 )
@@ -158,7 +157,7 @@ def test_hatches_tile_without_a_seam():
 
 
 def test_outlines_are_drawn_where_codes_change():
-    table = HatchTable([LayerHatch("dots", (0, 0, 0), 0.0)], 1.0)
+    table = HatchTable([], 1.0)
     codes = np.zeros((12, 12), np.uint32)
     codes[4:8, 5:9] = 1
     expected = np.zeros((12, 12), bool)  # one of the two pixels at a border
@@ -254,7 +253,7 @@ def test_panning_equals_a_full_redraw(canvas, link, placed):
         canvas.scroll_by(rng.randint(-90, 90), rng.randint(-90, 90))
         moved = pixels(canvas)
         canvas._sketch_view.refresh()
-        canvas._marks._image._key = ()
+        canvas._decorations._features._key = ()
         # Qt rounds fractions of pixels from where a strip begins.
         assert np.abs(moved - pixels(canvas)).max() <= 2
 

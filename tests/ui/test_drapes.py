@@ -318,7 +318,7 @@ def test_styles_and_classes_are_steps_and_drags_merge(draped, blank, workspace, 
     page.classes.activated.emit(3)
     page.style_form.edited.emit("width", 9.0, object())
     assert blank.sketch.drapes[0].style_of(2)["width"] == 9.0 != blank.sketch.drapes[0].style["width"]
-    page.style_form.reset_requested.emit("width")
+    page.style_form.edited.emit("width", None, None)
     assert "width" not in blank.sketch.drapes[0].classes[2].style
     page.remove.click()
     page.add.click()

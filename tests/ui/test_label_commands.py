@@ -10,7 +10,7 @@ from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.ui import commands
-from sketchterrain.ui.commands import DECLARED, WORLD, reset_setting, set_setting, settings
+from sketchterrain.ui.commands import DECLARED, WORLD, set_setting, settings
 
 
 @pytest.fixture
@@ -53,9 +53,9 @@ def test_properties_are_copied_set_and_reset(sketch):
     assert high.properties("mountain", 2)["height"] == 900.0
     assert high.layers["mountain"] is sketch.layers["mountain"]
     assert commands.set_property(high, "mountain", 4, "height", 1200.0) is high
-    low = commands.reset_property(high, "mountain", 4, "height")
+    low = commands.set_property(high, "mountain", 4, "height", None)
     assert low.properties("mountain", 4) == sketch.properties("mountain", 1)
-    assert commands.reset_property(low, "mountain", 4, "height") is low
+    assert commands.set_property(low, "mountain", 4, "height", None) is low
 
 
 def test_deleting_a_label_and_clearing_a_layer_keep_other_paint_and_properties(sketch):
@@ -85,7 +85,7 @@ def test_every_setting_can_be_set_and_reset_alone(sketch):
             changed = set_setting(sketch, table, name, value)
             assert settings(changed, table) == settings(sketch, table) | {name: value}, name
             assert set_setting(changed, table, name, value) is changed, name
-            assert settings(reset_setting(changed, table, name), table)[name] == parameter.default, name
+            assert settings(set_setting(changed, table, name, None), table)[name] == parameter.default, name
     for layer, declaration in LAYERS.items():
         for key, parameter in declaration.parameters.items():
             commands.set_property(Sketch(), layer, 1, key, parameter.default)

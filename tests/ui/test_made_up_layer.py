@@ -64,7 +64,7 @@ def main(kind: str, folder: Path) -> None:
     from sketchterrain.measure.lines import adherence_lines
     from sketchterrain.render.overlays import FEATURE_COLOURS
     from sketchterrain.ui.actions import COMMANDS
-    from sketchterrain.ui.canvas.compositing import hatches_of, paints_of
+    from sketchterrain.ui.canvas.compositing import paints_of
     from sketchterrain.ui.dialogs.trace import meaning_box
     from sketchterrain.ui.look.layer_colours import GLYPHS, HATCHES, hatch_colour, label_colour, swatch
     from sketchterrain.ui.models.document import Document
@@ -140,7 +140,7 @@ def main(kind: str, folder: Path) -> None:
     assert hatch_colour("cave").alpha()
     assert not swatch("cave", 1, 16).isNull()
     assert "cave" in [paint.layer for paint in paints_of(workspace)]
-    assert len(hatches_of(workspace)) == len(PAINTED_LAYERS)
+    assert len(paints_of(workspace)) == len(PAINTED_LAYERS)
     assert label_detail(sketch, "cave", 1, 480).startswith("30 m · ")
     panel, page = LayersPanel(document, workspace), LabelPage(document, workspace)
     panel.clear_layer()

@@ -218,7 +218,7 @@ def test_a_slider_drag_is_one_live_undo_step(properties, document, workspace):
 
 
 def test_pending_text_applies_to_the_previous_selection(properties, document, workspace, placed, mountain):
-    row = properties.selection_page.forms["feature"].rows["radius"]
+    row = properties.selection_page.form.rows["radius"]
     typed(row.box, "123")
     workspace.selection = Selection("feature", int(placed.points["id"][placed.points["type"] == 0][1]))
     assert [(edit.feature, edit.radius) for edit in document.sketch.edits] == [(int(mountain["id"]), 123.0)]
@@ -235,7 +235,7 @@ def test_pending_text_applies_to_the_previous_selection(properties, document, wo
 
 
 def test_numbers_of_a_selected_feature_become_edits(properties, document, mountain, workspace):
-    rows = properties.selection_page.forms["feature"].rows
+    rows = properties.selection_page.form.rows
     assert not properties.label_page.isVisible()
     assert not rows["density"].isVisible()
     columns = (("x", "x", "move"), ("radius", "radius", "resize"), ("height", "strength", "strength"))
@@ -264,7 +264,7 @@ def test_lock_reset_and_delete_are_undo_steps(properties, document, mountain, wo
     for _ in range(2):
         page.lock.click()
     assert not is_locked(document.sketch, selection)
-    page.forms["feature"].rows["height"].box.setValue(50.0)
+    page.form.rows["height"].box.setValue(50.0)
     page.reset.click()
     assert document.sketch.edits == ()
     page.delete.click()
@@ -279,33 +279,35 @@ def test_a_vanished_selection_disables_its_page(properties, link, placed, mounta
         link.placed = placement
         link.placed_changed.emit(placement)
         assert page.delete.isEnabled() == page.lock.isEnabled() == exists
-        assert any(form.isVisible() for form in page.forms.values()) == exists
+        assert page.form.isVisible() == exists
 
 
 def test_river_width_and_control_points_become_edits(properties, document, workspace, placed):
     river = max(placed.rivers, key=lambda each: len(each.points))
     workspace.selection = Selection("course", river.id)
-    form = properties.selection_page.forms["course"]
-    assert form.width_row.number == pytest.approx(width_of(document.sketch, placed, workspace.selection))
-    form.width_row.box.setValue(40.0)
+    form = properties.selection_page.form
+    width, east = form.rows["width"], form.rows["x"]
+    assert width.number == pytest.approx(width_of(document.sketch, placed, workspace.selection))
+    width.box.setValue(40.0)
     assert [(edit.action, edit.width) for edit in document.sketch.edits] == [("width", 40.0)]
     document.undo()
-    assert not form.east.isEnabled()
+    assert not east.isEnabled()
     form.points.setFocus()
     QTest.keyClick(form.points, Qt.Key.Key_Up)
     assert workspace.selection.index == 0
     form.points.setValue(2)
-    assert form.east.number == river.points[1, 0]
-    form.east.box.setValue(form.east.box.value() + 30.0)
+    assert east.number == river.points[1, 0]
+    east.box.setValue(east.box.value() + 30.0)
     (edit,) = document.sketch.edits
-    assert (edit.action, edit.x) == ("move_point", pytest.approx(form.east.box.value()))
+    assert (edit.action, edit.x) == ("move_point", pytest.approx(east.box.value()))
     assert edit.y == pytest.approx(river.points[1, 1], abs=0.001)
     for each in placed.rivers:  # a confluence follows the parent river
         if find_parent_river(placed, each) is not None:
             workspace.selection = Selection("course", each.id, len(each.points) - 1)
-            assert not form.east.isEnabled()
+            assert not east.isEnabled()
     workspace.selection = Selection("water", placed.lakes[0].id)
-    assert properties.selection_page.forms["water"].isVisible()
+    assert form.isVisible()
+    assert not any(row.isVisible() for row in form.rows.values())
     assert properties.selection_page.delete.isEnabled()
 
 

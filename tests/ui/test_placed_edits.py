@@ -1,6 +1,7 @@
 """Edits of placed features, rivers and lakes: the next recipe has the values that were set."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -95,12 +96,13 @@ def test_radius_height_and_width_follow_their_handles(sketch, placed):
     handle = by_role(placed, selection, "radius")
     changed = edits.dragged(sketch, placed, handle, handle.base_x, handle.base_y - 321.0)
     high = Selection("feature", int(painted_mountains(placed)["id"][1]))
-    changed = edits.strengthened(changed, placed, high, 777.0)
-    assert edits.strength_of(changed, placed, high) == 777.0
+    changed = edits.with_values(changed, placed, high, "strength", strength=777.0)
+    assert edits.values_of(changed, find_point(placed, high))["strength"] == 777.0
     now = placed_of(changed)
     assert find_point(now, selection)["radius"] == np.float32(321.0)
     assert find_point(now, high)["strength"] == pytest.approx(777.0, rel=0.3)
-    assert edits.strengthened(sketch, placed, first(placed, 3), 40.0).edits[0].strength == 1.0
+    grove = edits.with_values(sketch, placed, first(placed, 3), "strength", strength=40.0)
+    assert grove.edits[0].strength == 1.0
 
     selection, changed, now = unjoined(placed), sketch, placed
     for width in (30.0, 140.0):
@@ -199,12 +201,15 @@ def test_an_added_feature_can_be_dragged_reset_and_deleted(sketch, placed):
 
 def test_values_are_clamped_and_confluences_cannot_be_moved(sketch, placed):
     selection = first(placed)
-    assert edits.resized(sketch, placed, selection, 0.0).edits[0].radius == 0.1
-    assert edits.strengthened(sketch, placed, selection, 1e9).edits[0].strength == 9000.0
-    assert edits.moved(sketch, placed, selection, 1e12, -1e12).edits[0].values == {"x": 1e7, "y": -1e7}
+    for action, given, expected in (
+        ("resize", {"radius": 0.0}, {"radius": 0.1}),
+        ("strength", {"strength": 1e9}, {"strength": 9000.0}),
+        ("move", {"x": 1e12, "y": -1e12}, {"x": 1e7, "y": -1e7}),
+    ):
+        assert edits.with_values(sketch, placed, selection, action, **given).edits[0].values == expected
     assert edits.widened(sketch, unjoined(placed), 0.0).edits[0].width == 0.5
     with pytest.raises(InputError, match="number"):
-        edits.resized(sketch, placed, selection, float("nan"))
+        edits.with_values(sketch, placed, selection, "resize", radius=float("nan"))
 
     child = next(each for each in placed.rivers if find_parent_river(placed, each) is not None)
     selection = Selection("course", child.id)
@@ -221,13 +226,12 @@ def test_edits_of_missing_objects_change_nothing(placed, sketch):
         assert not exists(placed, selection)
         assert name_of(placed, selection) == name
         for command, values in (
-            *((edits.moved, (0.0, 0.0)), (edits.resized, (10.0,)), (edits.strengthened, (10.0,))),
-            *((edits.locked, ()), (edits.point_moved, (0.0, 0.0))),
+            *((partial(edits.with_values, x=0.0, y=0.0), ("move",)), (edits.locked, ())),
+            *((partial(edits.with_values, radius=10.0), ("resize",)), (edits.point_moved, (0.0, 0.0))),
+            (partial(edits.with_values, strength=10.0), ("strength",)),
         ):
             assert command(sketch, placed, selection, *values) is sketch
-        assert (
-            edits.strength_of(sketch, placed, selection) is edits.width_of(sketch, placed, selection) is None
-        )
+        assert edits.width_of(sketch, placed, selection) is None
     assert edits.widened(sketch, Selection("water", 7), 10.0) is sketch
     short = Selection("course", placed.rivers[0].id, 100_000)
     assert not edits.is_edited(sketch, placed, short)

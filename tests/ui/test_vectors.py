@@ -287,7 +287,7 @@ def test_lines_are_hit_on_their_curve_and_within_their_width_and_areas_inside(bl
     )
     lakes = VectorLayer("lake").edited(add=[VectorFeature(AREA, (border, hole))])
     blank.open(blank.sketch.replace(vectors={"river": rivers, "lake": lakes}))
-    ((x, y), *_) = [each for each in vectors.curves_of(rivers).lines(0)[0] if 345 < each[0] < 365]
+    ((x, y), *_) = [each for each in vectors.curves_of(rivers).shapes[0].coords if 345 < each[0] < 365]
     assert abs(y - (700 - 2 * (x - 300))) > 20.0  # off the chord
     assert hit(x, y) == Selection("river", 1)
     assert hit(635, 400) == Selection("river", 2)

@@ -6,10 +6,8 @@ from PyQt6.QtWidgets import QSizePolicy, QWidget
 
 from sketchterrain.ui.canvas.canvas_input import CanvasInput
 from sketchterrain.ui.canvas.decorations import Decorations
-from sketchterrain.ui.canvas.marks import FeatureMarks
 from sketchterrain.ui.canvas.sketch_image import SketchView
 from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
-from sketchterrain.ui.canvas.vectors import VectorMarks
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import FrameFacts
 from sketchterrain.ui.look.theme import draw_focus
@@ -28,12 +26,10 @@ class Canvas(QWidget):
     def __init__(self, document: Document, workspace: Workspace, link: EngineLink) -> None:
         super().__init__()
         self._context = ToolContext(document, workspace, link)
-        self._marks = FeatureMarks(self._context)
         self._sketch_view = SketchView(self._context, self)
         self.underlay, self.drapes = self._sketch_view.underlay, self._sketch_view.drapes
-        self._vectors = VectorMarks(self._context)
-        self._input = CanvasInput(self._context, self._marks, self._vectors, self)
-        self._decorations = Decorations(self._context, self._marks, self._vectors)
+        self._input = CanvasInput(self._context, self)
+        self._decorations = Decorations(self._context)
         self._fitted = True
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)

@@ -1,4 +1,4 @@
-"""Mouse, pen and keyboard input of the canvas, its tool tips and context menu."""
+"""Mouse, pen and keyboard input of the canvas, its tool tips and context menu; panning and draped lines."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from PyQt6.QtCore import QEvent, QObject, QPointF, Qt
 from PyQt6.QtGui import (
+    QColor,
     QContextMenuEvent,
     QFocusEvent,
     QHelpEvent,
@@ -19,16 +20,16 @@ from PyQt6.QtGui import (
 )
 from PyQt6.QtWidgets import QToolTip
 
+from sketchterrain.document.vectors import AREA, LINE
+from sketchterrain.errors import InputError
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.actions import ContextMenu, ShortcutOverride, add_selection_commands
 from sketchterrain.ui.canvas.decorations import warning_at
-from sketchterrain.ui.canvas.drape_tool import DrapeLineTool
-from sketchterrain.ui.canvas.marks import FeatureMarks
 from sketchterrain.ui.canvas.paint_tools import BrushTool, FillTool, LineTool, PickTool, pick_label
 from sketchterrain.ui.canvas.select_tool import SelectTool
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
-from sketchterrain.ui.canvas.vectors import VectorMarks
 from sketchterrain.ui.engine.protocol import GoTo
+from sketchterrain.ui.models.drapes import draw_draped, refusal
 from sketchterrain.ui.models.selection import add
 
 if TYPE_CHECKING:
@@ -49,6 +50,58 @@ _KEYS = {*_ARROWS, *_BRUSH_KEYS, *_ZOOM_KEYS, Qt.Key.Key_Space, Qt.Key.Key_Home}
 _PAINT_TOOLS = ("brush", "eraser", "line", "fill")
 
 
+class DrapeLineTool(LineTool):
+    """Draws points, lines or areas, by `Workspace.drape_kind`, of the chosen draped layer."""
+
+    is_painted = _is_smooth = False
+
+    @property
+    def _layer(self) -> int:
+        selection = self.context.workspace.selection
+        return -1 if selection is None else selection.layer
+
+    @property
+    def _kind(self) -> int | None:
+        return AREA if self.context.workspace.drape_kind == "area" else LINE
+
+    @property
+    def width(self) -> float:
+        return 2.0 / self.context.scale
+
+    @property
+    def _active(self) -> tuple[str, int]:
+        return self.context.workspace.drape_kind, self._layer
+
+    @property
+    def _colour(self) -> QColor:
+        style = self.context.document.sketch.drapes[self._layer].style
+        return QColor(style["colour"] or style["fill"])
+
+    def press(self, pointer: Pointer) -> None:
+        super().press(pointer)
+        if self._points and self.context.workspace.drape_kind == "point":
+            self.finish()
+
+    def _may_draw(self) -> bool:
+        context = self.context
+        problem = refusal(context.document, context.workspace, self._layer)
+        if problem:
+            context.document.message.emit(problem)
+        return not problem
+
+    def _add_vector(self, kind: int, points: list[tuple[float, float]]) -> None:
+        context = self.context
+        places = [context.world_from_sketch(*point) for point in points]
+        try:
+            draw_draped(context.document, context.workspace, self._layer, places)
+        except InputError as error:
+            context.document.message.emit(str(error))
+            self._points = points
+
+    def _snapped(self, pointer: Pointer) -> tuple[float, float]:
+        return pointer.x, pointer.y
+
+
 class PanTool(Tool):
     """Pans, which `CanvasInput` does itself; a double click moves the 3-D view there."""
 
@@ -61,13 +114,11 @@ class PanTool(Tool):
 class CanvasInput(QObject):
     """Event filter of the canvas: passes input to the active tool, pans and zooms."""
 
-    def __init__(
-        self, context: ToolContext, marks: FeatureMarks, vectors: VectorMarks, canvas: Canvas
-    ) -> None:
+    def __init__(self, context: ToolContext, canvas: Canvas) -> None:
         super().__init__(canvas)  # the parent disconnects it
         self._context = context
         self._canvas = canvas
-        self._select = SelectTool(context, marks, vectors)
+        self._select = SelectTool(context)
         self._tools: dict[str, Tool] = {
             "select": self._select,
             "brush": BrushTool(context),

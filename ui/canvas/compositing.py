@@ -194,21 +194,12 @@ _OUTLINE = (30, 26, 22)  # red, green, blue
 _OUTLINE_OPACITY = 0.5
 
 
-@dataclass(frozen=True)
-class LayerHatch:
-    """A layer's hatch."""
-
-    kind: str  # one of `sketchterrain.ui.look.layer_colours.HATCHES`
-    colour: tuple[int, int, int]  # red, green, blue, 0 to 255
-    strength: float  # 0 … 1
-
-
 class HatchTable:
     """Renders hatches and outlines from codes by table look-up."""
 
-    def __init__(self, hatches: Sequence[LayerHatch], ratio: float) -> None:
+    def __init__(self, paints: Sequence[LayerPaint], ratio: float) -> None:
         self._period = hatch_period(ratio)
-        self._table = _table(hatches, self._period)
+        self._table = _table(paints, self._period)
         self.halo = max(round(ratio), 1)  # px around the target whose codes are needed: an outline's width
         red, green, blue = (round(part * _OUTLINE_OPACITY) for part in _OUTLINE)
         self._outline = np.uint32(round(255 * _OUTLINE_OPACITY) << 24 | red << 16 | green << 8 | blue)
@@ -234,16 +225,18 @@ class HatchTable:
         return pixels
 
 
-def _table(hatches: Sequence[LayerHatch], period: int) -> Colours:
+def _table(paints: Sequence[LayerPaint], period: int) -> Colours:
     """Return premultiplied pixels by mask, row and column, flattened."""
     colour = np.zeros((MASK + 1, period, period, 3), np.float32)
     alpha = np.zeros((MASK + 1, period, period, 1), np.float32)
     masks = np.arange(MASK + 1)
-    for bit, layer in enumerate(hatches):
+    for bit, paint in enumerate(paints):
         painted = (masks >> bit & 1) == 1
-        cover = hatch(layer.kind, period)[None, :, :, None] * np.float32(layer.strength)
+        line = hatch_colour(paint.layer)
+        strength = line.alphaF() * (0.4 + 0.6 * paint.opacity)  # readable where the paint is thin, too
+        cover = hatch(LAYERS[paint.layer].hatch, period)[None, :, :, None] * np.float32(strength)
         below = (1.0 - cover) * np.float32(_UNDERLYING)
-        colour[painted] = colour[painted] * below + np.array(layer.colour, np.float32) * cover
+        colour[painted] = colour[painted] * below + np.array(line.getRgb()[:3], np.float32) * cover
         alpha[painted] = alpha[painted] * below + cover
     red, green, blue = np.moveaxis(np.rint(colour).astype(np.uint32), -1, 0)
     packed = np.rint(255.0 * alpha[..., 0]).astype(np.uint32) << np.uint32(24)
@@ -262,17 +255,6 @@ def paints_of(workspace: Workspace) -> tuple[LayerPaint, ...]:
     return tuple(
         LayerPaint(name, _colours(name), workspace.look(name).opacity) for name in visible_layers(workspace)
     )
-
-
-def hatches_of(workspace: Workspace) -> tuple[LayerHatch, ...]:
-    """Return the visible layers' hatches in the order of `paints_of`."""
-    hatches = []
-    for name in visible_layers(workspace):
-        colour, opacity = hatch_colour(name), workspace.look(name).opacity
-        strength = colour.alphaF() * (0.4 + 0.6 * opacity)  # readable where the paint is thin, too
-        rgb = (colour.red(), colour.green(), colour.blue())
-        hatches.append(LayerHatch(LAYERS[name].hatch, rgb, strength))
-    return tuple(hatches)
 
 
 @lru_cache(maxsize=16)

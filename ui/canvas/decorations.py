@@ -7,12 +7,13 @@ from PyQt6.QtCore import QLineF, QPointF, QRect, QRectF, Qt
 from PyQt6.QtGui import QColor, QFontMetricsF, QPainter, QPainterPath, QPen, QPolygonF
 
 from sketchterrain.document.layers import LAYERS
-from sketchterrain.ui.canvas.marks import DARK, SELECTED, FeatureMarks
+from sketchterrain.ui.canvas.marks import DARK, SELECTED, OverlayImage, draw_features
 from sketchterrain.ui.canvas.sketch_image import AGREEMENT, FAULT_COLOURS
 from sketchterrain.ui.canvas.tool_context import Tool, ToolContext
-from sketchterrain.ui.canvas.vectors import VectorMarks
+from sketchterrain.ui.canvas.vectors import draw_vectors
 from sketchterrain.ui.engine.protocol import FrameFacts, Pose
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular, theme
+from sketchterrain.ui.models.vectors import visible_vectors
 
 _PAD = 5.0
 _BAR = 120.0  # px, approximate length of the scale bar
@@ -170,9 +171,11 @@ def _draw_rows(painter: QPainter, rows: list[tuple[QColor | None, str]], width: 
 class Decorations:
     """Draws everything over the sketch image."""
 
-    def __init__(self, context: ToolContext, marks: FeatureMarks, vectors: VectorMarks) -> None:
+    def __init__(self, context: ToolContext) -> None:
         self._context = context
-        self._marks, self._vectors = marks, vectors
+        self._features, self._vectors = (
+            OverlayImage(context, draw) for draw in (draw_features, draw_vectors)
+        )
         self._pose: Pose | None = None
 
     def reset(self) -> None:
@@ -194,11 +197,13 @@ class Decorations:
         context, overlays = self._context, self._context.workspace.overlays
         ratio = context.ratio
         source = QRectF(area.x() * ratio, area.y() * ratio, area.width() * ratio, area.height() * ratio)
-        vectors = self._vectors.image()
-        if vectors is not None:
+        sketch, workspace = context.document.sketch, context.workspace
+        if layers := visible_vectors(sketch, workspace):
+            vectors = self._vectors.updated(*layers, sketch.labels, sketch.pixel_size)
             painter.drawImage(QRectF(area), vectors, source)
         if "features" in overlays:
-            painter.drawImage(QRectF(area), self._marks.image(context.link.placed), source)
+            features = self._features.updated(context.link.placed, workspace.tool == "select")
+            painter.drawImage(QRectF(area), features, source)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         if "contradictions" in overlays:
             draw_warnings(painter, context)

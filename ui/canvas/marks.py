@@ -2,18 +2,16 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 from contourpy import LineType, contour_generator
-from PyQt6.QtCore import QPointF, QRect, QRectF, Qt
+from PyQt6.QtCore import QPointF, QRect, QRectF, QSize, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, Lake, River, ShapeField
 from sketchterrain.ui.canvas.sketch_image import scroll_image
@@ -109,7 +107,7 @@ class OverlayImage:
     `draw` draws a rectangle (logical px) with a painter in logical pixels.
     """
 
-    def __init__(self, context: ToolContext, draw: Callable[[QPainter, QRectF], None]) -> None:
+    def __init__(self, context: ToolContext, draw: Callable[[QPainter, ToolContext, QRectF], None]) -> None:
         self._context, self._draw_area = context, draw
         self._image = QImage()
         self._key: tuple[object, ...] = ()
@@ -117,18 +115,14 @@ class OverlayImage:
 
     def updated(self, *key: object) -> QImage:
         """Return the image, device pixels, premultiplied, of what a key stands for."""
-        viewport, last = self._context.viewport, self._viewport
-        is_same, self._key, self._viewport = key == self._key, key, viewport
-        if is_same and viewport == last:
-            return self._image
-        if is_same and last is not None and replace(last, left=viewport.left, top=viewport.top) == viewport:
-            for area in scroll_image(self._image, viewport.left - last.left, viewport.top - last.top):
-                self._draw(area)
-            return self._image
-        whole = QRect(0, 0, viewport.width, viewport.height)
-        if self._image.size() != whole.size():
-            self._image = QImage(whole.size(), QImage.Format.Format_ARGB32_Premultiplied)
-        self._draw(whole)
+        viewport = self._context.viewport
+        size = QSize(viewport.width, viewport.height)
+        before = self._viewport if key == self._key else None
+        self._key, self._viewport = key, viewport
+        if self._image.size() != size:
+            self._image, before = QImage(size, QImage.Format.Format_ARGB32_Premultiplied), None
+        for area in scroll_image(self._image, before, viewport):
+            self._draw(area)
         return self._image
 
     def _draw(self, area: QRect) -> None:
@@ -141,115 +135,109 @@ class OverlayImage:
         painter.scale(ratio, ratio)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         size = (area.width() / ratio, area.height() / ratio)
-        self._draw_area(painter, QRectF(area.x() / ratio, area.y() / ratio, *size))
+        self._draw_area(painter, self._context, QRectF(area.x() / ratio, area.y() / ratio, *size))
         painter.end()
 
 
-class FeatureMarks:
-    """A cached image of the placed features; rings of influence are drawn with the selection tool only."""
+@lru_cache(maxsize=1)
+def _neighbour_distances(placed: Placement) -> Float64Array:
+    """Return each feature's distance (m) from its nearest neighbour."""
+    places = np.stack([placed.points["x"], placed.points["y"]], axis=-1)
+    return np.asarray(cKDTree(places).query(places, k=2)[0])[:, 1] if len(places) else np.empty(0)
 
-    def __init__(self, context: ToolContext) -> None:
-        self._context = context
-        self._image = OverlayImage(context, self._draw)
-        self._placed = context.link.placed
-        self._rings = False
-        self._spacings = LRUCache(1)
 
-    def image(self, placed: Placement) -> QImage:
-        """Return the image of the whole canvas, device pixels, premultiplied."""
-        self._placed, self._rings = placed, self._context.workspace.tool == "select"
-        return self._image.updated(placed, self._rings)
+def draw_placed(painter: QPainter, context: ToolContext, selection: Selection, colour: QColor) -> None:
+    """Highlight a placed object."""
+    placed, canvas = context.link.placed, context.area
+    point = find_point(placed, selection)
+    river, lake = find_river(placed, selection), find_lake(placed, selection)
+    if point is not None:
+        radius = float(point["radius"]) * context.px_per_metre
+        path = QPainterPath()
+        centre = context.screen_from_world(float(point["x"]), float(point["y"]))
+        path.addEllipse(centre, radius, radius)
+        draw_haloed(painter, path, colour, 2.0)
+    elif river is not None:
+        _draw_river(painter, context, river, colour, canvas, selected=True)
+    elif lake is not None:
+        _draw_shore(painter, context, lake, colour, 2.4, canvas)
 
-    def draw_selection(
-        self, painter: QPainter, placed: Placement, selection: Selection, colour: QColor
-    ) -> None:
-        """Highlight the selected or hovered object."""
-        canvas = self._context.area
-        point = find_point(placed, selection)
-        river, lake = find_river(placed, selection), find_lake(placed, selection)
-        if point is not None:
-            radius = float(point["radius"]) * self._context.px_per_metre
-            path = QPainterPath()
-            centre = self._context.screen_from_world(float(point["x"]), float(point["y"]))
-            path.addEllipse(centre, radius, radius)
-            draw_haloed(painter, path, colour, 2.0)
-        elif river is not None:
-            self._draw_river(painter, river, colour, canvas, selected=True)
-        elif lake is not None:
-            self._draw_shore(painter, lake, colour, 2.4, canvas)
 
-    def _draw(self, painter: QPainter, visible: QRectF) -> None:
-        context, placed = self._context, self._placed
-        if not self._rings:
-            corner = context.screen_from_sketch(context.viewport.columns, context.viewport.rows)
-            sketch = QRectF(context.screen_from_sketch(0, 0), corner)
-            painter.setClipRect(sketch, Qt.ClipOperation.IntersectClip)
-        for lake in placed.lakes:
-            self._draw_shore(painter, lake, QColor(_SHORE), 1.2, visible)
-        for river in placed.rivers:
-            self._draw_river(painter, river, QColor(_RIVER), visible)
-        self._draw_points(painter, placed, visible)
+def draw_features(painter: QPainter, context: ToolContext, visible: QRectF) -> None:
+    """Draw the placed features in an area; rings of influence with the selection tool only."""
+    placed, rings = context.link.placed, context.workspace.tool == "select"
+    if not rings:
+        corner = context.screen_from_sketch(context.viewport.columns, context.viewport.rows)
+        sketch = QRectF(context.screen_from_sketch(0, 0), corner)
+        painter.setClipRect(sketch, Qt.ClipOperation.IntersectClip)
+    for lake in placed.lakes:
+        _draw_shore(painter, context, lake, QColor(_SHORE), 1.2, visible)
+    for river in placed.rivers:
+        _draw_river(painter, context, river, QColor(_RIVER), visible)
+    _draw_points(painter, context, visible, rings=rings)
 
-    def _neighbour_distances(self, placed: Placement) -> Float64Array:
-        """Return each feature's distance (m) from its nearest neighbour."""
 
-        def compute() -> Float64Array:
-            places = np.stack([placed.points["x"], placed.points["y"]], axis=-1)
-            return np.asarray(cKDTree(places).query(places, k=2)[0])[:, 1] if len(places) else np.empty(0)
-
-        return self._spacings.get_or_compute(placed, compute)
-
-    def _draw_points(self, painter: QPainter, placed: Placement, area: QRectF) -> None:
-        context, points, rings = self._context, placed.points, self._rings
-        # Glyphs shrink where they would overlap, and while painting.
-        largest = 1.0 if rings else _SIZE_WHILE_PAINTING
-        free = self._neighbour_distances(placed) * context.px_per_metre / _SPACING
-        sizes = np.round(np.clip(free, _LEAST_SIZE, largest), 1)
-        x, y = context.screens_from_world(points["x"], points["y"])
-        radius = points["radius"].astype(np.float64) * context.px_per_metre
-        near = np.maximum(radius if rings else 0.0, _SPACING)
-        visible = (np.abs(x - area.center().x()) < near + 0.5 * area.width()) & (
-            np.abs(y - area.center().y()) < near + 0.5 * area.height()
-        )
-        for at in np.flatnonzero(visible).tolist():
-            painted = bool(points["painted"][at])
-            if rings:
-                ring = QColor(DARK)
-                ring.setAlpha(90 if painted else 45)
-                painter.setBrush(Qt.BrushStyle.NoBrush)
-                painter.setPen(QPen(ring, 1.0))
-                painter.drawEllipse(QPointF(x[at], y[at]), float(radius[at]), float(radius[at]))
-            kind, ratio = FEATURE_TYPES[int(points["type"][at])], context.ratio
-            glyph = _glyph_image(kind, 235 if painted else 115, round(float(sizes[at]), 2), ratio)
-            half = 0.5 * glyph.width()
-            left, top = round(float(x[at]) * ratio - half), round(float(y[at]) * ratio - half)
-            painter.drawImage(QPointF(left / ratio, top / ratio), glyph)
-
-    def _draw_river(
-        self, painter: QPainter, river: River, colour: QColor, area: QRectF, *, selected: bool = False
-    ) -> None:
-        """Draw the part of a river in an area: centreline and, where wide enough, banks."""
-        import shapely
-
-        line, half = river.centreline[:, :2], 0.5 * river.centreline_width[:, None].astype(np.float64)
-        tangent = np.gradient(line, axis=0)
-        tangent /= np.maximum(np.hypot(*tangent.T), 1e-9)[:, None]
-        offset = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1) * half
-        lines = shapely.linestrings([line, line + offset, line - offset])
-        centre, *banks = screen_paths(self._context, lines, area)
-        if 2.0 * float(half.max()) * self._context.px_per_metre > 5.0:
-            faint = QColor(colour)
-            faint.setAlphaF(colour.alphaF() * 0.75)
+def _draw_points(painter: QPainter, context: ToolContext, area: QRectF, *, rings: bool) -> None:
+    placed, points = context.link.placed, context.link.placed.points
+    # Glyphs shrink where they would overlap, and while painting.
+    largest = 1.0 if rings else _SIZE_WHILE_PAINTING
+    free = _neighbour_distances(placed) * context.px_per_metre / _SPACING
+    sizes = np.round(np.clip(free, _LEAST_SIZE, largest), 1)
+    x, y = context.screens_from_world(points["x"], points["y"])
+    radius = points["radius"].astype(np.float64) * context.px_per_metre
+    near = np.maximum(radius if rings else 0.0, _SPACING)
+    visible = (np.abs(x - area.center().x()) < near + 0.5 * area.width()) & (
+        np.abs(y - area.center().y()) < near + 0.5 * area.height()
+    )
+    for at in np.flatnonzero(visible).tolist():
+        painted = bool(points["painted"][at])
+        if rings:
+            ring = QColor(DARK)
+            ring.setAlpha(90 if painted else 45)
             painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.setPen(QPen(faint, 1.6 if selected else 0.9))
-            for bank in banks:
-                painter.drawPath(bank)
-        draw_haloed(painter, centre, colour, 2.4 if selected else 1.4)
+            painter.setPen(QPen(ring, 1.0))
+            painter.drawEllipse(QPointF(x[at], y[at]), float(radius[at]), float(radius[at]))
+        kind, ratio = FEATURE_TYPES[int(points["type"][at])], context.ratio
+        glyph = _glyph_image(kind, 235 if painted else 115, round(float(sizes[at]), 2), ratio)
+        half = 0.5 * glyph.width()
+        left, top = round(float(x[at]) * ratio - half), round(float(y[at]) * ratio - half)
+        painter.drawImage(QPointF(left / ratio, top / ratio), glyph)
 
-    def _draw_shore(self, painter: QPainter, lake: Lake, colour: QColor, width: float, area: QRectF) -> None:
-        """Draw the part of a lake's shore in an area."""
-        import shapely
 
-        shapes = np.array([shapely.LineString(line) for line in shore_lines(lake.shape)], object)
-        for path in screen_paths(self._context, shapes, area):
-            draw_haloed(painter, path, colour, width)
+def _draw_river(
+    painter: QPainter,
+    context: ToolContext,
+    river: River,
+    colour: QColor,
+    area: QRectF,
+    *,
+    selected: bool = False,
+) -> None:
+    """Draw the part of a river in an area: centreline and, where wide enough, banks."""
+    import shapely
+
+    line, half = river.centreline[:, :2], 0.5 * river.centreline_width[:, None].astype(np.float64)
+    tangent = np.gradient(line, axis=0)
+    tangent /= np.maximum(np.hypot(*tangent.T), 1e-9)[:, None]
+    offset = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1) * half
+    lines = shapely.linestrings([line, line + offset, line - offset])
+    centre, *banks = screen_paths(context, lines, area)
+    if 2.0 * float(half.max()) * context.px_per_metre > 5.0:
+        faint = QColor(colour)
+        faint.setAlphaF(colour.alphaF() * 0.75)
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        painter.setPen(QPen(faint, 1.6 if selected else 0.9))
+        for bank in banks:
+            painter.drawPath(bank)
+    draw_haloed(painter, centre, colour, 2.4 if selected else 1.4)
+
+
+def _draw_shore(
+    painter: QPainter, context: ToolContext, lake: Lake, colour: QColor, width: float, area: QRectF
+) -> None:
+    """Draw the part of a lake's shore in an area."""
+    import shapely
+
+    shapes = np.array([shapely.LineString(line) for line in shore_lines(lake.shape)], object)
+    for path in screen_paths(context, shapes, area):
+        draw_haloed(painter, path, colour, width)

@@ -3,14 +3,15 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 from PyQt6.QtCore import QLineF, QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen
 
 from sketchterrain.ui.canvas.decorations import write_beside
-from sketchterrain.ui.canvas.drape_tool import draw_feature
-from sketchterrain.ui.canvas.marks import SELECTED, FeatureMarks
+from sketchterrain.ui.canvas.drapes import PictureWindow, draw_items
+from sketchterrain.ui.canvas.marks import SELECTED, draw_haloed, draw_placed, screen_paths
 from sketchterrain.ui.canvas.tool_context import REACH, Pointer, Tool, ToolContext
-from sketchterrain.ui.canvas.vectors import VectorMarks
+from sketchterrain.ui.canvas.vectors import draw_selected_vector, draw_vector
 from sketchterrain.ui.commands import exists, name_of, reported
 from sketchterrain.ui.engine.protocol import GoTo, Placement
 from sketchterrain.ui.models.drapes import draped_handles, next_below
@@ -24,7 +25,7 @@ from sketchterrain.ui.models.selection import (
     vector_width_handle,
     vertex_at,
 )
-from sketchterrain.ui.models.vectors import insert_vertex, vector_at
+from sketchterrain.ui.models.vectors import insert_vertex, outlines, vector_at
 from sketchterrain.ui.models.workspace import Handle, Selection
 
 _TOLERANCE = 9.0  # logical px around a handle or feature
@@ -37,9 +38,8 @@ _DELETE_KEYS = (Qt.Key.Key_Delete, Qt.Key.Key_Backspace)
 class SelectTool(Tool):
     """A click selects, a drag moves, handles resize."""
 
-    def __init__(self, context: ToolContext, marks: FeatureMarks, vectors: VectorMarks) -> None:
+    def __init__(self, context: ToolContext) -> None:
         super().__init__(context)
-        self._marks, self._vectors = marks, vectors
         self._hovered: Selection | None = None
         self._drag: FeatureDrag | None = None
         self._pressed: tuple[tuple[float, float], Handle | None] | None = None  # place, m
@@ -160,21 +160,22 @@ class SelectTool(Tool):
         faint = QColor(SELECTED)
         faint.setAlpha(150)
         if hovered is not None and hovered.is_vector and self._drag is None:
-            self._vectors.draw_outline(painter, hovered, faint)
-        draw_feature(painter, self.context, hovered, faint)
-        draw_feature(painter, self.context, selection, SELECTED)
+            draw_vector(painter, self.context, hovered, faint)
+        _draw_draped(painter, self.context, hovered, faint)
+        _draw_draped(painter, self.context, selection, SELECTED)
         for handle in self._draped_handles():
             self._draw_handle(painter, handle)
         if selection is not None and selection.is_vector:
             drag = self._drag
-            self._vectors.draw_selection(painter, selection, None if drag and drag.handle.is_live else drag)
+            moved = None if drag and drag.handle.is_live else drag
+            draw_selected_vector(painter, self.context, selection, moved)
             width = vector_width_handle(self.context.document.sketch, selection)
             if width is not None and (drag is None or not drag.handle.is_vertex):
                 self._draw_handle(painter, width)
             if self._drag is not None and self._last_drag is not None:
                 self._draw_drag(painter, placed)
         if hovered is not None and self._drag is None and exists(placed, hovered):
-            self._marks.draw_selection(painter, placed, hovered, faint)
+            draw_placed(painter, self.context, hovered, faint)
             handles = handles_of(placed, hovered)
             other = selection is None or hovered.id != selection.id
             if other and handles and handles[0].role == "move":
@@ -182,7 +183,7 @@ class SelectTool(Tool):
                 write_beside(painter, at + QPointF(10.0, -9.0), name_of(placed, hovered).capitalize())
         if selection is None or not exists(placed, selection):
             return
-        self._marks.draw_selection(painter, placed, selection, SELECTED)
+        draw_placed(painter, self.context, selection, SELECTED)
         for handle in self._visible_handles(placed):
             self._draw_handle(painter, handle)
         self._draw_drag(painter, placed)
@@ -294,3 +295,26 @@ class SelectTool(Tool):
         offset = at - self.context.screen_from_world(handle.base_x, handle.base_y)
         length = math.hypot(offset.x(), offset.y())
         return at + (offset * (_WIDTH_OFFSET / length) if length > 0.0 else QPointF(0.0, -_WIDTH_OFFSET))
+
+
+def _draw_draped(
+    painter: QPainter, context: ToolContext, selection: Selection | None, colour: QColor
+) -> None:
+    """Highlight a draped feature, if one is selected; while it is edited draw it as its layer does, too."""
+    import shapely
+
+    drapes, feature = context.document.drapes, context.document.drapes.feature(selection)
+    if feature is None or selection is None or drapes.current is None:
+        return
+    if drapes.held == (selection.layer, selection.id):
+        corner = context.world_from_sketch(*context.sketch_from_screen(QPointF(0.0, 0.0)))
+        window = PictureWindow(*corner, 1.0 / context.px_per_metre, 0, 0)
+        painter.save()
+        draw_items(painter, drapes.current, drapes.current.only(drapes.held, window.texel), window)
+        painter.restore()
+    lines = outlines(np.array([feature.geometry]))  # areas may be invalid
+    (path,) = screen_paths(context, lines, context.area)
+    if feature.geometry.length == 0.0:
+        for place in shapely.get_coordinates(feature.geometry).tolist():
+            path.addEllipse(context.screen_from_world(*place), 6.0, 6.0)
+    draw_haloed(painter, path, colour, 2.0)

@@ -5,18 +5,11 @@ from functools import reduce
 
 import numpy as np
 import numpy.typing as npt
-from PyQt6.QtCore import QObject, QPoint, QPointF, QRect, QRectF, QSizeF, pyqtSignal
+from PyQt6.QtCore import QObject, QPoint, QPointF, QRect, QRectF, QSize, QSizeF, pyqtSignal
 from PyQt6.QtGui import QColor, QImage, QPainter, QPen, QRegion, QTransform
 
 from sketchterrain.document.label_layers import Box
-from sketchterrain.ui.canvas.compositing import (
-    Colours,
-    HatchTable,
-    LayerCompositor,
-    hatches_of,
-    level_for,
-    paints_of,
-)
+from sketchterrain.ui.canvas.compositing import Colours, HatchTable, LayerCompositor, level_for, paints_of
 from sketchterrain.ui.canvas.drapes import DrapePictures
 from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
 from sketchterrain.ui.canvas.underlay import RasterUnderlay
@@ -50,8 +43,13 @@ _BAND = 64  # screen rows composed at a time, so that their pixels stay in the C
 _SHARP = 4.0  # px of the screen per pixel, from which pixels have sharp edges
 
 
-def scroll_image(image: QImage, right: int, down: int) -> list[QRect]:
-    """Move an image's pixels; return the uncovered areas."""
+def scroll_image(image: QImage, before: Viewport | None, viewport: Viewport) -> list[QRect]:
+    """Move the pixels of an image of the canvas to another viewport; return the areas to draw."""
+    if before == viewport:
+        return []
+    if before is None or replace(before, left=viewport.left, top=viewport.top) != viewport:
+        return [image.rect()]
+    right, down = viewport.left - before.left, viewport.top - before.top
     width, height = image.width(), image.height()
     if abs(right) >= width or abs(down) >= height:
         return [image.rect()]
@@ -108,22 +106,18 @@ def _packed(colours: npt.NDArray[np.floating]) -> npt.NDArray[np.uint32]:
     return np.asarray(np.uint32(0xFF000000) | red << 16 | green << 8 | blue)
 
 
-def adherence_image(adherence: Adherence, layer: str) -> QImage | None:
-    """Return a layer's agreement with the terrain in colour; None if it was not measured."""
-    if layer not in adherence.images:
+def tint_image(adherence: Adherence, name: str) -> QImage | None:
+    """Return a layer's agreement with the terrain, or the faults of ``realism``, in transparent colours.
+
+    None if it was not measured.
+    """
+    codes, colours = adherence.faults, [*FAULT_COLOURS.values()]  # of codes from 1 on; 0 is nothing
+    if name != "realism":
+        images = adherence.images.get(name)
+        codes = None if images is None else images[0] + np.uint8(2) * images[1]
+        colours = [AGREEMENT[each] for each in ("missing", "spill", "as painted")]
+    if codes is None:
         return None
-    painted, present = adherence.images[layer]
-    colours = [AGREEMENT[name] for name in ("missing", "spill", "as painted")]
-    return _tinted(painted + np.uint8(2) * present, colours)
-
-
-def faults_image(adherence: Adherence) -> QImage | None:
-    """Return where landforms differ from real land in colour; None if it was not measured."""
-    return None if adherence.faults is None else _tinted(adherence.faults, [*FAULT_COLOURS.values()])
-
-
-def _tinted(codes: npt.NDArray[np.uint8], colours: list[QColor]) -> QImage:
-    """Return transparent colours of codes from 1 on; 0 is nothing."""
     table = np.zeros(len(colours) + 1, np.uint32)
     for at, colour in enumerate(colours, start=1):
         red, green, blue = (round(part * _TINT) for part in (colour.red(), colour.green(), colour.blue()))
@@ -158,8 +152,9 @@ class SketchView(QObject):
         super().__init__(parent)
         self._context = context
         self._ratio = context.ratio  # device pixels a logical one
-        self._hatches = HatchTable(hatches_of(context.workspace), context.ratio)
-        self._compositor = LayerCompositor(context.document.layer, paints_of(context.workspace))
+        paints = paints_of(context.workspace)
+        self._hatches = HatchTable(paints, context.ratio)
+        self._compositor = LayerCompositor(context.document.layer, paints)
         self._relief: Relief | None = None
         self._relief_image: QImage | None = None
         self._relief_step = 1
@@ -184,9 +179,9 @@ class SketchView(QObject):
 
     def refresh(self, *_: object) -> None:
         """Compose everything again: another document, layer look or theme."""
-        context = self._context
-        self._compositor = LayerCompositor(context.document.layer, paints_of(context.workspace))
-        self._hatches = HatchTable(hatches_of(context.workspace), context.ratio)
+        context, paints = self._context, paints_of(self._context.workspace)
+        self._compositor = LayerCompositor(context.document.layer, paints)
+        self._hatches = HatchTable(paints, context.ratio)
         self._ratio = context.ratio
         self._invalidate()
         self.refresh_overlays()
@@ -200,20 +195,11 @@ class SketchView(QObject):
             self._invalidate()
         if self.underlay.pictures or self.underlay.hillshade:
             self._invalidate()
-        shows_faults = "realism" in overlays
         measured = context.link.adherence if {"adherence", "realism"} & overlays else None
-        tint = (
-            measured,
-            "realism" if shows_faults else context.workspace.layer if measured is not None else "",
-        )
-        if tint[0] is not self._tint[0] or tint[1] != self._tint[1]:
-            self._tint = tint
-            if measured is None:
-                self._tint_image = None
-            else:
-                self._tint_image = (
-                    faults_image(measured) if shows_faults else adherence_image(measured, tint[1])
-                )
+        name = "realism" if "realism" in overlays else "" if measured is None else context.workspace.layer
+        if measured is not self._tint[0] or name != self._tint[1]:
+            self._tint = measured, name
+            self._tint_image = None if measured is None else tint_image(measured, name)
             self._invalidate()
         self.stale.emit(QRect(0, 0, context.viewport.width, context.viewport.height))
 
@@ -287,20 +273,14 @@ class SketchView(QObject):
     def _set_viewport(self, viewport: Viewport) -> None:
         """Show the sketch through a viewport; panning reuses pixels."""
         before, self._viewport = self._viewport, viewport
-        size = (viewport.width, viewport.height)
-        if size != (self._image.width(), self._image.height()):
-            self._image = QImage(*size, QImage.Format.Format_RGB32)
-            self._invalidate()
-        elif before == viewport:
-            return
-        elif before is not None and replace(before, left=viewport.left, top=viewport.top) == viewport:
+        size = QSize(viewport.width, viewport.height)
+        if self._image.size() != size:
+            self._image, before = QImage(size, QImage.Format.Format_RGB32), None
+        if before is not None:
             right, down = viewport.left - before.left, viewport.top - before.top
-            stale, self._stale = self._stale, []
-            moved = [each.translated(right, down) for each in stale]
-            for area in [*moved, *scroll_image(self._image, right, down)]:
-                self._invalidate(area)
-        else:
-            self._invalidate()
+            self._stale = [each.translated(right, down) for each in self._stale]
+        for area in scroll_image(self._image, before, viewport):
+            self._invalidate(area)
 
     def _invalidate(self, area: QRect | None = None) -> None:
         """Mark an area of the screen as stale; None: all of it."""

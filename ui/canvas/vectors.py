@@ -14,7 +14,7 @@ from sketchterrain.array_types import Int64Array
 from sketchterrain.document.layers import LAND_USES, LAYERS
 from sketchterrain.document.vector_edits import shared_nodes
 from sketchterrain.document.vectors import AREA, LINE
-from sketchterrain.ui.canvas.marks import SELECTED, OverlayImage, draw_haloed, screen_paths
+from sketchterrain.ui.canvas.marks import SELECTED, draw_haloed, screen_paths
 from sketchterrain.ui.canvas.tool_context import ToolContext
 from sketchterrain.ui.look.layer_colours import USE_COLOURS, label_colour
 from sketchterrain.ui.models import vectors
@@ -28,84 +28,73 @@ _MAX_HANDLES = 1500
 _MANY, _SMALL = 1000, 8.0  # areas, if there are more, with sides of fewer logical px are drawn as squares
 
 
-class VectorMarks:
-    """A cached image of the vectors of visible layers, above the paint."""
+def draw_vector(painter: QPainter, context: ToolContext, selection: Selection, colour: QColor) -> None:
+    """Highlight a vector, with an arrow if it has a direction."""
+    sketch = context.document.sketch
+    feature = vectors.find_vector(sketch, selection)
+    if feature is not None:
+        layer = sketch.vectors[selection.kind]
+        shape = vectors.curves_of(layer).shapes[layer.index(selection.id)]
+        (path,) = screen_paths(context, np.array([shape]), context.area)
+        draw_haloed(painter, path, colour, 2.0)
+        if feature.properties.get("directed") == 1 and not path.isEmpty():
+            _draw_arrow(painter, path)
 
-    def __init__(self, context: ToolContext) -> None:
-        self._context = context
-        self._image = OverlayImage(context, self._draw)
 
-    def image(self) -> QImage | None:
-        """Return the image of the whole canvas, device pixels; None if there is nothing to draw."""
-        sketch = self._context.document.sketch
-        layers = vectors.visible_vectors(sketch, self._context.workspace)
-        return self._image.updated(*layers, sketch.labels, sketch.pixel_size) if layers else None
+def draw_selected_vector(
+    painter: QPainter, context: ToolContext, selection: Selection, drag: FeatureDrag | None
+) -> None:
+    """Draw the selected vector with its vertices, and while one is dragged all that share the node."""
+    feature = vectors.find_vector(context.document.sketch, selection)
+    if feature is None:
+        return
+    places = np.concatenate(feature.rings)
+    network = vectors.network_of(context.document.sketch, selection.kind)
+    shared = shared_nodes(network, places)
+    if drag is None:
+        draw_vector(painter, context, selection, SELECTED)
+    else:
+        start, end = (drag.handle.x, drag.handle.y), (drag.x, drag.y)
+        places[(places == start).all(axis=1)] = end
+        moved = vectors.moved_shapes(context.document.sketch, selection.kind, start, end)
+        for path in screen_paths(context, moved, context.area):
+            draw_haloed(painter, path, SELECTED, 2.0)
+    x, y = context.screens_from_world(*places.T)
+    left, top, right, bottom = context.area.adjusted(-5.0, -5.0, 5.0, 5.0).getCoords()
+    visible = np.flatnonzero((x > left) & (x < right) & (y > top) & (y < bottom))
+    painter.setPen(QPen(SELECTED, 1.8))
+    for index in visible.tolist() if len(visible) <= _MAX_HANDLES else []:
+        painter.setBrush(SELECTED if index == selection.index else QColor(255, 255, 255))
+        square = QRectF(float(x[index]) - 3.5, float(y[index]) - 3.5, 7.0, 7.0)
+        painter.drawEllipse(square.adjusted(-1, -1, 1, 1)) if shared[index] else painter.drawRect(square)
 
-    def draw_outline(self, painter: QPainter, selection: Selection, colour: QColor) -> None:
-        """Highlight a vector, with an arrow if it has a direction."""
-        sketch = self._context.document.sketch
-        feature = vectors.find_vector(sketch, selection)
-        if feature is not None:
-            layer = sketch.vectors[selection.kind]
-            shape = vectors.curves_of(layer).shapes[layer.index(selection.id)]
-            (path,) = screen_paths(self._context, np.array([shape]), self._context.area)
-            draw_haloed(painter, path, colour, 2.0)
-            if feature.properties.get("directed") == 1 and not path.isEmpty():
-                _draw_arrow(painter, path)
 
-    def draw_selection(self, painter: QPainter, selection: Selection, drag: FeatureDrag | None) -> None:
-        """Draw the selected vector with its vertices, and while one is dragged all that share the node."""
-        context, layer = self._context, self._context.document.sketch.vectors[selection.kind]
-        feature = vectors.find_vector(context.document.sketch, selection)
-        if feature is None:
-            return
-        places = np.concatenate(feature.rings)
-        network = vectors.network_of(context.document.sketch, selection.kind)
-        shared = shared_nodes(network, places)
-        if drag is None:
-            self.draw_outline(painter, selection, SELECTED)
-        else:
-            start, end = (drag.handle.x, drag.handle.y), (drag.x, drag.y)
-            places[(places == start).all(axis=1)] = end
-            for layer in network:
-                moved = vectors.Curves.from_layer(vectors.with_moved_node(layer, start, end))
-                for path in screen_paths(context, moved.shapes, context.area):
-                    draw_haloed(painter, path, SELECTED, 2.0)
-        x, y = context.screens_from_world(*places.T)
-        left, top, right, bottom = context.area.adjusted(-5.0, -5.0, 5.0, 5.0).getCoords()
-        visible = np.flatnonzero((x > left) & (x < right) & (y > top) & (y < bottom))
-        painter.setPen(QPen(SELECTED, 1.8))
-        for index in visible.tolist() if len(visible) <= _MAX_HANDLES else []:
-            painter.setBrush(SELECTED if index == selection.index else QColor(255, 255, 255))
-            square = QRectF(float(x[index]) - 3.5, float(y[index]) - 3.5, 7.0, 7.0)
-            painter.drawEllipse(square.adjusted(-1, -1, 1, 1)) if shared[index] else painter.drawRect(square)
-
-    def _draw(self, painter: QPainter, area: QRectF) -> None:
-        context = self._context
-        for layer in vectors.visible_vectors(context.document.sketch, context.workspace):
-            widths = vectors.widths_of(context.document.sketch, layer) * context.px_per_metre
-            uses = context.document.sketch.vector_texts("landuse", "use") if layer.layer == "landuse" else []
-            order = np.argsort(layer.kinds == LINE, kind="stable")
-            if uses and len(uses) > _MANY:
-                numbers = np.array([1 + LAND_USES.index(use) for use in uses], np.uint8)
-                order = _draw_small(context, painter, area, vectors.curves_of(layer).shapes, numbers)
-            shapes = vectors.curves_of(layer).shapes[order]
-            paths = screen_paths(context, shapes, area, margin=0.5 * float(widths.max()))
-            visible = [
-                (path, _pens(layer.layer, int(layer.labels[index]), float(widths[index])), index)
-                for index, path in zip(order.tolist(), paths, strict=True)
-                if not path.isEmpty()
-            ]
-            # One pen of all lines after the other, so that casings do not cross junctions.
-            for number in range(max((len(pens) for _, pens, _ in visible), default=0)):
-                for path, pens, index in visible:
-                    if number < len(pens):
-                        colour = QColor(USE_COLOURS[uses[index]] if uses else pens[number].color())
-                        colour.setAlpha(128)
-                        painter.setPen(pens[number])
-                        is_area = layer.kinds[index] == AREA
-                        painter.setBrush(colour if is_area else Qt.BrushStyle.NoBrush)
-                        painter.drawPath(path)
+def draw_vectors(painter: QPainter, context: ToolContext, area: QRectF) -> None:
+    """Draw the vectors of visible layers in an area."""
+    for layer in vectors.visible_vectors(context.document.sketch, context.workspace):
+        widths = vectors.widths_of(context.document.sketch, layer) * context.px_per_metre
+        uses = context.document.sketch.vector_texts("landuse", "use") if layer.layer == "landuse" else []
+        order = np.argsort(layer.kinds == LINE, kind="stable")
+        if uses and len(uses) > _MANY:
+            numbers = np.array([1 + LAND_USES.index(use) for use in uses], np.uint8)
+            order = _draw_small(context, painter, area, vectors.curves_of(layer).shapes, numbers)
+        shapes = vectors.curves_of(layer).shapes[order]
+        paths = screen_paths(context, shapes, area, margin=0.5 * float(widths.max()))
+        visible = [
+            (path, _pens(layer.layer, int(layer.labels[index]), float(widths[index])), index)
+            for index, path in zip(order.tolist(), paths, strict=True)
+            if not path.isEmpty()
+        ]
+        # One pen of all lines after the other, so that casings do not cross junctions.
+        for number in range(max((len(pens) for _, pens, _ in visible), default=0)):
+            for path, pens, index in visible:
+                if number < len(pens):
+                    colour = QColor(USE_COLOURS[uses[index]] if uses else pens[number].color())
+                    colour.setAlpha(128)
+                    painter.setPen(pens[number])
+                    is_area = layer.kinds[index] == AREA
+                    painter.setBrush(colour if is_area else Qt.BrushStyle.NoBrush)
+                    painter.drawPath(path)
 
 
 def _draw_small(

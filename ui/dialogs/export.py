@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from PyQt6.QtCore import Qt, QTimer
-from PyQt6.QtGui import QAction, QCloseEvent, QGuiApplication, QKeySequence
+from PyQt6.QtGui import QCloseEvent, QGuiApplication, QKeySequence, QShortcut
 from PyQt6.QtWidgets import (
     QAbstractItemView,
     QComboBox,
@@ -74,11 +74,8 @@ class ExportOutcome(JobProgress):
         self._settings = QWidget()
         column(self._settings, row(None, (title, 1), copy, spacing=-1), (self.table, 1), spacing=-1)
         self._settings.hide()
-        copy_key = QAction(self.table)
-        copy_key.setShortcut(QKeySequence(QKeySequence.StandardKey.Copy))
-        copy_key.setShortcutContext(Qt.ShortcutContext.WidgetShortcut)
-        copy_key.triggered.connect(self._copy_selection)
-        self.table.addAction(copy_key)
+        keys, context = QKeySequence.StandardKey.Copy, Qt.ShortcutContext.WidgetShortcut
+        QShortcut(keys, self.table, self._copy_selection, context=context)
         self._column.addWidget(self._settings, 1)
         self._column.addStretch(0)
 

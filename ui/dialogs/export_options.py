@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
+from PyQt6.QtCore import QSignalBlocker
 from PyQt6.QtGui import QIntValidator
 
 from sketchterrain.document.sketch import Sketch
@@ -177,11 +178,11 @@ class TargetForm(Form):
         self._target = target
         self._head.setText(f"{target.summary[:1].upper()}{target.summary[1:]}.")
         tiling = target.tiling or Tiling()
-        self._is_filling = True
-        self._offer_sides(target)
-        self["format"].clear()
-        for name in target.formats:
-            self["format"].addItem(_FORMATS.get(name, name.upper()), name)
+        with QSignalBlocker(self):
+            self._offer_sides(target)
+            self["format"].clear()
+            for name in target.formats:
+                self["format"].addItem(_FORMATS.get(name, name.upper()), name)
         defaults = {
             "overlap": tiling.overlap,
             "tile_name": tiling.pattern,
@@ -264,12 +265,11 @@ class TargetForm(Form):
             return
         text = box.currentText()
         selected = box.findText(text)
-        self._is_filling = True
-        box.clear()
-        for size in fitting:
-            box.addItem(str(size), size)
-        box.setEditText(text if selected < 0 else str(fitting[selected]))
-        self._is_filling = False
+        with QSignalBlocker(self):
+            box.clear()
+            for size in fitting:
+                box.addItem(str(size), size)
+            box.setEditText(text if selected < 0 else str(fitting[selected]))
 
     def _check(self) -> None:
         target = self._target

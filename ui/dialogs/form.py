@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from PyQt6.QtCore import Qt, QUrl, pyqtSignal
-from PyQt6.QtGui import QCloseEvent, QDesktopServices, QPalette
+from PyQt6.QtCore import QSignalBlocker, Qt, QUrl, pyqtSignal
+from PyQt6.QtGui import QCloseEvent, QDesktopServices, QFont, QPalette
 from PyQt6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -30,7 +30,7 @@ from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.ui.engine.protocol import Request
 from sketchterrain.ui.export_job import ExportJob
-from sketchterrain.ui.look.theme import MARGIN, SPACING, LayoutItem, column, row
+from sketchterrain.ui.look.theme import MARGIN, SPACING, LayoutItem, column, heading, row
 from sketchterrain.ui.models.workspace import Preferences
 from sketchterrain.ui.panels.controls import NumberBox
 
@@ -140,7 +140,6 @@ class Form(QWidget):
         self._controls: dict[str, Control] = {}
         self._lines: dict[str, QWidget] = {}
         self._rows = form_layout()
-        self._is_filling = False
         self.note = note()
         self._column = column(self, self._rows, self.note, spacing=MARGIN)
         for line in lines:
@@ -161,12 +160,11 @@ class Form(QWidget):
 
     def set_values(self, *values: Mapping[str, object]) -> None:
         """Set values, later ones over earlier; a value that its control does not accept is ignored."""
-        self._is_filling = True
-        for each in values:
-            for name, control in self._controls.items():
-                control.set(each.get(name))
-        self._is_filling = False
-        self._report()
+        with QSignalBlocker(self):
+            for each in values:
+                for name, control in self._controls.items():
+                    control.set(each.get(name))
+        self.changed.emit()
 
     def show_lines(self, visible: Mapping[str, bool]) -> None:
         for name, is_visible in visible.items():
@@ -182,7 +180,7 @@ class Form(QWidget):
 
     def _add(self, field: Field) -> QWidget:
         control = self._controls[field.name] = field.control()
-        control.changed.connect(self._report)
+        control.changed.connect(self.changed)
         return control.widget
 
     def _add_line(self, line: Line) -> QWidget:
@@ -191,10 +189,6 @@ class Form(QWidget):
         widget.setToolTip(line.tip)
         widget.setAccessibleName(line.title.replace("&", ""))
         return widget
-
-    def _report(self, *_: object) -> None:
-        if not self._is_filling:
-            self.changed.emit()
 
 
 def dialog_column(dialog: QDialog, title: str, *items: LayoutItem) -> QVBoxLayout:
@@ -231,14 +225,9 @@ def titled(
     return line
 
 
-def heading(text: str) -> QLabel:
+def headline(text: str) -> QLabel:
     """Return the headline of a dialog."""
-    label = QLabel(text)
-    font = label.font()
-    font.setPointSizeF(font.pointSizeF() * 1.25)
-    font.setBold(True)
-    label.setFont(font)
-    return label
+    return heading(text, weight=QFont.Weight.Bold, scale=1.25)
 
 
 def note(text: str = "", *, selectable: bool = False) -> QLabel:
@@ -308,7 +297,7 @@ class JobProgress(QWidget):
 
     def __init__(self, title: str, name: str) -> None:
         super().__init__()
-        self.heading, self.doing, self.notes = heading(title), QLabel("Starting"), note(selectable=True)
+        self.heading, self.doing, self.notes = headline(title), QLabel("Starting"), note(selectable=True)
         self.doing.setWordWrap(True)
         self.lines: list[str] = []
         self.bar = QProgressBar()

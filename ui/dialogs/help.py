@@ -9,7 +9,7 @@ from html import escape
 from importlib.metadata import version
 
 from PyQt6.QtCore import PYQT_VERSION_STR, QEvent, QObject, QProcess, QSize, Qt, qVersion
-from PyQt6.QtGui import QAction, QIcon, QKeyEvent, QKeySequence, QPixmap
+from PyQt6.QtGui import QAction, QFont, QIcon, QKeyEvent, QKeySequence, QPixmap
 from PyQt6.QtWidgets import (
     QDialog,
     QGridLayout,
@@ -30,11 +30,22 @@ from sketchterrain.ui.dialogs.form import (
     dialog_column,
     fix_width,
     form_layout,
-    heading,
+    headline,
     note,
 )
 from sketchterrain.ui.engine.protocol import EngineFacts
-from sketchterrain.ui.look.theme import CHOICES, MARGIN, SMALL, SPACING, app_picture, column, icon, row, theme
+from sketchterrain.ui.look.theme import (
+    CHOICES,
+    MARGIN,
+    SMALL,
+    SPACING,
+    app_picture,
+    column,
+    heading,
+    icon,
+    row,
+    theme,
+)
 from sketchterrain.ui.models.workspace import Preferences
 
 # In a process of its own, for drivers can crash.
@@ -114,7 +125,7 @@ class AboutDialog(QDialog):
         super().__init__(parent)
         picture = QLabel()
         picture.setPixmap(app_picture(72, self.devicePixelRatioF()))
-        title = heading(f"Sketchterrain {version('sketchterrain')}")
+        title = headline(f"Sketchterrain {version('sketchterrain')}")
         head = row(None, picture, spacing=MARGIN)
         head.addLayout(column(None, 1, title, note(_SUMMARY), 1, spacing=SMALL), 1)
         environment = form_layout()
@@ -176,16 +187,12 @@ class FirstStepsDialog(QDialog):
         for number, (name, title, text) in enumerate(_STEPS):
             symbol = QLabel()
             symbol.setPixmap(icon(name).pixmap(28, 28))
-            label = QLabel(title)
-            font = label.font()
-            font.setBold(True)
-            label.setFont(font)
             grid.addWidget(symbol, 3 * number, 0, 2, 1)
-            grid.addWidget(label, 3 * number, 1)
+            grid.addWidget(heading(title, weight=QFont.Weight.Bold), 3 * number, 1)
             grid.addWidget(note(text), 3 * number + 1, 1)
             grid.setRowMinimumHeight(3 * number + 2, MARGIN)
         buttons = button_row(self, "", cancel="Start")[0]
-        dialog_column(self, "First steps", heading("A terrain in a minute"), grid, 1, buttons)
+        dialog_column(self, "First steps", headline("A terrain in a minute"), grid, 1, buttons)
         fix_width(self, 500)
 
 

@@ -9,7 +9,6 @@ from PyQt6.QtGui import QIcon, QImage
 from PyQt6.QtWidgets import (
     QDialog,
     QDialogButtonBox,
-    QFileDialog,
     QListView,
     QListWidget,
     QListWidgetItem,
@@ -21,6 +20,7 @@ from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import starter_sketch
 from sketchterrain.io.resources import preset_names, preset_picture
+from sketchterrain.ui.banner import ask_picture_path
 from sketchterrain.ui.commands import random_seed
 from sketchterrain.ui.dialogs.form import (
     EXTENT,
@@ -30,7 +30,7 @@ from sketchterrain.ui.dialogs.form import (
     add_button,
     button_row,
     dialog_column,
-    heading,
+    headline,
     note,
 )
 from sketchterrain.ui.look.theme import MARGIN, SMALL, rounded_picture
@@ -116,10 +116,8 @@ class PictureDialog(QDialog):
         return (size[0], size[1]) if size else None
 
     def _ask_path(self) -> None:
-        name, _ = QFileDialog.getSaveFileName(self, "Save picture", str(self._start), "Pictures (*.png)")
-        if name:
-            path = Path(name)
-            self.path = path if path.suffix.lower() == ".png" else path.with_name(path.name + ".png")
+        self.path = ask_picture_path(self, "Save picture", self._start)
+        if self.path is not None:
             self.accept()
 
 
@@ -182,7 +180,7 @@ class RecoveryDialog(QDialog):
         super().__init__(parent)
         self._recoveries = tuple(recoveries)
         self.discarded = False
-        title = heading("Unsaved work was found")
+        title = headline("Unsaved work was found")
         line = note("The program ended before this was saved. Recover it?")
         self.list = QListWidget()
         self.list.setAccessibleName("Recoverable sketches")

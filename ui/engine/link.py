@@ -158,6 +158,10 @@ class ViewSource(QObject):
             self.view_changed.emit(view)
             self.send(view)
 
+    def change_view(self, **changes: Any) -> None:
+        """Apply some fields of the view's state."""
+        self.set_view(replace(self.view, **changes))
+
     def pick(self, x: float, y: float) -> int:
         """Request the terrain position at an image position; return the token of the answer, `picked`."""
         self._token += 1

@@ -23,7 +23,16 @@ from PyQt6.QtGui import (
     QPixmap,
 )
 from PyQt6.QtSvg import QSvgRenderer
-from PyQt6.QtWidgets import QApplication, QBoxLayout, QHBoxLayout, QLayout, QToolButton, QVBoxLayout, QWidget
+from PyQt6.QtWidgets import (
+    QApplication,
+    QBoxLayout,
+    QHBoxLayout,
+    QLabel,
+    QLayout,
+    QToolButton,
+    QVBoxLayout,
+    QWidget,
+)
 
 ICONS = Path(__file__).with_name("icons")
 MARKS = Path(__file__).with_name("marks")
@@ -315,6 +324,17 @@ def described(widget: _Widget, name: str, tip: str) -> _Widget:
     widget.setAccessibleName(name)
     widget.setToolTip(tip)
     return widget
+
+
+def heading(text: str = "", *, weight: QFont.Weight = QFont.Weight.DemiBold, scale: float = 1.0) -> QLabel:
+    """Return a label for a title, `scale` times the usual size."""
+    label = QLabel(text)
+    font = QFont(label.font())
+    font.setWeight(weight)
+    if scale != 1.0:
+        font.setPointSizeF(font.pointSizeF() * scale)
+    label.setFont(font)
+    return label
 
 
 def draw_focus(painter: QPainter, widget: QWidget) -> None:

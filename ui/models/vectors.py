@@ -94,12 +94,6 @@ class Curves:
         excess = np.where(np.isnan(distance), np.inf, distance - reach[rows])  # nan: of what is outside
         return int(rows[np.argmin(excess)]) if excess.min(initial=np.inf) <= 0.0 else None
 
-    def lines(self, index: int) -> list[Float64Array]:
-        """Return the outline of a feature as lines (n, 2), m."""
-        import shapely
-
-        return [shapely.get_coordinates(each) for each in shapely.get_parts(self.outlines[index])]
-
 
 def outlines(shapes: Shapes) -> Shapes:
     """Return shapes with their borders and holes in place of areas."""
@@ -170,6 +164,14 @@ def find_vector(sketch: Sketch, selection: Selection | None) -> VectorFeature | 
         return None
     layer = sketch.vectors[selection.kind]
     return layer.feature(selection.id) if selection.id in layer else None
+
+
+def _selected(document: Document, workspace: Workspace) -> tuple[VectorLayer, Selection] | None:
+    """Return the selection and its layer if it is a vector that exists."""
+    selection = workspace.selection
+    if selection is None or find_vector(document.sketch, selection) is None:
+        return None
+    return document.sketch.vectors[selection.kind], selection
 
 
 def visible_vectors(sketch: Sketch, workspace: Workspace) -> list[VectorLayer]:
@@ -307,6 +309,12 @@ def with_moved_node(layer: VectorLayer, start: tuple[float, float], end: tuple[f
         return own
 
 
+def moved_shapes(sketch: Sketch, name: str, start: tuple[float, float], end: tuple[float, float]) -> Shapes:
+    """Return the curves of all features of a network at a node, moved as by `with_moved_node`."""
+    moved = (with_moved_node(layer, start, end) for layer in network_of(sketch, name))
+    return np.concatenate([Curves.from_layer(each).shapes for each in moved])
+
+
 def node_moved(
     sketch: Sketch, name: str, start: tuple[float, float], end: tuple[float, float]
 ) -> list[VectorLayer]:
@@ -354,9 +362,9 @@ def insert_vertex(document: Document, workspace: Workspace, x: float, y: float, 
     selection = workspace.selection
     if selection is not None and selection.is_draped:
         return insert_draped_vertex(document, workspace, x, y, reach=reach)
-    if selection is None or find_vector(document.sketch, selection) is None:
+    if (found := _selected(document, workspace)) is None:
         return False
-    layer = document.sketch.vectors[selection.kind]
+    layer, selection = found
     index = curves_of(layer).nearest(x, y, np.where(layer.ids == selection.id, reach, -np.inf))
     if index is None:
         return False
@@ -373,9 +381,10 @@ def delete_vector(document: Document, workspace: Workspace) -> None:
     if selection is not None and selection.is_draped:
         delete_draped(document, workspace)
         return
-    if selection is None or find_vector(document.sketch, selection) is None:
+    if (found := _selected(document, workspace)) is None:
         return
-    layer, index = document.sketch.vectors[selection.kind], selection.index
+    layer, selection = found
+    index = selection.index
     vertices = layer.vertices_of(selection.id)
     if index is None or index >= len(vertices):  # it has fewer vertices since an undo
         title, changed = "Delete a vector of", layer.edited(remove=[selection.id])
@@ -391,11 +400,9 @@ Command: TypeAlias = Callable[[Document, Workspace], None]
 
 def _command(title: str, change: Callable[[VectorLayer, Selection], VectorLayer]) -> Command:
     def command(document: Document, workspace: Workspace) -> None:
-        selection = workspace.selection
-        if selection is not None and find_vector(document.sketch, selection) is not None:
-            changed = change(document.sketch.vectors[selection.kind], selection)
-            change_vectors(document, workspace, title, changed)
-            workspace.selection = replace(selection, index=None)  # vertices have other numbers
+        if found := _selected(document, workspace):
+            change_vectors(document, workspace, title, change(*found))
+            workspace.selection = replace(found[1], index=None)  # vertices have other numbers
 
     return command
 
@@ -414,10 +421,8 @@ VECTOR_COMMANDS: Final[Mapping[str, Command]] = {
 
 def selected_text(document: Document, workspace: Workspace) -> str:
     """Return the selected vector as text; empty without one."""
-    selection = workspace.selection
-    if selection is None or find_vector(document.sketch, selection) is None:
-        return ""
-    return edits.to_text(document.sketch.vectors[selection.kind], [selection.id])
+    found = _selected(document, workspace)
+    return "" if found is None else edits.to_text(found[0], [found[1].id])
 
 
 def paste(document: Document, workspace: Workspace, text: str) -> None:

@@ -318,17 +318,10 @@ def _bookmark(table: dict[str, Any]) -> Bookmark:
 TOOLS: Final = ("select", "brush", "eraser", "line", "fill", "pick", "pan")
 PAINT_TOOLS: Final = ("brush", "eraser", "fill")
 """Tools for layers with an image."""
-OVERLAYS: Final = {
-    "relief": "the terrain's relief beneath the paint",
-    "elevation": "elevation data beneath the paint, shaded",
-    "pictures": "pictures of raster sources beneath the paint",
-    "features": "placed features and rivers",
-    "contradictions": "where layers contradict each other, and how it was resolved",
-    "adherence": "where the terrain agrees with the sketch",
-    "realism": "where landforms differ from real land",
-    "eye": "position and direction of the 3-D camera",
-}
-"""Overlays of the canvas and their descriptions."""
+OVERLAYS: Final = (
+    *("relief", "elevation", "pictures", "features", "contradictions", "adherence", "realism", "eye"),
+)
+"""Overlays of the canvas."""
 BRUSHES: Final = (0.5, 512.0)  # range of the brush radius, px of the sketch
 
 
@@ -470,6 +463,10 @@ class Workspace(QObject):
         if look != self.look(layer):
             self._looks[layer] = look
             self.look_changed.emit(layer)
+
+    def toggle_look(self, layer: str, field: str) -> None:
+        """Toggle whether a layer is ``visible`` or ``locked``."""
+        self.set_look(layer, **{field: not getattr(self.look(layer), field)})
 
     def refusal(self, layer: str) -> str:
         """Return why a layer cannot be edited; empty if it can."""

@@ -90,7 +90,6 @@ class BasePanel(ScrollingPanel):
         for place, source in enumerate(sources):
             page = GridPage(source)
             page.form.edited.connect(partial(self._set, place))
-            page.form.reset_requested.connect(partial(self._set, place, value=None))
             page.remove.clicked.connect(partial(self._remove, place))
             self.pages.append(page)
             self._groups.addWidget(CollapsibleGroup(_short(source.title), page, is_open=place == 0))
@@ -104,7 +103,7 @@ class BasePanel(ScrollingPanel):
         self.text.setToolTip(facts.problem)
         self.text.setVisible(bool(self.text.text()))
 
-    def _set(self, place: int, name: str, value: Value | None, key: object = None) -> None:
+    def _set(self, place: int, name: str, value: Value | None, key: object) -> None:
         source = self._document.sketch.elevation_rasters[place]
         title = _TITLES.get(name, title_from_key(name)).lower()
         with reported(self._document.message.emit):

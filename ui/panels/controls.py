@@ -29,7 +29,7 @@ from superqt import QCollapsible, QElidingLabel
 from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.parameters import Parameter, format_number
 from sketchterrain.ui.look.layer_colours import swatch
-from sketchterrain.ui.look.theme import MARGIN, MARKS, SPACING, column, described, tabular
+from sketchterrain.ui.look.theme import MARGIN, MARKS, SPACING, column, described, heading, tabular
 
 SLIDER_STEPS = 1000
 _LOG_RATIO = 100.0  # ratio of the ends from which on a scale is not linear
@@ -281,15 +281,6 @@ def check_box(title: str, tip: str) -> QCheckBox:
     return described(QCheckBox(title), title.replace("&", ""), tip)
 
 
-def heading(text: str = "") -> QLabel:
-    """Return a label for a title."""
-    label = QLabel(text)
-    font = QFont(label.font())
-    font.setWeight(QFont.Weight.DemiBold)
-    label.setFont(font)
-    return label
-
-
 def status_label(tip: str, sample: str | None = None) -> QElidingLabel:
     """Return one elided line of secondary text, as wide as `sample` or as the available room."""
     label = QElidingLabel()
@@ -303,18 +294,23 @@ def status_label(tip: str, sample: str | None = None) -> QElidingLabel:
     return label
 
 
-def draw_band(painter: QPainter, option: QStyleOptionViewItem, band: QRectF) -> None:
-    """Draw the rounded background of a selected or hovered row, clipped to its cell."""
+def draw_band(painter: QPainter, option: QStyleOptionViewItem, band: QRectF) -> tuple[QColor, QColor]:
+    """Draw the rounded background of a selected or hovered row, clipped to its cell.
+
+    Return the colours of its primary and secondary text.
+    """
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    role, palette = QPalette.ColorRole, option.palette
     is_selected = bool(option.state & QStyle.StateFlag.State_Selected)
-    if not (is_selected or option.state & QStyle.StateFlag.State_MouseOver):
-        return
-    role = QPalette.ColorRole
-    colour = QColor(option.palette.color(role.Highlight if is_selected else role.Mid))
-    colour.setAlpha(255 if is_selected else 90)
-    painter.setClipRect(option.rect)
-    painter.setPen(Qt.PenStyle.NoPen)
-    painter.setBrush(colour)
-    painter.drawRoundedRect(band, 5, 5)
+    if is_selected or option.state & QStyle.StateFlag.State_MouseOver:
+        colour = QColor(palette.color(role.Highlight if is_selected else role.Mid))
+        colour.setAlpha(255 if is_selected else 90)
+        painter.setClipRect(option.rect)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(colour)
+        painter.drawRoundedRect(band, 5, 5)
+    roles = (role.HighlightedText,) * 2 if is_selected else (role.Text, role.PlaceholderText)
+    return palette.color(roles[0]), palette.color(roles[1])
 
 
 class CollapsibleGroup(QCollapsible):  # type: ignore[misc] # superqt has no types

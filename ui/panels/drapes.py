@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,14 +14,15 @@ from PyQt6.QtWidgets import QComboBox, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from sketchterrain.document.drapes import DRAPE, STYLE, DrapeClass, DrapedLayer, draped_layer
 from sketchterrain.document.parameters import Parameter, Value
-from sketchterrain.errors import InputError, one_line
+from sketchterrain.errors import one_line
 from sketchterrain.ui.actions import ContextMenu
+from sketchterrain.ui.commands import reported
 from sketchterrain.ui.look.layer_colours import colour_swatch
-from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, row, tool_button
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, heading, row, tool_button
 from sketchterrain.ui.models import drapes as model
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Selection, Workspace
-from sketchterrain.ui.panels.controls import CollapsibleGroup, PageHead, heading, scroll_past
+from sketchterrain.ui.panels.controls import CollapsibleGroup, PageHead, scroll_past
 from sketchterrain.ui.panels.form import ParameterForm, TextRow
 from sketchterrain.ui.panels.layer_list import ROW_HEIGHT, LayerList, Row
 
@@ -98,7 +98,7 @@ class DrapeList(QWidget):
 
     def add(self, layers: list[DrapedLayer]) -> None:
         """Add layers above the others and choose the last one."""
-        with _reported(self._document, self.refresh):
+        with reported(self._document.message.emit, self.refresh):
             model.add_drapes(self._document, self._workspace, layers)
 
     def menu(self) -> ContextMenu:
@@ -143,8 +143,7 @@ class DrapeList(QWidget):
         model.change_drape(self._document, number, "Hide" if shown else "Show", visible=1 - shown)
 
     def _toggle_locked(self, number: int) -> None:
-        key = model.look_key(self._layer(number))
-        self._workspace.set_look(key, locked=not self._workspace.look(key).locked)
+        self._workspace.toggle_look(model.look_key(self._layer(number)), "locked")
 
     def _move(self, by: int) -> None:
         model.move_drape(self._document, self._workspace, self._chosen, self._chosen + by)
@@ -159,7 +158,7 @@ class DrapeList(QWidget):
 
     def update_file(self, number: int) -> None:
         """Accept a layer's file as it is now."""
-        with _reported(self._document, self.refresh):
+        with reported(self._document.message.emit, self.refresh):
             digest = draped_layer(Path(self._layer(number).path))["sha256"]
             model.change_drape(self._document, number, "Update", sha256=digest)
 
@@ -198,7 +197,6 @@ class DrapePage(QWidget):
         column(self, self._head, *groups, spacing=MARGIN)
         for form in (self.layer_form, self.style_form):
             form.edited.connect(self._set)
-            form.reset_requested.connect(self._reset)
         self.value.edited.connect(lambda value, _: self._set_class(self._index, str(value)))
         self.classify.clicked.connect(self._classify)
         self.by.activated.connect(lambda _: self._set("by", self.by.currentText()))
@@ -252,9 +250,10 @@ class DrapePage(QWidget):
                 field.reset.setVisible(name in own if index >= 0 else own[name] != STYLE[name].default)
 
     def _set(self, name: str, value: Value | None, key: object = None) -> None:
-        """Set a value of the layer, or a style of the shown class; None is the layer's."""
-        changes: dict[str, Any] = {name: value}
-        with _reported(self._document, self.refresh):
+        """Set a value of the layer, or a style of the shown class; None is the default, or the layer's."""
+        default = {**DRAPE, **STYLE}[name].default
+        changes: dict[str, Any] = {name: default if value is None else value}
+        with reported(self._document.message.emit, self.refresh):
             if self._index >= 0 and name in STYLE:
                 style = {**self._layer.classes[self._index].style, name: value}
                 own = {each: given for each, given in style.items() if given is not None}
@@ -262,24 +261,20 @@ class DrapePage(QWidget):
             title = f"Set {name.replace('_', ' ')} of"
             model.change_drape(self._document, self._number, title, merge=key, **changes)
 
-    def _reset(self, name: str) -> None:
-        is_class = self._index >= 0 and name in STYLE
-        self._set(name, None if is_class else {**DRAPE, **STYLE}[name].default)
-
     def _with_class(self, index: int, *changed: DrapeClass) -> dict[str, Any]:
         """Return the change that replaces a class by its index, adds one after the last, or removes one."""
         classes = self._layer.classes
         return {"classes": (*classes[:index], *changed, *classes[index + 1 :])}
 
     def _classify(self) -> None:
-        with _reported(self._document, self.refresh):
+        with reported(self._document.message.emit, self.refresh):
             model.classify(self._document, self._number, self._layer["by"])
 
     def _set_class(self, index: int, value: str | None) -> None:
         """Set the value of a class, add one after the last, or remove one."""
         classes = self._layer.classes
         style = classes[index].style if index < len(classes) else {"colour": model.distinct_colour(index)}
-        with _reported(self._document, self.refresh):
+        with reported(self._document.message.emit, self.refresh):
             changes = self._with_class(index, *(() if value is None else (DrapeClass(value, style),)))
             self._index = min(index, len(changes["classes"]) - 1)
             model.change_drape(self._document, self._number, "Set classes of", **changes)
@@ -336,15 +331,5 @@ class DrapedFeaturePage(QWidget):
         self._column.addWidget(self._fields)
 
     def _set(self, name: str, text: object, _: object) -> None:
-        with _reported(self._document, self.refresh):
+        with reported(self._document.message.emit, self.refresh):
             model.set_property(self._document, self._workspace, name, str(text))
-
-
-@contextmanager
-def _reported(document: Document, refresh: Callable[[], None]) -> Iterator[None]:
-    """Report a refused change and show the present values again."""
-    try:
-        yield
-    except InputError as error:
-        document.message.emit(str(error))
-        refresh()

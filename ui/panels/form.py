@@ -41,8 +41,7 @@ from sketchterrain.ui.panels.controls import (
 class ParameterRow(QWidget):
     """A parameter's title and help; subclasses add its control."""
 
-    edited = pyqtSignal(object, object)  # the new value, and the merge key of the gesture
-    reset_requested = pyqtSignal()
+    edited = pyqtSignal(object, object)  # the new value, None to reset it, and the merge key of the gesture
 
     def __init__(self, parameter: Parameter, *, title: str = "", has_reset: bool = True) -> None:
         super().__init__()
@@ -96,7 +95,7 @@ class ParameterRow(QWidget):
         policy.setRetainSizeWhenHidden(True)
         button.setSizePolicy(policy)
         button.hide()
-        button.clicked.connect(self.reset_requested)
+        button.clicked.connect(lambda: self.edited.emit(None, None))
         return button
 
 
@@ -263,8 +262,7 @@ class ParameterForm(QWidget):
     """Rows of parameters; `titles` replaces titles by name."""
 
     edited = pyqtSignal(str, object, object)
-    """The parameter's name, its new value, and the merge key of the gesture."""
-    reset_requested = pyqtSignal(str)
+    """The parameter's name, its new value, None to reset it, and the merge key of the gesture."""
 
     def __init__(self, parameters: Iterable[Parameter], *, titles: Mapping[str, str] | None = None) -> None:
         super().__init__()
@@ -273,7 +271,6 @@ class ParameterForm(QWidget):
             name = parameter.name
             field = _row_class(parameter)(parameter, title=(titles or {}).get(name, ""))
             field.edited.connect(partial(self.edited.emit, name))
-            field.reset_requested.connect(partial(self.reset_requested.emit, name))
             self.rows[name] = field
         column(self, *self.rows.values())
 

@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from PyQt6.QtCore import QModelIndex, QPoint, QPointF, QRect, QRectF, QSignalBlocker, QSize, Qt, pyqtSignal
-from PyQt6.QtGui import QColor, QDropEvent, QKeyEvent, QMouseEvent, QPainter, QPalette
+from PyQt6.QtGui import QColor, QDropEvent, QKeyEvent, QMouseEvent, QPainter
 from PyQt6.QtWidgets import (
     QAbstractItemView,
     QFrame,
     QHeaderView,
-    QStyle,
     QStyledItemDelegate,
     QStyleOptionViewItem,
     QTreeWidget,
@@ -48,16 +47,11 @@ class _RowDelegate(QStyledItemDelegate):
         if painter is None:
             return
         painter.save()
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         # One band behind all cells of the row: ends within it lie outside of the cell.
         left = 0.0 if index.column() == NAME else -12.0
         right = 0.0 if index.column() == LOCK else 12.0
-        draw_band(painter, option, QRectF(option.rect).adjusted(left, 1, right, -1))
-        role = QPalette.ColorRole
-        is_selected = bool(option.state & QStyle.StateFlag.State_Selected)
-        text = option.palette.color(role.HighlightedText if is_selected else role.Text)
+        text, pale = draw_band(painter, option, QRectF(option.rect).adjusted(left, 1, right, -1))
         if index.column() == NAME:
-            pale = text if is_selected else option.palette.color(role.PlaceholderText)
             self._draw_name(painter, option, index, text, pale)
         elif index.data(_STATE) is not None:
             _draw_symbol(painter, option.rect, index, text)

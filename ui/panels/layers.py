@@ -170,9 +170,10 @@ class LayersPanel(Panel):
         menu.addSeparator()
         eye = ("eye-off", "&Hide") if look.visible else ("eye", "S&how")
         lock = ("unlock", "Un&lock") if look.locked else ("lock", "Loc&k")
-        menu.add_command(eye[0], f"{eye[1]} {title}", partial(self._toggle_visible, layer))
+        toggle = partial(self._workspace.toggle_look, layer)
+        menu.add_command(eye[0], f"{eye[1]} {title}", partial(toggle, "visible"))
         menu.add_command("eye", f"Show &only {title}, or all", partial(self.show_only, layer))
-        menu.add_command(lock[0], f"{lock[1]} {title}", partial(self._toggle_locked, layer))
+        menu.add_command(lock[0], f"{lock[1]} {title}", partial(toggle, "locked"))
         return menu
 
     def _add_label(self, source: int | None) -> None:
@@ -194,8 +195,8 @@ class LayersPanel(Panel):
         workspace = self._workspace
         self.list.label_activated.connect(workspace.use_label)
         self.list.layer_activated.connect(self.use_layer)
-        self.list.eye_clicked.connect(self._toggle_visible)
-        self.list.lock_clicked.connect(self._toggle_locked)
+        self.list.eye_clicked.connect(lambda name: workspace.toggle_look(name, "visible"))
+        self.list.lock_clicked.connect(lambda name: workspace.toggle_look(name, "locked"))
         self.list.delete_requested.connect(self.delete_label)
         self.list.menu_requested.connect(lambda place: self.menu().popup(place))
         self.opacity.valueChanged.connect(
@@ -255,9 +256,3 @@ class LayersPanel(Panel):
             )
             for label in labels
         ]
-
-    def _toggle_visible(self, layer: str) -> None:
-        self._workspace.set_look(layer, visible=not self._workspace.look(layer).visible)
-
-    def _toggle_locked(self, layer: str) -> None:
-        self._workspace.set_look(layer, locked=not self._workspace.look(layer).locked)

@@ -1,6 +1,5 @@
 """Lists of the undo history, contradictions and bookmarks."""
 
-from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -17,14 +16,13 @@ from PyQt6.QtCore import (
     Qt,
     pyqtSignal,
 )
-from PyQt6.QtGui import QAction, QIcon, QImage, QPainter, QPalette, QStandardItem, QStandardItemModel
+from PyQt6.QtGui import QIcon, QImage, QPainter, QShortcut, QStandardItem, QStandardItemModel
 from PyQt6.QtWidgets import (
     QAbstractItemView,
     QLabel,
     QListView,
     QListWidget,
     QListWidgetItem,
-    QStyle,
     QStyledItemDelegate,
     QStyleOptionViewItem,
 )
@@ -71,12 +69,8 @@ class _RowDelegate(QStyledItemDelegate):
         if painter is None:
             return
         painter.save()
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        draw_band(painter, option, QRectF(option.rect).adjusted(2, 1, -2, -1))
-        role = QPalette.ColorRole
-        is_selected = bool(option.state & QStyle.StateFlag.State_Selected)
-        text_role = role.PlaceholderText if index.data(PALE) else role.Text
-        colour = option.palette.color(role.HighlightedText if is_selected else text_role)
+        primary, pale = draw_band(painter, option, QRectF(option.rect).adjusted(2, 1, -2, -1))
+        colour = pale if index.data(PALE) else primary
         name = index.data(ICON)
         if name:
             left, top = option.rect.left() + SPACING, option.rect.top() + SMALL + 2
@@ -91,8 +85,11 @@ class _RowDelegate(QStyledItemDelegate):
         return SPACING + (_ICON_SIZE + SPACING if index.data(ICON) else 0)
 
 
-def _list_view(name: str, tip: str) -> QListView:
+def _list_view(name: str, tip: str) -> tuple[QListView, QStandardItemModel]:
+    """Return a list and its rows."""
     view = described(QListView(), name, tip)
+    items = QStandardItemModel(view)
+    view.setModel(items)
     view.setItemDelegate(_RowDelegate(view))
     view.setFrameShape(QListView.Shape.NoFrame)
     view.setMouseTracking(True)
@@ -100,7 +97,7 @@ def _list_view(name: str, tip: str) -> QListView:
     view.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
     view.setVerticalScrollMode(QListView.ScrollMode.ScrollPerPixel)
     view.setEditTriggers(QListView.EditTrigger.NoEditTriggers)
-    return view
+    return view, items
 
 
 class HistoryPanel(Panel):
@@ -110,10 +107,8 @@ class HistoryPanel(Panel):
         super().__init__()
         self._document = document
         self._is_filling = False
-        self._steps = QStandardItemModel(self)
-        self.list = _list_view("History", "Click a step to undo or redo up to there")
+        self.list, self._steps = _list_view("History", "Click a step to undo or redo up to there")
         self.list.setUniformItemSizes(True)
-        self.list.setModel(self._steps)
         self._memory = faint_label()
         self._memory.setContentsMargins(MARGIN - SMALL, SMALL, MARGIN, SMALL)
         column(self, (self.list, 1), self._memory, margins=(SMALL, SMALL, SMALL, 0), spacing=0)
@@ -151,10 +146,8 @@ class ContradictionsPanel(Panel):
         super().__init__()
         self._workspace, self._link = workspace, link
         self._lines: tuple[object, ...] = ()
-        self._model = QStandardItemModel(self)
-        self.list = _list_view("Contradictions", "Click a line to see the place")
+        self.list, self._model = _list_view("Contradictions", "Click a line to see the place")
         self.list.setWordWrap(True)
-        self.list.setModel(self._model)
         self.mark = check_box("&Mark them in the sketch", "Marks where layers contradict each other")
         self._none = faint_label(
             "No layer contradicts another one. A river painted across a mountain would be listed here, "
@@ -244,11 +237,9 @@ class BookmarksPanel(Panel):
         self._list.itemChanged.connect(self._rename)
         self._list.currentRowChanged.connect(self._update_buttons)
         self._list.customContextMenuRequested.connect(self._open_menu)
-        delete_key = QAction(self._list)
-        delete_key.setShortcut(Qt.Key.Key_Delete)
-        delete_key.setShortcutContext(Qt.ShortcutContext.WidgetShortcut)
-        delete_key.triggered.connect(self.delete_current)
-        self._list.addAction(delete_key)
+        QShortcut(
+            Qt.Key.Key_Delete, self._list, self.delete_current, context=Qt.ShortcutContext.WidgetShortcut
+        )
         self._link.frame_shown.connect(self._update_buttons)
         self._bookmarks.changed.connect(self._refresh)
         self._bookmarks.failed.connect(self._show_error)
@@ -257,7 +248,7 @@ class BookmarksPanel(Panel):
         """Go to the viewpoint of a bookmark if it exists."""
         if 0 <= index < len(self._bookmarks.all):
             bookmark = self._bookmarks.all[index]
-            self._link.set_view(replace(self._link.view, mode=bookmark.mode))
+            self._link.change_view(mode=bookmark.mode)
             self._link.send(Look(bookmark.pose))
             self._list.setCurrentRow(index)
 

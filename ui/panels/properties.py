@@ -9,7 +9,7 @@ from PyQt6.QtCore import QSignalBlocker
 from PyQt6.QtWidgets import QLabel, QPushButton, QVBoxLayout, QWidget
 
 from sketchterrain.document.edits import ACTIONS, ADDED_BIT
-from sketchterrain.document.layers import LAYERS, POINT_LAYERS, layer_of
+from sketchterrain.document.layers import LAYERS, layer_of
 from sketchterrain.document.own_materials import with_materials
 from sketchterrain.document.parameters import Parameter, Value
 from sketchterrain.landforms.placement.feature_types import FILL_BIT, River
@@ -39,67 +39,140 @@ _DENSITY = replace(
     _SHAPE["strength"], name="density", high=1.0, help="share of the trees that the ground can carry"
 )
 _RADIUS = replace(_SHAPE["radius"], help="how far it extends from its centre")
-_X, _Y = _SHAPE["x"], _SHAPE["y"]
 
 
-class FeatureForm(QWidget):
-    """Position, size and strength of a feature."""
+class PlacedForm(QWidget):
+    """Numbers of a placed object: a feature, a river and one of its control points, or a lake.
 
-    def __init__(self, document: Document) -> None:
+    `line` describes it; `layer` and `label` are those of its swatch.
+    """
+
+    def __init__(self, document: Document, workspace: Workspace) -> None:
         super().__init__()
-        self._document = document
+        self._document, self._workspace = document, workspace
         self._shown: tuple[Placement, Selection] | None = None
-        self.layer, self.label, self.line = POINT_LAYERS[0], 1, ""
+        self._pending: tuple[Placement, Selection, float, float] | None = None  # a moved control point
+        self.layer, self.label, self.line = "", 1, ""
         self.rows = {
             "height": NumberRow(_HEIGHT, has_reset=False, decimals=1),
             "density": NumberRow(_DENSITY, has_reset=False, decimals=2),
             "radius": NumberRow(_RADIUS, has_reset=False, decimals=1),
-            "x": NumberRow(_X, title="East", has_reset=False, decimals=1),
-            "y": NumberRow(_Y, title="North", has_reset=False, decimals=1),
+            "width": NumberRow(ACTIONS["width"].required["width"], has_reset=False, decimals=1),
+            "x": NumberRow(_SHAPE["x"], title="East", has_reset=False, decimals=1),
+            "y": NumberRow(_SHAPE["y"], title="North", has_reset=False, decimals=1),
         }
-        column(self, *self.rows.values())
+        self.points = described(
+            NumberBox(0, 0, decimals=0),
+            "Control point",
+            "The river runs through its control points, from the spring, 1, to the mouth",
+        )
+        self.points.setSpecialValueText("none")
+        self._points, self._note = QWidget(), faint_label()
+        title = QLabel("Control &point")
+        title.setBuddy(self.points)
+        row(self._points, (title, 1), self.points)
+        *sizes, x, y = self.rows.values()
+        column(self, *sizes, self._points, x, y, self._note)
+        self.points.valueChanged.connect(self._select_point)
         for name, field in self.rows.items():
             field.edited.connect(partial(self._apply, name))
 
     def show_selection(self, placed: Placement, selection: Selection) -> None:
-        point = commands.find_point(placed, selection)
-        if point is None:
-            return
         if self._shown is not None and self._shown[1] != selection:
             for field in self.rows.values():
-                field.finish()  # the text being typed is for the previous feature
+                field.finish()  # the text being typed is for the previous object
         self._shown = placed, selection
-        self.layer, self.line = commands.name_of(placed, selection), _origin(selection.id)
-        east, north = self._document.sketch.size
-        self.rows["x"].set_slider_range(0.0, east)
-        self.rows["y"].set_slider_range(0.0, north)
-        self.rows["radius"].set_slider_range(max(east, north) / 1000, max(east, north))
-        for name, value in self._values(placed, selection, point).items():
-            self.rows[name].show_value(value)
-        self.rows["height"].setVisible(not LAYERS[self.layer].is_share)
-        self.rows["density"].setVisible(LAYERS[self.layer].is_share)
+        self.label, shown = 1, set[str]()
+        point, river = commands.find_point(placed, selection), commands.find_river(placed, selection)
+        lake = commands.find_lake(placed, selection)
+        if point is not None:
+            self.layer, self.line = commands.name_of(placed, selection), _origin(selection.id)
+            self._show_feature(point)
+            shown = {"density" if LAYERS[self.layer].is_share else "height", "radius", "x", "y"}
+        elif river is not None:
+            self.layer, self.label = layer_of(river.id), max(river.label, 1)
+            self._show_river(placed, river, selection)
+            shown = {"width", "x", "y"}
+        elif lake is not None:
+            self.layer, self.label = layer_of(lake.id), max(lake.label, 1)  # 0: filled by a river
+            self.line = f"painted with label {lake.label}" if lake.label else "filled by a river"
+            self._note.setText(
+                f"Water level: {number(lake.level, decimals=1)} m, as high as its rim allows. "
+                f"Depth: {number(lake.depth, decimals=1)} m."
+            )
+        for name, field in self.rows.items():
+            field.setVisible(name in shown)
+        self._points.setVisible(river is not None)
+        self._note.setVisible(point is None)
 
-    def _values(self, placed: Placement, selection: Selection, point: np.void) -> dict[str, float]:
-        """Return the values of a feature with pending edits, which are placed a moment later."""
-        values = {name: float(point[name]) for name in ("x", "y", "radius")}
-        for edit in self._document.sketch.edits:
-            if edit.feature == selection.id:
-                values |= {name: float(value) for name, value in edit.values.items() if name in values}
-        height = commands.strength_of(self._document.sketch, placed, selection) or 0.0
-        return {**values, "height": height, "density": min(height, 1.0)}
+    def _show_feature(self, point: np.void) -> None:
+        east, north = self._document.sketch.size
+        self.rows["radius"].set_slider_range(max(east, north) / 1000, max(east, north))
+        values = commands.values_of(self._document.sketch, point)
+        height = values.pop("strength")
+        self._show_place(values.pop("x"), values.pop("y"), is_enabled=True)
+        for name, value in {**values, "height": height, "density": min(height, 1.0)}.items():
+            self.rows[name].show_value(value)
+
+    def _show_river(self, placed: Placement, river: River, selection: Selection) -> None:
+        steps = np.diff(river.centreline[:, :2], axis=0)
+        length = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+        self.line = f"{number(length / 1000, decimals=2)} km, painted with label {river.label}"
+        width = commands.width_of(self._document.sketch, placed, selection) or float(np.median(river.width))
+        self.rows["width"].show_value(width)
+        index, count = selection.index, len(river.points)
+        with QSignalBlocker(self.points):
+            self.points.setSuffix(f" of {count}")
+            self.points.setRange(0, count)
+            self.points.setValue(0 if index is None else index + 1)
+        if index is None or not 0 <= index < count:
+            for name in ("x", "y"):
+                self.rows[name].setEnabled(False)
+            self._note.setText("Select a control point here, in the sketch or in the view to move it.")
+            return
+        joins = index == count - 1 and commands.find_parent_river(placed, river) is not None
+        x, y, level = river.points[index].tolist()[:3]
+        if self._pending is not None and self._pending[0] is placed and self._pending[1] == selection:
+            x, y = self._pending[2:]
+        self._show_place(x, y, is_enabled=not joins)
+        self._note.setText(
+            "Here it joins another river, and follows it."
+            if joins
+            else f"Water level: {number(level, decimals=1)} m."
+        )
+
+    def _show_place(self, x: float, y: float, *, is_enabled: bool) -> None:
+        for name, end, value in zip(("x", "y"), self._document.sketch.size, (x, y), strict=True):
+            self.rows[name].setEnabled(is_enabled)
+            self.rows[name].set_slider_range(0.0, end)
+            self.rows[name].show_value(value)
+
+    def _select_point(self, number: float) -> None:
+        if self._shown is not None:
+            index = int(number) - 1 if number else None
+            self._workspace.selection = replace(self._shown[1], index=index)
 
     def _apply(self, name: str, value: float, key: object) -> None:
         if self._shown is None:
             return
-        sketch, kind = self._document.sketch, commands.name_of(*self._shown)
-        if name in ("x", "y"):
-            position = {each: self.rows[each].number for each in ("x", "y")} | {name: value}
-            changed = commands.moved(sketch, *self._shown, position["x"], position["y"])
+        (placed, selection), sketch = self._shown, self._document.sketch
+        kind = commands.name_of(placed, selection)
+        position = {each: self.rows[each].number for each in ("x", "y")} | {name: value}
+        x, y = position["x"], position["y"]
+        if name == "width":
+            changed, title = commands.widened(sketch, selection, value), f"Set the width of {kind}"
+        elif selection.kind == "course":
+            changed, title = commands.point_moved(sketch, placed, selection, x, y), f"Move a point of {kind}"
+            self._pending = placed, selection, x, y
+        elif name in ("x", "y"):
+            changed = commands.with_values(sketch, placed, selection, "move", x=x, y=y)
             title = f"Move {kind}"
         elif name == "radius":
-            changed, title = commands.resized(sketch, *self._shown, value), f"Resize {kind}"
+            changed = commands.with_values(sketch, placed, selection, "resize", radius=value)
+            title = f"Resize {kind}"
         else:
-            changed, title = commands.strengthened(sketch, *self._shown, value), f"Set {name} of {kind}"
+            changed = commands.with_values(sketch, placed, selection, "strength", strength=value)
+            title = f"Set {name} of {kind}"
         self._document.do(title, changed, merge=key)
 
 
@@ -107,115 +180,6 @@ def _origin(feature: int) -> str:
     if feature & int(FILL_BIT):
         return "placed in unpainted terrain"
     return "added by hand" if feature & ADDED_BIT else "placed where it was painted"
-
-
-class RiverForm(QWidget):
-    """The width of a river and the position of one control point."""
-
-    def __init__(self, document: Document, workspace: Workspace) -> None:
-        super().__init__()
-        self._document, self._workspace = document, workspace
-        self._shown: tuple[Placement, Selection] | None = None
-        self._pending: tuple[Placement, Selection, float, float] | None = None  # a moved point
-        self.layer, self.label, self.line = "", 1, ""
-        self.width_row = NumberRow(ACTIONS["width"].required["width"], has_reset=False, decimals=1)
-        self.points = described(
-            NumberBox(0, 0, decimals=0),
-            "Control point",
-            "The river runs through its control points, from the spring, 1, to the mouth",
-        )
-        self.points.setSpecialValueText("none")
-        self.east = NumberRow(_X, title="East", has_reset=False, decimals=1)
-        self.north = NumberRow(_Y, title="North", has_reset=False, decimals=1)
-        self._note = faint_label()
-        title = QLabel("Control &point")
-        title.setBuddy(self.points)
-        points = row(None, (title, 1), self.points)
-        column(self, self.width_row, points, self.east, self.north, self._note)
-        self.points.valueChanged.connect(self._select_point)
-        self.width_row.edited.connect(self._set_width)
-        self.east.edited.connect(lambda value, key: self._move(float(value), self.north.number, key))
-        self.north.edited.connect(lambda value, key: self._move(self.east.number, float(value), key))
-
-    def show_selection(self, placed: Placement, selection: Selection) -> None:
-        river = commands.find_river(placed, selection)
-        if river is None:
-            return
-        if self._shown is not None and self._shown[1] != selection:
-            for field in (self.width_row, self.east, self.north):
-                field.finish()  # the text being typed is for the previous river
-        self._shown = placed, selection
-        self.layer, self.label = layer_of(river.id), max(river.label, 1)
-        steps = np.diff(river.centreline[:, :2], axis=0)
-        length = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
-        self.line = f"{number(length / 1000, decimals=2)} km, painted with label {river.label}"
-        width = commands.width_of(self._document.sketch, placed, selection) or float(np.median(river.width))
-        self.width_row.show_value(width)
-        with QSignalBlocker(self.points):
-            self.points.setSuffix(f" of {len(river.points)}")
-            self.points.setRange(0, len(river.points))
-            self.points.setValue(0 if selection.index is None else selection.index + 1)
-        self._show_point(placed, river, selection)
-
-    def _show_point(self, placed: Placement, river: River, selection: Selection) -> None:
-        index, count = selection.index, len(river.points)
-        is_point = index is not None and 0 <= index < count
-        joins = is_point and index == count - 1 and commands.find_parent_river(placed, river) is not None
-        for field in (self.east, self.north):
-            field.setEnabled(is_point and not joins)
-        if index is None or not is_point:
-            self._note.setText("Select a control point here, in the sketch or in the view to move it.")
-            return
-        x, y, level = river.points[index].tolist()[:3]
-        if self._pending is not None and self._pending[0] is placed and self._pending[1] == selection:
-            x, y = self._pending[2:]
-        for field, end, value in zip(
-            (self.east, self.north), self._document.sketch.size, (x, y), strict=True
-        ):
-            field.set_slider_range(0.0, end)
-            field.show_value(value)
-        self._note.setText(
-            "Here it joins another river, and follows it."
-            if joins
-            else f"Water level: {number(level, decimals=1)} m."
-        )
-
-    def _select_point(self, number: float) -> None:
-        if self._shown is not None:
-            index = int(number) - 1 if number else None
-            self._workspace.selection = replace(self._shown[1], index=index)
-
-    def _set_width(self, width: float, key: object) -> None:
-        if self._shown is not None:
-            changed = commands.widened(self._document.sketch, self._shown[1], width)
-            self._document.do(f"Set the width of {commands.name_of(*self._shown)}", changed, merge=key)
-
-    def _move(self, x: float, y: float, key: object) -> None:
-        if self._shown is not None:
-            changed = commands.point_moved(self._document.sketch, *self._shown, x, y)
-            self._pending = (*self._shown, x, y)
-            self._document.do(f"Move a point of {commands.name_of(*self._shown)}", changed, merge=key)
-
-
-class LakeForm(QWidget):
-    """Level and depth of a lake."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.layer, self.label, self.line = "", 1, ""
-        self._text = faint_label()
-        column(self, self._text)
-
-    def show_selection(self, placed: Placement, selection: Selection) -> None:
-        lake = commands.find_lake(placed, selection)
-        if lake is None:
-            return
-        self.layer, self.label = layer_of(lake.id), max(lake.label, 1)  # 0: not painted but filled by a river
-        self.line = f"painted with label {lake.label}" if lake.label else "filled by a river"
-        self._text.setText(
-            f"Water level: {number(lake.level, decimals=1)} m, as high as its rim allows. "
-            f"Depth: {number(lake.depth, decimals=1)} m."
-        )
 
 
 class LabelPage(QWidget):
@@ -246,25 +210,16 @@ class LabelPage(QWidget):
             self._declared[layer] = parameters
             form = self.forms[layer] = ParameterForm(parameters.values())
             form.edited.connect(self._set)
-            form.reset_requested.connect(self._reset)
             self._column.addWidget(form)
         self.forms[layer].show_values(self._document.sketch.properties(layer, label))
         for name, form in self.forms.items():
             form.setVisible(name == layer)
 
-    def _set(self, name: str, value: Value, key: object) -> None:
+    def _set(self, name: str, value: Value | None, key: object) -> None:
         if self._shown is not None:
             changed = commands.set_property(self._document.sketch, *self._shown, name, value)
-            self._document.do(f"Set {self._property_title(name)}", changed, merge=key)
-
-    def _reset(self, name: str) -> None:
-        if self._shown is not None:
-            changed = commands.reset_property(self._document.sketch, *self._shown, name)
-            self._document.do(f"Reset {self._property_title(name)}", changed)
-
-    def _property_title(self, name: str) -> str:
-        label = "" if self._shown is None else label_title(*self._shown)
-        return f"{title_from_key(name).lower()} of {label.lower()}"
+            verb, title = "Reset" if value is None else "Set", title_from_key(name).lower()
+            self._document.do(f"{verb} {title} of {label_title(*self._shown).lower()}", changed, merge=key)
 
 
 class SelectionPage(QWidget):
@@ -274,11 +229,7 @@ class SelectionPage(QWidget):
         super().__init__()
         self._document, self._workspace, self._link = document, workspace, link
         self._head = PageHead()
-        self.forms: dict[str, FeatureForm | RiverForm | LakeForm] = {
-            "feature": FeatureForm(document),
-            "course": RiverForm(document, workspace),
-            "water": LakeForm(),
-        }
+        self.form = PlacedForm(document, workspace)
         self._note = faint_label("Locked: painting does not change it.")
         self.lock = _button("lock", "Loc&k", "Leave it as it is, whatever is painted")
         self.lock.setCheckable(True)
@@ -288,7 +239,7 @@ class SelectionPage(QWidget):
         self.reset.clicked.connect(partial(self._apply, reset))
         self.delete.clicked.connect(partial(self._apply, delete))
         buttons = row(None, (self.lock, 1), (self.reset, 1), (self.delete, 1), spacing=SMALL)
-        column(self, self._head, *self.forms.values(), self._note, buttons, spacing=MARGIN)
+        column(self, self._head, self.form, self._note, buttons, spacing=MARGIN)
         document.sketch_changed.connect(self.refresh)
         workspace.selection_changed.connect(self.refresh)
         link.placed_changed.connect(self.refresh)
@@ -299,18 +250,16 @@ class SelectionPage(QWidget):
         if selection is None or not selection.is_placed:
             return
         placed, selection = self._link.placed, self._existing_selection()
-        for kind, form in self.forms.items():
-            form.setVisible(selection is not None and kind == selection.kind)
+        self.form.setVisible(selection is not None)
         for button in (self.lock, self.reset, self.delete):
             button.setEnabled(selection is not None)
         if selection is None:
             self._head.show_text("Gone", "The selection no longer exists.")
             self._note.hide()
             return
-        form = self.forms[selection.kind]
-        form.show_selection(placed, selection)
+        self.form.show_selection(placed, selection)
         title = commands.name_of(placed, selection).capitalize()
-        self._head.show_text(title, form.line, (form.layer, form.label))
+        self._head.show_text(title, self.form.line, (self.form.layer, self.form.label))
         sketch, is_feature = self._document.sketch, selection.kind == "feature"
         locked = is_feature and commands.is_locked(sketch, selection)
         with QSignalBlocker(self.lock):

@@ -1,6 +1,5 @@
 """Panels of settings: those of the sketch as a whole, and those of the 3-D view."""
 
-from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -16,7 +15,6 @@ from sketchterrain.ui.commands import (
     DECLARED,
     WORLD,
     random_seed,
-    reset_setting,
     set_setting,
     settings,
     with_raster,
@@ -167,7 +165,6 @@ class WorldPanel(ScrollingPanel):
         self.rasters = RasterRows(document)
         self.add(CollapsibleGroup("Rasters", self.rasters))
         self.fidelity.edited.connect(partial(_set, document, WORLD, "fidelity"))
-        self.fidelity.reset_requested.connect(partial(_reset, document, WORLD, "fidelity"))
         self.seed.edited.connect(lambda seed: _set(document, WORLD, "seed", seed, object()))
         _connect(document, WORLD, self.top)
         document.opened.connect(self.seed.clear_used)
@@ -197,16 +194,11 @@ def table_form(document: Document, table: str) -> ParameterForm:
 
 def _connect(document: Document, table: str, form: ParameterForm) -> None:
     form.edited.connect(partial(_set, document, table))
-    form.reset_requested.connect(partial(_reset, document, table))
 
 
-def _set(document: Document, table: str, name: str, value: Value, key: object) -> None:
-    changed = set_setting(document.sketch, table, name, value)
-    document.do(f"Set {_setting_title(table, name)}", changed, merge=key)
-
-
-def _reset(document: Document, table: str, name: str) -> None:
-    document.do(f"Reset {_setting_title(table, name)}", reset_setting(document.sketch, table, name))
+def _set(document: Document, table: str, name: str, value: Value | None, key: object) -> None:
+    verb, changed = "Reset" if value is None else "Set", set_setting(document.sketch, table, name, value)
+    document.do(f"{verb} {_setting_title(table, name)}", changed, merge=key)
 
 
 def _setting_title(table: str, name: str) -> str:
@@ -257,10 +249,11 @@ class ViewPanel(ScrollingPanel):
         ):
             self.add(CollapsibleGroup(title, page))
         self._quality = _AUTOMATIC
-        self.quality.edited.connect(lambda quality, _: self._set_quality(quality))
-        self.quality.reset_requested.connect(lambda: self._set_quality(_AUTOMATIC))
-        self.plays.toggled.connect(lambda on: link.set_view(replace(link.view, plays=on)))
-        self.refines.toggled.connect(lambda on: link.set_view(replace(link.view, refines=on)))
+        self.quality.edited.connect(
+            lambda quality, _: self._set_quality(_AUTOMATIC if quality is None else quality)
+        )
+        self.plays.toggled.connect(lambda on: link.change_view(plays=on))
+        self.refines.toggled.connect(lambda on: link.change_view(refines=on))
         for name, box in self.overlays.items():
             box.toggled.connect(partial(self._show_overlay, name))
         document.sketch_changed.connect(self._show_weather)
@@ -287,9 +280,9 @@ class ViewPanel(ScrollingPanel):
 
     def _send_quality(self) -> None:
         quality = None if self._quality == _AUTOMATIC else self._quality
-        self._link.set_view(replace(self._link.view, quality=quality))
+        self._link.change_view(quality=quality)
 
     def _show_overlay(self, name: str, on: bool) -> None:
         visible = {*self._link.view.overlays, name} if on else {*self._link.view.overlays} - {name}
         overlays = tuple(each for each in OVERLAY_TITLES if each in visible)
-        self._link.set_view(replace(self._link.view, overlays=overlays))
+        self._link.change_view(overlays=overlays)

@@ -18,7 +18,7 @@ from sketchterrain.measure.lines import limited_lines
 from sketchterrain.ui.engine.link import NOT_PLACED, EngineLink
 from sketchterrain.ui.engine.protocol import MeasureAdherence
 from sketchterrain.ui.look.layer_colours import label_colour, swatch
-from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, row, tabular
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, heading, row, tabular
 from sketchterrain.ui.models.background import single_shot
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
@@ -26,7 +26,6 @@ from sketchterrain.ui.panels.controls import (
     ScrollingPanel,
     check_box,
     faint_label,
-    heading,
     label_title,
     number,
     size_text,

@@ -119,7 +119,6 @@ class VectorPage(QWidget):
             if field.reset is not None:
                 field.reset.setToolTip("Back to its label's")
         form.edited.connect(self._set)
-        form.reset_requested.connect(lambda name: self._set(name, None, object()))
         return form
 
 

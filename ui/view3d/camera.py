@@ -1,7 +1,7 @@
 """Camera of the 3-D view: projection, terrain heights, motions and poses."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -208,39 +208,14 @@ def zoom_motion(notches: float, x: float, y: float) -> Zoom:
     return Zoom(min(max(_NOTCH**notches, least), most), x, y)
 
 
-class FlightKeys:
-    """Keys held down; each method returns the new motion, None if it did not change."""
-
-    def __init__(self) -> None:
-        self._down: set[int] = set()
-        self._boost = 1.0
-
-    def press(self, key: int) -> Fly | None:
-        return self._changed(self._down | {key} if key in FLYING_KEYS else self._down, self._boost)
-
-    def release(self, key: int) -> Fly | None:
-        return self._changed(self._down - {key}, self._boost)
-
-    def set_boost(self, on: bool) -> Fly | None:
-        return self._changed(self._down, _BOOST if on else 1.0)
-
-    def release_all(self) -> Fly | None:
-        """Release all keys, as when the view loses the focus."""
-        return self._changed(set(), 1.0)
-
-    def _changed(self, down: set[int], boost: float) -> Fly | None:
-        before = self._motion()
-        self._down, self._boost = down, boost
-        after = self._motion()
-        return after if after != before else None
-
-    def _motion(self) -> Fly:
-        axes = {"forward": 0.0, "right": 0.0, "up": 0.0}
-        for key in self._down:
-            axis, sign = FLYING_KEYS[Qt.Key(key)]
-            axes[axis] = min(max(axes[axis] + sign, -1.0), 1.0)
-        # Shift alone is no motion.
-        return Fly(**axes, boost=self._boost if any(axes.values()) else 1.0)
+def flight(keys: Collection[int]) -> Fly:
+    """Return the motion of keys that are held down; Shift makes it faster."""
+    axes = {"forward": 0.0, "right": 0.0, "up": 0.0}
+    for key in FLYING_KEYS.keys() & set(keys):
+        axis, sign = FLYING_KEYS[key]
+        axes[axis] = min(max(axes[axis] + sign, -1.0), 1.0)
+    # Shift alone is no motion.
+    return Fly(**axes, boost=_BOOST if _Key.Key_Shift in keys and any(axes.values()) else 1.0)
 
 
 _DISTANCE = 1.6  # of the diameter of what is shown

@@ -2,11 +2,11 @@
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 from PyQt6.QtCore import QObject, QPointF, QRectF, Qt, QTimer, pyqtSignal
-from PyQt6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
+from PyQt6.QtGui import QColor, QFont, QPainter, QPaintEvent, QPen, QPolygonF
 from PyQt6.QtWidgets import (
     QAbstractButton,
     QButtonGroup,
@@ -20,7 +20,7 @@ from PyQt6.QtWidgets import (
 
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import MODES, ErrorReport, FrameFacts, Turn, ViewState
-from sketchterrain.ui.look.theme import MARGIN, Symbol, active_theme, column, draw_icon, row, theme
+from sketchterrain.ui.look.theme import MARGIN, Symbol, active_theme, column, draw_icon, heading, row, theme
 
 _HELP: Final = {
     "orbit": "Orbit: drag turns, right drag or Shift moves, wheel zooms (1)",
@@ -138,7 +138,7 @@ class Placeholder(QFrame):
         self.notice: Notice | None = None  # what is shown
         self._seconds = 0
         self._symbol = Symbol(32)
-        self._title, self._line = QLabel(), QLabel()
+        self._title, self._line = heading(weight=QFont.Weight.Bold, scale=1.15), QLabel()
         self._line.setTextFormat(Qt.TextFormat.PlainText)
         self._line.setWordWrap(True)
         self._line.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
@@ -150,10 +150,6 @@ class Placeholder(QFrame):
         rows = column(self, self._symbol, self._title, self._line, self._button, margins=2 * MARGIN)
         for widget in (self._symbol, self._button):
             rows.setAlignment(widget, Qt.AlignmentFlag.AlignHCenter)
-        font = self._title.font()
-        font.setPointSizeF(font.pointSizeF() * 1.15)
-        font.setBold(True)
-        self._title.setFont(font)
         self._clock = QTimer(self)
         self._clock.setInterval(1000)
         self._clock.timeout.connect(self._tick)
@@ -307,7 +303,7 @@ class Hud(QObject):
         link.error_reported.connect(self._show_error)
         link.activity_changed.connect(self._refresh)
         link.view_changed.connect(self._show_view)
-        self.bar.mode_selected.connect(self._set_mode)
+        self.bar.mode_selected.connect(lambda mode: link.change_view(mode=mode))
         self.compass.clicked.connect(self._face_north)
         self.placeholder.pressed.connect(self._restart)
         self._show_view(link.view)
@@ -328,9 +324,6 @@ class Hud(QObject):
         self.placeholder.show_notice(notice_of(self._link, self._error))
         for each in (self.bar, self.compass):
             each.setVisible(self.placeholder.notice is None)
-
-    def _set_mode(self, mode: str) -> None:
-        self._link.set_view(replace(self._link.view, mode=mode))
 
     def _face_north(self) -> None:
         heading = (self.compass.heading + 180.0) % 360.0 - 180.0

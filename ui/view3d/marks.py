@@ -15,7 +15,7 @@ from sketchterrain.ui.canvas.marks import shore_lines
 from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.selection import OFFSET_ROLES, handles_of, vector_handles
-from sketchterrain.ui.models.vectors import Curves, curves_of, find_vector, network_of, with_moved_node
+from sketchterrain.ui.models.vectors import curves_of, find_vector, moved_shapes, outlines
 from sketchterrain.ui.models.workspace import Handle, Selection
 from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, circle
 
@@ -161,21 +161,14 @@ class MarkBuilder:
 
     def _vector(self, sketch: Sketch, selection: Selection) -> tuple[Segments, ...]:
         """Return the outline of the selected vector, and of all at the node that is dragged."""
+        import shapely
+
         layer = sketch.vectors[selection.kind]
-        lines = curves_of(layer).lines(layer.index(selection.id))
+        shapes = curves_of(layer).shapes[[layer.index(selection.id)]]
         if self.drag is not None and not self.drag[0].is_live:
             handle, x, y = self.drag
-            moved = [
-                with_moved_node(each, (handle.x, handle.y), (x, y))
-                for each in network_of(sketch, selection.kind)
-            ]
-            lines = [
-                line
-                for each in moved
-                for index in range(len(each))
-                for line in Curves.from_layer(each).lines(index)
-            ]
-        return self._on_terrain(lines)
+            shapes = moved_shapes(sketch, selection.kind, (handle.x, handle.y), (x, y))
+        return self._on_terrain(map(shapely.get_coordinates, shapely.get_parts(outlines(shapes))))
 
     def _on_terrain(self, lines: Iterable[Float64Array]) -> tuple[Segments, ...]:
         """Return lines (n, 2), those of more than some thousand points simplified."""

@@ -1,7 +1,6 @@
 """The 3-D view: pictures of the terrain with marks over them, mouse and keyboard input."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Final
 
 from PyQt6.QtCore import QPointF, QRectF, QSize, Qt
@@ -19,7 +18,7 @@ from sketchterrain.ui.models.drapes import outlines_of
 from sketchterrain.ui.models.selection import delete_or_reset
 from sketchterrain.ui.models.vectors import find_vector
 from sketchterrain.ui.models.workspace import Workspace
-from sketchterrain.ui.view3d.camera import FLYING_KEYS, FlightKeys, motion_to, overview
+from sketchterrain.ui.view3d.camera import FLYING_KEYS, flight, motion_to, overview
 from sketchterrain.ui.view3d.hud import Hud
 from sketchterrain.ui.view3d.mouse import ViewMouse
 from sketchterrain.ui.view3d.scene import Scene
@@ -41,7 +40,9 @@ class View3D(QWidget):
         self._document, self._workspace, self._link = document, workspace, link
         self._scene = Scene(document, workspace, link)
         self._mouse = ViewMouse(self, self._scene)
-        self._keys, self._hud = FlightKeys(), Hud(self, link)
+        self._keys: set[int] = set()  # that fly and are held down, and Shift
+        self._motion = Fly()
+        self._hud = Hud(self, link)
         self._ratio = self.devicePixelRatioF()
         self._size_timer = single_shot(self, _RESIZE_DELAY, self._request_size)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
@@ -124,7 +125,7 @@ class View3D(QWidget):
         if self.isVisible():
             self._ratio = ratio = self.devicePixelRatioF()
             width, height = (max(round(side * ratio), _MIN_SIDE) for side in (self.width(), self.height()))
-            self._link.set_view(replace(self._link.view, width=width, height=height))
+            self._link.change_view(width=width, height=height)
 
     def _takes_key(self, event: QKeyEvent) -> bool:
         """Return whether a key means something here, so that no shortcut of the window gets it."""
@@ -134,8 +135,10 @@ class View3D(QWidget):
             return self._mouse.is_dragging or self._workspace.selection is not None
         return event.key() in FLYING_KEYS or event.key() in _MODE_KEYS or event.key() in self._commands
 
-    def _fly(self, motion: Fly | None) -> None:
-        if motion is not None:
+    def _hold_keys(self, keys: set[int]) -> None:
+        self._keys, motion = keys, flight(keys)
+        if motion != self._motion:
+            self._motion = motion
             self._link.send(motion)
 
     def keyPressEvent(self, event: QKeyEvent | None) -> None:
@@ -144,25 +147,22 @@ class View3D(QWidget):
         key = event.key()
         if not self._takes_key(event):
             if key == _Key.Key_Shift:
-                self._fly(self._keys.set_boost(True))
+                self._hold_keys(self._keys | {key})
             super().keyPressEvent(event)
         elif event.isAutoRepeat():
             return
         elif key in FLYING_KEYS:
-            self._fly(self._keys.press(key))
+            self._hold_keys(self._keys | {key})
         elif key in _MODE_KEYS:
-            self._link.set_view(replace(self._link.view, mode=_MODE_KEYS[_Key(key)]))
+            self._link.change_view(mode=_MODE_KEYS[_Key(key)])
         elif key in self._commands:
             self._commands[key]()
         elif not self._mouse.cancel():
             self._workspace.selection = None
 
     def keyReleaseEvent(self, event: QKeyEvent | None) -> None:
-        if event is None or event.isAutoRepeat():
-            return
-        if event.key() == _Key.Key_Shift:
-            self._fly(self._keys.set_boost(False))
-        self._fly(self._keys.release(event.key()))
+        if event is not None and not event.isAutoRepeat():
+            self._hold_keys(self._keys - {event.key()})
 
     def resizeEvent(self, event: QResizeEvent | None) -> None:
         self._hud.update_positions()
@@ -174,9 +174,9 @@ class View3D(QWidget):
     def hideEvent(self, event: QHideEvent | None) -> None:
         self._mouse.cancel()
         self._mouse.leave()
-        self._fly(self._keys.release_all())
+        self._hold_keys(set())
         self._size_timer.stop()
-        self._link.set_view(replace(self._link.view, width=0, height=0))
+        self._link.change_view(width=0, height=0)
 
     def paintEvent(self, event: QPaintEvent | None) -> None:
         if self.devicePixelRatioF() != self._ratio:  # on another screen
@@ -193,5 +193,5 @@ class View3D(QWidget):
         draw_focus(painter, self)
 
     def focusOutEvent(self, event: QFocusEvent | None) -> None:
-        self._fly(self._keys.release_all())
+        self._hold_keys(set())
         self.update()

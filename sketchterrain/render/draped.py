@@ -79,15 +79,6 @@ def check_method(method: str) -> None:
         raise InputError(f"expected a method of draping, one of {', '.join(known)}, got {method!r}")
 
 
-def choose(method: str) -> str:
-    """Return the method that draws layers; raise InputError for an unknown one.
-
-    Painted tiles are the nearest to exact coverage at any height, and cost nothing while the eye rests.
-    """
-    check_method(method)
-    return "tiles" if method == "auto" else method
-
-
 class DrapedScreen:
     """Draws what tiles don't show: all layers in other methods, and the feature that is held for editing.
 
@@ -103,7 +94,9 @@ class DrapedScreen:
         quality: Quality,
         method: str,
     ) -> None:
-        self.method = choose(method)
+        check_method(method)
+        # Painted tiles are the nearest to exact coverage at any height, and cost nothing while the eye rests.
+        self.method = "tiles" if method == "auto" else method
         self.painted: Drapes | None = None
         self.seconds = 0.0
         self._context, self._stream, self._lit, self._quality = context, stream, lit, quality

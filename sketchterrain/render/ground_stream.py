@@ -153,7 +153,6 @@ class TerrainStream:
             count,
             self.tile_renderer.tiles,
             self.tile_renderer.triangles,
-            self.tiles.pool.count,
             self.tiles.converged,
             jumped,
         )

@@ -92,10 +92,8 @@ class FrameStats:
     plant_seconds: float  # for plants and their shadow maps
     draw_seconds: float
     drape_seconds: float  # of those, for draped layers that tiles don't show
-    appearance_tiles: int  # drawn
     tiles_generated: int
     tiles_drawn: int
-    resident_tiles: int
     triangles: int  # of terrain and plants
     size: tuple[int, int]  # of the internal picture (px); smaller than the framebuffer during motion
     converged: bool  # the picture is final: nothing is missing, only water and plants move
@@ -109,7 +107,6 @@ class StreamStats:
     tiles_generated: int
     tiles_drawn: int
     triangles: int
-    resident_tiles: int
     converged: bool  # no tile is missing or morphing
     jumped: bool  # the eye jumped, and the frame got a larger budget
 

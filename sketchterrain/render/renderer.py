@@ -203,22 +203,12 @@ class Renderer:
             self._last_camera.fov,
         )
         self._last_camera, self._rest_seconds = camera, 0.0 if moves else self._rest_seconds + elapsed
-        self._since_update += elapsed
         if self._was_whole and not moves:
             budget = max(budget, CATCH_UP_SHARE * self._full_draw_seconds)
-        view, distance, above = clipped = self._clipped(camera)
-        lit, forest = self.scenery.lit, self.scenery.forest
-        painted, draped = self.scenery.appearance.drawn, self.scenery.draped.seconds
+        clipped, draped = self._clipped(camera), self.scenery.draped.seconds
         self.scenery.advance_drapes(elapsed)
-        tiles, light, plants = self._load(view, size, elapsed=elapsed, budget=budget, draw_distance=distance)
-        self.scenery.labels.update(view.eye, above, elapsed, LABELS_SHARE * budget)
-        complete = (
-            tiles.converged
-            and self.scenery.appearance.converged
-            and self.scenery.draped.converged
-            and lit.converged
-            and forest.converged
-        )
+        loaded, tiles, light, plants = self._load(clipped, size, elapsed=elapsed, budget=budget)
+        complete = loaded and self.scenery.forest.converged
         follows = self._full_draw_seconds <= FAST_DRAW or self._since_update >= REST
         full_size = self.stream.tiles.complete and self._rest_seconds >= REST and follows
         self._was_whole = full_size
@@ -242,10 +232,8 @@ class Renderer:
             plant_seconds=plants,
             draw_seconds=draw_seconds,
             drape_seconds=self.scenery.draped.seconds - draped,
-            appearance_tiles=self.scenery.appearance.drawn - painted,
             tiles_generated=tiles.tiles_generated,
             tiles_drawn=tiles.tiles_drawn,
-            resident_tiles=tiles.resident_tiles,
             triangles=self.triangles,
             size=inner,
             converged=complete and inner == size and self.scenery.labels.converged,
@@ -262,20 +250,20 @@ class Renderer:
 
         `elapsed` is the time (s) since the last frame or load.
         """
-        view, distance, above = self._clipped(camera)
         self._rest_seconds += elapsed
-        self._since_update += elapsed
-        tiles, *_ = self._load(view, size, elapsed=elapsed, budget=budget, draw_distance=distance)
-        loaded = self.scenery.appearance.converged and self.scenery.lit.converged
-        loaded = loaded and self.scenery.draped.converged
-        loaded = self.scenery.labels.update(view.eye, above, elapsed, LABELS_SHARE * budget) and loaded
-        return tiles.converged and loaded and self.scenery.forest.loaded
+        loaded, *_ = self._load(self._clipped(camera), size, elapsed=elapsed, budget=budget)
+        return loaded and self.scenery.labels.complete and self.scenery.forest.loaded
 
     def _load(
-        self, view: Camera, size: tuple[int, int], *, elapsed: float, budget: float, draw_distance: float
-    ) -> tuple[StreamStats, float, float]:
-        """Advance all that is loaded within a budget (s); return the seconds of light and plants, too."""
+        self, clipped: ClippedView, size: tuple[int, int], *, elapsed: float, budget: float
+    ) -> tuple[bool, StreamStats, float, float]:
+        """Advance all that is loaded within a budget (s).
+
+        Return whether it is complete but for plants and labels, and the seconds of light and plants.
+        """
+        view, draw_distance, above = clipped
         lit, forest, appearance = self.scenery.lit, self.scenery.forest, self.scenery.appearance
+        self._since_update += elapsed
         self._turn = (self._turn + 1) % len(TILES_SHARE)
         others_pending = not (appearance.converged and lit.converged and forest.converged)
         tiles = self.stream.update(
@@ -296,7 +284,10 @@ class Renderer:
         lit.update(view, elapsed, remaining.fraction(0.5))
         light_end = remaining.spent
         forest.update(view, size, lit, elapsed, remaining)
-        return tiles, light_end, remaining.spent - light_end
+        plants = remaining.spent - light_end
+        self.scenery.labels.update(view.eye, above, elapsed, LABELS_SHARE * budget)
+        ground = tiles.converged and appearance.converged and lit.converged
+        return ground and self.scenery.draped.converged, tiles, light_end, plants
 
     def _clipped(self, camera: Camera) -> ClippedView:
         """Return the camera with clipping planes for its height."""

@@ -307,7 +307,7 @@ CLEAR: Final = 20.0  # m in front of the eye that must be free of plants
 ASIDE: Final = {False: [0.0], True: [0.0, 15.0, -15.0, 30.0, -30.0]}  # m to the right of a viewpoint, tried
 
 
-class _Visibility(NamedTuple):
+class Visibility(NamedTuple):
     """Visibility around viewpoints: arrays (viewpoints, bearings)."""
 
     horizon: Float64Array  # tangent of the skyline's elevation
@@ -315,7 +315,7 @@ class _Visibility(NamedTuple):
     middle: Float64Array  # tangent covered by terrain between near and far
     layers: Float64Array  # number of ridges one behind the other
     water: Float64Array  # apparent size of the visible water
-    flooded: Float64Array  # share of water in the visible terrain
+    flooded: Float64Array  # share of water in the visible terrain, by apparent size
     painted: Float64Array  # (kinds, viewpoints, bearings) apparent size of painted features
     inside: Float64Array  # visible share inside the sketch
 
@@ -363,7 +363,7 @@ def eye_level_view(terrain: TerrainSource, light: LightScore, *, raised: bool) -
 
 def _compute_visibility(
     terrain: TerrainSource, cover: LandCover, eyes: Float64Array, bearings: Float64Array
-) -> _Visibility:
+) -> Visibility:
     extent = terrain.extent
     distance = np.geomspace(NEAREST, 1.5 * extent, DISTANCES)
     east, north = ray_positions(eyes, bearings, distance)
@@ -382,7 +382,7 @@ def _compute_visibility(
     water = (is_water * size)[..., distance < 0.4 * extent].sum(axis=-1)
     flooded = (is_water * size).sum(axis=-1) / np.maximum(size.sum(axis=-1), 1e-9)
     inside = is_inside(terrain, east, north)
-    return _Visibility(
+    return Visibility(
         skyline[..., -1],
         np.max(slope[..., distance < max(NEAR, 0.02 * extent)], axis=-1),
         share[..., middle].sum(axis=-1),
@@ -396,7 +396,7 @@ def _compute_visibility(
     )
 
 
-def _score(visibility: _Visibility, *, raised: bool) -> Float64Array:
+def _score(visibility: Visibility, *, raised: bool) -> Float64Array:
     """Return the score of each viewpoint and bearing."""
 
     def mean(values: Float64Array, width: int = IN_VIEW) -> Float64Array:

@@ -29,6 +29,7 @@ from sketchterrain.vegetation.plants import PLANT
 _TILE_OPTIONS = frozenset({"tiles", "overlap", "tile_name", "tile_first", "tiles_from_south"})
 _AXES = "x east, y north, z up, metres from the sketch's south-west corner"
 _DTYPES = {"r16": "<u2", "r16be": ">u2", "r32": "<f4"}
+_METRES = {"numbers": "float32", "metres": "number"}
 _QUANTISED = frozenset({"r16", "r16be"})
 
 
@@ -107,14 +108,8 @@ def _write_images(
         common |= {"Numbers": "float32, m"}
     else:
         common |= {"Numbers": "uint16", "Metres of 0": steps.low, "Metres of 65535": steps.highest}
-    facts |= {"heights": _height_metadata(steps), "axes": _AXES, "materials": materials}
+    facts |= {"heights": _METRES if steps is None else steps.metadata, "axes": _AXES, "materials": materials}
     return ExportOutput(files, common | settings, facts)
-
-
-def _height_metadata(steps: HeightQuantisation | None) -> dict[str, Any]:
-    if steps is None:
-        return {"numbers": "float32", "metres": "number"}
-    return {"numbers": "uint16", **steps.metadata}
 
 
 def _write_npy(export: Export) -> ExportOutput:
@@ -143,7 +138,7 @@ def _write_npy(export: Export) -> ExportOutput:
         files[path] = "plants, a structured array; species are indices into the sidecar's species"
     files |= _write_features(export) | write_road_masks(export)
     facts = {
-        "heights": _height_metadata(None),
+        "heights": _METRES,
         "byte_order": "little-endian",
         "axes": _AXES,
         "materials": list(export.terrain.material_names),

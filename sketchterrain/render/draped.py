@@ -10,9 +10,8 @@ Rasters lie below vectors, whatever their order.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 import moderngl
 import numpy as np
@@ -48,29 +47,8 @@ FADE: Final = 0.2
 """s in which a feature that is taken hold of, or released, changes from one method to another."""
 
 
-class ScreenMethod(Protocol):
-    """A way to draw all layers into a buffer of the picture's size."""
-
-    is_loaded: bool  # whether the last picture had everything
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of buffers and caches."""
-
-    def draw(
-        self, drapes: Drapes, view: DrapedView, targets: RenderTargets, buffer: DrapedBuffer, *, moving: bool
-    ) -> None:
-        """Draw into the cleared buffer with the frame's camera; `moving` limits the time of loading."""
-
-
-ScreenMethods = dict[str, Callable[[moderngl.Context, TerrainStream, GroundLighting, Quality], ScreenMethod]]
-SCREEN_METHODS: Final[ScreenMethods] = {
-    "two-step": lambda context, stream, lit, quality: TwoStepDraping(
-        context, lit, stream.tiles.extent, samples=quality.samples
-    ),
-    "geometry": lambda context, stream, _, quality: DrapedGeometry(context, stream, samples=quality.samples),
-}
-"""Methods besides ``tiles`` by name; benchmarks add others."""
+SCREEN_METHODS: Final = ("two-step", "geometry")
+"""Methods besides ``tiles``."""
 
 
 def check_method(method: str) -> None:
@@ -117,10 +95,14 @@ class DrapedScreen:
         return DrapedGeometry(self._context, self._stream, samples=self._quality.samples)
 
     @cached_property
-    def screen(self) -> ScreenMethod | None:
+    def screen(self) -> TwoStepDraping | DrapedGeometry | None:
         """The method that draws all layers, None for tiles."""
-        make = SCREEN_METHODS.get(self.method)
-        return make and make(self._context, self._stream, self._lit, self._quality)
+        samples = self._quality.samples
+        if self.method == "two-step":
+            return TwoStepDraping(self._context, self._lit, self._stream.tiles.extent, samples=samples)
+        if self.method == "geometry":
+            return DrapedGeometry(self._context, self._stream, samples=samples)
+        return None
 
     @property
     def nbytes(self) -> int:
@@ -215,7 +197,7 @@ ROOT_BYTES: Final = np.rint(255.0 * np.sqrt(WHITE) * ROOTS).astype(np.uint8)
 
 
 class TwoStepDraping:
-    """Draws all layers of a version.
+    """Draws all layers of a version into a cleared buffer of the picture's size.
 
     `is_loaded` is whether the last picture had all windows of its rasters.
     """
@@ -257,7 +239,7 @@ class TwoStepDraping:
     def draw(
         self, drapes: Drapes, view: DrapedView, targets: RenderTargets, buffer: DrapedBuffer, *, moving: bool
     ) -> None:
-        """Draw all layers."""
+        """Draw all layers; `moving` limits the time of loading."""
         size, eye = targets.size, view.camera.eye
         colour = self._resized(size)
         above = max(eye[2] - self._lit.height_at(*eye[:2]), 0.0)

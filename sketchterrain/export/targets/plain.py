@@ -10,7 +10,6 @@ from sketchterrain.errors import InputError
 from sketchterrain.export.engines import requested_storeys, write_tiles
 from sketchterrain.export.files import write_values_png
 from sketchterrain.export.foliage_files import FoliageOptions, plant_pieces, write_foliage
-from sketchterrain.export.landuse import land_entries
 from sketchterrain.export.planning import HeightQuantisation
 from sketchterrain.export.rasters import (
     npy_rows,
@@ -23,7 +22,7 @@ from sketchterrain.export.rasters import (
 from sketchterrain.export.roads import write_road_masks
 from sketchterrain.export.sampled import CHANNELS, TerrainSamples
 from sketchterrain.export.target import Export, ExportOptions, ExportOutput, Target, TileWindow, Tiling
-from sketchterrain.export.vectors import write_features
+from sketchterrain.export.vectors import land_entries, write_features
 from sketchterrain.vegetation.plants import PLANT
 
 _TILE_OPTIONS = frozenset({"tiles", "overlap", "tile_name", "tile_first", "tiles_from_south"})

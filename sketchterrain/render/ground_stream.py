@@ -13,11 +13,11 @@ from sketchterrain.document.materials import weight_words
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground import TileRenderer
-from sketchterrain.render.material_macros import wooded_share
 from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.quality import Quality, StreamStats
 from sketchterrain.render.scene import BoundedTerrain, TileSource
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
+from sketchterrain.render.textures import wooded_share
 from sketchterrain.render.vertex_memory import GLVertexMemory, open_vertex_memory
 from sketchterrain.terrain.surfaces import vertex_dtype
 from sketchterrain.tiles.lod import CameraView, ScreenError

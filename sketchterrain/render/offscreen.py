@@ -227,7 +227,6 @@ def capture_frames(
     *,
     fps: float,
     size: tuple[int, int] = (1280, 720),
-    sun: Sun | None = None,
     weather: Weather | None = None,
     textures: Path | None = None,
     quality: Quality | None = None,
@@ -254,7 +253,7 @@ def capture_frames(
             )
         quality = replace(quality, without=quality.without | frozenset(without))
         cameras = views.cameras
-        _, scene = _scene(terrain, cameras[0], sun=sun, weather=weather, drapes=drapes)
+        _, scene = _scene(terrain, cameras[0], weather=weather, drapes=drapes)
         renderer = Renderer(
             context, terrain, textures=textures, quality=quality, drape_method=drape_method, **scene
         )

@@ -11,7 +11,6 @@ from sketchterrain.look.tree_levels import DETAILS
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.forest import BAND, GROW, PIXELS, Forest, detail_shares
 from sketchterrain.render.lit_ground import GroundLighting
-from sketchterrain.render.material_macros import material_macros
 from sketchterrain.render.plant_cells import (
     CELL,
     MAX_CELLS,
@@ -38,6 +37,7 @@ from sketchterrain.render.plant_meshes import (
 from sketchterrain.render.plant_shade import PlantShadows, shadow_matrix, sun_axes
 from sketchterrain.render.quality import Quality, TimeBudget
 from sketchterrain.render.sky import Sun
+from sketchterrain.render.textures import material_macros
 from sketchterrain.vegetation.plants import PLANT
 
 SUN = Sun(200.0, 35.0)

@@ -1,12 +1,14 @@
 """GLB files: a whole scene for any program, and one for Blender beside an OpenEXR displacement."""
 
+import zipfile
+from importlib.resources import files as package_files
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from sketchterrain.document.geology import Strata
-from sketchterrain.errors import InputError
+from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.engines import EngineAxes
 from sketchterrain.export.files import write_png
 from sketchterrain.export.gltf import (
@@ -32,8 +34,11 @@ from sketchterrain.export.rasters import weights_suffix, write_exr, write_normal
 from sketchterrain.export.roads import write_corridors
 from sketchterrain.export.sampled import CHANNELS, SampleGrid, appearance_picture
 from sketchterrain.export.target import Export, ExportOptions, ExportOutput, SceneView, Target
+from sketchterrain.io.files import atomic_file
 
 _AXES: Final = EngineAxes("east", "north", "up")
+_EXTENSION: Final = "blender_extension"  # its folder
+_SUFFIXES: Final = (".py", ".toml")
 _TEXELS: Final = 512  # along a side of a material's tile
 _WHOLE: Final = 255.0
 _MAX_SIDE: Final = 8193  # vertices, of 56 bytes including their triangles
@@ -139,6 +144,18 @@ def _write_plants(export: Export) -> tuple[dict[Path, str], dict[str, Any]]:
     path = scene.write(export.folder / f"{export.name}_plants.glb")
     files = {path: "plants as instances of models at three levels of detail"}
     return files | write_plant_points(export, plants), facts
+
+
+def write_extension(path: Path) -> Path:
+    """Write the extension's manifest and modules, uncompressed and without times: always the same bytes."""
+    if path.suffix.lower() != ".zip" or path.is_dir():
+        raise InputError(f"expected the name of a .zip file, got {one_line(path)!r}")
+    parts = package_files("sketchterrain.export").joinpath(_EXTENSION).iterdir()
+    with atomic_file(path) as stream, zipfile.ZipFile(stream, "w") as archive:
+        for part in sorted(parts, key=lambda part: part.name):
+            if part.name.endswith(_SUFFIXES):
+                archive.writestr(zipfile.ZipInfo(part.name), part.read_bytes())
+    return path
 
 
 def _light_of_sky(view: SceneView, summit: float) -> dict[str, Any]:

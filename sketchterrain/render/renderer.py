@@ -50,9 +50,9 @@ class Renderer:
     """Draws one terrain into any framebuffer of one context.
 
     Still picture: `prepare`, then `draw`. Moving picture: `frame`, once per frame. `timings` sums up the
-    seconds of each stage. Without `weather` the sketch's is used; a given `resources` is closed by `release`
-    unless borrowed. `timer` measures the budget. `drapes` are drawn by ``tiles`` or a method of
-    `draped.SCREEN_METHODS`.
+    seconds of each stage, `terrain` is on the device that writes its tiles: update from this one. Without
+    `weather` the sketch's is used; a given `resources` is closed by `release` unless borrowed. `timer`
+    measures the budget. `drapes` are drawn by ``tiles`` or a method of `draped.SCREEN_METHODS`.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Renderer:
     ) -> None:
         self.timings: dict[str, float] = {}
         self._context = context
-        self._terrain = terrain = shared_with_gl(terrain)
+        self.terrain = terrain = shared_with_gl(terrain)
         self._quality = quality = quality or Quality()
         self._sun, self._weather = sun, weather or Weather.from_sketch(terrain.sketch)
         self._timer = timer
@@ -160,8 +160,8 @@ class Renderer:
         two terrains. Light and plants follow in the next frames, within their budget.
         """
         self._since_update = 0.0
-        self._terrain = moved_to_context(terrain, self._terrain.context)
-        self.scenery.set_terrain(self._terrain, areas)
+        self.terrain = moved_to_context(terrain, self.terrain.context)
+        self.scenery.set_terrain(self.terrain, areas)
 
     def set_drapes(self, drapes: Drapes | None, held: tuple[int, int] | None = None) -> None:
         """Replace the draped layers from the next frame on.
@@ -170,11 +170,6 @@ class Renderer:
         no tile.
         """
         self.scenery.set_drapes(drapes, held)
-
-    @property
-    def terrain(self) -> TerrainSource:
-        """The terrain on the device that writes its tiles: update from this one."""
-        return self._terrain
 
     def relight(self, *, sun: Sun | None = None, weather: Weather | None = None) -> None:
         """Change sun or weather; shadows follow within the budget of the next frames."""
@@ -226,17 +221,14 @@ class Renderer:
                 self._scale = 1.0
         else:
             self._adapt_scale(draw_seconds)
+        whole = inner == size and self.scenery.labels.converged
         return FrameStats(
-            generation_seconds=tiles.generation_seconds,
+            **vars(tiles) | {"triangles": self.triangles, "converged": complete and whole},
             light_seconds=light,
             plant_seconds=plants,
             draw_seconds=draw_seconds,
             drape_seconds=self.scenery.draped.seconds - draped,
-            tiles_generated=tiles.tiles_generated,
-            tiles_drawn=tiles.tiles_drawn,
-            triangles=self.triangles,
             size=inner,
-            converged=complete and inner == size and self.scenery.labels.converged,
         )
 
     def _adapt_scale(self, seconds: float) -> None:
@@ -292,8 +284,8 @@ class Renderer:
     def _clipped(self, camera: Camera) -> ClippedView:
         """Return the camera with clipping planes for its height."""
         x, y, z = camera.eye
-        above = max(z - float(surface_heights(self._terrain, x, y)), 0.0)
-        distance = draw_distance(above, extent=self._terrain.extent, extents=self._quality.draw_distance)
+        above = max(z - float(surface_heights(self.terrain, x, y)), 0.0)
+        distance = draw_distance(above, extent=self.terrain.extent, extents=self._quality.draw_distance)
         near, far = clip_planes(min(above, self.scenery.built.clearance(camera.eye)), distance)
         return ClippedView(replace(camera, near=near, far=far), distance, above)
 

@@ -214,10 +214,6 @@ class FrameBlock:
         else:
             target[..., : array.shape[-1]] = array
 
-    def __getitem__(self, field: str) -> npt.NDArray[np.float32]:
-        """Return a copy of a field."""
-        return np.array(self._values[field])
-
     def upload(self) -> None:
         """Upload all fields."""
         self._buffer.write(self._values.tobytes())

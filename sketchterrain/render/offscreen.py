@@ -291,6 +291,6 @@ def _capture(
         generation_seconds=generation,
         tiles_generated=stream.written - written,
         tiles_drawn=stream.tile_renderer.tiles,
-        triangles=renderer.triangles,
+        triangles=renderer.scenery.triangles,
         converged=converged,
     )

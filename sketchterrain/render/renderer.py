@@ -148,11 +148,6 @@ class Renderer:
             self._context.finish()
             yield
 
-    @property
-    def triangles(self) -> int:
-        """Triangles of terrain and plants in the last picture."""
-        return self.scenery.triangles
-
     def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> None:
         """Replace the terrain by another one of the same extent, bit-equal outside `areas` (W, S, E, N; m).
 
@@ -223,7 +218,7 @@ class Renderer:
             self._adapt_scale(draw_seconds)
         whole = inner == size and self.scenery.labels.converged
         return FrameStats(
-            **vars(tiles) | {"triangles": self.triangles, "converged": complete and whole},
+            **vars(tiles) | {"triangles": self.scenery.triangles, "converged": complete and whole},
             light_seconds=light,
             plant_seconds=plants,
             draw_seconds=draw_seconds,

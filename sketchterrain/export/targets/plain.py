@@ -5,7 +5,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from sketchterrain.array_types import Float32Array
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import requested_storeys, write_tiles
 from sketchterrain.export.files import write_values_png
@@ -51,11 +50,8 @@ def _write_png16(export: Export) -> ExportOutput:
 
 
 def _write_exr(export: Export) -> ExportOutput:
-    def write(path: Path, height: Float32Array) -> Path:
-        return write_exr(path, {"Y": height})
-
     settings = {"Colour Space": "linear, non-colour data", "Channel": "Y"}
-    return _write_images(export, ".exr", write, {}, settings)
+    return _write_images(export, ".exr", lambda path, height: write_exr(path, {"Y": height}), {}, settings)
 
 
 def _write_images(

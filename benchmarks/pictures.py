@@ -203,7 +203,7 @@ def _rounds(
         gl.finish()
         prepare = perf_counter() - start
         renderer.draw(scene.camera, framebuffer)
-        found[name] = _Found(prepare, [], [], read_picture(texture), None, renderer.triangles)
+        found[name] = _Found(prepare, [], [], read_picture(texture), None, renderer.scenery.triangles)
     for _ in range(effort.picture_rounds):
         for name, renderer in renderers.items():
             start = perf_counter()

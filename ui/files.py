@@ -32,7 +32,7 @@ from sketchterrain.ui.models.workspace import Preferences, RecentFiles
 from sketchterrain.ui.world_window import WorldWindow
 
 if TYPE_CHECKING:
-    from sketchterrain.importing.rasters import RasterArea
+    from sketchterrain.importing.elevation import RasterArea
 
 
 _T = TypeVar("_T")
@@ -351,7 +351,7 @@ def _load(path: Path) -> tuple[Hashes, Sketch]:
 
 
 def _read_picture(path: Path, role: str) -> tuple[RasterSource, RasterArea | None]:
-    from sketchterrain.importing.rasters import raster_area  # GDAL
+    from sketchterrain.importing.elevation import raster_area  # GDAL
 
     source = raster_source(path, role)
     return source, raster_area(source)

@@ -5,7 +5,7 @@
 //   SIZES   1 or 2: number of octaves, nearest to the distance
 //   HEXES   1 or 3: number of shifted hexagons, which hide the repetition
 //   DETAIL  0: neither relief nor fine structure of colours
-// and of render/material_macros.py:
+// and of render/textures.py:
 //   LAYERS            number of texture layers
 //   IS_BEDDED(layer)  whether its faces have level beds
 // Loops end early: CPU drivers leave them when no pixel of a group continues.

@@ -1,7 +1,7 @@
 #version 430 core
 // Stone at a scattered point, captured by transform feedback (render/ground_cover.py). Sizes follow a power law: a cell's
 // first points, which are visible farthest, hold its largest stones. Its radius is 0 where none lies.
-// Macros of render/material_macros.py say which materials have which stones.
+// Macros of render/textures.py say which materials have which stones.
 #include "render/frame.glsl"
 #include "render/shade.glsl"
 #include "render/clouds.glsl"

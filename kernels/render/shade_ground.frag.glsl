@@ -4,7 +4,7 @@
 // A CPU driver executes both sides of every branch, so the cost is fixed by macros (render/shading.py):
 //   MATERIALS  1 to 3: number of blended materials; with one, a single noise lookup replaces three
 //   PLANES, SIZES, HEXES, DETAIL  texturing of each material, render/matter.glsl
-//   WEIGHT_WORDS, DISTANT_LAYER(layer)  of the sketch's materials, render/material_macros.py
+//   WEIGHT_WORDS, DISTANT_LAYER(layer)  of the sketch's materials, render/textures.py
 //   SHADE_MAPS 0, 1 or 2: shadow maps of the plants
 //   SAMPLES    along each axis of a pixel
 //   APPEARANCE samples of what vectors paint (appearance.glsl); 0: nothing is painted

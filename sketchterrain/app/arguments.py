@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from sketchterrain.document.rasters import RasterSource
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.export.target import ExportOptions
-    from sketchterrain.importing.rasters import RasterArea
+    from sketchterrain.importing.elevation import RasterArea
 
 _PIXELS = range(16, 8193)  # a picture's side
 _MAX_COORDINATE = 1e9  # m
@@ -316,7 +316,7 @@ def read_rasters(texts: Sequence[str], *, embed: bool) -> tuple[tuple[RasterSour
     if not texts:
         return (), None
     from sketchterrain.document.rasters import raster_source
-    from sketchterrain.importing.rasters import raster_area
+    from sketchterrain.importing.elevation import raster_area
 
     sources = []
     for text in texts:

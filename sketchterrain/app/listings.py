@@ -126,7 +126,7 @@ def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
 
 def exported_lines(report: dict[str, Any], folder: Path, seconds: float) -> list[str]:
     """Return the text of an export's sidecar, with the settings to enter where it is imported."""
-    from sketchterrain.export.sidecar import setting_rows
+    from sketchterrain.export.target import setting_rows
 
     grid, heights, tiles = report["grid"], report["heights"], report["tiles"]
     layout = f" in {len(tiles)} tiles" if len(tiles) > 1 else ""

@@ -53,6 +53,7 @@ class HeightQuantisation:
     def metadata(self) -> dict[str, Any]:
         """Its entry in the sidecar."""
         return {
+            "numbers": "uint16",
             "metres": "low + number * metres_per_step",
             "low": self.low,
             "range": self.range,

@@ -13,7 +13,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from sketchterrain.array_types import Bounds
 from sketchterrain.document.materials import Colour
-from sketchterrain.export.scene import SceneView
+from sketchterrain.export.target import SceneView
 from sketchterrain.io.files import write_atomic
 
 BLENDS: Final = {"normal": 0, "screen": 2, "add": 4, "multiply": 6}

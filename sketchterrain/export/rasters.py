@@ -16,6 +16,7 @@ from sketchterrain.array_types import Float32Array
 from sketchterrain.export.files import write_json, write_png, write_values_png
 from sketchterrain.export.sampled import (
     CHANNELS,
+    ORIENTATION,
     SampleGrid,
     TerrainSamples,
     appearance_picture,
@@ -28,7 +29,6 @@ from sketchterrain.terrain.surfaces import Drainage, Raster
 
 _STEPS = 65535
 APPEARANCE: Final = "colour of roads, land use and draped layers, sRGB, and their share as opacity"
-ORIENTATION = {"row_0": "north", "column_0": "west", "samples": "vertices"}
 
 
 def write_height_png(folder: Path, raster: Raster) -> tuple[Path, ...]:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 
 CHANNELS = ("red", "green", "blue", "alpha")
+ORIENTATION = {"row_0": "north", "column_0": "west", "samples": "vertices"}
 _WHOLE = 255
 # Lowest bit of each field of Terrain3D's control map.
 _BASE, _OVERLAY, _BLEND = 27, 22, 14

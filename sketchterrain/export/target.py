@@ -1,20 +1,25 @@
-"""Export targets: the record of an engine or file format, its options, tiles and output."""
+"""Export targets: the record of an engine or file format, its options, tiles, output and sidecar."""
 
 from __future__ import annotations
 
+import json
+import math
 import re
 import string
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.export.sampled import SampleGrid, TerrainSamples
+from sketchterrain.export.files import write_json
+from sketchterrain.export.sampled import ORIENTATION, SampleGrid, TerrainSamples
 
 if TYPE_CHECKING:
     from sketchterrain.export.drapes import DrapedShapes
-    from sketchterrain.export.scene import SceneView
     from sketchterrain.generation.terrain import Terrain
     from sketchterrain.io.console import Stages
 
@@ -154,6 +159,42 @@ class ExportOptions:
     grass: bool = False  # write grass, flowers and ferns as well
 
 
+class SceneView(NamedTuple):
+    """The preview's camera, and the light of sun and sky in one unit; x east, y north, z up, m."""
+
+    eye: tuple[float, float, float]
+    target: tuple[float, float, float]
+    fov: float  # vertical, degrees
+    sun_azimuth: float  # compass bearing, degrees
+    sun_elevation: float  # degrees
+    sunlight: Float64Array  # (3,) irradiance on a surface that faces the sun, linear sRGB
+    harmonics: Float64Array  # (9, 3) irradiance of the sky, see `render.sky.irradiance_harmonics`
+    sky: Float64Array  # (128, 64, 3) radiance at the eye's height, see `render.sky.sky_table`
+    haze: Float64Array  # (3,) extinction by aerosols at sea level, 1/m
+    haze_height: float  # m over which aerosols get e times thinner
+    air: Float64Array  # (3,) extinction by molecules at sea level, 1/m
+    air_height: float  # m
+    exposure: float  # factor of radiance before tone mapping
+    weather: dict[str, Any]  # settings of the sketch's ``[weather]``
+
+    @property
+    def heading(self) -> float:
+        """Compass bearing of the view, degrees, −180 … 180."""
+        return math.degrees(math.atan2(self.target[0] - self.eye[0], self.target[1] - self.eye[1]))
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """The sidecar's entry: camera, sun and weather."""
+        return {
+            "camera": {"eye": list(self.eye), "target": list(self.target), "vertical_fov": self.fov},
+            "sun": {"azimuth": self.sun_azimuth, "elevation": self.sun_elevation},
+            "sunlight": self.sunlight.tolist(),
+            "exposure": self.exposure,
+            "weather": self.weather,
+            "axes": "x east, y north, z up, m; azimuth clockwise from north, degrees",
+        }
+
+
 @dataclass(frozen=True, eq=False)
 class Export:
     """Input of a target's writer: one sampled terrain and where to write it."""
@@ -207,3 +248,119 @@ class Target:
     memory: float = 16.0  # upper bound, bytes per vertex of writing, besides the samples
     bytes_per_plant: float = 100.0  # upper bound, of all files
     scene: bool = False  # whether it writes the preview's camera and light
+
+
+SIDECAR: Final = "terrain.json"
+
+_MAX_ENTRIES = 4  # of a list in rows; the sidecar has all
+_DIGITS = 10  # of a number in rows
+
+
+def sidecar(export: Export, output: ExportOutput, target: str) -> dict[str, Any]:
+    """Return the content of the sidecar; a target's own facts replace the common ones."""
+    height, tiling = export.samples.height, export.tiling
+    facts = dict(output.facts)
+    heights = {"minimum": float(height.min()), "maximum": float(height.max()), "units": "m"}
+    content = {
+        "format": 1,
+        "target": target,
+        "program": f"sketchterrain {version('sketchterrain')}",
+        "sketch": export.terrain.sketch.name,
+        "seed": export.terrain.sketch.seed,
+        "grid": _grid_entry(export.grid),
+        "heights": heights | facts.pop("heights", {}),
+        "byte_order": "as the files' formats have it",
+        "orientation": ORIENTATION,
+    }
+    if tiling.count > 1:
+        content["tiling"] = {
+            "columns": tiling.columns,
+            "rows": tiling.rows,
+            "overlap": tiling.overlap,
+            "first": tiling.first,
+            "y_counts_from": "south" if tiling.from_south else "north",
+        }
+    content["tiles"] = [
+        {
+            "name": tiling.tile_name(export.name, tile),
+            "x": tile.x,
+            "y": tile.y,
+            "left": tile.left,
+            "top": tile.top,
+            **_grid_entry(export.grid.window(tile.left, tile.top, tile.columns, tile.rows)),
+        }
+        for tile in tiling.tiles(export.grid.columns, export.grid.rows)
+    ]
+    content |= facts
+    files = [{"file": path.name, "what": what} for path, what in output.files.items()]
+    return content | {"files": [*files, {"file": SIDECAR, "what": "this"}], "import": output.settings}
+
+
+def write_sidecar(export: Export, output: ExportOutput, target: str) -> tuple[Path, dict[str, Any]]:
+    """Write ``terrain.json`` into the export's folder, and return its path and content."""
+    content = sidecar(export, output, target)
+    return write_json(export.folder / SIDECAR, content), content
+
+
+def check_sidecar(folder: Path, sketch: str, target: str) -> None:
+    """Raise InputError if a folder has the sidecar of another sketch or target, whose facts would be lost."""
+    with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):  # missing, or not ours
+        before = json.loads((folder / SIDECAR).read_bytes())
+        if (before["sketch"], before["target"]) != (sketch, target):
+            holds = one_line(f"{folder}: holds {before['sketch']!r} for {before['target']}, in {SIDECAR}")
+            raise InputError(f"{holds}: expected another folder for each sketch and target")
+
+
+def _grid_entry(grid: SampleGrid) -> dict[str, Any]:
+    dx, dy = grid.spacing
+    return {
+        "columns": grid.columns,
+        "rows": grid.rows,
+        "spacing": {"x": dx, "y": dy},
+        "bounds": {"west": grid.west, "south": grid.south, "east": grid.east, "north": grid.north},
+    }
+
+
+class SettingRow(NamedTuple):
+    """One import setting, or a heading (with an empty value) of those below it."""
+
+    depth: int  # number of headings above
+    name: str
+    value: str
+
+
+def setting_rows(settings: Mapping[str, Any]) -> list[SettingRow]:
+    """Return a target's import settings as rows.
+
+    >>> setting_rows({"Flip": False})
+    [SettingRow(depth=0, name='Flip', value='no')]
+    """
+    return list(_rows(settings, 0))
+
+
+def _rows(settings: Mapping[str, Any], depth: int) -> Iterator[SettingRow]:
+    for name, value in settings.items():
+        if isinstance(value, dict) and not all(isinstance(item, (int, float)) for item in value.values()):
+            yield SettingRow(depth, name, "")
+            yield from _rows(value, depth + 1)
+        elif isinstance(value, list) and any(isinstance(item, (dict, list)) for item in value):
+            for number, entry in enumerate(value[:_MAX_ENTRIES], start=1):
+                title = name.removesuffix("s") + (f" {number}" if len(value) > 1 else "")
+                yield SettingRow(depth, title, "")
+                yield from _rows(entry, depth + 1)
+            if len(value) > _MAX_ENTRIES:
+                yield SettingRow(depth, name, f"{len(value) - _MAX_ENTRIES} more in {SIDECAR}")
+        else:
+            yield SettingRow(depth, name, _text(value))
+
+
+def _text(value: object) -> str:
+    if isinstance(value, dict):
+        return "  ".join(f"{name} {_text(item)}" for name, item in value.items())
+    if isinstance(value, list):
+        return ", ".join(_text(item) for item in value)
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.{_DIGITS}g}"
+    return "none" if value is None else str(value)

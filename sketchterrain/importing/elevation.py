@@ -1,4 +1,4 @@
-"""Sketches on real elevation: place, size and climate from DEM files."""
+"""Sketches on real elevation: place, size and climate from DEM files; heights and areas of rasters."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import shapely
+from rasterio.warp import transform_bounds
 from scipy import ndimage
 
 from sketchterrain.array_types import BoolArray, Float64Array
@@ -20,8 +21,9 @@ from sketchterrain.document.toml_format import starter_sketch
 from sketchterrain.document.vector_formats import reproject
 from sketchterrain.document.vectors import AREA, VectorFeature, on_grid
 from sketchterrain.elevation.base import BaseElevation, combine_rasters, grid_in_datum, held_grids, patches_of
-from sketchterrain.elevation.grids import SketchFrame
+from sketchterrain.elevation.grids import SketchFrame, read_grid
 from sketchterrain.elevation.offsets import corrections, measure_offsets
+from sketchterrain.elevation.pictures import WarpedPicture, picture_file
 from sketchterrain.elevation.raster_reader import PLAIN, SUFFIXES
 from sketchterrain.elevation.waters import flat_waters, water_findings
 from sketchterrain.errors import InputError, one_line
@@ -188,3 +190,55 @@ def _largest_rectangle(inside: BoolArray) -> tuple[int, int, int, int]:
                     best, found = top * (column - start), (row + 1 - top, start, top, column - start)
             starts.append((start, height))
     return found
+
+
+_METRES_PER_DEGREE: Final = 111_320.0
+
+
+class RasterArea(NamedTuple):
+    """The area of a georeferenced raster."""
+
+    frame: dict[str, Any]  # of a sketch with the same south-west corner, by the names in `FRAME`
+    size: tuple[float, float]  # m eastward and northward
+
+
+def raster_area(source: RasterSource) -> RasterArea | None:
+    """Return the area of a raster, in a UTM zone unless its own CRS is metric; None without a CRS.
+
+    Raise InputError if it cannot be read.
+    """
+    with picture_file(source) as path:
+        picture = WarpedPicture(path, source.band, None)
+    if not picture.crs:
+        return None
+    (west, south, east, north), crs = picture.box, parse_crs(picture.crs)
+    target = metric_crs_at(crs, (0.5 * (west + east), 0.5 * (south + north)))
+    west, south, east, north = transform_bounds(crs, target, west, south, east, north)
+    frame = {"crs": crs_text(target), "east": west, "north": south}
+    return RasterArea(frame, (east - west, north - south))
+
+
+def read_heights(path: Path, cell: float | None = None) -> tuple[Float64Array, float]:
+    """Return heights (rows, columns), m, north up, NaN where unknown, and the side of a cell, m.
+
+    A raster in degrees is resampled along its rows to square cells. ``cell`` replaces the file's own cell
+    size; a ``.npy`` file needs it.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, has no heights, or no cell size is known.
+    """
+    grid = read_grid(path, SketchFrame("EPSG:4326"), RasterSource("file", cell=cell or 0.0)).held()
+    a, b, _, d, e, f = grid.place
+    height = grid.samples.astype(np.float64)[:: 1 if e < 0.0 else -1]
+    width, depth = math.hypot(a, d), math.hypot(b, e)
+    if grid.crs and parse_crs(grid.crs).is_geographic:
+        latitude = f + 0.5 * e * (len(height) - 1)
+        width *= _METRES_PER_DEGREE * math.cos(math.radians(latitude))
+        depth *= _METRES_PER_DEGREE
+    if abs(width / depth - 1.0) > 1e-3:
+        at = np.arange(int((height.shape[1] - 1) * width / depth) + 1) * depth / width
+        known = np.arange(height.shape[1])
+        height = np.stack([np.interp(at, known, row) for row in height])
+    return height, float(cell or depth)

@@ -21,9 +21,14 @@ from sketchterrain.export.engines import requested_storeys
 from sketchterrain.export.files import move_files, prepare_folder, staging, stale_files
 from sketchterrain.export.planning import ExportPlan, checked_plan
 from sketchterrain.export.sampled import sample_terrain
-from sketchterrain.export.scene import SceneView
-from sketchterrain.export.sidecar import SIDECAR, check_sidecar, write_sidecar
-from sketchterrain.export.target import Export, ExportOptions
+from sketchterrain.export.target import (
+    SIDECAR,
+    Export,
+    ExportOptions,
+    SceneView,
+    check_sidecar,
+    write_sidecar,
+)
 from sketchterrain.generation.building import build, stored_results
 from sketchterrain.generation.self_test import self_test
 from sketchterrain.generation.terrain import Terrain

@@ -24,7 +24,6 @@ from sketchterrain.errors import DeviceFailedError, SketchterrainError
 from sketchterrain.export.drapes import draped_shapes, write_drapes
 from sketchterrain.export.files import move_files, prepare_folder, staging, stale_files, write_json
 from sketchterrain.export.foliage_files import FoliageOptions, FoliageResult, check_disk_space, write_foliage
-from sketchterrain.export.landuse import land_facts
 from sketchterrain.export.map.sheet import map_sheet, write_sheet
 from sketchterrain.export.rasters import (
     write_appearance,
@@ -36,7 +35,7 @@ from sketchterrain.export.rasters import (
     write_picture,
 )
 from sketchterrain.export.sampled import SampleGrid, sample_appearance
-from sketchterrain.export.vectors import write_features
+from sketchterrain.export.vectors import land_facts, write_features
 from sketchterrain.generation.building import stored_results
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt
 
 from sketchterrain.render.atmosphere import GROUND
-from sketchterrain.render.programs import clamped, fullscreen_pass, set_uniforms
+from sketchterrain.render.programs import clamped, fullscreen_pass, mipmapped, set_uniforms
 from sketchterrain.render.sky import SUN_IRRADIANCE
 from sketchterrain.render.targets import bands, wrap_to_noise_period
 
@@ -165,9 +165,8 @@ class Clouds:
             return
         self._shape = shape
         field = cloud_field(weather)
-        self._field = self._context.texture((SIZE, SIZE), 1, field.astype(np.float16).tobytes(), dtype="f2")
-        self._field.build_mipmaps()
-        self._field.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        texels = field.astype(np.float16).tobytes()
+        self._field = mipmapped(self._context.texture((SIZE, SIZE), 1, texels, dtype="f2"))
 
     def textures(self, targets: RenderTargets) -> dict[str, moderngl.Texture | moderngl.Texture3D]:
         """Return the textures that passes into targets read, by sampler name."""

@@ -107,11 +107,6 @@ class Forest:
         """Triangles of the last frame."""
         return sum(batch.triangles for batch in self._batches)
 
-    @property
-    def count(self) -> int:
-        """Instances of the last frame."""
-        return sum(batch.count for batch in self._batches)
-
     def update(
         self,
         camera: Camera,

@@ -32,7 +32,7 @@ class TileRenderer:
     """Draws tiles of quads² cells from a buffer with (quads + 1)² vertices per slot.
 
     Vertices have `words` of material weights (`surfaces.vertex_dtype`), `wooded` is an expression of the
-    share of ground under trees in those, w (`material_macros.wooded_share`). `extent` is the width of a
+    share of ground under trees in those, w (`textures.wooded_share`). `extent` is the width of a
     level-0 tile (m); nothing is drawn beyond `bounds` (W, S, E, N; m). `tiles` and `triangles` count those
     of the last `set_tiles`, `capacity` is that of slots.
     """

@@ -13,11 +13,11 @@ from sketchterrain.document.materials import weight_words
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground import TileRenderer
-from sketchterrain.render.material_macros import wooded_share
 from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.quality import Quality, StreamStats
 from sketchterrain.render.scene import BoundedTerrain, TileSource
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
+from sketchterrain.render.textures import wooded_share
 from sketchterrain.render.vertex_memory import GLVertexMemory, open_vertex_memory
 from sketchterrain.terrain.surfaces import vertex_dtype
 from sketchterrain.tiles.lod import CameraView, ScreenError
@@ -44,8 +44,8 @@ class TerrainStream:
     """Tiles of a terrain for a moving camera.
 
     `metric` replaces the quality's screen-space error. `tiles` selects and caches tiles, `tile_renderer`
-    draws them (overlays draw the same tiles with other programs), `draws` is the last frame's list, `written`
-    counts generated tiles.
+    draws them (overlays draw the same tiles with other programs), `view` is the last view, with its velocity,
+    `draws` the last frame's list, `written` counts generated tiles.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class TerrainStream:
         self.written = 0
         self.terrain = terrain
         self._timer = timer
-        self._view: CameraView | None = None
+        self.view: CameraView | None = None
         self._resources = resources or ResourceCache()
         self.memory = self._resources.get_or_create(
             "vertices",
@@ -103,11 +103,6 @@ class TerrainStream:
         self._placed_eye: tuple[float, float, float] | None = None
         self._since_jump = np.inf
         self._changed = False  # the terrain, since the last frame
-
-    @property
-    def view(self) -> CameraView | None:
-        """The last view, with its velocity."""
-        return self._view
 
     def update(
         self,
@@ -134,7 +129,7 @@ class TerrainStream:
             velocity = (x, y, z)
         self._eye = eye
         self._since_jump = 0.0 if jumped else self._since_jump + elapsed
-        self._view = view = view_of(camera, size, draw_distance=draw_distance, velocity=velocity)
+        self.view = view = view_of(camera, size, draw_distance=draw_distance, velocity=velocity)
         catches_up = self._since_jump < CATCH_UP_SECONDS
         if jumped:
             least = FIRST_BUDGET if self.draws is None else JUMP_BUDGET if far else CHANGE_BUDGET
@@ -153,14 +148,13 @@ class TerrainStream:
             count,
             self.tile_renderer.tiles,
             self.tile_renderer.triangles,
-            self.tiles.pool.count,
             self.tiles.converged,
             jumped,
         )
 
     def refine(self, camera: Camera, size: tuple[int, int], *, draw_distance: float, budget: float) -> bool:
         """Generate tiles of a still within a budget (s), and place them; return whether that is complete."""
-        self._view = view = view_of(camera, size, draw_distance=draw_distance)
+        self.view = view = view_of(camera, size, draw_distance=draw_distance)
         if budget < np.inf:  # else `converge` generates them
             self._generate(view, budget, still=True)
             if not self.tiles.has_still:
@@ -172,7 +166,7 @@ class TerrainStream:
         self, camera: Camera, size: tuple[int, int], *, draw_distance: float, still: bool = False
     ) -> None:
         """Generate all tiles of a view; a `still` lacks those that are not in the picture."""
-        self._view = view = view_of(camera, size, draw_distance=draw_distance)
+        self.view = view = view_of(camera, size, draw_distance=draw_distance)
         self._place(self.tiles.generate_all(view, self._write, still=still), camera.eye)
         self._eye = None if still else np.asarray(camera.eye)  # after a still the next frame jumps
 
@@ -189,10 +183,8 @@ class TerrainStream:
         self.terrain = moved_to_context(terrain, self.terrain.context)
         self.tiles.invalidate(areas)
         self._changed = True
-        if self._view is not None and self.draws is not None:
-            self._place(
-                self._with_updated_tiles(self._view, self.tiles.draw_list(self._view)), self._view.eye
-            )
+        if self.view is not None and self.draws is not None:
+            self._place(self._with_updated_tiles(self.view, self.tiles.draw_list(self.view)), self.view.eye)
 
     def _with_updated_tiles(self, view: CameraView, draws: DrawList) -> DrawList:
         """Rewrite outdated tiles of a draw list; return the list afterwards."""

@@ -57,9 +57,14 @@ class Labels:
         return len(self._candidates.anchors) > 0
 
     @property
+    def complete(self) -> bool:
+        """Whether all features of the last view are read."""
+        return self._candidates.complete
+
+    @property
     def converged(self) -> bool:
         """Whether the labels of the last view are complete, and none fades in or out."""
-        return self._candidates.complete and not self._fades
+        return self.complete and not self._fades
 
     def set_drapes(self, drapes: Drapes | None) -> None:
         """Replace the draped layers."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from sketchterrain.array_types import Bounds
 from sketchterrain.geometry.differences import merge_boxes
-from sketchterrain.render.programs import clamped, fullscreen_pass, set_uniforms
+from sketchterrain.render.programs import clamped, fullscreen_pass, mipmapped, set_uniforms
 from sketchterrain.render.quality import UNLIMITED, TimeBudget, WorkRate
 from sketchterrain.render.scene import HeightMap, TerrainSource, surface_heights
 from sketchterrain.render.sky import Sun
@@ -213,8 +213,7 @@ class LightMap:
 
     def _upload(self, _: int = 1) -> None:
         self.heights.write(self.relief.heights.tobytes())
-        self.heights.build_mipmaps()
-        self.heights.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        mipmapped(self.heights)
         self._renderer.context.finish()
         self._uploaded = True
 

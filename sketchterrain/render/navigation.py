@@ -212,7 +212,8 @@ class WalkController:
     """Camera that moves in its view direction: on foot at `EYE_HEIGHT`, or flying.
 
     Velocity, direction and height relax exponentially and are integrated exactly over steps of at most
-    1/240 s: the path does not depend on the frame rate. Everything is float64.
+    1/240 s: the path does not depend on the frame rate. Everything is float64. `clearance` is the height of
+    the eye above the terrain (m).
     """
 
     def __init__(
@@ -244,11 +245,6 @@ class WalkController:
         """Elevation of the view, degrees."""
         return float(self._look[1])
 
-    @property
-    def clearance(self) -> float:
-        """Height of the eye above the terrain (m)."""
-        return self._clearance
-
     def jump(self, eye: Vector, *, heading: float | None = None, pitch: float | None = None) -> None:
         """Move to another position at once, at rest and above the terrain."""
         heading = self._target_look[0] if heading is None else heading
@@ -259,7 +255,7 @@ class WalkController:
         self.velocity = np.zeros(3)
         heights = self._heights_at(self._eye[None, :2])[0]
         self._eye[2] = heights + EYE_HEIGHT if self.on_foot else max(self._eye[2], heights + EYE_HEIGHT)
-        self._clearance = float(self._eye[2] - heights)
+        self.clearance = float(self._eye[2] - heights)
 
     def look(self, right: float, up: float) -> None:
         """Turn by degrees, with smooth motion."""
@@ -282,7 +278,7 @@ class WalkController:
     def camera(self, *, draw_distance: float, fov: float = 50.0) -> Camera:
         """Return the camera, clipped for a draw distance (m)."""
         target = self._eye + 1000.0 * direction(*self._look)
-        near, far = clip_planes(self._clearance, draw_distance)
+        near, far = clip_planes(self.clearance, draw_distance)
         return Camera(self.eye, _vector(target), fov=fov, near=near, far=far)
 
     def _step(self, h: float, push: Floats) -> None:
@@ -299,7 +295,7 @@ class WalkController:
         heading, pitch = self._look
         forward = direction(heading, 0.0 if self.on_foot else pitch)
         across = direction(heading + 90.0, 0.0)
-        speed = float(np.clip(_SPEED_PER_HEIGHT * self._clearance, *_SPEEDS))
+        speed = float(np.clip(_SPEED_PER_HEIGHT * self.clearance, *_SPEEDS))
         up = 0.0 if self.on_foot else push[2]
         return np.asarray(speed * (push[0] * across + push[1] * forward + [0.0, 0.0, up]))
 
@@ -319,7 +315,7 @@ class WalkController:
         if z < grounds[0] + CLEARANCE:
             z, climb = grounds[0] + CLEARANCE, max(climb, 0.0)
         self._eye[2], self.velocity[2] = z, climb
-        self._clearance = float(z - grounds[0])
+        self.clearance = float(z - grounds[0])
 
     def _heights_at(self, positions: Floats) -> Floats:
         return np.asarray(self._heights(positions[:, 0], positions[:, 1]), np.float64)

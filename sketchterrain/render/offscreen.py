@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -68,22 +68,12 @@ def render_picture(
     check_view(view)
     check_method(drape_method)
     start = time.perf_counter()
-    weather = weather or Weather.from_sketch(terrain.sketch)
-    drapes = drapes or open_drapes(terrain)
-    camera = camera or _found_camera(terrain, view, weather, drapes)
-    sun = sun or sun_for_view(terrain, camera, weather)
+    camera, scene = _scene(terrain, camera, view=view, sun=sun, weather=weather, drapes=drapes)
     view_seconds = time.perf_counter() - start
     with canvas(size) as (context, texture, framebuffer):
         quality = quality or Quality.for_still(size)
         renderer = Renderer(
-            context,
-            terrain,
-            sun=sun,
-            weather=weather,
-            textures=textures,
-            quality=quality,
-            drapes=drapes,
-            drape_method=drape_method,
+            context, terrain, textures=textures, quality=quality, drape_method=drape_method, **scene
         )
         renderer.prepare(camera, size)
         renderer.draw(camera, framebuffer, clock=clock)
@@ -99,9 +89,22 @@ def render_picture(
         return picture
 
 
-def _found_camera(terrain: TerrainSource, view: str, weather: Weather, drapes: Drapes | None) -> Camera:
-    framed = None if drapes is None or view != "layers" else drapes.shown_box
-    return find_view(terrain, view, weather=weather, framed=framed)
+def _scene(
+    terrain: TerrainSource,
+    camera: Camera | None = None,
+    *,
+    view: str = "auto",
+    sun: Sun | None = None,
+    weather: Weather | None = None,
+    drapes: Drapes | None = None,
+) -> tuple[Camera, dict[str, Any]]:
+    """Return the camera, and sun, weather and drapes of its renderer: those given, else the sketch's."""
+    weather, drapes = weather or Weather.from_sketch(terrain.sketch), drapes or open_drapes(terrain)
+    if camera is None:
+        framed = None if drapes is None or view != "layers" else drapes.shown_box
+        camera = find_view(terrain, view, weather=weather, framed=framed)
+    sun = sun or sun_for_view(terrain, camera, weather)
+    return camera, {"sun": sun, "weather": weather, "drapes": drapes}
 
 
 def open_drapes(terrain: TerrainSource) -> Drapes | None:
@@ -175,21 +178,11 @@ class SnapshotRenderer:
         check_view(view)
         start = time.perf_counter()
         terrain = moved_to_context(terrain, self._own_context(terrain.context))
-        weather = weather or Weather.from_sketch(terrain.sketch)
-        drapes = open_drapes(terrain)
-        camera = _found_camera(terrain, view, weather, drapes)
-        sun = sun_for_view(terrain, camera, weather)
+        camera, scene = _scene(terrain, view=view, weather=weather)
         view_seconds = time.perf_counter() - start
         try:
-            renderer = Renderer(
-                self._context,
-                terrain,
-                sun=sun,
-                weather=weather,
-                quality=Quality.for_still(self._size),
-                resources=self._resources.borrow(),
-                drapes=drapes,
-            )
+            quality, resources = Quality.for_still(self._size), self._resources.borrow()
+            renderer = Renderer(self._context, terrain, quality=quality, resources=resources, **scene)
             renderer.prepare(camera, self._size)
             terrain.release_buffers()  # before drawing, which needs most
             renderer.draw(camera, self._framebuffer)
@@ -234,7 +227,6 @@ def capture_frames(
     *,
     fps: float,
     size: tuple[int, int] = (1280, 720),
-    sun: Sun | None = None,
     weather: Weather | None = None,
     textures: Path | None = None,
     quality: Quality | None = None,
@@ -261,17 +253,9 @@ def capture_frames(
             )
         quality = replace(quality, without=quality.without | frozenset(without))
         cameras = views.cameras
-        weather = weather or Weather.from_sketch(terrain.sketch)
-        sun = sun or sun_for_view(terrain, cameras[0], weather)
+        _, scene = _scene(terrain, cameras[0], weather=weather, drapes=drapes)
         renderer = Renderer(
-            context,
-            terrain,
-            sun=sun,
-            weather=weather,
-            textures=textures,
-            quality=quality,
-            drapes=drapes or open_drapes(terrain),
-            drape_method=drape_method,
+            context, terrain, textures=textures, quality=quality, drape_method=drape_method, **scene
         )
         overlay = Overlay(context, terrain, renderer.stream) if overlays else None
         for number, camera in enumerate(cameras):
@@ -307,6 +291,6 @@ def _capture(
         generation_seconds=generation,
         tiles_generated=stream.written - written,
         tiles_drawn=stream.tile_renderer.tiles,
-        triangles=renderer.triangles,
+        triangles=renderer.scenery.triangles,
         converged=converged,
     )

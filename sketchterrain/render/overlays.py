@@ -47,9 +47,7 @@ _PACKED_LINE: Final = np.dtype([("from", "<f4", 3), ("to", "<f4", 3), ("colour",
 class FeatureLines:
     """Feature lines of a terrain, hidden ones fainter."""
 
-    def __init__(
-        self, context: moderngl.Context, terrain: TerrainSource, *, heights: HeightCache | None = None
-    ) -> None:
+    def __init__(self, context: moderngl.Context, terrain: TerrainSource, heights: HeightCache) -> None:
         self._context = context
         lines = feature_lines(terrain, heights)
         self._count = len(lines)
@@ -236,14 +234,10 @@ class Overlay:
         self._heights = HeightCache()
         self._target: moderngl.Framebuffer | None = None
 
-    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds] | None = None) -> None:
-        """Draw the features of another terrain, bit-equal outside `areas` (W, S, E, N; m; None: anywhere)."""
-        self._terrain = terrain
-        self._lines = None
-        if areas is None:
-            self._heights = HeightCache()
-        else:
-            self._heights.invalidate(areas)
+    def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> None:
+        """Draw the features of another terrain, bit-equal outside `areas` (W, S, E, N; m)."""
+        self._terrain, self._lines = terrain, None
+        self._heights.invalidate(areas)
 
     def draw(
         self,
@@ -314,7 +308,7 @@ class Overlay:
         self, eye: tuple[float, float, float], target: moderngl.Framebuffer, samples: int
     ) -> None:
         if self._lines is None:
-            self._lines = FeatureLines(self._context, self._terrain, heights=self._heights)
+            self._lines = FeatureLines(self._context, self._terrain, self._heights)
         # Depth only: nothing is shaded without a colour mask.
         target.color_mask = (False, False, False, False)
         self._draw_tiles(_PLAIN, 0.0)

@@ -1,5 +1,6 @@
 """Shadow maps of plants and of what is built, drawn in slices and reused until the eye moves on."""
 
+from functools import partial
 from typing import Final, NamedTuple, cast
 
 import moderngl
@@ -172,13 +173,12 @@ class PlantShadows:
             if idle and self._stale(index) and budget.left > 0.0:
                 self._start(index, eye)
             while shadow_map.pending is not None:
-                count = self._rate.steps_within(budget, batch.count - shadow_map.drawn)
-                if not count and batch.count:
+                draw = partial(self._draw, index, shadow_map.pending)
+                drawn = self._rate.run(budget, draw, count=batch.count - shadow_map.drawn)
+                if shadow_map.drawn == batch.count:
+                    shadow_map.swap(shadow_map.pending)
+                elif not drawn:
                     break
-                before = budget.spent
-                self._draw(index, count)
-                if count:
-                    self._rate.record(count, budget.spent - before)
             if elapsed == np.inf:
                 shadow_map.share = 1.0
 
@@ -223,22 +223,17 @@ class PlantShadows:
             # The depth step moves the middle along the sun's rays.
             self._built.draw_shadow(to_map, middle[:2], np.sqrt(2.0) * placement.half + MARGIN + DEPTH_STEP)
 
-    def _draw(self, index: int, count: int) -> None:
-        """Draw the next plants of a map; display it when all are drawn."""
-        shadow_map, batch = self._maps[index], self._batches[index]
-        if shadow_map.pending is None:
-            return
-        if count:
-            x, y = self._origins[index].tolist()
-            self._context.enable_only(moderngl.DEPTH_TEST)
-            shadow_map.next.use()
-            to_map = self._matrix(shadow_map.pending, (x, y, 0.0)).astype(np.float32)
-            set_uniforms(self._program, {"to_map": tuple(to_map.T.ravel().tolist())})
-            batch.draw(shadow_map.drawn, shadow_map.drawn + count)
-            self._context.finish()
-            shadow_map.drawn += count
-        if shadow_map.drawn == batch.count:
-            shadow_map.swap(shadow_map.pending)
+    def _draw(self, index: int, placement: _Placement, count: int) -> None:
+        """Draw the next plants of a map."""
+        shadow_map = self._maps[index]
+        x, y = self._origins[index].tolist()
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        shadow_map.next.use()
+        to_map = self._matrix(placement, (x, y, 0.0)).astype(np.float32)
+        set_uniforms(self._program, {"to_map": tuple(to_map.T.ravel().tolist())})
+        self._batches[index].draw(shadow_map.drawn, shadow_map.drawn + count)
+        self._context.finish()
+        shadow_map.drawn += count
 
     def _matrix(self, placement: _Placement, eye: tuple[float, float, float]) -> Float64Array:
         centre = np.array(placement.centre) @ sun_axes(placement.sun) - eye

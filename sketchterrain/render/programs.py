@@ -161,6 +161,13 @@ def clamped(texture: Clamped) -> Clamped:
     return texture
 
 
+def mipmapped(texture: moderngl.Texture) -> moderngl.Texture:
+    """Build a texture's mipmaps, and return it, filtered trilinearly."""
+    texture.build_mipmaps()
+    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+    return texture
+
+
 def fullscreen_pass(
     context: moderngl.Context, fragment: str, *, defines: Mapping[str, int | str] | None = None
 ) -> moderngl.VertexArray:

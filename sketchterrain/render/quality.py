@@ -84,24 +84,6 @@ class WorkRate:
 
 
 @dataclass(frozen=True)
-class FrameStats:
-    """Statistics of one frame of a moving picture."""
-
-    generation_seconds: float  # for new tiles, including waiting for the device
-    light_seconds: float  # for parts of the light maps
-    plant_seconds: float  # for plants and their shadow maps
-    draw_seconds: float
-    drape_seconds: float  # of those, for draped layers that tiles don't show
-    appearance_tiles: int  # drawn
-    tiles_generated: int
-    tiles_drawn: int
-    resident_tiles: int
-    triangles: int  # of terrain and plants
-    size: tuple[int, int]  # of the internal picture (px); smaller than the framebuffer during motion
-    converged: bool  # the picture is final: nothing is missing, only water and plants move
-
-
-@dataclass(frozen=True)
 class StreamStats:
     """Statistics of the tiles of one frame."""
 
@@ -109,9 +91,22 @@ class StreamStats:
     tiles_generated: int
     tiles_drawn: int
     triangles: int
-    resident_tiles: int
     converged: bool  # no tile is missing or morphing
     jumped: bool  # the eye jumped, and the frame got a larger budget
+
+
+@dataclass(frozen=True)
+class FrameStats(StreamStats):
+    """Statistics of one frame of a moving picture; `triangles` are those of terrain and plants.
+
+    It has `converged` if nothing is missing: only water and plants move.
+    """
+
+    light_seconds: float  # for parts of the light maps
+    plant_seconds: float  # for plants and their shadow maps
+    draw_seconds: float
+    drape_seconds: float  # of those, for draped layers that tiles don't show
+    size: tuple[int, int]  # of the internal picture (px); smaller than the framebuffer during motion
 
 
 PARTS: Final = ("shadows", "clouds", "haze", "water", "trees", "rocks", "grass", "detail")

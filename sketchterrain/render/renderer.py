@@ -50,9 +50,9 @@ class Renderer:
     """Draws one terrain into any framebuffer of one context.
 
     Still picture: `prepare`, then `draw`. Moving picture: `frame`, once per frame. `timings` sums up the
-    seconds of each stage. Without `weather` the sketch's is used; a given `resources` is closed by `release`
-    unless borrowed. `timer` measures the budget. `drapes` are drawn by ``tiles`` or a method of
-    `draped.SCREEN_METHODS`.
+    seconds of each stage, `terrain` is on the device that writes its tiles: update from this one. Without
+    `weather` the sketch's is used; a given `resources` is closed by `release` unless borrowed. `timer`
+    measures the budget. `drapes` are drawn by ``tiles`` or a method of `draped.SCREEN_METHODS`.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Renderer:
     ) -> None:
         self.timings: dict[str, float] = {}
         self._context = context
-        self._terrain = terrain = shared_with_gl(terrain)
+        self.terrain = terrain = shared_with_gl(terrain)
         self._quality = quality = quality or Quality()
         self._sun, self._weather = sun, weather or Weather.from_sketch(terrain.sketch)
         self._timer = timer
@@ -148,11 +148,6 @@ class Renderer:
             self._context.finish()
             yield
 
-    @property
-    def triangles(self) -> int:
-        """Triangles of terrain and plants in the last picture."""
-        return self.scenery.triangles
-
     def set_terrain(self, terrain: TerrainSource, areas: Sequence[Bounds]) -> None:
         """Replace the terrain by another one of the same extent, bit-equal outside `areas` (W, S, E, N; m).
 
@@ -160,8 +155,8 @@ class Renderer:
         two terrains. Light and plants follow in the next frames, within their budget.
         """
         self._since_update = 0.0
-        self._terrain = moved_to_context(terrain, self._terrain.context)
-        self.scenery.set_terrain(self._terrain, areas)
+        self.terrain = moved_to_context(terrain, self.terrain.context)
+        self.scenery.set_terrain(self.terrain, areas)
 
     def set_drapes(self, drapes: Drapes | None, held: tuple[int, int] | None = None) -> None:
         """Replace the draped layers from the next frame on.
@@ -170,11 +165,6 @@ class Renderer:
         no tile.
         """
         self.scenery.set_drapes(drapes, held)
-
-    @property
-    def terrain(self) -> TerrainSource:
-        """The terrain on the device that writes its tiles: update from this one."""
-        return self._terrain
 
     def relight(self, *, sun: Sun | None = None, weather: Weather | None = None) -> None:
         """Change sun or weather; shadows follow within the budget of the next frames."""
@@ -203,22 +193,12 @@ class Renderer:
             self._last_camera.fov,
         )
         self._last_camera, self._rest_seconds = camera, 0.0 if moves else self._rest_seconds + elapsed
-        self._since_update += elapsed
         if self._was_whole and not moves:
             budget = max(budget, CATCH_UP_SHARE * self._full_draw_seconds)
-        view, distance, above = clipped = self._clipped(camera)
-        lit, forest = self.scenery.lit, self.scenery.forest
-        painted, draped = self.scenery.appearance.drawn, self.scenery.draped.seconds
+        clipped, draped = self._clipped(camera), self.scenery.draped.seconds
         self.scenery.advance_drapes(elapsed)
-        tiles, light, plants = self._load(view, size, elapsed=elapsed, budget=budget, draw_distance=distance)
-        self.scenery.labels.update(view.eye, above, elapsed, LABELS_SHARE * budget)
-        complete = (
-            tiles.converged
-            and self.scenery.appearance.converged
-            and self.scenery.draped.converged
-            and lit.converged
-            and forest.converged
-        )
+        loaded, tiles, light, plants = self._load(clipped, size, elapsed=elapsed, budget=budget)
+        complete = loaded and self.scenery.forest.converged
         follows = self._full_draw_seconds <= FAST_DRAW or self._since_update >= REST
         full_size = self.stream.tiles.complete and self._rest_seconds >= REST and follows
         self._was_whole = full_size
@@ -236,19 +216,14 @@ class Renderer:
                 self._scale = 1.0
         else:
             self._adapt_scale(draw_seconds)
+        whole = inner == size and self.scenery.labels.converged
         return FrameStats(
-            generation_seconds=tiles.generation_seconds,
+            **vars(tiles) | {"triangles": self.scenery.triangles, "converged": complete and whole},
             light_seconds=light,
             plant_seconds=plants,
             draw_seconds=draw_seconds,
             drape_seconds=self.scenery.draped.seconds - draped,
-            appearance_tiles=self.scenery.appearance.drawn - painted,
-            tiles_generated=tiles.tiles_generated,
-            tiles_drawn=tiles.tiles_drawn,
-            resident_tiles=tiles.resident_tiles,
-            triangles=self.triangles,
             size=inner,
-            converged=complete and inner == size and self.scenery.labels.converged,
         )
 
     def _adapt_scale(self, seconds: float) -> None:
@@ -262,20 +237,20 @@ class Renderer:
 
         `elapsed` is the time (s) since the last frame or load.
         """
-        view, distance, above = self._clipped(camera)
         self._rest_seconds += elapsed
-        self._since_update += elapsed
-        tiles, *_ = self._load(view, size, elapsed=elapsed, budget=budget, draw_distance=distance)
-        loaded = self.scenery.appearance.converged and self.scenery.lit.converged
-        loaded = loaded and self.scenery.draped.converged
-        loaded = self.scenery.labels.update(view.eye, above, elapsed, LABELS_SHARE * budget) and loaded
-        return tiles.converged and loaded and self.scenery.forest.loaded
+        loaded, *_ = self._load(self._clipped(camera), size, elapsed=elapsed, budget=budget)
+        return loaded and self.scenery.labels.complete and self.scenery.forest.loaded
 
     def _load(
-        self, view: Camera, size: tuple[int, int], *, elapsed: float, budget: float, draw_distance: float
-    ) -> tuple[StreamStats, float, float]:
-        """Advance all that is loaded within a budget (s); return the seconds of light and plants, too."""
+        self, clipped: ClippedView, size: tuple[int, int], *, elapsed: float, budget: float
+    ) -> tuple[bool, StreamStats, float, float]:
+        """Advance all that is loaded within a budget (s).
+
+        Return whether it is complete but for plants and labels, and the seconds of light and plants.
+        """
+        view, draw_distance, above = clipped
         lit, forest, appearance = self.scenery.lit, self.scenery.forest, self.scenery.appearance
+        self._since_update += elapsed
         self._turn = (self._turn + 1) % len(TILES_SHARE)
         others_pending = not (appearance.converged and lit.converged and forest.converged)
         tiles = self.stream.update(
@@ -296,13 +271,16 @@ class Renderer:
         lit.update(view, elapsed, remaining.fraction(0.5))
         light_end = remaining.spent
         forest.update(view, size, lit, elapsed, remaining)
-        return tiles, light_end, remaining.spent - light_end
+        plants = remaining.spent - light_end
+        self.scenery.labels.update(view.eye, above, elapsed, LABELS_SHARE * budget)
+        ground = tiles.converged and appearance.converged and lit.converged
+        return ground and self.scenery.draped.converged, tiles, light_end, plants
 
     def _clipped(self, camera: Camera) -> ClippedView:
         """Return the camera with clipping planes for its height."""
         x, y, z = camera.eye
-        above = max(z - float(surface_heights(self._terrain, x, y)), 0.0)
-        distance = draw_distance(above, extent=self._terrain.extent, extents=self._quality.draw_distance)
+        above = max(z - float(surface_heights(self.terrain, x, y)), 0.0)
+        distance = draw_distance(above, extent=self.terrain.extent, extents=self._quality.draw_distance)
         near, far = clip_planes(min(above, self.scenery.built.clearance(camera.eye)), distance)
         return ClippedView(replace(camera, near=near, far=far), distance, above)
 

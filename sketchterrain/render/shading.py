@@ -10,11 +10,16 @@ import numpy as np
 from sketchterrain.document.geology import Strata
 from sketchterrain.document.materials import MaterialTable
 from sketchterrain.look.texture_levels import layer_tints
-from sketchterrain.render.material_macros import material_macros
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.targets import RenderTargets, bands
-from sketchterrain.render.textures import OCTAVES, texture_phases, texture_uniforms, texture_widths
+from sketchterrain.render.textures import (
+    OCTAVES,
+    material_macros,
+    texture_phases,
+    texture_uniforms,
+    texture_widths,
+)
 
 _JOINTS: Final = 1.6  # across the beds, a bed's thickness along them
 

@@ -22,7 +22,7 @@ from sketchterrain.render.atmosphere import (
     Air,
     air_with_haze,
 )
-from sketchterrain.render.camera import Camera
+from sketchterrain.render.camera import Camera, direction
 from sketchterrain.render.programs import clamped
 from sketchterrain.render.scene import HeightMap, TerrainSource, sample_heights
 
@@ -74,22 +74,13 @@ class Weather:
         return -self.wind * math.sin(bearing), -self.wind * math.cos(bearing)
 
     @classmethod
-    def from_sketch(
-        cls,
-        sketch: Sketch,
-        *,
-        hour: float | None = None,
-        sky: str | None = None,
-        clouds: float | None = None,
-        wind: float | None = None,
-        haze: float | None = None,
-    ) -> Weather:
-        """Return a sketch's ``[weather]``, overridden by the values given."""
+    def from_sketch(cls, sketch: Sketch, **given: float | str | None) -> Weather:
+        """Return a sketch's ``[weather]``, overridden by the fields given."""
         table: dict[str, Any] = dict(sketch.weather)
         at = table.pop("hour", -1.0)
         weather = cls(hour=at if at >= 0.0 else None, **table)
-        given: dict[str, Any] = {"hour": hour, "sky": sky, "clouds": clouds, "wind": wind, "haze": haze}
-        return replace(weather, **{name: value for name, value in given.items() if value is not None})
+        changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+        return replace(weather, **changes)
 
 
 def irradiance_harmonics(radiance: Float64Array, sun: Sun, sunlight: Float64Array) -> Float64Array:
@@ -186,14 +177,7 @@ class Sun:
     @property
     def direction(self) -> Float64Array:
         """Unit vector towards the sun, x east, y north, z up."""
-        azimuth, elevation = np.radians([self.azimuth, self.elevation])
-        return np.array(
-            [
-                np.sin(azimuth) * np.cos(elevation),
-                np.cos(azimuth) * np.cos(elevation),
-                np.sin(elevation),
-            ]
-        )
+        return direction(self.azimuth, self.elevation)
 
 
 MIDDLE: Final = 0.085  # albedo of ground that becomes middle grey, 0.18 of white, on a sunny noon

@@ -165,25 +165,14 @@ NOISE_PERIOD: Final = 65_536.0  # m; positional noise repeats after this, so the
 
 _FRAME: Final = np.dtype(
     [
-        ("to_clip", "f4", (4, 4)),
-        ("from_clip", "f4", (4, 4)),
-        ("eye", "f4", 4),
-        ("to_sun", "f4", 4),
-        ("sun_light", "f4", 4),
+        *((name, "f4", (4, 4)) for name in ("to_clip", "from_clip")),
+        *((name, "f4", 4) for name in ("eye", "to_sun", "sun_light")),
         ("sky_light", "f4", (9, 4)),
-        ("haze", "f4", 4),
-        ("air", "f4", 4),
-        ("view_range", "f4", 4),
-        ("near_map", "f4", 4),
-        ("far_map", "f4", 4),
-        ("close_map", "f4", 4),
-        ("near_window", "f4", 4),
-        ("far_window", "f4", 4),
-        ("close_window", "f4", 4),
-        ("map_strength", "f4", 4),
+        *((name, "f4", 4) for name in ("haze", "air", "view_range")),
+        *((name, "f4", 4) for name in ("near_map", "far_map", "close_map")),
+        *((name, "f4", 4) for name in ("near_window", "far_window", "close_window", "map_strength")),
         ("to_shade", "f4", (4, 4, 4)),
-        ("shade_share", "f4", 4),
-        ("trees", "f4", 4),
+        *((name, "f4", 4) for name in ("shade_share", "trees")),
     ]
 )
 
@@ -213,10 +202,6 @@ class FrameBlock:
             target[...] = np.swapaxes(array, -1, -2)
         else:
             target[..., : array.shape[-1]] = array
-
-    def __getitem__(self, field: str) -> npt.NDArray[np.float32]:
-        """Return a copy of a field."""
-        return np.array(self._values[field])
 
     def upload(self) -> None:
         """Upload all fields."""

@@ -147,13 +147,13 @@ OBSTRUCTION_RADIUS: Final = 5.0  # m around the eye in which any plant does
 
 
 class LandCover:
-    """Distance to water and mask of forests."""
+    """Distance to water, and `woods`: 1 in forests, 0 elsewhere."""
 
     def __init__(self, terrain: TerrainSource, relief: HeightMap) -> None:
         features, self.relief, self._sea_level = terrain.features, relief, terrain.sea_level
         forests = features.points[features.points["type"] == FOREST]
         positions = np.stack([forests["x"], forests["y"]], axis=1)
-        self._woods = relief.rasterized_mask([positions], [1.8 * forests["radius"].astype(np.float64)])
+        self.woods = relief.rasterized_mask([positions], [1.8 * forests["radius"].astype(np.float64)])
         lines = [np.asarray(river.centreline) for river in features.rivers]
         self._rivers = cKDTree(np.concatenate(lines)[:, :2]) if lines else None
         self._half = (
@@ -168,14 +168,6 @@ class LandCover:
             )
             for lake in features.lakes
         ]
-
-    def woods(self, x: Float64Array, y: Float64Array) -> Float64Array:
-        """Return 1 in forests, 0 elsewhere, at positions (m)."""
-        return self._woods.at(x, y)
-
-    def is_water(self, x: Float64Array, y: Float64Array) -> BoolArray:
-        """Return whether positions (m) are in water."""
-        return self.distance_to_water(x, y) <= 0.0
 
     def distance_to_water(self, x: Float64Array, y: Float64Array) -> Float64Array:
         """Return the approximate distance (m) of positions to water, at most 60; negative inside."""
@@ -274,7 +266,9 @@ def _is_suitable(terrain: TerrainSource, cover: LandCover, positions: Float64Arr
     inside = is_inside(terrain, x, y, margin=0.02 * terrain.extent)
     z = [terrain.heights(x + dx, y + dy) for dx, dy in ((0.0, 0.0), (4.0, 0.0), (0.0, 4.0))]
     is_level = np.hypot(z[1] - z[0], z[2] - z[0]) / 4.0 < STEEPEST
-    return np.asarray(inside & is_level & (cover.distance_to_water(x, y) > 3.0) & (cover.woods(x, y) < 0.5))
+    return np.asarray(
+        inside & is_level & (cover.distance_to_water(x, y) > 3.0) & (cover.woods.at(x, y) < 0.5)
+    )
 
 
 def _padded_square(field: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -307,7 +301,7 @@ CLEAR: Final = 20.0  # m in front of the eye that must be free of plants
 ASIDE: Final = {False: [0.0], True: [0.0, 15.0, -15.0, 30.0, -30.0]}  # m to the right of a viewpoint, tried
 
 
-class _Visibility(NamedTuple):
+class Visibility(NamedTuple):
     """Visibility around viewpoints: arrays (viewpoints, bearings)."""
 
     horizon: Float64Array  # tangent of the skyline's elevation
@@ -315,7 +309,7 @@ class _Visibility(NamedTuple):
     middle: Float64Array  # tangent covered by terrain between near and far
     layers: Float64Array  # number of ridges one behind the other
     water: Float64Array  # apparent size of the visible water
-    flooded: Float64Array  # share of water in the visible terrain
+    flooded: Float64Array  # share of water in the visible terrain, by apparent size
     painted: Float64Array  # (kinds, viewpoints, bearings) apparent size of painted features
     inside: Float64Array  # visible share inside the sketch
 
@@ -363,12 +357,12 @@ def eye_level_view(terrain: TerrainSource, light: LightScore, *, raised: bool) -
 
 def _compute_visibility(
     terrain: TerrainSource, cover: LandCover, eyes: Float64Array, bearings: Float64Array
-) -> _Visibility:
+) -> Visibility:
     extent = terrain.extent
     distance = np.geomspace(NEAREST, 1.5 * extent, DISTANCES)
     east, north = ray_positions(eyes, bearings, distance)
     ground = surface_heights(terrain, east, north, cell_size=CELL).astype(np.float64)
-    woods, is_water = cover.woods(east, north), cover.is_water(east, north)
+    woods, is_water = cover.woods.at(east, north), cover.distance_to_water(east, north) <= 0.0
     level = eyes[:, 2, None, None]
     slope = (ground + TREES * woods * (distance > 2.0 * TREES) - level) / distance
     skyline = np.maximum.accumulate(slope, axis=-1)
@@ -382,7 +376,7 @@ def _compute_visibility(
     water = (is_water * size)[..., distance < 0.4 * extent].sum(axis=-1)
     flooded = (is_water * size).sum(axis=-1) / np.maximum(size.sum(axis=-1), 1e-9)
     inside = is_inside(terrain, east, north)
-    return _Visibility(
+    return Visibility(
         skyline[..., -1],
         np.max(slope[..., distance < max(NEAR, 0.02 * extent)], axis=-1),
         share[..., middle].sum(axis=-1),
@@ -396,7 +390,7 @@ def _compute_visibility(
     )
 
 
-def _score(visibility: _Visibility, *, raised: bool) -> Float64Array:
+def _score(visibility: Visibility, *, raised: bool) -> Float64Array:
     """Return the score of each viewpoint and bearing."""
 
     def mean(values: Float64Array, width: int = IN_VIEW) -> Float64Array:

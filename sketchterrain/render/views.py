@@ -24,6 +24,7 @@ from sketchterrain.render.scene import (
 )
 from sketchterrain.render.sky import Weather
 from sketchterrain.render.viewpoints import (
+    Visibility,
     aim,
     eye_level_view,
     grid_positions,
@@ -94,18 +95,6 @@ _STYLES: Final = {
 }
 
 
-class _Panorama(NamedTuple):
-    """Visibility around viewpoints: arrays (viewpoints, bearings)."""
-
-    horizon: Float64Array  # tangent of the skyline's elevation
-    share: Float64Array  # (…, distances) tangent of the angle by which terrain rises above all nearer one
-    layers: Float64Array  # number of ridges one behind the other
-    water: Float64Array  # apparent size of the visible water
-    flooded: Float64Array  # share of water in the visible terrain, by apparent size
-    painted: Float64Array  # (kinds, viewpoints, bearings) apparent size of painted features
-    inside: Float64Array  # visible share inside the sketch
-
-
 def find_view(
     terrain: TerrainSource,
     kind: str = "auto",
@@ -139,8 +128,8 @@ def find_view(
     z = relief.at(x, y) + rise
     bearings = np.linspace(0.0, 2.0 * np.pi, BEARINGS, endpoint=False)
     distances = np.asarray(extent * np.geomspace(0.012, 1.6, DISTANCES), dtype=np.float64)
-    seen = _compute_visibility(terrain, relief, np.stack([x, y, z], axis=1), bearings, distances)
-    score = _score(seen, distances / extent, style) + light(bearings)
+    seen = _compute_visibility(terrain, relief, np.stack([x, y, z], axis=1), bearings, distances, style)
+    score = _score(seen, style) + light(bearings)
     viewpoint, bearing = np.unravel_index(int(np.argmax(score)), score.shape)
     eye_z = float(surface_heights(terrain, x[viewpoint], y[viewpoint])) + float(rise[viewpoint])
     eye = (float(x[viewpoint]), float(y[viewpoint]), eye_z)
@@ -181,7 +170,8 @@ def _compute_visibility(
     eyes: Float64Array,
     bearings: Float64Array,
     distances: Float64Array,
-) -> _Panorama:
+    style: _ViewStyle,
+) -> Visibility:
     east, north = ray_positions(eyes, bearings, distances)
     slope = (relief.at(east, north) - eyes[:, 2, None, None]) / distances
     skyline = np.maximum.accumulate(slope, axis=-1)
@@ -196,10 +186,12 @@ def _compute_visibility(
     apparent = is_water * size * far
     flooded = (is_water * size).sum(axis=-1) / np.maximum(size.sum(axis=-1), 1e-9)
     middle = far & (distances < terrain.extent)
+    extents = distances / terrain.extent
     inside = is_inside(terrain, east, north)
-    return _Panorama(
+    return Visibility(
         skyline[..., -1],
-        share,
+        share[..., extents < style.near].sum(axis=-1) - 1.0,
+        share[..., (extents > 0.10) & (extents < 1.2)].sum(axis=-1),
         appears.sum(axis=-1).astype(np.float64),
         apparent.sum(axis=-1),
         flooded,
@@ -217,21 +209,20 @@ def water_map(terrain: TerrainSource, relief: HeightMap) -> HeightMap:
     return mask
 
 
-def _score(seen: _Panorama, distance: Float64Array, style: _ViewStyle) -> Float64Array:
-    """Return the score of each viewpoint and bearing; distances are in extents."""
+def _score(seen: Visibility, style: _ViewStyle) -> Float64Array:
+    """Return the score of each viewpoint and bearing."""
 
     def mean(values: Float64Array, width: int = style.in_view) -> Float64Array:
         return np.asarray(neighbouring_bearings(values, width).mean(axis=0))
 
     horizon = neighbouring_bearings(seen.horizon, style.in_view)
     # Terrain that rises in front of the camera occludes the rest.
-    skyline = seen.share[..., distance < style.near].sum(axis=-1) - 1.0
-    near = neighbouring_bearings(skyline, style.in_view)
+    near = neighbouring_bearings(seen.near, style.in_view)
     wall = np.maximum(near + style.clear, 0.0).mean(axis=0)
     return np.asarray(
         2.2 * np.exp(-(((horizon.max(axis=0) - style.peak[0]) / style.peak[1]) ** 2))
         + 0.8 * np.tanh(horizon.std(axis=0) / 0.04)
-        + 0.9 * np.tanh(mean(seen.share[..., (distance > 0.10) & (distance < 1.2)].sum(axis=-1)) / 0.15)
+        + 0.9 * np.tanh(mean(seen.middle) / 0.15)
         + 1.0 * np.tanh(mean(seen.layers) / 3.0)
         + 2.4 * np.tanh(mean(seen.water, 7) / style.water)
         + 2.0 * np.tanh(mean(seen.painted, 9) / 0.04).sum(axis=0)

@@ -8,7 +8,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.look.objects import ACROSS, SEA, quads, terrain_objects
-from sketchterrain.render.programs import build_program, set_uniforms
+from sketchterrain.render.programs import build_program, mipmapped, set_uniforms
 from sketchterrain.render.targets import bands
 from sketchterrain.render.vertex_memory import COMMAND
 from sketchterrain.tiles.lod import inside_frustum
@@ -76,11 +76,9 @@ def wave_mipmaps(slopes: Float64Array) -> list[Float32Array]:
 def wave_texture(context: moderngl.Context) -> moderngl.Texture:
     """Upload `wave_mipmaps` as a repeating RGBA16F texture."""
     levels = wave_mipmaps(wave_slopes())
-    texture = context.texture((SIZE, SIZE), 4, dtype="f2")
-    texture.build_mipmaps()
+    texture = mipmapped(context.texture((SIZE, SIZE), 4, dtype="f2"))
     for number, level in enumerate(levels):
         texture.write(level.astype(np.float16).tobytes(), level=number)
-    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
     return texture
 
 

@@ -15,7 +15,7 @@ import pytest
 
 import sketchterrain.export.files
 import sketchterrain.export.planning
-import sketchterrain.export.sidecar
+import sketchterrain.export.target
 import sketchterrain.jobs.export
 from sketchterrain.app.arguments import TARGETS
 from sketchterrain.export.sampled import TerrainSamples
@@ -178,9 +178,7 @@ def test_library_errors_on_a_full_disk_are_raised(call, sketch, tmp_path, monkey
 def test_an_interrupted_export_leaves_nothing(call, sketch, tmp_path, monkeypatch, target):
     before = signal.getsignal(signal.SIGTERM)
     sent = signal.SIGTERM if target == "raw" else signal.SIGINT
-    monkeypatch.setattr(
-        sketchterrain.export.sidecar, "write_json", lambda *_, **__: signal.raise_signal(sent)
-    )
+    monkeypatch.setattr(sketchterrain.export.target, "write_json", lambda *_, **__: signal.raise_signal(sent))
     previous = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by background jobs
     try:
         done = call(

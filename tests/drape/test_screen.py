@@ -16,7 +16,7 @@ from sketchterrain.drape.drapes import Drapes
 from sketchterrain.drape.items import ENDS, STARTS, STROKE, Items
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.draped import FADE, check_method, choose
+from sketchterrain.render.draped import FADE, DrapedScreen, check_method
 from sketchterrain.render.draped_cutting import Pieces, cut, mesh_of
 from sketchterrain.render.offscreen import read_picture, render_picture
 from sketchterrain.render.quality import Quality
@@ -274,7 +274,7 @@ def test_areas_of_two_layers_with_one_id_are_two(write):
 
 
 def test_unknown_methods_are_refused_in_one_line():
-    assert choose("auto") == "tiles"
+    assert DrapedScreen(*[None] * 4, "auto").method == "tiles"
     message = r"^expected a method of draping, one of auto, tiles, two-step, geometry.*, got 'stencil'$"
     with pytest.raises(InputError, match=message):
         check_method("stencil")

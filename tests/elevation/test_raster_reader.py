@@ -22,7 +22,7 @@ from sketchterrain.elevation.grids import SketchFrame, read_grid
 from sketchterrain.elevation.pictures import read_picture
 from sketchterrain.elevation.raster_reader import ELLIPSOID, read_header, read_window
 from sketchterrain.errors import InputError
-from sketchterrain.importing.heights import read_heights
+from sketchterrain.importing.elevation import read_heights
 
 HEIGHTS = (300.0 + np.add.outer(3.0 * np.arange(20), 7.0 * np.arange(25))).astype(np.float32)
 PLACE = Affine(30.0, 0.0, 500_100.0, 0.0, -30.0, 5_201_000.0)

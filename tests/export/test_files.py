@@ -24,7 +24,7 @@ from sketchterrain.export.files import (
     write_json_list,
     write_values_png,
 )
-from sketchterrain.export.sidecar import SIDECAR, SettingRow, setting_rows
+from sketchterrain.export.target import SIDECAR, SettingRow, setting_rows
 from sketchterrain.export.vectors import VectorLayer, geopackage
 from sketchterrain.io.files import write_atomic
 

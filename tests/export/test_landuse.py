@@ -13,10 +13,17 @@ from sketchterrain.document.layers import LAND_USES
 from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import AREA, VectorFeature, VectorLayer
-from sketchterrain.export.landuse import land_entries, land_facts, land_layer, land_shares
 from sketchterrain.export.map.relief import LAND_OPACITY, LAND_TINTS, MapFrame, MapSamples, shaded_relief
 from sketchterrain.export.map.sheet import legend_entries
-from sketchterrain.export.vectors import Origin, geopackage, write_features
+from sketchterrain.export.vectors import (
+    Origin,
+    geopackage,
+    land_entries,
+    land_facts,
+    land_layer,
+    land_shares,
+    write_features,
+)
 from sketchterrain.landforms.placement.feature_types import FEATURE
 from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.terrain.surfaces import TerrainFeatures

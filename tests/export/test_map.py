@@ -15,7 +15,6 @@ from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.errors import InputError
 from sketchterrain.export.map import relief
-from sketchterrain.export.map.drapes import with_rasters
 from sketchterrain.export.map.drawing import Label, LabelSpace, MapSheet, Polygons, Polylines, sheet_png
 from sketchterrain.export.map.features import (
     BANK,
@@ -37,7 +36,7 @@ from sketchterrain.export.map.relief import (
     sample_map,
     shaded_relief,
 )
-from sketchterrain.export.map.sheet import map_sheet, write_map, write_sheet
+from sketchterrain.export.map.sheet import map_sheet, with_rasters, write_map, write_sheet
 from sketchterrain.measure.adherence_rivers import standing_water
 
 SVG = "{http://www.w3.org/2000/svg}"

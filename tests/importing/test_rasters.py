@@ -14,7 +14,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.elevation.pictures import read_picture
 from sketchterrain.errors import InputError
 from sketchterrain.generation.building import build
-from sketchterrain.importing.rasters import raster_area
+from sketchterrain.importing.elevation import raster_area
 
 RED, GREEN = (200, 30, 40, 255), (20, 180, 60, 255)
 UTM = {"crs": "EPSG:25832", "east": 600000.0, "north": 5269000.0}

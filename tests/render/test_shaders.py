@@ -18,7 +18,6 @@ from sketchterrain.render.atmosphere import GROUND
 from sketchterrain.render.built import MARKS
 from sketchterrain.render.clouds import cloud_defines
 from sketchterrain.render.ground import SurfaceMap, TileRenderer
-from sketchterrain.render.material_macros import material_macros
 from sketchterrain.render.programs import bind_textures, build_program, set_uniforms
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.shading import Shading
@@ -28,6 +27,7 @@ from sketchterrain.render.textures import (
     OCTAVES,
     PERIOD,
     MaterialTextures,
+    material_macros,
     texture_phases,
     texture_uniforms,
     texture_widths,

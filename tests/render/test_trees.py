@@ -285,7 +285,7 @@ def test_feet_are_on_the_displayed_ground():
         ground.prepare(camera, size)
         ground.draw(camera, framebuffer)
         depth = np.frombuffer(ground.scenery._targets[size].depth.read(), np.float32).reshape(size[::-1])
-        matrix = ground.scenery._frame_block["to_clip"].T.astype(float)
+        matrix = ground.scenery._frame_block._values["to_clip"].T.astype(float)
     clip = (matrix @ np.c_[feet - camera.eye, np.ones(len(feet))].T).T
     inside = (np.abs(clip[:, :2]) < 0.98 * clip[:, 3:]).all(axis=1)
     assert inside.sum() > 12

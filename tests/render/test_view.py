@@ -60,7 +60,7 @@ def test_views_have_their_height_and_a_high_horizon(terrain, cameras):
         east, north = x + np.sin(bearing) * distance, y + np.cos(bearing) * distance
         ground = terrain.heights(east, north, cell_size=8.0).astype(np.float64)
         if kind in ("ground", "hill"):
-            ground += TREES * cover.woods(east, north) * (distance > 2.0 * TREES)
+            ground += TREES * cover.woods.at(east, north) * (distance > 2.0 * TREES)
         skyline = ((ground - z) / distance).max(axis=1)
         half = np.tan(np.radians(camera.fov) / 2.0)
         at = (skyline - np.tan(np.radians(camera.pitch))) / half
@@ -138,7 +138,7 @@ def test_distance_to_water_is_zero_at_the_bank_and_plants_obstruct_views(terrain
     half = float(river.centreline_width[middle]) / 2.0
     places = river.centreline[middle, :2] + np.array([0.0, half + 10.0, half + 500.0])[:, None] * across
     assert cover.distance_to_water(*places.T) == pytest.approx([-half, 10.0, 60.0], abs=1.5)
-    assert cover.is_water(*places.T).tolist() == [True, False, False]
+    assert (cover.distance_to_water(*places.T) <= 0.0).tolist() == [True, False, False]
 
     plants = terrain.foliage(0.0, 0.0, *terrain.size)
     plant = plants[len(plants) // 2]

@@ -20,7 +20,7 @@ from PyQt6.QtWidgets import (
 )
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.export.sidecar import setting_rows
+from sketchterrain.export.target import setting_rows
 from sketchterrain.export.targets import TARGET_NAMES, target_named
 from sketchterrain.jobs.estimates import time_left
 from sketchterrain.ui.dialogs.export_options import EverythingForm, TargetForm

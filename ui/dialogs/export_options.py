@@ -12,8 +12,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.export.planning import ExportPlan, checked_plan, option_names
 from sketchterrain.export.planning import memory_needed as memory_of_plan
-from sketchterrain.export.sidecar import SIDECAR
-from sketchterrain.export.target import ExportOptions, Target, Tiling
+from sketchterrain.export.target import SIDECAR, ExportOptions, Target, Tiling
 from sketchterrain.io.files import format_bytes
 from sketchterrain.jobs.estimates import check_size, memory_needed
 from sketchterrain.ui.dialogs.form import Field, Form, Line, note

@@ -68,7 +68,7 @@ def blender_extension(
     ] = Path("sketchterrain_blender.zip"),
 ) -> None:
     """Write the extension for Blender that imports exports for it: File, Import, Sketchterrain."""
-    from sketchterrain.export.blender_package import write_extension
+    from sketchterrain.export.targets.gltf import write_extension
 
     print_lines(
         f"{write_extension(output)}: drag it into Blender, or Preferences, Add-ons, Install from Disk"

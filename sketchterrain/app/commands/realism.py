@@ -55,7 +55,7 @@ def realism(
             if seed is not None or device is not None:
                 raise USAGE_ERROR("--seed and --device are for sketches, not for rasters")
             with stages.stage("realism", "Comparing with real land"):
-                from sketchterrain.importing.heights import read_heights
+                from sketchterrain.importing.elevation import read_heights
                 from sketchterrain.measure.realism import measure_realism
 
                 height, step = read_heights(Path(source), cell)

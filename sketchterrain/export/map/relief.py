@@ -12,8 +12,8 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from sketchterrain.document.layers import LAND_USES
 from sketchterrain.document.materials import Material, MaterialTable
-from sketchterrain.export.landuse import land_shares
 from sketchterrain.export.map.drawing import Box, Points
+from sketchterrain.export.vectors import land_shares
 from sketchterrain.generation.terrain import Terrain
 
 Grid: TypeAlias = npt.NDArray[np.float32]

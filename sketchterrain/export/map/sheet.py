@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
+import shapely
 
+from sketchterrain.array_types import UInt8Array
 from sketchterrain.document.layers import LAND_USES
+from sketchterrain.document.own_materials import rgb_from_hex
+from sketchterrain.document.parameters import Properties
 from sketchterrain.errors import InputError
-from sketchterrain.export.drapes import draped_shapes
+from sketchterrain.export.drapes import DrapedShapes, draped_shapes
 from sketchterrain.export.map import features
-from sketchterrain.export.map.drapes import draw_drapes, with_rasters
 from sketchterrain.export.map.drawing import (
     PAPER,
     Label,
@@ -27,17 +31,6 @@ from sketchterrain.export.map.drawing import (
     rectangle,
     sheet_png,
     sheet_svg,
-)
-from sketchterrain.export.map.features import (
-    choose_interval,
-    contour_lines,
-    draw_forests,
-    draw_rivers,
-    draw_still_water,
-    label_contours,
-    label_lakes,
-    label_peaks,
-    trace_contours,
 )
 from sketchterrain.export.map.relief import (
     LAND_TINTS,
@@ -66,6 +59,7 @@ BAND, OUTER = (0.9, 1.9), 3.0  # mm from the map to both sides of the chequered 
 TITLE, SUBTITLE, TEXT = 7.2, 2.9, 2.5  # mm
 WIDTH, HEIGHT, COLUMN, ROW = 11.0, 4.4, 52.0, 6.6  # mm of symbols, and of the legend
 ABOVE, SCALE_WIDTH = 13.0, 78.0  # mm from the map to the legend; of scale bar and north arrow
+_PIXEL: Final = 0.2  # mm of a map, for widths in px
 BAR: Final = (36.0, 5)  # mm, approximate length of the scale bar; its parts
 
 
@@ -303,16 +297,16 @@ def map_sheet(terrain: Terrain, drapes: Drapes | None = None) -> MapSheet:
     cell = max(terrain.size) / 1024.0
     layers = draped_shapes(drapes, terrain, (0.0, 0.0, *terrain.size), cell)
     samples = sample_map(terrain, frame)
-    interval = choose_interval(samples)
-    contours = trace_contours(samples, interval)
+    interval = features.choose_interval(samples)
+    contours = features.trace_contours(samples, interval)
     space = LabelSpace(frame.box)
     # In order of priority for space.
-    peaks = label_peaks(terrain, samples, space, interval)
-    levels = label_lakes(terrain, samples, space)
-    rivers = draw_rivers(terrain, samples, space)
-    heights = label_contours(contours, samples, space, interval)
-    lakes, sea = (draw_still_water(depth, samples) for depth in (samples.depth, samples.sea_depth))
-    forests = draw_forests(samples)
+    peaks = features.label_peaks(terrain, samples, space, interval)
+    levels = features.label_lakes(terrain, samples, space)
+    rivers = features.draw_rivers(terrain, samples, space)
+    heights = features.label_contours(contours, samples, space, interval)
+    lakes, sea = (features.draw_still_water(depth, samples) for depth in (samples.depth, samples.sea_depth))
+    forests = features.draw_forests(samples)
     roads = draw_roads(terrain.features.network, frame)
     left, top, width, height = frame.box
     # Samples are pixel centres: the image extends half a sample beyond the frame.
@@ -322,7 +316,7 @@ def map_sheet(terrain: Terrain, drapes: Drapes | None = None) -> MapSheet:
     drawn = {"rivers": rivers, "lakes": lakes, "sea": sea, "forests": forests, "peaks": peaks}
     present = {name for name, shapes in drawn.items() if shapes}
     entries = legend_entries(contours, samples, interval, present, heights, terrain.features.network)
-    drawn_layers, layer_entries = draw_drapes(layers, frame, WIDTH, HEIGHT)
+    drawn_layers, layer_entries = draw_drapes(layers, frame)
     entries += layer_entries
     name = terrain.sketch.name or "Terrain"
     facts = [f"Topographic map 1 : {grouped(frame.scale)}"]
@@ -336,7 +330,7 @@ def map_sheet(terrain: Terrain, drapes: Drapes | None = None) -> MapSheet:
         {
             "relief": [image],
             "forests": forests,
-            "contours": contour_lines(contours, samples, heights, interval),
+            "contours": features.contour_lines(contours, samples, heights, interval),
             "sea": sea,
             "lakes": lakes,
             "rivers": rivers,
@@ -354,3 +348,60 @@ def map_sheet(terrain: Terrain, drapes: Drapes | None = None) -> MapSheet:
 def _check_suffix(path: Path) -> None:
     if path.suffix.lower() not in (".png", ".svg"):
         raise InputError(f"expected the name of a .png or .svg file for a map, got {path.name!r}")
+
+
+def draw_drapes(layers: Iterable[DrapedShapes], frame: MapFrame) -> tuple[list[Shape], list[Entry]]:
+    """Return the features of layers, the lowest first, and entries of the legend; patterns are filled."""
+    shapes, entries = list[Shape](), list[Entry]()
+    sample = replace(frame, left=0.0, top=0.0, north=0.0, scale=1000.0)  # mm
+    patch = shapely.box(0.0, -HEIGHT / 2, WIDTH, HEIGHT / 2)
+    samples = patch.centroid, shapely.LineString([(0.0, 0.0), (WIDTH, 0.0)]), patch
+    for layer in layers:
+        for name, style, geometry in layer.by_style():
+            look = {**style, "opacity": layer.layer["opacity"]}
+            if style["unit"] == "m":
+                look |= {"unit": frame.mm_per_metre}
+            shapes += _drawn(geometry, look, frame)
+            kind = int(shapely.get_dimensions(geometry).max())
+            entries.append((name, _drawn(np.array([samples[kind]]), look, sample)))
+    return shapes, entries
+
+
+def with_rasters(image: UInt8Array, drapes: Drapes | None, samples: MapSamples) -> UInt8Array:
+    """Return the image of a map's samples under the visible rasters, the lowest first."""
+    if drapes is None:
+        return image
+    rows, columns, _ = image.shape
+    across, up = samples.spacing
+    result = image.astype(np.float64)
+    for number, source in drapes.rasters(across):
+        west, north = -0.5 * across, samples.frame.north + 0.5 * up
+        pixels = source.pixels(west, north, across, columns, int(rows * up / across) + 1)
+        pixels = pixels[((np.arange(rows) + 0.5) * up / across).astype(int)]
+        share = float(drapes.layers[number]["opacity"]) / 255.0 * pixels[..., 3:]
+        result += share * (pixels[..., :3] - result)
+    return np.rint(result).astype(np.uint8)
+
+
+def _drawn(geometry: npt.NDArray[np.object_], look: Properties, frame: MapFrame) -> list[Shape]:
+    from sketchterrain.document.vector_formats import single_parts  # loads GDAL
+
+    parts, _ = single_parts(shapely.force_2d(geometry), np.arange(len(geometry)))
+    unit = _PIXEL if look["unit"] == "px" else float(look["unit"])
+    width, opacity, kind = float(look["width"]) * unit, float(look["opacity"]), shapely.get_dimensions(parts)
+    rings = [frame.to_sheet(each.coords) for each in shapely.get_rings(parts[kind == 2])]
+    lines = [frame.to_sheet(each.coords) for each in parts[kind == 1]]
+    circle = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+    disc = 0.5 * width * np.stack([np.cos(circle), np.sin(circle)], axis=-1)
+    dots = [at + disc for at in frame.to_sheet(shapely.get_coordinates(parts[kind == 0]))]
+    colour, fill = str(look["colour"]), str(look["fill"])
+    dashes = tuple(unit * float(each) for each in str(look["dash"]).split())
+    shapes: list[Shape] = []
+    if fill and rings:
+        shapes.append(Polygons(rings, rgb_from_hex(fill), opacity * float(look["fill_opacity"])))
+    outlines = [*lines, *rings]
+    if colour and width > 0.0 and outlines:
+        shapes.append(Polylines(outlines, rgb_from_hex(colour), width, opacity, dashes))
+    if colour and width > 0.0 and dots:
+        shapes.append(Polygons(dots, rgb_from_hex(colour), opacity))
+    return shapes

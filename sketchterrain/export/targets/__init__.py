@@ -10,7 +10,7 @@ _MODULES = {
     "unity": "unity",
     "unreal": "unreal",
     "godot": "godot",
-    "blender": "blender",
+    "blender": "gltf",
     "gltf": "gltf",
     "web": "web",
     "geotiff": "geotiff",

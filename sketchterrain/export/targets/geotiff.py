@@ -11,17 +11,18 @@ from rasterio.crs import CRS
 
 from sketchterrain.export.engines import requested_storeys
 from sketchterrain.export.foliage_files import plant_pieces
-from sketchterrain.export.landuse import FIELDS, land_layer
 from sketchterrain.export.rasters import APPEARANCE, NO_DATA, Georeference, local_metres, write_cloud_tiff
 from sketchterrain.export.roads import MASKS, built_ground, coverage, road_layers
 from sketchterrain.export.sampled import SampleGrid, appearance_picture
 from sketchterrain.export.target import Export, ExportOutput, Target
 from sketchterrain.export.vectors import (
+    LAND_FIELDS,
     GeoPackage,
     Origin,
     feature_layer,
     geopackage,
     lake_layer,
+    land_layer,
     plant_layer,
     river_layer,
     sea_layer,
@@ -41,7 +42,7 @@ _FIELDS = {
     "roads, railways, paths": "length, width, shoulder: m; steepest, cut, fill: rise over run; "
     "leg, part: parts with one leg follow each other; z is the surface",
     "pads, walls": "level, building, height, width: m",
-    "landuse": FIELDS,
+    "landuse": LAND_FIELDS,
     "sketch_river, sketch_lake": "as drawn; width, depth: m, if not the label's; directed: 1 or 0, downhill",
     "plants and grass": "scale: 1 is grown; rotation: degrees, counter-clockwise; tint: 0 to 1; "
     "level: a filter level >= n thins them evenly",

@@ -65,7 +65,7 @@ def _write_godot(export: Export) -> ExportOutput:
         "textures": dict(enumerate(export.terrain.material_names)),
     }
     if steps is not None:
-        facts |= {"heights": {"numbers": "uint16", **steps.metadata}, "byte_order": "little-endian"}
+        facts |= {"heights": steps.metadata, "byte_order": "little-endian"}
     return ExportOutput(files, _settings(export, steps), facts)
 
 

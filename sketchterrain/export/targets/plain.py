@@ -5,12 +5,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from sketchterrain.array_types import Float32Array
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import requested_storeys, write_tiles
 from sketchterrain.export.files import write_values_png
 from sketchterrain.export.foliage_files import FoliageOptions, plant_pieces, write_foliage
-from sketchterrain.export.landuse import land_entries
 from sketchterrain.export.planning import HeightQuantisation
 from sketchterrain.export.rasters import (
     npy_rows,
@@ -23,12 +21,13 @@ from sketchterrain.export.rasters import (
 from sketchterrain.export.roads import write_road_masks
 from sketchterrain.export.sampled import CHANNELS, TerrainSamples
 from sketchterrain.export.target import Export, ExportOptions, ExportOutput, Target, TileWindow, Tiling
-from sketchterrain.export.vectors import write_features
+from sketchterrain.export.vectors import land_entries, write_features
 from sketchterrain.vegetation.plants import PLANT
 
 _TILE_OPTIONS = frozenset({"tiles", "overlap", "tile_name", "tile_first", "tiles_from_south"})
 _AXES = "x east, y north, z up, metres from the sketch's south-west corner"
 _DTYPES = {"r16": "<u2", "r16be": ">u2", "r32": "<f4"}
+_METRES = {"numbers": "float32", "metres": "number"}
 _QUANTISED = frozenset({"r16", "r16be"})
 
 
@@ -51,11 +50,8 @@ def _write_png16(export: Export) -> ExportOutput:
 
 
 def _write_exr(export: Export) -> ExportOutput:
-    def write(path: Path, height: Float32Array) -> Path:
-        return write_exr(path, {"Y": height})
-
     settings = {"Colour Space": "linear, non-colour data", "Channel": "Y"}
-    return _write_images(export, ".exr", write, {}, settings)
+    return _write_images(export, ".exr", lambda path, height: write_exr(path, {"Y": height}), {}, settings)
 
 
 def _write_images(
@@ -107,14 +103,8 @@ def _write_images(
         common |= {"Numbers": "float32, m"}
     else:
         common |= {"Numbers": "uint16", "Metres of 0": steps.low, "Metres of 65535": steps.highest}
-    facts |= {"heights": _height_metadata(steps), "axes": _AXES, "materials": materials}
+    facts |= {"heights": _METRES if steps is None else steps.metadata, "axes": _AXES, "materials": materials}
     return ExportOutput(files, common | settings, facts)
-
-
-def _height_metadata(steps: HeightQuantisation | None) -> dict[str, Any]:
-    if steps is None:
-        return {"numbers": "float32", "metres": "number"}
-    return {"numbers": "uint16", **steps.metadata}
 
 
 def _write_npy(export: Export) -> ExportOutput:
@@ -143,7 +133,7 @@ def _write_npy(export: Export) -> ExportOutput:
         files[path] = "plants, a structured array; species are indices into the sidecar's species"
     files |= _write_features(export) | write_road_masks(export)
     facts = {
-        "heights": _height_metadata(None),
+        "heights": _METRES,
         "byte_order": "little-endian",
         "axes": _AXES,
         "materials": list(export.terrain.material_names),

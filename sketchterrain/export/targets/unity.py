@@ -57,7 +57,7 @@ def _write_unity(export: Export) -> ExportOutput:
         files |= write_tiles(export, "plants", "Plants", partial(_write_trees, export, steps))
     files |= write_corridors(export, axes, splat=True)
     facts = {
-        "heights": {"numbers": "uint16", **steps.metadata},
+        "heights": steps.metadata,
         "byte_order": "little-endian",
         "orientation": {
             "raw": {"row_0": "south", "column_0": "west", "samples": "vertices"},

@@ -38,7 +38,7 @@ def _write_unreal(export: Export) -> ExportOutput:
     files = write_tiles(export, "unreal", "Heights and weight maps", partial(_write_images, export, steps))
     files |= write_plants_json(export, axes, degrees=True) | write_corridors(export, axes)
     facts = {
-        "heights": {"numbers": "uint16", **steps.metadata},
+        "heights": steps.metadata,
         "byte_order": "little-endian" if export.options.format == "r16" else "as PNG has it",
         "axes": axes.metadata,
         "layers": list(export.terrain.material_names),

@@ -64,7 +64,7 @@ def _write_web(export: Export) -> ExportOutput:
             written[write_atomic(export.folder / name, content)] = "the page"
     written[export.folder / "index.html"] = "open it in a browser, or put the folder on a web server"
     entries = {
-        "heights": {"numbers": "uint16", **scale.metadata, "largest_error": 0.5 * scale.step},
+        "heights": {**scale.metadata, "largest_error": 0.5 * scale.step},
         "axes": _AXES.metadata,
         "plants": facts["plants"],
         "view": export.scene_view.facts,

@@ -19,9 +19,9 @@ from PIL import Image, ImageFilter
 import sketchterrain as st
 import sketchterrain.export
 from sketchterrain.app.cli import main
-from sketchterrain.export.blender_package import write_extension
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions
+from sketchterrain.export.targets.gltf import write_extension
 from sketchterrain.io.console import Stages
 from sketchterrain.jobs.export import write_export
 

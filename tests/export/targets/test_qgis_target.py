@@ -19,8 +19,7 @@ import sketchterrain.jobs.export
 from sketchterrain.document.drapes import DrapeClass, draped_layer
 from sketchterrain.errors import InputError
 from sketchterrain.export.planning import checked_plan
-from sketchterrain.export.scene import SceneView
-from sketchterrain.export.target import ExportOptions
+from sketchterrain.export.target import ExportOptions, SceneView
 from sketchterrain.io.console import Stages
 from sketchterrain.jobs.export import write_export
 

@@ -44,7 +44,11 @@ def hash_keys(seed: int, stream: str, *keys: Key) -> npt.NDArray[np.uint64]:
 
 def hash_unit(seed: int, stream: str, *keys: Key) -> npt.NDArray[np.float64]:
     """Return `hash_keys` as float64, uniform in [0, 1)."""
-    return (hash_keys(seed, stream, *keys) >> np.uint64(11)).astype(np.float64) * 2.0**-53
+    return _unit(hash_keys(seed, stream, *keys))
+
+
+def _unit(bits: npt.NDArray[np.uint64]) -> npt.NDArray[np.float64]:
+    return (bits >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
 
 def value_noise(
@@ -54,9 +58,12 @@ def value_noise(
     column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     u, v = x - column, y - row
     u, v = u * u * (3.0 - 2.0 * u), v * v * (3.0 - 2.0 * v)
-    south = (1.0 - u) * hash_unit(seed, stream, column, row) + u * hash_unit(seed, stream, column + 1, row)
-    north = (1.0 - u) * hash_unit(seed, stream, column, row + 1) + u * hash_unit(
-        seed, stream, column + 1, row + 1
+    start = np.uint64(_start(seed & _MASK, stream))
+    columns = [_mixed(start ^ _mixed(np.asarray(column + k).astype(np.uint64))) for k in (0, 1)]
+    rows = [_mixed(np.asarray(row + k).astype(np.uint64)) for k in (0, 1)]
+    # As `hash_unit` of column and row, with each key mixed once.
+    south, north = (
+        (1.0 - u) * _unit(_mixed(columns[0] ^ key)) + u * _unit(_mixed(columns[1] ^ key)) for key in rows
     )
     return (1.0 - v) * south + v * north
 

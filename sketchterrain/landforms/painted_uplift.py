@@ -20,7 +20,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import correlate1d, distance_transform_edt
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
 from sketchterrain.landforms.drainage import (
@@ -209,9 +209,9 @@ def _centres(
 
 def _as_read(nodes: Float64Array) -> Float64Array:
     """Return what quadratic B-splines read at nodes; NaN beside missing ones."""
-    padded = np.pad(nodes, 1, mode="edge")
-    rows = 0.125 * (padded[:-2] + padded[2:]) + 0.75 * padded[1:-1]
-    return np.asarray(0.125 * (rows[:, :-2] + rows[:, 2:]) + 0.75 * rows[:, 1:-1])
+    for axis in (0, 1):
+        nodes = correlate1d(nodes, [0.125, 0.75, 0.125], axis, mode="nearest")
+    return nodes
 
 
 def _highest(features: UpliftFeatures) -> Float64Array:

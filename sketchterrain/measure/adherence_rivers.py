@@ -10,6 +10,7 @@ from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int
 from sketchterrain.document.layers import LAYERS, layer_of, vector_of
 from sketchterrain.document.vectors import LINE
 from sketchterrain.generation.terrain import Terrain
+from sketchterrain.landforms.hydrology.lakes import index_runs
 from sketchterrain.landforms.hydrology.network import skeletons
 from sketchterrain.landforms.hydrology.vector_rivers import line_path, line_sizes
 from sketchterrain.landforms.placement.feature_types import Lake
@@ -130,9 +131,7 @@ def _beds(terrain: Terrain, line: Float64Array) -> list[Float64Array]:
     """Return heights (m) along a line, split at lakes, whose beds are hollows by design."""
     height = terrain.heights(line[:, 0], line[:, 1])
     dry = ~_lakes(terrain.recipe.lakes, line[:, 0], line[:, 1], height)
-    starts = np.flatnonzero(np.diff(dry.astype(np.int8), prepend=0) == 1)
-    ends = np.flatnonzero(np.diff(dry.astype(np.int8), append=0) == -1) + 1
-    return [height[start:end].astype(np.float64) for start, end in zip(starts, ends, strict=True)]
+    return [height[first : last + 1].astype(np.float64) for first, last in index_runs(dry)]
 
 
 def _distances(given: Float64Array, lines: list[Float64Array]) -> tuple[Float64Array, Float64Array]:

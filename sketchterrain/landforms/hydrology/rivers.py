@@ -142,7 +142,7 @@ def _apply_edits(
     if parent is course.parent and np.array_equal(points, course.line[course.controls]):
         joint = course.joint
     elif parent is not None:
-        joint = 1 + int(np.argmin(((parent.line[1:] - points[-1]) ** 2).sum(axis=1)))
+        joint = parent.joint_near(points[-1])
         points[-1] = parent.line[joint]
     grows = course.grows
     if not np.array_equal(points, course.line[course.controls]):
@@ -267,7 +267,7 @@ def _solve_levels(
     """Solve water levels: return rivers sorted by id, lakes, and the terrain height along each river."""
     if not courses:
         return [], lakes, []
-    network = replace(run(build_network, courses, [()] * len(courses)), cuts=cuts)
+    network = replace(run(build_network, courses), cuts=cuts)
     rivers, filled = run(_levels, network, lakes, grounds, sea_level)
     order = sorted(range(len(rivers)), key=lambda number: rivers[number].id)
     return [rivers[number] for number in order], filled, [grounds[number] for number in order]

@@ -16,12 +16,7 @@ from sketchterrain.document.label_layers import LabelImage, freeze_image, labels
 from sketchterrain.document.vectors import AREA, VectorLayer
 from sketchterrain.landforms.hydrology.courses import LAKE_GAP, RiverCourse, part_of_course
 from sketchterrain.landforms.hydrology.lakes import WaterPixels
-from sketchterrain.landforms.hydrology.layout import (
-    best_mouth,
-    heights_at,
-    lay_out_rivers,
-    ring_around,
-)
+from sketchterrain.landforms.hydrology.layout import best_mouth, end_heights, lay_out_rivers
 from sketchterrain.landforms.hydrology.vector_rivers import (
     LineNetwork,
     areas_with_axes,
@@ -54,15 +49,12 @@ def lay_out_lines(sketch: Sketch, *, seed: int, ground: GroundHeight, run: Runne
     free = [number for number, nodes in enumerate(mouths) if not len(nodes)]
     if free:
         ends = [networks[number].at[networks[number].ends()] for number in free]
-        found = heights_at(ground, [*ends, *(ring_around(sketch, at) for at in ends)])
-        flows = sketch.vector_values("river", "flow")
-        for number, at, heights, near in zip(free, ends, found, found[len(ends) :], strict=False):
+        flows, size, gap = sketch.vector_values("river", "flow"), sketch.size, LAKE_GAP * sketch.pixel_size
+        for number, at, heights in zip(free, ends, end_heights(sketch, ground, ends), strict=True):
             network = networks[number]
-            size, gap = np.array(sketch.size), LAKE_GAP * sketch.pixel_size
-            is_edge: BoolArray = np.any((at <= gap) | (at >= size - gap), axis=1)
-            means = near.reshape(len(heights), -1).mean(axis=1)
+            is_edge: BoolArray = np.any((at <= gap) | (at >= np.array(size) - gap), axis=1)
             flow = float(flows[network.line[0]])
-            best = best_mouth(sketch, at, flow, heights, means, is_edge, float(network.lengths.sum()))
+            best = best_mouth(sketch, at, flow, *heights, is_edge, float(network.lengths.sum()))
             mouths[number] = network.ends()[[best]]
     courses: list[RiverCourse] = run(_courses, part_of(sketch, *_LINES), networks, mouths, seed)
     return courses

@@ -303,7 +303,7 @@ def _course(
     """Return a course along a path (n, 2), m; its pieces have sizes (n - 1, 2): width and depth, m."""
     joint = -1
     if parent is not None:
-        joint = 1 + int(np.argmin(((parent.line[1:] - path[-1]) ** 2).sum(axis=1)))
+        joint = parent.joint_near(path[-1])
         path = np.concatenate([path[:-1], parent.line[joint : joint + 1]])
     taper, added = float(arc_length(path)[-1]) / 3.0, [0, 0]
     # Its end, then its spring: each leaves the sketch or not.

@@ -134,9 +134,7 @@ def bounded_profile(
     decks : the same of structures without their ramps: they stay straight
     lower, upper : (n,) bounds, m; infinite where there are none
     """
-    nodes = graph.neighbours
-    bound_high = _lower_envelope(_at_nodes(graph, upper, np.minimum, _FREE), *nodes)[graph.node]
-    bound_low = -_lower_envelope(-_at_nodes(graph, lower, np.maximum, -_FREE), *nodes)[graph.node]
+    bound_high, bound_low = _highest(graph, upper), -_highest(graph, -lower)
     contrary = bound_low > bound_high
     whole = np.clip(np.rint(nearest / UNIT).astype(np.int64), bound_low, np.maximum(bound_low, bound_high))
     height = np.where(contrary, (bound_low + bound_high) >> 1, whole) * UNIT
@@ -183,16 +181,11 @@ def nearest_heights(
     shared = _shared(wanted * UNIT, legs.starts, legs.to, legs.weight * UNIT)
     moved = np.rint(shared / UNIT).astype(np.int64)
     junction = _midst(moved, -moved, legs)
-    share = np.where(is_free, 0.0, _lengths_around(line))
+    half = 0.5 * line.length  # of the pieces on both sides of each station
+    share = np.where(is_free, 0.0, np.append(half, 0.0) + np.append(0.0, half))
     return np.asarray(
         _least_squares(line.first, ground, share, graph.piece_weight * UNIT, junction[ends] * UNIT)
     )
-
-
-def _lengths_around(line: Alignment) -> Float64Array:
-    """Return half the length of the pieces on both sides of each station, m."""
-    half = 0.5 * line.length
-    return np.asarray(np.append(half, 0.0) + np.append(0.0, half))
 
 
 def _midst(high: Int64Array, low: Int64Array, nodes: _Neighbours) -> Int64Array:
@@ -287,15 +280,13 @@ def _least_squares(first, ground, share, most, ends):  # type: ignore[no-untyped
     return found
 
 
-def _at_nodes(
-    graph: StationGraph, values: Float64Array, reduce: np.ufunc = np.maximum, none: int = -_FREE
-) -> Int64Array:
-    """Return values (m) of stations as whole units at their nodes; infinite ones are `none`."""
-    finite = np.isfinite(values)
-    whole = np.where(finite, np.rint(np.where(finite, values, 0.0) / UNIT), none).astype(np.int64)
-    found = np.full(len(graph.neighbours.starts) - 1, none)
-    reduce.at(found, graph.node, whole)
-    return found
+def _highest(graph: StationGraph, upper: Float64Array) -> Int64Array:
+    """Return the greatest heights (units) of stations within upper bounds (m) and the limits of grade."""
+    finite = np.isfinite(upper)
+    whole = np.where(finite, np.rint(np.where(finite, upper, 0.0) / UNIT), _FREE).astype(np.int64)
+    at_nodes = np.full(len(graph.neighbours.starts) - 1, _FREE)
+    np.minimum.at(at_nodes, graph.node, whole)
+    return np.asarray(_lower_envelope(at_nodes, *graph.neighbours)[graph.node])
 
 
 @njit(cache=True)

@@ -146,17 +146,11 @@ def _apply_edits(
         points[-1] = parent.line[joint]
     grows = course.grows
     if not np.array_equal(points, course.line[course.controls]):
-        course = _with_controls(course, points)
+        sized = np.column_stack([points, course.width[course.controls], course.depth[course.controls]])
+        course = course_through(sized, course.id, course.label, parent=None, joint=-1, taper=course.taper)
     widths = [edit.width for edit in edits if edit.action == "width"]
     width = np.full_like(course.width, widths[-1]) if widths else course.width
     return replace(course, parent=parent, joint=joint, width=width, grows=grows or bool(widths))
-
-
-def _with_controls(course: RiverCourse, points: npt.NDArray[np.float64]) -> RiverCourse:
-    sizes = (course.width[course.controls], course.depth[course.controls])
-    return course_through(
-        np.column_stack([points, *sizes]), course.id, course.label, parent=None, joint=-1, taper=course.taper
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from sketchterrain.landforms.hydrology.lakes import WaterPixels
 from sketchterrain.landforms.hydrology.layout import best_mouth, end_heights, lay_out_rivers
 from sketchterrain.landforms.hydrology.vector_rivers import (
     LineNetwork,
-    areas_with_axes,
+    areas_without_axes,
     line_networks,
     line_path,
     line_sizes,
@@ -161,7 +161,7 @@ def with_areas_painted(sketch: Sketch, run: Runner) -> Sketch:
     layer = sketch.vectors["river"]
     if not (layer.kinds == AREA).any():
         return sketch
-    areas: BoolArray = run(_areas_without_axes, layer)
+    areas: BoolArray = run(areas_without_axes, layer)
     if not areas.any():
         return sketch
     used = labels_in(sketch.layers["river"])
@@ -171,10 +171,6 @@ def with_areas_painted(sketch: Sketch, run: Runner) -> Sketch:
     properties = {**sketch.properties("river", int(layer.labels[areas][0])), "width": 0.0}
     labels = {**sketch.labels, ("river", label): properties}
     return sketch.replace(layers={**sketch.layers, "river": painted}, labels=labels)
-
-
-def _areas_without_axes(layer: VectorLayer) -> BoolArray:
-    return np.asarray((layer.kinds == AREA) & ~areas_with_axes(layer))
 
 
 def vectors_painted(sketch: Sketch, run: Runner) -> dict[str, LabelImage]:

@@ -363,20 +363,18 @@ def _exit(sketch: Sketch, path: Float64Array, width: float) -> tuple[float, floa
     return edge_normal(gaps, run[0], run[1], 0.5 * width + EDGE_GAP * sketch.pixel_size)
 
 
-def areas_with_axes(layer: VectorLayer) -> BoolArray:
-    """Return which areas of rivers have an axis: a line that runs through them."""
+def areas_without_axes(layer: VectorLayer) -> BoolArray:
+    """Return which features are areas of rivers without an axis: a line that runs through them."""
     import shapely
 
-    areas = layer.kinds == AREA
+    found: BoolArray = layer.kinds == AREA
     shapes = layer.shapes()
     lines = shapes[layer.kinds == LINE]
-    if not (areas.any() and len(lines)):
-        return np.zeros(len(layer), np.bool_)
-    tree = shapely.STRtree(lines)
-    found, within = (tree.query(shapes[areas], predicate=each)[0] for each in ("crosses", "contains"))
-    has_axis = np.zeros(len(layer), np.bool_)
-    has_axis[np.flatnonzero(areas)[np.union1d(found, within)]] = True
-    return has_axis
+    if found.any() and len(lines):
+        tree = shapely.STRtree(lines)
+        crossed, within = (tree.query(shapes[found], predicate=each)[0] for each in ("crosses", "contains"))
+        found[np.flatnonzero(found)[np.union1d(crossed, within)]] = False
+    return found
 
 
 def with_banks(course: RiverCourse, areas: shapely.STRtree) -> RiverCourse:

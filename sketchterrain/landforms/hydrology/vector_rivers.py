@@ -23,7 +23,13 @@ from sketchterrain.landforms.hydrology.courses import (
     extend_path,
     smoothed,
 )
-from sketchterrain.landforms.hydrology.network import EDGE_GAP, Reach, edge_normal, split_paths
+from sketchterrain.landforms.hydrology.network import (
+    EDGE_GAP,
+    Reach,
+    edge_normal,
+    split_paths,
+    weighted_lengths,
+)
 
 if TYPE_CHECKING:
     import shapely
@@ -105,11 +111,7 @@ class LineNetwork:
             own = next_node[a] == b
             weight[a[own]] = widths[own]
         weight[count:] = widths[is_cut]
-        weighted = np.zeros(len(nodes))
-        step = length - length[np.maximum(next_node, 0)]
-        for node in np.argsort(length, kind="stable"):
-            if next_node[node] >= 0:
-                weighted[node] = weighted[next_node[node]] + weight[node] * step[node]
+        weighted = weighted_lengths(length, next_node, weight)
         return nodes, split_paths(length, next_node, weighted, np.full(len(nodes), spur))
 
 

@@ -134,7 +134,6 @@ def _seams(truth: _Truth, degrees: float) -> list[Row]:
     which = work.cover(0.0)
     methods: dict[str, Callable[[], Float64Array]] = {
         _OWN: lambda: work.surface(which).evaluate(x, y).height,
-        f"{_OWN}, the paper's weights": lambda: work.surface(which, wendland=True).evaluate(x, y).height,
         **_peers(fine, coarse, x_axis, y_axis, fine_step),
     }
     inside, rim = depth > _BAND * fine_step, np.abs(depth) < _BAND * fine_step

@@ -185,12 +185,9 @@ class Patchwork(PatchNumbers):
         """Return those of some patches that reach into an area (m); the others change no bit there."""
         return which[overlapping(self.reach[which], outward(np.asarray(area)))]
 
-    def surface(self, which: Int64Array, *, wendland: bool = False) -> PatchSurface:
-        """Return the surface of some patches, as of `cover`; by the paper's weights if `wendland`."""
-        slots = self.slots(which)
-        if wendland:
-            slots = slots._replace(density=np.sqrt(slots.density))
-        return PatchSurface(slots, self.reach[which].astype(np.float64), wendland=wendland)
+    def surface(self, which: Int64Array) -> PatchSurface:
+        """Return the surface of some patches, as of `cover`."""
+        return PatchSurface(self.slots(which), self.reach[which].astype(np.float64))
 
     def slots(self, which: Int64Array) -> PatchSlots:
         """Return what evaluating some patches reads."""

@@ -100,9 +100,8 @@ class PatchSurface:
     same bits in whatever order grids were added.
     """
 
-    def __init__(self, slots: PatchSlots, reach: Float64Array, *, wendland: bool = False) -> None:
-        self._slots, self._wendland = slots, wendland
-        self._index = BoxIndex.from_boxes(reach)
+    def __init__(self, slots: PatchSlots, reach: Float64Array) -> None:
+        self._slots, self._index = slots, BoxIndex.from_boxes(reach)
 
     def __len__(self) -> int:
         return len(self._slots.centre)
@@ -116,7 +115,7 @@ class PatchSurface:
         """
         east, north = np.ascontiguousarray(x, np.float64).ravel(), np.ascontiguousarray(y, np.float64).ravel()
         found, means = np.empty((5, len(east))), np.zeros((values.shape[1], len(east)))
-        fixed = east, north, self._slots, self._index, self._wendland, values, found, means
+        fixed = east, north, self._slots, self._index, values, found, means
         in_threads(lambda first, last: _evaluate(*fixed, first, last), len(east), _CHUNK)
         shape = np.shape(x)
         height, along, across, weight, patches = found.reshape(5, *shape)
@@ -128,15 +127,6 @@ def _steps(m, x, y):  # type: ignore[no-untyped-def]
     """Return steps from the centre and their derivatives by x and y."""
     value = m[0] + m[1] * x + m[2] * y + (m[3] * x + m[4] * y) * x + m[5] * y * y
     return value, m[1] + 2.0 * m[3] * x + m[4] * y, m[2] + m[4] * x + 2.0 * m[5] * y
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _wendland(u):  # type: ignore[no-untyped-def]
-    """Return (1 - |t|)³ (3 |t| + 1), t = u / half a patch, and its derivative."""
-    t = u / _HALF
-    a = abs(t)
-    b = 1.0 - a
-    return b * b * b * (3.0 * a + 1.0), -12.0 * t * b * b / _HALF
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -188,7 +178,7 @@ def _spline(table, p, i, j, wu, du, wv, dv):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _evaluate(xs, ys, slots, index, wendland, values, found, means, first, last):  # type: ignore[no-untyped-def]
+def _evaluate(xs, ys, slots, index, values, found, means, first, last):  # type: ignore[no-untyped-def]
     """Evaluate points first … last - 1."""
     centre, to_steps, density, base, grid, coefficients, mask_of, masks, rims = slots
     places, shapes, starts, items = index
@@ -212,10 +202,7 @@ def _evaluate(xs, ys, slots, index, wendland, values, found, means, first, last)
                 i, j = int(v + _HALF), int(u + _HALF)
                 wu, du = _taps(u + _HALF - j)
                 wv, dv = _taps(v + _HALF - i)
-                if wendland:
-                    (a, a1), (b, b1) = _wendland(u), _wendland(v)
-                else:
-                    (a, a1), (b, b1) = _faded(u, 2.0 * MARGIN), _faded(v, 2.0 * MARGIN)
+                (a, a1), (b, b1) = _faded(u, 2.0 * MARGIN), _faded(v, 2.0 * MARGIN)
                 weight, weight_u, weight_v = a * b, a1 * b, a * b1
                 known = 1.0
                 if mask_of[p] >= 0:

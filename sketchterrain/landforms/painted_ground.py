@@ -31,7 +31,6 @@ from sketchterrain.landforms.drainage import (
     Drained,
     at_level,
     carved,
-    coarsened,
     confined,
     drain,
     ramped,
@@ -50,6 +49,7 @@ from sketchterrain.landforms.painted_uplift import (
     drain_painted,
     height_without,
     painted_uplift,
+    pyramid,
 )
 from sketchterrain.landforms.placement.feature_types import GroundHeight, Lake
 from sketchterrain.landforms.placement.sea import Sea
@@ -318,15 +318,6 @@ def _wet(settings: UnpaintedSettings, water: PaintedWater, count: int, run: Runn
 
 def unpainted_levels(settings: UnpaintedSettings) -> tuple[tuple[DrainageInput, ...], Float32Array]:
     """Return what levels of the painted region are drained from without paint, coarsest first; its rock."""
-    source, rock = _region(settings)
-    levels = [source]
-    while len(levels) < FINE:
-        levels.append(coarsened(levels[-1]))
-    return tuple(ramped(each, settings.spacing) for each in levels[::-1]), rock
-
-
-def _region(settings: UnpaintedSettings) -> tuple[DrainageInput, Float32Array]:
-    """Return what the painted region is drained from without paint, and its share of rock."""
     ground = unpainted_ground(settings)
     region = ground.painted_region(0)
     shape = region.inside.shape
@@ -335,7 +326,7 @@ def _region(settings: UnpaintedSettings) -> tuple[DrainageInput, Float32Array]:
     free = np.full(shape, -1, np.int32)
     origin = (region.row, region.column)
     source = DrainageInput(fields.uplift, fields.repose, rain, region.border, region.inside, free, origin, 0)
-    return source, fields.rock
+    return tuple(ramped(each, settings.spacing) for each in pyramid(source)), fields.rock
 
 
 def _limits(source: DrainageInput, cell: float, water: PaintedWater, run: Runner) -> DrainageConstraints:

@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.ndimage import correlate1d, distance_transform_edt
@@ -49,10 +49,7 @@ _OUTSET = 0.16  # of the step beyond the outline: spurs that reach beyond it mak
 _CORE_UPLIFT, _COLLAR_UPLIFT = 2.0, 4.0
 _COLLAR_SLOPE = 0.9 * 0.25 / COLLAR
 _APRON, _APRON_RISE = 0.4, 0.9  # shares of it: at the collar's edge, and how much more at the core
-# For a fidelity up to 0.8, and of 1: steep sides keep to their outlines.
-_STEEPNESS, _EROSION_STEEPNESS = (1.0, 1.4), 0.3
-_HILL_STEEPNESS, _EROSION_HILL_STEEPNESS, _HILL_BASE = (1.3, 1.8), 0.8, 0.05
-_REPOSE, _EROSION_REPOSE = 0.7, 0.2  # tangents
+_REPOSE, _EROSION_REPOSE, _HILL_BASE = 0.7, 0.2, 0.05  # tangents
 _STEEPEST = 1.08  # over these, where the ground is least even
 _PEAK = 0.5  # share of the uplift that peakiness moves from the outline to the summit
 _UNEVEN = 0.35  # by how much uplift and slopes vary from place to place
@@ -72,6 +69,20 @@ PASSES = 2  # adjustments of whole shapes, at the last routing
 _LEVELS = 4
 _OUTSIDE = -9.0
 _REACH = 0.9  # visible radii beyond its outline that a feature may raise
+
+
+class _Steepness(NamedTuple):
+    """Slope of sides over the mean one from a feature's outline to its summit."""
+
+    loose: float  # for a fidelity up to 0.8
+    strict: float  # of 1: steep sides keep to their outlines
+    erosion: float  # what full erosion adds
+
+    def at(self, exact: float, erosion: Float64Array) -> Float64Array:
+        return self.loose + exact * (self.strict - self.loose) + self.erosion * erosion
+
+
+_STEEP, _STEEPEST_HILL = _Steepness(1.0, 1.4, 0.3), _Steepness(1.3, 1.8, 0.8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,19 +172,9 @@ def painted_uplift(
         uneven = broad + fine * smoothstep((position - _FINE_FROM) / (_FINE_FULL - _FINE_FROM))
         uneven = 1.0 + _UNEVEN * uneven
         peak = 1.0 + _PEAK * (peakiness - 0.5) * (2.0 * rise - 1.0)
-        steepness, hill_steepness = (
-            loose + exact * (strict - loose) for loose, strict in (_STEEPNESS, _HILL_STEEPNESS)
-        )
-        steep = np.maximum(
-            _REPOSE + _EROSION_REPOSE * erosion, (steepness + _EROSION_STEEPNESS * erosion) * slope
-        )
-        if not is_rock:
-            most = hill_steepness + _EROSION_HILL_STEEPNESS * erosion
-            steep = np.minimum(steep, most * slope + _HILL_BASE)
+        sides = _side_slopes(position, slope, erosion, exact, is_rock=is_rock)
         foot = smoothstep((position + COLLAR) / (0.6 * COLLAR))
-        front = smoothstep((position + _OUTSET + _EDGE) / _FRONT)
-        apron = _COLLAR_SLOPE * slope * (_APRON + _APRON_RISE * smoothstep((position + COLLAR) / COLLAR))
-        ramp = _STEEPEST * np.minimum(uneven, 1.0) * (apron * (1.0 - front) + steep * front)
+        ramp = _STEEPEST * np.minimum(uneven, 1.0) * sides
         own = np.maximum(ground.repose * (1.0 - core) * (1.0 - foot), ramp)
         repose = np.where(inside, np.maximum(own, np.where(repose is ground.repose, 0.0, repose)), repose)
         risen = (owner >= 0) & (part.summit > -np.inf)[owner]
@@ -196,8 +197,20 @@ def painted_uplift(
             bare = np.where(inside, smoothstep(position / _ROCK_DEPTH), 0.0)
             rock = np.maximum(rock, bare).astype(np.float32)
             strata = np.where(inside, layered * core, 0.0)
-    levels = _levels(replace(ground, uplift=uplift, repose=np.maximum(repose, 0.3 * uplift), strata=strata))
+    levels = pyramid(replace(ground, uplift=uplift, repose=np.maximum(repose, 0.3 * uplift), strata=strata))
     return PaintedUplift(features, levels, tuple(layers), rock.astype(np.float32), near > -_ZONE)
+
+
+def _side_slopes(
+    position: Float64Array, slope: Float64Array, erosion: Float64Array, exact: float, *, is_rock: bool
+) -> Float64Array:
+    """Return slopes of sides, and of the apron below, by the mean slope from the outline to the summit."""
+    steep = np.maximum(_REPOSE + _EROSION_REPOSE * erosion, _STEEP.at(exact, erosion) * slope)
+    if not is_rock:
+        steep = np.minimum(steep, _STEEPEST_HILL.at(exact, erosion) * slope + _HILL_BASE)
+    front = smoothstep((position + _OUTSET + _EDGE) / _FRONT)
+    apron = _COLLAR_SLOPE * slope * (_APRON + _APRON_RISE * smoothstep((position + COLLAR) / COLLAR))
+    return np.asarray(apron * (1.0 - front) + steep * front)
 
 
 def _centres(
@@ -222,7 +235,7 @@ def _highest(features: UpliftFeatures) -> Float64Array:
     return highest
 
 
-def _levels(finest: DrainageInput) -> tuple[DrainageInput, ...]:
+def pyramid(finest: DrainageInput) -> tuple[DrainageInput, ...]:
     """Return all levels of a region, coarsest first."""
     levels = [finest]
     while len(levels) < _LEVELS:
@@ -232,7 +245,7 @@ def _levels(finest: DrainageInput) -> tuple[DrainageInput, ...]:
 
 def _coarsened_fields(values: Float64Array, finest: DrainageInput) -> tuple[Float64Array, ...]:
     """Return a field at all levels, coarsest first."""
-    return tuple(each.uplift for each in _levels(replace(finest, uplift=values)))
+    return tuple(each.uplift for each in pyramid(replace(finest, uplift=values)))
 
 
 class HeightControl:

@@ -48,10 +48,7 @@ def grow_crown(crown: Crown, rng: np.random.Generator) -> Wood:
     taper = np.linspace(1.0, 0.22, STEPS + 1)
     bough_of = np.argmin(np.linalg.norm(tips[:, None] - boughs[:, 3], axis=-1), axis=1)
     bough_of[ends] = np.arange(crown.boughs)
-    where = rng.uniform(0.45, 0.95, len(tips)) * STEPS
-    piece = np.minimum(where.astype(np.int64), STEPS - 1)
-    share = (where - piece)[:, None]
-    start_point = boughs[bough_of, piece] * (1.0 - share) + boughs[bough_of, piece + 1] * share
+    start_point, _ = _along(boughs, bough_of, rng.uniform(0.45, 0.95, len(tips)))
     twig_middle = 0.5 * (start_point + tips) + [0.0, 0.0, 0.04 * crown.arch]
     twigs = _bent(start_point, twig_middle, tips, TWIG_STEPS)
     twig_thick = 0.30 * bough_thickness[bough_of]
@@ -145,6 +142,14 @@ def _at_height(trunk: Float64Array, height: Float64Array) -> Float64Array:
     return np.stack([x, y, height], axis=1)
 
 
+def _along(boughs: Float64Array, bough: Int64Array, t: Float64Array) -> tuple[Float64Array, Int64Array]:
+    """Return points on some of the boughs at shares of their lengths, and the segments that they are on."""
+    where = t * (boughs.shape[1] - 1)
+    piece = np.minimum(where.astype(np.int64), boughs.shape[1] - 2)
+    share = (where - piece)[:, None]
+    return boughs[bough, piece] * (1.0 - share) + boughs[bough, piece + 1] * share, piece
+
+
 def _bent(start: Float64Array, middle: Float64Array, end: Float64Array, steps: int) -> Float64Array:
     """Return points of quadratic Bézier curves, (n, steps + 1, 3)."""
     t = np.linspace(0.0, 1.0, steps + 1)[:, None]
@@ -210,10 +215,7 @@ def leaves_of_whorls(whorls: Whorls, wood: Wood, rng: np.random.Generator) -> Le
     count = len(bough)
     t = np.clip((step + rng.uniform(0.35, 1.05, count)) / pairs[bough], 0.06, 1.0)
     ahead, across, below = frames(wood.boughs)
-    where = t * (wood.boughs.shape[1] - 1)
-    piece = np.minimum(where.astype(np.int64), wood.boughs.shape[1] - 2)
-    share = (where - piece)[:, None]
-    root = wood.boughs[bough, piece] * (1.0 - share) + wood.boughs[bough, piece + 1] * share
+    root, piece = _along(wood.boughs, bough, t)
     ahead, across, below = ahead[bough, piece], across[bough, piece], -below[bough, piece]
     below = np.where(below[:, 2:] > 0.0, -below, below)
     turn = np.where(side == 2, 0.0, np.where(side == 0, 1.0, -1.0))[:, None]
@@ -248,15 +250,12 @@ def _leader(whorls: Whorls, wood: Wood, rng: np.random.Generator) -> Leaves:
     up = 0.9 + 0.1 * np.arange(count) / count
     angle = GOLDEN_ANGLE * np.arange(count)
     out = np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
-    x, y = (np.interp(up, wood.trunk[:, 2], wood.trunk[:, axis]) for axis in (0, 1))
     along = unit(out * (0.9 - 5.0 * (up - 0.9))[:, None] + UP * rng.uniform(0.9, 1.3, (count, 1)))
     length, half_width = whorls.leaf
     across = np.stack([-np.sin(angle), np.cos(angle), np.zeros(count)], axis=1)
     albedo = np.broadcast_to(whorls.colours.leaf, (count, 3)) * rng.uniform(0.9, 1.2, (count, 1))
-    root = np.stack([x, y, up], axis=1)
-    return Leaves(
-        root, 0.42 * length * along, 0.5 * half_width * across, unit(out + 0.5 * UP), albedo, np.zeros(count)
-    )
+    root, normal = _at_height(wood.trunk, up), unit(out + 0.5 * UP)
+    return Leaves(root, 0.42 * length * along, 0.5 * half_width * across, normal, albedo, np.zeros(count))
 
 
 class Openness:

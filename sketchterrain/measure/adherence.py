@@ -247,19 +247,13 @@ def _without(terrain: Terrain, layer: str) -> list[TerrainLayer]:
     kind = LAYERS[layer].kind
     if kind == "summits":
         return [relief_without(terrain.sketch, layer, terrain.memory)]
-    return (_without_points if kind == "patches" else _without_shapes)(terrain.recipe, layer)
-
-
-def _without_points(recipe: TerrainRecipe, layer: str) -> list[TerrainLayer]:
-    # Zero strength instead of removal, so that everything derived from the set of features stays the same.
-    painted = recipe.points.painted.copy()
-    painted["strength"][painted["type"] == FEATURE_TYPES.index(layer)] = 0.0
-    return [replace(recipe.points, painted=painted)]
-
-
-def _without_shapes(recipe: TerrainRecipe, layer: str) -> list[TerrainLayer]:
-    changed = []
-    for each in recipe.layers:
+    if kind == "patches":
+        # Zero strength, not removal: everything derived from the set of features stays the same.
+        painted = terrain.recipe.points.painted.copy()
+        painted["strength"][painted["type"] == FEATURE_TYPES.index(layer)] = 0.0
+        return [replace(terrain.recipe.points, painted=painted)]
+    changed: list[TerrainLayer] = []
+    for each in terrain.recipe.layers:
         parts = (part.name for part in fields(each) if part.metadata.get("items"))
         shapes = {name: items for name in parts if isinstance(items := getattr(each, name), tuple)}
         for name, items in shapes.items():

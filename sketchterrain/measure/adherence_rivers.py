@@ -10,6 +10,7 @@ from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int
 from sketchterrain.document.layers import LAYERS, layer_of, vector_of
 from sketchterrain.document.vectors import LINE
 from sketchterrain.generation.terrain import Terrain
+from sketchterrain.landforms.hydrology.lakes import index_runs
 from sketchterrain.landforms.hydrology.network import skeletons
 from sketchterrain.landforms.hydrology.vector_rivers import line_path, line_sizes
 from sketchterrain.landforms.placement.feature_types import Lake
@@ -96,7 +97,7 @@ def measure_river_adherence(terrain: Terrain) -> tuple[RiverAdherence, ...]:
     sketch = terrain.sketch
     painted = sketch.layers["river"] > 0
     rivers = [river for river in terrain.recipe.rivers if river.label]
-    lines = [_inside(terrain, resample(river.centreline[:, :2])) for river in rivers]
+    lines = [_inside(terrain, _resample(river.centreline[:, :2])) for river in rivers]
     beds = [_beds(terrain, line) for line in lines]
     bones = [
         (bone.rows[0] * sketch.width_px + bone.columns[0], _positions(terrain, bone.rows, bone.columns))
@@ -118,10 +119,10 @@ def measure_river_adherence(terrain: Terrain) -> tuple[RiverAdherence, ...]:
     return tuple(result)
 
 
-def resample(points: Float64Array, step: float = _STEP) -> Float64Array:
+def _resample(points: Float64Array) -> Float64Array:
     """Return positions in even steps (m) along a polyline of shape (n, 2)."""
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    count = min(int(lengths[-1] / step) + 2, _MAX_STEPS)
+    count = min(int(lengths[-1] / _STEP) + 2, _MAX_STEPS)
     at = np.linspace(0.0, lengths[-1], count)
     return np.stack([np.interp(at, lengths, points[:, axis]) for axis in (0, 1)], axis=-1)
 
@@ -130,9 +131,7 @@ def _beds(terrain: Terrain, line: Float64Array) -> list[Float64Array]:
     """Return heights (m) along a line, split at lakes, whose beds are hollows by design."""
     height = terrain.heights(line[:, 0], line[:, 1])
     dry = ~_lakes(terrain.recipe.lakes, line[:, 0], line[:, 1], height)
-    starts = np.flatnonzero(np.diff(dry.astype(np.int8), prepend=0) == 1)
-    ends = np.flatnonzero(np.diff(dry.astype(np.int8), append=0) == -1) + 1
-    return [height[start:end].astype(np.float64) for start, end in zip(starts, ends, strict=True)]
+    return [height[first : last + 1].astype(np.float64) for first, last in index_runs(dry)]
 
 
 def _distances(given: Float64Array, lines: list[Float64Array]) -> tuple[Float64Array, Float64Array]:
@@ -173,8 +172,8 @@ def _measure_lines(terrain: Terrain) -> list[RiverAdherence]:
     rivers = [each for each in terrain.recipe.rivers if vector_of(each.id) is not None]
     numbers = np.flatnonzero(layer.kinds == LINE)
     given = [np.asarray(line_path(layer, number)) for number in numbers.tolist()]
-    places = [_inside(terrain, resample(each)) for each in given]
-    lines = [_inside(terrain, resample(river.centreline[:, :2])) for river in rivers]
+    places = [_inside(terrain, _resample(each)) for each in given]
+    lines = [_inside(terrain, _resample(river.centreline[:, :2])) for river in rivers]
     built, drawn = _Segments([river.centreline[:, :2] for river in rivers]), _Segments(given)
     nearest = [drawn.nearest(line) for line in lines]
     widths = line_sizes(sketch)[0]

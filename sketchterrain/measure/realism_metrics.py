@@ -70,18 +70,13 @@ class WindowMaps(NamedTuple):
     slope: Float64Array  # degrees
 
 
-def geomorphons(height: Float64Array, cell: float, *, horizon: float = HORIZON) -> npt.NDArray[np.int8]:
-    """Return the landform of each cell (m) of heights (m), an index into :data:`FORMS`.
-
-    Lines of sight reach as far as the `horizon` (cells).
-    """
-    return np.asarray(
-        _geomorphons(np.ascontiguousarray(height, np.float64), cell, horizon, _FLATNESS, _FORM_TABLE)
-    )
+def geomorphons(height: Float64Array, cell: float) -> npt.NDArray[np.int8]:
+    """Return the landform of each cell (m) of heights (m), an index into :data:`FORMS`."""
+    return np.asarray(_geomorphons(np.ascontiguousarray(height, np.float64), cell, _FORM_TABLE))
 
 
 @njit(cache=True)
-def _geomorphons(height, cell, horizon, flatness, table):  # type: ignore[no-untyped-def]
+def _geomorphons(height, cell, table):  # type: ignore[no-untyped-def]
     rows, columns = height.shape
     form = np.zeros((rows, columns), np.int8)
     for i, j in np.ndindex(rows, columns):
@@ -92,7 +87,7 @@ def _geomorphons(height, cell, horizon, flatness, table):  # type: ignore[no-unt
                     continue
                 step = math.sqrt(a * a + b * b)
                 up, down, p, q = -math.inf, math.inf, i, j
-                for k in range(1, int(horizon / step) + 1):
+                for k in range(1, int(HORIZON / step) + 1):
                     p, q = p + a, q + b
                     if p < 0 or q < 0 or p >= rows or q >= columns:
                         break
@@ -101,9 +96,9 @@ def _geomorphons(height, cell, horizon, flatness, table):  # type: ignore[no-unt
                 if up == -math.inf:
                     continue
                 difference = math.atan(up) + math.atan(down)
-                if difference > flatness:
+                if difference > _FLATNESS:
                     higher += 1
-                elif difference < -flatness:
+                elif difference < -_FLATNESS:
                     lower += 1
         form[i, j] = table[lower, higher]
     return form

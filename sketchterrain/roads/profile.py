@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -41,15 +41,28 @@ _BENT = 0.75  # of the squared distance along a bend that is left inside of it
 _SMOOTH, _SMOOTH_RADII = (10.0, 40.0), 0.5  # m of the means, within this range by the least radius
 
 
+class _Neighbours(NamedTuple):
+    """The neighbours of nodes, one node after the other."""
+
+    starts: Int64Array  # (nodes + 1,) of those of each node
+    to: Int64Array
+    weight: Int64Array  # greatest difference of height, units
+
+    @classmethod
+    def from_edges(cls, ends: Int64Array, weight: Int64Array, count: int) -> _Neighbours:
+        """Return the neighbours of so many nodes by edges (2, n) of a weight, which lead both ways."""
+        source, target = ends.ravel(), ends[::-1].ravel()
+        order = np.argsort(source, kind="stable")
+        starts = np.append(0, np.cumsum(np.bincount(source, minlength=count)))
+        return cls(starts, target[order], np.tile(weight, 2)[order])
+
+
 @dataclass(frozen=True, eq=False)
 class StationGraph:
     """Stations as a graph: those at the ends of legs are one node where legs meet."""
 
     node: Int64Array  # (n,) of each station
-    count: int
-    starts: Int64Array  # (nodes + 1,) of the neighbours of each node
-    to: Int64Array
-    weight: Int64Array  # greatest difference of height, units
+    neighbours: _Neighbours
     piece_weight: Int64Array  # (n − 1,) the same of pieces
     reach: Float64Array  # (n,) m over which means are taken at most
     limit: Float64Array  # (n − 1,) greatest slope of pieces; NaN between legs
@@ -73,12 +86,9 @@ def station_graph(ways: Sequence[Way], legs: Sequence[Leg], line: Alignment) -> 
     strict[1:] = np.fmin(strict[1:], limit[:-1])
     limit = np.where(own, strict, np.nan)
     weight = np.floor(np.where(own, limit * line.length, 0.0) * (_SLACK / UNIT)).astype(np.int64)
-    a, b = node[:-1][own], node[1:][own]
-    source, target, both = np.append(a, b), np.append(b, a), np.tile(weight[own], 2)
-    order = np.argsort(source, kind="stable")
-    starts = np.append(0, np.cumsum(np.bincount(source, minlength=len(used))))
-    reach = _mean_reach(ways, line, limit)
-    return StationGraph(node, len(used), starts, target[order], both[order], weight, reach, limit)
+    ends = np.stack([node[:-1][own], node[1:][own]])
+    neighbours = _Neighbours.from_edges(ends, weight[own], len(used))
+    return StationGraph(node, neighbours, weight, _mean_reach(ways, line, limit), limit)
 
 
 def _mean_reach(ways: Sequence[Way], line: Alignment, limit: Float64Array) -> Float64Array:
@@ -124,8 +134,7 @@ def bounded_profile(
     decks : the same of structures without their ramps: they stay straight
     lower, upper : (n,) bounds, m; infinite where there are none
     """
-    bound_high = _envelope(_at_nodes(graph, upper, np.minimum, _FREE), graph)[graph.node]
-    bound_low = -_envelope(-_at_nodes(graph, lower, np.maximum, -_FREE), graph)[graph.node]
+    bound_high, bound_low = _highest(graph, upper), -_highest(graph, -lower)
     contrary = bound_low > bound_high
     whole = np.clip(np.rint(nearest / UNIT).astype(np.int64), bound_low, np.maximum(bound_low, bound_high))
     height = np.where(contrary, (bound_low + bound_high) >> 1, whole) * UNIT
@@ -160,38 +169,28 @@ def nearest_heights(
     most = rise[line.first[1:] - 1] - rise[line.first[:-1]]
     names, number = np.unique(ends, return_inverse=True)
     ends = number.reshape(ends.shape)
-    source, target = ends.T.ravel(), ends[:, ::-1].T.ravel()
-    order = np.argsort(source, kind="stable")
-    starts = np.append(0, np.cumsum(np.bincount(source, minlength=len(names))))
-    to, weight = target[order], np.tile(most, 2)[order]
+    legs = _Neighbours.from_edges(ends.T, most, len(names))
     data, known = np.zeros(len(names)), np.zeros(len(names), np.bool_)
     for station in (line.first[:-1], line.first[1:] - 1):
         at = np.searchsorted(names, graph.node[station])
         data[at] = ground[station]
         known[at[~is_free[station]]] = True
     whole = np.rint(data / UNIT).astype(np.int64)
-    wanted = _midst(np.where(known, whole, _FREE), np.where(known, -whole, _FREE), starts, to, weight)
+    wanted = _midst(np.where(known, whole, _FREE), np.where(known, -whole, _FREE), legs)
     wanted = np.where(known | (np.abs(wanted) >= _FREE >> 1), whole, wanted)
-    moved = np.rint(_shared(wanted * UNIT, starts, to, weight * UNIT) / UNIT).astype(np.int64)
-    junction = _midst(moved, -moved, starts, to, weight)
-    share = np.where(is_free, 0.0, _lengths_around(line))
+    shared = _shared(wanted * UNIT, legs.starts, legs.to, legs.weight * UNIT)
+    moved = np.rint(shared / UNIT).astype(np.int64)
+    junction = _midst(moved, -moved, legs)
+    half = 0.5 * line.length  # of the pieces on both sides of each station
+    share = np.where(is_free, 0.0, np.append(half, 0.0) + np.append(0.0, half))
     return np.asarray(
         _least_squares(line.first, ground, share, graph.piece_weight * UNIT, junction[ends] * UNIT)
     )
 
 
-def _lengths_around(line: Alignment) -> Float64Array:
-    """Return half the length of the pieces on both sides of each station, m."""
-    half = 0.5 * line.length
-    return np.asarray(np.append(half, 0.0) + np.append(0.0, half))
-
-
-def _midst(
-    high: Int64Array, low: Int64Array, starts: Int64Array, to: Int64Array, weight: Int64Array
-) -> Int64Array:
+def _midst(high: Int64Array, low: Int64Array, nodes: _Neighbours) -> Int64Array:
     """Return the mean of the upper envelope of `high` and the lower one of - `low`."""
-    upper, lower = _lower_envelope(high, starts, to, weight), -_lower_envelope(low, starts, to, weight)
-    return np.asarray((upper + lower) >> 1)
+    return np.asarray((_lower_envelope(high, *nodes) - _lower_envelope(low, *nodes)) >> 1)
 
 
 @njit(cache=True)
@@ -281,19 +280,13 @@ def _least_squares(first, ground, share, most, ends):  # type: ignore[no-untyped
     return found
 
 
-def _at_nodes(
-    graph: StationGraph, values: Float64Array, reduce: np.ufunc = np.maximum, none: int = -_FREE
-) -> Int64Array:
-    """Return values (m) of stations as whole units at their nodes; infinite ones are `none`."""
-    finite = np.isfinite(values)
-    whole = np.where(finite, np.rint(np.where(finite, values, 0.0) / UNIT), none).astype(np.int64)
-    found = np.full(graph.count, none)
-    reduce.at(found, graph.node, whole)
-    return found
-
-
-def _envelope(values: Int64Array, graph: StationGraph) -> Int64Array:
-    return np.asarray(_lower_envelope(values, graph.starts, graph.to, graph.weight))
+def _highest(graph: StationGraph, upper: Float64Array) -> Int64Array:
+    """Return the greatest heights (units) of stations within upper bounds (m) and the limits of grade."""
+    finite = np.isfinite(upper)
+    whole = np.where(finite, np.rint(np.where(finite, upper, 0.0) / UNIT), _FREE).astype(np.int64)
+    at_nodes = np.full(len(graph.neighbours.starts) - 1, _FREE)
+    np.minimum.at(at_nodes, graph.node, whole)
+    return np.asarray(_lower_envelope(at_nodes, *graph.neighbours)[graph.node])
 
 
 @njit(cache=True)

@@ -36,6 +36,10 @@ _STOREYS, _NEGLIGIBLE = 4, 1e-3  # times that clearances are asked for, and what
 _DECK_COVER = 0.3  # m of ground over a deck from which on it is a road on the ground
 
 
+_Crossed = tuple[Crossing, int, int]
+"""A crossing, and its stations on the upper and on the lower way."""
+
+
 @dataclass(frozen=True, eq=False)
 class Carried:
     """What carries each piece, and the profile."""
@@ -66,9 +70,7 @@ def carry(
     choose: BoolArray = (line.way >= 0) & (asked == AUTOMATIC)
     none = np.full(len(line.at), np.inf)
     lower, upper = -none, none.copy()
-    met = [_places(line, crossing.upper, crossing.x, crossing.y) for crossing in ways.crossings]
-    under = [_places(line, crossing.lower, crossing.x, crossing.y) for crossing in ways.crossings]
-
+    crossed = [_crossed(crossing, line) for crossing in ways.crossings]
     nearest: dict[bytes, Float64Array] = {}
 
     def solved() -> Profile:
@@ -83,7 +85,7 @@ def carry(
             nearest[key] = nearest_heights(graph, line, ground, is_free)
         return bounded_profile(graph, line, nearest[key], straight, runs, lower, upper)
 
-    for crossing, a, b in zip(ways.crossings, met, under, strict=True):
+    for crossing, a, b in crossed:
         if TUNNEL not in _beside(structure, b):
             _mark(structure, line, a, _width_below(ways, crossing), BRIDGE, choose)
     in_water = np.isfinite(water)
@@ -99,21 +101,19 @@ def carry(
     while opened:
         profile = solved()
         for _ in range(_STOREYS):  # what is above a raised deck is raised after it
-            if not _clear(
-                structure, line, graph, profile.height, water, causeway, (met, under), lower, upper
-            ):
+            if not _clear(structure, line, graph, profile.height, water, causeway, crossed, lower, upper):
                 break
             profile = solved()
-        result = _trimmed(structure, line, profile.height, ground, met)
+        result = _trimmed(structure, line, profile.height, ground, {a for _, a, _ in crossed})
         opened = False
-        for crossing, a, b in zip(ways.crossings, met, under, strict=True):
+        for crossing, a, b in crossed:
             is_open = TUNNEL in _beside(structure, b) and TUNNEL not in _beside(result, b)
             if is_open and BRIDGE not in _beside(structure, a):  # the way above needs a bridge then
                 structure[(structure == TUNNEL) & (result == GROUND)] = GROUND
                 _mark(structure, line, a, _width_below(ways, crossing), BRIDGE, choose)
                 opened = opened or BRIDGE in _beside(structure, a)
     told += _shallow_tunnels(asked_tunnels & (result == GROUND), line)
-    told += _low_crossings(ways, result, profile.height, line, (met, under))
+    told += _low_crossings(ways, result, profile.height, line, crossed)
     return Carried(result, profile, tuple(dict.fromkeys(told)))
 
 
@@ -129,9 +129,9 @@ def _low_crossings(
     structure: Int64Array,
     height: Float64Array,
     line: Alignment,
-    stations: tuple[Sequence[int], Sequence[int]],
+    crossed: Sequence[_Crossed],
 ) -> list[str]:
-    """Return findings about crossings without enough room, by the stations above and below."""
+    """Return findings about crossings without enough room."""
     decks = {
         station: deck_depth(line.along[last] - line.along[first])
         for first, last in _runs(structure, line)
@@ -139,7 +139,7 @@ def _low_crossings(
         for station in range(first, last + 1)
     }
     found = []
-    for crossing, a, b in zip(ways.crossings, *stations, strict=True):
+    for crossing, a, b in crossed:
         room = height[a] - height[b] - decks.get(a, 0.0)
         if room < _LEAST_CLEARANCE and TUNNEL not in _beside(structure, b):
             upper, lower = (feature_name(ways.ways[each].id) for each in (crossing.upper, crossing.lower))
@@ -158,12 +158,15 @@ def _width_below(ways: WayGraph, crossing: Crossing) -> float:
     return 1.5 * (below.half_width + below.shoulder) + _BEYOND_WAY
 
 
-def _places(line: Alignment, way: int, x: float, y: float) -> int:
-    """Return the station of a way that is nearest to a point."""
-    pieces = np.flatnonzero(line.way == way)
-    stations = np.union1d(pieces, pieces + 1)
-    away = ((line.at[stations] - (x, y)) ** 2).sum(axis=1)
-    return int(stations[np.argmin(away)])
+def _crossed(crossing: Crossing, line: Alignment) -> _Crossed:
+    """Return a crossing with the stations of its two ways that are nearest to it."""
+    found = []
+    for way in (crossing.upper, crossing.lower):
+        pieces = np.flatnonzero(line.way == way)
+        stations = np.union1d(pieces, pieces + 1)
+        away = ((line.at[stations] - (crossing.x, crossing.y)) ** 2).sum(axis=1)
+        found.append(int(stations[np.argmin(away)]))
+    return crossing, found[0], found[1]
 
 
 def _runs(structure: Int64Array, line: Alignment) -> list[tuple[int, int]]:
@@ -254,14 +257,14 @@ def _clear(
     height: Float64Array,
     water: Float64Array,
     causeway: BoolArray,
-    crossings: tuple[Sequence[int], Sequence[int]],
+    crossed: Sequence[_Crossed],
     lower: Float64Array,
     upper: Float64Array,
 ) -> bool:
     """Set bounds: decks above floods and above what they cross, and this beneath them; return whether any."""
     least = np.where(np.isfinite(water) & ~causeway, water + FREEBOARD, -np.inf)
     most = np.full(len(height), np.inf)
-    for a, b in zip(*crossings, strict=True):
+    for _, a, b in crossed:
         is_tunnel = TUNNEL in _beside(structure, b)
         least[a] = max(least[a], height[b] + CLEARANCE) if not is_tunnel else least[a]
         if is_tunnel:
@@ -291,20 +294,22 @@ def _trimmed(
     line: Alignment,
     height: Float64Array,
     ground: Float64Array,
-    crossed: Sequence[int],
+    above: set[int],
 ) -> Int64Array:
-    """Return structures without tunnels under too little ground, and decks in the ground."""
+    """Return structures without tunnels under too little ground, and without decks in the ground.
+
+    Those at stations `above` other ways stay.
+    """
     result = structure.copy()
     cover = ground - height
     shallow = np.minimum(cover[:-1], cover[1:]) < COVER + TUNNEL_HEIGHT
     buried = np.minimum(cover[:-1], cover[1:]) > -_DECK_COVER
-    buried[[piece for a in crossed for piece in (a - 1, a) if 0 <= piece < len(buried)]] = False
+    buried[[piece for a in above for piece in (a - 1, a) if 0 <= piece < len(buried)]] = False
     result[(structure == TUNNEL) & shallow] = GROUND
     result[(structure == BRIDGE) & buried] = GROUND
     for first, last in _runs(result, line):
-        if line.along[last] - line.along[first] < _SHORTEST[int(result[first])] and not set(
-            range(first, last + 1)
-        ) & set(crossed):
+        is_short = line.along[last] - line.along[first] < _SHORTEST[int(result[first])]
+        if is_short and above.isdisjoint(range(first, last + 1)):
             result[first:last] = GROUND
     return result
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
@@ -78,16 +76,6 @@ class TerrainRecipe:
     orthophotos: tuple[Orthophoto, ...] = ()
     network: RoadNetwork = NO_ROADS
     strata: Strata = field(default_factory=lambda: Strata.from_settings(defaults(GEOLOGY)))
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the fields, with plain dicts."""
-        state = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
-        return state | {"climate": dict(self.climate)}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore the fields."""
-        for key, value in state.items():
-            object.__setattr__(self, key, MappingProxyType(value) if isinstance(value, dict) else value)
 
     def key(self) -> bytes:
         """Return a digest of everything that heights and materials depend on everywhere."""

@@ -71,8 +71,7 @@ def test_grid_in_degrees_keeps_its_samples(make_grid: MakeGrid) -> None:
     assert np.abs(steps[1] - (row - 14)).max() < 0.03
 
 
-@pytest.mark.parametrize("wendland", [False, True])
-def test_uniform_covers_are_within_their_error(make_grid: MakeGrid, wendland: bool) -> None:
+def test_uniform_covers_are_within_their_error(make_grid: MakeGrid) -> None:
     fine = make_grid(degrees=20.0, accuracy=0.5)
     fine = with_void(fine, np.s_[40:60, 50:75])
     coarse = make_grid(90.0, 90, 100, accuracy=2.0, offset=1.0)
@@ -81,15 +80,14 @@ def test_uniform_covers_are_within_their_error(make_grid: MakeGrid, wendland: bo
     for error in (2.5, 5.0, 10.0, 20.0, 40.0, 80.0):
         which = work.cover(error)
         numbers.append(len(which))
-        surface = work.surface(which, wendland=wendland)
-        found = surface.evaluate(*sample_points(coarse))
+        found = work.surface(which).evaluate(*sample_points(coarse))
         assert (found.weight > 0.0).all()
         # Both grids are within `error` of the truth, which differs by accuracies from either's samples.
         assert np.abs(found.height - coarse.samples).max() <= error + 2.5
     assert numbers[-1] <= numbers[0] // 3
     alone = patchwork(fine)
     for error in (0.5, 3.0, 12.0):
-        found = alone.surface(alone.cover(error), wendland=wendland).evaluate(*sample_points(fine))
+        found = alone.surface(alone.cover(error)).evaluate(*sample_points(fine))
         spoken = found.weight > 0.0
         assert np.abs(found.height - fine.samples)[spoken & np.isfinite(fine.samples)].max() <= error
 

@@ -77,18 +77,18 @@ def resolve_conflicts(
         line = river.centreline[:, :2]
         for run in mountain_crossings(sketch, numbers, line):
             text = f"river {number} {_describe_crossing(run, river, ground, rivers)}"
-            found.append(_resolution_at(text, line[_display_point(run.first, run.last, len(line))]))
+            found.append(_resolution_along(text, line, run.first, run.last))
         for first, last, at in runs_inside(lakes, line):
             verb = "springs from" if first == 0 else "runs through"
             verb = "ends in" if last == len(line) - 1 else verb
             text = f"river {number} {verb} lake {at + 1}: water at {lakes[at].level:.1f} m"
-            found.append(_resolution_at(text, line[_display_point(first, last, len(line))]))
+            found.append(_resolution_along(text, line, first, last))
     for number, lake in enumerate(lakes, 1):
         centre = lake_centre(lake)
         mountain = int(_labels_along(sketch, numbers, centre[None])[0])
         if mountain and lake.label:
             text = f"lake {number} lies in mountain {mountain}: a tarn at {lake.level:.0f} m"
-            found.append(_resolution_at(text, centre))
+            found.append(Resolution(text, *centre.tolist()))
     return tuple(found)
 
 
@@ -102,20 +102,16 @@ def canyon_resolutions(sketch: Sketch, rivers: Sequence[River], run: Runner) -> 
         line = river.centreline[:, :2]
         for crossing in mountain_crossings(sketch, numbers, line):
             text = f"river {number} cuts a canyon through plateau {crossing.mountain}"
-            place = _display_point(crossing.first, crossing.last, len(line))
-            found.append(_resolution_at(text, line[place]))
+            found.append(_resolution_along(text, line, crossing.first, crossing.last))
     return tuple(found)
 
 
-def _resolution_at(line: str, at: Float64Array) -> Resolution:
-    return Resolution(line, float(at[0]), float(at[1]))
-
-
-def _display_point(first: int, last: int, count: int) -> int:
-    """Return the point of a line to show a run at: its loose end if it has just one, else its middle."""
-    if (first == 0) != (last == count - 1):
-        return 0 if first == 0 else count - 1
-    return (first + last) // 2
+def _resolution_along(text: str, line: Float64Array, first: int, last: int) -> Resolution:
+    """Return a resolution amid a run of a line, or at its loose end if it has just one."""
+    at = (first + last) // 2
+    if (first == 0) != (last == len(line) - 1):
+        at = first if first == 0 else last
+    return Resolution(text, *line[at].tolist())
 
 
 def _describe_crossing(run: Crossing, river: River, ground: Float64Array, rivers: Sequence[River]) -> str:

@@ -164,6 +164,10 @@ class RiverCourse:
     grows: bool = True  # widens from its spring and at confluences, unless it is as wide as painted
     given: tuple[int, int] | None = None  # first point and last one, exclusive, that a line gave it
 
+    def joint_near(self, at: Float64Array) -> int:
+        """Return the number of the point, not the spring, at which a tributary that ends at `at` joins it."""
+        return 1 + int(np.argmin(((self.line[1:] - at) ** 2).sum(axis=1)))
+
 
 def pixel_positions(sketch: Sketch, skeleton: Skeleton, pixels: Int64Array) -> Float64Array:
     """Return centres (m) of skeleton pixels, (n, 2)."""
@@ -189,7 +193,7 @@ def reach_course(
     interval = (4.0 + 4.0 * loose) * sketch.pixel_size
     path, joint = pixel_positions(sketch, skeleton, pixels), -1
     if parent is not None:
-        joint = 1 + int(np.argmin(((parent.line[1:] - path[-1]) ** 2).sum(axis=1)))
+        joint = parent.joint_near(path[-1])
         path[-1] = parent.line[joint]
     widths, depths, label = painted_sizes(sketch, skeleton, pixels, joins=parent is not None)
     sized_path = np.column_stack([smoothed(path, 2.0 + 3.0 * loose), widths, depths])

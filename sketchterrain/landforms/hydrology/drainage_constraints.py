@@ -49,10 +49,12 @@ class NodeRaster:
         rows, columns = np.indices(self.shape).reshape(2, -1)
         return np.stack([self.west + self.spacing * columns, self.south + self.spacing * rows], axis=-1)
 
-    def nearest(self, at: Float64Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Return rows and columns of the nodes nearest to positions (n, 2), m; they may be outside."""
+    def nearest(self, at: Float64Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], BoolArray]:
+        """Return rows and columns of the nodes nearest to positions (n, 2), m, and which exist."""
         row = np.floor((at[:, 1] - self.south) / self.spacing + 0.5).astype(np.int64)
-        return row, np.floor((at[:, 0] - self.west) / self.spacing + 0.5).astype(np.int64)
+        column = np.floor((at[:, 0] - self.west) / self.spacing + 0.5).astype(np.int64)
+        inside = (row >= 0) & (row < self.shape[0]) & (column >= 0) & (column < self.shape[1])
+        return row, column, inside
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,8 +210,7 @@ def _level_floors(
     line, floor = np.concatenate([each.line for each in courses]), np.concatenate(floors)
     reach = math.ceil(2.0 * _WIDEST_FLOOR * floor.max() / raster.spacing)
     near = np.zeros(raster.shape, np.bool_)
-    row, column = raster.nearest(line[floor > 0.0])
-    inside = (row >= 0) & (row < raster.shape[0]) & (column >= 0) & (column < raster.shape[1])
+    row, column, inside = raster.nearest(line[floor > 0.0])
     near[row[inside], column[inside]] = True
     near = maximum_filter(near, 2 * reach + 1)
     nodes = np.flatnonzero(near)
@@ -236,8 +237,7 @@ def course_path(raster: NodeRaster, line: Float64Array) -> tuple[Path, npt.NDArr
     count = max(int(np.ceil(_SAMPLES * arc[-1] / raster.spacing)), 1) + 1
     along = np.linspace(0.0, arc[-1], count)
     at = np.stack([np.interp(along, arc, line[:, i]) for i in (0, 1)], axis=-1)
-    row, column = raster.nearest(at)
-    inside = (row >= 0) & (row < raster.shape[0]) & (column >= 0) & (column < raster.shape[1])
+    row, column, inside = raster.nearest(at)
     if not inside.any():
         return [], np.zeros(len(line), np.int64)
     first = int(np.argmax(inside))

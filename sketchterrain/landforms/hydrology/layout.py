@@ -194,21 +194,25 @@ def lay_out_rivers(
         networks = _networks(sketch, seed, run)
     if water is None:
         water = run(lake_pixels, sketch.layers["lake"])
-    positions = [_end_positions(*each) for each in networks]
-    around = [ring_around(sketch, each) for each in positions]
-    found = heights_at(ground, [*positions, *around])
-    courses: list[RiverCourse] = []
-    for network, heights, near in zip(
-        networks, found[: len(positions)], found[len(positions) :], strict=True
-    ):
-        means = near.reshape(len(heights), -1).mean(axis=1)
-        courses.extend(_courses(sketch, network, (heights, means), seed, water, run))
-    return courses
+    found = end_heights(sketch, ground, [_end_positions(*each) for each in networks])
+    return [
+        course
+        for network, heights in zip(networks, found, strict=True)
+        for course in _courses(sketch, network, heights, seed, water, run)
+    ]
 
 
-def ring_around(sketch: Sketch, at: Float64Array) -> Float64Array:
-    """Return nine positions (m) around each position (n, 2), whose mean height tells springs from mouths."""
-    return np.asarray((at[:, None] + _RING * _SURROUNDINGS * sketch.extent).reshape(-1, 2))
+def end_heights(
+    sketch: Sketch, ground: GroundHeight, groups: Sequence[Float64Array]
+) -> list[tuple[Float64Array, Float64Array]]:
+    """Return heights (m) at each group of positions (n, 2), and the means of nine positions around each.
+
+    The means tell springs from mouths.
+    """
+    around = [(at[:, None] + _RING * _SURROUNDINGS * sketch.extent).reshape(-1, 2) for at in groups]
+    found = heights_at(ground, [*groups, *around])
+    means = [near.reshape(-1, len(_RING)).mean(axis=1) for near in found[len(groups) :]]
+    return list(zip(found, means, strict=False))
 
 
 def heights_at(ground: GroundHeight, groups: Sequence[Float64Array]) -> list[Float64Array]:

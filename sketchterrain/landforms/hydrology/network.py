@@ -117,7 +117,9 @@ def split_into_reaches(skeleton: Skeleton, root: int) -> tuple[Reach, ...]:
     the root are equally long, and so become two arms.
     """
     length, predecessor = skeleton.paths_from(root)
-    weighted = _weighted(skeleton, length, predecessor)
+    weighted = length
+    if (skeleton.weight != skeleton.weight[0]).any():
+        weighted = weighted_lengths(length, predecessor, skeleton.weight)
     return split_paths(length, predecessor, weighted, 2.0 * skeleton.depth + 2.0)
 
 
@@ -206,14 +208,12 @@ def edge_normal(
     return steepest[1] if steepest[0] > _LEAST_EXIT else None
 
 
-def _weighted(skeleton: Skeleton, length: Float64Array, predecessor: Int64Array) -> Float64Array:
-    """Return the weighted length of each pixel's path to the root."""
-    if np.all(skeleton.weight == skeleton.weight[0]):
-        return length
+def weighted_lengths(length: Float64Array, predecessor: Int64Array, weight: Float64Array) -> Float64Array:
+    """Return the weighted length of the path from each node of a graph to a mouth."""
     total = np.zeros(len(length))
-    for pixel in np.argsort(length, kind="stable")[1:]:
-        step = length[pixel] - length[predecessor[pixel]]
-        total[pixel] = total[predecessor[pixel]] + skeleton.weight[pixel] * step
+    for node in np.argsort(length, kind="stable"):
+        if (towards := predecessor[node]) >= 0:
+            total[node] = total[towards] + weight[node] * (length[node] - length[towards])
     return total
 
 

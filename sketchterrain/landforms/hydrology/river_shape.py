@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -229,23 +229,18 @@ class Network:
     arcs: Sequence[Float64Array]  # (m,) each, m from the spring
     widths: Sequence[Float64Array]  # (m,) each, m, with tributaries, swings and neighbours accounted for
     swings: Sequence[Float64Array]  # (m,) each, see `width_swing`; they do not change the depth
-    confluences: Sequence[Confluence | None]
-    bends: Sequence[Bends]
+    confluences: Sequence[Confluence | None] = ()
+    bends: Sequence[Bends] = ()
     # point runs (valleys through mountains) below the chord between the points before and after
-    cuts: Sequence[Sequence[tuple[int, int]]]
+    cuts: Sequence[Sequence[tuple[int, int]]] = ()
 
     def joining(self, number: int) -> list[int]:
         """Return the indices of the courses that join one."""
         return [other for other, parent in enumerate(self.parents) if parent == number]
 
 
-def build_network(
-    courses: Sequence[RiverCourse],
-    cuts: Sequence[Sequence[tuple[int, int]]],
-    run: Runner | None = None,
-) -> Network:
-    """Compute river widths, confluences and bends; `courses` have parents first, `cuts` as in `Network`."""
-    run = Runner() if run is None else run
+def build_network(courses: Sequence[RiverCourse], run: Runner) -> Network:
+    """Compute river widths, confluences and bends, without cuts; `courses` have parents first."""
     number_of = {course.id: number for number, course in enumerate(courses)}
     parents = [-1 if course.parent is None else number_of[course.parent.id] for course in courses]
     arcs = [arc_length(course.line) for course in courses]
@@ -264,17 +259,13 @@ def build_network(
         for course, arc, width in zip(courses, arcs, widths, strict=True)
     ]
     widths = [width * swing for width, swing in zip(widths, swings, strict=True)]
-    confluences: list[Confluence | None] = [
-        None
-        if parent < 0
-        else _confluence_at(course, courses[parent], arcs[n], arcs[parent], widths[n], widths[parent])
-        for n, (course, parent) in enumerate(zip(courses, parents, strict=True))
-    ]
-    widths = _narrow_neighbours(courses, parents, arcs, widths, confluences)
+    network = Network(courses, parents, arcs, widths, swings)
+    network = replace(network, confluences=[_confluence(network, number) for number in range(len(courses))])
+    widths = _narrow_neighbours(network)
     bends = [
         run(_bends, course.line, arc, width) for course, arc, width in zip(courses, arcs, widths, strict=True)
     ]
-    return Network(courses, parents, arcs, widths, swings, confluences, bends, cuts)
+    return replace(network, widths=widths, bends=bends)
 
 
 def _bends(line: Float64Array, arc: Float64Array, width: Float64Array) -> Bends:
@@ -325,15 +316,13 @@ def _nearest_below(line, arc, width, normals, banks):  # type: ignore[no-untyped
     return np.array(upper), np.array(lower), np.array(off)
 
 
-def _confluence_at(
-    course: RiverCourse,
-    parent: RiverCourse,
-    arc: Float64Array,
-    parent_arc: Float64Array,
-    width: Float64Array,
-    parent_width: Float64Array,
-) -> Confluence:
-    """Return the tributary's last run in which its water overlaps its parent's."""
+def _confluence(network: Network, number: int) -> Confluence | None:
+    """Return a tributary's last run in which its water overlaps its parent's; None of a stem."""
+    stem = network.parents[number]
+    if stem < 0:
+        return None
+    course, arc, width = network.courses[number], network.arcs[number], network.widths[number]
+    parent, parent_arc, parent_width = network.courses[stem], network.arcs[stem], network.widths[stem]
     result: Any = cKDTree(parent.line).query(course.line)
     distance, nearest = (np.asarray(part) for part in result)
     reach, upper = 0.55 * (width + parent_width[nearest]), nearest
@@ -364,14 +353,9 @@ def _confluence_at(
     )
 
 
-def _narrow_neighbours(
-    courses: Sequence[RiverCourse],
-    parents: Sequence[int],
-    arcs: Sequence[Float64Array],
-    widths: Sequence[Float64Array],
-    confluences: Sequence[Confluence | None],
-) -> list[Float64Array]:
-    """Narrow rivers where their waters would overlap away from confluences."""
+def _narrow_neighbours(network: Network) -> list[Float64Array]:
+    """Return widths, less where the waters of rivers would overlap away from confluences."""
+    courses, widths = network.courses, network.widths
     boxes = [
         (course.line.min(axis=0) - width.max(), course.line.max(axis=0) + width.max())
         for course, width in zip(courses, widths, strict=True)
@@ -387,7 +371,7 @@ def _narrow_neighbours(
             # Beyond this distance nothing is narrowed.
             widest = 0.5 * float(widths[number].max() + widths[other].max())
             low, high = boxes[other]
-            checked = _apart(number, other, parents, arcs, courses, confluences)
+            checked = _apart(network, number, other)
             checked &= ((course.line >= low - widest) & (course.line <= high + widest)).all(axis=1)
             if not checked.any():
                 continue
@@ -396,31 +380,24 @@ def _narrow_neighbours(
             found = np.isfinite(distance)
             checked[checked], distance, nearest = found, distance[found], nearest[found]
             total = 0.5 * (widths[number][checked] + widths[other][nearest])
-            counts = _apart(other, number, parents, arcs, courses, confluences)[nearest]
+            counts = _apart(network, other, number)[nearest]
             scale = np.where(counts, np.clip(distance / total, 0.05, 1.0), 1.0)
             scales[number][checked] = np.minimum(scales[number][checked], scale)
     return [
         width * _smooth_transition(scale, arc, float(width.max()))
-        for width, scale, arc in zip(widths, scales, arcs, strict=True)
+        for width, scale, arc in zip(widths, scales, network.arcs, strict=True)
     ]
 
 
-def _apart(
-    number: int,
-    other: int,
-    parents: Sequence[int],
-    arcs: Sequence[Float64Array],
-    courses: Sequence[RiverCourse],
-    confluences: Sequence[Confluence | None],
-) -> npt.NDArray[np.bool_]:
+def _apart(network: Network, number: int, other: int) -> npt.NDArray[np.bool_]:
     """Return which points of a course lie outside its confluences with the other one's family."""
-    arc, away = arcs[number], np.ones(len(arcs[number]), dtype=np.bool_)
-    own = confluences[number]
+    arc, parents = network.arcs[number], network.parents
+    away, own = np.ones(len(arc), dtype=np.bool_), network.confluences[number]
     if own is not None and (parents[number] == other or parents[other] == parents[number]):
         away &= arc < arc[-1] - own.length
-    met = confluences[other]
+    met = network.confluences[other]
     if met is not None and parents[other] == number:
-        joint = arc[courses[other].joint]
+        joint = arc[network.courses[other].joint]
         away &= (arc < joint - met.above) | (arc > joint + met.below)
     return away
 

@@ -142,21 +142,15 @@ def _apply_edits(
     if parent is course.parent and np.array_equal(points, course.line[course.controls]):
         joint = course.joint
     elif parent is not None:
-        joint = 1 + int(np.argmin(((parent.line[1:] - points[-1]) ** 2).sum(axis=1)))
+        joint = parent.joint_near(points[-1])
         points[-1] = parent.line[joint]
     grows = course.grows
     if not np.array_equal(points, course.line[course.controls]):
-        course = _with_controls(course, points)
+        sized = np.column_stack([points, course.width[course.controls], course.depth[course.controls]])
+        course = course_through(sized, course.id, course.label, parent=None, joint=-1, taper=course.taper)
     widths = [edit.width for edit in edits if edit.action == "width"]
     width = np.full_like(course.width, widths[-1]) if widths else course.width
     return replace(course, parent=parent, joint=joint, width=width, grows=grows or bool(widths))
-
-
-def _with_controls(course: RiverCourse, points: npt.NDArray[np.float64]) -> RiverCourse:
-    sizes = (course.width[course.controls], course.depth[course.controls])
-    return course_through(
-        np.column_stack([points, *sizes]), course.id, course.label, parent=None, joint=-1, taper=course.taper
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +261,7 @@ def _solve_levels(
     """Solve water levels: return rivers sorted by id, lakes, and the terrain height along each river."""
     if not courses:
         return [], lakes, []
-    network = replace(run(build_network, courses, [()] * len(courses)), cuts=cuts)
+    network = replace(run(build_network, courses), cuts=cuts)
     rivers, filled = run(_levels, network, lakes, grounds, sea_level)
     order = sorted(range(len(rivers)), key=lambda number: rivers[number].id)
     return [rivers[number] for number in order], filled, [grounds[number] for number in order]

@@ -183,7 +183,7 @@ def _course(
         return None
     joint = -1
     if parent is not None:
-        joint = 1 + int(np.argmin(((parent.line[1:] - line[-1, :2]) ** 2).sum(axis=1)))
+        joint = parent.joint_near(line[-1, :2])
         if joint == len(parent.line) - 1:
             return None  # the stem ends before
         line[-1, :2] = parent.line[joint]

@@ -16,15 +16,10 @@ from sketchterrain.document.label_layers import LabelImage, freeze_image, labels
 from sketchterrain.document.vectors import AREA, VectorLayer
 from sketchterrain.landforms.hydrology.courses import LAKE_GAP, RiverCourse, part_of_course
 from sketchterrain.landforms.hydrology.lakes import WaterPixels
-from sketchterrain.landforms.hydrology.layout import (
-    best_mouth,
-    heights_at,
-    lay_out_rivers,
-    ring_around,
-)
+from sketchterrain.landforms.hydrology.layout import best_mouth, end_heights, lay_out_rivers
 from sketchterrain.landforms.hydrology.vector_rivers import (
     LineNetwork,
-    areas_with_axes,
+    areas_without_axes,
     line_networks,
     line_path,
     line_sizes,
@@ -54,15 +49,12 @@ def lay_out_lines(sketch: Sketch, *, seed: int, ground: GroundHeight, run: Runne
     free = [number for number, nodes in enumerate(mouths) if not len(nodes)]
     if free:
         ends = [networks[number].at[networks[number].ends()] for number in free]
-        found = heights_at(ground, [*ends, *(ring_around(sketch, at) for at in ends)])
-        flows = sketch.vector_values("river", "flow")
-        for number, at, heights, near in zip(free, ends, found, found[len(ends) :], strict=False):
+        flows, size, gap = sketch.vector_values("river", "flow"), sketch.size, LAKE_GAP * sketch.pixel_size
+        for number, at, heights in zip(free, ends, end_heights(sketch, ground, ends), strict=True):
             network = networks[number]
-            size, gap = np.array(sketch.size), LAKE_GAP * sketch.pixel_size
-            is_edge: BoolArray = np.any((at <= gap) | (at >= size - gap), axis=1)
-            means = near.reshape(len(heights), -1).mean(axis=1)
+            is_edge: BoolArray = np.any((at <= gap) | (at >= np.array(size) - gap), axis=1)
             flow = float(flows[network.line[0]])
-            best = best_mouth(sketch, at, flow, heights, means, is_edge, float(network.lengths.sum()))
+            best = best_mouth(sketch, at, flow, *heights, is_edge, float(network.lengths.sum()))
             mouths[number] = network.ends()[[best]]
     courses: list[RiverCourse] = run(_courses, part_of(sketch, *_LINES), networks, mouths, seed)
     return courses
@@ -169,7 +161,7 @@ def with_areas_painted(sketch: Sketch, run: Runner) -> Sketch:
     layer = sketch.vectors["river"]
     if not (layer.kinds == AREA).any():
         return sketch
-    areas: BoolArray = run(_areas_without_axes, layer)
+    areas: BoolArray = run(areas_without_axes, layer)
     if not areas.any():
         return sketch
     used = labels_in(sketch.layers["river"])
@@ -179,10 +171,6 @@ def with_areas_painted(sketch: Sketch, run: Runner) -> Sketch:
     properties = {**sketch.properties("river", int(layer.labels[areas][0])), "width": 0.0}
     labels = {**sketch.labels, ("river", label): properties}
     return sketch.replace(layers={**sketch.layers, "river": painted}, labels=labels)
-
-
-def _areas_without_axes(layer: VectorLayer) -> BoolArray:
-    return np.asarray((layer.kinds == AREA) & ~areas_with_axes(layer))
 
 
 def vectors_painted(sketch: Sketch, run: Runner) -> dict[str, LabelImage]:

@@ -23,7 +23,13 @@ from sketchterrain.landforms.hydrology.courses import (
     extend_path,
     smoothed,
 )
-from sketchterrain.landforms.hydrology.network import EDGE_GAP, Reach, edge_normal, split_paths
+from sketchterrain.landforms.hydrology.network import (
+    EDGE_GAP,
+    Reach,
+    edge_normal,
+    split_paths,
+    weighted_lengths,
+)
 
 if TYPE_CHECKING:
     import shapely
@@ -105,11 +111,7 @@ class LineNetwork:
             own = next_node[a] == b
             weight[a[own]] = widths[own]
         weight[count:] = widths[is_cut]
-        weighted = np.zeros(len(nodes))
-        step = length - length[np.maximum(next_node, 0)]
-        for node in np.argsort(length, kind="stable"):
-            if next_node[node] >= 0:
-                weighted[node] = weighted[next_node[node]] + weight[node] * step[node]
+        weighted = weighted_lengths(length, next_node, weight)
         return nodes, split_paths(length, next_node, weighted, np.full(len(nodes), spur))
 
 
@@ -303,7 +305,7 @@ def _course(
     """Return a course along a path (n, 2), m; its pieces have sizes (n - 1, 2): width and depth, m."""
     joint = -1
     if parent is not None:
-        joint = 1 + int(np.argmin(((parent.line[1:] - path[-1]) ** 2).sum(axis=1)))
+        joint = parent.joint_near(path[-1])
         path = np.concatenate([path[:-1], parent.line[joint : joint + 1]])
     taper, added = float(arc_length(path)[-1]) / 3.0, [0, 0]
     # Its end, then its spring: each leaves the sketch or not.
@@ -363,20 +365,18 @@ def _exit(sketch: Sketch, path: Float64Array, width: float) -> tuple[float, floa
     return edge_normal(gaps, run[0], run[1], 0.5 * width + EDGE_GAP * sketch.pixel_size)
 
 
-def areas_with_axes(layer: VectorLayer) -> BoolArray:
-    """Return which areas of rivers have an axis: a line that runs through them."""
+def areas_without_axes(layer: VectorLayer) -> BoolArray:
+    """Return which features are areas of rivers without an axis: a line that runs through them."""
     import shapely
 
-    areas = layer.kinds == AREA
+    found: BoolArray = layer.kinds == AREA
     shapes = layer.shapes()
     lines = shapes[layer.kinds == LINE]
-    if not (areas.any() and len(lines)):
-        return np.zeros(len(layer), np.bool_)
-    tree = shapely.STRtree(lines)
-    found, within = (tree.query(shapes[areas], predicate=each)[0] for each in ("crosses", "contains"))
-    has_axis = np.zeros(len(layer), np.bool_)
-    has_axis[np.flatnonzero(areas)[np.union1d(found, within)]] = True
-    return has_axis
+    if found.any() and len(lines):
+        tree = shapely.STRtree(lines)
+        crossed, within = (tree.query(shapes[found], predicate=each)[0] for each in ("crosses", "contains"))
+        found[np.flatnonzero(found)[np.union1d(crossed, within)]] = False
+    return found
 
 
 def with_banks(course: RiverCourse, areas: shapely.STRtree) -> RiverCourse:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import partial
+from functools import lru_cache, partial
+from itertools import chain
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -52,9 +53,8 @@ _BEFORE: Final = 1.0  # m that a portal stands before the tunnel's end
 def built_objects(network: RoadNetwork, rivers: Sequence[River] = ()) -> list[BuiltObject]:
     """Return bridges, tunnels, houses, walls and hedges."""
     bridges = [road for road in network.roads if road.structure == BRIDGE]
-    obstacles = _Obstacles(_below(network.roads, bridges), rivers if bridges else ())
     return [
-        *(_bridge(road, obstacles) for road in bridges),
+        *_bridges(bridges, _below(network.roads, bridges), rivers),
         *(_tunnel(road) for road in network.roads if road.structure == TUNNEL),
         *(house(pad) for pad in network.pads if pad.building > 0.0 and len(pad.outline) > 2),
         *(wall(each) for each in network.walls if len(each.line) > 1),
@@ -137,32 +137,30 @@ def _below(roads: Sequence[Road], bridges: Sequence[Road]) -> list[Road]:
     return [others[number] for number in near]
 
 
-class _Obstacles:
-    """Roads on the ground and rivers, which piers keep off: points with a reach (m), and 1 for rivers."""
+@lru_cache(maxsize=1 << 12)
+def _obstacle(road: Road) -> Float64Array:
+    """Return points of a road on the ground (n, 5): position, reach (m), and 2."""
+    line = _resampled(axis_points(road, 0.5).position, _STEP)
+    return np.column_stack([line, np.tile((float(road.whole_half.max()) + 1.0, 2.0), (len(line), 1))])
 
-    def __init__(self, roads: Sequence[Road], rivers: Sequence[River]) -> None:
-        lines = [
-            (_resampled(axis_points(road, 0.5).position, _STEP), float(road.whole_half.max()) + 1.0, 2.0)
-            for road in roads
-        ]
-        lines += [
-            (_resampled(river.centreline, _STEP), 0.5 * float(river.centreline_width.mean()), 1.0)
-            for river in rivers
-            if len(river.centreline) > 1
-        ]
-        rows = [np.column_stack([line, np.tile(own, (len(line), 1))]) for line, *own in lines]
-        self._rows = np.concatenate([np.zeros((0, 5)), *rows])
-        self._tree = cKDTree(self._rows[:, :2])
 
-    def blocked(self, places: Float64Array) -> Float64Array:
-        """Return what is below places (n, 3) on a bridge: 0 ground, 1 a river, 2 a road."""
-        found = self._tree.query_ball_point(places[:, :2], self._rows[:, 3].max(initial=0.0))
-        result = np.zeros(len(places))
-        for number, (place, near) in enumerate(zip(places, found, strict=True)):
-            rows = self._rows[near]
-            below = (np.hypot(*(rows[:, :2] - place[:2]).T) < rows[:, 3]) & (rows[:, 2] < place[2] - 2.0)
-            result[number] = rows[below, 4].max(initial=0.0)
-        return result
+def _blocked(places: Float64Array, roads: Sequence[Road], rivers: Sequence[River]) -> Float64Array:
+    """Return what is below places (n, 3) on bridges, off which piers keep: 0 ground, 1 a river, 2 a road."""
+    rows = [np.zeros((0, 5)), *map(_obstacle, roads)]
+    for river in rivers:
+        if len(river.centreline) > 1:
+            line = _resampled(river.centreline, _STEP)
+            own = 0.5 * float(river.centreline_width.mean()), 1.0
+            rows.append(np.column_stack([line, np.tile(own, (len(line), 1))]))
+    below = np.concatenate(rows)
+    found = cKDTree(below[:, :2]).query_ball_point(places[:, :2], below[:, 3].max(initial=0.0))
+    place = np.repeat(np.arange(len(places)), [len(each) for each in found])
+    near = below[np.fromiter(chain.from_iterable(found), np.intp, len(place))]
+    away = np.hypot(*(near[:, :2] - places[place, :2]).T)
+    blocks = (away < near[:, 3]) & (near[:, 2] < places[place, 2] - 2.0)
+    result = np.zeros(len(places))
+    np.maximum.at(result, place[blocks], near[blocks, 4])
+    return result
 
 
 def _resampled(line: Float64Array, step: float) -> Float64Array:
@@ -172,17 +170,28 @@ def _resampled(line: Float64Array, step: float) -> Float64Array:
     return np.column_stack([np.interp(at, along, axis) for axis in line.T])
 
 
-def _bridge(road: Road, obstacles: _Obstacles) -> BuiltObject:
+@lru_cache(maxsize=1 << 12)
+def _deck(road: Road) -> tuple[AxisPoints, AxisPoints]:
+    """Return the stations of a bridge for its meshes, and those about `_STEP` m apart."""
     points = axis_points(road, CHORD)
     count = max(round((points.along[-1] - points.along[0]) / _STEP), 2)
-    sampled = points.at_distances(np.linspace(points.along[0], points.along[-1], count + 1))
-    blocked = obstacles.blocked(sampled.position)
-    return BuiltObject(
-        _name(road),
-        (*road_content(road), blocked.tobytes()),
-        sampled.position[:, :2],
-        partial(_bridge_parts, road, points, sampled, blocked),
-    )
+    return points, points.at_distances(np.linspace(points.along[0], points.along[-1], count + 1))
+
+
+def _bridges(
+    bridges: Sequence[Road], below: Sequence[Road], rivers: Sequence[River]
+) -> Iterator[BuiltObject]:
+    """Yield bridges over roads and rivers."""
+    if not bridges:
+        return
+    decks = [_deck(road) for road in bridges]
+    places = np.concatenate([sampled.position for _, sampled in decks])
+    ends = np.cumsum([len(sampled.position) for _, sampled in decks])
+    blocked = np.split(_blocked(places, below, rivers), ends[:-1])
+    for road, (points, sampled), own in zip(bridges, decks, blocked, strict=True):
+        content = (*road_content(road), own.tobytes())
+        parts = partial(_bridge_parts, road, points, sampled, own)
+        yield BuiltObject(_name(road), content, sampled.position[:, :2], parts)
 
 
 def _bridge_parts(

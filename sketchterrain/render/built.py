@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import moderngl
@@ -19,7 +20,7 @@ from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.render.targets import bands
 from sketchterrain.render.vertex_memory import COMMAND
 from sketchterrain.roads.road_shapes import axis_points
-from sketchterrain.roads.road_types import BRIDGE, RoadNetwork
+from sketchterrain.roads.road_types import BRIDGE, Road, RoadNetwork
 from sketchterrain.tiles.lod import inside_frustum
 
 if TYPE_CHECKING:
@@ -90,10 +91,7 @@ class BuiltScenery:
         if layers != self._layers:
             self._layers, self._objects = layers, {}
         self._network = network
-        decks = [axis_points(road, 0.5) for road in network.roads if road.structure == BRIDGE]
-        stations = [
-            each.at_distances(np.arange(each.along[0], each.along[-1], 3.0)).position for each in decks
-        ]
+        stations = [_deck_places(road) for road in network.roads if road.structure == BRIDGE]
         self._decks = cKDTree(np.concatenate([np.zeros((0, 3)), *stations]))
         if self._update_objects(terrain, areas):
             self.changes += 1
@@ -319,3 +317,10 @@ def _blocks(parts: Sequence[BuiltPart], layers: Mapping[str, int], origin: Float
         extent = float((high - low).max())
         blocks.append(_Block(is_mouth, size, extent, low, high, vertices, np.concatenate(indices)))
     return blocks
+
+
+@lru_cache(maxsize=1 << 12)
+def _deck_places(road: Road) -> Float64Array:
+    """Return places along the axis of a bridge (n, 3), m."""
+    points = axis_points(road, 0.5)
+    return points.at_distances(np.arange(points.along[0], points.along[-1], 3.0)).position

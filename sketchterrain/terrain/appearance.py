@@ -79,6 +79,15 @@ def known_tiles(
     return np.array([known[name] for name in names], np.bool_)
 
 
+def _rows_without(rows: npt.NDArray[np.void], other: npt.NDArray[np.void]) -> Int64Array:
+    """Return the numbers of rows that the other rows lack; equal ones at both ends are left out first."""
+    count = min(len(rows), len(other))
+    first = int(np.append(rows[:count] != other[:count], True).argmax())
+    last = int(np.append(rows[::-1][: count - first] != other[::-1][: count - first], True).argmax())
+    middle = np.isin(rows[first : len(rows) - last], other[first : len(other) - last])
+    return first + np.flatnonzero(~middle)
+
+
 def tile_boxes(tiles: Int64Array, extent: float) -> Float64Array:
     """Return the boxes (n, 4), m, of all texels of tiles (n, 3)."""
     width = extent / np.exp2(tiles[:, :1])
@@ -154,8 +163,8 @@ class Appearance:
         boxes = [np.zeros((0, 4))]
         if self._roads is not old._roads:
             for one, other in ((old._roads, self._roads), (self._roads, old._roads)):
-                kept = np.isin(one.as_bytes(), other.as_bytes())
-                boxes.append(np.asarray(one.boxes.boxes[~kept] * unit, np.float64))
+                changed = _rows_without(one.as_bytes(), other.as_bytes())
+                boxes.append(np.asarray(one.boxes.boxes[changed] * unit, np.float64))
         removed, added = self.recipe.landuse.difference(old.recipe.landuse)
         for each, areas in ((old, removed), (self, added)):
             boxes.append(np.asarray(each._areas.boxes_of(areas) * unit, np.float64))

@@ -32,6 +32,8 @@ def main() -> int:
     os.dup2(2, 1)
 
     def emit(event: dict[str, Any]) -> None:
+        if _cancelled:  # an interruption that fell into a callback of Python's was lost
+            raise KeyboardInterrupt
         events.write(json.dumps(event) + "\n")
         events.flush()
 
@@ -50,7 +52,11 @@ def main() -> int:
     return 0
 
 
+_cancelled: list[object] = []
+
+
 def _cancel(*_: object) -> None:
+    _cancelled.append(True)
     raise KeyboardInterrupt
 
 

@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 _SIZE: Final = 16  # bytes
 _LARGE: Final = 1 << 12  # bytes of arrays whose digests are kept
+_SWEEP: Final = (1 << 12) - 1  # objects gone are forgotten whenever so many more are known, less one
 BLOCK: Final = 64
 """Pixels along the sides of blocks of images."""
 _LITERALS: Final = frozenset({str, int, float, complex, bool, type(None)})
@@ -31,29 +32,26 @@ _SCALARS: Final = (str, bytes, int, float, complex, type(None), np.generic, Pure
 class Known(weakref.ref[Any]):
     """What is known of an object, as long as it lives."""
 
-    __slots__ = ("found", "memory", "name")  # there are many
+    __slots__ = ("found",)  # there are many
 
-    memory: dict[int, Known]
-    name: int
     found: Any
 
     @classmethod
     def keep(cls, memory: dict[int, Known], value: object, found: object) -> None:
-        """Keep what was found of an object."""
-        name = id(value)
-        memory[name] = own = cls(value, _forget)
-        own.memory, own.name, own.found = memory, name, found
+        """Keep what was found of an object; now and then forget objects that are gone."""
+        # Without callbacks: an interruption that falls into one is lost.
+        memory[id(value)] = own = cls(value)
+        own.found = found
+        if len(memory) & _SWEEP == 0:
+            for name, known in list(memory.items()):
+                if known() is None and memory.get(name) is known:
+                    del memory[name]
 
     @staticmethod
     def of(memory: dict[int, Known], value: object) -> Any:
         """Return what was kept of an object; None without."""
         known = memory.get(id(value))
         return known.found if known is not None and known() is value else None
-
-
-def _forget(gone: Any) -> None:
-    if gone.memory.get(gone.name) is gone:
-        del gone.memory[gone.name]
 
 
 _digests: dict[int, Known] = {}

@@ -34,18 +34,18 @@ from sketchterrain.terrain.recipe import TerrainRecipe
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
 
-# Cullers of layers that are not on the device as a whole.
-_CULLERS: Final[Mapping[type[TerrainLayer], Callable[[Any, ComputeContext, WorldSettings], Culler]]] = {
-    PointsLayer: PointCuller,
-    BaseLayer: BaseCuller,
-    ReliefLayer: ReliefCuller,
-    LandUseLayer: LandUseCuller,
+# Cullers of layers that are not on the device as a whole, by the layer's name.
+_CULLERS: Final[Mapping[str, Callable[[Any, ComputeContext, WorldSettings], Culler]]] = {
+    PointsLayer.name: PointCuller,
+    BaseLayer.name: BaseCuller,
+    ReliefLayer.name: ReliefCuller,
+    LandUseLayer.name: LandUseCuller,
 }
 
 
 def culler_of(layer: TerrainLayer, context: ComputeContext, world: WorldSettings) -> Culler:
     """Return a layer's arguments and lists on a device."""
-    return _CULLERS.get(type(layer), WholeCuller)(layer, context, world)
+    return _CULLERS.get(layer.name, WholeCuller)(layer, context, world)
 
 
 class KernelInputs:

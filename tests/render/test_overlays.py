@@ -12,6 +12,7 @@ from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.landforms.placement.feature_types import FEATURE
 from sketchterrain.render.camera import Camera
+from sketchterrain.render.flight import CameraStates
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.offscreen import capture_frames, read_picture, render_picture
 from sketchterrain.render.overlays import FEATURE_COLOURS, OVERLAYS, Overlay, feature_lines
@@ -191,10 +192,11 @@ def test_the_sea_has_a_coastline():
 def test_captured_frames_and_pictures_draw_overlays(gl, waves, monkeypatch):
     drawn = []
     monkeypatch.setattr(Overlay, "draw", lambda self, name, eye, framebuffer: drawn.append((name, eye[2])))
-    views = SimpleNamespace(
+    views = CameraStates(
         eye=np.array([CAMERA.eye, (500.0, -90.0, 150.0)]),
         target=np.array([CAMERA.target] * 2),
         fov=np.array([50.0] * 2),
+        velocity=np.zeros((2, 3)),
     )
     quick = replace(Quality.from_level(0.0), quads=64, material_texels=64, map_texels=64)
     list(

@@ -144,6 +144,7 @@ def test_a_world_is_estimated_started_cancelled_and_resumed(qtbot, opened, tmp_p
     dialog.form["normals"].setChecked(True)
     dialog._is_estimated = True
     dialog.accept_button.click()
+    qtbot.waitUntil((tmp_path / "world.zarr").exists)  # features are placed
     with qtbot.waitSignal(dialog.job.share_changed, check_params_cb=lambda share: share > 0):
         pass
     with qtbot.waitSignal(dialog.job.failed) as why:

@@ -22,46 +22,55 @@ import numpy.typing as npt
 
 _SIZE: Final = 16  # bytes
 _LARGE: Final = 1 << 12  # bytes of arrays whose digests are kept
-_SWEEP: Final = (1 << 12) - 1  # objects gone are forgotten whenever so many more are known, less one
+_FEW: Final = 256  # objects of which as many may be gone before they are forgotten; of more, half
 BLOCK: Final = 64
 """Pixels along the sides of blocks of images."""
 _LITERALS: Final = frozenset({str, int, float, complex, bool, type(None)})
 _SCALARS: Final = (str, bytes, int, float, complex, type(None), np.generic, PurePath)
 
 
-class Known(weakref.ref[Any]):
-    """What is known of an object, as long as it lives."""
+class _Known(weakref.ref[Any]):
+    """What is known of an object."""
 
     __slots__ = ("found",)  # there are many
 
     found: Any
 
-    @classmethod
-    def keep(cls, memory: dict[int, Known], value: object, found: object) -> None:
-        """Keep what was found of an object; now and then forget objects that are gone."""
-        # Without callbacks: an interruption that falls into one is lost.
-        memory[id(value)] = own = cls(value)
-        own.found = found
-        if len(memory) & _SWEEP == 0:
-            for name, known in list(memory.items()):
-                if known() is None and memory.get(name) is known:
-                    del memory[name]
 
-    @staticmethod
-    def of(memory: dict[int, Known], value: object) -> Any:
+class Memory(dict[int, _Known]):
+    """What is known of objects, by id; soon after they are gone it is forgotten."""
+
+    _limit = _FEW
+
+    def of(self, value: object) -> Any:
         """Return what was kept of an object; None without."""
-        known = memory.get(id(value))
+        known = self.get(id(value))
         return known.found if known is not None and known() is value else None
 
+    def keep(self, value: object, found: object) -> None:
+        """Keep what was found of an object."""
+        # Without a callback: an interruption that falls into one is lost.
+        self[id(value)] = known = _Known(value)
+        known.found = found
+        if len(self) >= self._limit:
+            self.forget_gone()
 
-_digests: dict[int, Known] = {}
-_blocks: dict[int, Known] = {}
+    def forget_gone(self) -> None:
+        """Forget objects that are gone."""
+        for name, known in list(self.items()):
+            if known() is None and self.get(name) is known:
+                self.pop(name, None)
+        self._limit = max(2 * len(self), _FEW)
+
+
+_digests = Memory()
+_blocks = Memory()
 """Digests of objects by id, and of the blocks of read-only images."""
 
 
 def digest_of(value: object) -> bytes:
     """Return the digest of a value; raise TypeError for one that is no plain value."""
-    known: bytes | None = Known.of(_digests, value)
+    known: bytes | None = _digests.of(value)
     if known is not None:
         return known
     found = _image_digest(value) if is_image(value) else _hashed(value)
@@ -73,7 +82,7 @@ def digest_of(value: object) -> bytes:
 def remember(value: object, digest: bytes) -> None:
     """Keep a digest for a value that need not be hashed; without effect on values that have no address."""
     if isinstance(value, np.ndarray) or is_dataclass(value) or hasattr(value, "digest_parts"):
-        Known.keep(_digests, value, digest)
+        _digests.keep(value, digest)
 
 
 def remember_parts(value: object, digest: bytes) -> None:
@@ -83,7 +92,7 @@ def remember_parts(value: object, digest: bytes) -> None:
     for number, part in enumerate(parts if isinstance(parts, (tuple, list)) else ()):
         if isinstance(part, tuple):
             remember_parts(part, _hashed((digest, number)))
-        elif is_dataclass(part) and Known.of(_digests, part) is None:
+        elif is_dataclass(part) and _digests.of(part) is None:
             remember(part, _hashed((digest, number)))
 
 
@@ -103,7 +112,7 @@ def _derive_blocks(image: npt.NDArray[np.uint8], before: Any, where: npt.NDArray
     """Keep the digests of an image's blocks, which are another's but for some."""
     blocks = blocks_of(before).copy()
     blocks[where] = _hashed_blocks(image, where)
-    Known.keep(_blocks, image, blocks)
+    _blocks.keep(image, blocks)
 
 
 def places_of(where: npt.NDArray[np.bool_]) -> Iterator[tuple[slice, slice]]:
@@ -144,11 +153,11 @@ def _image_digest(image: Any) -> bytes:
 
 def blocks_of(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.void]:
     """Return the digests of the blocks of a read-only image, (rows, columns)."""
-    known: npt.NDArray[np.void] | None = Known.of(_blocks, image)
+    known: npt.NDArray[np.void] | None = _blocks.of(image)
     if known is None:
         shape = [-(-side // BLOCK) for side in image.shape]
         known = _hashed_blocks(image, np.ones(shape, np.bool_)).reshape(shape)
-        Known.keep(_blocks, image, known)
+        _blocks.keep(image, known)
     return known
 
 

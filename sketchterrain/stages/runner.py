@@ -12,12 +12,12 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from sketchterrain.caching import LRUCache
-from sketchterrain.stages.digests import Known, digest_of, remember_parts
+from sketchterrain.stages.digests import Memory, digest_of, remember_parts
 
 Value = TypeVar("Value")
 
 _MISSING: Any = object()
-_sizes: dict[int, Known] = {}
+_sizes = Memory()
 """Bytes of the arrays of objects, by id."""
 
 
@@ -41,10 +41,10 @@ class Results(LRUCache):
     def _size_of(self, value: object) -> int:
         if not hasattr(value, "__dataclass_fields__"):
             return super()._size_of(value)
-        size: int | None = Known.of(_sizes, value)
+        size: int | None = _sizes.of(value)
         if size is None:
             size = super()._size_of(value)
-            Known.keep(_sizes, value, size)
+            _sizes.keep(value, size)
         return size
 
     def canonical(self, value: Value) -> Value:

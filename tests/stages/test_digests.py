@@ -92,15 +92,16 @@ def test_an_edited_images_digest_hashes_its_blocks_and_is_that_of_a_new_one(monk
 def test_digests_of_objects_are_kept_as_long_as_they_live():
     value = Value(np.zeros(10))
     digest_of(value)
-    for _ in range(3 * (digests._SWEEP + 1)):  # objects that are gone are forgotten now and then
-        digest_of(Value(np.zeros(1)))
-    gc.collect()
-    living = [Value(np.zeros(1)) for _ in range(2 * (digests._SWEEP + 1))]
-    for each in living:
-        digest_of(each)
     assert id(value) in digests._digests
-    assert len(digests._digests) <= 4 * (digests._SWEEP + 1)
-    assert sum(known() is None for known in digests._digests.values()) <= digests._SWEEP + 1
+    name = id(value)
+    del value
+    gc.collect()
+    digests._digests.forget_gone()
+    assert name not in digests._digests
+    living = len(digests._digests)
+    for _ in range(4 * (living + digests._FEW)):
+        digest_of(Value(np.zeros(1)))
+    assert len(digests._digests) <= 2 * (living + digests._FEW)
 
 
 def doubled(items):

@@ -99,7 +99,7 @@ def measure_shape(layer: str, size: tuple[int, ...], region: Region) -> Shape:
 def border_distance(
     mask: npt.NDArray[np.bool_], rows: slice, columns: slice, size: tuple[int, ...], *, whole: float
 ) -> Float64Array:
-    """Return the distance (px) to the border, which the image's edge is not; `whole` if there is none."""
+    """Return the distance (px) to the border, which the image's edge is not; `whole` without any."""
     sides = ((rows.start == 0, rows.stop == size[0]), (columns.start == 0, columns.stop == size[1]))
     padding = tuple((int(not low), int(not high)) for low, high in sides)
     padded = np.pad(mask, padding)

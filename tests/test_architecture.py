@@ -19,7 +19,7 @@ import sketchterrain
 ROOT = Path(__file__).parents[1]
 IMPORT = re.compile(r"^[ \t]*((?:from|import)[ \t][^(\n]*(?:\([^)]*\))?)", re.MULTILINE)
 
-BASE = {"errors", "array_types", "caching", "io", "stages", "geometry", "document"}
+BASE = {"errors", "array_types", "caching", "io", "host", "stages", "geometry", "document"}
 LAND = BASE | {"elevation", "landforms", "roads", "landuse", "compute", "terrain", "vegetation"}
 CORE = LAND | {"generation", "measure"}
 SHOWN = CORE | {"tiles", "look", "drape", "render", "export", "importing"}
@@ -29,6 +29,7 @@ MAY_IMPORT = {
     "array_types": set(),
     "caching": set(),
     "io": {"errors"},
+    "host": {"errors", "array_types", "io"},
     "stages": {"caching"},
     "geometry": {"errors", "array_types"},
     "document": BASE,
@@ -41,7 +42,7 @@ MAY_IMPORT = {
     "vegetation": LAND,
     "generation": LAND,
     "measure": LAND | {"generation"},
-    "tiles": {"errors", "array_types"},
+    "tiles": {"errors", "array_types", "host"},
     "look": CORE,
     "drape": CORE | {"look"},
     "render": CORE | {"tiles", "look", "drape"},

@@ -5,18 +5,14 @@ watershed-labeling algorithm for digital elevation models" (2014), with a small 
 steepest descent (D8) after O'Callaghan & Mark (1984). It measures given heights, whatever made them.
 """
 
-# mypy: disable-error-code="untyped-decorator"
-
 from __future__ import annotations
 
-import heapq
-import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.host.library import host_function
 
 GRADIENT = 1e-6
 """Rise per cell (cells) that filled depressions get towards the place where they spill."""
@@ -60,104 +56,21 @@ def route_flow(height: Float64Array, cell: float) -> FlowNetwork:
     """Fill the depressions of finite heights (m) of cells (m), and route their water to the border."""
     rows, columns = height.shape
     height = np.ascontiguousarray(height, np.float64)
-    filled, parent = _priority_flood(height, GRADIENT * cell)
-    receiver, step = _steepest_descent(filled, parent)
+    filled, parent = np.empty_like(height), np.empty(height.size, np.int64)
+    host_function("fill_depressions")(height, GRADIENT * cell, filled, parent, np.empty(2 * height.size))
+    receiver, step = np.empty(height.size, np.int64), np.empty(height.size)
+    host_function("steepest_descent")(filled, parent, receiver, step)
     flat = filled.ravel()
     order = np.argsort(flat, kind="stable")
-    area, length = _accumulate(order, receiver, step)
+    area, length = np.empty(height.size), np.empty(height.size)
+    host_function("accumulate_flow")(order, receiver, step, area, length)
     return FlowNetwork((rows, columns), flat, receiver, step, order, area, length)
-
-
-@njit(cache=True)
-def _priority_flood(height, gradient):  # type: ignore[no-untyped-def]
-    """Return heights without depressions, and from which cell the flood reached each one."""
-    rows, columns = height.shape
-    filled = height.copy()
-    reached = np.zeros((rows, columns), np.bool_)
-    parent = np.full(rows * columns, -1, np.int64)
-    heap = [(height[0, 0], 0)]
-    reached[0, 0] = True
-    for i, j in np.ndindex(rows, columns):
-        if (i == 0 or j == 0 or i == rows - 1 or j == columns - 1) and not reached[i, j]:
-            heapq.heappush(heap, (height[i, j], i * columns + j))
-            reached[i, j] = True
-    while len(heap) > 0:
-        level, cell = heapq.heappop(heap)
-        i, j = cell // columns, cell % columns
-        for p in range(max(i - 1, 0), min(i + 2, rows)):
-            for q in range(max(j - 1, 0), min(j + 2, columns)):
-                if reached[p, q]:
-                    continue
-                reached[p, q] = True
-                parent[p * columns + q] = cell
-                filled[p, q] = max(height[p, q], level + gradient)
-                heapq.heappush(heap, (filled[p, q], p * columns + q))
-    return filled, parent
-
-
-@njit(cache=True)
-def _steepest_descent(filled, parent):  # type: ignore[no-untyped-def]
-    """Return receivers and the way to them (cells); where nothing is lower, back along the flood."""
-    rows, columns = filled.shape
-    receiver = np.full(rows * columns, -1, np.int64)
-    step = np.zeros(rows * columns)
-    for i in range(1, rows - 1):
-        for j in range(1, columns - 1):
-            cell = i * columns + j
-            steepest = 0.0
-            for a in range(-1, 2):
-                for b in range(-1, 2):
-                    if a == 0 and b == 0:
-                        continue
-                    way = math.sqrt(a * a + b * b)
-                    slope = (filled[i, j] - filled[i + a, j + b]) / way
-                    if slope > steepest:
-                        steepest = slope
-                        receiver[cell] = cell + a * columns + b
-                        step[cell] = way
-            if receiver[cell] < 0:
-                receiver[cell] = parent[cell]
-                step[cell] = math.hypot(parent[cell] // columns - i, parent[cell] % columns - j)
-    return receiver, step
-
-
-@njit(cache=True)
-def _accumulate(order, receiver, step):  # type: ignore[no-untyped-def]
-    area = np.ones(order.size)
-    length = np.zeros(order.size)
-    for k in range(order.size - 1, -1, -1):
-        cell = order[k]
-        to = receiver[cell]
-        if to >= 0:
-            area[to] += area[cell]
-            length[to] = max(length[to], length[cell] + step[cell])
-    return area, length
 
 
 def stream_orders(flow: FlowNetwork, least_area: float) -> Int64Array:
     """Return Strahler's stream order of each cell that drains at least so many cells, 0 elsewhere."""
-    return np.asarray(_stream_orders(flow.order, flow.receiver, flow.area, float(least_area)))
-
-
-@njit(cache=True)
-def _stream_orders(order, receiver, area, least_area):  # type: ignore[no-untyped-def]
-    stream = np.zeros(order.size, np.int64)
-    tributaries = np.zeros(order.size, np.int64)  # of the highest order so far
-    for k in range(order.size - 1, -1, -1):
-        cell = order[k]
-        if area[cell] < least_area:
-            continue
-        if stream[cell] == 0:
-            stream[cell] = 1
-        elif tributaries[cell] >= 2:
-            stream[cell] += 1
-        to = receiver[cell]
-        if to < 0:
-            continue
-        if stream[cell] > stream[to]:
-            stream[to], tributaries[to] = stream[cell], 1
-        elif stream[cell] == stream[to]:
-            tributaries[to] += 1
+    stream, tributaries = np.empty((2, flow.order.size), np.int64)
+    host_function("stream_orders")(flow.order, flow.receiver, flow.area, least_area, stream, tributaries)
     return stream
 
 
@@ -169,22 +82,8 @@ def sinuosities(flow: FlowNetwork, least_area: float, reach: float, *, every: in
     columns = flow.shape[1]
     starts = flow.channels(least_area)
     starts = starts[starts % every == 0]
-    return np.asarray(_sinuosities(starts, flow.receiver, flow.step, columns, reach))
-
-
-@njit(cache=True)
-def _sinuosities(starts, receiver, step, columns, reach):  # type: ignore[no-untyped-def]
     found = np.empty(starts.size)
-    count = 0
-    for start in starts:
-        cell, way = start, 0.0
-        while receiver[cell] >= 0 and way < reach:
-            way += step[cell]
-            cell = receiver[cell]
-        straight = math.hypot(cell // columns - start // columns, cell % columns - start % columns)
-        if way >= reach and straight > 1.0:
-            found[count] = way / straight
-            count += 1
+    count = host_function("sinuosities")(starts, flow.receiver, flow.step, columns, reach, found)
     return found[:count]
 
 

@@ -1,0 +1,1 @@
+"""Loops on the host: C sources of ``kernels/host/``, compiled into a shared library and called by `ctypes`."""

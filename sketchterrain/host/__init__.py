@@ -1,1 +1,1 @@
-"""Loops on the host: C sources of ``kernels/host/``, compiled into a shared library and called by `ctypes`."""
+"""Loops on the host: C sources of ``kernels/host/``, compiled into a library and called by `ctypes`."""

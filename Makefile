@@ -1,14 +1,15 @@
 # `make demo` shows what the program does, `make test` tests it in minutes. `make check` runs linter and type check,
 # `make test-slow` benchmarks, golden pictures and repeated runs; `make soak` compares 10,000 random tiles on each device
 # with their neighbours and parents and lets every single call of OpenCL fail once. `make gpu` runs tests and benchmarks
-# on a machine with a GPU. `make upgrade` renews the versions that the development environment is set up with.
+# on a machine with a GPU. `make wheels` builds wheels of all platforms into dist. `make upgrade` renews the versions
+# that the development environment is set up with.
 VENV := .venv
 PYTHON := $(VENV)/bin/python
 PYTEST := $(PYTHON) -m pytest -n auto
 OUT := out
 # Containers often forbid Python to keep compiled modules, which then cost each process seconds.
 unexport PYTHONDONTWRITEBYTECODE
-.PHONY: demo check test test-slow soak gpu upgrade clean
+.PHONY: demo check test test-slow soak gpu wheels upgrade clean
 
 demo: $(VENV)/demo.stamp
 	@$(VENV)/bin/sketchterrain generate valley_river -o $(OUT)/valley_river
@@ -29,6 +30,12 @@ soak: $(VENV)/test.stamp
 
 gpu: $(VENV)/test.stamp
 	@bash .ci/gpu
+
+# One for each platform, whatever this one is; zig compiles the loops of kernels/host.
+wheels: $(VENV)/demo.stamp
+	@for platform in manylinux_2_17_x86_64 manylinux_2_17_aarch64 win_amd64 macosx_11_0_arm64 macosx_11_0_x86_64; do \
+		$(PYTHON) -m pip wheel --quiet --no-deps --wheel-dir dist --config-settings platform=$$platform . || exit; \
+	done
 
 upgrade:
 	@bash .ci/upgrade

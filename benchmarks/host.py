@@ -37,7 +37,7 @@ def _routed(size: int) -> tuple[Any, Any, Any]:
 
 def _fill_depressions(size: int) -> tuple[Any, ...]:
     cells = size * size
-    return ground(size), 1e-5, np.empty((size, size)), np.empty(cells, np.int64), np.empty(2 * cells)
+    return ground(size), 1e-5, np.empty((size, size)), np.empty(cells, np.int64), np.zeros(2 * cells)
 
 
 def _steepest_descent(size: int) -> tuple[Any, ...]:
@@ -52,7 +52,7 @@ def _stream_orders(size: int) -> tuple[Any, ...]:
     arguments = _accumulate_flow(size)
     host_function("accumulate_flow")(*arguments)
     order, receiver, _, area, _ = arguments
-    return order, receiver, area, 20.0, np.empty(size * size, np.int64), np.empty(size * size, np.int64)
+    return order, receiver, area, 20.0, np.empty(size * size, np.int64), np.zeros(size * size, np.int64)
 
 
 def _sinuosities(size: int) -> tuple[Any, ...]:

@@ -9,6 +9,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,6 +21,9 @@ FLAGS: Final = (
     *("-fwrapv", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
 )
 """Every compiler and processor computes the same bits: nothing is contracted or reordered."""
+
+VARIABLE: Final = "SKETCHTERRAIN_CC"
+"""Environment variable with a compiler and flags that are to be used in place of what is found."""
 
 LEVELS: Final = {"x86_64": (2, 3, 4), "aarch64": (0,)}
 """Levels of vector instructions (x86-64-v…) by architecture; 0 is what every processor of it has."""
@@ -35,30 +39,29 @@ def architecture() -> str:
 
 def library_name(sources: Path, level: int, system: str = sys.platform, machine: str | None = None) -> str:
     """Return the file name of the library of sources, with the digest of these and of the flags."""
-    digest = sha256(" ".join(FLAGS).encode())
+    digest = sha256(" ".join((os.environ.get(VARIABLE, ""), *FLAGS)).encode())
     for path in sorted([*sources.glob("*.c"), *sources.glob("*.h")]):
         digest.update(f"\n{path.name}\n".encode() + path.read_bytes())
     return f"host-{digest.hexdigest()[:16]}-{system}-{machine or architecture()}-{level}.so"
 
 
 def find_compiler() -> list[str] | None:
-    """Return the command of a C compiler: ``$CC``, the system's, or that of the package ziglang."""
-    if os.environ.get("CC"):
-        return shlex.split(os.environ["CC"])
-    # Without the C library's headers a compiler is of no use.
-    for name in ("cc", "gcc", "clang"):
-        if (path := shutil.which(name)) and _works([path]):
-            return [path]
+    """Return the command of a C compiler: a variable's, the system's, or that of the package ziglang."""
+    for command in (os.environ.get(VARIABLE), os.environ.get("CC"), "cc", "gcc", "clang"):
+        if command and _works(shlex.split(command)):
+            return shlex.split(command)
     return [sys.executable, "-m", "ziglang", "cc"] if find_spec("ziglang") else None
 
 
 def _works(compiler: list[str]) -> bool:
+    """Return whether a compiler finds the C library's headers and links."""
+    if not shutil.which(compiler[0]):
+        return False
     with TemporaryDirectory() as folder:
-        command = [*compiler, "-x", "c", "-", "-shared", "-fPIC", "-o", f"{folder}/empty.so"]
-        program = "#include <math.h>\n#include <stdint.h>\nint64_t one(void) { return 1; }\n"
-        return not subprocess.run(  # noqa: S603
-            command, input=program, text=True, capture_output=True, check=False
-        ).returncode
+        source, target = Path(folder) / "one.c", Path(folder) / "one.so"
+        source.write_text("#include <math.h>\n#include <stdint.h>\nint64_t one(void) { return 1; }\n")
+        command = [*compiler, "-shared", "-fPIC", str(source), "-o", str(target)]
+        return not subprocess.run(command, capture_output=True, check=False).returncode  # noqa: S603
 
 
 def compile_library(
@@ -66,18 +69,49 @@ def compile_library(
 ) -> None:
     """Compile all sources of a folder into ``target``, which appears whole or not at all.
 
-    ``flags`` follow `FLAGS`, as for another platform; raises RuntimeError with what the compiler said.
+    ``flags`` are those of another platform. Raises RuntimeError with what the compiler said.
     """
     zig = "ziglang" in compiler
-    command = [*compiler, *FLAGS, *([] if "windows" in " ".join(flags) else ["-fPIC"])]
+    own = 1 + max(number for number, word in enumerate(compiler) if not word.startswith("-"))
+    command = [*compiler[:own], *FLAGS]
+    if not any("windows" in flag for flag in flags):
+        command.append("-fPIC")
     if level:
         command.append(f"-mcpu=x86_64_v{level}" if zig else f"-march=x86-64-v{level}")
     if zig:
         command.append("-fno-sanitize=undefined")
+    command += [*flags, *compiler[own:]]  # last, so that a user's override
     with TemporaryDirectory(dir=target.parent) as folder:
         built = Path(folder) / target.name
-        command += [*flags, *map(str, sorted(sources.glob("*.c"))), "-o", str(built), "-lm"]
+        command += [*map(str, sorted(sources.glob("*.c"))), "-o", str(built), "-lm"]
         done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
         if done.returncode:
-            raise RuntimeError(f"{shlex.join(compiler)} did not compile {sources}: {done.stderr.strip()}")
+            raise RuntimeError(f"{shlex.join(command)}: {done.stderr.strip()}")
         built.replace(target)
+
+
+def compile_levels(
+    sources: Path,
+    folder: Path,
+    compiler: list[str],
+    system: str = sys.platform,
+    machine: str | None = None,
+    flags: tuple[str, ...] = (),
+) -> list[Path]:
+    """Compile the libraries of all levels of an architecture into a folder, and return their paths."""
+
+    def build(level: int) -> Path:
+        path = folder / library_name(sources, level, system, machine)
+        if not path.is_file():
+            compile_library(sources, path, level, compiler, flags)
+        return path
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(build, LEVELS.get(machine or architecture(), (0,))))
+
+
+def delete_stale(folder: Path, name: str) -> None:
+    """Delete libraries that were compiled from other sources than one of the given name."""
+    for path in folder.glob("host-*.so"):
+        if path.name.split("-")[1] != name.split("-")[1]:
+            path.unlink(missing_ok=True)

@@ -163,9 +163,8 @@ def _library() -> ctypes.CDLL:
             with (folder / ".lock").open("wb") as lock:
                 lock_file(lock.fileno(), wait=True)
                 if not (folder / name).is_file():
-                    for stale in Path(__file__).parent.glob("host-*.so"):
-                        stale.unlink(missing_ok=True)
                     compiling.compile_library(SOURCES, folder / name, _level(), compiler)
+                    compiling.delete_stale(folder, name)
             return ctypes.CDLL(str(folder / name))
         except OSError as error:
             problem = error

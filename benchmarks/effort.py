@@ -24,6 +24,7 @@ class Effort:
     kernel_levels: tuple[int, ...] = _sizes((4, 8), (3, 6, 9))  # of tiles
     kernel_tiles: int = _sizes(8, 64)  # a launch
     kernel_points: int = _sizes(1 << 14, 1 << 18)  # a launch
+    host_side: int = _sizes(129, 513)  # cells along a side of the samples of loops on the host
     noise_side: int = _sizes(512, 2048)  # vertices along a side of the grid
     thesis_tiles: int = _sizes(9, 256)  # evaluated by both methods
     spline_count: int = _sizes(24, 1737)  # of each kind

@@ -1,15 +1,16 @@
-"""Samples of arguments for each loop of ``kernels/host/``: for timing, and for comparing compilers."""
+"""Times of the loops of ``kernels/host/``, and samples of arguments, by which compilers are compared too."""
 
 from collections.abc import Callable
+from copy import deepcopy
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.host.library import host_function
-
-SIZE: Final = 513
-"""Side of the samples' rasters where loops are timed."""
+from sketchterrain.benchmarks.report import Column, Row, Table
+from sketchterrain.benchmarks.timing import Lap, alternate, lap, spread
+from sketchterrain.host.library import HostFunction, host_function
 
 
 def ground(size: int) -> Float64Array:
@@ -69,3 +70,27 @@ SAMPLES: Final[dict[str, Callable[[int], tuple[Any, ...]]]] = {
     "sinuosities": _sinuosities,
 }
 """Functions of fresh arguments by the side of a raster; ``heap`` and other scratch comes last."""
+
+_COLUMNS = (
+    Column("loop", "loop"),
+    Column("side", "cells a side"),
+    Column("rounds", "rounds"),
+    Column("median_ms", "median, ms"),
+    Column("p95_ms", "95 %, ms"),
+)
+
+
+def times(side: int, rounds: int) -> Table:
+    """Time each loop on its sample, on one thread; a sample is of a raster of so many cells a side."""
+    works = {name: partial(_lap, host_function(name), sample(side)) for name, sample in SAMPLES.items()}
+    rows: list[Row] = []
+    for name, laps in alternate(works, rounds=rounds).items():
+        seconds = [one.wall for one in laps]
+        rows.append({"loop": name, "side": side, **spread(seconds).cells(), "seconds": seconds})
+    return Table("Loops on the host", _COLUMNS, tuple(rows))
+
+
+def _lap(function: HostFunction, arguments: tuple[Any, ...]) -> Lap:
+    """Call a loop once; what it changes in place is as before each time."""
+    fresh = deepcopy(arguments)
+    return lap(lambda: function(*fresh))

@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from sketchterrain.benchmarks import host
 from sketchterrain.benchmarks.appearance_error import AT, GROUND, kernel_drapes, open_appearance
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import BARE, RELIEF, NoiseGrid, central_keys, open_ground
@@ -190,14 +191,15 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     `patches` is padded to groups of 256 items.
 
     The second table times the tiles' kernels on every device: the same area in tiles of 16 to 128 quads, at
-    each level, per vertex.
+    each level, per vertex. The third times the loops on the host, which are compiled C.
     """
     works = dict(_works(context, effort))
     laps = alternate({case: partial(context.lap, work) for case, work in works.items()}, rounds=effort.rounds)
     rows = [row for case in works for row in _time_rows(case, laps[case])]
     order = list(WRITTEN)
     rows.sort(key=lambda row: order.index(str(row["kernel"])))
-    return Outcome((Table("Kernels", _TIME_COLUMNS, tuple(rows)), _size_table(context, effort)))
+    tables = Table("Kernels", _TIME_COLUMNS, tuple(rows)), _size_table(context, effort)
+    return Outcome((*tables, host.times(effort.host_side, effort.rounds)))
 
 
 Work = Callable[[], object]

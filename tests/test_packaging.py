@@ -93,7 +93,7 @@ def test_a_wheel_with_libraries_has_its_platform_and_a_true_record(
             hashed = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).decode().rstrip("=")
             assert (digest, size) == (f"sha256={hashed}", str(len(content)))
         assert file.read(f"sketchterrain/host/{built.name}") == b"\x7fELF"
-    with pytest.raises(ValueError, match=r"expected platform as one of manylinux_2_17_x86_64, .* got 'amiga'"):
+    with pytest.raises(ValueError, match="expected platform as one of manylinux_2_17_x86_64"):
         backend.build_wheel(str(tmp_path), {"platform": "amiga"})
 
 

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import shapely
-from numba import njit
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
 from sketchterrain.document.drapes import class_value
 from sketchterrain.errors import one_line
+from sketchterrain.host.library import host_function
 
 if TYPE_CHECKING:
     from sketchterrain.document.drapes import DrapedLayer
@@ -237,7 +237,6 @@ def place_labels(
     return boxes
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator] # numba has no types
 def choose(
     order: Int64Array, boxes: Float64Array, labels: Int64Array, state: npt.NDArray[np.int8]
 ) -> BoolArray:
@@ -245,26 +244,8 @@ def choose(
 
     `state` is 2 for those that are shown already, 1 for those that fade out there, 0 for others.
     """
-    chosen = np.zeros(len(boxes), np.bool_)
-    placed, count, shown = np.empty(len(order), np.int64), 0, 0
-    for i in order:
-        if state[i] != 1 and shown == MOST_SHOWN:
-            continue
-        margin, reach = (MARGIN, REPEAT) if state[i] == 0 else (0.0, 0.5 * REPEAT)
-        is_free, a = True, boxes[i]
-        for k in range(0 if state[i] == 1 else count):
-            b = boxes[placed[k]]
-            apart = max(a[0] - b[2], b[0] - a[2], a[1] - b[3], b[1] - a[3])
-            between = 0.5 * max(abs(a[0] + a[2] - b[0] - b[2]), abs(a[1] + a[3] - b[1] - b[3]))
-            if apart < margin or (labels[i] == labels[placed[k]] and between < reach):
-                is_free = False
-                break
-        if is_free:
-            placed[count] = i
-            count += 1
-            if state[i] != 1:
-                chosen[i] = True
-                shown += 1
+    chosen, given = np.empty(len(boxes), np.bool_), (order, boxes, labels, state)
+    host_function("choose_labels")(*given, MOST_SHOWN, MARGIN, REPEAT, chosen, np.empty_like(order))
     return chosen
 
 

@@ -8,14 +8,14 @@ from functools import cached_property, partial
 from itertools import product
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, FloatArray, Int32Array, UInt8Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import BLENDS, STYLE, DrapedLayer
-from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, STARTS, STROKE, Items
+from sketchterrain.drape.items import Items
+from sketchterrain.host.library import host_function
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.look.texture_maker import linear_from_hex
 from sketchterrain.terrain.appearance import SIDE, AppearanceSource, known_tiles, tile_boxes
@@ -36,8 +36,6 @@ _STYLE: Final = kernel_columns("drape.clh", "DrapeStyle")
 _ROOTS: Final = np.rint(255.0 * ROOTS).astype(np.uint8)  # of the albedo of pixels, 255 for white
 _BLOCK, _PICTURE = (int(each) for each in kernel_constants(_FILE, "DRAPE_BLOCK", "ENTRY_PICTURE"))
 _BLOCKS: Final = SIDE // _BLOCK
-_JOINS, _CONTINUES = (int(each) for each in kernel_constants("drape.clh", "PIECE_JOINS", "PIECE_CONTINUES"))
-(_MITRE_LIMIT,) = kernel_constants("drape.clh", "MITRE_LIMIT")
 _CAPS, _JOIN_NAMES = (STYLE[name].choices for name in ("cap", "join"))
 _PIECE: Final = kernel_columns("drape.clh", "DrapePiece")
 _FIRST_DASH: Final = 24
@@ -45,8 +43,6 @@ _LENGTHS: Final = [
     *(_STYLE[f"style_{name}"] for name in ("half_width", "hatch_spacing", "dash_period")),
     *range(_FIRST_DASH, _FIRST_DASH + 16),
 ]
-_AROUND: Final = 0.75  # texels from the middle of one to its corner, about
-_LONG: Final = 512.0  # texels: longer segments are cut, so that their ends are near
 _MAX_TILES: Final = 32  # in a launch
 _BASES, _LISTS = 6 << 20, 10 << 20  # bytes of tiles below, and of lists, in memory
 _EVERYWHERE: Final = np.array([[-np.inf, -np.inf, np.inf, np.inf]])
@@ -372,7 +368,7 @@ def _joined(
 
 def _lists_of(items: Items, reach: Float64Array, is_mitred: BoolArray, style: int) -> _Lists:
     """Return the lists of a layer's items near a square, in texels from its corner."""
-    pieces, pairs = _pieces_of(items.kind, items.first, items.points, items.ends, reach, is_mitred)
+    pieces, item, pairs = _pieces_of(items, reach, is_mitred)
     starts = np.ones(len(items.kind), np.bool_)  # of parts of a feature that are painted at once
     columns = [getattr(items, name) for name in ("feature", "kind", "style")]
     starts[1:] = np.any([each[1:] != each[:-1] for each in columns], axis=0)
@@ -381,11 +377,11 @@ def _lists_of(items: Items, reach: Float64Array, is_mitred: BoolArray, style: in
     (first,) = np.nonzero(np.diff(block, prepend=-1) | np.diff(part, prepend=-1))
     classes, own, count = items.style - np.int32(style), pairs[first, 1], np.diff(first, append=len(pairs))
     entries = np.stack([classes[own], items.kind[own], first, count], axis=1).astype(np.int32)
-    item, numbers = pieces[:, 8].astype(np.int32), pairs[:, 2].astype(np.int32)
+    numbers = pairs[:, 2].copy()
     if not len(classes):
-        return _Lists(pieces[:0, :8], np.zeros(0), classes, block[first], entries, numbers)
+        return _Lists(pieces[:0], np.zeros(0), classes, block[first], entries, numbers)
     along = pieces[:, _PIECE["drape_along"]] + items.along[item]
-    return _Lists(pieces[:, :8], along, classes[item], block[first], entries, numbers)
+    return _Lists(pieces, along, classes[item], block[first], entries, numbers)
 
 
 def _row(**values: float) -> Float64Array:
@@ -435,133 +431,16 @@ def _without_filter(texels: UInt8Array) -> UInt8Array:
     return np.rint(255.0 * np.concatenate([root, share], axis=-1)).astype(np.uint8)
 
 
-@numba.njit(cache=True)
-def _pieces_of(kinds, first, points, ends, reach, is_mitred):  # type: ignore[no-untyped-def]
-    """Return pieces with the numbers of their items (m, 9), and (block, item, piece) by items, (p, 3)."""
-    side, pairs = float(SIDE), [(0, 0, 0)]  # of types that numba knows
-    # Edges west of all blocks, of areas that a block lies in and of holes.
-    pieces = [(0.0, y, 0.0, side - 2.0 * y, 0.0, 0.0, 0.0, 0.0, 0.0) for y in (side, 0.0)]
-    for i in range(len(kinds)):
-        own = points[first[i] : first[i + 1]]
-        if kinds[i] == FILL:
-            _ring(i, own, pieces, pairs)
-        elif kinds[i] == STROKE:
-            _stroke(i, own, ends[i], reach[i], is_mitred[i], pieces, pairs)
-        else:
-            _add((own[0, 0], own[0, 1], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, float(i)), reach[i], pieces, pairs)
-    return np.array(pieces), np.array(pairs)[1:].astype(np.int32)
-
-
-@numba.njit(cache=True)
-def _add(row, reach, pieces, pairs):  # type: ignore[no-untyped-def]
-    """List a segment or point in all blocks that it may cover a part of."""
-    x, y, east, north = row[0], row[1], row[2], row[3]
-    reach = reach + _AROUND
-    west, east_end = min(x, x + east) - reach, max(x, x + east) + reach
-    south, north_end = min(y, y + north) - reach, max(y, y + north) + reach
-    if east_end < 0.0 or north_end < 0.0 or west > SIDE or south > SIDE:
-        return
-    square, far, before = east * east + north * north, reach + _BLOCK * np.sqrt(0.5), len(pairs)
-    for j in range(max(int(south // _BLOCK), 0), min(int(north_end // _BLOCK), _BLOCKS - 1) + 1):
-        for k in range(max(int(west // _BLOCK), 0), min(int(east_end // _BLOCK), _BLOCKS - 1) + 1):
-            dx, dy = (k + 0.5) * _BLOCK - x, (j + 0.5) * _BLOCK - y
-            t = min(max((dx * east + dy * north) / square, 0.0), 1.0) if square > 0.0 else 0.0
-            if (dx - t * east) ** 2 + (dy - t * north) ** 2 <= far * far:
-                pairs.append(((_BLOCKS - 1 - j) * _BLOCKS + k, int(row[8]), len(pieces)))
-    if len(pairs) > before:
-        pieces.append(row)
-
-
-@numba.njit(cache=True)
-def _stroke(i, own, ends, reach, is_mitred, pieces, pairs):  # type: ignore[no-untyped-def]
-    """List the segments of a run of a line."""
-    place, line, count = np.empty(len(own), np.int64), np.empty((len(own), 2)), 0
-    for k in range(len(own)):  # repeated points are left out
-        if count == 0 or np.hypot(own[k, 0] - line[count - 1, 0], own[k, 1] - line[count - 1, 1]) > 1e-9:
-            line[count] = own[k]
-            count += 1
-        place[k] = count - 1
-    begin = place[1] if ends & BEFORE else 0
-    stop = place[len(own) - 2] if ends & AFTER else count - 1
-    along = 0.0
-    for k in range(begin, stop):
-        x, y = line[k]
-        east, north = line[k + 1, 0] - x, line[k + 1, 1] - y
-        length = np.hypot(east, north)
-        bits = (ends & STARTS if k == begin else 0) | (ends & ENDS if k == stop - 1 else 0)
-        bits |= _CONTINUES if k + 2 < count else 0
-        from_x = from_y = 0.0
-        most = reach
-        if k > 0:
-            bits |= _JOINS
-            from_x, from_y = x - line[k - 1, 0], y - line[k - 1, 1]
-            whole = np.hypot(from_x, from_y)
-            from_x, from_y = from_x / whole, from_y / whole
-            half = np.sqrt(max(0.5 + 0.5 * (from_x * east + from_y * north) / length, 0.0))
-            if is_mitred and half * _MITRE_LIMIT >= 1.0:
-                most = reach / half
-        start, end = 0.0, 1.0
-        if length > _LONG:
-            for at, step in ((x, east), (y, north)):
-                if step != 0.0:
-                    low, high = (-most - _LONG - at) / step, (SIDE + most + _LONG - at) / step
-                    start, end = max(start, min(low, high)), min(end, max(low, high))
-            bits &= ~((STARTS | _JOINS if start > 0.0 else 0) | (ENDS | _CONTINUES if end < 1.0 else 0))
-        if start < end:
-            part = end - start
-            x, y, east, north = x + start * east, y + start * north, part * east, part * north
-            row = (x, y, east, north, along + start * length, float(bits), from_x, from_y, float(i))
-            _add(row, most, pieces, pairs)
-        along += length
-
-
-@numba.njit(cache=True)
-def _ring(i, own, pieces, pairs):  # type: ignore[no-untyped-def]
-    """List the edges of a ring in the blocks that they are in, and what is inside at the blocks' corners.
-
-    The part of an edge beyond a block's western side counts in all of its rows east of it. An upright edge
-    along that side, from there to the block's northern side, makes up for it: then nothing else west of the
-    block matters but the winding number of its south-western corner.
-    """
-    turns = np.zeros((_BLOCKS, _BLOCKS + 1), np.int64)  # what is added to a corner and those east of it
-    for k in range(len(own) - 1):
-        runs_north = own[k, 1] <= own[k + 1, 1]
-        (x, y), (to_x, top) = (own[k], own[k + 1]) if runs_north else (own[k + 1], own[k])
-        if top < 0.0 or y > SIDE:
-            continue
-        slope, edge = ((to_x - x) / (top - y) if top > y else 0.0), -1
-        for j in range(max(int(y // _BLOCK), 0), min(int(top // _BLOCK), _BLOCKS - 1) + 1):
-            south = float(j * _BLOCK)
-            low, high = max(y, south), min(top, south + _BLOCK)
-            at = x if low == y else x + (low - y) * slope
-            until = to_x if high == top else x + (high - y) * slope
-            if y <= south < top:
-                turns[j, min(max(int(at // _BLOCK) + 1, 0), _BLOCKS)] += -1 if runs_north else 1
-            if low >= high and not (y == top and south < y < south + _BLOCK):
-                continue
-            first, end = int(min(at, until) // _BLOCK), int(max(at, until) // _BLOCK)
-            for c in range(max(first, 0), min(end, _BLOCKS - 1) + 1):
-                if edge < 0:
-                    edge = len(pieces)
-                    bottom, above = max(y, -1.0), min(top, SIDE + 1.0)  # far ends would cost precision
-                    a, b = x + (bottom - y) * slope, (to_x if above == top else x + (above - y) * slope)
-                    start, rise = (a, bottom), above - bottom
-                    if not runs_north:
-                        start, rise, a, b = (b, above), bottom - above, b, a
-                    pieces.append((start[0], start[1], b - a, rise, 0.0, 0.0, 0.0, 0.0, float(i)))
-                block = (_BLOCKS - 1 - j) * _BLOCKS + c
-                pairs.append((block, i, edge))
-                west = float(c * _BLOCK)
-                if (at < west) != (until < west):
-                    height = low if at < west else high
-                    rise = south + _BLOCK - height
-                    pairs.append((block, i, len(pieces)))
-                    if (at < west) == runs_north:  # it begins there
-                        height, rise = height + rise, -rise
-                    pieces.append((west, height, 0.0, rise, 0.0, 0.0, 0.0, 0.0, float(i)))
-    for j in range(_BLOCKS):
-        winding = 0
-        for c in range(_BLOCKS):
-            winding += turns[j, c]
-            for _ in range(abs(winding)):
-                pairs.append(((_BLOCKS - 1 - j) * _BLOCKS + c, i, 0 if winding > 0 else 1))
+def _pieces_of(
+    items: Items, reach: Float64Array, is_mitred: BoolArray
+) -> tuple[Float64Array, Int32Array, Int32Array]:
+    """Return pieces (m, 8), the item of each (m,), and (block, item, piece) by items, (p, 3)."""
+    given = items.kind, items.first, items.points, items.ends, reach, is_mitred
+    count = np.array([4, 64]) * (len(items.points) + 64)
+    while True:
+        most_pieces, most_pairs = count.tolist()
+        pieces, item = np.empty((most_pieces, 8)), np.empty(most_pieces, np.int32)
+        pairs = np.empty((most_pairs, 3), np.int32)
+        host_function("drape_pieces")(*given, pieces, item, pairs, count, np.empty_like(items.points))
+        if count[0] <= most_pieces and count[1] <= most_pairs:
+            return pieces[: count[0]], item[: count[0]], pairs[: count[1]]

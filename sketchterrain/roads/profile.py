@@ -15,8 +15,6 @@ Only + - * / are used, and every leg is solved for itself: the bits are the same
 changes a leg, and others as far as heights of junctions change.
 """
 
-# mypy: disable-error-code="untyped-decorator"
-
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -24,20 +22,16 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.host.library import host_function
 from sketchterrain.roads.alignment import Alignment
 from sketchterrain.roads.network import Leg, Way
 
 UNIT: Final = 2.0**-16
 """Metres of a whole height."""
 _FREE: Final = 1 << 60
-_WALL: Final = 1e9  # slope of the derivative where there is no height
-_SWEEPS: Final = 200
 _SLACK = 0.9995  # of the grade: heights are rounded
-_LEAST_MEAN = 1e-3  # m
-_BENT = 0.75  # of the squared distance along a bend that is left inside of it
 _SMOOTH, _SMOOTH_RADII = (10.0, 40.0), 0.5  # m of the means, within this range by the least radius
 
 
@@ -140,7 +134,10 @@ def bounded_profile(
     height = np.where(contrary, (bound_low + bound_high) >> 1, whole) * UNIT
     _straighten(height, straight, line, graph)
     for _ in range(2):
-        height = _means(line.along, line.first, height, graph.reach)
+        mean, integral = np.empty((2, len(height)))
+        given = len(line.first) - 1, line.along, line.first, height, graph.reach
+        host_function("mean_heights")(*given, mean, integral)
+        height = mean
     _straighten(height, decks, line, graph)
     violation = np.where(contrary, (bound_low - bound_high) * UNIT, 0.0)
     return Profile(*_parabolas(line, height), violation)
@@ -178,106 +175,21 @@ def nearest_heights(
     whole = np.rint(data / UNIT).astype(np.int64)
     wanted = _midst(np.where(known, whole, _FREE), np.where(known, -whole, _FREE), legs)
     wanted = np.where(known | (np.abs(wanted) >= _FREE >> 1), whole, wanted)
-    shared = _shared(wanted * UNIT, legs.starts, legs.to, legs.weight * UNIT)
+    shared = wanted * UNIT
+    host_function("share_excess")(legs.starts, legs.to, legs.weight * UNIT, shared, np.empty_like(shared))
     moved = np.rint(shared / UNIT).astype(np.int64)
     junction = _midst(moved, -moved, legs)
     half = 0.5 * line.length  # of the pieces on both sides of each station
     share = np.where(is_free, 0.0, np.append(half, 0.0) + np.append(0.0, half))
-    return np.asarray(
-        _least_squares(line.first, ground, share, graph.piece_weight * UNIT, junction[ends] * UNIT)
-    )
+    found, scratch = np.empty_like(ground), np.empty((4, 2 * np.diff(line.first).max() + 4))
+    given = line.first, ground, share, graph.piece_weight * UNIT, junction[ends] * UNIT
+    host_function("least_squares")(*given, found, scratch)
+    return found
 
 
 def _midst(high: Int64Array, low: Int64Array, nodes: _Neighbours) -> Int64Array:
     """Return the mean of the upper envelope of `high` and the lower one of - `low`."""
-    return np.asarray((_lower_envelope(high, *nodes) - _lower_envelope(low, *nodes)) >> 1)
-
-
-@njit(cache=True)
-def _shared(height, starts, to, most):  # type: ignore[no-untyped-def]
-    """Return heights of junctions, moved in sweeps by their mean excess over the limits of their legs."""
-    before, after = height.copy(), height.copy()
-    for _ in range(_SWEEPS):
-        for i in range(len(height)):
-            total, count = 0.0, 0
-            for k in range(starts[i], starts[i + 1]):
-                apart = before[to[k]] - before[i]
-                excess = apart - most[k] if apart > most[k] else apart + most[k]
-                if abs(apart) > most[k]:
-                    total += excess
-                    count += 1
-            after[i] = before[i] + (0.5 * total / count if count else 0.0)
-        before, after = after, before
-    return before
-
-
-@njit(cache=True)
-def _least_squares(first, ground, share, most, ends):  # type: ignore[no-untyped-def]
-    """Return heights of the stations of legs with given ends: see 2. in the module's description.
-
-    Knots of the derivative are kept in two stacks, below and above the minimum, each with a common offset.
-    """
-    found = ground.copy()
-    count = 0
-    for leg in range(len(first) - 1):
-        count = max(count, first[leg + 1] - first[leg])
-    place, jump = np.empty((2, 2 * count + 4)), np.empty((2, 2 * count + 4))
-    best = np.empty(count)
-    for leg in range(len(first) - 1):
-        start, last = first[leg], first[leg + 1] - 1
-        size = np.array([1, 1])
-        offset = np.zeros(2)
-        place[0, 0] = place[1, 0] = ends[leg, 0]
-        jump[0, 0] = jump[1, 0] = _WALL
-        near = np.zeros(2)  # slope of the derivative just below and above the minimum
-        middle = ends[leg, 0]
-        best[0] = middle
-        for i in range(start + 1, last):
-            r = most[i - 1]
-            for side, sign in ((0, -1.0), (1, 1.0)):
-                offset[side] += sign * r
-                place[side, size[side]] = middle + sign * r - offset[side]
-                jump[side, size[side]] = near[side]
-                size[side] += 1
-            w = share[i]
-            low, high = middle - r, middle + r
-            if w <= 0.0:  # the flat part stays
-                near[0] = near[1] = 0.0
-            else:
-                aim = ground[i]
-                near[0] = near[1] = w
-                side = 1 if aim > high else 0
-                if low <= aim <= high:
-                    middle = aim
-                else:
-                    # From the flat part's end to where the derivative w (z - aim) + … is 0.
-                    other = 1 - side
-                    sign = 1.0 if side == 1 else -1.0
-                    at, value, slope = (high if side == 1 else low), 0.0, w
-                    value = sign * w * (at - aim)  # below 0
-                    while True:
-                        # The knot at `at` is the top of this side's stack: it goes to the other one.
-                        size[side] -= 1
-                        edge = jump[side, size[side]]
-                        place[other, size[other]] = at - offset[other]
-                        jump[other, size[other]] = -edge
-                        size[other] += 1
-                        slope += edge
-                        target = at - sign * value / slope
-                        if size[side] > 0:
-                            following = place[side, size[side] - 1] + offset[side]
-                            if sign * (target - following) > 0.0:
-                                value += slope * sign * (following - at)
-                                at = following
-                                continue
-                        middle = target
-                        break
-                    near[0] = near[1] = slope
-            best[i - start] = middle
-        found[start], found[last] = ends[leg, 0], ends[leg, 1]
-        for i in range(last - 1, start, -1):
-            found[i] = min(max(best[i - start], found[i + 1] - most[i]), found[i + 1] + most[i])
-    return found
+    return np.asarray((_lower_envelope(high, nodes) - _lower_envelope(low, nodes)) >> 1)
 
 
 def _highest(graph: StationGraph, upper: Float64Array) -> Int64Array:
@@ -286,84 +198,24 @@ def _highest(graph: StationGraph, upper: Float64Array) -> Int64Array:
     whole = np.where(finite, np.rint(np.where(finite, upper, 0.0) / UNIT), _FREE).astype(np.int64)
     at_nodes = np.full(len(graph.neighbours.starts) - 1, _FREE)
     np.minimum.at(at_nodes, graph.node, whole)
-    return np.asarray(_lower_envelope(at_nodes, *graph.neighbours)[graph.node])
+    return np.asarray(_lower_envelope(at_nodes, graph.neighbours)[graph.node])
 
 
-@njit(cache=True)
-def _lower_envelope(values, starts, to, weight):  # type: ignore[no-untyped-def]
+def _lower_envelope(values: Int64Array, nodes: _Neighbours) -> Int64Array:
     """Return the greatest function below values that rises by at most the weight along each edge."""
-    found = values.copy()
-    count = len(found)
-    queue = np.zeros(count, np.int64)  # a ring
-    waiting = values < _FREE
-    head, size = 0, 0
-    for i in range(count):
-        if waiting[i]:
-            queue[size] = i
-            size += 1
-    while size > 0:
-        here = queue[head]
-        head = (head + 1) % count
-        size -= 1
-        waiting[here] = False
-        for k in range(starts[here], starts[here + 1]):
-            other = found[here] + weight[k]
-            if other < found[to[k]]:
-                found[to[k]] = other
-                if not waiting[to[k]]:
-                    waiting[to[k]] = True
-                    queue[(head + size) % count] = to[k]
-                    size += 1
+    found, queue = np.empty((2, len(values)), np.int64)
+    host_function("lower_envelope")(values, *nodes, _FREE, found, queue, np.empty(len(values), np.bool_))
     return found
 
 
-@njit(cache=True)
-def _means(along, first, height, reach):  # type: ignore[no-untyped-def]
-    """Return means of piecewise linear heights over ± half of a reach, at the stations of each leg."""
-    found = height.copy()
-    integral = np.zeros(len(height))
-    for leg in range(len(first) - 1):
-        start, last = first[leg], first[leg + 1] - 1
-        for i in range(start, last):
-            piece = along[i + 1] - along[i]
-            integral[i + 1] = integral[i] + 0.5 * piece * (height[i] + height[i + 1])
-        left = right = start
-        for i in range(start, last + 1):
-            half = 0.5 * reach[i]
-            if half < _LEAST_MEAN:
-                continue
-            while left < last - 1 and along[left + 1] <= along[i] - half:
-                left += 1
-            while right < last - 1 and along[right + 1] <= along[i] + half:
-                right += 1
-            total = 0.0
-            for side, k in ((1.0, right), (-1.0, left)):
-                x = along[i] + side * half - along[k]
-                rise = (height[k + 1] - height[k]) / (along[k + 1] - along[k])
-                total += side * (integral[k] + x * (height[k] + 0.5 * x * rise))
-            found[i] = total / (2.0 * half)
-    return found
-
-
-@njit(cache=True)
-def united_reach(along, first, reach):  # type: ignore[no-untyped-def]
+def united_reach(along: Float64Array, first: Int64Array, reach: Float64Array) -> Float64Array:
     """Return how far beside stations all discs of a reach around stations of their leg extend.
 
     Where the nearest station does not reach, no other one does, unless inside of bends that are tighter than
     four reaches: earthworks end without steps.
     """
-    found = reach.copy()
-    most = reach.max()
-    for leg in range(len(first) - 1):
-        for i in range(first[leg], first[leg + 1]):
-            for step in (-1, 1):
-                j = i + step
-                while first[leg] <= j < first[leg + 1]:
-                    apart = _BENT * (along[j] - along[i]) ** 2
-                    if apart > most * most:
-                        break
-                    found[i] = max(found[i], (max(reach[j] ** 2 - apart, 0.0)) ** 0.5)
-                    j += step
+    found = np.empty_like(reach)
+    host_function("united_reaches")(len(first) - 1, along, first, reach, found)
     return found
 
 

@@ -8,7 +8,6 @@ from functools import cached_property
 from itertools import compress, product
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -17,6 +16,7 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.geometry.box_index import BoxIndex, item_lists
 from sketchterrain.geometry.hashing import hash_unit
 from sketchterrain.geometry.lattice import LATTICE_BITS, metres_per_unit, to_lattice
+from sketchterrain.host.library import host_function
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.painted_roads import PaintedRoads, painted_roads
@@ -372,7 +372,8 @@ class Appearance:
         colour = context.download(means, (len(areas), 4), real).astype(np.float64)
         colour[:, :3] *= colour[:, 3:]
         edges[:, :2] += np.repeat((at - corner) * metres_per_unit(self.extent) + texel, form[:, 1], axis=0)
-        _sum_edges(edges / texel, _WHOLE * np.repeat(colour, form[:, 1], axis=0), total)
+        colour = _WHOLE * np.repeat(colour, form[:, 1], axis=0)
+        host_function("sum_edges")(edges / texel, colour, total, np.empty((SIDE, SIDE + 1, 4), np.int64))
         return total
 
 
@@ -411,47 +412,3 @@ def _listed(
         starts, items = item_lists(index, blocks, None if visible.all() else visible)
     used, number = np.unique(items, return_inverse=True)
     return used.astype(np.int64), (starts, number.astype(np.int32))
-
-
-@numba.njit(cache=True)
-def _sum_edges(edges, values, total):  # type: ignore[no-untyped-def]
-    """Add to texels, rows from the south, what is east of edges that run south, less what is east of others.
-
-    `edges` (m, 4) are starts and vectors in texels, `values` (m, 4) what the area of each adds to a texel
-    inside it, `total` (rows, columns, 4) whole numbers.
-    """
-    rows, columns = total.shape[0], total.shape[1]
-    ahead = np.zeros((rows, columns + 1, 4), np.int64)  # added to a column and all those east of it
-    for k in range(len(edges)):
-        x, y, east, north = edges[k]
-        if north == 0.0:
-            continue
-        low, high = min(y, y + north), max(y, y + north)
-        sign = -1.0 if north > 0.0 else 1.0
-        for row in range(max(int(np.floor(low)), 0), min(int(np.ceil(high)), rows)):
-            south, tall = max(low, float(row)), min(high, row + 1.0)
-            a, b = x + east * (south - y) / north, x + east * (tall - y) / north
-            a, b = min(a, b), max(a, b)
-            part = sign * (tall - south)
-            first = min(max(int(np.floor(a)), 0), columns)
-            last = min(max(int(np.floor(b)), -1), columns - 1)
-            for column in range(first, last + 1):
-                until = column + 1.0
-                if b - a > 1e-9:
-                    share = (_clamped_integral(until - a) - _clamped_integral(until - b)) / (b - a)
-                else:
-                    share = min(max(until - a, 0.0), 1.0)
-                for channel in range(4):
-                    total[row, column, channel] += int(np.rint(values[k, channel] * part * share))
-            for channel in range(4):
-                ahead[row, max(last + 1, first), channel] += int(np.rint(values[k, channel] * part))
-    for row, column, channel in np.ndindex(rows, columns, 4):
-        if column > 0:
-            ahead[row, column, channel] += ahead[row, column - 1, channel]
-        total[row, column, channel] += ahead[row, column, channel]
-
-
-@numba.njit(cache=True)
-def _clamped_integral(x):  # type: ignore[no-untyped-def]
-    """Return the integral of min(x, 1) from 0, 0 below."""
-    return 0.0 if x < 0.0 else 0.5 * x * x if x < 1.0 else x - 0.5

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -13,6 +12,7 @@ from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, Latti
 from sketchterrain.document.layers import CROPS
 from sketchterrain.document.vectors import starts
 from sketchterrain.geometry.box_index import BoxIndex
+from sketchterrain.host.library import host_function
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.landuse.areas import BUILT_UP, FIELD, FOREST, MEADOW, LandUse
 from sketchterrain.terrain.layers.layer import (
@@ -45,7 +45,6 @@ _MOST_CELL = 0.25  # of the extent: no land use at wider cells
 _AT_ONCE = 1 << 20  # edges
 _MANY = 256  # areas whose boxes are one, if so many differ
 _CROWDED, _PARTS = 16, 4  # areas of a block from which on it is cut into so many parts along a side
-_NEVER = np.iinfo(np.int32).max
 
 
 class AreaIndex(NamedTuple):
@@ -145,9 +144,8 @@ class LandUseLayer(TerrainLayer):
             _, edges = self.areas.outlines(area[own])
             found = np.empty((2, len(edges), 4), np.int32)
             first = starts(self.areas.counts[area[own]])
-            last = _edges_near(
-                first, edges, blocks[block[own]], reach, unit, inside[own], counts[own], *found
-            )
+            given = first, edges, blocks[block[own]], reach, unit, _FARTHEST
+            last = host_function("edges_near")(*given, inside[own], counts[own], *found)
             every.append(found[:, :last])
         ends, rows = np.concatenate(every, axis=1)
         return _Near(block, area, inside, counts, ends, rows)
@@ -295,50 +293,3 @@ def _measured(areas: LandUse, numbers: Int64Array, unit: float) -> tuple[Lattice
     # Of a square its side, of a long strip twice its width.
     width = np.minimum(2.0 * np.abs(double) / around, (high - low).min(axis=1))
     return boxes.astype(np.int64), width
-
-
-@numba.njit(cache=True)
-def _edges_near(first, edges, blocks, reach, unit, inside, counts, ends, rows):  # type: ignore[no-untyped-def]
-    """Find whether the south-east corners of blocks are inside of an area each, and edges near the blocks.
-
-    Area k has the edges first[k] … first[k + 1], (m, 4) in m. `inside` is turned at each edge that a ray
-    eastward from the corner crosses, `counts` is the number of edges near the block; `ends` and `rows` are
-    those of ``kernels/layers/landuse.clh``, of all edges that are near. Returns their number.
-    """
-    total = 0
-    for k in range(len(blocks)):
-        west, south = blocks[k, 0], blocks[k, 1]
-        side, top = blocks[k, 2] - west, blocks[k, 3] - south
-        before = total
-        for e in range(first[k], first[k + 1]):
-            x, y = np.int64(np.rint(edges[e, 0] / unit)) - west, np.int64(np.rint(edges[e, 1] / unit)) - south
-            to_x, to_y = (
-                np.int64(np.rint(edges[e, 2] / unit)) - west,
-                np.int64(np.rint(edges[e, 3] / unit)) - south,
-            )
-            if y > to_y or (y == to_y and x > to_x):
-                x, y, to_x, to_y = to_x, to_y, x, y
-            east, north = to_x - x, to_y - y
-            # As in `area_share`.
-            if y <= 0 and to_y > 0 and (side - x) * north < -east * y + (1 if east > 0 else 0):
-                inside[k] = not inside[k]
-            if max(x, to_x) < -reach or min(x, to_x) > side + reach or to_y < -reach or y > top + reach:
-                continue
-            low, high, cut = y, to_y, _NEVER
-            if x > side and to_x > side:
-                high = low
-            elif x > side or to_x > side:
-                row = y - (-north * (side - x)) // east  # rounded up
-                if x > side:
-                    low = max(low, row)
-                else:
-                    high = min(high, row)
-                if row > 0:
-                    cut = row
-            for place, value in enumerate((x, y, to_x, to_y)):
-                ends[total, place] = min(max(value, -_FARTHEST), _FARTHEST)
-            rows[total, 0], rows[total, 1] = max(low, -_FARTHEST), min(high, _FARTHEST)
-            rows[total, 2], rows[total, 3] = cut, 0
-            total += 1
-        counts[k] = total - before
-    return total

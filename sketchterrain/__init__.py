@@ -51,7 +51,7 @@ __all__ = [
 
 def _ensure_writable_cache() -> None:
     """Set ``XDG_CACHE_HOME`` to a temporary folder where the user's is missing, read-only or full."""
-    # Drivers, numba and pyopencl follow the variable too, and raise there; child processes inherit it.
+    # Drivers and pyopencl follow the variable too, and raise there; child processes inherit it.
     with suppress(OSError, RuntimeError):  # RuntimeError: no home folder
         folder = cache_folder().parent
         folder.mkdir(parents=True, exist_ok=True)

@@ -31,7 +31,7 @@ def _rival(
     problem: NoiseProblem, name: str, compiled: Callable[[Any], Callable[..., None]]
 ) -> Rival | Absent:
     if find_spec("numba") is None:
-        return Absent(name, "not installed: pip install numba")
+        return Absent(name, "not installed: pip install 'sketchterrain[peers]'")
     import numba
 
     most = int(numba.config.NUMBA_NUM_THREADS)

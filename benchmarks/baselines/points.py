@@ -65,7 +65,7 @@ def in_numba() -> Scatterer | Absent:
     """Return Bridson's way compiled by numba, or say that numba is not installed."""
     name = "Bridson, numba"
     if find_spec("numba") is None:
-        return Absent(name, "not installed: pip install numba")
+        return Absent(name, "not installed: pip install 'sketchterrain[peers]'")
     import numba
 
     fill = numba.njit(_fill)

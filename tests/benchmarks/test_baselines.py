@@ -53,9 +53,9 @@ def test_missing_implementations_say_how_to_get_them(grid, monkeypatch):
         monkeypatch.delenv(name, raising=False)
     for absent, word in (
         (noise.in_c(problem), "path"),
-        (numba_noise.rival(problem), "pip install numba"),
+        (numba_noise.rival(problem), "sketchterrain[peers]"),
         (noise.in_fastnoise2(problem), noise.VARIABLE),
-        (points.in_numba(), "pip install numba"),
+        (points.in_numba(), "sketchterrain[peers]"),
         (points.in_rust(), points.FASTER_POISSON),
         (points.in_node(), "n"),
     ):

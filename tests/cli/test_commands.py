@@ -35,7 +35,7 @@ COMMANDS = ("new", "generate", "render", "fly", "adherence", "realism", "edit", 
 
 
 def test_help_loads_no_heavy_library():
-    heavy = ["numpy", "scipy", "pyopencl", "moderngl", "PIL", "rasterio", "matplotlib", "PyQt6", "numba"]
+    heavy = ["numpy", "scipy", "pyopencl", "moderngl", "PIL", "rasterio", "matplotlib", "PyQt6"]
     code = (
         "import sys\n"
         "from sketchterrain.app.cli import main\n"

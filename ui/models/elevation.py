@@ -134,7 +134,7 @@ def with_flat_lakes(sketch: Sketch) -> dict[str, Any]:
 
 
 def _read_facts(sketch: Sketch, memory: Results) -> ElevationFacts:
-    from sketchterrain.elevation.base import load_base  # GDAL, numba
+    from sketchterrain.elevation.base import load_base  # GDAL
 
     base, sources = load_base(sketch, Runner(memory)), sketch.elevation_rasters
     if base is None:

@@ -9,7 +9,7 @@ static const double SHALLOW = 40.0; /* height (in falls along L) below which tro
 static const int64_t SWAY_BITS[2] = {13, 12};
 static const double SWAY_SPAN[2] = {1.4, 0.5};
 /* The sketch stands on a swell, so that valleys lead away from it: those that led into the painted region
- * would end at its border. Half the side of its top, the width of its slope (L), its height (falls along L). */
+ * would end at its border. Half the side of its top (L), the width of its slope (L), its height (falls). */
 static const double SWELL_HALF = 2.0, SWELL_WIDTH = 2.0, SWELL = 3.5;
 
 /* A wave of slope ±1 with rounded crests and troughs, of period 1. */

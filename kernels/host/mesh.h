@@ -1,9 +1,10 @@
 /* Mesh of drainage cells: an unbounded, irregular partition of the plane whose edges are valleys and passes.
  *
- * Sites of a jittered square lattice of spacing L are triangulated by the shorter diagonal of every quad.
- * A triangle's centroid is a mesh vertex; a point belongs to the site of its greatest barycentric coordinate.
- * Mesh units are L/1024. Sides of quads: 0 south, 1 east, 2 north, 3 west, 4 the diagonal; corners: 0 south-west,
- * 1 south-east, 2 north-east, 3 north-west; diagonals: 0 from corner 0 to 2, 1 from corner 1 to 3.
+ * Sites of a jittered square lattice of spacing L are triangulated by the shorter diagonal of every quad. A
+ * triangle's centroid is a mesh vertex; a point belongs to the site of its greatest barycentric coordinate.
+ * Mesh units are L/1024. Sides of quads: 0 south, 1 east, 2 north, 3 west, 4 the diagonal; corners:
+ * 0 south-west, 1 south-east, 2 north-east, 3 north-west; diagonals: 0 between corners 0 and 2, 1 between
+ * corners 1 and 3.
  */
 #ifndef MESH_H
 #define MESH_H
@@ -60,7 +61,8 @@ typedef struct {
     int64_t row, column, half;
 } Triangle;
 
-static const int64_t CORNERS[2][2][3] = {{{0, 1, 2}, {0, 2, 3}}, {{0, 1, 3}, {1, 2, 3}}}; /* by diagonal, half */
+/* Corners of triangles by diagonal and half, and their places. */
+static const int64_t CORNERS[2][2][3] = {{{0, 1, 2}, {0, 2, 3}}, {{0, 1, 3}, {1, 2, 3}}};
 static const int64_t CORNER_X[4] = {0, 1, 1, 0}, CORNER_Y[4] = {0, 0, 1, 1};
 
 static inline int64_t vertex_index(const MeshTable *table, Triangle at)
@@ -129,7 +131,7 @@ static inline int64_t triangle_side(const MeshTable *table, Triangle at, int64_t
 }
 
 /* Relief (m) at the middle of an edge between two triangles, or beside it if it is less there: an edge that
- * rises more than the ground on either side can is a dam. `first` and `second` are the corners at its ends. */
+ * rises more than the ground on either side can is a dam. Its ends are the corners `first` and `second`. */
 static inline double edge_relief(
     const MeshTable *table, Triangle at, Triangle beyond, int64_t first, int64_t second)
 {
@@ -140,7 +142,7 @@ static inline double edge_relief(
     return least(middle, 0.5 * (middle + least(one, two)));
 }
 
-/* Height (m) that trunk valleys have at a point (mesh units): waves of a tilt, sway, and the sketch's swell. */
+/* Height (m) of trunk valleys at a point (mesh units): waves of a tilt, sway, and the sketch's swell. */
 double base_level(const MeshParameters *mesh, int64_t x, int64_t y);
 
 /* Area (L²) that drains into the edge between two corners' cells from its upper end. */

@@ -106,7 +106,8 @@ void cell_bounds(const MeshTable *table, double bounds[restrict table->rows][tab
                     if (r == j && c == i)
                         own = k;
                 }
-                for (int64_t k = 0; k < 3 && own >= 0; k++) { /* the middles of sides at the site, and the centroid */
+                /* The middles of sides at the site, and the centroid. */
+                for (int64_t k = 0; k < 3 && own >= 0; k++) {
                     double a = k != own ? 0.5 * (x[own] + x[k]) : (x[0] + x[1] + x[2]) / 3.0;
                     double b = k != own ? 0.5 * (y[own] + y[k]) : (y[0] + y[1] + y[2]) / 3.0;
                     west = least(west, a);
@@ -149,7 +150,8 @@ void cell_borders(
             inflow[j][i] = 0.0;
             if (i == 0 || j == 0 || i == columns - 1 || j == rows - 1 || owner[j][i] < 0)
                 continue;
-            const int32_t own = owner[j][i], *south = &owner[j - 1][i], *here = &owner[j][i], *north = &owner[j + 1][i];
+            const int32_t *south = &owner[j - 1][i], *here = &owner[j][i], *north = &owner[j + 1][i];
+            const int32_t own = here[0];
             int32_t beside = (here[-1] ^ own) | (here[1] ^ own) | (south[0] ^ own) | (north[0] ^ own);
             int32_t across = (south[-1] ^ own) | (south[1] ^ own) | (north[-1] ^ own) | (north[1] ^ own);
             if (!(beside | across))
@@ -194,7 +196,8 @@ void drain_cell(
     static const double nothing = NAN;
     const int64_t size = (rows + 2) * (columns + 2), nodes = rows * columns, width = columns + 2;
     const double spacing = finest * (double)(INT64_C(1) << cells->level), per_area = 1.0 / (finest * finest);
-    double *reals = scratch[0][0], *uplift = reals + 15 * size; /* reals, integers and bytes as in drainage.h */
+    /* Reals, integers and bytes as in drainage.h. */
+    double *reals = scratch[0][0], *uplift = reals + 15 * size;
     double *repose = uplift + nodes, *rain = repose + nodes, *base = rain + nodes;
     void *integers = reals + 11 * size, *bytes = reals + 14 * size;
     bool *domain = (bool *)bytes + 2 * size;
@@ -210,10 +213,10 @@ void drain_cell(
     }
     const bool is_first = start_rows * start_columns == 0;
     pack_drainage(
-        rows, columns, is_first ? 1 : start_rows, is_first ? 1 : start_columns, (void *)uplift, (void *)repose,
-        (void *)rain, (void *)base, (void *)domain, course, (void *)base, is_first ? (const void *)&nothing : start,
-        cells->row + south, cells->column + west, cells->level, start_row, start_column, spacing, (void *)reals,
-        integers, bytes);
+        rows, columns, is_first ? 1 : start_rows, is_first ? 1 : start_columns, (void *)uplift,
+        (void *)repose, (void *)rain, (void *)base, (void *)domain, course, (void *)base,
+        is_first ? (const void *)&nothing : start, cells->row + south, cells->column + west, cells->level,
+        start_row, start_column, spacing, (void *)reals, integers, bytes);
     if (is_first) {
         for (int64_t at = 0; at < size; at++)
             reals[at] = first_uplift;

@@ -1,7 +1,8 @@
 /* Mesh cells on the raster of nodes: owners of nodes, heights of borders, draining and copying of cells.
  *
- * Node (column, row) of a level stands (column, row) · SIDE · 2^level mesh units from the origin. A node's place is
- * row, column and half of its triangle, and its nearest and second corner; the first one is its cell's site.
+ * Node (column, row) of a level stands (column, row) · SIDE · 2^level mesh units from the origin. A node's
+ * place is row, column and half of its triangle, and its nearest and second corner; the first one is its
+ * cell's site.
  */
 #ifndef MESH_NODES_H
 #define MESH_NODES_H
@@ -23,8 +24,8 @@ typedef struct {
 } CellNodes;
 
 /* Places of nodes, from node (column, row) on, on borders that are displaced by noise. The third barycentric
- * coordinate is 0 on a border half way between vertices and 1/3 at one; the first exceeds the second by `away`, 0 on
- * the border and 1 at the site. */
+ * coordinate is 0 on a border half way between vertices and 1/3 at one; the first exceeds the second by
+ * `away`, 0 on the border and 1 at the site. */
 HOST void node_places(
     const MeshParameters *mesh, const MeshTable *table, int64_t level, int64_t column, int64_t row,
     int64_t rows, int64_t columns,
@@ -33,13 +34,14 @@ HOST void node_places(
     double away[restrict rows][columns],
     double scratch[restrict 2][columns]);
 
-/* Boxes of the cells of a table's inner sites, from its first lattice point: west, south, east, north; 0 of others. */
+/* Boxes (west, south, east, north) of the cells of a table's inner sites, from its first lattice point; 0 of
+ * others. */
 HOST void cell_bounds(
     const MeshTable *table,
     double bounds[restrict table->rows][table->columns][4]); /* L */
 
-/* Heights of nodes between the edges of their cells and crests at the sites, which rise above the edges by shares of
- * the relief at the site. */
+/* Heights of nodes between the edges of their cells and crests at the sites, which rise above the edges by
+ * shares of the relief at the site. */
 HOST void mesh_heights(
     const MeshTable *table, const PassRule *rule, double rise, int64_t rows, int64_t columns,
     const int32_t place[restrict rows][columns][5],
@@ -47,8 +49,8 @@ HOST void mesh_heights(
     const double away[restrict rows][columns],
     double height[restrict rows][columns]); /* m */
 
-/* Heights of edges and areas that drain into them from above, at nodes that have an 8-neighbour of another cell;
- * others, and those of no cell, get NaN and 0. */
+/* Heights of edges and areas that drain into them from above, at nodes that have an 8-neighbour of another
+ * cell; others, and those of no cell, get NaN and 0. */
 HOST void cell_borders(
     const MeshTable *table, const PassRule *rule, int64_t rows, int64_t columns,
     const int32_t place[restrict rows][columns][5],
@@ -61,7 +63,7 @@ HOST void cell_borders(
 HOST void drain_cell(
     const CellNodes *cells, int64_t number, int64_t south, int64_t west,
     int64_t start_rows, int64_t start_columns,
-    const double start[restrict start_rows][start_columns], /* drained heights of the next coarser level, m; or none */
+    const double start[restrict start_rows][start_columns], /* of the next coarser level, m; or none */
     int64_t start_row, int64_t start_column, /* of its first node, in nodes of that level */
     double finest, /* spacing of level 0, m */
     int64_t rounds,

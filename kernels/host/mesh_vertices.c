@@ -3,9 +3,9 @@
 #include "mesh_vertices.h"
 
 static const double AVOIDANCE = 0.5; /* share of the relief that valleys avoid */
-static const double CEILING = 0.6; /* greatest height of a vertex above the base level, over the relief upstream */
+static const double CEILING = 0.6; /* greatest height above the base level, over the relief upstream */
 static const double CAPTURE_SLOPE = 0.06; /* … of captured valleys, over uplift */
-static const double KEPT_FALL = 0.75, RISE_SLOPE = 0.12; /* of raised valleys: share of their fall, slope added */
+static const double KEPT_FALL = 0.75, RISE_SLOPE = 0.12; /* of raised valleys: share of fall, more slope */
 static const double LEAST_FALL = 0.02; /* from vertex to vertex, over a trunk's along L */
 enum { REPAIRS = 4 }; /* rounds of lifting sinks above their lowest neighbour */
 
@@ -94,9 +94,10 @@ void mesh_vertex_heights(
     int64_t rows, int64_t columns, const int64_t diagonal[restrict rows][columns],
     const int64_t centre[restrict rows][columns][2][2], const double level[restrict 2 * rows * columns],
     const int64_t order[restrict 2 * rows * columns], const int64_t receiver[restrict rows][columns][2],
-    const double relief[restrict 2 * rows * columns], double fall, double per_relief, double cap, double metres,
-    int64_t trunk, double height[restrict 2 * rows * columns], int64_t upstream[restrict 2 * rows * columns],
-    int64_t below[restrict 2 * rows * columns], double scratch[restrict 2][2 * rows * columns])
+    const double relief[restrict 2 * rows * columns], double fall, double per_relief, double cap,
+    double metres, int64_t trunk, double height[restrict 2 * rows * columns],
+    int64_t upstream[restrict 2 * rows * columns], int64_t below[restrict 2 * rows * columns],
+    double scratch[restrict 2][2 * rows * columns])
 {
     const MeshTable table = {
         .rows = rows, .columns = columns, .diagonal = &diagonal[0][0], .receiver = &receiver[0][0][0]};

@@ -1,8 +1,8 @@
 /* Heights of mesh vertices, which make the mesh's edges valleys or passes.
  *
- * Vertices drain to a neighbour that is lower on the base level: a forest of trunk valleys at the base level and
- * of tributaries that rise from them by stream power, slope = uplift / area^(3/8). Flat indices of vertices are
- * 2 (row · columns + column) + half; receivers are sides, as in mesh.h.
+ * Vertices drain to a neighbour that is lower on the base level: a forest of trunk valleys at the base level
+ * and of tributaries that rise from them by stream power, slope = uplift / area^(3/8). Flat indices of
+ * vertices are 2 (row · columns + column) + half; receivers are sides, as in mesh.h.
  */
 #ifndef MESH_VERTICES_H
 #define MESH_VERTICES_H
@@ -18,8 +18,8 @@ HOST void mesh_vertices(
     int64_t centre[restrict rows][columns][2][2],
     int64_t probe[restrict rows][columns][2][2]);
 
-/* Base levels of vertices, sinks lifted where a neighbour is hardly higher, and receivers: of the neighbours of
- * lower base level, that where the ground is lowest. */
+/* Base levels of vertices, sinks lifted where a neighbour is hardly higher, and receivers: of the neighbours
+ * of lower base level, that where the ground is lowest. */
 HOST void mesh_receivers(
     const MeshParameters *mesh, int64_t rows, int64_t columns,
     const int64_t diagonal[restrict rows][columns],
@@ -65,8 +65,8 @@ HOST void captured_heights(
     int64_t receiver[restrict rows][columns][2],
     double scratch[restrict rows][columns][2]);
 
-/* Heights raised by at most `rise`, and final receivers; valleys fall along the old ones. A valley that enters
- * raised land from lower land is a gorge, from which tributaries rise steeply. */
+/* Heights raised by at most `rise`, and final receivers; valleys fall along the old ones. A valley that
+ * enters raised land from lower land is a gorge, from which tributaries rise steeply. */
 HOST void raised_heights(
     int64_t rows, int64_t columns,
     const int64_t diagonal[restrict rows][columns],

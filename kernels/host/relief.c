@@ -62,7 +62,8 @@ static double relief_at(const UpliftFields *fields, int64_t column, int64_t row,
     double x = (double)column, y = (double)row, u = x * fields->ground_scale, v = y * fields->ground_scale;
     double swell = gradient_noise(key + 11, 0.5 * u, 0.5 * v) + 0.5 * gradient_noise(key + 12, u, v);
     swell += 0.9 * gradient_noise(key + 14, x * 0x1p-13, y * 0x1p-13);
-    double ground = fields->ground * (0.6 - 0.35 * fields->pediments + (0.7 + 0.7 * fields->pediments) * swell);
+    double level = fields->pediments, ground = 0.6 - 0.35 * level + (0.7 + 0.7 * level) * swell;
+    ground = fields->ground * ground;
     ground = greatest(ground, 0.12 * fields->ground);
     double square = ground * ground;
     *share = 0.0;
@@ -154,7 +155,8 @@ void interpolated_nodes(
             int64_t p = (column + i) >> bits;
             double u = (double)(column + i - p * cell) * scale;
             p -= column >> bits;
-            double low = south[p] + u * (south[p + 1] - south[p]), high = north[p] + u * (north[p + 1] - north[p]);
+            double low = south[p] + u * (south[p + 1] - south[p]);
+            double high = north[p] + u * (north[p + 1] - north[p]);
             fine[j][i] = low + v * (high - low);
         }
     }
@@ -180,7 +182,8 @@ void roughened_uplift(
 
 void mean_ground(
     const MeshParameters *mesh, const UpliftFields *fields, int64_t level, int64_t column, int64_t row,
-    int64_t rows, int64_t columns, double height[restrict rows][columns], double share[restrict rows][columns])
+    int64_t rows, int64_t columns, double height[restrict rows][columns],
+    double share[restrict rows][columns])
 {
     const int64_t step = node_spacing(level);
     for (int64_t j = 0; j < rows; j++)

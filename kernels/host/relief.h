@@ -1,5 +1,5 @@
-/* Relief of unpainted ground (m above its valleys): gentle swells, ranges of mountains and hills by density, and
- * ranges beyond the sketch, which raise valleys too. Points are mesh units; nodes of a level stand
+/* Relief of unpainted ground (m above its valleys): gentle swells, ranges of mountains and hills by density,
+ * and ranges beyond the sketch, which raise valleys too. Points are mesh units; nodes of a level stand
  * SIDE · 2^level of them apart. Uplift is proportional to relief.
  */
 #ifndef RELIEF_H

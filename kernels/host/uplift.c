@@ -13,7 +13,8 @@ typedef struct {
 } Box;
 
 static Box box_around(
-    double x, double y, double reach, int64_t row, int64_t column, int64_t step, int64_t rows, int64_t columns)
+    double x, double y, double reach, int64_t row, int64_t column, int64_t step, int64_t rows,
+    int64_t columns)
 {
     double south = floor((y - reach - (double)row) / (double)step);
     double north = floor((y + reach - (double)row) / (double)step);
@@ -24,7 +25,7 @@ static Box box_around(
         (int32_t)greatest_index((int64_t)west, 0), (int32_t)least_index((int64_t)east + 2, columns)};
 }
 
-/* Distances are vectors of square roots: 32-bit integers, and selections instead of branches, make them so. */
+/* Loops over distances become vectors by 32-bit integers, and by selections instead of branches. */
 static inline double distance(int32_t row, int32_t column, double x, double y)
 {
     double up = (double)row - y, right = (double)column - x;
@@ -115,7 +116,8 @@ void mean_factors(
     const double radius[restrict features], const double factor[restrict features],
     const int64_t belongs[restrict features], int64_t fine_rows, int64_t fine_columns,
     const int32_t region[restrict fine_rows][fine_columns], int64_t row, int64_t column, int64_t step,
-    int64_t rows, int64_t columns, double mean[restrict rows][columns], double scratch[restrict rows][columns])
+    int64_t rows, int64_t columns, double mean[restrict rows][columns],
+    double scratch[restrict rows][columns])
 {
     for (int64_t k = 0; k < features; k++) {
         const double east = x[k], north = y[k], own = radius[k], reach = own * (1.0 + REACH) + 2.0;
@@ -142,10 +144,10 @@ void mean_factors(
 void adjust_factors(
     int64_t rows, int64_t columns, const double effect[restrict rows][columns],
     const double below[restrict rows][columns], int64_t fine_rows, int64_t fine_columns,
-    const double target[restrict fine_rows][fine_columns], const int64_t owner[restrict fine_rows][fine_columns],
-    int64_t features, int64_t groups, const int64_t group[restrict features], double least_rise, int64_t row,
-    int64_t column, int64_t step, double share, double factor[restrict features],
-    double scratch[restrict groups])
+    const double target[restrict fine_rows][fine_columns],
+    const int64_t owner[restrict fine_rows][fine_columns], int64_t features, int64_t groups,
+    const int64_t group[restrict features], double least_rise, int64_t row, int64_t column, int64_t step,
+    double share, double factor[restrict features], double scratch[restrict groups])
 {
     for (int64_t k = 0; k < groups; k++)
         scratch[k] = 0.0; /* effect over the rise that is aimed at */

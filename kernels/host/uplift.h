@@ -1,7 +1,7 @@
-/* Painted features that raise ground, at the nodes of a raster: where they lie, and the control of their heights.
+/* Painted features that raise ground, at nodes of a raster: where they lie, and control of their heights.
  *
- * Positions and radii are in nodes of level 0, x along columns. Means weigh features by t³ r², which falls from the
- * radius r at a feature to 0 at its reach, t = 1 - distance / reach.
+ * Positions and radii are in nodes of level 0, x along columns. Means weigh features by t³ r², which falls
+ * from the radius r at a feature to 0 at its reach, t = 1 - distance / reach.
  */
 #ifndef UPLIFT_H
 #define UPLIFT_H
@@ -15,7 +15,7 @@ HOST void uneven_noise(
     double amplitude, int64_t rows, int64_t columns,
     double noise[restrict rows][columns]);
 
-/* Raise values to the greatest depth inside any feature over its radius, negative outside, as far as `zone` radii. */
+/* Raise values to the greatest depth inside any feature over its radius: negative outside, up to `zone`. */
 HOST void feature_nearness(
     int64_t features,
     const double x[restrict features],
@@ -24,8 +24,8 @@ HOST void feature_nearness(
     double zone, int64_t rows, int64_t columns,
     double near[restrict rows][columns]);
 
-/* Where nodes lie in features: depth inside the outline of any feature over its radius, negative outside; the deepest
- * feature, -1 outside of all cores; and weighted means of the features' values. */
+/* Where nodes lie in features: depth inside the outline of any feature over its radius, negative outside; the
+ * deepest feature, -1 outside of all cores; and weighted means of the features' values. */
 HOST void features_at(
     int64_t features, int64_t values,
     const double x[restrict features],
@@ -41,8 +41,8 @@ HOST void features_at(
     double means[restrict rows][columns][values], /* given as zeros */
     double scratch[restrict 4][rows][columns]); /* … too */
 
-/* Weighted mean of the factors of features near nodes, 1 away from them. Nodes are `step` nodes of level 0 apart, from
- * node (row, column) of these on. */
+/* Weighted mean of the factors of features near nodes, 1 away from them. Nodes are `step` nodes of level 0
+ * apart, from node (row, column) of these on. */
 HOST void mean_factors(
     int64_t features,
     const double x[restrict features],

@@ -8,7 +8,7 @@ static const double layers = 5.0; /* thickness of a pair of hard and soft layers
 static const double layer_edge = 2.0; /* steepness of the change between them */
 static const double cliff_slope = 1.7, bench_slope = 0.35; /* of full strata, over those of even rock */
 static const double relaxation = 0.5; /* share of the step to the built heights that a round takes */
-static const double warp = 0.5; /* coarse nodes by which heights move as a finer level starts: off D8's axes */
+static const double warp = 0.5; /* coarse nodes by which heights of a finer level are moved: off D8's axes */
 static const double coarse_repose = 0.92; /* over that of the finer level: channels there lie closer */
 static const double ramp = 0.8, least_ramp = 0.7;
 enum { SLOPE_SWEEPS = 2, RAMP_SWEEPS = 2, BESIDE = 2 /* nodes beside a course that are not to lie lower */ };
@@ -66,8 +66,8 @@ static inline Shift node_shift(int64_t row, int64_t column, int64_t level)
     return (Shift){scale * (double)(bits >> 32) - warp, scale * (double)(uint32_t)bits - warp};
 }
 
-/* Interpolate coarse heights near a fine node, at a place moved by the vectors around it. Heights that are missing
- * leave their weight to the others; NaN if all are. */
+/* Interpolate coarse heights near a fine node, at a place moved by the vectors around it. Heights that are
+ * missing leave their weight to the others; NaN if all are. */
 static double upsampled(
     int64_t rows, int64_t columns, const double coarse[restrict rows][columns], int64_t first_row,
     int64_t first_column, int64_t level, int64_t row, int64_t column)
@@ -180,13 +180,14 @@ bool pack_drainage(
             double z = upsampled(
                 start_rows, start_columns, start, start_row, start_column, level, i + row - 2 * start_row,
                 j + column - 2 * start_column);
-            if (onto[i][j] == onto[i][j])
+            if (onto[i][j] == onto[i][j]) {
                 to.height[at] = onto[i][j] + (z == z ? z : 0.0);
-            else if (z == z)
+            } else if (z == z) {
                 to.height[at] = z;
-            else
-                to.height[at] = lowest
-                                + (0.01 * spacing) * ((double)(node_hash(i + row, j + column, level) >> 11) * 0x1p-53);
+            } else {
+                double noise = (double)(node_hash(i + row, j + column, level) >> 11) * 0x1p-53;
+                to.height[at] = lowest + (0.01 * spacing) * noise;
+            }
         }
     if (courses)
         carve_courses(to);
@@ -336,8 +337,8 @@ static bool is_lower(double height, int32_t a, int32_t b, Pass pass)
 
 /* Route the basins of pits through their lowest passes: the minimum spanning tree of basins, by Boruvka.
  *
- * A component of basins drains through its lowest pass, if that does not lead into it. Links are ordered by height
- * and position. A part of the domain without any outlet keeps one of its pits. */
+ * A component of basins drains through its lowest pass, if that does not lead into it. Links are ordered by
+ * height and position. A part of the domain without any outlet keeps one of its pits. */
 static void connect_basins(Level level, int32_t *restrict roots, int32_t drained)
 {
     int64_t steps[8], count = 0;
@@ -465,41 +466,41 @@ static double resistance(double z, double strata)
 static void integrate(Level level, int64_t count, double spacing, double per_area)
 {
     find_rises(
-        level.size, spacing, per_area, level.uplift, level.repose, level.rain, level.area, level.forced, level.rise);
-    double *height = level.height, diagonal = sqrt(2.0), per_spacing = sqrt(per_area);
+        level.size, spacing, per_area, level.uplift, level.repose, level.rain, level.area, level.forced,
+        level.rise);
+    const double ways[2] = {1.0, sqrt(2.0)};
+    double *height = level.height, per_spacing = sqrt(per_area);
+    const double *rise = level.rise, *strata = level.strata, *lowest = level.least;
+    const int32_t *order = level.order, *receiver = level.receiver;
+    int64_t width = level.width;
     for (int64_t k = count - 1; k >= 0; k--) {
-        int64_t at = level.order[k], to = level.receiver[at];
+        int64_t at = order[k], to = receiver[at];
         if (to < 0)
             continue;
         int64_t step = at > to ? at - to : to - at;
-        double up = step == 1 || step == level.width ? level.rise[at] : diagonal * level.rise[at];
-        if (level.strata[at] > 0.0)
-            up *= resistance((height[to] + 0.5 * up) * per_spacing / layers, level.strata[at]);
-        height[at] = greatest(height[to] + up, level.least[at]);
+        double up = ways[(step != 1) & (step != width)] * rise[at];
+        if (strata[at] > 0.0)
+            up *= resistance((height[to] + 0.5 * up) * per_spacing / layers, strata[at]);
+        height[at] = greatest(height[to] + up, lowest[at]);
     }
 }
 
 /* Limit heights by the four neighbours that precede a node in reading order, or in its reverse. */
 static void limit_sweep(
-    int64_t size, int64_t width, int64_t direction, const int8_t kind[restrict size],
-    const int32_t forced[restrict size], const double rise[restrict size], double height[restrict size],
-    int32_t receiver[restrict size])
+    int64_t size, int64_t width, int64_t direction, const double rise[restrict size],
+    double height[restrict size], int32_t receiver[restrict size])
 {
     double diagonal = sqrt(2.0);
-    const int64_t before[4] = {-direction, -direction * width, -direction * (width + 1), -direction * (width - 1)};
-    for (int64_t k = 0; k < size; k++) {
-        int64_t at = direction > 0 ? k : size - 1 - k, to = at + before[0];
-        if (kind[at] != INNER || forced[at] >= 0)
-            continue;
-        double z = height[to] + rise[at];
-        for (int n = 1; n < 4; n++) {
-            double other = height[at + before[n]] + (n == 1 ? rise[at] : diagonal * rise[at]);
-            to = other < z ? at + before[n] : to;
-            z = least(z, other);
-        }
+    int64_t row = direction * width, west = row + direction, east = row - direction;
+    for (int64_t k = width + 1; k < size - width - 1; k++) {
+        int64_t at = direction > 0 ? k : size - 1 - k;
+        double slant = diagonal * rise[at], beside = height[at - direction] + rise[at];
+        double below = height[at - row] + rise[at], first = height[at - west] + slant;
+        double z = least(least(least(beside, below), first), height[at - east] + slant);
         if (z < height[at]) {
             height[at] = z;
-            receiver[at] = (int32_t)to;
+            int64_t step = z == beside ? direction : z == below ? row : z == first ? west : east;
+            receiver[at] = (int32_t)(at - step);
         }
     }
 }
@@ -508,7 +509,7 @@ static void sink(Level level)
 {
     double *height = level.height;
     for (int64_t node = 0; node < level.size; node++) {
-        if (level.kind[node] != INNER || level.forced[node] < 0)
+        if (level.forced[node] < 0 || level.kind[node] != INNER)
             continue;
         double z = height[node];
         for (int64_t row = -BESIDE; row <= BESIDE; row++)
@@ -532,12 +533,12 @@ static void limit(Level level, double spacing)
     double *restrict rise = level.scratch;
     for (int64_t at = 0; at < level.size; at++) {
         double repose = level.repose[at] * (1.0 + (cliff_slope - 1.0) * level.strata[at]);
-        rise[at] = greatest(repose, least_slope) * spacing;
+        bool is_limited = level.kind[at] == INNER && level.forced[at] < 0;
+        rise[at] = is_limited ? greatest(repose, least_slope) * spacing : INFINITY;
     }
     for (int64_t sweep = 0; sweep < 2 * SLOPE_SWEEPS; sweep++)
         limit_sweep(
-            level.size, level.width, sweep % 2 ? -1 : 1, level.kind, level.forced, rise, level.height,
-            level.receiver);
+            level.size, level.width, sweep % 2 ? -1 : 1, rise, level.height, level.receiver);
     sink(level);
 }
 
@@ -621,7 +622,8 @@ void carve_barriers(
 }
 
 void relax_heights(
-    int64_t rows, int64_t width, double reals[restrict 11][rows][width], int8_t bytes[restrict 2][rows][width])
+    int64_t rows, int64_t width, double reals[restrict 11][rows][width],
+    int8_t bytes[restrict 2][rows][width])
 {
     Level level = level_of(rows, width, reals[0][0], NULL, bytes[0][0]);
     relax(level.size, level.kind, level.previous, level.height);
@@ -678,7 +680,8 @@ static int64_t coarse_node(
 
 /* Write the steps from each node of a course to its end, -1 elsewhere; false if one runs in a circle. */
 static bool steps_to_end(
-    int64_t size, const int32_t course[restrict size], int32_t left[restrict size], int32_t path[restrict size])
+    int64_t size, const int32_t course[restrict size], int32_t left[restrict size],
+    int32_t path[restrict size])
 {
     for (int64_t at = 0; at < size; at++)
         left[at] = -1;
@@ -702,10 +705,10 @@ bool coarsen_drainage(
     int64_t rows, int64_t columns, int64_t coarse_rows, int64_t coarse_columns,
     const double uplift[restrict rows][columns], const double repose[restrict rows][columns],
     const double rain[restrict rows][columns], const double base[restrict rows][columns],
-    const bool domain[restrict rows][columns], const int32_t course[restrict rows * columns], int64_t first_row,
-    int64_t first_column, double fields[restrict 4][coarse_rows][coarse_columns],
-    bool domains[restrict coarse_rows][coarse_columns], int32_t courses[restrict coarse_rows * coarse_columns],
-    int32_t scratch[restrict 3][rows * columns])
+    const bool domain[restrict rows][columns], const int32_t course[restrict rows * columns],
+    int64_t first_row, int64_t first_column, double fields[restrict 4][coarse_rows][coarse_columns],
+    bool domains[restrict coarse_rows][coarse_columns],
+    int32_t courses[restrict coarse_rows * coarse_columns], int32_t scratch[restrict 3][rows * columns])
 {
     for (int64_t i = 0; i < coarse_rows; i++)
         for (int64_t j = 0; j < coarse_columns; j++) {

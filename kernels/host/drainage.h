@@ -2,15 +2,15 @@
  *
  * z = z_receiver + S d with S = (s^-4 + repose^-4)^(-1/4), s = u / (A / r0^2)^(3/8); rounds of routing and
  * integrating after Tzathas et al., "Physically-based analytical erosion for fast terrain generation" (2024);
- * passes of depressions after Cordonnier et al., "A versatile, linear complexity algorithm for flow routing in
- * topographies with depressions" (2019): Boruvka's minimum spanning tree of basins.
+ * passes of depressions after Cordonnier et al., "A versatile, linear complexity algorithm for flow routing
+ * in topographies with depressions" (2019): Boruvka's minimum spanning tree of basins.
  *
- * A level lies in rasters with a margin of one node outside of the domain, where heights are infinite; nodes are
- * row * width + column of these:
- *   reals: uplift (m/m), repose (m/m), rain (m^2), least height (m), strata (0 ... 1), height (m), area (m^2),
- *     height before the last routing (m), rise to the node (m), and two of scratch;
- *   integers: the node that a course forces it to drain to, its receiver (-1: none), the order of flow (donors
- *     before their receivers), and three of scratch;
+ * A level lies in rasters with a margin of one node outside of the domain, where heights are infinite; nodes
+ * are row * width + column of these:
+ *   reals: uplift (m/m), repose (m/m), rain (m^2), least height (m), strata (0 ... 1), height (m), area
+ *     (m^2), height before the last routing (m), rise to the node (m), and two of scratch;
+ *   integers: the node that a course forces it to drain to, its receiver (-1: none), the order of flow
+ *     (donors before their receivers), and three of scratch;
  *   bytes: kind (0 outside, 1 inner, 2 outlet, 3 open end of a course) and number of donors.
  * `pack_drainage` writes all that the other functions read; least heights and strata may be set after it.
  */
@@ -19,9 +19,9 @@
 
 #include "host.h"
 
-/* Copy a level into rasters with a margin. Heights start from the coarser level (NaN: none), moved by a hash, or
- * from noise; or from the heights `onto` which the coarser level's differences are added (NaN, or `base`: none).
- * False if a course leads elsewhere than to one of the eight neighbours. */
+/* Copy a level into rasters with a margin. Heights start from the coarser level (NaN: none), moved by a hash,
+ * or from noise; or from the heights `onto` which the coarser level's differences are added (NaN, or `base`:
+ * none). False if a course leads elsewhere than to one of the eight neighbours. */
 HOST bool pack_drainage(
     int64_t rows, int64_t columns, int64_t start_rows, int64_t start_columns,
     const double uplift[restrict rows][columns], /* m/m */
@@ -74,8 +74,8 @@ HOST void integrate_drainage(
     int32_t integers[restrict 6][rows][width],
     int8_t bytes[restrict 2][rows][width]);
 
-/* Lower nodes that stand above any neighbour by more than repose allows, and let them drain there; courses sink
- * to the lowest ground beside them. */
+/* Lower nodes that stand above any neighbour by more than repose allows, and let them drain there; courses
+ * sink to the lowest ground beside them. */
 HOST void limit_slopes(
     int64_t rows, int64_t width,
     double spacing, /* m */
@@ -123,9 +123,9 @@ HOST void outlet_ramps(
     double spacing, /* m */
     double least[restrict rows][columns]); /* m */
 
-/* Reduce a level by two, from the first node of an even global index on: means over 3 x 3 nodes of the domain,
- * four times the mean rain, the lowest outlet, and courses walked over coarse nodes, each of which drains to
- * what the last fine node in it leads to. False if a course runs in a circle. */
+/* Reduce a level by two, from the first node of an even global index on: means over 3 x 3 nodes of the
+ * domain, four times the mean rain, the lowest outlet, and courses walked over coarse nodes, each of which
+ * drains to what the last fine node in it leads to. False if a course runs in a circle. */
 HOST bool coarsen_drainage(
     int64_t rows, int64_t columns, int64_t coarse_rows, int64_t coarse_columns,
     const double uplift[restrict rows][columns], /* m/m */

@@ -16,8 +16,8 @@ static inline double left_after(double index, double rise, double way, double fi
 /* Write the index of a row of nodes before it spreads, from their areas and the three rows of heights. */
 static void start_row(
     int64_t columns, const double south[restrict columns + 2], const double here[restrict columns + 2],
-    const double north[restrict columns + 2], const double area[restrict columns], double spacing, double finest,
-    double index[restrict columns + 2])
+    const double north[restrict columns + 2], const double area[restrict columns], double spacing,
+    double finest, double index[restrict columns + 2])
 {
     double own = spacing * spacing - finest * finest, width = finest * spacing, diagonal = sqrt(0.5);
     for (int64_t i = 0; i < columns; i++) {
@@ -41,7 +41,8 @@ static void start_row(
 /* Raise the index of a row of nodes to what the row before leaves to it. */
 static void spread_row(
     int64_t columns, const double before[restrict columns + 2], const double here[restrict columns + 2],
-    const double given[restrict columns + 2], double index[restrict columns + 2], double spacing, double finest)
+    const double given[restrict columns + 2], double index[restrict columns + 2], double spacing,
+    double finest)
 {
     double slant = spacing * sqrt(2.0);
     for (int64_t i = 0; i < columns; i++) {
@@ -63,8 +64,8 @@ static inline double sum_around(const double *south, const double *here, const d
 
 void wetness(
     int64_t rows, int64_t columns, const double height[restrict rows][columns],
-    const double area[restrict rows][columns], double spacing, double finest, float wet[restrict rows][columns],
-    double scratch[restrict 2][rows + 2][columns + 2])
+    const double area[restrict rows][columns], double spacing, double finest,
+    float wet[restrict rows][columns], double scratch[restrict 2][rows + 2][columns + 2])
 {
     /* With a margin of NaN, which no comparison chooses. */
     double(*z)[columns + 2] = scratch[0], (*index)[columns + 2] = scratch[1];
@@ -81,10 +82,11 @@ void wetness(
         for (int64_t q = 1; q <= rows; q++) {
             int64_t j = step > 0 ? q : rows + 1 - q;
             spread_row(columns, z[j - step], z[j], index[j - step], index[j], spacing, finest);
+            double last = NAN; /* the index of the node before */
             for (int64_t p = 1; p <= columns; p++) {
                 int64_t i = step > 0 ? p : columns + 1 - p;
-                double left = left_after(index[j][i - step], z[j][i] - z[j][i - step], spacing, finest);
-                index[j][i] = greatest(index[j][i], left);
+                last = left_after(last, z[j][i] - z[j][i - step], spacing, finest);
+                last = index[j][i] = greatest(index[j][i], last);
             }
         }
     }

@@ -1,10 +1,10 @@
 /* Wetness of drained ground: a topographic wetness index that spreads over level ground.
  *
- * log2(a / S) with the drainage area a per width of a node, over the spacing of level 0, and the slope S to the
- * lowest neighbour (Beven & Kirkby, "A physically based, variable contributing area model of basin hydrology",
- * 1979). From node to node it falls by no more than a part of the way and of the rise (compare Bohner & Selige,
- * "Spatial prediction of soil attributes using terrain analysis and climate regionalisation", 2006).
- * The logarithm is linear between powers of two, so that its bits depend on no library.
+ * log2(a / S) with the drainage area a per width of a node, over the spacing of level 0, and the slope S to
+ * the lowest neighbour (Beven & Kirkby, "A physically based, variable contributing area model of basin
+ * hydrology", 1979). From node to node it falls by no more than a part of the way and of the rise (compare
+ * Bohner & Selige, "Spatial prediction of soil attributes using terrain analysis and climate
+ * regionalisation", 2006). The logarithm is linear between powers of two: its bits depend on no library.
  */
 #ifndef WETNESS_H
 #define WETNESS_H

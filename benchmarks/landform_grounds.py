@@ -135,10 +135,10 @@ class Ground:
         drained = self.carved
         height = drained.height if height is None else height
         wet = wetness(height, drained.area, self.spacing, self.spacing)
-        rock, wet = (np.rint(255 * np.clip(each, 0, 1)).astype(np.uint8) for each in (self.uplift.rock, wet))
+        rock, damp = (np.rint(255 * np.clip(each, 0, 1)).astype(np.uint8) for each in (self.uplift.rock, wet))
         row, column = self.plain.origin
         nodes = PaintedNodes(
-            column, row, height.astype(np.float32), rock, wet, drained.area.astype(np.float32)
+            column, row, height.astype(np.float32), rock, damp, drained.area.astype(np.float32)
         )
         blank = Sketch(
             extent=self.settings.extent,

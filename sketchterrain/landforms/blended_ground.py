@@ -19,6 +19,8 @@ from scipy.ndimage import convolve1d, distance_transform_edt
 from sketchterrain.array_types import Float32Array, Float64Array
 from sketchterrain.landforms.base_ground import BaseGround
 from sketchterrain.landforms.drainage import (
+    LEAST_RISE,
+    LEAST_SLOPE,
     DrainageInput,
     Drained,
     at_level,
@@ -27,7 +29,6 @@ from sketchterrain.landforms.drainage import (
     on_network,
     routed,
 )
-from sketchterrain.landforms.drainage_rounds import LEAST_RISE, LEAST_SLOPE
 from sketchterrain.landforms.node_raster import GroundBeside, PaintedNodes
 from sketchterrain.landforms.painted_uplift import FeatureLayer, HeightControl, PaintedUplift
 from sketchterrain.landforms.wetness import wetness

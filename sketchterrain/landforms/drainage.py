@@ -27,7 +27,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int32Array
-from sketchterrain.landforms import drainage_levels, drainage_rounds
+from sketchterrain.host.library import host_function
+
+LEAST_SLOPE = 2.0**-13
+"""Least slope of a node to its receiver, where nothing is uplifted."""
+
+LEAST_RISE = 1e-6
+"""Least rise of a course, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +85,8 @@ ROUNDS = (8, 3, 3, 3)  # of levels 3 to 0, in zones around painted features
 BARE_ROUNDS = (20, 10, 6, 5)  # of all ground without painted features
 FIRST_ROUNDS = 16  # of the coarsest level before, under even uplift
 FIRST_UPLIFT = 0.3
+
+_INNER = np.s_[1:-1, 1:-1]  # of rasters with a margin
 
 RaiseGround = Callable[[int, "LevelSolver"], Float64Array]
 
@@ -147,7 +155,9 @@ def confined(source: DrainageInput, drained: Drained, zone: BoolArray) -> Draina
 
 def ramped(source: DrainageInput, cell: float) -> DrainageInput:
     """Return a level whose ground falls from high outlets no steeper than repose, instead of as a wall."""
-    least = drainage_levels.ramps(source.base, source.repose, source.domain, cell * 2.0**source.level)
+    least = np.empty(source.base.shape)
+    given = _double(source.base), _double(source.repose), np.ascontiguousarray(source.domain)
+    host_function("outlet_ramps")(*given, cell * 2.0**source.level, least)
     return replace(source, least=least)
 
 
@@ -183,10 +193,26 @@ def coarsened(source: DrainageInput) -> DrainageInput:
     rows, first_row = _halved(source.origin[0], source.base.shape[0])
     columns, first_column = _halved(source.origin[1], source.base.shape[1])
     start = (2 * first_row - source.origin[0], 2 * first_column - source.origin[1])
-    names = "uplift", "repose", "rain", "base", "domain", "course"
-    fields = drainage_levels.coarsened(*(getattr(source, name) for name in names), start, (rows, columns))
-    origin, level = (first_row, first_column), source.level + 1
-    return DrainageInput(**dict(zip(names, fields, strict=True)), origin=origin, level=level)
+    fields = np.empty((4, rows, columns))
+    domain, course = np.empty((rows, columns), np.bool_), np.empty(rows * columns, np.int32)
+    scratch = np.empty((3, source.base.size), np.int32)
+    if not host_function("coarsen_drainage")(*_packed(source), *start, fields, domain, course, scratch):
+        raise ValueError("a course runs in a circle")
+    origin = first_row, first_column
+    uplift, repose, rain, base = fields
+    course = course.reshape(domain.shape)
+    return DrainageInput(uplift, repose, rain, base, domain, course, origin, source.level + 1)
+
+
+def _double(values: npt.NDArray[Any]) -> Float64Array:
+    return np.ascontiguousarray(values, np.float64)
+
+
+def _packed(source: DrainageInput) -> tuple[npt.NDArray[Any], ...]:
+    """Return uplift, repose, rain, base, domain and (flat) course as the host's loops take them."""
+    fields = map(_double, (source.uplift, source.repose, source.rain, source.base))
+    course = np.ascontiguousarray(source.course.ravel(), np.int32)
+    return *fields, np.ascontiguousarray(source.domain), course
 
 
 def at_level(values: npt.NDArray[Any], level: DrainageInput, finest: DrainageInput) -> npt.NDArray[Any]:
@@ -204,7 +230,10 @@ def _halved(first: int, count: int) -> tuple[int, int]:
 
 
 class LevelSolver:
-    """The state of one level between rounds, on rasters with a margin of one node outside of the domain."""
+    """The state of one level between rounds, on rasters with a margin of one node outside of the domain.
+
+    What their planes hold is said in ``kernels/host/drainage.h``.
+    """
 
     def __init__(
         self,
@@ -214,108 +243,106 @@ class LevelSolver:
         drained: Drained | None = None,
         onto: Float64Array | None = None,
     ) -> None:
-        self._shape = rows, columns = source.base.shape
-        self._width = rows + 2, columns + 2
-        size = (rows + 2) * (columns + 2)
-        self._spacing = cell * 2.0**source.level
-        self._kind = np.zeros(size, np.int8)
-        self._forced = np.full(size, -1, np.int32)
-        self._uplift, self._repose, self._rain = np.zeros(size), np.zeros(size), np.zeros(size)
-        self._state = drainage_rounds.new_state(size)
-        self._height, self._area, self._receiver = self._state[:3]
-        if drained is None or coarser is None:
-            start, start_origin = np.empty((0, 0)), (0, 0)
-        else:
-            start, start_origin = drained.height, coarser.origin
-        drainage_levels.pack(
-            (source.uplift, source.repose, source.rain, source.base),
-            (source.domain, source.course, source.origin, source.level),
-            (start, start_origin, self._spacing, np.empty((0, 0)) if onto is None else onto),
-            (self._uplift, self._repose, self._rain, self._height),
-            (self._kind, self._forced),
+        shape = source.base.shape[0] + 2, source.base.shape[1] + 2
+        self._spacing, self._per_area = cell * 2.0**source.level, 1.0 / (cell * cell)
+        reals, integers, bytes_ = (
+            np.empty((11, *shape)),
+            np.empty((6, *shape), np.int32),
+            np.empty((2, *shape), np.int8),
         )
-        self._topology = self._kind, self._forced
-        least = np.full(self._shape, -np.inf) if source.least is None else source.least
-        least = np.pad(least, 1, constant_values=-np.inf)
-        strata = np.pad(np.zeros(self._shape) if source.strata is None else source.strata, 1)
-        self._fields = self._uplift, self._repose, self._rain, least.ravel(), strata.ravel()
+        self._arrays = reals, integers, bytes_
+        self._uplift, self._height, self._area, self._previous = reals[0], *reals[5:8]
+        self._receiver, self._kind = integers[1], bytes_[0]
+        if drained is None or coarser is None:
+            start, start_origin = np.full((1, 1), np.nan), (0, 0)
+        else:
+            start, start_origin = _double(drained.height), coarser.origin
+        packed = _packed(source)
+        place = *source.origin, source.level, *start_origin, self._spacing
+        first = packed[3] if onto is None else _double(onto)
+        if not host_function("pack_drainage")(*packed, first, start, *place, *self._arrays):
+            raise ValueError("a course must lead to one of a node's eight neighbours")
+        if source.least is not None:
+            reals[3][_INNER] = source.least
+        if source.strata is not None:
+            reals[4][_INNER] = source.strata
         self._ground: Float64Array | None = None
         if source.ground is not None:
-            self._ground = np.pad(np.where(source.domain, source.ground, 0.0), 1).ravel()
-        self._geometry = self._shape[1] + 2, self._spacing, 1.0 / (cell * cell)
+            self._ground = np.pad(np.where(source.domain, source.ground, 0.0), 1)
         self._count = 0
 
     def run(self, rounds: int) -> None:
         """Route and integrate some times."""
-        drainage_rounds.run(self._topology, self._fields, self._state, self._geometry, rounds)
+        host_function("run_drainage")(rounds, self._spacing, self._per_area, *self._arrays)
 
     def route(self) -> None:
         """Find receivers and drainage areas."""
         if self._ground is not None:
             self._height += self._ground
-        self._count = drainage_rounds.route(self._topology, self._fields, self._state, self._geometry)
+        self._count = host_function("route_drainage")(*self._arrays)
         if self._ground is not None:
             self._height -= self._ground
-            self._state[-1][:] = self._height
+            self._previous[:] = self._height
 
     def follow(self, receiver: Int32Array) -> None:
         """Take receivers as they are, instead of finding them."""
-        row, column = np.divmod(receiver, self._shape[1])
-        packed = np.where(receiver >= 0, (row + 1) * self._width[1] + column + 1, -1)
-        self._receiver.reshape(self._width)[1:-1, 1:-1] = packed
-        self._count = drainage_rounds.accumulate(self._topology, self._fields, self._state)
+        row, column = np.divmod(receiver, receiver.shape[1])
+        packed = np.where(receiver >= 0, (row + 1) * self._height.shape[1] + column + 1, -1)
+        self._receiver[_INNER] = packed
+        self._count = host_function("accumulate_drainage")(*self._arrays)
 
     def integrate(self) -> None:
         """Build heights on the present network, none much above a neighbour."""
-        drainage_rounds.integrate(self._topology, self._fields, self._state, self._geometry, self._count)
-        drainage_rounds.limit_slopes(self._topology, self._fields, self._state, self._geometry)
+        self._build()
+        host_function("limit_slopes")(self._spacing, *self._arrays)
+
+    def _build(self) -> None:
+        host_function("integrate_drainage")(self._count, self._spacing, self._per_area, *self._arrays)
 
     def settle(self) -> None:
         """Build the heights that belong to the receivers as they are after the last round."""
-        drainage_rounds.settle(self._topology, self._fields, self._state, self._geometry)
+        self._count = host_function("accumulate_drainage")(*self._arrays)
+        self._build()
 
     def carve(self) -> None:
         """Cut through what stands above the nodes that drain to it, down to the ground if there is one."""
-        drainage_rounds.sink_courses(self._topology, self._height, self._geometry[0])
-        floor = np.full(self._height.size, -np.inf)
+        host_function("sink_courses")(*self._arrays)
+        floor = np.full(self._height.shape, -np.inf)
         if self._ground is not None:
             floor = self._ground
             self._height += self._ground
-        drainage_rounds.carve(self._kind, floor, self._state, self._geometry, self._count)
+        host_function("carve_barriers")(self._count, self._spacing, floor, *self._arrays)
         if self._ground is not None:
             self._height -= self._ground
-        drainage_rounds.limit_slopes(self._topology, self._fields, self._state, self._geometry)
-        self._count = drainage_rounds.accumulate(self._topology, self._fields, self._state)
+        host_function("limit_slopes")(self._spacing, *self._arrays)
+        self._count = host_function("accumulate_drainage")(*self._arrays)
 
     def heights(self, uplift: Float64Array) -> Float64Array:
         """Return the heights (m) of nodes on the present network with an uplift."""
         self.set_uplift(uplift)
-        drainage_rounds.integrate(self._topology, self._fields, self._state, self._geometry, self._count)
-        height = self._height.reshape(self._width)[1:-1, 1:-1]
+        self._build()
+        height = self._height[_INNER]
         return np.where(np.isinf(height), np.nan, height)
 
     def shares_from(self, inside: Float64Array) -> Float64Array:
         """Return the share of each node's drainage area that lies inside a region, (rows, columns)."""
-        weight = np.zeros(self._width)
-        weight[1:-1, 1:-1] = inside
-        drainage_rounds.accumulate_inside(weight.ravel(), self._rain, self._area, self._state, self._count)
-        return weight[1:-1, 1:-1]
+        weight = np.pad(_double(inside), 1)
+        host_function("drainage_shares")(self._count, weight, *self._arrays[:2])
+        return weight[_INNER]
 
     def relax(self) -> None:
         """Move heights back towards those before the last routing."""
-        drainage_rounds.relax(self._kind, self._height, self._state[-1])
+        host_function("relax_heights")(self._arrays[0], self._arrays[2])
 
     def set_uplift(self, uplift: Float64Array) -> None:
         """Take another uplift."""
-        self._uplift.reshape(self._width)[1:-1, 1:-1] = uplift
+        self._uplift[_INNER] = uplift
 
     def result(self) -> Drained:
         """Return the level as it is."""
-        kind, height, area, receiver = (
-            each.reshape(self._width)[1:-1, 1:-1]
-            for each in (self._kind, self._height, self._area, self._receiver)
-        )
-        inside = kind != drainage_rounds.OUTSIDE
-        row, column = np.divmod(receiver, self._width[1])
-        to = np.where(inside & (receiver >= 0), (row - 1) * self._shape[1] + column - 1, -1)
+        arrays = self._kind, self._height, self._area, self._receiver
+        kind, height, area, receiver = (each[_INNER] for each in arrays)
+        inside = kind != 0
+        row, column = np.divmod(receiver, self._height.shape[1])
+        to = np.where(inside & (receiver >= 0), (row - 1) * kind.shape[1] + column - 1, -1)
         return Drained(np.where(inside, height, np.nan), np.where(inside, area, 0.0), to.astype(np.int32))

@@ -9,13 +9,11 @@ Heights follow from drainage alone: between two routings the uplift of every fea
 scaled by how far its crest is from the height asked for, above the same network of valleys without its
 layer's uplift.
 """
-# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import sqrt
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -23,6 +21,7 @@ import numpy as np
 from scipy.ndimage import correlate1d, distance_transform_edt
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
+from sketchterrain.host.library import host_function
 from sketchterrain.landforms.drainage import (
     ROUNDS,
     DrainageInput,
@@ -33,8 +32,6 @@ from sketchterrain.landforms.drainage import (
     drain,
     on_network,
 )
-from sketchterrain.landforms.hashed_noise import compiled, value_noise_row
-from sketchterrain.landforms.mesh import SIDE
 from sketchterrain.landforms.placement.feature_types import smoothstep
 from sketchterrain.landforms.uplift import Outline, UpliftFeatures
 
@@ -58,17 +55,13 @@ _UNEVEN = 0.35  # by how much uplift and slopes vary from place to place
 _BROAD, _FINE = ((31, 9, 0.6), (32, 7, 0.5)), ((33, 6, 0.7), (34, 5, 0.4))
 _FINE_FROM, _FINE_FULL = -0.1, 0.3
 _FOREIGN = 1.5  # weight of drainage area from elsewhere: streams that come from there cut through features
-_NEIGHBOUR = 0.15  # weight of features of other shapes inside a shape
 _ROCK_DEPTH = 0.3  # visible radii inside the outline, where all is rock
-_LIFT, _GAIN_CLIP = 0.2, 1.5
 _SUMMIT = 0.3  # visible radii inside the outline, beyond which ground counts as summit
-_LEAST_FACTOR, _MOST_FACTOR = 0.1, 8.0
 ADJUST_SHARE = 0.7  # of what features lack: what they gain at a routing; at the last one, all
 PASSES = 2  # adjustments of whole shapes, at the last routing
 
 _LEVELS = 4
 _OUTSIDE = -9.0
-_REACH = 0.9  # visible radii beyond its outline that a feature may raise
 
 
 class _Steepness(NamedTuple):
@@ -340,8 +333,10 @@ class HeightControl:
         level, start, step = self._place(index)
         centre = self._centre[0][layer.members], self._centre[1][layer.members]
         regions = self._painted.features.region[layer.members], layer.region
-        place, radius = (start, step, level.base.shape), self._radius[layer.members]
-        return np.asarray(_mean_factors(centre, radius, factors, place, regions))
+        mean, scratch = np.zeros(level.base.shape), np.zeros(level.base.shape)
+        given = *centre, self._radius[layer.members], factors, *regions, *start, step
+        host_function("mean_factors")(*given, mean, scratch)
+        return mean
 
     def _place(self, index: int) -> tuple[DrainageInput, tuple[int, int], int]:
         """Return a level, its first node among those of level 0, and its spacing."""
@@ -387,129 +382,55 @@ def height_without(
     return solver.result().height
 
 
-@compiled
-def _box(x, y, reach, start, step, shape):
-    """Return the ranges of rows and columns within reach of a feature."""
-    south = max(int(np.floor((y - reach - start[0]) / step)), 0)
-    north = min(int(np.floor((y + reach - start[0]) / step)) + 2, shape[0])
-    west = max(int(np.floor((x - reach - start[1]) / step)), 0)
-    east = min(int(np.floor((x + reach - start[1]) / step)) + 2, shape[1])
-    return south, north, west, east
-
-
-@compiled
-def _unevenness(origin, shape, octaves):
+def _unevenness(
+    origin: tuple[int, int], shape: tuple[int, int], octaves: Sequence[tuple[int, int, float]]
+) -> Float64Array:
     """Return noise of short wavelengths, about −1 … 1, at nodes of level 0."""
     noise = np.zeros(shape)
-    for key, bits, amplitude in octaves:
-        for i in range(shape[0]):
-            y = (origin[0] + i) * SIDE
-            value_noise_row(np.uint64(key), origin[1] * SIDE, SIDE, y, bits, amplitude, noise[i])
+    for octave in octaves:
+        host_function("uneven_noise")(*origin, *octave, noise)
     return noise
 
 
-@compiled
-def _nearness(centre, radius, shape):
+def _nearness(
+    centre: tuple[Float64Array, Float64Array], radius: Float64Array, shape: tuple[int, int]
+) -> Float64Array:
     """Return the greatest depth inside any feature over its radius, negative outside."""
     near = np.full(shape, _OUTSIDE)
-    for k in range(radius.size):
-        x, y, own = centre[0][k], centre[1][k], radius[k]
-        reach = own * (1.0 + _ZONE) + 2.0
-        south, north, west, east = _box(x, y, reach, (0, 0), 1, shape)
-        for i in range(south, north):
-            for j in range(west, east):
-                away = sqrt((i - y) * (i - y) + (j - x) * (j - x))
-                if away < reach:
-                    near[i, j] = max(near[i, j], 1.0 - away / own)
+    host_function("feature_nearness")(*centre, radius, _ZONE, near)
     return near
 
 
-@compiled
-def _features_at(centre, radius, values, regions):
+def _features_at(
+    centre: tuple[Float64Array, Float64Array],
+    radius: Float64Array,
+    values: Float64Array,
+    regions: tuple[Int64Array, Int32Array],
+) -> tuple[Float64Array, Int64Array, Float64Array]:
     """Return, at nodes, where they lie in features and weighted means of these.
 
     Depth inside the outline of any feature over its radius, negative outside; the deepest feature; means of
     values (n, m).
     """
-    belongs, region = regions
-    shape = rows, columns = region.shape
-    depth = np.full((rows, columns), _OUTSIDE)
-    deepest, owner = np.full((rows, columns), _OUTSIDE), np.full((rows, columns), -1, np.int64)
-    weights, radii = np.zeros((rows, columns)), np.zeros((rows, columns))
-    means = np.zeros((rows, columns, values.shape[1]))
-    for k in range(radius.size):
-        x, y, own = centre[0][k], centre[1][k], radius[k]
-        reach = own * (1.0 + _REACH) + 2.0
-        south, north, west, east = _box(x, y, reach, (0, 0), 1, shape)
-        for i in range(south, north):
-            for j in range(west, east):
-                away = sqrt((i - y) * (i - y) + (j - x) * (j - x))
-                if away >= reach:
-                    continue
-                inside = own - away
-                t = 1.0 - away / reach
-                weight = t * t * t * own * own
-                if region[i, j] >= 0 and region[i, j] != belongs[k]:
-                    weight *= _NEIGHBOUR
-                weights[i, j] += weight
-                radii[i, j] += weight * own
-                for value in range(values.shape[1]):
-                    means[i, j, value] += weight * values[k, value]
-                depth[i, j] = max(depth[i, j], inside) if depth[i, j] > _OUTSIDE else inside
-                if inside / own > deepest[i, j]:
-                    deepest[i, j] = inside / own
-                    owner[i, j] = k
-    for i, j in np.ndindex(rows, columns):
-        if weights[i, j] > 0.0:
-            depth[i, j] = max(depth[i, j] / (radii[i, j] / weights[i, j]), -1.0)
-            for value in range(values.shape[1]):
-                means[i, j, value] /= weights[i, j]
-            if deepest[i, j] <= _LIFT:
-                owner[i, j] = -1
-    return depth, owner, means
+    shape = regions[1].shape
+    found = np.empty(shape), np.empty(shape, np.int64), np.zeros((*shape, values.shape[1]))
+    host_function("features_at")(*centre, radius, values, *regions, _OUTSIDE, *found, np.zeros((4, *shape)))
+    return found
 
 
-@compiled
-def _mean_factors(centre, radius, factors, place, regions):
-    """Return the weighted mean of the factors of features near nodes, 1 away from them."""
-    (start, step, shape), (belongs, region) = place, regions
-    sums, weights = np.zeros(shape), np.zeros(shape)
-    for k in range(radius.size):
-        x, y, own = centre[0][k], centre[1][k], radius[k]
-        reach = own * (1.0 + _REACH) + 2.0
-        south, north, west, east = _box(x, y, reach, start, step, shape)
-        for i in range(south, north):
-            for j in range(west, east):
-                row, column = start[0] + i * step, start[1] + j * step
-                away = sqrt((row - y) * (row - y) + (column - x) * (column - x))
-                if away < reach:
-                    t = 1.0 - away / reach
-                    weight = t * t * t * own * own
-                    if region[row, column] >= 0 and region[row, column] != belongs[k]:
-                        weight *= _NEIGHBOUR
-                    weights[i, j] += weight
-                    sums[i, j] += weight * factors[k]
-    for i, j in np.ndindex(shape):
-        sums[i, j] = sums[i, j] / weights[i, j] if weights[i, j] > 0.0 else 1.0
-    return sums
-
-
-@compiled
-def _adjust_factors(effect, aims, start, step, factors, share):
+def _adjust_factors(
+    effect: Float64Array,
+    aims: tuple[Any, ...],
+    start: tuple[int, int],
+    step: int,
+    factors: Float64Array,
+    share: float,
+) -> None:
     """Scale the factors of groups of features by how far their highest crests are from their aims.
 
     `aims` are heights (m) that crests have at nodes, the ground below them, the feature at each node, the
     group of each feature, and the least rise (m) that counts.
     """
     target, below, owner, group, least = aims
-    reached = np.zeros(group.max() + 1)
-    for i, j in np.ndindex(effect.shape):
-        row, column = start[0] + i * step, start[1] + j * step
-        k, rise = owner[row, column], target[row, column] - below[i, j]
-        if k >= 0 and rise > least:
-            reached[group[k]] = max(reached[group[k]], effect[i, j] / rise)
-    for k in range(factors.size):
-        if reached[group[k]] > 0.0:
-            change = min(max(1.0 / reached[group[k]], 1.0 / _GAIN_CLIP), _GAIN_CLIP)
-            change = 1.0 + share * (change - 1.0)
-            factors[k] = min(max(factors[k] * change, _LEAST_FACTOR), _MOST_FACTOR)
+    given = effect, below, target, owner, group, least, *start, step, share
+    host_function("adjust_factors")(*given, factors, np.empty(int(group.max()) + 1))

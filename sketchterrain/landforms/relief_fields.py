@@ -4,21 +4,21 @@ Relief is what the ground shall rise above its valleys (m); uplift, which the so
 proportional to it. Far beyond the sketch ranges rise in proportion to what is painted, so that the land goes
 on behind it: they raise valleys and ridges, from outside of all cells that meet the painted region.
 """
-# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import exp, floor, pi, sqrt
+from math import exp, pi
 from statistics import NormalDist
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.document.label_layers import labels_in
 from sketchterrain.geometry.hashing import hash_keys, rounded
-from sketchterrain.landforms.hashed_noise import compiled, gradient_noise, value_noise_row
-from sketchterrain.landforms.mesh import SIDE, SITE_BITS, UNIT_BITS, base_level
+from sketchterrain.host.library import host_function
+from sketchterrain.landforms.mesh import SIDE, MeshParameters
 from sketchterrain.landforms.placement.feature_types import TYPES
 from sketchterrain.landforms.placement.heights import unpainted_height
 
@@ -26,17 +26,11 @@ if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
 
 _KAPPA = 3.3  # height of ridges above valleys over uplift and r0, in cells of the mesh
-_STRETCH = 2.0  # length of ranges over their width
 _ARID, _PEDIMENTS = 0.5, 4.0  # aridity from which ground is more uneven and more level, and how fast
 _DEVIATION = 0.262  # of the noise of ranges
-_ACROSS = sqrt(0.75)
-# Ranges beyond the sketch: distances from its square where they begin and are as high as anywhere, their
-# width (L), and share of the land; how much of their height is relief, and how much their valleys rise.
-_RANGES_FROM, _RANGES_FULL, _RANGE_WIDTH, _RANGE_SHARE = 2.4, 6.5, 3.0, 0.5
-_RANGE_RELIEF, _RANGE_VALLEYS = 0.65, 0.45
+_RANGE_SHARE = 0.5  # of the land beyond the sketch
 _LOW_RANGES, _LOW_SLOPE = 150.0, 0.03  # m, and over the extent: height around level sketches
 _RANGE_SLOPE = 0.12  # greatest height over the extent
-_SKETCH_SIDE = 256 >> SITE_BITS  # L
 
 
 @dataclass(frozen=True)
@@ -163,173 +157,62 @@ def uplift_fields(settings: UnpaintedSettings) -> UpliftFields:
     )
 
 
-@compiled
-def range_noise(key, x, y):
-    """Return noise of joined, elongated shapes, their direction varying over the land; a swing per unit."""
-    turn = 2.0 * gradient_noise(key, 0.11 * x, 0.11 * y)
-    total = squares = 0.0
-    for k in range(3):
-        weight = max(0.0, 1.0 - abs(1.5 * turn - (k - 1.0)))
-        if (k == 0 and turn < -2.0 / 3.0) or (k == 2 and turn > 2.0 / 3.0):
-            weight = 1.0
-        if weight == 0.0:
-            continue
-        if k == 0:
-            along, across = -0.5 * x + _ACROSS * y, -_ACROSS * x - 0.5 * y
-        elif k == 1:
-            along, across = x, y
-        else:
-            along, across = 0.5 * x + _ACROSS * y, -_ACROSS * x + 0.5 * y
-        own = key + np.uint64(101 * (k + 1))
-        total += weight * gradient_noise(own, along / _STRETCH, across)
-        squares += weight * weight
-    value = total / sqrt(squares)
-    return value + 0.35 * gradient_noise(key + np.uint64(7), 2.1 * x, 2.1 * y)
-
-
-@compiled
-def _smooth(t):
-    t = min(max(t, 0.0), 1.0)
-    return t * t * (3.0 - 2.0 * t)
-
-
-@compiled
-def range_at(fields, x, y):
-    """Return the height (m) of ranges beyond the sketch at a point (mesh units): 0 near its square."""
-    scale, half = 1.0 / (1 << UNIT_BITS), 0.5 * _SKETCH_SIDE
-    east, north = max(abs(x * scale - half) - half, 0.0), max(abs(y * scale - half) - half, 0.0)
-    far = (sqrt(east * east + north * north) - _RANGES_FROM) / (_RANGES_FULL - _RANGES_FROM)
-    if far <= 0.0 or fields.range <= 0.0:
-        return 0.0
-    u, v = x * (scale / _RANGE_WIDTH), y * (scale / _RANGE_WIDTH)
-    above = (range_noise(fields.key + np.uint64(3000), u, v) - fields.range_threshold) / _DEVIATION
-    height = 0.85 + 0.5 * gradient_noise(fields.key + np.uint64(15), 0.6 * u, 0.6 * v)
-    return _smooth(far) * _smooth(0.5 + 0.42 * above) * height * fields.range
-
-
-@compiled
-def relief_at(fields, x, y):
-    """Return the relief (m) of ground above its valleys at a point (mesh units), and the mountains' share."""
-    key = fields.key
-    u, v = x * fields.ground_scale, y * fields.ground_scale
-    swell = gradient_noise(key + np.uint64(11), 0.5 * u, 0.5 * v) + 0.5 * gradient_noise(
-        key + np.uint64(12), u, v
-    )
-    swell += 0.9 * gradient_noise(key + np.uint64(14), x * 2.0**-13, y * 2.0**-13)
-    ground = fields.ground * (0.6 - 0.35 * fields.pediments + (0.7 + 0.7 * fields.pediments) * swell)
-    ground = max(ground, 0.12 * fields.ground)
-    square = ground * ground
-    share = 0.0
-    if fields.mountain_threshold < 1e8:
-        u, v = x * fields.mountain_scale, y * fields.mountain_scale
-        above = (range_noise(key + np.uint64(1000), u, v) - fields.mountain_threshold) / _DEVIATION
-        share = _smooth(0.5 + 0.42 * above)
-        height = (
-            share * fields.mountain * (0.85 + 0.4 * gradient_noise(key + np.uint64(13), 0.6 * u, 0.6 * v))
-        )
-        square += height * height
-    if fields.hill_threshold < 1e8:
-        u, v = x * fields.hill_scale, y * fields.hill_scale
-        above = (range_noise(key + np.uint64(2000), u, v) - fields.hill_threshold) / _DEVIATION
-        height = _smooth(0.5 + 0.7 * above) * fields.hill
-        square += height * height
-    beyond = range_at(fields, x, y)
-    if beyond > 0.0:
-        share = max(share, fields.range_rock * min(beyond / (0.6 * fields.range), 1.0))
-        square += _RANGE_RELIEF * beyond * _RANGE_RELIEF * beyond
-    return sqrt(square), share
-
-
-@compiled
-def vertex_relief(fields, centre):
+def vertex_relief(fields: UpliftFields, centre: Int64Array) -> Float64Array:
     """Return the relief (m) at vertices, of shape (rows, columns, 2)."""
-    result = np.empty(centre.shape[:3])
-    for j, i, half in np.ndindex(result.shape):
-        result[j, i, half], _ = relief_at(fields, centre[j, i, half, 0], centre[j, i, half, 1])
-    return result
-
-
-@compiled
-def valley_rise(fields, centre):
-    """Return what ranges beyond the sketch raise valleys by (m), at vertices (rows, columns, 2)."""
-    rise = np.empty(centre.shape[:3])
-    for j, i, half in np.ndindex(rise.shape):
-        beyond = range_at(fields, centre[j, i, half, 0], centre[j, i, half, 1])
-        rise[j, i, half] = _RANGE_VALLEYS * beyond
-    return rise
-
-
-@compiled
-def site_relief(fields, column, row, x, y):
-    """Return the relief (m) at sites by their offsets (L)."""
-    relief = np.empty(x.shape)
-    for j, i in np.ndindex(x.shape):
-        east = ((column + i) << UNIT_BITS) + floor(x[j, i] * (1 << UNIT_BITS))
-        north = ((row + j) << UNIT_BITS) + floor(y[j, i] * (1 << UNIT_BITS))
-        relief[j, i], _ = relief_at(fields, east, north)
+    relief = np.empty(centre.shape[:3])
+    host_function("relief_at_vertices")(fields, centre, relief)
     return relief
 
 
-@compiled
-def _relief_nodes(fields, level, column, row, rows, columns):
-    """Return relief (m) and the mountains' share at nodes."""
-    relief, share = np.empty((rows, columns)), np.empty((rows, columns))
-    for j, i in np.ndindex(rows, columns):
-        relief[j, i], share[j, i] = relief_at(
-            fields, ((column + i) << level) * SIDE, ((row + j) << level) * SIDE
-        )
-    return relief, share
+def valley_rise(fields: UpliftFields, centre: Int64Array) -> Float64Array:
+    """Return what ranges beyond the sketch raise valleys by (m), at vertices (rows, columns, 2)."""
+    rise = np.empty(centre.shape[:3])
+    host_function("valley_rise")(fields, centre, rise)
+    return rise
 
 
-@compiled
-def relief_raster(fields, level, column, row, rows, columns):
+def site_relief(
+    fields: UpliftFields, column: int, row: int, x: Float64Array, y: Float64Array
+) -> Float64Array:
+    """Return the relief (m) at sites by their offsets (L)."""
+    relief = np.empty(x.shape)
+    host_function("relief_at_sites")(fields, column, row, x, y, relief)
+    return relief
+
+
+def relief_raster(
+    fields: UpliftFields, level: int, column: int, row: int, rows: int, columns: int
+) -> tuple[Float64Array, Float64Array]:
     """Return relief (m) and the mountains' share at nodes, below level 3 interpolated between its nodes."""
-    if level >= 3:
-        return _relief_nodes(fields, level, column, row, rows, columns)
-    relief, share = np.empty((rows, columns)), np.empty((rows, columns))
-    bits = 3 - level
+    bits = max(3 - level, 0)
     first_column, first_row = column >> bits, row >> bits
-    width = ((column + columns - 1) >> bits) - first_column + 2
-    height = ((row + rows - 1) >> bits) - first_row + 2
-    coarse, coarse_share = _relief_nodes(fields, 3, first_column, first_row, height, width)
-    scale = 1.0 / (1 << bits)
-    for j in range(rows):
-        q = (row + j) >> bits
-        v = (row + j - (q << bits)) * scale
-        q -= first_row
-        for i in range(columns):
-            p = (column + i) >> bits
-            u = (column + i - (p << bits)) * scale
-            p -= first_column
-            for source, target in ((coarse, relief), (coarse_share, share)):
-                south = source[q, p] + u * (source[q, p + 1] - source[q, p])
-                north = source[q + 1, p] + u * (source[q + 1, p + 1] - source[q + 1, p])
-                target[j, i] = south + v * (north - south)
-    return relief, share
+    shape = rows, columns
+    if bits:
+        shape = (
+            ((row + rows - 1) >> bits) - first_row + 2,
+            ((column + columns - 1) >> bits) - first_column + 2,
+        )
+    relief, share = np.empty(shape), np.empty(shape)
+    host_function("relief_at_nodes")(fields, level + bits, first_column, first_row, relief, share)
+    if not bits:
+        return relief, share
+    fine = np.empty((rows, columns)), np.empty((rows, columns))
+    for source, target in zip((relief, share), fine, strict=True):
+        host_function("interpolated_nodes")(bits, column, row, source, target)
+    return fine
 
 
-@compiled
-def roughened(fields, relief, level, column, row):
+def roughened(fields: UpliftFields, relief: Float64Array, level: int, column: int, row: int) -> Float64Array:
     """Return uplift at nodes, varied over 8 and 16 nodes of level 0."""
-    rows, columns = relief.shape
-    uplift, noise = np.empty((rows, columns)), np.empty(columns)
-    x, step = (column << level) * SIDE, SIDE << level
-    for j in range(rows):
-        y = ((row + j) << level) * SIDE
-        noise[:] = 0.0
-        value_noise_row(fields.key + np.uint64(21), x, step, y, 8, 1.0, noise)
-        value_noise_row(fields.key + np.uint64(22), x, step, y, 7, 0.9, noise)
-        for i in range(columns):
-            uplift[j, i] = relief[j, i] * fields.per_relief * max(1.0 + fields.roughness * noise[i], 0.15)
+    uplift = np.empty(relief.shape)
+    host_function("roughened_uplift")(fields, level, column, row, relief, uplift, np.empty(relief.shape[1]))
     return uplift
 
 
-@compiled
-def mean_ground(mesh, fields, level, column, row, rows, columns):
+def mean_ground(
+    mesh: MeshParameters, fields: UpliftFields, level: int, column: int, row: int, rows: int, columns: int
+) -> tuple[Float64Array, Float64Array]:
     """Return heights (m) of the smooth mean of the ground, and the mountains' share."""
     height, share = np.empty((rows, columns)), np.empty((rows, columns))
-    for j, i in np.ndindex(rows, columns):
-        x, y = ((column + i) << level) * SIDE, ((row + j) << level) * SIDE
-        relief, share[j, i] = relief_at(fields, x, y)
-        height[j, i] = base_level(mesh, x, y) + 0.85 * relief + 0.6 * _RANGE_VALLEYS * range_at(fields, x, y)
+    host_function("mean_ground")(mesh, fields, level, column, row, height, share)
     return height, share

@@ -168,10 +168,10 @@ class UnpaintedGround:
             height, share = relief_fields.mean_ground(self.mesh, self.fields, *at)
         else:
             table = self._table_of_nodes(*at)
-            height = mesh_nodes.mesh_heights(self.mesh, table, *at, self._passes, _CREST)
+            height = mesh_nodes.mesh_heights(self.mesh, table, at, self._passes, _CREST)
             _, share = relief_fields.relief_raster(self.fields, *at)
-        share = share.astype(np.float32)
-        return Nodes(height, share, area, wetness.mean_wetness(share))
+        rock = share.astype(np.float32)
+        return Nodes(height, rock, area, wetness.mean_wetness(rock))
 
     def _table_of_nodes(self, *window: int) -> MeshTable:
         """Return sites and vertices around a window of nodes, from all threads; not to be called on one."""
@@ -197,7 +197,7 @@ class UnpaintedGround:
             for target, source in zip((height, receiver, upstream, relief), block, strict=True):
                 target[into] = source[out]
         sites = relief_fields.site_relief(self.fields, column, row, x, y)
-        low = mesh_vertices.lowest_around_sites(diagonal, height)
+        low = meshes.lowest_around_sites(diagonal, height)
         return MeshTable(column, row, x, y, diagonal, height, receiver, upstream, relief, sites, low)
 
     def _cached_block(self, at: tuple[int, int]) -> _Block:
@@ -210,33 +210,31 @@ class UnpaintedGround:
         first = column - margin, row - margin
         count = size + 2 * margin
         x, y, diagonal = meshes.lattice_sites(self.mesh, *first, count, count)
-        centre, probe = mesh_vertices.vertices(self.mesh, *first, x, y, diagonal)
+        centre, probe = mesh_vertices.vertices(*first, x, y, diagonal)
         plain = relief_fields.uplift_fields(self.settings.painted)  # ranges beyond the sketch come last
         relief = relief_fields.vertex_relief(plain, centre)
         level, course = mesh_vertices.receivers(self.mesh, diagonal, probe, relief)
-        power = self.fields.per_relief, _SLOPE_CAP, self.settings.spacing / SIDE
-        order = np.argsort(-level.ravel(), kind="stable")
-        vertices = diagonal, centre, level, order, course, relief, power
-        height, upstream = mesh_vertices.vertex_heights(self.mesh, *vertices)
+        metres = self.settings.spacing / SIDE
+        slopes = self.mesh.fall, self.fields.per_relief, _SLOPE_CAP, metres
+        height, upstream = mesh_vertices.vertex_heights(diagonal, centre, level, course, relief, slopes)
         # Captures reach less far than what drains through a vertex.
         reach = mesh_vertices.CAPTURES + 1
-        near = slice(margin - reach, margin + size + reach)
-        sites = slice(near.start, near.stop + 1)
-        at_sites = first[0] + near.start, first[1] + near.start, x[sites, sites], y[sites, sites]
+        start = margin - reach
+        near, sites = (slice(start, margin + size + reach + more) for more in (0, 1))
+        at_sites = first[0] + start, first[1] + start, x[sites, sites].copy(), y[sites, sites].copy()
+        at_vertices = diagonal[near, near].copy(), centre[near, near].copy()
         low, receiver = mesh_vertices.captured(
-            self.mesh,
-            *(each[near, near] for each in (diagonal, centre, height, relief)),
+            *at_vertices,
+            height[near, near].copy(),
+            relief[near, near].copy(),
             relief_fields.site_relief(plain, *at_sites),
-            power,
+            slopes,
         )
         core, inner = slice(margin, margin + size), slice(reach, reach + size)
         if self.settings.surroundings > 0.0:
-            rise = relief_fields.valley_rise(self.fields, centre[near, near])
-            order = np.argsort(-low.ravel(), kind="stable")
-            metres = self.settings.spacing / SIDE
-            at_vertices = diagonal[near, near], centre[near, near]
-            low, receiver = mesh_vertices.raised(*at_vertices, low, order, receiver, rise, metres)
-            relief[core, core] = relief_fields.vertex_relief(self.fields, centre[core, core])
+            rise = relief_fields.valley_rise(self.fields, at_vertices[1])
+            low, receiver = mesh_vertices.raised(*at_vertices, low, receiver, rise, metres)
+            relief[core, core] = relief_fields.vertex_relief(self.fields, centre[core, core].copy())
         return (
             low[inner, inner].copy(),
             receiver[inner, inner].copy(),
@@ -268,12 +266,10 @@ class UnpaintedGround:
                 continue
             start = coarser.get(site, _NOTHING)
             corner, rounds = (start.row, start.column), BARE_ROUNDS[start.levels]
-            drained, *fields = mesh_nodes.drain_cell(
-                nodes, number, start.drained, corner, finest, rounds, _TALUS
-            )
+            fields = mesh_nodes.drain_cell(nodes, number, start.drained, corner, finest, rounds, _TALUS)
             if level == 0:  # there is no finer one
-                drained = drained[:0].copy()
-            cell = _Cell(nodes.column + box[1], nodes.row + box[0], start.levels + 1, drained, *fields)
+                fields = fields[0][:0].copy(), *fields[1:]
+            cell = _Cell(nodes.column + box[1], nodes.row + box[0], start.levels + 1, *fields)
             result[site] = self._cells.store((level, *site), cell)
         return result
 
@@ -344,13 +340,6 @@ def _first_quad(block: tuple[int, int]) -> tuple[int, int]:
 def _threads() -> Executor:
     """Return the threads that drain cells; compiled code does not hold Python's lock."""
     return ThreadPoolExecutor(min(_MOST_THREADS, os.cpu_count() or 1), thread_name_prefix="drainage")
-
-
-def load_compiled_code() -> None:
-    """Load what drains ground, which takes a second, before it is needed."""
-    ground = UnpaintedGround(UnpaintedSettings(extent=1e4, seed=0))
-    for level in (0, LEVELS, _MESH_LEVELS):
-        ground.window(level, 0, 0, 1, 1)
 
 
 @lru_cache(maxsize=4)

@@ -6,8 +6,6 @@ heights in shares of its relief: windows of different cell sizes compare with ea
 (:mod:`sketchterrain.measure.realism`).
 """
 
-# mypy: disable-error-code="untyped-decorator"
-
 from __future__ import annotations
 
 import math
@@ -17,10 +15,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy import ndimage
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
+from sketchterrain.host.library import host_function
 from sketchterrain.landforms.flow_routing import (
     FlowNetwork,
     closed_hollows,
@@ -72,35 +70,9 @@ class WindowMaps(NamedTuple):
 
 def geomorphons(height: Float64Array, cell: float) -> npt.NDArray[np.int8]:
     """Return the landform of each cell (m) of heights (m), an index into :data:`FORMS`."""
-    return np.asarray(_geomorphons(np.ascontiguousarray(height, np.float64), cell, _FORM_TABLE))
-
-
-@njit(cache=True)
-def _geomorphons(height, cell, table):  # type: ignore[no-untyped-def]
-    rows, columns = height.shape
-    form = np.zeros((rows, columns), np.int8)
-    for i, j in np.ndindex(rows, columns):
-        lower = higher = 0
-        for a in range(-1, 2):
-            for b in range(-1, 2):
-                if a == 0 and b == 0:
-                    continue
-                step = math.sqrt(a * a + b * b)
-                up, down, p, q = -math.inf, math.inf, i, j
-                for k in range(1, int(HORIZON / step) + 1):
-                    p, q = p + a, q + b
-                    if p < 0 or q < 0 or p >= rows or q >= columns:
-                        break
-                    tangent = (height[p, q] - height[i, j]) / (step * cell * k)
-                    up, down = max(up, tangent), min(down, tangent)
-                if up == -math.inf:
-                    continue
-                difference = math.atan(up) + math.atan(down)
-                if difference > _FLATNESS:
-                    higher += 1
-                elif difference < -_FLATNESS:
-                    lower += 1
-        form[i, j] = table[lower, higher]
+    z = np.ascontiguousarray(height, np.float64)
+    form, scratch = np.empty(z.shape, np.int8), np.empty((2, z.shape[1]))
+    host_function("geomorphons")(z, cell, _FLATNESS, HORIZON, _FORM_TABLE, form, scratch)
     return form
 
 
@@ -366,43 +338,9 @@ def key_saddles(z: Float64Array, least_prominence: float) -> tuple[Float64Array,
     """Return heights of summits of some prominence and of their key saddles; the highest summit has none."""
     z = np.ascontiguousarray(z, np.float64)
     descending = np.argsort(-z.ravel(), kind="stable")
-    summit, saddle = _key_saddles(z, descending, least_prominence)
-    return np.asarray(summit), np.asarray(saddle)
-
-
-@njit(cache=True)
-def _root(parent, cell):  # type: ignore[no-untyped-def]
-    while parent[cell] != cell:
-        parent[cell] = parent[parent[cell]]
-        cell = parent[cell]
-    return cell
-
-
-@njit(cache=True)
-def _key_saddles(z, descending, least_prominence):  # type: ignore[no-untyped-def]
-    """Join cells from the highest down: where two regions meet is the key saddle of the lower summit."""
-    rows, columns = z.shape
-    height = z.ravel()
-    parent = np.full(rows * columns, -1, np.int64)
-    top = np.empty(rows * columns, np.int64)
-    summit, saddle, count = np.empty(rows * columns), np.empty(rows * columns), 0
-    for cell in descending:
-        parent[cell] = top[cell] = cell
-        i, j = cell // columns, cell % columns
-        for p in range(max(i - 1, 0), min(i + 2, rows)):
-            for q in range(max(j - 1, 0), min(j + 2, columns)):
-                other = p * columns + q
-                if parent[other] < 0 or other == cell:
-                    continue
-                higher, lower = _root(parent, cell), _root(parent, other)
-                if higher == lower:
-                    continue
-                if height[top[higher]] < height[top[lower]]:
-                    higher, lower = lower, higher
-                if height[top[lower]] - height[cell] >= least_prominence and top[lower] != cell:
-                    summit[count], saddle[count] = height[top[lower]], height[cell]
-                    count += 1
-                parent[lower] = higher
+    summit, saddle, scratch = np.empty(z.size), np.empty(z.size), np.empty((2, z.size), np.int64)
+    arguments = z.shape[1], z.ravel(), descending, least_prominence, summit, saddle, scratch
+    count = host_function("key_saddles")(*arguments)
     return summit[:count], saddle[:count]
 
 

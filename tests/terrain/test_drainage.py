@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.landforms.drainage import (
+    LEAST_SLOPE,
     ROUNDS,
     DrainageInput,
     Drained,
@@ -15,7 +16,6 @@ from sketchterrain.landforms.drainage import (
     drain,
     on_network,
 )
-from sketchterrain.landforms.drainage_rounds import LEAST_SLOPE
 
 CELL = 30.0
 

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.geometry.hashing import hash_keys
+from sketchterrain.host.library import host_function
 from sketchterrain.landforms import mesh as meshes
 from sketchterrain.landforms import mesh_nodes
-from sketchterrain.landforms.hashed_noise import value_noise
 from sketchterrain.landforms.relief_fields import UnpaintedSettings
 from sketchterrain.landforms.unpainted import UnpaintedGround, unpainted_ground
 
@@ -18,19 +17,15 @@ from .conftest import tiers
 
 SETTINGS = UnpaintedSettings(7680.0, 3, mountain_density=0.04, hill_density=0.2)
 FAR = round(1e6 / SETTINGS.spacing)
+CORNERS = [[[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]]
+"""Corners of quads in each triangle, by diagonal and half."""
+SIDES = [[(0, 1, 4), (2, 3, 4)], [(0, 3, 4), (2, 1, 4)]]
+"""Sides of triangles, by diagonal and half: south, east, north and west of the quad, and its diagonal."""
 
 
 @pytest.fixture(scope="module")
 def ground():
     return UnpaintedGround(SETTINGS)
-
-
-def test_value_noise_is_continuous_and_bounded():
-    key = np.uint64(hash_keys(9, "mesh sway"))
-    for start in (-70, 10**12):
-        values = [value_noise(key, start + x, 5, 5) for x in range(140)]
-        assert np.abs(values).max() <= 1.0
-        assert np.abs(np.diff(values)).max() <= 3.0 / 32 + 1e-9
 
 
 def test_cells_tile_the_plane_and_are_as_large_as_a_lattice_square(ground):
@@ -50,7 +45,7 @@ def test_every_triangle_is_turned_the_same_way(ground):
     for j in range(60):
         for i in range(60):
             for half in range(2):
-                corners = meshes.CORNERS[diagonal[j, i], half]
+                corners = CORNERS[diagonal[j, i]][half]
                 at = [
                     (meshes.CORNER_X[c] + x[j + meshes.CORNER_Y[c], i + meshes.CORNER_X[c]],
                      meshes.CORNER_Y[c] + y[j + meshes.CORNER_Y[c], i + meshes.CORNER_X[c]])
@@ -69,6 +64,20 @@ def test_vertex_tables_do_not_depend_on_their_rectangle(ground):
         assert np.array_equal(a[51 : 51 + b.shape[0], 33 : 33 + b.shape[1]], b), name
 
 
+def _neighbour(table, row, column, half, side):
+    """Return row, column and half of the triangle beyond a side."""
+    q, p = row + (side == 2) - (side == 0), column + (side == 1) - (side == 3)
+    half = {0: 1, 1: 1 - table.diagonal[q, p], 2: 0, 3: table.diagonal[q, p], 4: 1 - half}[side]
+    return q, p, int(half)
+
+
+def _ends(table, row, column, side):
+    """Return the corners of a quad at the ends of a side."""
+    if side == 4:
+        return (0, 2) if table.diagonal[row, column] == 0 else (1, 3)
+    return side, (side + 1) % 4
+
+
 def test_valleys_fall_and_hardly_any_vertex_is_a_sink(ground):
     table = ground.table(100, -60, 90, 90)
     sinks = 0
@@ -79,7 +88,7 @@ def test_valleys_fall_and_hardly_any_vertex_is_a_sink(ground):
                 if side < 0:
                     sinks += 1
                     continue
-                q, p, other = meshes.neighbour(table.diagonal, j, i, half, side)
+                q, p, other = _neighbour(table, j, i, half, side)
                 assert table.height[q, p, other] < table.height[j, i, half]
     assert sinks <= 0.002 * 88 * 88 * 2
 
@@ -87,20 +96,17 @@ def test_valleys_fall_and_hardly_any_vertex_is_a_sink(ground):
 def test_edges_are_monotone_in_valleys_and_rise_to_one_pass_elsewhere(ground):
     table = ground.table(20, 20, 30, 30)
     rule = meshes.PassRule(0.8, 1.5, 0.01, 1920.0)
-    valleys = 0
+    valleys, edge_height = 0, host_function("edge_height")
     for j in range(2, 16):
         for i in range(2, 16):
             for half in range(2):
-                for side in meshes.triangle_sides(table.diagonal[j, i], half):
-                    q, p, other = meshes.neighbour(table.diagonal, j, i, half, side)
+                for side in SIDES[table.diagonal[j, i]][half]:
+                    q, p, other = _neighbour(table, j, i, half, side)
                     back = 4 if side == 4 else (side + 2) % 4
-                    ends, far_ends = (
-                        meshes.side_corners(table.diagonal[j, i], side),
-                        meshes.side_corners(table.diagonal[q, p], back),
-                    )
+                    ends, far_ends = _ends(table, j, i, side), _ends(table, q, p, back)
                     thirds = np.linspace(1 / 3, 0, 20)
-                    here = [meshes.edge_height(table, (j, i, half), ends, t, rule) for t in thirds]
-                    there = [meshes.edge_height(table, (q, p, other), far_ends, t, rule) for t in thirds]
+                    here = [edge_height(table, rule, j, i, half, *ends, t) for t in thirds]
+                    there = [edge_height(table, rule, q, p, other, *far_ends, t) for t in thirds]
                     assert here[0] == pytest.approx(table.height[j, i, half])
                     assert here[-1] == pytest.approx(there[-1])  # both triangles agree on the middle
                     profile = np.diff(here + there[-2::-1])
@@ -195,13 +201,13 @@ def test_valleys_lead_away_from_the_painted_region():
         painted, table = set(ground.painted_sites), ground.table(-4, -4, 12, 12)
 
         def inside(row, column, half, painted=painted, table=table):
-            corners = meshes.CORNERS[table.diagonal[row, column], half]
+            corners = CORNERS[table.diagonal[row, column]][half]
             at = zip(meshes.CORNER_X[corners].tolist(), meshes.CORNER_Y[corners].tolist(), strict=True)
             return sum((table.column + column + x, table.row + row + y) in painted for x, y in at)
 
         for row, column, half in np.add(np.argwhere(table.receiver[1:-1, 1:-1] >= 0), [1, 1, 0]).tolist():
             side = table.receiver[row, column, half]
-            beyond = meshes.neighbour(table.diagonal, row, column, half, side)
+            beyond = _neighbour(table, row, column, half, side)
             sites = inside(row, column, half), inside(*beyond)
             upstream = table.upstream[row, column, half]
             entering += upstream * (0 < sites[0] < 3 and sites[1] == 3)

@@ -316,7 +316,6 @@ def _main(options: dict[str, Any]) -> None:
 def _open(window: Channel, options: dict[str, Any]) -> dict[str, Any]:
     """Return the engine's session, pacer, jobs and facts."""
     from sketchterrain.compute.context import ComputeContext
-    from sketchterrain.landforms.unpainted import load_compiled_code
     from sketchterrain.render.sharing_probe import open_device
     from sketchterrain.ui.engine.view_renderer import ViewRenderer
 
@@ -338,7 +337,6 @@ def _open(window: Channel, options: dict[str, Any]) -> dict[str, Any]:
             window.send(session.facts())
     else:
         session = TerrainSession(open_context, device=selector)
-        load_compiled_code()  # while the placer places the first terrain
     device, jobs, pacer = session.device, JobQueue(), None
     facts = msg.EngineFacts(
         device=device.name if device else "",

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.geometry.hashing import rounded, value_noise
+from sketchterrain.host.library import host_function
 from sketchterrain.landforms.hydrology.courses import RiverCourse, arc_length, smoothed
 from sketchterrain.landforms.placement.feature_types import smoothstep
 from sketchterrain.stages.runner import Runner
@@ -275,45 +275,12 @@ def _bends(line: Float64Array, arc: Float64Array, width: Float64Array) -> Bends:
     # The normal at a point turns from the piece before it to the one after it.
     points = np.arange(len(line))
     normals = np.stack([across[np.maximum(points - 1, 0)], across[np.minimum(points, len(line) - 2)]])
-    upper, lower, off = _nearest_below(line, arc, width.astype(np.float64), normals, np.array(_BANKS))
-    return Bends(upper, lower, off)
-
-
-@njit(cache=True, nogil=True)
-def _nearest_below(line, arc, width, normals, banks):  # type: ignore[no-untyped-def]
-    """Return points, the position further down that a bank of theirs is nearest to, and how far from it.
-
-    Only positions within four widths along the river are compared, four between two points.
-    """
-    count = len(line)
-    upper, lower, off = [np.int64(0) for _ in range(0)], [0.0 for _ in range(0)], [0.0 for _ in range(0)]
-    first, last = 0, 0
-    for p in range(count):
-        reach = _BEND_REACH * width[p]
-        while arc[p] - arc[first] > reach:
-            first += 1
-        while last < count - 1 and arc[last + 1] - arc[p] < reach:
-            last += 1
-        for bank in banks:
-            for normal in normals:
-                x = line[p, 0] + bank * width[p] * normal[p, 0]
-                y = line[p, 1] + bank * width[p] * normal[p, 1]
-                least, nearest = np.inf, 0
-                for f in range(4 * first, 4 * last + 1):
-                    i, t = f // 4, 0.25 * (f % 4)
-                    j = min(i + 1, count - 1)
-                    dx = line[i, 0] + t * (line[j, 0] - line[i, 0]) - x
-                    dy = line[i, 1] + t * (line[j, 1] - line[i, 1]) - y
-                    if dx * dx + dy * dy < least:
-                        least, nearest = dx * dx + dy * dy, f
-                position = min(0.25 * (nearest + 1), count - 1.0)
-                if position > p + 0.25:
-                    i = nearest // 4
-                    here = width[i] + 0.25 * (nearest % 4) * (width[min(i + 1, count - 1)] - width[i])
-                    upper.append(np.int64(p))
-                    lower.append(position)
-                    off.append(math.sqrt(least) / (0.5 * here))
-    return np.array(upper), np.array(lower), np.array(off)
+    most = 2 * len(_BANKS) * len(line)
+    upper, lower, off = np.empty(most, np.int64), np.empty(most), np.empty(most)
+    scratch = np.empty((4 * len(line), 2))
+    given = (np.ascontiguousarray(each, np.float64) for each in (line, arc, width, normals, _BANKS))
+    count = host_function("nearest_below")(*given, _BEND_REACH, upper, lower, off, scratch)
+    return Bends(upper[:count], lower[:count], off[:count])
 
 
 def _confluence(network: Network, number: int) -> Confluence | None:

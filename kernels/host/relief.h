@@ -1,0 +1,75 @@
+/* Relief of unpainted ground (m above its valleys): gentle swells, ranges of mountains and hills by density,
+ * and ranges beyond the sketch, which raise valleys too. Points are mesh units; nodes of a level stand
+ * SIDE · 2^level of them apart. Uplift is proportional to relief.
+ */
+#ifndef RELIEF_H
+#define RELIEF_H
+
+#include "mesh.h"
+
+/* Lengths in mesh units. */
+typedef struct {
+    uint64_t key;
+    double roughness;
+    double ground; /* relief, m */
+    double ground_scale; /* 1 / wavelength */
+    double pediments; /* 0 … 1: how much of the ground is nearly level */
+    double mountain; /* height, m; 0: none */
+    double mountain_scale;
+    double mountain_threshold;
+    double hill;
+    double hill_scale;
+    double hill_threshold;
+    double per_relief; /* uplift over relief, 1/m */
+    double range; /* height of ranges beyond the sketch, m */
+    double range_threshold;
+    double range_rock; /* 0 … 1 */
+} UpliftFields;
+
+/* Relief (m) at vertices. */
+HOST void relief_at_vertices(
+    const UpliftFields *fields, int64_t rows, int64_t columns,
+    const int64_t centre[restrict rows][columns][2][2],
+    double relief[restrict rows][columns][2]); /* m */
+
+/* What ranges beyond the sketch raise valleys by, at vertices. */
+HOST void valley_rise(
+    const UpliftFields *fields, int64_t rows, int64_t columns,
+    const int64_t centre[restrict rows][columns][2][2],
+    double rise[restrict rows][columns][2]); /* m */
+
+/* Relief at sites, from site (column, row) on, by their offsets. */
+HOST void relief_at_sites(
+    const UpliftFields *fields, int64_t column, int64_t row, int64_t rows, int64_t columns,
+    const double x[restrict rows][columns], /* L */
+    const double y[restrict rows][columns], /* L */
+    double relief[restrict rows][columns]); /* m */
+
+/* Relief and the mountains' share at nodes of a level, from node (column, row) on. */
+HOST void relief_at_nodes(
+    const UpliftFields *fields, int64_t level, int64_t column, int64_t row, int64_t rows, int64_t columns,
+    double relief[restrict rows][columns], /* m */
+    double share[restrict rows][columns]); /* 0 … 1 */
+
+/* Bilinear interpolation of nodes 2^bits nodes apart, whose first one is at or before node (column, row). */
+HOST void interpolated_nodes(
+    int64_t bits, int64_t column, int64_t row, int64_t coarse_rows, int64_t coarse_columns,
+    const double coarse[restrict coarse_rows][coarse_columns],
+    int64_t rows, int64_t columns,
+    double fine[restrict rows][columns]);
+
+/* Uplift at nodes of a level, varied over 8 and 16 nodes of level 0. */
+HOST void roughened_uplift(
+    const UpliftFields *fields, int64_t level, int64_t column, int64_t row, int64_t rows, int64_t columns,
+    const double relief[restrict rows][columns], /* m */
+    double uplift[restrict rows][columns],
+    double scratch[restrict columns]);
+
+/* Heights of the smooth mean of the ground, and the mountains' share, at nodes of a level. */
+HOST void mean_ground(
+    const MeshParameters *mesh, const UpliftFields *fields, int64_t level, int64_t column, int64_t row,
+    int64_t rows, int64_t columns,
+    double height[restrict rows][columns], /* m */
+    double share[restrict rows][columns]); /* 0 … 1 */
+
+#endif

@@ -29,39 +29,43 @@ static int64_t clip_polygon(
 }
 
 void stroke_pieces(
-    int64_t points, int64_t segments, const double point[restrict points][2], int64_t first, double reach,
+    int64_t points, int64_t lines, int64_t segments, const double point[restrict points][2],
+    const int64_t first[restrict lines + 1], const double reach[restrict lines],
+    const int64_t owner[restrict segments], const int64_t place[restrict segments],
     double corners[restrict segments][16][2], int64_t count[restrict segments],
     double frame[restrict segments][4], double length[restrict segments], double along[restrict segments])
 {
     static const double sides[4][2] = {{-1.0, -1.0}, {1.0, -1.0}, {1.0, 1.0}, {-1.0, 1.0}};
-    double buffer[MOST][2], walked = 0.0;
+    double buffer[MOST][2];
     memset(corners, 0, (size_t)segments * sizeof *corners);
     for (int64_t k = 0; k < segments; k++) {
-        int64_t at = first + k, to = least_index(at + 1, points - 1);
+        int64_t begin = first[owner[k]], end = first[owner[k] + 1];
+        int64_t at = begin + place[k], to = least_index(at + 1, end - 1);
+        const double wide = reach[owner[k]];
         double x = point[at][0], y = point[at][1], dx = point[to][0] - x, dy = point[to][1] - y;
         double far = hypot(dx, dy), u = far > 0.0 ? dx / far : 1.0, v = far > 0.0 ? dy / far : 0.0;
         for (int c = 0; c < 4; c++) {
-            double forward = sides[c][0] > 0.0 ? far + reach : -reach, t = sides[c][1];
-            corners[k][c][0] = x + forward * u - t * reach * v;
-            corners[k][c][1] = y + forward * v + t * reach * u;
+            double forward = sides[c][0] > 0.0 ? far + wide : -wide, t = sides[c][1];
+            corners[k][c][0] = x + forward * u - t * wide * v;
+            corners[k][c][1] = y + forward * v + t * wide * u;
         }
         count[k] = 4;
         memcpy(frame[k], (double[4]){x, y, u, v}, sizeof frame[k]);
         length[k] = far;
-        along[k] = walked;
-        walked += far;
+        along[k] = k > 0 && owner[k - 1] == owner[k] ? along[k - 1] + length[k - 1] : 0.0;
         for (int side = 0; side < 2 && far != 0.0; side++) { /* the segments before and after */
-            int64_t end = side ? to : at, other = side ? to + 1 : at - 1;
+            int64_t other = side ? to + 1 : at - 1;
             double sign = side ? 1.0 : -1.0;
-            if (other < 0 || other >= points)
+            if (other < begin || other >= end)
                 continue;
-            double p = sign * (point[other][0] - point[end][0]), q = sign * (point[other][1] - point[end][1]);
+            const double *corner = point[side ? to : at];
+            double p = sign * (point[other][0] - corner[0]), q = sign * (point[other][1] - corner[1]);
             double away = hypot(p, q), a = u + p / away, b = v + q / away;
             if (a * a + b * b < ANGLE)
                 continue;
             a *= sign;
             b *= sign;
-            double c = a * point[end][0] + b * point[end][1];
+            double c = a * corner[0] + b * corner[1];
             count[k] = clip_polygon((const double (*)[2])corners[k], count[k], a, b, c, buffer);
             memcpy(corners[k], buffer, (size_t)count[k] * sizeof *buffer);
         }

@@ -9,18 +9,20 @@
 
 #include "host.h"
 
-/* Write the pieces of a run of a line, one a segment: all within `reach` that is nearest to it, divided from
- * its neighbours along the bisectors of their corners. */
+/* Write the pieces of lines, one a segment: all within reach that is nearest to it, divided from its
+ * neighbours along the bisectors of their corners. */
 HOST void stroke_pieces(
-    int64_t points, int64_t segments,
+    int64_t points, int64_t lines, int64_t segments,
     const double point[restrict points][2], /* m; none is repeated */
-    int64_t first, /* point where the first segment starts */
-    double reach, /* m */
+    const int64_t first[restrict lines + 1], /* point of each line */
+    const double reach[restrict lines], /* m */
+    const int64_t owner[restrict segments], /* line, ascending */
+    const int64_t place[restrict segments], /* point of the line where it starts, one after another */
     double corners[restrict segments][16][2], /* m */
     int64_t count[restrict segments], /* corners */
     double frame[restrict segments][4], /* m: origin and direction */
     double length[restrict segments], /* m */
-    double along[restrict segments]); /* m to the start */
+    double along[restrict segments]); /* m, of the line's segments before */
 
 /* Find the cells of a grid that polygons, widened by a border, meet, and the polygons' numbers, ascending. */
 HOST int64_t cells_met(

@@ -17,6 +17,7 @@ import shapely
 
 from sketchterrain.array_types import Bounds, Float64Array, Int64Array
 from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, Items
+from sketchterrain.geometry.box_index import expanded
 from sketchterrain.host.library import host_function
 from sketchterrain.tiles.quadtree import tile_indices
 
@@ -43,31 +44,18 @@ class Pieces(NamedTuple):
 
         Places in areas are along and across `angles` (styles,), the directions (rad) of their hatches.
         """
-        found: list[Pieces] = []
         fills = items.kind == FILL
         # Runs of fills of one feature are one area.
         other = np.diff([items.feature, items.style, fills], axis=1).any(axis=0)
         starts = np.flatnonzero(np.append(True, other | ~fills[1:])[: len(fills)])
+        strokes, owner = _strokes(items.taken(~fills), reach)
+        found, owners = [strokes], [np.flatnonzero(~fills)[owner]]
         for start, end in pairwise([*starts.tolist(), len(fills)]):
-            style = int(items.style[start])
             if fills[start]:
-                found.append(_area(items, start, end, float(angles[style])))
-                continue
-            line = items.points[items.first[start] : items.first[start + 1]]
-            line = line[np.append(True, np.diff(line, axis=0).any(axis=1))]  # without repeated points
-            ends = IS_POINT if items.kind[start] == POINT else int(items.ends[start])
-            corners, count, frame, lengths, along, flags = _strips(line, ends, float(reach[style]))
-            parts = np.zeros(len(count), PART)
-            parts["length"], parts["along"], parts["style"] = lengths, along + items.along[start], style
-            parts["flags"] = flags
-            found.append(cls(corners, count, frame, parts))
-        return cls.joined(found)
-
-    @classmethod
-    def joined(cls, found: list[Pieces]) -> Pieces:
-        """Return all pieces of several, one after the other."""
-        empty = cls(np.zeros((0, _MOST, 2)), np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0, PART))
-        return cls(*(np.concatenate(each) for each in zip(empty, *found, strict=True)))
+                found.append(_area(items, start, end, float(angles[items.style[start]])))
+                owners.append(np.full(len(found[-1].counts), start))
+        order = np.argsort(np.concatenate(owners), kind="stable")
+        return cls(*(np.concatenate(each)[order] for each in zip(*found, strict=True)))
 
 
 def _area(items: Items, start: int, end: int, angle: float) -> Pieces:
@@ -89,20 +77,28 @@ def _area(items: Items, start: int, end: int, angle: float) -> Pieces:
     return Pieces(corners, np.full(len(triangles), 3), frame, parts)
 
 
-def _strips(
-    points: Float64Array, ends: int, reach: float
-) -> tuple[Float64Array, Int64Array, Float64Array, Float64Array, Float64Array, Int64Array]:
-    """Return the pieces of a run of a line: all within `reach` that is nearest to each segment."""
-    n = len(points)
-    first = 1 if ends & BEFORE and n > 2 else 0
-    last = n - 2 if ends & AFTER and n - first > 2 else n - 1
-    at = np.arange(first, max(last, first + 1))
-    corners, count = np.empty((len(at), _MOST, 2)), np.empty(len(at), np.int64)
-    frame, lengths, along = np.empty((len(at), 4)), np.empty(len(at)), np.empty(len(at))
-    outputs = corners, count, frame, lengths, along
-    host_function("stroke_pieces")(np.ascontiguousarray(points), first, reach, *outputs)
-    flags = ends & (IS_POINT | STARTS * (at == 0) | ENDS * (at >= n - 2))
-    return corners, count, frame, lengths, along, flags
+def _strokes(items: Items, reach: Float64Array) -> tuple[Pieces, Int64Array]:
+    """Return the pieces of lines and points, all within `reach` that is nearest to a segment; their items."""
+    is_new = np.ones(len(items.points), bool)
+    is_new[1:] = (items.points[1:] != items.points[:-1]).any(axis=1)
+    is_new[items.first[:-1]] = True
+    first = np.append(0, np.cumsum(is_new))[items.first]  # without repeated points
+    size = np.diff(first)
+    ends = np.where(items.kind == POINT, IS_POINT, items.ends).astype(np.int64)
+    before = ((ends & BEFORE) > 0) & (size > 2)
+    after = ((ends & AFTER) > 0) & (size - before > 2)
+    owner, place = expanded(np.maximum(size - before - after - 1, 1))
+    place += before[owner]
+    n = len(owner)
+    corners, count, frame = np.empty((n, _MOST, 2)), np.empty(n, np.int64), np.empty((n, 4))
+    length, along, reaches = np.empty(n), np.empty(n), reach[items.style]
+    lines = items.points[is_new], first, reaches, owner, place
+    host_function("stroke_pieces")(*lines, corners, count, frame, length, along)
+    parts = np.zeros(n, PART)
+    parts["length"], parts["along"], parts["style"] = length, along + items.along[owner], items.style[owner]
+    ends, size = ends[owner], size[owner]
+    parts["flags"] = ends & (IS_POINT | STARTS * (place == 0) | ENDS * (place >= size - 2))
+    return Pieces(corners, count, frame, parts), owner
 
 
 class Mesh(NamedTuple):

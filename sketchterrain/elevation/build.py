@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import ndimage
 
@@ -46,6 +45,7 @@ from sketchterrain.elevation.patches import (
 from sketchterrain.elevation.planes import CHUNK, ArrayFile, CoefficientPlanes
 from sketchterrain.elevation.tops import PatchNumbers, box_around, find_tops
 from sketchterrain.errors import InputError
+from sketchterrain.host.library import host_function
 
 _FADE = 15  # samples along which the weight of a grid rises from its rim and from voids
 _MAX_STEP = 8000.0  # m: a quadratic map of a patch of 256 km is off by 0.01 steps, and 8 times for twice that
@@ -339,7 +339,8 @@ def _errors(
 ) -> list[Float64Array]:
     """Return the largest distance (m) of patches from samples, by level; 0 where they interpolate."""
     errors = [np.zeros(each) for each in counts]
-    for start, samples in grid.strips(strip):
+    for start, rows_read in grid.strips(strip):
+        samples = np.ascontiguousarray(rows_read, np.float32)
 
         def measure(first: int, last: int, start: int = start, samples: Float32Array = samples) -> None:
             for level in range(first + 1, last + 1):
@@ -349,54 +350,18 @@ def _errors(
                 size = KERNEL + MARGIN
                 rows = max((start // scale - size) // KERNEL, 0), (end // scale + MARGIN) // KERNEL + 1
                 rows = rows[0], min(rows[1], counts[level][0])
-                _measure(spline, low, samples, start, grid.base, _weights(scale), *rows, errors[level])
+                fixed = spline, low, samples, start, grid.base, *_weights(scale)
+                host_function("measure_patches")(*fixed, *rows, errors[level])
 
         in_threads(measure, len(counts) - 1)
     return errors
 
 
 def _weights(scale: int) -> Float64Array:
-    """Return the weights (scale, 4) of a cubic B-spline's coefficients at samples along a step."""
+    """Return the weights (4, scale) of a cubic B-spline's coefficients at samples along a step."""
     t = np.arange(scale) / scale
     parts = [(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]
-    return np.stack(parts, axis=1) / 6.0
-
-
-@njit(cache=True, nogil=True)
-def _measure(spline, low, samples, start, base, weights, first, last, error):  # type: ignore[no-untyped-def]
-    """Measure patches of rows first … last - 1 against a strip of samples; `spline` is from row `low` on."""
-    scale = len(weights)
-    size = KERNEL + 2 * MARGIN
-    rows, columns = samples.shape
-    line = np.empty(COEFFICIENTS)
-    for a in range(first, last):
-        north = (KERNEL * a - MARGIN) * scale
-        for b in range(error.shape[1]):
-            most = error[a, b]
-            west = (KERNEL * b - MARGIN) * scale
-            for r in range(max(north, start), min(north + size * scale, start + rows)):
-                i, p = r // scale + MARGIN - low, r % scale
-                w0, w1, w2, w3 = weights[p, 0], weights[p, 1], weights[p, 2], weights[p, 3]
-                for j in range(COEFFICIENTS):
-                    c = KERNEL * b + j
-                    line[j] = (
-                        w0 * spline[i, c]
-                        + w1 * spline[i + 1, c]
-                        + w2 * spline[i + 2, c]
-                        + w3 * spline[i + 3, c]
-                    )
-                for k in range(size):
-                    at = west + k * scale
-                    for q in range(max(-at, 0), min(scale, columns - at)):
-                        value = (
-                            weights[q, 0] * line[k]
-                            + weights[q, 1] * line[k + 1]
-                            + weights[q, 2] * line[k + 2]
-                            + weights[q, 3] * line[k + 3]
-                        )
-                        off = abs(value + base - samples[r - start, at + q])
-                        most = max(most, off)  # NaN, of a void, is not more
-            error[a, b] = most
+    return np.stack(parts) / 6.0
 
 
 def _rectangles(blocks: BoolArray) -> list[tuple[int, int, int, int]]:

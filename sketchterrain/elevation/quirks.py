@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import zlib
 from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Any, Final, TypeAlias
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sketchterrain.array_types import BoolArray, Float32Array, Int64Array
+from sketchterrain.host.library import host_function
 
 Findings: TypeAlias = tuple[str, ...]
 """What was found, in words, with counts."""
@@ -33,7 +34,6 @@ _EIGHT = np.ones((3, 3), np.uint8)
 _SPIKE_SLOPE, _SPIKE_TIMES = 1.5, 12.0
 _TERRACED = 0.3  # share of samples equal to their neighbour
 _SAMPLED = 8  # groups of as many rows, for the usual rise and for terraces
-_MAX_ROUNDS, _CLOSE = 2000, 1e-4  # of the membrane; m
 
 
 ReadRows: TypeAlias = Callable[[int, int], tuple[Float32Array, BoolArray]]
@@ -68,7 +68,7 @@ class CleanedSamples:
         first, last, _ = rows.indices(len(self))
         self._survey  # noqa: B018 - finds sentinels and collars
         low, high = max(first - MAX_FILLED - 1, 0), min(last + MAX_FILLED + 1, len(self))
-        samples = self._without_bad_values(low, high)
+        samples = np.ascontiguousarray(self._without_bad_values(low, high))
         counts = np.zeros(3, np.int64)
         if np.isnan(samples[first - low : last - low]).any():
             counts = _fill_small_voids(samples, low, (first, last), self.shape)
@@ -275,53 +275,20 @@ def _fill_small_voids(
     `samples` are rows from `low` on. Return the samples filled, voids that begin, and samples left out in the
     rows `mine`.
     """
-    labels, _ = ndimage.label(np.isnan(samples), _EIGHT)
+    labels = np.empty(samples.shape, np.int32)
+    ndimage.label(np.isnan(samples), _EIGHT, output=labels)
     boxes = np.array([(r.start, r.stop, c.start, c.stop) for r, c in ndimage.find_objects(labels)])
     top, bottom, left, right = boxes.T
     # One that reaches the strip's end is larger, as strips reach so far beyond these rows.
-    small = np.maximum(bottom - top, right - left) <= MAX_FILLED
+    side = np.maximum(bottom - top, right - left)
+    small = side <= MAX_FILLED
     small &= (top > 0) & (left > 0) & (bottom < len(samples)) & (right < shape[1])
     first, last = (row - low for row in mine)
-    _fill(samples, labels, boxes, np.flatnonzero(small & (top < last) & (bottom > first)))
+    chosen = np.flatnonzero(small & (top < last) & (bottom > first))
+    # The same sine on every processor, unlike NumPy's.
+    relaxation = np.array([2.0 / (1.0 + math.sin(math.pi / (n + 2))) for n in side[chosen].tolist()])
+    window, inner = (np.empty((MAX_FILLED + 2) ** 2, kind) for kind in (np.float64, np.int64))
+    host_function("fill_voids")(samples, labels, boxes, chosen, relaxation, window, inner)
     counts = np.bincount(labels[first:last].ravel(), minlength=len(boxes) + 1)[1:]
     starting = np.count_nonzero(small & (top >= first) & (top < last))
     return np.array([counts[small].sum(), starting, counts[~small].sum()])
-
-
-@njit(cache=True, nogil=True)
-def _membrane(height, void):  # type: ignore[no-untyped-def]
-    """Solve Laplace's equation in a void by successive over-relaxation, in place."""
-    rows, columns = height.shape
-    relaxation = 2.0 / (1.0 + np.sin(np.pi / max(rows, columns)))
-    for _ in range(_MAX_ROUNDS):
-        most = 0.0
-        for r in range(1, rows - 1):
-            for c in range(1, columns - 1):
-                if void[r, c]:
-                    around = height[r, c + 1] + height[r, c - 1] + height[r + 1, c] + height[r - 1, c]
-                    change = relaxation * (0.25 * around - height[r, c])
-                    height[r, c] += change
-                    most = max(most, abs(change))
-        if most < _CLOSE:
-            break
-
-
-@njit(cache=True, nogil=True)
-def _fill(samples, labels, boxes, voids):  # type: ignore[no-untyped-def]
-    """Fill some of the voids, in place: each from the samples beside it alone."""
-    for n in voids:
-        top, bottom, left, right = boxes[n]
-        part = samples[top - 1 : bottom + 1, left - 1 : right + 1]
-        void = labels[top - 1 : bottom + 1, left - 1 : right + 1] == n + 1
-        rows, columns = np.nonzero(void)
-        total, count = 0.0, 0
-        for k in range(len(rows)):
-            for r in range(rows[k] - 1, rows[k] + 2):
-                for c in range(columns[k] - 1, columns[k] + 2):
-                    if not void[r, c]:
-                        total += part[r, c]
-                        count += 1
-        window = np.where(void, total / count, part)
-        _membrane(window, void)
-        for k in range(len(rows)):
-            part[rows[k], columns[k]] = window[rows[k], columns[k]]

@@ -7,12 +7,10 @@ of the set of patches alone, so that grids can be added and removed in any order
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 
 from sketchterrain.array_types import Bounds, Float32Array, Float64Array, Int64Array, UInt8Array
@@ -23,13 +21,12 @@ from sketchterrain.elevation.tops import (
     PatchNumbers,
     Tops,
     box_around,
-    distance_to,
-    edges_of,
     find_tops,
     kernels_of,
     overlapping,
 )
 from sketchterrain.errors import InputError
+from sketchterrain.host.library import host_function
 
 CELL_ERRORS: Final = 64.0
 """Errors of a cell size: heights for cells of h m are within h / 64."""
@@ -173,7 +170,9 @@ class Patchwork(PatchNumbers):
         west, south = low - 2.0 * spacing
         inside = np.zeros((int(shape[1]), int(shape[0])), bool)
         for patches, corners in (group for each in self.parts for group in each.finest()):
-            _mark(np.arange(len(patches)), kernels_of(patches, corners), west, south, spacing, inside)
+            boxes, growth, *rectangles = kernels_of(patches, corners)
+            place = west, south, spacing
+            host_function("mark_kernels")(boxes, _HALF_STEP * growth, *rectangles, *place, inside)
         # Coefficients two nodes from the rim are 0, as each reaches two nodes.
         # The raster's border is outside: kernels of few samples, grown by half a step, reach over it.
         depth = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
@@ -242,19 +241,3 @@ class RimFade(NamedTuple):
             self.coefficients, places, order=3, prefilter=False, mode="constant"
         )
         return found
-
-
-@njit(cache=True, nogil=True)
-def _mark(which, kernels, west, south, spacing, inside):  # type: ignore[no-untyped-def]
-    """Mark the nodes of a raster in kernels, grown by half a step."""
-    for p in which:
-        grow = _HALF_STEP * kernels.growth[p]
-        x0, y0 = (kernels.boxes[p, 0] - grow - west) / spacing, (kernels.boxes[p, 1] - grow - south) / spacing
-        x1, y1 = (kernels.boxes[p, 2] + grow - west) / spacing, (kernels.boxes[p, 3] + grow - south) / spacing
-        for k in range(kernels.first[p], kernels.first[p + 1]):
-            lines = edges_of(kernels.corners[k], grow)
-            for row in range(max(math.ceil(y0), 0), min(math.floor(y1) + 1, inside.shape[0])):
-                for column in range(max(math.ceil(x0), 0), min(math.floor(x1) + 1, inside.shape[1])):
-                    point = (west + column * spacing, south + row * spacing)
-                    if max([distance_to(lines[i], point) for i in range(4)]) <= 0.0:
-                        inside[row, column] = True

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
 from sketchterrain.elevation.mips import in_threads
 from sketchterrain.elevation.patches import GridPatches, Patches, concatenated, subset
 from sketchterrain.elevation.surface import BoxIndex
+from sketchterrain.host.library import host_function
 
 _MAX_PIECES, _MAX_CORNERS = 512, 20
 _AT_ONCE, _NEAR = 1 << 15, 1 << 18  # patches whose tops are computed at once, and others beside them
@@ -130,10 +129,14 @@ def _tops_among(patches: Patches, grid: Int32Array, corners: Float64Array, which
     grown = patches.kernel + patches.growth[:, None] * np.array([-1.0, -1.0, 1.0, 1.0])
     kernels, index = kernels_of(patches, corners), BoxIndex.from_boxes(grown)
     order = patches.rank, patches.error, patches.finest, grid
-    tops = Tops(np.empty(len(which)), np.empty(len(which), bool))
-    in_threads(
-        lambda start, end: _compute_tops(which, order, kernels, index, tops, start, end), len(which), 256
-    )
+    tops, count = Tops(np.empty(len(which)), np.empty(len(which), bool)), len(patches)
+
+    def compute(start: int, end: int) -> None:
+        scratch = *np.empty((2, count), np.int64), *np.empty((2, 2 * count))
+        pieces = np.empty((2, _MAX_PIECES, _MAX_CORNERS, 2)), np.empty((2, _MAX_PIECES), np.int64)
+        host_function("compute_tops")(which, *order, *kernels, *index, start, end, *tops, *scratch, *pieces)
+
+    in_threads(compute, len(which), 256)
     return tops
 
 
@@ -149,147 +152,4 @@ class Kernels(NamedTuple):
 def kernels_of(patches: Patches, corners: Float64Array) -> Kernels:
     """Return the kernels of patches, and the corners of their rectangles."""
     first = np.concatenate([[0], np.cumsum(patches.rectangles)])
-    return Kernels(patches.kernel, patches.growth, first, corners)
-
-
-@njit(cache=True, nogil=True)
-def _compute_tops(which, order, kernels, index, tops, start, end):  # type: ignore[no-untyped-def]
-    """Compute the tops of the patches which[start:end]: algorithm 1 of the paper, `cutter`."""
-    rank, error, finest, grid = order
-    seen = np.full(len(rank), -1, np.int64)
-    near = np.empty(len(rank), np.int64)
-    pieces = np.empty((2, _MAX_PIECES, _MAX_CORNERS, 2))
-    sizes = np.empty((2, _MAX_PIECES), np.int64)
-    for n in range(start, end):
-        p = which[n]
-        count = _touching(p, kernels, index, seen, near)
-        greater, better = np.empty(count, np.int64), np.empty(count, np.int64)
-        found = known = 0
-        for q in np.sort(near[:count]):
-            if (-rank[q], error[q], q) < (-rank[p], error[p], p):
-                greater[found] = q
-                found += 1
-            if finest[q] and grid[q] != grid[p] and (error[q], -rank[q], q) < (error[p], -rank[p], p):
-                better[known] = q
-                known += 1
-        # Greater patches, by error, until they cover the kernel.
-        greater = greater[:found]
-        by_error = greater[np.argsort(error[greater], kind="mergesort")]
-        last = _covering(p, by_error, kernels, pieces, sizes)
-        tops.top[n] = np.inf if last < 0 else error[last]
-        # What no other grid knows better is used whatever accuracy is asked.
-        tops.is_best[n] = finest[p] and _covering(p, better[:known], kernels, pieces, sizes) < 0
-
-
-@njit(cache=True, nogil=True)
-def _touching(p, kernels, index, seen, near):  # type: ignore[no-untyped-def]
-    """Write the patches whose grown kernels touch that of p, each once; return how many."""
-    box, count = kernels.boxes[p], 0
-    for c in range(len(index.places)):
-        west, south, cell = index.places[c]
-        wide, deep, first = index.shapes[c]
-        x0, x1 = max(int((box[0] - west) // cell), 0), min(int((box[2] - west) // cell), wide - 1)
-        y0, y1 = max(int((box[1] - south) // cell), 0), min(int((box[3] - south) // cell), deep - 1)
-        for row in range(y0, y1 + 1):
-            for key in range(first + row * wide + x0, first + row * wide + x1 + 1):
-                for k in range(index.starts[key], index.starts[key + 1]):
-                    q = index.items[k]
-                    other, g = kernels.boxes[q], kernels.growth[q]
-                    across = other[0] - g < box[2] and other[2] + g > box[0]
-                    if q != p and seen[q] != p and across and other[1] - g < box[3] and other[3] + g > box[1]:
-                        seen[q] = p
-                        near[count] = q
-                        count += 1
-    return count
-
-
-@njit(cache=True, nogil=True)
-def _covering(p, others, kernels, pieces, sizes):  # type: ignore[no-untyped-def]
-    """Return the patch with which others, in this order, cover the kernel of p; -1 if they don't."""
-    side, left = 0, kernels.first[p + 1] - kernels.first[p]
-    for k in range(left):
-        sizes[0, k] = 4
-        pieces[0, k, :4] = kernels.corners[kernels.first[p] + k]
-    for q in others:
-        for k in range(kernels.first[q], kernels.first[q + 1]):
-            left = _without(kernels.corners[k], kernels.growth[q], pieces, sizes, side, left)
-            side = 1 - side
-            if left <= 0:
-                return q if left == 0 else -1
-    return -1
-
-
-@njit(cache=True, nogil=True)
-def edges_of(corners, grow):  # type: ignore[no-untyped-def]
-    """Return a, b, c of the edges of a rectangle, grown by some metres: distance outward = a·x + b·y + c."""
-    lines = np.empty((4, 3))
-    for i in range(4):
-        x, y = corners[i, 0], corners[i, 1]
-        dx, dy = corners[(i + 1) % 4, 0] - x, corners[(i + 1) % 4, 1] - y
-        length = math.hypot(dx, dy)
-        lines[i, 0], lines[i, 1] = dy / length, -dx / length
-        lines[i, 2] = -(lines[i, 0] * x + lines[i, 1] * y) - grow
-    return lines
-
-
-@njit(cache=True, nogil=True)
-def _without(corners, grow, pieces, sizes, side, left):  # type: ignore[no-untyped-def]
-    """Write the pieces outside of a rectangle, grown by some metres, to the other buffer; return how many."""
-    other, count = 1 - side, 0
-    lines = edges_of(corners, grow)
-    sliver = 1e-6 * grow
-    rest = np.empty((_MAX_CORNERS, 2))
-    for k in range(left):
-        size, apart = sizes[side, k], False
-        for i in range(4):
-            apart = True
-            for j in range(size):
-                if distance_to(lines[i], pieces[side, k, j]) < -sliver:
-                    apart = False
-                    break
-            if apart:
-                break
-        if apart:
-            if count == _MAX_PIECES:
-                return -1
-            sizes[other, count] = size
-            pieces[other, count, :size] = pieces[side, k, :size]
-            count += 1
-            continue
-        rest[:size] = pieces[side, k, :size]
-        for i in range(4):
-            if count == _MAX_PIECES or size + 1 > _MAX_CORNERS:
-                return -1
-            # The part beyond this edge is left, the other one goes on to the next edge.
-            beyond, inside, most = 0, 0, 0.0
-            kept = np.empty((_MAX_CORNERS, 2))
-            for j in range(size):
-                here, there = rest[j], rest[(j + 1) % size]
-                d, e = distance_to(lines[i], here), distance_to(lines[i], there)
-                most = max(most, d)
-                if d >= 0.0:
-                    pieces[other, count, beyond] = here
-                    beyond += 1
-                if d <= 0.0:
-                    kept[inside] = here
-                    inside += 1
-                if (d < 0.0 and e > 0.0) or (d > 0.0 and e < 0.0):
-                    t = d / (d - e)
-                    for axis in range(2):
-                        at = here[axis] + t * (there[axis] - here[axis])
-                        pieces[other, count, beyond, axis] = at
-                        kept[inside, axis] = at
-                    beyond, inside = beyond + 1, inside + 1
-            if most > sliver:
-                sizes[other, count] = beyond
-                count += 1
-                rest, size = kept, inside
-            if size < 3:
-                break
-    return count
-
-
-@njit(cache=True, nogil=True, inline="always")
-def distance_to(line, point):  # type: ignore[no-untyped-def]
-    """Return the distance (m) outward from an edge."""
-    return line[0] * point[0] + line[1] * point[1] + line[2]
+    return Kernels(*map(np.ascontiguousarray, (patches.kernel, patches.growth, first, corners)))

@@ -19,6 +19,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.export.engines import EngineAxes
 from sketchterrain.export.sampled import SampleGrid, TerrainSamples, interpolate_heights, row_bands
 from sketchterrain.export.target import Export, ExportOptions
+from sketchterrain.host.library import host_function
 from sketchterrain.terrain.surfaces import TerrainFeatures
 
 if TYPE_CHECKING:
@@ -119,12 +120,13 @@ def mesh_error(
 
     `written`, (n,), are the heights of its vertices as stored in a file, by default the grid's.
     """
-    from sketchterrain.export.mesh_distance import largest_distance  # loads numba
-
     corners = (mesh.sample(height) if written is None else written).astype(np.float64)
     missed = np.ones(height.shape, bool)
-    largest = largest_distance(mesh.triangles, mesh.column, mesh.row, corners, height, missed)
-    return float("inf") if missed.any() else float(largest)
+    places = (np.ascontiguousarray(each, np.int32) for each in (mesh.column, mesh.row))
+    triangles = np.ascontiguousarray(mesh.triangles, np.uint32)
+    heights = np.ascontiguousarray(height, np.float64)
+    largest: float = host_function("largest_distance")(triangles, *places, corners, heights, missed)
+    return float("inf") if missed.any() else largest
 
 
 MAX_TEXTURE_SIDE = 8192  # texels, of today's graphics cards

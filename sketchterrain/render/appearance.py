@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import moderngl
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from sketchterrain.array_types import Bounds, Int64Array
 from sketchterrain.drape.painting import DrapedAppearance
+from sketchterrain.host.library import host_function
 from sketchterrain.render.programs import Textures, clamped
 from sketchterrain.render.quality import UNLIMITED, Quality, TimeBudget, WorkRate
 from sketchterrain.render.scene import PaintedTerrain, TileSource
@@ -196,16 +196,5 @@ class AppearanceTextures:
 def premultiplied(tiles: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
     """Return tiles (…, 4) with √albedo times the share, so that filters mix what is painted only."""
     result = np.empty(tiles.shape, np.uint8)
-    _premultiply(np.ascontiguousarray(tiles).reshape(-1, 4), result.reshape(-1, 4))
+    host_function("premultiply")(np.ascontiguousarray(tiles).reshape(-1, 4), result.reshape(-1, 4))
     return result
-
-
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator] # numba has no types
-def _premultiply(texels: npt.NDArray[np.uint8], result: npt.NDArray[np.uint8]) -> None:
-    for number in range(len(texels)):
-        share = np.uint32(texels[number, 3])
-        for channel in range(3):
-            result[number, channel] = (
-                np.uint32(texels[number, channel]) * share + np.uint32(127)
-            ) // np.uint32(255)
-        result[number, 3] = share

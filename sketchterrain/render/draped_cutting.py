@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from functools import cache
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import shapely
-from numba import njit
 
 from sketchterrain.array_types import Bounds, Float64Array, Int64Array
 from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, Items
+from sketchterrain.geometry.box_index import expanded
+from sketchterrain.host.library import host_function
 from sketchterrain.tiles.quadtree import tile_indices
 
 VERTEX: Final = np.dtype([("corners", "<u2", 4), ("weights", "<f4", 2), ("place", "<f4", 2), ("part", "<u4")])
@@ -27,9 +28,6 @@ PART: Final = np.dtype([("length", "<f4"), ("along", "<f4"), ("style", "<f4"), (
 IS_FILL, IS_POINT = 16, 32  # flags beside those of `Items.ends`
 _MOST: Final = 16  # corners of a clipped piece
 _TOUCH: Final = 1e-3  # of a quad, by which triangles that meet it reach into it at least
-_ANGLE: Final = 1e-9  # least squared length of the sum of two directions that have a bisector
-
-_compiled = njit(cache=True, nogil=True)
 
 
 class Pieces(NamedTuple):
@@ -46,31 +44,18 @@ class Pieces(NamedTuple):
 
         Places in areas are along and across `angles` (styles,), the directions (rad) of their hatches.
         """
-        found: list[Pieces] = []
         fills = items.kind == FILL
         # Runs of fills of one feature are one area.
         other = np.diff([items.feature, items.style, fills], axis=1).any(axis=0)
         starts = np.flatnonzero(np.append(True, other | ~fills[1:])[: len(fills)])
+        strokes, owner = _strokes(items.taken(~fills), reach)
+        found, owners = [strokes], [np.flatnonzero(~fills)[owner]]
         for start, end in pairwise([*starts.tolist(), len(fills)]):
-            style = int(items.style[start])
             if fills[start]:
-                found.append(_area(items, start, end, float(angles[style])))
-                continue
-            line = items.points[items.first[start] : items.first[start + 1]]
-            line = line[np.append(True, np.diff(line, axis=0).any(axis=1))]  # without repeated points
-            ends = IS_POINT if items.kind[start] == POINT else int(items.ends[start])
-            corners, count, frame, lengths, along, flags = _strips(line, ends, float(reach[style]))
-            parts = np.zeros(len(count), PART)
-            parts["length"], parts["along"], parts["style"] = lengths, along + items.along[start], style
-            parts["flags"] = flags
-            found.append(cls(corners, count, frame, parts))
-        return cls.joined(found)
-
-    @classmethod
-    def joined(cls, found: list[Pieces]) -> Pieces:
-        """Return all pieces of several, one after the other."""
-        empty = cls(np.zeros((0, _MOST, 2)), np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0, PART))
-        return cls(*(np.concatenate(each) for each in zip(empty, *found, strict=True)))
+                found.append(_area(items, start, end, float(angles[items.style[start]])))
+                owners.append(np.full(len(found[-1].counts), start))
+        order = np.argsort(np.concatenate(owners), kind="stable")
+        return cls(*(np.concatenate(each)[order] for each in zip(*found, strict=True)))
 
 
 def _area(items: Items, start: int, end: int, angle: float) -> Pieces:
@@ -92,72 +77,28 @@ def _area(items: Items, start: int, end: int, angle: float) -> Pieces:
     return Pieces(corners, np.full(len(triangles), 3), frame, parts)
 
 
-@_compiled  # type: ignore[untyped-decorator] # numba has no types
-def clip_polygon(
-    polygon: Float64Array, count: int, a: float, b: float, c: float, result: Float64Array
-) -> int:
-    """Clip a convex polygon to a·x + b·y ≤ c (Sutherland and Hodgman); return the number of corners."""
-    kept = 0
-    for k in range(count):
-        x, y = polygon[k, 0], polygon[k, 1]
-        next_ = k + 1 if k + 1 < count else 0
-        p, q = polygon[next_, 0], polygon[next_, 1]
-        here, there = a * x + b * y - c, a * p + b * q - c
-        if here <= 0.0:
-            result[kept, 0], result[kept, 1] = x, y
-            kept += 1
-        if (here < 0.0 < there) or (there < 0.0 < here):
-            share = here / (here - there)
-            result[kept, 0], result[kept, 1] = x + share * (p - x), y + share * (q - y)
-            kept += 1
-    return kept
-
-
-@_compiled  # type: ignore[untyped-decorator]
-def _strips(
-    points: Float64Array, ends: int, reach: float
-) -> tuple[Float64Array, Int64Array, Float64Array, Float64Array, Float64Array, Int64Array]:
-    """Return the pieces of a run of a line: all within `reach` that is nearest to each segment."""
-    n = len(points)
-    first = 1 if ends & BEFORE and n > 2 else 0
-    last = n - 2 if ends & AFTER and n - first > 2 else n - 1
-    size = max(last - first, 1)
-    corners, count = np.zeros((size, _MOST, 2)), np.zeros(size, np.int64)
-    frame, lengths, along = np.zeros((size, 4)), np.zeros(size), np.zeros(size)
-    flags = np.zeros(size, np.int64)
-    buffer = np.zeros((_MOST, 2))
-    walked = 0.0
-    for k in range(size):
-        at = first + k
-        x, y = points[at, 0], points[at, 1]
-        to = min(at + 1, n - 1)
-        length = np.hypot(points[to, 0] - x, points[to, 1] - y)
-        u = (points[to, 0] - x) / length if length > 0.0 else 1.0
-        v = (points[to, 1] - y) / length if length > 0.0 else 0.0
-        for corner, (s, t) in enumerate(((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))):
-            forward = length + reach if s > 0.0 else -reach
-            corners[k, corner, 0] = x + forward * u - t * reach * v
-            corners[k, corner, 1] = y + forward * v + t * reach * u
-        count[k] = 4
-        frame[k] = (x, y, u, v)
-        lengths[k], along[k] = length, walked
-        walked += length
-        flags[k] = ends & (IS_POINT | (STARTS if at == 0 else 0) | (ENDS if to == n - 1 else 0))
-        for other, sign in ((at - 1, -1.0), (to + 1, 1.0)):  # the segments before and after
-            if other < 0 or other >= n or length == 0.0:
-                continue
-            end = at if sign < 0.0 else to
-            p, q = sign * (points[other, 0] - points[end, 0]), sign * (points[other, 1] - points[end, 1])
-            away = np.hypot(p, q)
-            a, b = u + p / away, v + q / away
-            if a * a + b * b < _ANGLE:
-                continue
-            a, b = sign * a, sign * b
-            count[k] = clip_polygon(
-                corners[k], count[k], a, b, a * points[end, 0] + b * points[end, 1], buffer
-            )
-            corners[k] = buffer
-    return corners, count, frame, lengths, along, flags
+def _strokes(items: Items, reach: Float64Array) -> tuple[Pieces, Int64Array]:
+    """Return the pieces of lines and points, all within `reach` that is nearest to a segment; their items."""
+    is_new = np.ones(len(items.points), bool)
+    is_new[1:] = (items.points[1:] != items.points[:-1]).any(axis=1)
+    is_new[items.first[:-1]] = True
+    first = np.append(0, np.cumsum(is_new))[items.first]  # without repeated points
+    size = np.diff(first)
+    ends = np.where(items.kind == POINT, IS_POINT, items.ends).astype(np.int64)
+    before = ((ends & BEFORE) > 0) & (size > 2)
+    after = ((ends & AFTER) > 0) & (size - before > 2)
+    owner, place = expanded(np.maximum(size - before - after - 1, 1))
+    place += before[owner]
+    n = len(owner)
+    corners, count, frame = np.empty((n, _MOST, 2)), np.empty(n, np.int64), np.empty((n, 4))
+    length, along, reaches = np.empty(n), np.empty(n), reach[items.style]
+    lines = items.points[is_new], first, reaches, owner, place
+    host_function("stroke_pieces")(*lines, corners, count, frame, length, along)
+    parts = np.zeros(n, PART)
+    parts["length"], parts["along"], parts["style"] = length, along + items.along[owner], items.style[owner]
+    ends, size = ends[owner], size[owner]
+    parts["flags"] = ends & (IS_POINT | STARTS * (place == 0) | ENDS * (place >= size - 2))
+    return Pieces(corners, count, frame, parts), owner
 
 
 class Mesh(NamedTuple):
@@ -188,7 +129,7 @@ def cut(pieces: Pieces, mesh: Mesh, box: Bounds) -> npt.NDArray[np.void]:
     west, north, cell = box[0], box[3], (box[2] - box[0]) / quads
     local = (pieces.corners - [west, north]) * [1.0 / cell, -1.0 / cell]
     met = cells_met(local, pieces.counts, np.zeros(len(local)), quads)
-    triangle, part, columns, rows = _cut(local, pieces.counts, *met, mesh.corners, mesh.first, mesh.met)
+    triangle, part, columns, rows = _cut(local, pieces.counts, *met, mesh)
     a, b, c = (mesh.corners[triangle, k].T for k in range(3))
     (p, q), (s, t), (x, y) = b - a, c - a, (columns, rows) - a
     vertices = np.empty(len(part), VERTEX)
@@ -202,7 +143,6 @@ def cut(pieces: Pieces, mesh: Mesh, box: Bounds) -> npt.NDArray[np.void]:
     return vertices
 
 
-@_compiled  # type: ignore[untyped-decorator]
 def cells_met(
     polygons: Float64Array, count: Int64Array, border: Float64Array, cells: int
 ) -> tuple[Int64Array, Int64Array]:
@@ -210,56 +150,25 @@ def cells_met(
 
     Polygons are widened by a border (n,). All lengths are in cells, `cells` along a side.
     """
-    found, number = [0 for _ in range(0)], [0 for _ in range(0)]
-    one, two = np.zeros((2 * _MOST, 2)), np.zeros((2 * _MOST, 2))
-    for k in range(len(polygons)):
-        polygon, wide = polygons[k], border[k]
-        if count[k] < 3:
-            continue
-        low, high = polygon[: count[k], 1].min() - wide, polygon[: count[k], 1].max() + wide
-        for row in range(max(int(np.floor(low)), 0), min(int(np.floor(high)), cells - 1) + 1):
-            kept = clip_polygon(polygon, count[k], 0.0, -1.0, -(row - wide), one)
-            kept = clip_polygon(one, kept, 0.0, 1.0, row + 1.0 + wide, two)
-            if kept:
-                west, east = two[:kept, 0].min() - wide, two[:kept, 0].max() + wide
-                for column in range(max(int(np.floor(west)), 0), min(int(np.floor(east)), cells - 1) + 1):
-                    found.append(row * cells + column)
-                    number.append(k)
-    return np.array(found, np.int64), np.array(number, np.int64)
+    kinds = np.int64, np.int64
+    found, number = _all_found("cells_met", kinds, 4 * len(polygons), polygons, count, border, cells)
+    return found, number
 
 
-@_compiled  # type: ignore[untyped-decorator]
 def _cut(
-    polygons: Float64Array,
-    count: Int64Array,
-    cells: Int64Array,
-    owners: Int64Array,
-    corners: Float64Array,
-    first: Int64Array,
-    met: Int64Array,
-) -> tuple[Int64Array, Int64Array, Float64Array, Float64Array]:
+    polygons: Float64Array, count: Int64Array, cells: Int64Array, owners: Int64Array, mesh: Mesh
+) -> list[npt.NDArray[Any]]:
     """Clip polygons to triangles that meet their cells: each vertex's triangle, polygon, column and row."""
-    found, part = [0 for _ in range(0)], [0 for _ in range(0)]
-    columns, rows = [0.0 for _ in range(0)], [0.0 for _ in range(0)]
-    stamp = np.full(len(corners), -1, np.int64)
-    one, two = np.zeros((2 * _MOST, 2)), np.zeros((2 * _MOST, 2))
-    for number, cell in zip(owners, cells):  # noqa: B905 # numba has no strict
-        for triangle in met[first[cell] : first[cell + 1]]:
-            if stamp[triangle] == number:
-                continue
-            stamp[triangle] = number
-            kept = count[number]
-            one[:kept] = polygons[number, :kept]
-            for k in range(3):
-                # Counterclockwise from above, and rows run southward.
-                p, q = corners[triangle, k], corners[triangle, (k + 1) % 3]
-                s, t = p[1] - q[1], q[0] - p[0]
-                kept = clip_polygon(one, kept, s, t, s * p[0] + t * p[1], two)
-                one, two = two, one
-            for fan in range(1, kept - 1):
-                for k in (0, fan, fan + 1):
-                    found.append(triangle)
-                    part.append(number)
-                    columns.append(one[k, 0])
-                    rows.append(one[k, 1])
-    return np.array(found, np.int64), np.array(part, np.int64), np.array(columns), np.array(rows)
+    stamp = np.empty(len(mesh.corners), np.int64)
+    fixed = polygons, count, cells, owners, mesh.corners, mesh.first, mesh.met, stamp
+    return _all_found("cut_polygons", (np.int64, np.int64, np.float64, np.float64), 16 * len(cells), *fixed)
+
+
+def _all_found(name: str, kinds: tuple[type, ...], room: int, *arguments: Any) -> list[npt.NDArray[Any]]:
+    """Return all that a loop finds, which fits into arrays of a size or tells a size that it needs."""
+    while True:
+        found: list[npt.NDArray[Any]] = [np.empty(room, kind) for kind in kinds]
+        count = host_function(name)(*arguments, *found)
+        if count <= room:
+            return [each[:count] for each in found]
+        room = count

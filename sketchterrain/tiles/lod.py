@@ -16,10 +16,10 @@ from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
-from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.array_types import Float64Array
 from sketchterrain.errors import InputError
+from sketchterrain.host.library import host_function
 from sketchterrain.tiles.quadtree import Boxes
 
 
@@ -166,8 +166,7 @@ def occluded(view: CameraView, boxes: Boxes, ground: Boxes | None = None) -> npt
     tested = np.flatnonzero(near > 0.0)
     tested = tested[np.argsort(limit[tested], kind="stable")]
     hidden = np.zeros(len(near), np.bool_)
-    _test_against_horizon(
-        hidden,
+    host_function("test_against_horizon")(
         tested,
         limit,
         np.floor(first).astype(np.int64),
@@ -179,44 +178,10 @@ def occluded(view: CameraView, boxes: Boxes, ground: Boxes | None = None) -> npt
         np.ceil(ground_first).astype(np.int64),
         np.floor(ground_last).astype(np.int64),
         least,
+        hidden,
+        np.empty(_BEARINGS),
     )
     return hidden
-
-
-_compiled = njit(cache=True, nogil=True)
-
-
-@_compiled  # type: ignore[untyped-decorator] # numba has no types
-def _test_against_horizon(
-    hidden: npt.NDArray[np.bool_],
-    tested: npt.NDArray[np.int64],
-    limit: Float64Array,
-    first: Int64Array,
-    last: Int64Array,
-    most: Float64Array,
-    raising: npt.NDArray[np.int64],
-    far: Float64Array,
-    ground_first: Int64Array,
-    ground_last: Int64Array,
-    least: Float64Array,
-) -> None:
-    """Set which tested boxes, by rising limit (m), lie below the horizon of the ground within their limits.
-
-    A box covers steps `first` … `last` - 1 of the horizon; `most` and `least` are tangents of elevation.
-    """
-    horizon = np.full(_BEARINGS, -np.inf)
-    raised = 0
-    for box in tested:
-        while raised < len(raising) and far[raising[raised]] <= limit[box]:
-            tile = raising[raised]
-            for step in range(ground_first[tile], ground_last[tile]):
-                horizon[step % _BEARINGS] = max(horizon[step % _BEARINGS], least[tile])
-            raised += 1
-        hidden[box] = True
-        for step in range(first[box], last[box]):
-            if horizon[step % _BEARINGS] <= most[box]:
-                hidden[box] = False
-                break
 
 
 def _bearings(eye: Float64Array, boxes: Boxes) -> tuple[Float64Array, Float64Array]:

@@ -5,13 +5,16 @@ from copy import deepcopy
 from functools import partial
 from typing import Any, Final
 
-from sketchterrain.benchmarks import host_flow, host_painting
+from sketchterrain.benchmarks import host_drainage, host_elevation, host_flow, host_mesh, host_painting
 from sketchterrain.benchmarks.report import Column, Row, Table
 from sketchterrain.benchmarks.timing import Lap, alternate, lap, spread
 from sketchterrain.host.library import HostFunction, host_function
 
 SAMPLES: Final[dict[str, Callable[[int], tuple[Any, ...]]]] = {
     **host_flow.SAMPLES,
+    **host_drainage.SAMPLES,
+    **host_mesh.SAMPLES,
+    **host_elevation.SAMPLES,
     **host_painting.SAMPLES,
 }
 """Functions of fresh arguments by the side of a raster or a number of items."""

@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.benchmarks.host import ground
+from sketchterrain.benchmarks.host_flow import ground
 from sketchterrain.host.library import host_function
 
 _SPACING, _PER_AREA = 20.0, 1.0 / 400.0

@@ -1,6 +1,5 @@
 /* Texels of what vectors paint on the terrain. */
-#ifndef APPEARANCE_H
-#define APPEARANCE_H
+#pragma once
 
 #include "host.h"
 
@@ -9,5 +8,3 @@ HOST void premultiply(
     int64_t texels,
     const uint8_t texel[restrict texels][4],
     uint8_t result[restrict texels][4]);
-
-#endif

@@ -4,8 +4,7 @@
  * planes: Sutherland & Hodgman, "Reentrant polygon clipping" (1974). Functions that find any number
  * of things write what there is room for, and return the number.
  */
-#ifndef CUTTING_H
-#define CUTTING_H
+#pragma once
 
 #include "host.h"
 
@@ -49,5 +48,3 @@ HOST int64_t cut_polygons(
     int64_t part[restrict room],
     double column[restrict room],
     double row[restrict room]);
-
-#endif

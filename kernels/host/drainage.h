@@ -14,8 +14,7 @@
  *   bytes: kind (0 outside, 1 inner, 2 outlet, 3 open end of a course) and number of donors.
  * `pack_drainage` writes all that the other functions read; least heights and strata may be set after it.
  */
-#ifndef DRAINAGE_H
-#define DRAINAGE_H
+#pragma once
 
 #include "host.h"
 
@@ -139,5 +138,3 @@ HOST bool coarsen_drainage(
     bool domains[restrict coarse_rows][coarse_columns],
     int32_t courses[restrict coarse_rows * coarse_columns],
     int32_t scratch[restrict 3][rows * columns]);
-
-#endif

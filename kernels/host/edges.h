@@ -1,6 +1,5 @@
 /* Edges of areas: what they add to a raster of texels, and which are near blocks of lattice points. */
-#ifndef EDGES_H
-#define EDGES_H
+#pragma once
 
 #include "host.h"
 
@@ -34,5 +33,3 @@ HOST int64_t edges_near(
     int64_t count[restrict blocks], /* of near edges */
     int32_t ends[restrict edges][4], /* from the block's corner, lower end first, lattice units */
     int32_t row[restrict edges][4]); /* LandUse.rows of kernels/layers/landuse.clh */
-
-#endif

@@ -4,8 +4,7 @@
  * digital elevation models" (2014), algorithm 2 with a small rise across fills; steepest descent (D8) after
  * O'Callaghan & Mark (1984); stream order after Strahler (1957). Cells are row * columns + column.
  */
-#ifndef FLOW_ROUTING_H
-#define FLOW_ROUTING_H
+#pragma once
 
 #include "host.h"
 
@@ -55,5 +54,3 @@ HOST int64_t sinuosities(
     int64_t columns,
     double reach, /* cells */
     double found[restrict starts]);
-
-#endif

@@ -3,8 +3,7 @@
  * The horizon is the greatest tangent of elevation in each of 2,048 bearings. A tile raises it in bearings
  * that lie wholly within the tile, by the bottom of its box; boxes are hidden where their tops are below it.
  */
-#ifndef HORIZON_H
-#define HORIZON_H
+#pragma once
 
 #include "host.h"
 
@@ -24,5 +23,3 @@ HOST void test_against_horizon(
     const double bottom[restrict tiles], /* tangent */
     bool hidden[restrict boxes],
     double horizon[restrict 2048]); /* scratch */
-
-#endif

@@ -5,8 +5,7 @@
  * sorts by (value, index); square roots, but no other function of libm where results reach a terrain.
  * Arrays are given with their sizes as [rows][columns], northward from the south unless said otherwise.
  */
-#ifndef HOST_H
-#define HOST_H
+#pragma once
 
 #include <math.h>
 #include <stdbool.h>
@@ -69,5 +68,3 @@ static inline HeapEntry heap_pop(HeapEntry *heap, int64_t *count)
     heap[at] = entry;
     return lowest;
 }
-
-#endif

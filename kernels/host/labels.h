@@ -1,6 +1,5 @@
 /* The choice of labels that a picture shows. */
-#ifndef LABELS_H
-#define LABELS_H
+#pragma once
 
 #include "host.h"
 
@@ -16,5 +15,3 @@ HOST void choose_labels(
     double repeat, /* between the middles of equal labels, half of it once they are shown, px */
     bool chosen[restrict labels],
     int64_t placed[restrict candidates]); /* scratch */
-
-#endif

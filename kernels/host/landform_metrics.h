@@ -4,8 +4,7 @@
  * landforms" (2013): zenith and nadir horizons of eight directions. Key saddles: cells are joined from the
  * highest down; where two regions meet is the key saddle of the lower summit.
  */
-#ifndef LANDFORM_METRICS_H
-#define LANDFORM_METRICS_H
+#pragma once
 
 #include "host.h"
 
@@ -30,5 +29,3 @@ HOST int64_t key_saddles(
     double summit[restrict cells], /* m */
     double saddle[restrict cells], /* m */
     int64_t scratch[restrict 2][cells]);
-
-#endif

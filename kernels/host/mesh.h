@@ -6,8 +6,7 @@
  * 0 south-west, 1 south-east, 2 north-east, 3 north-west; diagonals: 0 between corners 0 and 2, 1 between
  * corners 1 and 3.
  */
-#ifndef MESH_H
-#define MESH_H
+#pragma once
 
 #include "host.h"
 
@@ -166,5 +165,3 @@ HOST void lowest_around_sites(
     const int64_t diagonal[restrict rows][columns],
     const double height[restrict rows][columns][2], /* m */
     double low[restrict rows + 1][columns + 1]);
-
-#endif

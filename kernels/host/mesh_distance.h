@@ -3,8 +3,7 @@
  * A triangle's plane is z = z_a + s_x (column - x_a) + s_y (row - y_a). Its rows are cut in integers, so that
  * no vertex on an edge is left out.
  */
-#ifndef MESH_DISTANCE_H
-#define MESH_DISTANCE_H
+#pragma once
 
 #include "host.h"
 
@@ -18,5 +17,3 @@ HOST double largest_distance(
     const double corner[restrict vertices], /* heights of the mesh, m */
     const double height[restrict rows][columns], /* m */
     bool missed[restrict rows][columns]);
-
-#endif

@@ -4,8 +4,7 @@
  * place is row, column and half of its triangle, and its nearest and second corner; the first one is its
  * cell's site.
  */
-#ifndef MESH_NODES_H
-#define MESH_NODES_H
+#pragma once
 
 #include "mesh.h"
 
@@ -86,5 +85,3 @@ HOST void paste_cell(
     double height[restrict rows][columns],
     float area[restrict rows][columns],
     float wet[restrict rows][columns]);
-
-#endif

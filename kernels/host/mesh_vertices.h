@@ -4,8 +4,7 @@
  * and of tributaries that rise from them by stream power, slope = uplift / area^(3/8). Flat indices of
  * vertices are 2 (row · columns + column) + half; receivers are sides, as in mesh.h.
  */
-#ifndef MESH_VERTICES_H
-#define MESH_VERTICES_H
+#pragma once
 
 #include "mesh.h"
 
@@ -80,5 +79,3 @@ HOST void raised_heights(
     int64_t receiver[restrict rows][columns][2],
     int64_t below[restrict 2 * rows * columns], /* scratch */
     double scratch[restrict 2 * rows * columns]);
-
-#endif

@@ -3,8 +3,7 @@
  * Bits are mixed by the finalizer of SplitMix64 (Steele, Lea & Flood, "Fast splittable pseudorandom number
  * generators", 2014). Gradient noise after Perlin, "Improving noise" (2002). Positions are mesh units.
  */
-#ifndef NOISE_H
-#define NOISE_H
+#pragma once
 
 #include "host.h"
 
@@ -65,5 +64,3 @@ static inline double gradient_noise(uint64_t key, double x, double y)
 HOST void value_noise_row(
     uint64_t key, int64_t x, int64_t step, int64_t y, int64_t bits, double amplitude, int64_t columns,
     double row[restrict columns]);
-
-#endif

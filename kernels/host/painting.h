@@ -2,8 +2,7 @@
  *
  * Lengths are in texels from the square's south-west corner, blocks are numbered by rows from the north-west.
  */
-#ifndef PAINTING_H
-#define PAINTING_H
+#pragma once
 
 #include "host.h"
 
@@ -36,5 +35,3 @@ HOST void drape_pieces(
     int32_t pair[restrict most_pairs][3], /* block, item, piece; by items */
     int64_t count[restrict 2], /* of pieces and of pairs */
     double scratch[restrict points][2]);
-
-#endif

@@ -3,8 +3,7 @@
  * Leg k has the stations from first[k] on, node i of a graph the neighbours from to[starts[i]] on. Piece i is
  * between stations i and i + 1; those between legs count for nothing.
  */
-#ifndef PROFILES_H
-#define PROFILES_H
+#pragma once
 
 #include "host.h"
 
@@ -60,5 +59,3 @@ HOST void united_reaches(
     const int64_t first[restrict legs + 1],
     const double reach[restrict stations], /* m */
     double found[restrict stations]); /* m */
-
-#endif

@@ -2,8 +2,7 @@
  * and ranges beyond the sketch, which raise valleys too. Points are mesh units; nodes of a level stand
  * SIDE · 2^level of them apart. Uplift is proportional to relief.
  */
-#ifndef RELIEF_H
-#define RELIEF_H
+#pragma once
 
 #include "mesh.h"
 
@@ -71,5 +70,3 @@ HOST void mean_ground(
     int64_t rows, int64_t columns,
     double height[restrict rows][columns], /* m */
     double share[restrict rows][columns]); /* 0 … 1 */
-
-#endif

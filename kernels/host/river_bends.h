@@ -1,6 +1,5 @@
 /* Bends of rivers: points whose bank is beside a point further down. */
-#ifndef RIVER_BENDS_H
-#define RIVER_BENDS_H
+#pragma once
 
 #include "host.h"
 
@@ -18,5 +17,3 @@ HOST int64_t nearest_below(
     double lower[restrict most], /* fractional points */
     double off[restrict most], /* half widths */
     double scratch[restrict 4 * points][2]); /* positions */
-
-#endif

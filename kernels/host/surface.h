@@ -3,8 +3,7 @@
  * f = sum w_p f_p / sum w_p: Rocca, Panozzo & Puppo, "Patchwork terrains" (2012), equation 1. Patches are
  * bicubic B-splines of 35 x 35 coefficients over 32 x 32 steps of their level, columns along u, rows along v.
  */
-#ifndef SURFACE_H
-#define SURFACE_H
+#pragma once
 
 #include "host.h"
 
@@ -46,5 +45,3 @@ HOST void measure_patches(
     const double w2[restrict scale], const double w3[restrict scale], /* ... at samples along a step */
     int64_t first, int64_t last, /* rows of patches: first ... last - 1 */
     double error[restrict down][across]); /* m */
-
-#endif

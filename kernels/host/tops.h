@@ -4,8 +4,7 @@
  * those of greater patches are cut one after another, by error, until nothing is left. What is left are
  * convex pieces; slivers of a millionth of the growth are dropped. Corners are counter-clockwise.
  */
-#ifndef TOPS_H
-#define TOPS_H
+#pragma once
 
 #include "host.h"
 
@@ -42,5 +41,3 @@ HOST void mark_kernels(
     const double corners[restrict rectangles][4][2], /* m */
     double west, double south, double spacing, /* m */
     bool inside[restrict rows][columns]);
-
-#endif

@@ -3,8 +3,7 @@
  * Positions and radii are in nodes of level 0, x along columns. Means weigh features by t³ r², which falls
  * from the radius r at a feature to 0 at its reach, t = 1 - distance / reach.
  */
-#ifndef UPLIFT_H
-#define UPLIFT_H
+#pragma once
 
 #include "host.h"
 
@@ -70,5 +69,3 @@ HOST void adjust_factors(
     int64_t row, int64_t column, int64_t step, double share,
     double factor[restrict features],
     double scratch[restrict groups]);
-
-#endif

@@ -3,8 +3,7 @@
  * Successive over-relaxation, h += r (mean of the four neighbours - h), with r = 2 / (1 + sin(pi / n)):
  * Young, "Iterative methods for solving partial difference equations of elliptic type" (1954).
  */
-#ifndef VOIDS_H
-#define VOIDS_H
+#pragma once
 
 #include "host.h"
 
@@ -19,5 +18,3 @@ HOST void fill_voids(
     const double relaxation[restrict chosen], /* r, 1 ... 2 */
     double window[restrict largest], /* scratch: samples of a box and one more on each side */
     int64_t inner[restrict largest]); /* scratch */
-
-#endif

@@ -6,8 +6,7 @@
  * Bohner & Selige, "Spatial prediction of soil attributes using terrain analysis and climate
  * regionalisation", 2006). The logarithm is linear between powers of two: its bits depend on no library.
  */
-#ifndef WETNESS_H
-#define WETNESS_H
+#pragma once
 
 #include "host.h"
 
@@ -20,5 +19,3 @@ HOST void wetness(
     double finest, /* spacing of level 0, m */
     float wet[restrict rows][columns],
     double scratch[restrict 2][rows + 2][columns + 2]);
-
-#endif

@@ -76,6 +76,7 @@ class _Signature:
     def passed(self, arguments: Sequence[Any]) -> tuple[list[Any], dict[str, Any]]:
         """Check arguments; return what C is passed, and the numbers among them by name."""
         passed: list[Any] = [None] * len(self.types)
+        value: Any
         values, shapes = {}, []
         for number, place, parameter, dtype, axes in self._arrays:
             value = arguments[number]
@@ -227,4 +228,6 @@ def _library() -> ctypes.CDLL:
             return ctypes.CDLL(str(folder / name))
         except OSError as error:
             problem = error
+        except RuntimeError as error:
+            raise BuildError(str(error)) from None
     raise BuildError(f"the loops of kernels/host could not be stored in {folders[-1]}: {problem}")

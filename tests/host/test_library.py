@@ -92,7 +92,9 @@ def test_arguments_are_checked() -> None:
 
 def test_a_library_is_named_by_its_sources_and_stale_ones_are_deleted(tmp_path: Path) -> None:
     sources = tmp_path / "sources"
-    shutil.copytree(library.SOURCES, sources)
+    sources.mkdir()
+    for name in ("host.h", "flow_routing.h", "flow_routing.c"):
+        shutil.copy(library.SOURCES / name, sources)
     compiler = compiling.find_compiler()
     assert compiler
     level = library._level()

@@ -76,7 +76,6 @@ class _Signature:
     def passed(self, arguments: Sequence[Any]) -> tuple[list[Any], dict[str, Any]]:
         """Check arguments; return what C is passed, and the numbers among them by name."""
         passed: list[Any] = [None] * len(self.types)
-        value: Any
         values, shapes = {}, []
         for number, place, parameter, dtype, axes in self._arrays:
             value = arguments[number]
@@ -88,7 +87,7 @@ class _Signature:
                 raise self._refusal(parameter, value)
             shapes.append(value.shape)
             if writeable and value.size:  # several times as fast as the other
-                passed[place] = ctypes.addressof(ctypes.c_char.from_buffer(value))
+                passed[place] = ctypes.addressof(ctypes.c_char.from_buffer(value))  # type: ignore[arg-type]
             else:
                 passed[place] = value.ctypes.data
         for name, number, axis, place in self._lengths:

@@ -30,8 +30,7 @@ HOST int64_t cells_met(
     const int64_t count[restrict polygons], /* corners */
     const double border[restrict polygons], /* cells */
     int64_t side, /* cells along a side of the grid */
-    int64_t found[restrict room],
-    int64_t number[restrict room]);
+    int64_t found[restrict room], int64_t number[restrict room]);
 
 /* Clip polygons to the triangles that meet their cells: each vertex's triangle, polygon, column and row. */
 HOST int64_t cut_polygons(
@@ -44,7 +43,5 @@ HOST int64_t cut_polygons(
     const int64_t first[restrict cells], /* of each cell into met; the last one is the end */
     const int64_t met[restrict listed], /* triangles */
     int64_t stamp[restrict triangles], /* scratch */
-    int64_t triangle[restrict room],
-    int64_t part[restrict room],
-    double column[restrict room],
+    int64_t triangle[restrict room], int64_t part[restrict room], double column[restrict room],
     double row[restrict room]);

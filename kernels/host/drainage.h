@@ -35,33 +35,26 @@ HOST bool pack_drainage(
     int64_t level,
     int64_t start_row, int64_t start_column, /* the same of the coarser level */
     double spacing, /* m */
-    double reals[restrict 11][rows + 2][columns + 2],
-    int32_t integers[restrict 6][rows + 2][columns + 2],
+    double reals[restrict 11][rows + 2][columns + 2], int32_t integers[restrict 6][rows + 2][columns + 2],
     int8_t bytes[restrict 2][rows + 2][columns + 2]);
 
 /* Route and integrate some times; every round but the last goes a part of the way. */
 HOST void run_drainage(
-    int64_t rows, int64_t width,
-    int64_t rounds,
+    int64_t rows, int64_t width, int64_t rounds,
     double spacing, /* m */
     double per_area, /* 1 / r0^2 of the spacing r0 of level 0, 1/m^2 */
-    double reals[restrict 11][rows][width],
-    int32_t integers[restrict 6][rows][width],
+    double reals[restrict 11][rows][width], int32_t integers[restrict 6][rows][width],
     int8_t bytes[restrict 2][rows][width]);
 
 /* Find receivers and drainage areas; returns the number of nodes in the order of flow. */
 HOST int64_t route_drainage(
-    int64_t rows, int64_t width,
-    double reals[restrict 11][rows][width],
-    int32_t integers[restrict 6][rows][width],
-    int8_t bytes[restrict 2][rows][width]);
+    int64_t rows, int64_t width, double reals[restrict 11][rows][width],
+    int32_t integers[restrict 6][rows][width], int8_t bytes[restrict 2][rows][width]);
 
 /* Sum drainage areas along given receivers; returns the number of nodes in the order of flow. */
 HOST int64_t accumulate_drainage(
-    int64_t rows, int64_t width,
-    double reals[restrict 11][rows][width],
-    int32_t integers[restrict 6][rows][width],
-    int8_t bytes[restrict 2][rows][width]);
+    int64_t rows, int64_t width, double reals[restrict 11][rows][width],
+    int32_t integers[restrict 6][rows][width], int8_t bytes[restrict 2][rows][width]);
 
 /* Build heights up from the outlets, against the order of flow. */
 HOST void integrate_drainage(
@@ -69,8 +62,7 @@ HOST void integrate_drainage(
     int64_t count, /* of nodes in the order of flow */
     double spacing, /* m */
     double per_area, /* 1/m^2 */
-    double reals[restrict 11][rows][width],
-    int32_t integers[restrict 6][rows][width],
+    double reals[restrict 11][rows][width], int32_t integers[restrict 6][rows][width],
     int8_t bytes[restrict 2][rows][width]);
 
 /* Lower nodes that stand above any neighbour by more than repose allows, and let them drain there; courses
@@ -78,16 +70,13 @@ HOST void integrate_drainage(
 HOST void limit_slopes(
     int64_t rows, int64_t width,
     double spacing, /* m */
-    double reals[restrict 11][rows][width],
-    int32_t integers[restrict 6][rows][width],
+    double reals[restrict 11][rows][width], int32_t integers[restrict 6][rows][width],
     int8_t bytes[restrict 2][rows][width]);
 
 /* Lower courses to the lowest ground beside them, so that it drains to them; none leads uphill. */
 HOST void sink_courses(
-    int64_t rows, int64_t width,
-    double reals[restrict 11][rows][width],
-    int32_t integers[restrict 6][rows][width],
-    int8_t bytes[restrict 2][rows][width]);
+    int64_t rows, int64_t width, double reals[restrict 11][rows][width],
+    int32_t integers[restrict 6][rows][width], int8_t bytes[restrict 2][rows][width]);
 
 /* Lower nodes that stand above those which drain to them, down the flow, but not below a floor. */
 HOST void carve_barriers(
@@ -95,22 +84,19 @@ HOST void carve_barriers(
     int64_t count, /* of nodes in the order of flow */
     double spacing, /* m */
     const double lowest[restrict rows][width], /* the floor, m */
-    double reals[restrict 11][rows][width],
-    int32_t integers[restrict 6][rows][width],
+    double reals[restrict 11][rows][width], int32_t integers[restrict 6][rows][width],
     int8_t bytes[restrict 2][rows][width]);
 
 /* Move heights back towards those before the last routing: fewer channels change their course. */
 HOST void relax_heights(
-    int64_t rows, int64_t width,
-    double reals[restrict 11][rows][width],
+    int64_t rows, int64_t width, double reals[restrict 11][rows][width],
     int8_t bytes[restrict 2][rows][width]);
 
 /* Turn weights of nodes, 0 ... 1, into the shares that they have of drainage areas. */
 HOST void drainage_shares(
     int64_t rows, int64_t width,
     int64_t count, /* of nodes in the order of flow */
-    double weight[restrict rows][width],
-    const double reals[restrict 11][rows][width],
+    double weight[restrict rows][width], const double reals[restrict 11][rows][width],
     const int32_t integers[restrict 6][rows][width]);
 
 /* Find heights from which the ground falls away from outlets at a share of repose. */
@@ -131,10 +117,8 @@ HOST bool coarsen_drainage(
     const double repose[restrict rows][columns], /* m/m */
     const double rain[restrict rows][columns], /* m^2 */
     const double base[restrict rows][columns], /* m */
-    const bool domain[restrict rows][columns],
-    const int32_t course[restrict rows * columns],
+    const bool domain[restrict rows][columns], const int32_t course[restrict rows * columns],
     int64_t first_row, int64_t first_column, /* that is kept, 0 or 1 */
     double fields[restrict 4][coarse_rows][coarse_columns], /* uplift, repose, rain, base */
     bool domains[restrict coarse_rows][coarse_columns],
-    int32_t courses[restrict coarse_rows * coarse_columns],
-    int32_t scratch[restrict 3][rows * columns]);
+    int32_t courses[restrict coarse_rows * coarse_columns], int32_t scratch[restrict 3][rows * columns]);

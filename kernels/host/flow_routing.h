@@ -31,14 +31,11 @@ HOST void accumulate_flow(
     const int64_t order[restrict cells], /* receivers before their donors */
     const int64_t receiver[restrict cells],
     const double step[restrict cells], /* cells */
-    double area[restrict cells],
-    double length[restrict cells]);
+    double area[restrict cells], double length[restrict cells]);
 
 /* Strahler's order of cells that drain at least an area (cells), 0 elsewhere. */
 HOST void stream_orders(
-    int64_t cells,
-    const int64_t order[restrict cells],
-    const int64_t receiver[restrict cells],
+    int64_t cells, const int64_t order[restrict cells], const int64_t receiver[restrict cells],
     const double area[restrict cells],
     double least_area, /* cells */
     int64_t stream[restrict cells],
@@ -47,8 +44,7 @@ HOST void stream_orders(
 /* Way along the flow over the straight distance, from each start to `reach` (cells) farther; returns how many
  * starts have so long a way. */
 HOST int64_t sinuosities(
-    int64_t starts, int64_t cells,
-    const int64_t start[restrict starts],
+    int64_t starts, int64_t cells, const int64_t start[restrict starts],
     const int64_t receiver[restrict cells],
     const double step[restrict cells], /* cells */
     int64_t columns,

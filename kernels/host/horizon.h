@@ -13,13 +13,11 @@ HOST void test_against_horizon(
     int64_t boxes, int64_t tests, int64_t tiles, int64_t raisers,
     const int64_t tested[restrict tests], /* boxes by ascending limit */
     const double limit[restrict boxes], /* m */
-    const int64_t first[restrict boxes],
-    const int64_t last[restrict boxes],
+    const int64_t first[restrict boxes], const int64_t last[restrict boxes],
     const double most[restrict boxes], /* tangent of the top */
     const int64_t raising[restrict raisers], /* tiles of the ground by ascending distance */
     const double far[restrict tiles], /* m, of their farthest points */
-    const int64_t ground_first[restrict tiles],
-    const int64_t ground_last[restrict tiles],
+    const int64_t ground_first[restrict tiles], const int64_t ground_last[restrict tiles],
     const double bottom[restrict tiles], /* tangent */
     bool hidden[restrict boxes],
     double horizon[restrict 2048]); /* scratch */

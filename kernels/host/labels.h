@@ -5,8 +5,7 @@
 
 /* Choose labels in their order: those that neither overlap one placed before nor are near an equal one. */
 HOST void choose_labels(
-    int64_t candidates, int64_t labels,
-    const int64_t order[restrict candidates],
+    int64_t candidates, int64_t labels, const int64_t order[restrict candidates],
     const double box[restrict labels][4], /* west, south, east, north: px */
     const int64_t label[restrict labels], /* equal for anchors of one label */
     const int8_t state[restrict labels], /* 2: shown already, 1: fades out there, 0: neither */

@@ -17,8 +17,7 @@ HOST void geomorphons(
     double flatness, /* sum of a direction's angles that counts as level, radians */
     int64_t horizon, /* cells */
     const int8_t table[restrict 9][9], /* codes by numbers of lower and of higher directions */
-    int8_t form[restrict rows][columns],
-    double scratch[restrict 2][columns]);
+    int8_t form[restrict rows][columns], double scratch[restrict 2][columns]);
 
 /* Find summits of a least prominence and their key saddles; returns how many. The highest summit has none. */
 HOST int64_t key_saddles(

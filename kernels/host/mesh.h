@@ -161,7 +161,6 @@ HOST double edge_height(
 
 /* Height (m) of the lowest vertex around each site. */
 HOST void lowest_around_sites(
-    int64_t rows, int64_t columns,
-    const int64_t diagonal[restrict rows][columns],
+    int64_t rows, int64_t columns, const int64_t diagonal[restrict rows][columns],
     const double height[restrict rows][columns][2], /* m */
     double low[restrict rows + 1][columns + 1]);

@@ -11,8 +11,7 @@
  * edges included, are set to false in `missed`. */
 HOST double largest_distance(
     int64_t triangles, int64_t vertices, int64_t rows, int64_t columns,
-    const uint32_t triangle[restrict triangles][3],
-    const int32_t column[restrict vertices],
+    const uint32_t triangle[restrict triangles][3], const int32_t column[restrict vertices],
     const int32_t row[restrict vertices],
     const double corner[restrict vertices], /* heights of the mesh, m */
     const double height[restrict rows][columns], /* m */

@@ -27,10 +27,8 @@ typedef struct {
  * `away`, 0 on the border and 1 at the site. */
 HOST void node_places(
     const MeshParameters *mesh, const MeshTable *table, int64_t level, int64_t column, int64_t row,
-    int64_t rows, int64_t columns,
-    int32_t place[restrict rows][columns][5],
-    double third[restrict rows][columns],
-    double away[restrict rows][columns],
+    int64_t rows, int64_t columns, int32_t place[restrict rows][columns][5],
+    double third[restrict rows][columns], double away[restrict rows][columns],
     double scratch[restrict 2][columns]);
 
 /* Boxes (west, south, east, north) of the cells of a table's inner sites, from its first lattice point; 0 of
@@ -43,8 +41,7 @@ HOST void cell_bounds(
  * shares of the relief at the site. */
 HOST void mesh_heights(
     const MeshTable *table, const PassRule *rule, double rise, int64_t rows, int64_t columns,
-    const int32_t place[restrict rows][columns][5],
-    const double third[restrict rows][columns],
+    const int32_t place[restrict rows][columns][5], const double third[restrict rows][columns],
     const double away[restrict rows][columns],
     double height[restrict rows][columns]); /* m */
 
@@ -52,8 +49,7 @@ HOST void mesh_heights(
  * cell; others, and those of no cell, get NaN and 0. */
 HOST void cell_borders(
     const MeshTable *table, const PassRule *rule, int64_t rows, int64_t columns,
-    const int32_t place[restrict rows][columns][5],
-    const double third[restrict rows][columns],
+    const int32_t place[restrict rows][columns][5], const double third[restrict rows][columns],
     const int32_t owner[restrict rows][columns],
     double base[restrict rows][columns], /* m */
     double inflow[restrict rows][columns]); /* m² */
@@ -81,7 +77,5 @@ HOST void paste_cell(
     const double cell_height[restrict cell_rows][cell_columns], /* m, NaN outside of the cell */
     const float cell_area[restrict cell_rows][cell_columns],
     const float cell_wet[restrict cell_rows][cell_columns],
-    int64_t row, int64_t column, int64_t rows, int64_t columns,
-    double height[restrict rows][columns],
-    float area[restrict rows][columns],
-    float wet[restrict rows][columns]);
+    int64_t row, int64_t column, int64_t rows, int64_t columns, double height[restrict rows][columns],
+    float area[restrict rows][columns], float wet[restrict rows][columns]);

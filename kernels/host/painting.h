@@ -23,8 +23,7 @@
 
 /* List segments of strokes, edges of closed rings, and points; what does not fit is only counted. */
 HOST void drape_pieces(
-    int64_t items, int64_t points, int64_t most_pieces, int64_t most_pairs,
-    const int8_t kind[restrict items],
+    int64_t items, int64_t points, int64_t most_pieces, int64_t most_pairs, const int8_t kind[restrict items],
     const int64_t first[restrict items + 1], /* of the points of each item */
     const double point[restrict points][2],
     const uint8_t ends[restrict items], /* bits: PIECE_STARTS, PIECE_ENDS, BEFORE, AFTER */

@@ -9,9 +9,7 @@
 
 /* Move heights of junctions in sweeps by half of their mean excess over the limits of their legs. */
 HOST void share_excess(
-    int64_t nodes, int64_t edges,
-    const int64_t starts[restrict nodes + 1],
-    const int64_t to[restrict edges],
+    int64_t nodes, int64_t edges, const int64_t starts[restrict nodes + 1], const int64_t to[restrict edges],
     const double most[restrict edges], /* difference of height, m */
     double height[restrict nodes], /* m */
     double scratch[restrict nodes]);
@@ -20,8 +18,7 @@ HOST void share_excess(
  * f(i + 1, z) = share (z - ground)^2 + min of f(i, z') over |z' - z| <= most.
  * Knots of the derivative are in two stacks, below and above the minimum, each with a common offset. */
 HOST void least_squares(
-    int64_t legs, int64_t stations, int64_t knots,
-    const int64_t first[restrict legs + 1],
+    int64_t legs, int64_t stations, int64_t knots, const int64_t first[restrict legs + 1],
     const double ground[restrict stations], /* m */
     const double share[restrict stations], /* weight, m; 0 where the ground does not matter */
     const double most[restrict stations - 1], /* difference of height of pieces, m */
@@ -33,11 +30,8 @@ HOST void least_squares(
 HOST void lower_envelope(
     int64_t nodes, int64_t edges,
     const int64_t values[restrict nodes], /* units of height; from `free` on there is none */
-    const int64_t starts[restrict nodes + 1],
-    const int64_t to[restrict edges],
-    const int64_t weight[restrict edges],
-    int64_t free,
-    int64_t found[restrict nodes],
+    const int64_t starts[restrict nodes + 1], const int64_t to[restrict edges],
+    const int64_t weight[restrict edges], int64_t free, int64_t found[restrict nodes],
     int64_t queue[restrict nodes], /* scratch: a ring */
     bool waiting[restrict nodes]); /* scratch */
 

@@ -53,16 +53,14 @@ HOST void relief_at_nodes(
 /* Bilinear interpolation of nodes 2^bits nodes apart, whose first one is at or before node (column, row). */
 HOST void interpolated_nodes(
     int64_t bits, int64_t column, int64_t row, int64_t coarse_rows, int64_t coarse_columns,
-    const double coarse[restrict coarse_rows][coarse_columns],
-    int64_t rows, int64_t columns,
+    const double coarse[restrict coarse_rows][coarse_columns], int64_t rows, int64_t columns,
     double fine[restrict rows][columns]);
 
 /* Uplift at nodes of a level, varied over 8 and 16 nodes of level 0. */
 HOST void roughened_uplift(
     const UpliftFields *fields, int64_t level, int64_t column, int64_t row, int64_t rows, int64_t columns,
     const double relief[restrict rows][columns], /* m */
-    double uplift[restrict rows][columns],
-    double scratch[restrict columns]);
+    double uplift[restrict rows][columns], double scratch[restrict columns]);
 
 /* Heights of the smooth mean of the ground, and the mountains' share, at nodes of a level. */
 HOST void mean_ground(

@@ -15,8 +15,7 @@ HOST void compute_tops(
     const int64_t which[restrict asked],
     const int64_t rank[restrict patches], /* by area */
     const double error[restrict patches], /* m */
-    const bool finest[restrict patches],
-    const int32_t grid[restrict patches],
+    const bool finest[restrict patches], const int32_t grid[restrict patches],
     const double boxes[restrict patches][4], /* west, south, east, north, m */
     const double growth[restrict patches], /* by which a kernel reaches farther, m */
     const int64_t first[restrict patches + 1], /* rectangle of each */
@@ -24,8 +23,7 @@ HOST void compute_tops(
     const double places[restrict classes][3], /* of an index of boxes: west, south, side 2^k of cells, m */
     const int64_t shapes[restrict classes][3], /* cells eastward, northward, and the first one's number */
     const int64_t starts[restrict cells], /* the last one is the end */
-    const int64_t items[restrict listed],
-    int64_t begin, int64_t end,
+    const int64_t items[restrict listed], int64_t begin, int64_t end,
     double top[restrict asked], /* m */
     bool is_best[restrict asked],
     int64_t seen[restrict patches], int64_t near[restrict patches], /* scratch from here on */

@@ -11,45 +11,33 @@
 HOST void uneven_noise(
     int64_t row, int64_t column, uint64_t key,
     int64_t bits, /* of the noise's cells, mesh units */
-    double amplitude, int64_t rows, int64_t columns,
-    double noise[restrict rows][columns]);
+    double amplitude, int64_t rows, int64_t columns, double noise[restrict rows][columns]);
 
 /* Raise values to the greatest depth inside any feature over its radius: negative outside, up to `zone`. */
 HOST void feature_nearness(
-    int64_t features,
-    const double x[restrict features],
-    const double y[restrict features],
-    const double radius[restrict features],
-    double zone, int64_t rows, int64_t columns,
+    int64_t features, const double x[restrict features], const double y[restrict features],
+    const double radius[restrict features], double zone, int64_t rows, int64_t columns,
     double near[restrict rows][columns]);
 
 /* Where nodes lie in features: depth inside the outline of any feature over its radius, negative outside; the
  * deepest feature, -1 outside of all cores; and weighted means of the features' values. */
 HOST void features_at(
-    int64_t features, int64_t values,
-    const double x[restrict features],
-    const double y[restrict features],
-    const double radius[restrict features],
-    const double value[restrict features][values],
+    int64_t features, int64_t values, const double x[restrict features], const double y[restrict features],
+    const double radius[restrict features], const double value[restrict features][values],
     const int64_t belongs[restrict features], /* number of a feature's shape */
     int64_t rows, int64_t columns,
     const int32_t region[restrict rows][columns], /* number of the shape at a node, -1 none */
     double outside, /* depth away from all features */
-    double depth[restrict rows][columns],
-    int64_t owner[restrict rows][columns],
+    double depth[restrict rows][columns], int64_t owner[restrict rows][columns],
     double means[restrict rows][columns][values], /* given as zeros */
     double scratch[restrict 4][rows][columns]); /* … too */
 
 /* Weighted mean of the factors of features near nodes, 1 away from them. Nodes are `step` nodes of level 0
  * apart, from node (row, column) of these on. */
 HOST void mean_factors(
-    int64_t features,
-    const double x[restrict features],
-    const double y[restrict features],
-    const double radius[restrict features],
-    const double factor[restrict features],
-    const int64_t belongs[restrict features],
-    int64_t fine_rows, int64_t fine_columns,
+    int64_t features, const double x[restrict features], const double y[restrict features],
+    const double radius[restrict features], const double factor[restrict features],
+    const int64_t belongs[restrict features], int64_t fine_rows, int64_t fine_columns,
     const int32_t region[restrict fine_rows][fine_columns],
     int64_t row, int64_t column, int64_t step, int64_t rows, int64_t columns,
     double mean[restrict rows][columns], /* given as zeros */
@@ -63,9 +51,7 @@ HOST void adjust_factors(
     int64_t fine_rows, int64_t fine_columns,
     const double target[restrict fine_rows][fine_columns], /* height of a crest there, m */
     const int64_t owner[restrict fine_rows][fine_columns], /* the feature at a node, -1 none */
-    int64_t features, int64_t groups,
-    const int64_t group[restrict features],
+    int64_t features, int64_t groups, const int64_t group[restrict features],
     double least_rise, /* that counts, m */
-    int64_t row, int64_t column, int64_t step, double share,
-    double factor[restrict features],
+    int64_t row, int64_t column, int64_t step, double share, double factor[restrict features],
     double scratch[restrict groups]);

@@ -17,5 +17,4 @@ HOST void wetness(
     const double area[restrict rows][columns], /* m^2; a node's own counts as one of level 0 */
     double spacing, /* m */
     double finest, /* spacing of level 0, m */
-    float wet[restrict rows][columns],
-    double scratch[restrict 2][rows + 2][columns + 2]);
+    float wet[restrict rows][columns], double scratch[restrict 2][rows + 2][columns + 2]);

@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, UInt8Array
 from sketchterrain.document.materials import BUILT_IN
-from sketchterrain.drape.painting import draped_appearance
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.surfaces import Band
 
@@ -224,6 +223,8 @@ def sample_terrain(
 
 def sample_appearance(terrain: Terrain, grid: SampleGrid) -> npt.NDArray[np.uint8] | None:
     """Return the colour of roads, land use and draped layers at a grid's vertices; None without any."""
+    from sketchterrain.drape.painting import draped_appearance  # loads scipy
+
     appearance = draped_appearance(terrain)
     if appearance.is_empty:
         return None

@@ -338,7 +338,8 @@ def _open(window: Channel, options: dict[str, Any]) -> dict[str, Any]:
             window.send(session.facts())
     else:
         session = TerrainSession(open_context, device=selector)
-        load_compiled_code()  # while the placer places the first terrain
+        session.build_kernels()
+        load_compiled_code()  # both while the placer places the first terrain
     device, jobs, pacer = session.device, JobQueue(), None
     facts = msg.EngineFacts(
         device=device.name if device else "",

@@ -238,7 +238,7 @@ def adherence(
                 prepare_folder(output.parent)
 
         def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[Terrain, Adherence]:
-            terrain = build_terrain(document, context, stages)
+            terrain = build_terrain(document, context, stages, kernels=["points.cl"])
             with stages.stage("adherence", "Comparing with the sketch"):
                 return terrain, measure_adherence(terrain)
 

@@ -1,20 +1,30 @@
 """OpenCL context: programs, launches, transfers, and the meaning of failures."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from contextlib import suppress
 from functools import cache
-from threading import Lock
-from typing import Any, TypeVar
+from threading import Lock, Thread, main_thread
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 import pyopencl as cl
+from pyopencl.characterize import has_src_build_cache
 
 from sketchterrain.compute import gl_interop
 from sketchterrain.compute.device import Device, choose_device
 from sketchterrain.compute.gl_interop import GLHandles
-from sketchterrain.errors import BuildError, DeviceError, DeviceFailedError, DeviceMemoryError, one_line
+from sketchterrain.errors import (
+    BuildError,
+    DeviceError,
+    DeviceFailedError,
+    DeviceMemoryError,
+    SketchterrainError,
+    one_line,
+)
 from sketchterrain.io import resources
+from sketchterrain.io.disk_cache import cached_bytes
 from sketchterrain.io.resources import Defines
 
 _STATUS = cl.status_code
@@ -63,7 +73,8 @@ _FAST_OPTIONS = ("-DFAST", "-cl-fast-relaxed-math")
 
 T = TypeVar("T")
 
-_BUILDING = Lock()  # threads need not all build the same, and share Python's warnings
+_BUILDING: Final[dict[Hashable, Lock]] = {}  # by program: threads need not all build the same
+_MAX_BINARIES: Final = 64 << 20  # bytes; a program has up to 1 MiB
 
 
 class ComputeContext:
@@ -97,6 +108,20 @@ class ComputeContext:
         profiling = cl.command_queue_properties.PROFILING_ENABLE
         self._queue = self._call("opening", cl.CommandQueue, self._context, properties=profiling)
         self._kernels: dict[tuple[str, str, Defines], Any] = {}
+
+    def build_ahead(self, programs: Iterable[tuple[str, Defines]]) -> None:
+        """Build files with macros on a thread, in this order; a launch waits for its own program at most.
+
+        Failures are those of the launches. What is left when the program ends is not built.
+        """
+
+        def build() -> None:
+            for file, defines in programs:
+                if main_thread().is_alive():
+                    with suppress(SketchterrainError):
+                        self._build(file, defines)
+
+        Thread(target=build, name="programs").start()
 
     def launch(
         self,
@@ -213,8 +238,9 @@ class ComputeContext:
     def _build(self, file: str, defines: Defines) -> Any:
         options = (*_OPTIONS, f"-DREAL={self.real}", *(_FAST_OPTIONS if self.fast else ()))
         try:
-            with _BUILDING:
-                return _built(self._context, resources.source(file, defines), options)
+            key = self._context, resources.source(file, defines), options
+            with _BUILDING.setdefault(key, Lock()):
+                return _built(*key)
         except cl.Error as error:
             raise build_error(self.device, file, options, error) from error
 
@@ -234,7 +260,29 @@ def _opened(device: Device, gl: GLHandles | None) -> Any:
 
 @cache
 def _built(context: Any, source: str, options: tuple[str, ...]) -> Any:
-    with warnings.catch_warnings():
-        # Drivers write to the log of successful builds.
-        warnings.simplefilter("ignore", cl.CompilerWarning)
-        return cl.Program(context, source).build(options=list(options))
+    """Return a program, from the stored binary of an earlier build where the driver stores none itself."""
+    (device,) = context.devices
+    if has_src_build_cache(device):
+        return _build(cl.Program(context, source), options)
+    built: list[Any] = []
+
+    def compile_source() -> bytes:
+        built.append(_build(cl.Program(context, source), options))
+        return bytes(built[0].get_info(cl.program_info.BINARIES)[0])
+
+    platform, processor = device.platform, np.show_config(mode="dicts")["SIMD Extensions"]
+    driver = platform.name, platform.version, device.name, device.version, device.driver_version, processor
+    binary = cached_bytes("program", repr((driver, options, source)), compile_source, max_bytes=_MAX_BINARIES)
+    if not built:
+        try:
+            return _build(cl.Program(context, [device], [bytes(binary)]), options)
+        except cl.Error:  # of another processor, or of a driver that does not read its own
+            compile_source()
+    return built[0]
+
+
+def _build(program: Any, options: tuple[str, ...]) -> Any:
+    # Drivers write to the log of successful builds. Threads share Python's filters, so this one stays.
+    warnings.simplefilter("ignore", cl.CompilerWarning)
+    # pyopencl's cache fails on a refused binary, and for a minute on the lock of a process that was killed.
+    return program.build(options=list(options), cache_dir=False)

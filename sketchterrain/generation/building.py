@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from sketchterrain.array_types import Bounds
 from sketchterrain.compute.context import ComputeContext
+from sketchterrain.document.materials import MaterialTable
 from sketchterrain.generation.stages import STAGES
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.disk_cache import cached_bytes
@@ -28,6 +29,7 @@ from sketchterrain.terrain.layers.plateaus import PlateausLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer, UnpaintedNodes
 from sketchterrain.terrain.layers.roads import RoadsLayer
 from sketchterrain.terrain.layers.sea import SeaLayer
+from sketchterrain.terrain.materials import material_defines
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 if TYPE_CHECKING:
@@ -52,6 +54,12 @@ def stored_results() -> Results:
         return pickle.loads(content)  # noqa: S301
 
     return Results(on_disk=on_disk)
+
+
+def build_kernels(context: ComputeContext, table: MaterialTable, files: Iterable[str]) -> None:
+    """Build files of kernels for a sketch's materials on a thread, while the sketch is placed."""
+    defines = material_defines(table)
+    context.build_ahead([(file, () if file == "graded_poisson.cl" else defines) for file in files])
 
 
 def build(

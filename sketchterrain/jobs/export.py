@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import unicodedata
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -29,7 +29,7 @@ from sketchterrain.export.target import (
     check_sidecar,
     write_sidecar,
 )
-from sketchterrain.generation.building import build, stored_results
+from sketchterrain.generation.building import build, build_kernels, stored_results
 from sketchterrain.generation.self_test import self_test
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages, print_note
@@ -98,9 +98,18 @@ class DeviceFallback:
 
 
 def build_terrain(
-    sketch: Sketch, context: ComputeContext, stages: Stages, memory: Results | None = None
+    sketch: Sketch,
+    context: ComputeContext,
+    stages: Stages,
+    memory: Results | None = None,
+    *,
+    kernels: Sequence[str] = ("tiles.cl", "points.cl", "graded_poisson.cl"),
 ) -> Terrain:
-    """Return the terrain of a sketch, built as a stage of a job; by default with the results on disk."""
+    """Return the terrain of a sketch, built as a stage of a job; by default with the results on disk.
+
+    `kernels` are the files of those that the job uses, which are built meanwhile.
+    """
+    build_kernels(context, sketch.material_table, kernels)
     memory = stored_results() if memory is None else memory
     with stages.stage("features", "Placing features") as progress:
         return build(sketch, device=context, memory=memory, progress=progress)

@@ -223,7 +223,10 @@ def _write_files(
         take_picture = None
         if options.preview:
             take_picture = shared.take_picture or _picture_taker(painter, sketch, context.device, stack)
-        terrain = build_terrain(sketch, context, stages, shared.memory)
+        kernels = ["tiles.cl", "points.cl"]
+        kernels += ["graded_poisson.cl"] if options.preview or options.foliage.formats else []
+        kernels += ["terrain.cl"] if options.preview else []  # tiles from afar
+        terrain = build_terrain(sketch, context, stages, shared.memory, kernels=kernels)
         area = (0.0, 0.0, *terrain.size)
         check_disk_space(folder, terrain, area, options.foliage)
         with stages.stage("ground", "Heights and materials") as progress:

@@ -27,7 +27,7 @@ from sketchterrain.terrain.vertex_writer import VertexWriter
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
 
-_FILE = "terrain.cl"
+_FILE = "points.cl"
 _PATCHES_PER_LAUNCH = 256
 _POINTS_PER_LAUNCH = 1 << 21
 # Points are culled in square blocks of so many nodes, and launched in groups of near ones.

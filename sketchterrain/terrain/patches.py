@@ -231,7 +231,7 @@ class PatchLauncher:
         """Enqueue the parents' values at their children's vertices, see :func:`tile_patches`."""
         launch = self._heights(patches, {"slot": np.asarray(slots, np.int32)}, heights_only=True)
         self._context.launch(
-            _ANYWHERE,
+            launch.file,
             "parents",
             (patches.side - 2, patches.side - 2, patches.count),
             self._context.real_dtype.type(self._inverse_spans(patches.axis_x[:1, :3])[0, 1]),
@@ -239,7 +239,7 @@ class PatchLauncher:
             launch.results[0],
             launch.small["slot"],
             store.parent,
-            group=self._row_groups(_ANYWHERE, "parents", patches.side - 2),
+            group=self._row_groups(launch.file, "parents", patches.side - 2),
             defines=self._inputs.defines,
         )
 

@@ -2,11 +2,15 @@
 
 import re
 from importlib.resources import files
+from threading import Event
+from threading import enumerate as threads
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
+from sketchterrain.compute import context as context_module
 from sketchterrain.compute.arithmetic import failed_operations
 from sketchterrain.compute.buffers import StagingBuffer
 from sketchterrain.compute.context import ComputeContext
@@ -51,6 +55,71 @@ def test_failed_builds_and_missing_kernels_raise_build_errors(monkeypatch):
     monkeypatch.setattr(resources, "source", lambda *_: ADD)
     with pytest.raises(BuildError, match=r"kernels/add.cl was built on .* without its kernel subtract"):
         ComputeContext().launch("add.cl", "subtract", (1,))
+
+
+def added(context, number):
+    result = context.empty(4, np.float32)
+    values = context.upload(np.arange(4, dtype=np.float32))
+    context.launch("add.cl", "add", (4,), values, np.float32(number), result)
+    return context.download(result, 4, np.float32).tolist()
+
+
+def test_a_program_of_a_driver_without_a_cache_is_compiled_once(monkeypatch, tmp_path):
+    programs, cl = [], context_module.cl
+    monkeypatch.setattr(cl, "Program", Mock(side_effect=cl.Program))
+    monkeypatch.setattr(resources, "source", lambda *_: ADD)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+
+    def given_by_next_process(*, stores_itself=None):  # a source, or a device and a binary
+        monkeypatch.setattr(context_module, "has_src_build_cache", lambda _: stores_itself)
+        context_module._built.cache_clear()
+        cl.Program.reset_mock()
+        assert added(ComputeContext(), 2) == [2, 3, 4, 5]
+        programs.extend(tmp_path.rglob("program-*.cached"))
+        return [len(call.args) - 1 for call in cl.Program.call_args_list]
+
+    assert given_by_next_process(stores_itself=True) == [1]
+    assert not programs
+    assert given_by_next_process() == [1]
+    assert given_by_next_process() == [2]
+    monkeypatch.setattr(context_module, "cached_bytes", lambda *_, **__: b"of another processor")
+    assert given_by_next_process() == [2, 1]
+    assert len(set(programs)) == 1
+    context_module._built.cache_clear()
+
+
+def test_programs_are_built_ahead_and_no_launch_waits_for_another_one(monkeypatch):
+    slow, built, go_on = ADD + "\n// slow", [], Event()
+    sources = {"add.cl": ADD, "slow.cl": slow, "broken.cl": "nonsense", "late.cl": ADD + "\n// late"}
+    monkeypatch.setattr(resources, "source", lambda name, _: sources[name])
+    real = context_module._built.__wrapped__
+
+    def build(context, source, options):
+        assert source != slow or go_on.wait(60)
+        built.append(source)
+        return real(context, source, options)
+
+    def wait():
+        for thread in threads():
+            if thread.name == "programs":
+                thread.join(60)
+
+    monkeypatch.setattr(context_module, "_built", context_module.cache(build))
+    context = ComputeContext()
+    context.build_ahead([("slow.cl", ()), ("broken.cl", ())])
+    assert added(context, 1) == [1, 2, 3, 4]
+    assert built == [ADD]
+    go_on.set()
+    wait()
+    context.launch("slow.cl", "add", (1,), context.empty(1, "f4"), np.float32(1), context.empty(1, "f4"))
+    assert built == [ADD, slow, "nonsense"]
+    with pytest.raises(BuildError, match=r"kernels/broken.cl did not build"):
+        context.launch("broken.cl", "add", (1,))
+
+    monkeypatch.setattr(context_module, "main_thread", lambda: SimpleNamespace(is_alive=lambda: False))
+    context.build_ahead([("late.cl", ())])
+    wait()
+    assert sources["late.cl"] not in built
 
 
 def test_kernels_use_double_only_if_supported():

@@ -337,6 +337,7 @@ def _open(window: Channel, options: dict[str, Any]) -> dict[str, Any]:
             window.send(session.facts())
     else:
         session = TerrainSession(open_context, device=selector)
+        session.build_kernels()  # while the placer places the first terrain
     device, jobs, pacer = session.device, JobQueue(), None
     facts = msg.EngineFacts(
         device=device.name if device else "",

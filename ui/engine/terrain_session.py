@@ -158,6 +158,15 @@ class TerrainSession:
     def device(self) -> Device | None:
         return None if self._context is None else self._context.device
 
+    def build_kernels(self) -> None:
+        """Build the kernels of a terrain of built-in materials on a thread."""
+        from sketchterrain.document.materials import BUILT_IN
+        from sketchterrain.generation.building import build_kernels
+
+        if self._context is not None:
+            files = "terrain.cl", "tiles.cl", "points.cl", "graded_poisson.cl"
+            build_kernels(self._context, BUILT_IN, files)
+
     def apply(self, updates: list[RecipeUpdate]) -> None:
         """Apply updates; only the last one's terrain is created."""
         for update in updates:

@@ -86,7 +86,7 @@ def _measure_sketch(
         from sketchterrain.measure.realism import DEFAULT_CELL, measure_terrain_realism
 
     def work(context: ComputeContext, _: tuple[str, ...]) -> Realism:
-        terrain = build_terrain(document, context, stages)
+        terrain = build_terrain(document, context, stages, kernels=["points.cl"])
         with stages.stage("realism", "Comparing with real land"):
             return measure_terrain_realism(terrain, cell=cell or DEFAULT_CELL, size=size, kinds=kinds)
 

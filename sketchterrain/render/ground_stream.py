@@ -116,13 +116,14 @@ class TerrainStream:
         """Advance by one frame: generate tiles within `budget` (s), split, merge and morph.
 
         The first frame starts no batch after 2 s, that of a jump none after 0.5 s, the first of another
-        terrain none after 0.25 s; afterwards, until the picture is final, tiles may take half of `elapsed`
-        (s) for at most 2 s.
+        terrain none after 0.25 s, and none of tiles that are not in sight; afterwards, until the picture is
+        final, tiles may take half of `elapsed` (s) for at most 2 s.
         """
         eye = np.asarray(camera.eye)
         moved = np.inf if self._eye is None else float(np.linalg.norm(eye - self._eye))
         far = moved > JUMP * self.terrain.extent
         jumped, self._changed = far or self._changed, False
+        unseen = np.inf if far or not jumped else 0.0
         velocity = (0.0, 0.0, 0.0)
         if self._eye is not None and not jumped and elapsed > 0:
             x, y, z = ((eye - self._eye) / elapsed).tolist()
@@ -136,7 +137,7 @@ class TerrainStream:
             budget = max(least, budget)
         elif catches_up:
             budget = max(CATCH_UP_SHARE * elapsed, budget)
-        count, seconds = self._generate(view, budget, jumped=jumped)
+        count, seconds = self._generate(view, budget, jumped=jumped, unseen=unseen)
         if jumped:
             self.tiles.jump(view)
         draws = self.tiles.advance(view, elapsed=MORPH_SPEEDUP * elapsed if catches_up else elapsed)
@@ -216,7 +217,13 @@ class TerrainStream:
         self.tile_renderer.set_tiles(draws, eye)
 
     def _generate(
-        self, view: CameraView, budget: float, *, jumped: bool = False, still: bool = False
+        self,
+        view: CameraView,
+        budget: float,
+        *,
+        unseen: float = np.inf,
+        jumped: bool = False,
+        still: bool = False,
     ) -> tuple[int, float]:
         """Generate batches within a budget (s); return the number of tiles and the seconds spent."""
         count, spent, longest = 0, 0.0, 0.0
@@ -224,7 +231,8 @@ class TerrainStream:
             left = max(budget - spent, 0.0)
             if left < _BATCH_MARGIN * longest:
                 break
-            batch = self.tiles.plan(view, budget=np.inf if jumped and left > 0 else left, still=still)
+            most = np.inf if jumped and left > 0 else left
+            batch = self.tiles.plan(view, budget=most, unseen=unseen, still=still)
             if not batch:
                 break
             start = self._timer()

@@ -184,11 +184,11 @@ class TileStream:
         """Whether nothing visible was missing in the last frame's plan."""
         return self._complete
 
-    def plan(self, view: CameraView, *, budget: float, still: bool = False) -> Batch:
+    def plan(self, view: CameraView, *, budget: float, unseen: float = np.inf, still: bool = False) -> Batch:
         """Return tiles to generate now within a budget (s); empty if none is missing.
 
-        Most visible first, then those ahead of the camera's motion. A still needs only what it shows: see
-        `jump`.
+        Most visible first, then those ahead of the camera's motion; what is not in sight takes at most
+        `unseen` (s). A still needs only what it shows: see `jump`.
         """
         self._still = still
         # In flight every second frame reuses the target tree, and looks ahead instead.
@@ -214,6 +214,7 @@ class TileStream:
         rewritten = rewritten[:_PER_BATCH]
         codes = codes[: 0 if self._complete and rewritten.size else None]
         both = np.concatenate([rewritten, codes])
+        budget = min(budget, unseen) if self._complete else budget
         both = both[: self._cost.count_within(decode(both)[0], budget, usually=still)]
         rewritten, codes = both[: len(rewritten)], both[len(rewritten) :]
         slots = np.concatenate([self.pool.find(rewritten), self.pool.acquire(codes)])

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from sketchterrain.array_types import Bounds, Float64Array, StructuredArray
+from sketchterrain.array_types import BoolArray, Bounds, Float64Array, StructuredArray
 from sketchterrain.document.layers import LANE_WIDTHS
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.look.built_meshes import BUILT, MOUTH, BuiltMaterial, BuiltPart
@@ -104,7 +104,8 @@ class BuiltScenery:
         """Replace the meshes; return whether any has changed."""
         objects = built_objects(self._network, terrain.features.rivers)
         before, self._objects = self._objects, {}
-        kept = {each.key for each in objects if each.key in before and not _within(each.places, areas)}
+        stays = ~_within([each.places for each in objects], areas)
+        kept = {each.key for each, stay in zip(objects, stays.tolist(), strict=True) if stay} & before.keys()
         new = [each for each in objects if each.key not in kept]
         if not new and len(before) == len(objects):
             self._objects = before
@@ -270,10 +271,14 @@ class _Drawn:
         self.commands.write(commands.tobytes())
 
 
-def _within(places: Float64Array, areas: Sequence[Bounds]) -> bool:
-    """Return whether any of (n, 2) places is in one of the areas."""
-    x, y = places.T
-    return any(bool(((x >= w) & (x <= e) & (y >= s) & (y <= n)).any()) for w, s, e, n in areas)
+def _within(places: Sequence[Float64Array], areas: Sequence[Bounds]) -> BoolArray:
+    """Return which of groups of places (n, 2) have one in one of the areas."""
+    x, y = np.concatenate([np.zeros((0, 2)), *places]).T
+    inside = np.zeros(len(x), np.bool_)
+    for west, south, east, north in areas:
+        inside |= (x >= west) & (x <= east) & (y >= south) & (y <= north)
+    group = np.repeat(np.arange(len(places)), [len(each) for each in places])
+    return np.bincount(group[inside], minlength=len(places)) > 0
 
 
 class _Block(NamedTuple):

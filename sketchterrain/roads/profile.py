@@ -181,7 +181,8 @@ class ProfileSolver:
             ]
             self._found = self._found.copy()
             self._found[:, at] = _smoothed(height[at], part, *near)
-        return Profile(*self._found, np.where(contrary, (low - high) * UNIT, 0.0))
+        height, slope = self._found
+        return Profile(height, slope, np.where(contrary, (low - high) * UNIT, 0.0))
 
 
 def _of_legs(stations: _Stations, legs: Int64Array) -> tuple[Int64Array, _Stations]:
@@ -189,9 +190,8 @@ def _of_legs(stations: _Stations, legs: Int64Array) -> tuple[Int64Array, _Statio
     count = np.diff(stations.first)[legs]
     first = np.append(0, np.cumsum(count))
     at = np.arange(first[-1]) + np.repeat(stations.first[legs] - first[:-1], count)
-    pieces = at[:-1]
-    of_pieces = (each[pieces] for each in (stations.length, stations.own, stations.limit))
-    return at, _Stations(first, stations.along[at], *of_pieces, stations.reach[at])
+    length, own, limit = (each[at[:-1]] for each in (stations.length, stations.own, stations.limit))
+    return at, _Stations(first, stations.along[at], length, own, limit, stations.reach[at])
 
 
 def _smoothed(

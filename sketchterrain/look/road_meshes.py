@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import lru_cache, partial
-from itertools import chain
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.layers import feature_name
@@ -35,7 +33,7 @@ SHOULDER: Final = "gravel"
 MARKED: Final = 5.0  # m, least width of carriageways of asphalt with marks
 TRACK: Final = 4.4  # m between the middles of railway tracks
 _JUNCTION: Final = 40.0  # m along a leg from a junction where the ground may differ from the road's section
-_MARGIN: Final = 40.0  # m about bridges where others may be below
+_MARGIN: Final = 40.0  # m about roads and rivers where bridges may be over them
 _STEP: Final = 2.0  # m between places where a bridge looks for ground and obstacles
 _DECK: Final = {"road": (20.0, 0.5, 2.6), "railway": (14.0, 0.7, 3.2), "path": (28.0, 0.16, 0.7)}
 """Span over thickness of a deck, its least and greatest thickness (m)."""
@@ -54,7 +52,7 @@ def built_objects(network: RoadNetwork, rivers: Sequence[River] = ()) -> list[Bu
     """Return bridges, tunnels, houses, walls and hedges."""
     bridges = [road for road in network.roads if road.structure == BRIDGE]
     return [
-        *_bridges(bridges, _below(network.roads, bridges), rivers),
+        *_bridges(bridges, [each for each in network.roads if each.structure == GROUND], rivers),
         *(_tunnel(road) for road in network.roads if road.structure == TUNNEL),
         *(house(pad) for pad in network.pads if pad.building > 0.0 and len(pad.outline) > 2),
         *(wall(each) for each in network.walls if len(each.line) > 1),
@@ -117,50 +115,39 @@ def _carriageway(
     return [middle, *(swept(beside, pair, along, tone=tone) for pair in (lines[:2], lines[2:]))]
 
 
-def _below(roads: Sequence[Road], bridges: Sequence[Road]) -> list[Road]:
-    """Return the roads on the ground that may be under one of the bridges, by their bounding boxes."""
-    if not bridges:
-        return []
-    others = [road for road in roads if road.structure == GROUND]
-    (low, high), (west, east) = (
-        [
-            np.array([bound(road.axis[:, :2], axis=0) for road in each]).reshape(-1, 2)
-            for bound in (np.min, np.max)
-        ]
-        for each in (others, bridges)
-    )
-    more = (
-        _MARGIN + np.array([float(np.abs(road.bend).max() * np.ptp(road.along)) for road in others])[:, None]
-    )
-    meets = ((low - more)[:, None] <= east[None]) & ((high + more)[:, None] >= west[None])
-    near = np.flatnonzero(np.asarray(meets.all(axis=2)).any(axis=1))
-    return [others[number] for number in near]
+@lru_cache(maxsize=1 << 13)
+def _around(each: Road | River) -> Float64Array:
+    """Return the box (west, south, east, north; m) of bridges that a road or river may be under."""
+    if isinstance(each, Road):
+        line, wide = each.axis, float(np.abs(each.bend).max() * np.ptp(each.along))
+    else:
+        line, wide = each.centreline, 0.5 * float(each.centreline_width.mean())
+    margin = _MARGIN + wide
+    return np.concatenate([line[:, :2].min(axis=0) - margin, line[:, :2].max(axis=0) + margin])
 
 
 @lru_cache(maxsize=1 << 12)
-def _obstacle(road: Road) -> Float64Array:
-    """Return points of a road on the ground (n, 5): position, reach (m), and 2."""
-    line = _resampled(axis_points(road, 0.5).position, _STEP)
-    return np.column_stack([line, np.tile((float(road.whole_half.max()) + 1.0, 2.0), (len(line), 1))])
+def _obstacle(each: Road | River) -> Float64Array:
+    """Return points of a road on the ground or of a river (n, 5): position, reach (m), as of `_blocked`."""
+    if isinstance(each, Road):
+        line, reach, kind = axis_points(each, 0.5).position, float(each.whole_half.max()) + 1.0, 2.0
+    else:
+        line, reach, kind = each.centreline, 0.5 * float(each.centreline_width.mean()), 1.0
+    points = _resampled(line, _STEP)
+    return np.column_stack([points, np.tile((reach, kind), (len(points), 1))])
 
 
-def _blocked(places: Float64Array, roads: Sequence[Road], rivers: Sequence[River]) -> Float64Array:
-    """Return what is below places (n, 3) on bridges, off which piers keep: 0 ground, 1 a river, 2 a road."""
-    rows = [np.zeros((0, 5)), *map(_obstacle, roads)]
-    for river in rivers:
-        if len(river.centreline) > 1:
-            line = _resampled(river.centreline, _STEP)
-            own = 0.5 * float(river.centreline_width.mean()), 1.0
-            rows.append(np.column_stack([line, np.tile(own, (len(line), 1))]))
-    below = np.concatenate(rows)
-    found = cKDTree(below[:, :2]).query_ball_point(places[:, :2], below[:, 3].max(initial=0.0))
-    place = np.repeat(np.arange(len(places)), [len(each) for each in found])
-    near = below[np.fromiter(chain.from_iterable(found), np.intp, len(place))]
-    away = np.hypot(*(near[:, :2] - places[place, :2]).T)
-    blocks = (away < near[:, 3]) & (near[:, 2] < places[place, 2] - 2.0)
-    result = np.zeros(len(places))
-    np.maximum.at(result, place[blocks], near[blocks, 4])
-    return result
+@lru_cache(maxsize=1 << 12)
+def _blocked(bridge: Road, obstacles: tuple[Road | River, ...]) -> Float64Array:
+    """Return what is below a bridge, off which piers keep: 0 ground, 1 a river, 2 a road."""
+    places = _deck(bridge)[1].position
+    rows = np.concatenate([np.zeros((0, 5)), *map(_obstacle, obstacles)])
+    for axis, values in enumerate(places[:, :2].T):
+        near = (rows[:, axis] >= values.min() - rows[:, 3]) & (rows[:, axis] <= values.max() + rows[:, 3])
+        rows = rows[near]
+    away = np.hypot(*(rows[:, :2].T[:, :, None] - places[:, :2].T[:, None]))
+    blocks = (away < rows[:, 3:4]) & (rows[:, 2:3] < places[:, 2] - 2.0)
+    return np.asarray(np.where(blocks, rows[:, 4:], 0.0).max(axis=0, initial=0.0))
 
 
 def _resampled(line: Float64Array, step: float) -> Float64Array:
@@ -179,19 +166,19 @@ def _deck(road: Road) -> tuple[AxisPoints, AxisPoints]:
 
 
 def _bridges(
-    bridges: Sequence[Road], below: Sequence[Road], rivers: Sequence[River]
+    bridges: Sequence[Road], roads: Sequence[Road], rivers: Sequence[River]
 ) -> Iterator[BuiltObject]:
     """Yield bridges over roads and rivers."""
-    if not bridges:
-        return
-    decks = [_deck(road) for road in bridges]
-    places = np.concatenate([sampled.position for _, sampled in decks])
-    ends = np.cumsum([len(sampled.position) for _, sampled in decks])
-    blocked = np.split(_blocked(places, below, rivers), ends[:-1])
-    for road, (points, sampled), own in zip(bridges, decks, blocked, strict=True):
+    others = [*roads, *(river for river in rivers if len(river.centreline) > 1)] if bridges else []
+    boxes = np.array([_around(each) for each in others]).reshape(-1, 4)
+    for road in bridges:
+        points, sampled = _deck(road)
+        places = sampled.position[:, :2]
+        near = (boxes[:, :2] <= places.max(axis=0)) & (boxes[:, 2:] >= places.min(axis=0))
+        own = _blocked(road, tuple(others[number] for number in np.flatnonzero(near.all(axis=1)).tolist()))
         content = (*road_content(road), own.tobytes())
         parts = partial(_bridge_parts, road, points, sampled, own)
-        yield BuiltObject(_name(road), content, sampled.position[:, :2], parts)
+        yield BuiltObject(_name(road), content, places, parts)
 
 
 def _bridge_parts(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import moderngl
@@ -11,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from sketchterrain.array_types import Bounds, Float64Array, StructuredArray
+from sketchterrain.array_types import BoolArray, Bounds, Float64Array, StructuredArray
+from sketchterrain.caching import LRUCache
 from sketchterrain.document.layers import LANE_WIDTHS
 from sketchterrain.io.resources import kernel_constants
-from sketchterrain.look.built_meshes import BUILT, MOUTH, BuiltMaterial, BuiltPart
+from sketchterrain.look.built_meshes import BUILT, MOUTH, BuiltMaterial, BuiltObject, BuiltPart
 from sketchterrain.look.road_meshes import built_objects
 from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.render.targets import bands
@@ -104,7 +105,8 @@ class BuiltScenery:
         """Replace the meshes; return whether any has changed."""
         objects = built_objects(self._network, terrain.features.rivers)
         before, self._objects = self._objects, {}
-        kept = {each.key for each in objects if each.key in before and not _within(each.places, areas)}
+        stays = ~_within([each.places for each in objects], areas)
+        kept = {each.key for each, stay in zip(objects, stays.tolist(), strict=True) if stay} & before.keys()
         new = [each for each in objects if each.key not in kept]
         if not new and len(before) == len(objects):
             self._objects = before
@@ -112,10 +114,11 @@ class BuiltScenery:
         counts = np.cumsum([0, *(len(each.places) for each in new)])
         places = np.concatenate([np.zeros((0, 2)), *(each.places for each in new)])
         ground = terrain.heights(*places.T).astype(np.float64) if len(places) else np.zeros(0)
-        made = {
-            each.key: _blocks(each.parts(ground[first:last]), self._layers, self.origin)
-            for each, first, last in zip(new, counts[:-1], counts[1:], strict=True)
-        }
+        made, frame = {}, (*self._layers.items(), *self.origin.tolist())
+        for each, first, last in zip(new, counts[:-1], counts[1:], strict=True):
+            own = ground[first:last]
+            make = partial(_made, each, own, self._layers, self.origin)
+            made[each.key] = _meshes.get_or_compute((each.key, own.tobytes(), frame), make)
         self._objects = {each.key: made.get(each.key) or before[each.key] for each in objects}
         self._upload()
         return True
@@ -270,10 +273,14 @@ class _Drawn:
         self.commands.write(commands.tobytes())
 
 
-def _within(places: Float64Array, areas: Sequence[Bounds]) -> bool:
-    """Return whether any of (n, 2) places is in one of the areas."""
-    x, y = places.T
-    return any(bool(((x >= w) & (x <= e) & (y >= s) & (y <= n)).any()) for w, s, e, n in areas)
+def _within(places: Sequence[Float64Array], areas: Sequence[Bounds]) -> BoolArray:
+    """Return which of groups of places (n, 2) have one in one of the areas."""
+    x, y = np.concatenate([np.zeros((0, 2)), *places]).T
+    inside = np.zeros(len(x), np.bool_)
+    for west, south, east, north in areas:
+        inside |= (x >= west) & (x <= east) & (y >= south) & (y <= north)
+    group = np.repeat(np.arange(len(places)), [len(each) for each in places])
+    return np.bincount(group[inside], minlength=len(places)) > 0
 
 
 class _Block(NamedTuple):
@@ -286,6 +293,17 @@ class _Block(NamedTuple):
     high: Float64Array
     vertices: npt.NDArray[np.void]
     indices: npt.NDArray[np.int64]
+
+
+_meshes = LRUCache(1 << 12, max_bytes=1 << 26)
+"""Meshes of the last objects: the renderer of stills has those of the moving picture."""
+
+
+def _made(
+    each: BuiltObject, ground: Float64Array, layers: Mapping[str, int], origin: Float64Array
+) -> list[_Block]:
+    """Return the meshes of an object, packed."""
+    return _blocks(each.parts(ground), layers, origin)
 
 
 def _blocks(parts: Sequence[BuiltPart], layers: Mapping[str, int], origin: Float64Array) -> list[_Block]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final, cast
 import moderngl
 import numpy as np
 
+from sketchterrain.caching import LRUCache
 from sketchterrain.look.objects import ACROSS, SEA, quads, terrain_objects
 from sketchterrain.render.programs import build_program, mipmapped, set_uniforms
 from sketchterrain.render.targets import bands
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.array_types import Float32Array, Float64Array, StructuredArray
-    from sketchterrain.look.objects import WaterSurface
+    from sketchterrain.look.objects import TerrainObject, WaterSurface
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.targets import RenderTargets
     from sketchterrain.terrain.surfaces import TerrainFeatures
@@ -137,6 +138,18 @@ def chunk_commands(
         commands[name] = chunks[name][np.arange(len(chunks)), level]
     commands["instances"] = 1
     return commands
+
+
+_meshes = LRUCache(1)
+"""The last inland waters: the renderer of stills has those of the moving picture."""
+
+
+def _inland(
+    objects: Sequence[TerrainObject],
+) -> tuple[Float64Array, Float32Array, npt.NDArray[np.uint32], StructuredArray]:
+    """Return the first place of waters, and `inland_mesh` of them."""
+    meshes = [each.mesh(_NOWHERE) for each in objects]
+    return meshes[0].position[0].copy(), *inland_mesh(meshes)
 
 
 def inland_mesh(
@@ -266,10 +279,11 @@ class Water:
         # The sea is first: rivers fade into it.
         self._anchors = [each.level for each in objects if each.level is not None]
         parts = [sea_mesh() for _ in self._anchors]
-        meshes = [each.mesh(_NOWHERE) for each in objects if each.level is None]
-        if meshes:
-            self._anchors.append(meshes[0].position[0].copy())
-            vertices, indices, self._chunks = inland_mesh(meshes)
+        inland = [each for each in objects if each.level is None]
+        if inland:
+            found = _meshes.get_or_compute(tuple(state), lambda: _inland(inland))
+            anchor, vertices, indices, self._chunks = found
+            self._anchors.append(anchor)
             parts.append((vertices, indices))
             self._commands = self._context.buffer(reserve=len(self._chunks) * COMMAND.itemsize)
         self._arrays = []

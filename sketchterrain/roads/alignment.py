@@ -23,6 +23,7 @@ _CORNER_WIDTHS, _LEAST_CORNER = 1.0, 1.5  # how far arcs leave vertices: in half
 _MAX_BEND = 0.13  # tangent of a quarter of an arc's angle
 _STRAIGHT = 1e-3  # the same of a corner that is none
 _SHORT = 1e-2  # m; shorter straights between arcs are left out
+_HALVINGS = 32  # of a piece at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,22 +150,23 @@ def _divided(ways: Sequence[Way], at: Float64Array, bend: Float64Array, way: Int
     at = at[station]
     half = np.array([each.half_width for each in ways])
     limit = np.clip(_STEP_WIDTHS * half, _LEAST_STEP, MAX_STEP)
-    while True:
-        long = (way >= 0) & (
-            (np.sqrt((np.diff(at, axis=0) ** 2).sum(axis=1)) > limit[way]) | (np.abs(bend) > _MAX_BEND)
-        )
-        if not long.any():
-            break
-        chord = np.diff(at, axis=0)
+    last_station, start, end = at[-1:], at[:-1], at[1:]
+    place, share = np.arange(len(way)) << _HALVINGS, 1 << _HALVINGS
+    done = []
+    while len(way):
+        chord = end - start
+        long = (way >= 0) & ((np.sqrt((chord**2).sum(axis=1)) > limit[way]) | (np.abs(bend) > _MAX_BEND))
+        done.append([each[~long] for each in (place, start, bend, way)])
+        place, start, end, chord, bend, way = (each[long] for each in (place, start, end, chord, bend, way))
         aside = np.stack([-chord[:, 1], chord[:, 0]], axis=1)
-        middle = at[:-1] + 0.5 * (chord + bend[:, None] * aside)
-        where = np.flatnonzero(long)
-        at = np.insert(at, where + 1, middle[where], axis=0)
-        halved = bend / (1.0 + np.sqrt(1.0 + bend**2))
-        bend, way = (
-            np.insert(np.where(long, halved, bend), where, halved[where]),
-            np.insert(way, where, way[where]),
-        )
+        middle = start + 0.5 * (chord + bend[:, None] * aside)
+        start, end = np.concatenate([start, middle]), np.concatenate([middle, end])
+        share >>= 1
+        place = np.concatenate([place, place + share])
+        bend, way = np.tile(bend / (1.0 + np.sqrt(1.0 + bend**2)), 2), np.tile(way, 2)
+    place, start, bend, way = (np.concatenate(parts) for parts in zip(*done, strict=True))
+    order = np.argsort(place)
+    at, bend, way = np.concatenate([start[order], last_station]), bend[order], way[order]
     between = np.flatnonzero(way == -1) + 1
     first = np.concatenate([[0], between, [len(at)]])
     return Alignment(at, np.where(way < 0, 0.0, bend), way, first)

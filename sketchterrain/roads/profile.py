@@ -110,45 +110,105 @@ class Profile:
     violation: Float64Array  # (n,) m by which bounds contradict each other at a station
 
 
-def bounded_profile(
-    graph: StationGraph,
-    line: Alignment,
-    nearest: Float64Array,
+class _Stations(NamedTuple):
+    """What profiles need of the stations of some legs, one leg after the other."""
+
+    first: Int64Array  # as of `Alignment`
+    along: Float64Array
+    length: Float64Array
+    own: BoolArray  # whether pieces are not between legs
+    limit: Float64Array  # as of `StationGraph`
+    reach: Float64Array
+
+
+class ProfileSolver:
+    """Profiles of stations within bounds that become closer.
+
+    Legs whose heights and structures are those of the last solution keep their part of it.
+    """
+
+    def __init__(self, graph: StationGraph, line: Alignment) -> None:
+        self._graph, self._line = graph, line
+        own = line.way >= 0
+        self._all = _Stations(line.first, line.along, line.length, own, graph.limit, graph.reach)
+        self._high, self._low = np.full((2, len(graph.neighbours.starts) - 1), _FREE)
+        count = len(line.at)
+        self._structure, self._height = np.full(count - 1, -1), np.full(count, np.nan)
+        self._found = np.zeros((2, count))
+
+    def solve(
+        self,
+        nearest: Float64Array,
+        structure: Int64Array,
+        straight: Sequence[tuple[int, int]],
+        decks: Sequence[tuple[int, int]],
+        lower: Float64Array,
+        upper: Float64Array,
+    ) -> Profile:
+        """Return the profile within bounds that are nowhere wider than those of the last one.
+
+        Parameters
+        ----------
+        nearest : (n,) heights within the limits of grade, m
+        structure : (n − 1,) of pieces, on which the following depend
+        straight : first and last stations between which it is straight before means are taken
+        decks : the same of structures without their ramps: they stay straight
+        lower, upper : (n,) bounds, m; infinite where there are none
+        """
+        graph, line = self._graph, self._line
+        self._high, self._low = _highest(graph, upper, self._high), _highest(graph, -lower, self._low)
+        high, low = self._high[graph.node], -self._low[graph.node]
+        contrary = low > high
+        whole = np.clip(np.rint(nearest / UNIT).astype(np.int64), low, np.maximum(low, high))
+        height = np.where(contrary, (low + high) >> 1, whole) * UNIT
+        changed = height != self._height
+        changed[:-1] |= structure != self._structure
+        legs = np.unique(line.leg[changed])
+        self._structure, self._height = structure, height
+        if legs.size:
+            at, part = _of_legs(self._all, legs)
+            shift = np.full(len(line.first) - 1, -1)
+            shift[legs] = line.first[legs] - part.first[:-1]
+            near = [
+                [(a - by, b - by) for a, b in runs if (by := shift[line.leg[a]]) >= 0]
+                for runs in (straight, decks)
+            ]
+            self._found = self._found.copy()
+            self._found[:, at] = _smoothed(height[at], part, *near)
+        height, slope = self._found
+        return Profile(height, slope, np.where(contrary, (low - high) * UNIT, 0.0))
+
+
+def _of_legs(stations: _Stations, legs: Int64Array) -> tuple[Int64Array, _Stations]:
+    """Return the stations of some legs: their numbers, and what is needed of them."""
+    count = np.diff(stations.first)[legs]
+    first = np.append(0, np.cumsum(count))
+    at = np.arange(first[-1]) + np.repeat(stations.first[legs] - first[:-1], count)
+    length, own, limit = (each[at[:-1]] for each in (stations.length, stations.own, stations.limit))
+    return at, _Stations(first, stations.along[at], length, own, limit, stations.reach[at])
+
+
+def _smoothed(
+    height: Float64Array,
+    part: _Stations,
     straight: Sequence[tuple[int, int]],
     decks: Sequence[tuple[int, int]],
-    lower: Float64Array,
-    upper: Float64Array,
-) -> Profile:
-    """Return the profile of stations within bounds.
-
-    Parameters
-    ----------
-    nearest : (n,) heights within the limits of grade, m
-    straight : first and last stations between which it is straight before means are taken
-    decks : the same of structures without their ramps: they stay straight
-    lower, upper : (n,) bounds, m; infinite where there are none
-    """
-    bound_high, bound_low = _highest(graph, upper), -_highest(graph, -lower)
-    contrary = bound_low > bound_high
-    whole = np.clip(np.rint(nearest / UNIT).astype(np.int64), bound_low, np.maximum(bound_low, bound_high))
-    height = np.where(contrary, (bound_low + bound_high) >> 1, whole) * UNIT
-    _straighten(height, straight, line, graph)
+) -> tuple[Float64Array, Float64Array]:
+    """Return heights and slopes of a profile whose structures are straight."""
+    _straighten(height, straight, part)
     for _ in range(2):
         mean, integral = np.empty((2, len(height)))
-        given = len(line.first) - 1, line.along, line.first, height, graph.reach
+        given = len(part.first) - 1, part.along, part.first, height, part.reach
         host_function("mean_heights")(*given, mean, integral)
         height = mean
-    _straighten(height, decks, line, graph)
-    violation = np.where(contrary, (bound_low - bound_high) * UNIT, 0.0)
-    return Profile(*_parabolas(line, height), violation)
+    _straighten(height, decks, part)
+    return _parabolas(part, height)
 
 
-def _straighten(
-    height: Float64Array, runs: Sequence[tuple[int, int]], line: Alignment, graph: StationGraph
-) -> None:
+def _straighten(height: Float64Array, runs: Sequence[tuple[int, int]], part: _Stations) -> None:
     """Let heights be linear from the first to the last stations of runs, in place."""
     for first, last in runs:
-        rise, size, limit = height[last] - height[first], line.length[first:last], graph.limit[first:last]
+        rise, size, limit = height[last] - height[first], part.length[first:last], part.limit[first:last]
         if abs(rise) > limit.min() * size.sum():  # stricter parts are less steep than others
             size = limit * size
         height[first + 1 : last] = height[first] + rise * np.cumsum(size)[:-1] / max(size.sum(), 1e-9)
@@ -192,13 +252,17 @@ def _midst(high: Int64Array, low: Int64Array, nodes: _Neighbours) -> Int64Array:
     return np.asarray((_lower_envelope(high, nodes) - _lower_envelope(low, nodes)) >> 1)
 
 
-def _highest(graph: StationGraph, upper: Float64Array) -> Int64Array:
-    """Return the greatest heights (units) of stations within upper bounds (m) and the limits of grade."""
-    finite = np.isfinite(upper)
-    whole = np.where(finite, np.rint(np.where(finite, upper, 0.0) / UNIT), _FREE).astype(np.int64)
-    at_nodes = np.full(len(graph.neighbours.starts) - 1, _FREE)
-    np.minimum.at(at_nodes, graph.node, whole)
-    return np.asarray(_lower_envelope(at_nodes, graph.neighbours)[graph.node])
+def _highest(graph: StationGraph, upper: Float64Array, before: Int64Array) -> Int64Array:
+    """Return the greatest heights (units) of nodes within upper bounds (m) and the limits of grade.
+
+    `before` are those of bounds that were nowhere lower.
+    """
+    bound = np.flatnonzero(np.isfinite(upper))
+    at_nodes = before.copy()
+    np.minimum.at(at_nodes, graph.node[bound], np.rint(upper[bound] / UNIT).astype(np.int64))
+    if np.array_equal(at_nodes, before):
+        return before
+    return _lower_envelope(at_nodes, graph.neighbours)
 
 
 def _lower_envelope(values: Int64Array, nodes: _Neighbours) -> Int64Array:
@@ -219,10 +283,10 @@ def united_reach(along: Float64Array, first: Int64Array, reach: Float64Array) ->
     return found
 
 
-def _parabolas(line: Alignment, height: Float64Array) -> tuple[Float64Array, Float64Array]:
+def _parabolas(part: _Stations, height: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Return heights and slopes at stations of the parabolas that touch the middles of all pieces."""
-    own = line.way >= 0
-    length = np.where(own, np.maximum(line.length, 1e-9), 1.0)
+    own = part.own
+    length = np.where(own, np.maximum(part.length, 1e-9), 1.0)
     rise = np.where(own, np.diff(height) / length, 0.0)
     slope, result = np.zeros(len(height)), height.copy()
     slope[:-1] += np.where(own, rise, 0.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.document.layers import feature_name
 from sketchterrain.roads.alignment import Alignment
 from sketchterrain.roads.network import AUTOMATIC, Crossing, Way, WayGraph
-from sketchterrain.roads.profile import Profile, StationGraph, bounded_profile, nearest_heights
+from sketchterrain.roads.profile import Profile, ProfileSolver, StationGraph, nearest_heights
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, deck_depth
 
 CLEARANCE: Final = 4.7
@@ -38,6 +38,15 @@ _DECK_COVER = 0.3  # m of ground over a deck from which on it is a road on the g
 
 _Crossed = tuple[Crossing, int, int]
 """A crossing, and its stations on the upper and on the lower way."""
+
+
+class _Runs(NamedTuple):
+    """Runs of pieces on structures, as first and last stations, and what depends on them alone."""
+
+    nearest: Float64Array  # (n,) heights nearest to the ground beside them, m
+    structure: Int64Array  # (n − 1,)
+    ramps: list[tuple[int, int]]  # with those that their means reach
+    decks: list[tuple[int, int]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,19 +80,13 @@ def carry(
     none = np.full(len(line.at), np.inf)
     lower, upper = -none, none.copy()
     crossed = [_crossed(crossing, line) for crossing in ways.crossings]
-    nearest: dict[bytes, Float64Array] = {}
+    solver, runs = ProfileSolver(graph, line), _Runs(none, np.zeros(0, np.int64), [], [])
 
     def solved() -> Profile:
-        runs = _runs(structure, line)
-        straight = [_with_ramps(run, graph, line) for run in runs]
-        is_free = np.zeros(len(line.at), np.bool_)
-        for first, last in straight:
-            is_free[first + 1 : last] = True
-        key = structure.tobytes()
-        if key not in nearest:  # bounds change more often than structures
-            nearest.clear()
-            nearest[key] = nearest_heights(graph, line, ground, is_free)
-        return bounded_profile(graph, line, nearest[key], straight, runs, lower, upper)
+        nonlocal runs
+        if not np.array_equal(runs.structure, structure):  # bounds change more often
+            runs = _structure_runs(structure, line, graph, ground)
+        return solver.solve(*runs, lower, upper)
 
     for crossing, a, b in crossed:
         if TUNNEL not in _beside(structure, b):
@@ -98,10 +101,11 @@ def carry(
     _mark_runs(structure, line, -depth > _MAX_CUT, -depth > COVER + TUNNEL_HEIGHT, TUNNEL, bridged)
     _join(structure, line, choose)
     asked_tunnels, opened = structure == TUNNEL, True
+    floods = np.where(in_water & ~causeway, water + FREEBOARD, -np.inf)
     while opened:
         profile = solved()
         for _ in range(_STOREYS):  # what is above a raised deck is raised after it
-            if not _clear(structure, line, graph, profile.height, water, causeway, crossed, lower, upper):
+            if not _clear(runs, line, profile.height, floods, crossed, lower, upper):
                 break
             profile = solved()
         result = _trimmed(structure, line, profile.height, ground, {a for _, a, _ in crossed})
@@ -174,6 +178,18 @@ def _runs(structure: Int64Array, line: Alignment) -> list[tuple[int, int]]:
     kind = np.where(line.way < 0, GROUND, structure)
     edges = np.flatnonzero(np.diff(np.concatenate([[GROUND], kind, [GROUND]])))
     return [(a, b) for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True) if kind[a] != GROUND]
+
+
+def _structure_runs(
+    structure: Int64Array, line: Alignment, graph: StationGraph, ground: Float64Array
+) -> _Runs:
+    """Return the runs of structures, and heights (m) that are nearest to the ground beside them."""
+    decks = _runs(structure, line)
+    ramps = [_with_ramps(run, graph, line) for run in decks]
+    is_free = np.zeros(len(line.at), np.bool_)
+    for first, last in ramps:
+        is_free[first + 1 : last] = True
+    return _Runs(nearest_heights(graph, line, ground, is_free), structure.copy(), ramps, decks)
 
 
 def _with_ramps(run: tuple[int, int], graph: StationGraph, line: Alignment) -> tuple[int, int]:
@@ -251,19 +267,16 @@ def _cross_water(
 
 
 def _clear(
-    structure: Int64Array,
+    runs: _Runs,
     line: Alignment,
-    graph: StationGraph,
     height: Float64Array,
-    water: Float64Array,
-    causeway: BoolArray,
+    floods: Float64Array,
     crossed: Sequence[_Crossed],
     lower: Float64Array,
     upper: Float64Array,
 ) -> bool:
     """Set bounds: decks above floods and above what they cross, and this beneath them; return whether any."""
-    least = np.where(np.isfinite(water) & ~causeway, water + FREEBOARD, -np.inf)
-    most = np.full(len(height), np.inf)
+    structure, least, most = runs.structure, floods.copy(), np.full(len(height), np.inf)
     for _, a, b in crossed:
         is_tunnel = TUNNEL in _beside(structure, b)
         least[a] = max(least[a], height[b] + CLEARANCE) if not is_tunnel else least[a]
@@ -272,9 +285,11 @@ def _clear(
         elif height[a] - height[b] < CLEARANCE and BRIDGE not in _beside(structure, b):
             upper[b] = min(upper[b], height[b])
     found = False
-    for first, last in _runs(structure, line):
-        ends = list(_with_ramps((first, last), graph, line))
-        inside = slice(first, last + 1)
+    bounded = np.append(0, np.cumsum(np.isfinite(least) | np.isfinite(most)))
+    for (first, last), ramps in zip(runs.decks, runs.ramps, strict=True):
+        if bounded[last + 1] == bounded[first]:
+            continue
+        ends, inside = list(ramps), slice(first, last + 1)
         if structure[first] == BRIDGE:
             deck = deck_depth(line.along[last] - line.along[first])
             lack = float((least[inside] + deck - height[inside]).max())

@@ -188,6 +188,9 @@ def _feed(update: Callable[[Any], None], value: Any, *, outermost: bool = False)
         text = value if isinstance(value, bytes) else repr(value).encode()
         update(b"%s %d %s" % (kind.__name__.encode(), len(text), text))
     elif isinstance(value, (tuple, list)):
+        if _LITERALS.issuperset(map(type, value)):
+            update(f"{kind.__name__} {list(value)!r};".encode())
+            return
         update(b"%s %d;" % (kind.__name__.encode(), len(value)))
         for each in value:
             _feed(update, each)

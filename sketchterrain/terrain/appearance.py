@@ -79,15 +79,6 @@ def known_tiles(
     return np.array([known[name] for name in names], np.bool_)
 
 
-def _rows_without(rows: npt.NDArray[np.void], other: npt.NDArray[np.void]) -> Int64Array:
-    """Return the numbers of rows that the other rows lack; equal ones at both ends are left out first."""
-    count = min(len(rows), len(other))
-    first = int(np.append(rows[:count] != other[:count], True).argmax())
-    last = int(np.append(rows[::-1][: count - first] != other[::-1][: count - first], True).argmax())
-    middle = np.isin(rows[first : len(rows) - last], other[first : len(other) - last])
-    return first + np.flatnonzero(~middle)
-
-
 def tile_boxes(tiles: Int64Array, extent: float) -> Float64Array:
     """Return the boxes (n, 4), m, of all texels of tiles (n, 3)."""
     width = extent / np.exp2(tiles[:, :1])
@@ -121,8 +112,11 @@ class Appearance:
         """Return the appearance of a changed recipe; what depends on unchanged roads and areas is shared."""
         new, old = Appearance(recipe, self.context, heights), self.recipe
         known, kept = self.__dict__, new.__dict__
-        if recipe.network.roads is old.network.roads and "_roads" in known:
-            kept["_roads"] = self._roads
+        if "_roads" in known:
+            is_old = recipe.network.roads is old.network.roads
+            kept["_roads"] = (
+                self._roads if is_old else painted_roads(recipe.network, self.extent, self._roads)
+            )
         removed, added = recipe.landuse.difference(old.landuse)
         if "_known_bearings" in known and _same_ground(recipe, old):
             kept["_known_bearings"] = np.full(len(recipe.landuse), np.nan)
@@ -162,9 +156,13 @@ class Appearance:
         unit = metres_per_unit(self.extent)
         boxes = [np.zeros((0, 4))]
         if self._roads is not old._roads:
-            for one, other in ((old._roads, self._roads), (self._roads, old._roads)):
-                changed = _rows_without(one.as_bytes(), other.as_bytes())
-                boxes.append(np.asarray(one.boxes.boxes[changed] * unit, np.float64))
+            one, other = old._roads, self._roads
+            for _ in range(2):
+                numbers = one.without(other)
+                rows = one.as_bytes(numbers), other.as_bytes(other.without(one))
+                changed = numbers[~np.isin(*rows)]
+                boxes.append(np.asarray(one.boxes.boxes_of(changed) * unit, np.float64))
+                one, other = other, one
         removed, added = self.recipe.landuse.difference(old.recipe.landuse)
         for each, areas in ((old, removed), (self, added)):
             boxes.append(np.asarray(each._areas.boxes_of(areas) * unit, np.float64))

@@ -59,13 +59,13 @@ def mark_stale(
     return len(removed)
 
 
-def stale_ancestors(pool: TilePool, codes: Int64Array) -> Int64Array:
-    """Return the stale ancestors of tiles, coarser ones first."""
-    above = codes[:0]
-    while codes.size:
-        codes = np.unique(parent_of(codes[decode(codes)[0] > ROOT_LEVEL]))
-        above = np.union1d(above, codes)
-    return _stale(pool, above)
+def with_stale_parents(pool: TilePool, codes: Int64Array) -> Int64Array:
+    """Return tiles, each with its parent before it if that is stale."""
+    above = parent_of(codes)
+    is_first = np.zeros(len(codes), np.bool_)
+    is_first[np.unique(above, return_index=True)[1]] = True
+    held = is_first & contains(_stale(pool, np.unique(above[decode(codes)[0] > ROOT_LEVEL])), above)
+    return np.stack([above, codes], axis=1)[np.stack([held, np.ones_like(held)], axis=1)]
 
 
 def rewrite_batch(pool: TilePool, codes: Int64Array) -> Batch:

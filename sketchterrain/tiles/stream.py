@@ -17,7 +17,7 @@ from sketchterrain.tiles.displayed import (
     mark_stale,
     mark_written,
     rewrite_batch,
-    stale_ancestors,
+    with_stale_parents,
 )
 from sketchterrain.tiles.lod import (
     CameraView,
@@ -184,11 +184,11 @@ class TileStream:
         """Whether nothing visible was missing in the last frame's plan."""
         return self._complete
 
-    def plan(self, view: CameraView, *, budget: float, still: bool = False) -> Batch:
+    def plan(self, view: CameraView, *, budget: float, unseen: float = np.inf, still: bool = False) -> Batch:
         """Return tiles to generate now within a budget (s); empty if none is missing.
 
-        Most visible first, then those ahead of the camera's motion. A still needs only what it shows: see
-        `jump`.
+        Most visible first, then those ahead of the camera's motion; what is not in sight takes at most
+        `unseen` (s). A still needs only what it shows: see `jump`.
         """
         self._still = still
         # In flight every second frame reuses the target tree, and looks ahead instead.
@@ -209,15 +209,17 @@ class TileStream:
         elif self._error_factor > 1 and capacity > self.pool.slots // 4:
             self._error_factor = max(self._error_factor * _TIGHTEN, 1.0)
         codes = _limit_levels(codes)[: min(_PER_BATCH, capacity)]
-        # Stale ancestors of new tiles come first; when nothing is missing, all stale tiles.
-        rewritten = stale_ancestors(self.pool, codes) if stale.size and not self._complete else stale
-        rewritten = rewritten[:_PER_BATCH]
-        codes = codes[: 0 if self._complete and rewritten.size else None]
-        both = np.concatenate([rewritten, codes])
-        both = both[: self._cost.count_within(decode(both)[0], budget, usually=still)]
-        rewritten, codes = both[: len(rewritten)], both[len(rewritten) :]
-        slots = np.concatenate([self.pool.find(rewritten), self.pool.acquire(codes)])
-        return create_batch(self.pool, both, slots)
+        if self._complete:  # stale tiles first
+            codes, budget = stale[:_PER_BATCH] if stale.size else codes, min(budget, unseen)
+        elif stale.size:
+            codes = with_stale_parents(self.pool, codes)
+        count = self._cost.count_within(decode(codes)[0], budget, usually=still)
+        if count and not self._complete and self.pool.find(codes[count - 1 : count])[0] >= 0:
+            count += 1 if count == 1 else -1  # no parent is written without a child
+        codes = codes[:count][np.argsort(decode(codes[:count])[0], kind="stable")]
+        slots = self.pool.find(codes)
+        slots[slots < 0] = self.pool.acquire(codes[slots < 0])
+        return create_batch(self.pool, codes, slots)
 
     def mark_generated(self, batch: Batch, properties: npt.NDArray[Any], *, seconds: float | None) -> None:
         """Record ``low``, ``high``, ``error`` (m) of a batch, and its cost unless `seconds` is None."""

@@ -74,7 +74,7 @@ _REST_INTERVAL: Final = 0.26  # s between frames at rest, while a software rende
 _LOAD: Final = 0.035  # … for so many s at a time
 _JUMP: Final = 0.3  # s for what the first frame of another place shows
 _PROGRESS: Final = 1.0  # s at rest for which frames show what is loaded, before the still starts
-_HOLD: Final = (0.12, 0.6)  # s for which refinement, and animation, wait for a pending terrain
+_HOLD: Final = (0.3, 0.6)  # s for which refinement, and animation, wait for a pending terrain
 
 
 class FramePacer:

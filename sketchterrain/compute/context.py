@@ -1,6 +1,5 @@
 """OpenCL context: programs, launches, transfers, and the meaning of failures."""
 
-import warnings
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from contextlib import suppress
 from functools import cache
@@ -74,6 +73,8 @@ _FAST_OPTIONS = ("-DFAST", "-cl-fast-relaxed-math")
 T = TypeVar("T")
 
 _BUILDING: Final[dict[Hashable, Lock]] = {}  # by program: threads need not all build the same
+# Drivers write to the log of successful builds, and no filter of warnings holds in all threads.
+cl.compiler_output = lambda _: None
 _MAX_BINARIES: Final = 64 << 20  # bytes; a program has up to 1 MiB
 
 
@@ -282,7 +283,5 @@ def _built(context: Any, source: str, options: tuple[str, ...]) -> Any:
 
 
 def _build(program: Any, options: tuple[str, ...]) -> Any:
-    # Drivers write to the log of successful builds. Threads share Python's filters, so this one stays.
-    warnings.simplefilter("ignore", cl.CompilerWarning)
     # pyopencl's cache fails on a refused binary, and for a minute on the lock of a process that was killed.
     return program.build(options=list(options), cache_dir=False)

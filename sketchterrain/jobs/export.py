@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device, choose_device, fallback_device
@@ -41,6 +41,9 @@ if TYPE_CHECKING:
     from sketchterrain.render.scene import TerrainSource
 
 T = TypeVar("T")
+
+TERRAIN_KERNELS: Final = ("tiles.cl", "points.cl", "graded_poisson.cl")
+"""Files of kernels of a terrain with plants; tiles from afar, and rasters of any size, use terrain.cl too."""
 
 
 class DeviceFallback:
@@ -103,7 +106,7 @@ def build_terrain(
     stages: Stages,
     memory: Results | None = None,
     *,
-    kernels: Sequence[str] = ("tiles.cl", "points.cl", "graded_poisson.cl"),
+    kernels: Sequence[str] = TERRAIN_KERNELS,
 ) -> Terrain:
     """Return the terrain of a sketch, built as a stage of a job; by default with the results on disk.
 

@@ -17,7 +17,7 @@ from sketchterrain.export.map.sheet import write_map
 from sketchterrain.export.rasters import write_picture
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages, print_note
-from sketchterrain.jobs.export import DeviceFallback, build_terrain, noted_drapes
+from sketchterrain.jobs.export import TERRAIN_KERNELS, DeviceFallback, build_terrain, noted_drapes
 from sketchterrain.render import scene
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import CameraStates, Flight
@@ -75,7 +75,8 @@ def render_to_file(
     prepare_folder(path.parent)
 
     def work(context: ComputeContext, _: tuple[str, ...]) -> list[LegendEntry]:
-        terrain = build_terrain(sketch, context, stages)
+        kernels = ("terrain.cl", "points.cl") if options.top_down else TERRAIN_KERNELS
+        terrain = build_terrain(sketch, context, stages, kernels=kernels)
         with stages.stage("picture", "Drawing the map" if options.top_down else "Rendering"):
             if options.top_down:
                 write_map(path, terrain, size=options.size, drapes=noted_drapes(terrain))
@@ -162,7 +163,7 @@ def fly(
             count = round((seconds or SECONDS) * options.fps)
             frame_count = max(1, count) if flight is None else len(flight.times(options.fps, seconds))
             check_film(output, size=options.size, frames=frame_count)
-        terrain = build_terrain(sketch, context, stages)
+        terrain = build_terrain(sketch, context, stages, kernels=(*TERRAIN_KERNELS, "terrain.cl"))
         with stages.stage("path", "Choosing a path"):
             path = tour(terrain, seconds=seconds or SECONDS) if flight is None else flight
             surface = partial(scene.surface_heights, terrain)

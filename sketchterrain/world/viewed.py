@@ -418,7 +418,8 @@ def draw_world(
         sketch = draped_sketch(stored, drapes)
 
     def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[list[LegendEntry], list[str]]:
-        terrain = None if sketch is None else build_terrain(sketch, context, stages)
+        plants = "points.cl", "graded_poisson.cl"
+        terrain = None if sketch is None else build_terrain(sketch, context, stages, kernels=plants)
         world = StoredTerrain(stored, context, terrain)
         with stages.stage("picture", "Rendering"):
             (x, y), positions = world.corner, (still.eye, still.look_at)

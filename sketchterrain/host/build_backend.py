@@ -14,21 +14,11 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 from compiling import compile_levels, delete_stale, find_compiler
 from setuptools import build_meta
-from setuptools.build_meta import (
-    build_sdist,
-    get_requires_for_build_sdist,
-    prepare_metadata_for_build_editable,
-)
 
-__all__ = [
-    "build_editable",
-    "build_sdist",
-    "build_wheel",
-    "get_requires_for_build_editable",
-    "get_requires_for_build_sdist",
-    "get_requires_for_build_wheel",
-    "prepare_metadata_for_build_editable",
-]
+build_sdist = build_meta.build_sdist
+get_requires_for_build_sdist = build_meta.get_requires_for_build_sdist
+prepare_metadata_for_build_editable = build_meta.prepare_metadata_for_build_editable
+
 ROOT: Final = Path(__file__).resolve().parents[2]
 SOURCES: Final = ROOT / "kernels" / "host"
 PLATFORMS: Final = {

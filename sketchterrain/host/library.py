@@ -195,12 +195,11 @@ def _parameter(text: str, bodies: Mapping[str, str]) -> _Parameter:
 @cache
 def _level() -> int:
     """Return the level of vector instructions that this processor has, as NumPy found it."""
-    levels = compiling.LEVELS.get(compiling.architecture(), (0,))
     features = np.show_config(mode="dicts")["SIMD Extensions"]
     known = {*features["baseline"], *features["found"]}
-    # NumPy's names before and after 2.4.
-    has = {2: True, 3: {"AVX2", "FMA3"} <= known or "X86_V3" in known, 4: known & {"AVX512_SKX", "X86_V4"}}
-    return max(level for level in levels if has.get(level, True))
+    names = {3: {"AVX2", "X86_V3"}, 4: {"AVX512_SKX", "X86_V4"}}  # before and after NumPy 2.4
+    levels = compiling.LEVELS.get(compiling.architecture(), (0,))
+    return max(level for level in levels if level < 3 or names[level] & known)
 
 
 @cache

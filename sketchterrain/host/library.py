@@ -127,11 +127,7 @@ class _Structure:
 
     def packed(self, value: Any) -> tuple[Any, SimpleNamespace]:
         """Return a reference to the structure, and its numbers."""
-        try:
-            members = [getattr(value, member.name) for member in self._signature.given]
-        except AttributeError as error:
-            raise ValueError(f"expected a {self._signature.name}: {error}") from error
-        passed, values = self._signature.passed(members)
+        passed, values = self._signature.passed([getattr(value, each.name) for each in self._signature.given])
         return ctypes.byref(self._type(*passed)), SimpleNamespace(**values)
 
 

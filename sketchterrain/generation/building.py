@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
 
 
+# Once such a block was free, glibc keeps 64 MB instead of returning the memory of each array to the system.
+np.empty((1 << 25) - (1 << 16), np.uint8)
+
 _STORED_BYTES: Final = 1 << 29  # of the last ten to thirty sketches
 
 

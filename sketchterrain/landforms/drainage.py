@@ -321,8 +321,9 @@ class LevelSolver:
         """Return the heights (m) of nodes on the present network with an uplift."""
         self.set_uplift(uplift)
         self._build()
-        height = self._height[_INNER]
-        return np.where(np.isinf(height), np.nan, height)
+        height: Float64Array = self._height[_INNER].copy()
+        height[np.isinf(height)] = np.nan
+        return height
 
     def shares_from(self, inside: Float64Array) -> Float64Array:
         """Return the share of each node's drainage area that lies inside a region, (rows, columns)."""

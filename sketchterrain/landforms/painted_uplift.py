@@ -133,13 +133,15 @@ def painted_uplift(
     strata = np.zeros(shape)
     calm = smoothstep((near + _CLEARANCE) / _CLEARANCE)
     uplift = ground.uplift * (1.0 - calm * (_CALM + (1.0 - _CALM) * rock))
-    broad, fine = (_unevenness(ground.origin, shape, octaves) for octaves in (_BROAD, _FINE))
     repose = ground.repose
     rock = rock * (1.0 - calm).astype(np.float32)
     layers = []
+    raises = features.height > 0.0
+    if raises.any():
+        broad, fine = (_unevenness(ground.origin, shape, octaves) for octaves in (_BROAD, _FINE))
     for name in ("mountain", "hill"):
         is_rock = name == "mountain"
-        members = np.flatnonzero((features.is_rock == is_rock) & (features.height > 0.0))
+        members = np.flatnonzero((features.is_rock == is_rock) & raises)
         if not len(members):
             continue
         part = features.of(members)
@@ -173,12 +175,16 @@ def painted_uplift(
         risen = (owner >= 0) & (part.summit > -np.inf)[owner]
         # Data that lie higher at the foot of a slope are not what rises.
         owner = np.where(risen & (position < _SUMMIT), -1, owner)
+        fields = (
+            _COLLAR_UPLIFT * slope * collar,
+            _CORE_UPLIFT * slope * core * peak * uneven,
+            np.where(inside, core, 0.0),
+        )
+        collars, cores, insides = zip(*_coarsened_fields(np.stack(fields), ground), strict=True)
         layers.append(
             FeatureLayer(
                 members,
-                _coarsened_fields(_COLLAR_UPLIFT * slope * collar, ground),
-                _coarsened_fields(_CORE_UPLIFT * slope * core * peak * uneven, ground),
-                _coarsened_fields(np.where(inside, core, 0.0), ground),
+                *(collars, cores, insides),
                 np.where(risen, part.summit[owner], height),
                 region,
                 owner,
@@ -237,8 +243,22 @@ def pyramid(finest: DrainageInput) -> tuple[DrainageInput, ...]:
 
 
 def _coarsened_fields(values: Float64Array, finest: DrainageInput) -> tuple[Float64Array, ...]:
-    """Return a field at all levels, coarsest first."""
-    return tuple(each.uplift for each in pyramid(replace(finest, uplift=values)))
+    """Return fields (n, rows, columns) at all levels, coarsest first: means as those of `coarsened`."""
+    levels, domain, origin = [values], finest.domain, finest.origin
+    while len(levels) < _LEVELS:
+        south, west = (first % 2 for first in origin)
+        inside = domain[south::2, west::2]
+        rows, columns = inside.shape
+        padded = np.pad(np.where(domain, levels[-1], 0.0), ((0, 0), (1, 1), (1, 1)))
+        known = np.pad(domain, 1).astype(np.float64)
+        total, count = np.zeros((len(values), rows, columns)), np.zeros((rows, columns))
+        for a, b in np.ndindex(3, 3):
+            part = np.s_[..., south + a :: 2, west + b :: 2]
+            total += padded[part][..., :rows, :columns]
+            count += known[part][..., :rows, :columns]
+        levels.append(np.where(inside, total / np.maximum(count, 1.0), 0.0))
+        domain, origin = inside, (-(-origin[0] // 2), -(-origin[1] // 2))
+    return tuple(reversed(levels))
 
 
 class HeightControl:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
 
@@ -21,7 +20,7 @@ from sketchterrain.array_types import (
 from sketchterrain.document.layers import HEIGHT_LIMIT, LAYERS
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, TYPES, GroundHeight, visible_radius
 from sketchterrain.landforms.placement.heights import built_height, exactness, shape_height
-from sketchterrain.landforms.placement.shapes import Region, find_regions, measure_shape, region_numbers
+from sketchterrain.landforms.placement.shapes import find_regions, region_numbers, shape_depth
 from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
@@ -128,10 +127,10 @@ def _shapes_of(
     image = sketch.layers[name]
     regions = run(find_regions, image, hashed=False)
     number = region_numbers(image, regions)
-    inradii = run.each(_inradii, regions, image.shape)
     measures = np.zeros((len(regions), 4))
     for index, region in enumerate(regions):
-        inradius, properties = inradii[index] * sketch.pixel_size, sketch.properties(name, region.label)
+        depth = run(shape_depth, region, image.shape, hashed=False)
+        inradius, properties = float(depth.max()) * sketch.pixel_size, sketch.properties(name, region.label)
         built = shape_height(properties, inradius, sketch.fidelity).built
         top = float(properties["height"])
         is_elevation = properties.get("reach") == "absolute" and top > 0.0
@@ -144,10 +143,6 @@ def _shapes_of(
     added = np.tile([0.0, 0.0, HEIGHT_LIMIT, -np.inf], (len(alone), 1))
     inradius, built, limit, top = np.concatenate([measures, added]).T
     return shape, inradius, built, limit, top
-
-
-def _inradii(regions: Sequence[Region], size: tuple[int, int]) -> list[float]:
-    return [float(measure_shape("", size, region).depth.max()) for region in regions]
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,8 +187,9 @@ def painted_outline(sketch: Sketch, layer: str, cell: float, run: Runner) -> Out
     stride = max(int(0.5 * cell / sketch.pixel_size), 1)
     painted = painted[stride // 2 :: stride, stride // 2 :: stride]
     side = stride * sketch.pixel_size
-    inset = ndimage.distance_transform_edt(np.pad(painted, 1))[1:-1, 1:-1]
-    inset -= ndimage.distance_transform_edt(~painted)
+    inset = -ndimage.distance_transform_edt(~painted)
+    for box in ndimage.find_objects(painted.astype(np.int8)):  # one, or none between the nodes
+        inset[box] += ndimage.distance_transform_edt(np.pad(painted[box], 1))[1:-1, 1:-1]
     columns, rows = (int(each / cell) + 1 for each in sketch.size)
     y = (sketch.size[1] - np.arange(rows) * cell) / side - 0.5
     x = np.arange(columns) * cell / side - 0.5

@@ -163,8 +163,18 @@ def blocks_of(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.void]:
 
 def _hashed_blocks(image: npt.NDArray[np.uint8], where: npt.NDArray[np.bool_]) -> npt.NDArray[np.void]:
     """Return the digests of some blocks, (n,)."""
-    found = [blake2b(image[place].tobytes(), digest_size=_SIZE).digest() for place in places_of(where)]
+    parts = (image[place] for place in places_of(where))
+    if image.any():
+        found = [blake2b(part.tobytes(), digest_size=_SIZE).digest() for part in parts]
+    else:  # as most layers are
+        found = [_empty_digest(part.size) for part in parts]
     return np.array(found, f"V{_SIZE}")
+
+
+@cache
+def _empty_digest(size: int) -> bytes:
+    """Return the digest of a block without labels."""
+    return blake2b(bytes(size), digest_size=_SIZE).digest()
 
 
 def _hashed(value: object) -> bytes:

@@ -57,5 +57,5 @@ def test_a_tuple_without_a_member_is_refused():
     class Other(NamedTuple):
         column: int = 0
 
-    with pytest.raises(ValueError, match="expected a MeshTable: 'Other' object has no attribute 'row'"):
+    with pytest.raises(AttributeError, match="'Other' object has no attribute 'row'"):
         host_function("cell_bounds")(Other(), np.empty((4, 5, 4)))

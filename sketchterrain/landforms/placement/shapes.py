@@ -74,10 +74,12 @@ def find_regions(image: npt.NDArray[np.uint8]) -> tuple[Region, ...]:
     return tuple(found)
 
 
-def measure_shape(layer: str, size: tuple[int, ...], region: Region) -> Shape:
-    """Measure a region of a layer's image, of a size (rows, columns; px)."""
+def measure_shape(
+    layer: str, size: tuple[int, ...], region: Region, depth: Float64Array | None = None
+) -> Shape:
+    """Measure a region of a layer's image, of a size (rows, columns; px); `depth` may be known."""
     _, rows, columns, mask = region
-    depth = _depth(mask, rows, columns, size)
+    depth = shape_depth(region, size) if depth is None else depth
     first = int(np.argmax(mask[0]))
     total = float(depth.sum())
     along_rows = depth.sum(axis=1) @ np.arange(rows.start, rows.stop)
@@ -109,11 +111,9 @@ def border_distance(
     return distance[padding[0][0] :, padding[1][0] :][: mask.shape[0], : mask.shape[1]]
 
 
-def _depth(
-    mask: npt.NDArray[np.bool_], rows: slice, columns: slice, size: tuple[int, ...]
-) -> npt.NDArray[np.float64]:
+def shape_depth(region: Region, size: tuple[int, ...]) -> Float64Array:
     """Return the distance to the nearest unpainted pixel of the image, or to the end of the overhang."""
-    height, width = size
+    (_, rows, columns, mask), (height, width) = region, size
     distance = border_distance(mask, rows, columns, size, whole=np.inf)
     overhang = EDGE_OVERHANG * max(height, width)
     row, column = np.arange(rows.start, rows.stop) + 0.5, np.arange(columns.start, columns.stop) + 0.5

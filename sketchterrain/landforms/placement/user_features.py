@@ -24,6 +24,7 @@ from sketchterrain.landforms.placement.shapes import (
     ShapePixels,
     find_regions,
     measure_shape,
+    shape_depth,
 )
 from sketchterrain.stages.runner import Runner
 
@@ -291,7 +292,7 @@ def layer_user_features(sketch: Sketch, layer: str, seed: int, run: Runner) -> S
 
 
 def _of_region(
-    layer: str, size: tuple[int, int], region: Region, multitude: int, fidelity: float, seed: int
+    layer: str, size: tuple[int, int], region: Region, multitude: int, fidelity: float, seed: int, run: Runner
 ) -> StructuredArray:
-    shape = measure_shape(layer, size, region)
+    shape = measure_shape(layer, size, region, run(shape_depth, region, size, hashed=False))
     return user_features(shape, multitude=multitude, fidelity=fidelity, seed=seed)

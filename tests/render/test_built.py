@@ -172,7 +172,12 @@ def test_an_edit_rebuilds_what_it_changes(gl, monkeypatch):
     assert built.changes == 2
     assert all(built._objects[key] is objects[key] for key in objects)
     bridge = next(key for key in objects if key[0] == network.roads[2].id and key[1] == BRIDGE)
-    built.set_terrain(Flat(network), [(150.0, 350.0, 350.0, 550.0)])  # the ground under the bridge
+    under = [(150.0, 350.0, 350.0, 550.0)]  # the ground under the bridge
+    built.set_terrain(Flat(network), under)
+    assert all(built._objects[key] is objects[key] for key in objects)  # it is as high as before
+    raised = Flat(network)
+    monkeypatch.setattr(raised, "heights", lambda x, y: Flat.heights(raised, x, y) + np.float32(0.5))
+    built.set_terrain(raised, under)
     assert [key for key in objects if built._objects[key] is not objects[key]] == [bridge]
     built.set_terrain(Flat(RoadNetwork()), [])
     assert not built

@@ -235,10 +235,9 @@ class LevelSolver:
             (self._kind, self._forced),
         )
         self._topology = self._kind, self._forced
-        least, strata = np.full(self._width, -np.inf), np.zeros(self._width)
-        for field, values in ((least, source.least), (strata, source.strata)):
-            if values is not None:
-                field[1:-1, 1:-1] = values
+        least = np.full(self._shape, -np.inf) if source.least is None else source.least
+        least = np.pad(least, 1, constant_values=-np.inf)
+        strata = np.pad(np.zeros(self._shape) if source.strata is None else source.strata, 1)
         self._fields = self._uplift, self._repose, self._rain, least.ravel(), strata.ravel()
         self._ground: Float64Array | None = None
         if source.ground is not None:
@@ -292,9 +291,8 @@ class LevelSolver:
         """Return the heights (m) of nodes on the present network with an uplift."""
         self.set_uplift(uplift)
         drainage_rounds.integrate(self._topology, self._fields, self._state, self._geometry, self._count)
-        height: Float64Array = self._height.reshape(self._width)[1:-1, 1:-1].copy()
-        height[np.isinf(height)] = np.nan
-        return height
+        height = self._height.reshape(self._width)[1:-1, 1:-1]
+        return np.where(np.isinf(height), np.nan, height)
 
     def shares_from(self, inside: Float64Array) -> Float64Array:
         """Return the share of each node's drainage area that lies inside a region, (rows, columns)."""

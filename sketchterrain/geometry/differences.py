@@ -87,11 +87,12 @@ def repainted_boxes(old: UInt8Array | None, new: UInt8Array | None, pixel_size: 
 
 
 def merge_boxes(boxes: Iterable[Bounds]) -> list[Bounds]:
-    """Merge rectangles whose common bounding box adds little area."""
-    every = np.array(list(dict.fromkeys(boxes)), dtype=np.float64).reshape(-1, 4)
-    merged, count = np.zeros_like(every), 0
-    for box in every:
-        merging = True
+    """Merge rectangles whose common bounding box adds little area; those inside others are left out."""
+    left = np.array(list(dict.fromkeys(boxes)), dtype=np.float64).reshape(-1, 4)
+    left = left[np.argsort(-_areas(left[:, :2], left[:, 2:]), kind="stable")]
+    merged, count = np.zeros_like(left), 0
+    while len(left):
+        box, left, merging, grown = left[0], left[1:], True, False
         while merging and count:
             rows = merged[:count]
             low, high = np.minimum(rows[:, :2], box[:2]), np.maximum(rows[:, 2:], box[2:])
@@ -100,9 +101,11 @@ def merge_boxes(boxes: Iterable[Bounds]) -> list[Bounds]:
             best = int(growth.argmin())
             merging = bool(growth[best] <= -_OVERLAP)
             if merging:
-                box, count = np.concatenate([low[best], high[best]]), count - 1
+                box, count, grown = np.concatenate([low[best], high[best]]), count - 1, True
                 merged[best:count] = merged[best + 1 : count + 1]
         merged[count], count = box, count + 1
+        if grown:
+            left = left[((left[:, :2] < box[:2]) | (left[:, 2:] > box[2:])).any(axis=1)]
     return [(west, south, east, north) for west, south, east, north in merged[:count].tolist()]
 
 

@@ -325,7 +325,6 @@ def unpainted_levels(settings: UnpaintedSettings) -> tuple[tuple[DrainageInput, 
     rain = np.where(region.inside, settings.spacing**2, 0.0)
     free = np.full(shape, -1, np.int32)
     origin = (region.row, region.column)
-    fields.rock.flags.writeable = False  # its digest is kept
     source = DrainageInput(fields.uplift, fields.repose, rain, region.border, region.inside, free, origin, 0)
     return tuple(ramped(each, settings.spacing) for each in pyramid(source)), fields.rock
 

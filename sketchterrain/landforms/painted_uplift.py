@@ -175,16 +175,12 @@ def painted_uplift(
         risen = (owner >= 0) & (part.summit > -np.inf)[owner]
         # Data that lie higher at the foot of a slope are not what rises.
         owner = np.where(risen & (position < _SUMMIT), -1, owner)
-        fields = (
-            _COLLAR_UPLIFT * slope * collar,
-            _CORE_UPLIFT * slope * core * peak * uneven,
-            np.where(inside, core, 0.0),
-        )
-        collars, cores, insides = zip(*_coarsened_fields(np.stack(fields), ground), strict=True)
+        collar, raised = _COLLAR_UPLIFT * slope * collar, _CORE_UPLIFT * slope * core * peak * uneven
+        collars, cores = _coarsened_fields(collar, raised, ground)
+        insides, _ = _coarsened_fields(np.where(inside, core, 0.0), ground.repose, ground)
         layers.append(
             FeatureLayer(
-                members,
-                *(collars, cores, insides),
+                *(members, collars, cores, insides),
                 np.where(risen, part.summit[owner], height),
                 region,
                 owner,
@@ -242,23 +238,10 @@ def pyramid(finest: DrainageInput) -> tuple[DrainageInput, ...]:
     return tuple(reversed(levels))
 
 
-def _coarsened_fields(values: Float64Array, finest: DrainageInput) -> tuple[Float64Array, ...]:
-    """Return fields (n, rows, columns) at all levels, coarsest first: means as those of `coarsened`."""
-    levels, domain, origin = [values], finest.domain, finest.origin
-    while len(levels) < _LEVELS:
-        south, west = (first % 2 for first in origin)
-        inside = domain[south::2, west::2]
-        rows, columns = inside.shape
-        padded = np.pad(np.where(domain, levels[-1], 0.0), ((0, 0), (1, 1), (1, 1)))
-        known = np.pad(domain, 1).astype(np.float64)
-        total, count = np.zeros((len(values), rows, columns)), np.zeros((rows, columns))
-        for a, b in np.ndindex(3, 3):
-            part = np.s_[..., south + a :: 2, west + b :: 2]
-            total += padded[part][..., :rows, :columns]
-            count += known[part][..., :rows, :columns]
-        levels.append(np.where(inside, total / np.maximum(count, 1.0), 0.0))
-        domain, origin = inside, (-(-origin[0] // 2), -(-origin[1] // 2))
-    return tuple(reversed(levels))
+def _coarsened_fields(first: Float64Array, second: Float64Array, finest: DrainageInput) -> Any:
+    """Return two fields, each at all levels, coarsest first."""
+    levels = pyramid(replace(finest, uplift=first, repose=second))
+    return zip(*((each.uplift, each.repose) for each in levels), strict=True)
 
 
 class HeightControl:

@@ -185,7 +185,8 @@ def painted_outline(sketch: Sketch, layer: str, cell: float, run: Runner) -> Out
     if not painted.any():
         return None
     stride = max(int(0.5 * cell / sketch.pixel_size), 1)
-    painted = painted[stride // 2 :: stride, stride // 2 :: stride]
+    nodes = np.s_[stride // 2 :: stride, stride // 2 :: stride]
+    painted = painted[nodes]
     side = stride * sketch.pixel_size
     inset = -ndimage.distance_transform_edt(~painted)
     for box in ndimage.find_objects(painted.astype(np.int8)):  # one, or none between the nodes
@@ -196,9 +197,7 @@ def painted_outline(sketch: Sketch, layer: str, cell: float, run: Runner) -> Out
     at = np.meshgrid(y, x, indexing="ij")
     depth = side * ndimage.map_coordinates(inset, at, order=1, mode="nearest")
     image = sketch.layers[layer]
-    number = region_numbers(image, run(find_regions, image, hashed=False))[
-        stride // 2 :: stride, stride // 2 :: stride
-    ]
+    number = region_numbers(image, run(find_regions, image, hashed=False))[nodes]
     region = ndimage.map_coordinates(number, at, order=0, mode="nearest")
     filling, exact = _FILLING * sketch.fidelity, exactness(sketch.fidelity)
     return Outline(depth.astype(np.float32), region.astype(np.int32), filling, exact)

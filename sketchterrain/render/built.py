@@ -114,11 +114,11 @@ class BuiltScenery:
         counts = np.cumsum([0, *(len(each.places) for each in new)])
         places = np.concatenate([np.zeros((0, 2)), *(each.places for each in new)])
         ground = terrain.heights(*places.T).astype(np.float64) if len(places) else np.zeros(0)
-        made, frame = {}, (*self._layers.items(), *self.origin.tolist())
+        made = {}
         for each, first, last in zip(new, counts[:-1], counts[1:], strict=True):
-            own = ground[first:last]
-            make = partial(_made, each, own, self._layers, self.origin)
-            made[each.key] = _meshes.get_or_compute((each.key, own.tobytes(), frame), make)
+            own, place = ground[first:last], (self._layers, self.origin)
+            key = each.key, own.tobytes(), *self._layers.items(), self.origin.tobytes()
+            made[each.key] = _meshes.get_or_compute(key, partial(_blocks, each, own, *place))
         self._objects = {each.key: made.get(each.key) or before[each.key] for each in objects}
         self._upload()
         return True
@@ -276,11 +276,9 @@ class _Drawn:
 def _within(places: Sequence[Float64Array], areas: Sequence[Bounds]) -> BoolArray:
     """Return which of groups of places (n, 2) have one in one of the areas."""
     x, y = np.concatenate([np.zeros((0, 2)), *places]).T
-    inside = np.zeros(len(x), np.bool_)
-    for west, south, east, north in areas:
-        inside |= (x >= west) & (x <= east) & (y >= south) & (y <= north)
+    each_in = [(x >= w) & (x <= e) & (y >= s) & (y <= n) for w, s, e, n in areas]
     group = np.repeat(np.arange(len(places)), [len(each) for each in places])
-    return np.bincount(group[inside], minlength=len(places)) > 0
+    return np.bincount(group, np.any(each_in, axis=0) * np.ones(len(x)), len(places)) > 0
 
 
 class _Block(NamedTuple):
@@ -295,21 +293,15 @@ class _Block(NamedTuple):
     indices: npt.NDArray[np.int64]
 
 
-_meshes = LRUCache(1 << 12, max_bytes=1 << 26)
-"""Meshes of the last objects: the renderer of stills has those of the moving picture."""
+_meshes = LRUCache(1 << 12, max_bytes=1 << 26)  # stills have those of the moving picture
 
 
-def _made(
-    each: BuiltObject, ground: Float64Array, layers: Mapping[str, int], origin: Float64Array
+def _blocks(
+    item: BuiltObject, ground: Float64Array, layers: Mapping[str, int], origin: Float64Array
 ) -> list[_Block]:
-    """Return the meshes of an object, packed."""
-    return _blocks(each.parts(ground), layers, origin)
-
-
-def _blocks(parts: Sequence[BuiltPart], layers: Mapping[str, int], origin: Float64Array) -> list[_Block]:
-    """Return the parts packed, in as few blocks as possible."""
+    """Return the parts of an object on the ground (m) packed, in as few blocks as possible."""
     groups: dict[tuple[bool, float], list[BuiltPart]] = {}
-    for part in parts:
+    for part in item.parts(ground):
         groups.setdefault((part.material == MOUTH, part.size), []).append(part)
     blocks = []
     for (is_mouth, size), group in groups.items():

@@ -28,10 +28,8 @@ from sketchterrain.tiles.tile_pool import Batch, DrawList
 QUAD, QUAD_PER_TOLERANCE = 24.0, 8.0  # px; largest width of a quad: constant, and per pixel of tolerance
 FINEST_CELL: Final = 0.2  # m, least width of a quad
 JUMP: Final = 0.1  # Extents; a larger motion between two frames is a jump
-FIRST_BUDGET, JUMP_BUDGET = 2.0, 0.5
-"""s for the first frame and for that of a jump, which draw a whole picture."""
-CHANGE_BUDGET: Final = 0.1
-"""s for the first frame of another terrain: the next one may be waiting."""
+FIRST_BUDGET, JUMP_BUDGET, CHANGE_BUDGET = 2.0, 0.5, 0.1
+"""s for the first frame, that of a jump, and the first of another terrain: the next one may be waiting."""
 CATCH_UP_SECONDS: Final = 2.0
 """s after a jump during which, until the picture is final, ..."""
 MORPH_SPEEDUP: Final = 8.0
@@ -138,8 +136,7 @@ class TerrainStream:
             budget = max(least, budget)
         elif catches_up:
             budget = max(CATCH_UP_SHARE * elapsed, budget)
-        unseen = np.inf if far or not jumped else 0.0
-        count, seconds = self._generate(view, budget, jumped=far, unseen=unseen)
+        count, seconds = self._generate(view, budget, jumped=far, in_sight=jumped and not far)
         if jumped:
             self.tiles.jump(view)
         draws = self.tiles.advance(view, elapsed=MORPH_SPEEDUP * elapsed if catches_up else elapsed)
@@ -219,13 +216,7 @@ class TerrainStream:
         self.tile_renderer.set_tiles(draws, eye)
 
     def _generate(
-        self,
-        view: CameraView,
-        budget: float,
-        *,
-        unseen: float = np.inf,
-        jumped: bool = False,
-        still: bool = False,
+        self, view: CameraView, budget: float, *, jumped: bool = False, **which: bool
     ) -> tuple[int, float]:
         """Generate batches within a budget (s); return the number of tiles and the seconds spent."""
         count, spent, longest = 0, 0.0, 0.0
@@ -233,8 +224,7 @@ class TerrainStream:
             left = max(budget - spent, 0.0)
             if left < _BATCH_MARGIN * longest:
                 break
-            most = np.inf if jumped and left > 0 else left
-            batch = self.tiles.plan(view, budget=most, unseen=unseen, still=still)
+            batch = self.tiles.plan(view, budget=np.inf if jumped and left > 0 else left, **which)
             if not batch:
                 break
             start = self._timer()

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.array_types import Float32Array, Float64Array, StructuredArray
-    from sketchterrain.look.objects import TerrainObject, WaterSurface
+    from sketchterrain.look.objects import WaterSurface
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.targets import RenderTargets
     from sketchterrain.terrain.surfaces import TerrainFeatures
@@ -140,23 +140,14 @@ def chunk_commands(
     return commands
 
 
-_meshes = LRUCache(1)
-"""The last inland waters: the renderer of stills has those of the moving picture."""
-
-
-def _inland(
-    objects: Sequence[TerrainObject],
-) -> tuple[Float64Array, Float32Array, npt.NDArray[np.uint32], StructuredArray]:
-    """Return the first place of waters, and `inland_mesh` of them."""
-    meshes = [each.mesh(_NOWHERE) for each in objects]
-    return meshes[0].position[0].copy(), *inland_mesh(meshes)
+_meshes = LRUCache(1)  # the last inland waters: stills have those of the moving picture
 
 
 def inland_mesh(
     meshes: Sequence[WaterSurface],
-) -> tuple[Float32Array, npt.NDArray[np.uint32], StructuredArray]:
-    """Return vertices of `ATTRIBUTES`, relative to the first vertex, indices, and their chunks."""
-    anchor, vertices, indices, chunks = meshes[0].position[0], [], [], []
+) -> tuple[Float64Array, Float32Array, npt.NDArray[np.uint32], StructuredArray]:
+    """Return the first vertex, vertices of `ATTRIBUTES` relative to it, indices, and their chunks."""
+    anchor, vertices, indices, chunks = meshes[0].position[0].copy(), [], [], []
     base = first = 0
     for mesh in meshes:
         bank = np.full(len(mesh.position), max(-mesh.shore_distance.min(), 0.0))
@@ -170,7 +161,8 @@ def inland_mesh(
             indices.append((own + base).astype(np.uint32).ravel())
             first += own.size
         base += len(mesh.position)
-    return np.concatenate(vertices).astype(np.float32), np.concatenate(indices), np.concatenate(chunks)
+    attributes = np.concatenate(vertices).astype(np.float32)
+    return anchor, attributes, np.concatenate(indices), np.concatenate(chunks)
 
 
 def _stations(mesh: WaterSurface) -> npt.NDArray[np.intp]:
@@ -281,8 +273,9 @@ class Water:
         parts = [sea_mesh() for _ in self._anchors]
         inland = [each for each in objects if each.level is None]
         if inland:
-            found = _meshes.get_or_compute(tuple(state), lambda: _inland(inland))
-            anchor, vertices, indices, self._chunks = found
+            anchor, vertices, indices, self._chunks = _meshes.get_or_compute(
+                tuple(state), lambda: inland_mesh([each.mesh(_NOWHERE) for each in inland])
+            )
             self._anchors.append(anchor)
             parts.append((vertices, indices))
             self._commands = self._context.buffer(reserve=len(self._chunks) * COMMAND.itemsize)

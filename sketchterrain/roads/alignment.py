@@ -23,7 +23,6 @@ _CORNER_WIDTHS, _LEAST_CORNER = 1.0, 1.5  # how far arcs leave vertices: in half
 _MAX_BEND = 0.13  # tangent of a quarter of an arc's angle
 _STRAIGHT = 1e-3  # the same of a corner that is none
 _SHORT = 1e-2  # m; shorter straights between arcs are left out
-_HALVINGS = 32  # of a piece at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +80,13 @@ class Alignment:
         total[:-1] += start * own[:, None]
         total[1:] += end * own[:, None]
         return np.asarray(total / np.maximum(np.sqrt((total**2).sum(axis=1, keepdims=True)), 1e-9))
+
+    def of_legs(self, legs: Int64Array) -> tuple[Int64Array, Alignment]:
+        """Return the numbers of the stations of some legs, and their alignment."""
+        count = np.diff(self.first)[legs]
+        first = np.append(0, np.cumsum(count))
+        at = np.arange(first[-1]) + np.repeat(self.first[legs] - first[:-1], count)
+        return at, Alignment(self.at[at], self.bend[at[:-1]], self.way[at[:-1]], first)
 
     def at_stations(self, values: Float64Array) -> Float64Array:
         """Return the mean of the values of the pieces on both sides of each station, by leg, (n,)."""
@@ -151,7 +157,7 @@ def _divided(ways: Sequence[Way], at: Float64Array, bend: Float64Array, way: Int
     half = np.array([each.half_width for each in ways])
     limit = np.clip(_STEP_WIDTHS * half, _LEAST_STEP, MAX_STEP)
     last_station, start, end = at[-1:], at[:-1], at[1:]
-    place, share = np.arange(len(way)) << _HALVINGS, 1 << _HALVINGS
+    place, share = np.arange(len(way)) << 32, 1 << 32
     done = []
     while len(way):
         chord = end - start

@@ -110,105 +110,56 @@ class Profile:
     violation: Float64Array  # (n,) m by which bounds contradict each other at a station
 
 
-class _Stations(NamedTuple):
-    """What profiles need of the stations of some legs, one leg after the other."""
+class ProfileInput(NamedTuple):
+    """What a profile follows but bounds."""
 
-    first: Int64Array  # as of `Alignment`
-    along: Float64Array
-    length: Float64Array
-    own: BoolArray  # whether pieces are not between legs
-    limit: Float64Array  # as of `StationGraph`
-    reach: Float64Array
+    nearest: Float64Array  # (n,) heights within the limits of grade, m
+    structure: Int64Array  # (n − 1,) of pieces, on which the following depend
+    straight: Int64Array  # (k, 2) stations between which it is straight before means are taken
+    decks: Int64Array  # (k, 2) the same of structures without their ramps: they stay straight
 
 
 class ProfileSolver:
-    """Profiles of stations within bounds that become closer.
-
-    Legs whose heights and structures are those of the last solution keep their part of it.
-    """
+    """Profiles of stations within bounds that become closer: legs that nothing changes keep their parts."""
 
     def __init__(self, graph: StationGraph, line: Alignment) -> None:
         self._graph, self._line = graph, line
-        own = line.way >= 0
-        self._all = _Stations(line.first, line.along, line.length, own, graph.limit, graph.reach)
         self._high, self._low = np.full((2, len(graph.neighbours.starts) - 1), _FREE)
-        count = len(line.at)
-        self._structure, self._height = np.full(count - 1, -1), np.full(count, np.nan)
-        self._found = np.zeros((2, count))
+        self._structure, self._height = np.full(len(line.way), -1), np.full(len(line.at), np.nan)
+        self._found = np.zeros((2, len(line.at)))
 
-    def solve(
-        self,
-        nearest: Float64Array,
-        structure: Int64Array,
-        straight: Sequence[tuple[int, int]],
-        decks: Sequence[tuple[int, int]],
-        lower: Float64Array,
-        upper: Float64Array,
-    ) -> Profile:
-        """Return the profile within bounds that are nowhere wider than those of the last one.
-
-        Parameters
-        ----------
-        nearest : (n,) heights within the limits of grade, m
-        structure : (n − 1,) of pieces, on which the following depend
-        straight : first and last stations between which it is straight before means are taken
-        decks : the same of structures without their ramps: they stay straight
-        lower, upper : (n,) bounds, m; infinite where there are none
-        """
+    def solve(self, wanted: ProfileInput, lower: Float64Array, upper: Float64Array) -> Profile:
+        """Return the profile within bounds (n,), m, nowhere wider than the last ones; infinite: none."""
         graph, line = self._graph, self._line
         self._high, self._low = _highest(graph, upper, self._high), _highest(graph, -lower, self._low)
         high, low = self._high[graph.node], -self._low[graph.node]
         contrary = low > high
-        whole = np.clip(np.rint(nearest / UNIT).astype(np.int64), low, np.maximum(low, high))
+        whole = np.clip(np.rint(wanted.nearest / UNIT).astype(np.int64), low, np.maximum(low, high))
         height = np.where(contrary, (low + high) >> 1, whole) * UNIT
         changed = height != self._height
-        changed[:-1] |= structure != self._structure
+        changed[:-1] |= wanted.structure != self._structure
+        self._structure, self._height, self._found = wanted.structure, height, self._found.copy()
         legs = np.unique(line.leg[changed])
-        self._structure, self._height = structure, height
         if legs.size:
-            at, part = _of_legs(self._all, legs)
-            shift = np.full(len(line.first) - 1, -1)
-            shift[legs] = line.first[legs] - part.first[:-1]
-            near = [
-                [(a - by, b - by) for a, b in runs if (by := shift[line.leg[a]]) >= 0]
-                for runs in (straight, decks)
-            ]
-            self._found = self._found.copy()
-            self._found[:, at] = _smoothed(height[at], part, *near)
+            at, part = line.of_legs(legs)
+            number = np.full(len(changed), -1)
+            number[at] = np.arange(len(at))
+            own, limit = height[at], graph.limit[at[:-1]]
+            _straighten(own, number[wanted.straight], part, limit)
+            for _ in range(2):
+                (mean, integral), reach = np.empty((2, len(own))), graph.reach[at]
+                host_function("mean_heights")(len(legs), part.along, part.first, own, reach, mean, integral)
+                own = mean
+            _straighten(own, number[wanted.decks], part, limit)
+            self._found[:, at] = _parabolas(part, own)
         height, slope = self._found
         return Profile(height, slope, np.where(contrary, (low - high) * UNIT, 0.0))
 
 
-def _of_legs(stations: _Stations, legs: Int64Array) -> tuple[Int64Array, _Stations]:
-    """Return the stations of some legs: their numbers, and what is needed of them."""
-    count = np.diff(stations.first)[legs]
-    first = np.append(0, np.cumsum(count))
-    at = np.arange(first[-1]) + np.repeat(stations.first[legs] - first[:-1], count)
-    length, own, limit = (each[at[:-1]] for each in (stations.length, stations.own, stations.limit))
-    return at, _Stations(first, stations.along[at], length, own, limit, stations.reach[at])
-
-
-def _smoothed(
-    height: Float64Array,
-    part: _Stations,
-    straight: Sequence[tuple[int, int]],
-    decks: Sequence[tuple[int, int]],
-) -> tuple[Float64Array, Float64Array]:
-    """Return heights and slopes of a profile whose structures are straight."""
-    _straighten(height, straight, part)
-    for _ in range(2):
-        mean, integral = np.empty((2, len(height)))
-        given = len(part.first) - 1, part.along, part.first, height, part.reach
-        host_function("mean_heights")(*given, mean, integral)
-        height = mean
-    _straighten(height, decks, part)
-    return _parabolas(part, height)
-
-
-def _straighten(height: Float64Array, runs: Sequence[tuple[int, int]], part: _Stations) -> None:
-    """Let heights be linear from the first to the last stations of runs, in place."""
-    for first, last in runs:
-        rise, size, limit = height[last] - height[first], part.length[first:last], part.limit[first:last]
+def _straighten(height: Float64Array, runs: Int64Array, line: Alignment, limits: Float64Array) -> None:
+    """Let heights be linear from the first to the last stations of runs, in place; −1 are not of these."""
+    for first, last in runs[runs[:, 0] >= 0].tolist():
+        rise, size, limit = height[last] - height[first], line.length[first:last], limits[first:last]
         if abs(rise) > limit.min() * size.sum():  # stricter parts are less steep than others
             size = limit * size
         height[first + 1 : last] = height[first] + rise * np.cumsum(size)[:-1] / max(size.sum(), 1e-9)
@@ -283,10 +234,10 @@ def united_reach(along: Float64Array, first: Int64Array, reach: Float64Array) ->
     return found
 
 
-def _parabolas(part: _Stations, height: Float64Array) -> tuple[Float64Array, Float64Array]:
+def _parabolas(line: Alignment, height: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Return heights and slopes at stations of the parabolas that touch the middles of all pieces."""
-    own = part.own
-    length = np.where(own, np.maximum(part.length, 1e-9), 1.0)
+    own = line.way >= 0
+    length = np.where(own, np.maximum(line.length, 1e-9), 1.0)
     rise = np.where(own, np.diff(height) / length, 0.0)
     slope, result = np.zeros(len(height)), height.copy()
     slope[:-1] += np.where(own, rise, 0.0)

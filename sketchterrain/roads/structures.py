@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.document.layers import feature_name
 from sketchterrain.roads.alignment import Alignment
 from sketchterrain.roads.network import AUTOMATIC, Crossing, Way, WayGraph
-from sketchterrain.roads.profile import Profile, ProfileSolver, StationGraph, nearest_heights
+from sketchterrain.roads.profile import Profile, ProfileInput, ProfileSolver, StationGraph, nearest_heights
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, deck_depth
 
 CLEARANCE: Final = 4.7
@@ -38,15 +38,6 @@ _DECK_COVER = 0.3  # m of ground over a deck from which on it is a road on the g
 
 _Crossed = tuple[Crossing, int, int]
 """A crossing, and its stations on the upper and on the lower way."""
-
-
-class _Runs(NamedTuple):
-    """Runs of pieces on structures, as first and last stations, and what depends on them alone."""
-
-    nearest: Float64Array  # (n,) heights nearest to the ground beside them, m
-    structure: Int64Array  # (n − 1,)
-    ramps: list[tuple[int, int]]  # with those that their means reach
-    decks: list[tuple[int, int]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,21 +71,14 @@ def carry(
     none = np.full(len(line.at), np.inf)
     lower, upper = -none, none.copy()
     crossed = [_crossed(crossing, line) for crossing in ways.crossings]
-    solver, runs = ProfileSolver(graph, line), _Runs(none, np.zeros(0, np.int64), [], [])
-
-    def solved() -> Profile:
-        nonlocal runs
-        if not np.array_equal(runs.structure, structure):  # bounds change more often
-            runs = _structure_runs(structure, line, graph, ground)
-        return solver.solve(*runs, lower, upper)
-
+    solver = ProfileSolver(graph, line)
     for crossing, a, b in crossed:
         if TUNNEL not in _beside(structure, b):
             _mark(structure, line, a, _width_below(ways, crossing), BRIDGE, choose)
     in_water = np.isfinite(water)
     causeway = _cross_water(structure, line, in_water, choose, told)
     lower[causeway] = water[causeway] + FREEBOARD
-    first = solved()
+    first = solver.solve(_wanted(structure, line, graph, ground), lower, upper)
     depth = first.height - ground
     bridged = choose & ~is_path
     _mark_runs(structure, line, depth > _MAX_FILL, depth > _ABUTMENT, BRIDGE, bridged)
@@ -103,11 +87,12 @@ def carry(
     asked_tunnels, opened = structure == TUNNEL, True
     floods = np.where(in_water & ~causeway, water + FREEBOARD, -np.inf)
     while opened:
-        profile = solved()
+        wanted = _wanted(structure, line, graph, ground)
+        profile = solver.solve(wanted, lower, upper)
         for _ in range(_STOREYS):  # what is above a raised deck is raised after it
-            if not _clear(runs, line, profile.height, floods, crossed, lower, upper):
+            if not _clear(wanted, line, profile.height, floods, crossed, lower, upper):
                 break
-            profile = solved()
+            profile = solver.solve(wanted, lower, upper)
         result = _trimmed(structure, line, profile.height, ground, {a for _, a, _ in crossed})
         opened = False
         for crossing, a, b in crossed:
@@ -180,19 +165,19 @@ def _runs(structure: Int64Array, line: Alignment) -> list[tuple[int, int]]:
     return [(a, b) for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True) if kind[a] != GROUND]
 
 
-def _structure_runs(
+def _wanted(
     structure: Int64Array, line: Alignment, graph: StationGraph, ground: Float64Array
-) -> _Runs:
-    """Return the runs of structures, and heights (m) that are nearest to the ground beside them."""
-    decks = _runs(structure, line)
-    ramps = [_with_ramps(run, graph, line) for run in decks]
+) -> ProfileInput:
+    """Return what the profile of structures, and on the ground (m) between them, follows."""
+    decks = np.array(_runs(structure, line), np.int64).reshape(-1, 2)
+    ramps = np.array([_with_ramps(run, graph, line) for run in decks.tolist()], np.int64).reshape(-1, 2)
     is_free = np.zeros(len(line.at), np.bool_)
-    for first, last in ramps:
+    for first, last in ramps.tolist():
         is_free[first + 1 : last] = True
-    return _Runs(nearest_heights(graph, line, ground, is_free), structure.copy(), ramps, decks)
+    return ProfileInput(nearest_heights(graph, line, ground, is_free), structure.copy(), ramps, decks)
 
 
-def _with_ramps(run: tuple[int, int], graph: StationGraph, line: Alignment) -> tuple[int, int]:
+def _with_ramps(run: Sequence[int], graph: StationGraph, line: Alignment) -> tuple[int, int]:
     """Return a run of stations with those that its means reach."""
     first, last = run
     start, end = line.first[line.leg[first]], line.first[line.leg[first] + 1] - 1
@@ -267,7 +252,7 @@ def _cross_water(
 
 
 def _clear(
-    runs: _Runs,
+    wanted: ProfileInput,
     line: Alignment,
     height: Float64Array,
     floods: Float64Array,
@@ -276,7 +261,7 @@ def _clear(
     upper: Float64Array,
 ) -> bool:
     """Set bounds: decks above floods and above what they cross, and this beneath them; return whether any."""
-    structure, least, most = runs.structure, floods.copy(), np.full(len(height), np.inf)
+    structure, least, most = wanted.structure, floods.copy(), np.full(len(height), np.inf)
     for _, a, b in crossed:
         is_tunnel = TUNNEL in _beside(structure, b)
         least[a] = max(least[a], height[b] + CLEARANCE) if not is_tunnel else least[a]
@@ -286,10 +271,9 @@ def _clear(
             upper[b] = min(upper[b], height[b])
     found = False
     bounded = np.append(0, np.cumsum(np.isfinite(least) | np.isfinite(most)))
-    for (first, last), ramps in zip(runs.decks, runs.ramps, strict=True):
-        if bounded[last + 1] == bounded[first]:
-            continue
-        ends, inside = list(ramps), slice(first, last + 1)
+    near = bounded[wanted.decks[:, 1] + 1] > bounded[wanted.decks[:, 0]]
+    for (first, last), ends in zip(wanted.decks[near].tolist(), wanted.straight[near].tolist(), strict=True):
+        inside = slice(first, last + 1)
         if structure[first] == BRIDGE:
             deck = deck_depth(line.along[last] - line.along[first])
             lack = float((least[inside] + deck - height[inside]).max())

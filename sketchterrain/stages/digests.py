@@ -164,17 +164,12 @@ def blocks_of(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.void]:
 def _hashed_blocks(image: npt.NDArray[np.uint8], where: npt.NDArray[np.bool_]) -> npt.NDArray[np.void]:
     """Return the digests of some blocks, (n,)."""
     parts = (image[place] for place in places_of(where))
-    if image.any():
-        found = [blake2b(part.tobytes(), digest_size=_SIZE).digest() for part in parts]
-    else:  # as most layers are
-        found = [_empty_digest(part.size) for part in parts]
-    return np.array(found, f"V{_SIZE}")
+    if not image.any():  # as most layers
+        return np.array([_empty_digest(part.size) for part in parts], f"V{_SIZE}")
+    return np.array([blake2b(part.tobytes(), digest_size=_SIZE).digest() for part in parts], f"V{_SIZE}")
 
 
-@cache
-def _empty_digest(size: int) -> bytes:
-    """Return the digest of a block without labels."""
-    return blake2b(bytes(size), digest_size=_SIZE).digest()
+_empty_digest = cache(lambda size: blake2b(bytes(size), digest_size=_SIZE).digest())
 
 
 def _hashed(value: object) -> bytes:
@@ -198,9 +193,6 @@ def _feed(update: Callable[[Any], None], value: Any, *, outermost: bool = False)
         text = value if isinstance(value, bytes) else repr(value).encode()
         update(b"%s %d %s" % (kind.__name__.encode(), len(text), text))
     elif isinstance(value, (tuple, list)):
-        if _LITERALS.issuperset(map(type, value)):
-            update(f"{kind.__name__} {list(value)!r};".encode())
-            return
         update(b"%s %d;" % (kind.__name__.encode(), len(value)))
         for each in value:
             _feed(update, each)

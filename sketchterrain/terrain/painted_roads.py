@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import Float64Array, LatticeArray
+from sketchterrain.array_types import Float64Array, Int64Array, LatticeArray
 from sketchterrain.document.layers import LANE_WIDTHS
 from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.geometry.lattice import metres_per_unit, to_lattice
@@ -25,108 +25,86 @@ _FRAY: Final = 0.5  # m by which noise widens roads
 _UNDER: Final = 3.0  # m that roads continue under bridges
 
 
-class _Pieces(NamedTuple):
-    """Pieces as the kernel reads them."""
-
-    at: LatticeArray  # (n, 2) starts, lattice units
-    row: Float64Array  # (n, 16) columns of `_PIECE`
-    boxes: LatticeArray  # (n, 4) lattice units
-
-    @property
-    def half_width(self) -> Float64Array:
-        """Half the greatest width with shoulders, (n,), m."""
-        both = self.row[:, [_PIECE["piece_from_whole"], _PIECE["piece_to_whole"]]]
-        return np.asarray(both.max(axis=1, initial=0.0))
-
-
-class _Painted(NamedTuple):
-    """What the pieces of a road depend on."""
-
-    road: Road
-    clear: tuple[tuple[float, bool], ...]  # of `_junctions`
-    length: float  # m, of its leg
-    beside: tuple[int, int]  # structures before and after it
-
-    def pieces(self, extent: float) -> _Pieces:
-        """Return its pieces."""
-        road = self.road
-        count = len(road.bend)
-        row = np.zeros((count, 16))
-        chord = np.diff(road.axis[:, :2], axis=0)
-        row[:, :2], row[:, 2] = chord, 1.0 / np.maximum((chord**2).sum(axis=1), 1e-12)
-        row[:, _PIECE["piece_bend"]] = road.bend
-        for name, values in (("half", road.half_width), ("whole", road.whole_half)):
-            row[:, _PIECE[f"piece_from_{name}"]] = values[:-1]
-            row[:, _PIECE[f"piece_to_{name}"]] = values[1:]
-        row[:, _PIECE["piece_start"]] = road.along[:-1]
-        row[:, _PIECE["piece_length"]] = np.diff(road.along)
-        (clear, gives_way), (clear_end, gives_way_end) = self.clear
-        row[:, _PIECE["piece_clear"]] = clear
-        row[:, _PIECE["piece_marked"]] = self.length - clear_end
-        lane = LANE_WIDTHS[road.layer]
-        row[:, _PIECE["piece_lanes"]] = max(round(2.0 * float(road.half_width.mean()) / lane), 1)
-        surface = _RAILS if road.layer == "railway" else _SURFACES.get(road.works.surface, 1)
-        row[:, _PIECE["piece_surface"]] = surface
-        row[:, _PIECE["piece_ends"]] = 4 * gives_way + 8 * gives_way_end
-        row[0, _PIECE["piece_ends"]] += self.beside[0] != GROUND
-        row[-1, _PIECE["piece_ends"]] += 2 * (self.beside[1] != GROUND)
-        marked = surface == 0 and 2.0 * float(road.half_width.min()) >= _MARKED
-        row[:, _PIECE["piece_marks"]] = marked
-        starts, rows = [road.axis[:-1, :2]], [row]
-        for structure, end, step in zip(self.beside, (0, -1), (-1, 1), strict=True):
-            if structure == BRIDGE:
-                place, beyond = _under_bridge(road, row[end], end, step)
-                starts.append(place)
-                rows.append(beyond)
-        found = _Pieces(to_lattice(np.concatenate(starts), extent), np.concatenate(rows), _NO_PIECES.boxes)
-        bend, wide = found.row[:, _PIECE["piece_bend"]], found.half_width + _FRAY
-        return found._replace(
-            boxes=arc_boxes(found.at, found.row[:, :2], bend, wide, metres_per_unit(extent))
-        )
-
-
-_NO_PIECES: Final = _Pieces(np.zeros((0, 2), np.int64), np.zeros((0, 16)), np.zeros((0, 4), np.int64))
+_Pieces = tuple[LatticeArray, Float64Array, Float64Array, LatticeArray]
+"""Pieces of a road: the first three fields of `PaintedRoads`, and boxes."""
+_NO_PIECES: Final = np.zeros((0, 2), np.int64), np.zeros((0, 16)), np.zeros(0), np.zeros((0, 4), np.int64)
 
 
 class PaintedRoads(NamedTuple):
-    """Pieces of all roads, those of each, and the index of their boxes."""
+    """Pieces as the kernel reads them, the index of their boxes, and those of each road."""
 
-    at: LatticeArray
-    row: Float64Array
+    at: LatticeArray  # (n, 2) starts, lattice units
+    row: Float64Array  # (n, 16) columns of `_PIECE`
+    half_width: Float64Array  # (n,) half the greatest width with shoulders, m
     boxes: BoxIndex
-    half_width: Float64Array
-    pieces: Mapping[_Painted, _Pieces]
+    roads: Mapping[tuple[Any, ...], _Pieces]  # by what they depend on, see `_pieces`
 
-    def without(self, other: PaintedRoads) -> LatticeArray:
+    def without(self, other: PaintedRoads) -> Int64Array:
         """Return the numbers of pieces of roads that the other ones lack."""
-        own = [key not in other.pieces for key in self.pieces]
-        return np.flatnonzero(np.repeat(own, [len(each.at) for each in self.pieces.values()]))
+        own = [key not in other.roads for key in self.roads]
+        return np.flatnonzero(np.repeat(own, [len(at) for at, *_ in self.roads.values()]))
 
-    def as_bytes(self, numbers: LatticeArray) -> npt.NDArray[np.void]:
+    def as_bytes(self, numbers: Int64Array) -> npt.NDArray[np.void]:
         """Return each of some pieces as one value."""
         rows = np.column_stack([self.at[numbers].view(np.float64), self.row[numbers]])
         return np.ascontiguousarray(rows).view(np.dtype((np.void, rows.itemsize * rows.shape[1]))).ravel()
 
 
 def painted_roads(network: RoadNetwork, extent: float, before: PaintedRoads | None = None) -> PaintedRoads:
-    """Return the pieces of all roads on the ground; those of roads that were there before are shared."""
-    known = {} if before is None else before.pieces
+    """Return the pieces of all roads on the ground; what is the same as before is shared."""
+    known = {} if before is None else before.roads
     others = {(road.leg, road.part): road.structure for road in network.roads if road.structure != GROUND}
     lengths: dict[int, float] = defaultdict(float)
     for road in network.roads:
         lengths[road.leg] = max(lengths[road.leg], float(road.along[-1]))
-    ends, pieces = _junctions(network), dict[_Painted, _Pieces]()
+    ends, roads = _junctions(network), dict[tuple[Any, ...], _Pieces]()
     for road in network.roads:
         if road.structure == GROUND:
-            first, last = (others.get((road.leg, road.part + step), GROUND) for step in (-1, 1))
-            key = _Painted(road, tuple(ends[road.leg]), lengths[road.leg], (first, last))
-            pieces[key] = known.get(key) or key.pieces(extent)
-    at, row, boxes = (np.concatenate(parts) for parts in zip(_NO_PIECES, *pieces.values(), strict=True))
-    found = PaintedRoads(at, row, BoxIndex(boxes), _Pieces(at, row, boxes).half_width, pieces)
-    if before is None or [key for key in pieces if key in known] != [key for key in known if key in pieces]:
+            beside = tuple(others.get((road.leg, road.part + step), GROUND) for step in (-1, 1))
+            key = road, tuple(ends[road.leg]), lengths[road.leg], beside
+            roads[key] = known.get(key) or _pieces(key, extent)
+    at, row, half_width, boxes = map(np.concatenate, zip(_NO_PIECES, *roads.values(), strict=True))
+    found = PaintedRoads(at, row, half_width, BoxIndex(boxes), roads)
+    if before is None or [key for key in roads if key in known] != [key for key in known if key in roads]:
         return found
     added = found.without(before)
     return found._replace(boxes=before.boxes.updated(before.without(found), added, boxes[added]))
+
+
+def _pieces(key: tuple[Any, ...], extent: float) -> _Pieces:
+    """Return the pieces of a road by its `_junctions`, its leg's length (m) and the structures beside it."""
+    road, ((clear, gives_way), (clear_end, gives_way_end)), length, beside = key
+    count = len(road.bend)
+    row = np.zeros((count, 16))
+    chord = np.diff(road.axis[:, :2], axis=0)
+    row[:, :2], row[:, 2] = chord, 1.0 / np.maximum((chord**2).sum(axis=1), 1e-12)
+    row[:, _PIECE["piece_bend"]] = road.bend
+    for name, values in (("half", road.half_width), ("whole", road.whole_half)):
+        row[:, _PIECE[f"piece_from_{name}"]] = values[:-1]
+        row[:, _PIECE[f"piece_to_{name}"]] = values[1:]
+    row[:, _PIECE["piece_start"]] = road.along[:-1]
+    row[:, _PIECE["piece_length"]] = np.diff(road.along)
+    row[:, _PIECE["piece_clear"]] = clear
+    row[:, _PIECE["piece_marked"]] = length - clear_end
+    lane = LANE_WIDTHS[road.layer]
+    row[:, _PIECE["piece_lanes"]] = max(round(2.0 * float(road.half_width.mean()) / lane), 1)
+    surface = _RAILS if road.layer == "railway" else _SURFACES.get(road.works.surface, 1)
+    row[:, _PIECE["piece_surface"]] = surface
+    row[:, _PIECE["piece_ends"]] = 4 * gives_way + 8 * gives_way_end
+    row[0, _PIECE["piece_ends"]] += beside[0] != GROUND
+    row[-1, _PIECE["piece_ends"]] += 2 * (beside[1] != GROUND)
+    marked = surface == 0 and 2.0 * float(road.half_width.min()) >= _MARKED
+    row[:, _PIECE["piece_marks"]] = marked
+    starts, rows = [road.axis[:-1, :2]], [row]
+    for structure, end, step in zip(beside, (0, -1), (-1, 1), strict=True):
+        if structure == BRIDGE:
+            place, beyond = _under_bridge(road, row[end], end, step)
+            starts.append(place)
+            rows.append(beyond)
+    at, row = to_lattice(np.concatenate(starts), extent), np.concatenate(rows)
+    wide = row[:, [_PIECE["piece_from_whole"], _PIECE["piece_to_whole"]]].max(axis=1)
+    boxes = arc_boxes(at, row[:, :2], row[:, _PIECE["piece_bend"]], wide + _FRAY, metres_per_unit(extent))
+    return at, row, wide, boxes
 
 
 def _under_bridge(road: Road, row: Float64Array, end: int, step: int) -> tuple[Float64Array, Float64Array]:

@@ -184,11 +184,11 @@ class TileStream:
         """Whether nothing visible was missing in the last frame's plan."""
         return self._complete
 
-    def plan(self, view: CameraView, *, budget: float, unseen: float = np.inf, still: bool = False) -> Batch:
+    def plan(self, view: CameraView, *, budget: float, still: bool = False, in_sight: bool = False) -> Batch:
         """Return tiles to generate now within a budget (s); empty if none is missing.
 
-        Most visible first, then those ahead of the camera's motion; what is not in sight takes at most
-        `unseen` (s). A still needs only what it shows: see `jump`.
+        Most visible first, then those ahead of the camera's motion, unless only what is `in_sight` counts.
+        A still needs only what it shows: see `jump`.
         """
         self._still = still
         # In flight every second frame reuses the target tree, and looks ahead instead.
@@ -210,7 +210,7 @@ class TileStream:
             self._error_factor = max(self._error_factor * _TIGHTEN, 1.0)
         codes = _limit_levels(codes)[: min(_PER_BATCH, capacity)]
         if self._complete:  # stale tiles first
-            codes, budget = stale[:_PER_BATCH] if stale.size else codes, min(budget, unseen)
+            codes, budget = stale[:_PER_BATCH] if stale.size else codes, 0.0 if in_sight else budget
         elif stale.size:
             codes = with_stale_parents(self.pool, codes)
         count = self._cost.count_within(decode(codes)[0], budget, usually=still)

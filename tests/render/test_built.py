@@ -31,15 +31,16 @@ ROAD = make_road([(100, 250, 0), (900, 250, 0)], crossfall=np.zeros((2, 2)), sho
 
 
 class Flat(Waves):
-    """Level ground at 0 m with a ridge of 60 m along y = 500."""
+    """Level ground with a ridge of 60 m along y = 500."""
 
-    def __init__(self, network):
+    def __init__(self, network, level=0.0):
         super().__init__(rivers=False, plants=False)
         self.features.network = network
+        self.level = level
 
     def heights(self, x, y, *, cell_size=0.0):
         x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
-        return (60.0 * np.exp(-(((y - 500.0) / 30.0) ** 2))).astype(np.float32)
+        return (self.level + 60.0 * np.exp(-(((y - 500.0) / 30.0) ** 2))).astype(np.float32)
 
 
 def seen(camera, x, y, size=SIZE, z=0.0):
@@ -172,12 +173,7 @@ def test_an_edit_rebuilds_what_it_changes(gl, monkeypatch):
     assert built.changes == 2
     assert all(built._objects[key] is objects[key] for key in objects)
     bridge = next(key for key in objects if key[0] == network.roads[2].id and key[1] == BRIDGE)
-    under = [(150.0, 350.0, 350.0, 550.0)]  # the ground under the bridge
-    built.set_terrain(Flat(network), under)
-    assert all(built._objects[key] is objects[key] for key in objects)  # it is as high as before
-    raised = Flat(network)
-    monkeypatch.setattr(raised, "heights", lambda x, y: Flat.heights(raised, x, y) + np.float32(0.5))
-    built.set_terrain(raised, under)
+    built.set_terrain(Flat(network, -1.0), [(150.0, 350.0, 350.0, 550.0)])  # the ground under the bridge
     assert [key for key in objects if built._objects[key] is not objects[key]] == [bridge]
     built.set_terrain(Flat(RoadNetwork()), [])
     assert not built

@@ -508,7 +508,7 @@ def test_levels_of_a_river_deviate_by_their_error_at_most_and_only_chunks_in_vie
     step = np.arange(60) - 30.0
     inside = (72.0 - 4.0 * np.hypot(step, step[:, None])).astype(np.float32)
     lake = lake_surface(SimpleNamespace(west=100.0, south=-50.0, spacing=4.0, inside=inside), 7.5)
-    _, indices, chunks = inland_mesh([lake, mesh])
+    _, _, indices, chunks = inland_mesh([lake, mesh])
     is_river = chunks["count"][:, 1] > 0
     assert is_river.sum() == -(-(len(line) - 1) // STATIONS)
     ranges = zip(chunks["first"][:, 0], chunks["count"][:, 0], strict=True)

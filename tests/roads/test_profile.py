@@ -10,7 +10,7 @@ from sketchterrain.document.layers import id_of_vector
 from sketchterrain.document.vectors import on_grid
 from sketchterrain.roads.alignment import align
 from sketchterrain.roads.network import way_graph
-from sketchterrain.roads.profile import ProfileSolver, nearest_heights, station_graph
+from sketchterrain.roads.profile import ProfileInput, ProfileSolver, nearest_heights, station_graph
 from sketchterrain.roads.road_shapes import axis_points, grades
 from sketchterrain.roads.road_types import GROUND, profile_at
 from tests.sample_roads import contents, hills, network_on, sketch_with
@@ -156,8 +156,9 @@ def test_bounds_that_contradict_each_other_are_told_and_shared() -> None:
     x = line.at[:, 0]
     lower, upper = np.where(x == 0.0, 60.0, -np.inf), np.where(x == 100.0, 0.0, np.inf)
     nearest = nearest_heights(stations, line, np.zeros(len(x)), np.zeros(len(x), np.bool_))
-    ground = np.zeros(len(x) - 1, np.int64)
-    profile = ProfileSolver(stations, line).solve(nearest, ground, [], [], lower, upper)
+    ground, runs = np.zeros(len(x) - 1, np.int64), np.zeros((0, 2), np.int64)
+    wanted = ProfileInput(nearest, ground, runs, runs)
+    profile = ProfileSolver(stations, line).solve(wanted, lower, upper)
     assert profile.violation.max() == pytest.approx(50.0, abs=0.1)  # 60 m less the 10 m of the grade
     for value, bound in ((lower - profile.height, 25.0), (profile.height - upper, 25.0)):
         assert value.max() == pytest.approx(bound, abs=0.5)
@@ -171,18 +172,19 @@ def test_a_solver_of_closer_and_closer_bounds_finds_what_a_new_one_does() -> Non
     stations, rng = station_graph(graph.ways, graph.legs, line), np.random.default_rng(1)
     count, ground = len(line.at), 20.0 * np.sin(0.01 * line.at[:, 0])
     solver, structure = ProfileSolver(stations, line), np.zeros(count - 1, np.int64)
-    lower, upper, runs, kept = np.full(count, -np.inf), np.full(count, np.inf), [], []
+    lower, upper, kept = np.full(count, -np.inf), np.full(count, np.inf), []
+    runs = np.zeros((0, 2), np.int64)
     for step in range(12):
         if step % 3 == 2:  # another straight structure
             leg = int(rng.integers(len(line.first) - 1))
-            runs = [*runs, (int(line.first[leg]), int(line.first[leg + 1]) - 1)]
+            runs = np.append(runs, [[line.first[leg], line.first[leg + 1] - 1]], axis=0)
             structure = structure.copy()
-            structure[slice(*runs[-1])] = step
+            structure[slice(*runs[-1].tolist())] = step
         for bound, closer, side in ((lower, np.maximum, -3.0), (upper, np.minimum, 3.0)):
             at = rng.integers(count, size=2)
             bound[at] = closer(bound[at], ground[at] + side)
         nearest = nearest_heights(stations, line, ground, np.zeros(count, np.bool_))
-        given = nearest, structure, runs, runs, lower, upper
+        given = ProfileInput(nearest, structure, runs, runs), lower, upper
         found, other = solver.solve(*given), ProfileSolver(stations, line).solve(*given)
         for name in ("height", "slope", "violation"):
             assert getattr(found, name).tobytes() == getattr(other, name).tobytes(), (step, name)

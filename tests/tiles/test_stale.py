@@ -108,17 +108,17 @@ def test_a_moving_camera_sees_only_the_newest_terrain(toy, world, seed):
     assert len(codes) <= stream.pool.slots
 
 
-def test_stale_tiles_that_are_not_in_sight_have_a_budget_of_their_own(toy, world):
+def test_stale_tiles_that_are_not_in_sight_may_wait(toy, world):
     stream, writer = world
     view = toy.view_from((300.0, 200.0, 60.0))
     writer.rewritten(converge(stream, writer, view), view)
     writer.change(UNBOUNDED)
     writer.rewritten(stream.draw_list(view), view)
     assert stream.pool.stale_tiles().size
-    assert not stream.plan(view, budget=np.inf, unseen=0.0)
+    assert not stream.plan(view, budget=np.inf, in_sight=True)
     assert stream.plan(view, budget=np.inf)
     far = toy.view_from((9300.0, 9200.0, 60.0))
-    assert stream.plan(far, budget=np.inf, unseen=0.0)  # it misses tiles in sight
+    assert stream.plan(far, budget=np.inf, in_sight=True)  # it misses tiles in sight
 
 
 def test_a_partly_written_batch_leaves_no_stale_tile(toy, world):

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 _DRAFT_AFTER: Final = 0.2  # s; a placement expected to take longer is shown as a draft first
 _SHORT: Final = 0.1  # s; a placement expected to end sooner is finished in any case
-_IDLE: Final = 0.5  # s without a sketch, before all garbage is collected: that takes as long as placing
 _REST: Final = 0.06  # s without a newer sketch, after which a draft is followed by the final terrain
 
 
@@ -111,8 +110,6 @@ class Placer:
 
     def _receive(self) -> bool:
         """Wait for an update and apply all pending ones; return False for `Quit`."""
-        if not self._window.has_message(_IDLE):
-            gc.collect()
         while True:
             message = self._window.receive()
             if isinstance(message, msg.Quit):
@@ -193,7 +190,7 @@ class Placer:
 
 
 if __name__ == "__main__":
-    gc.set_threshold(*gc.get_threshold()[:2], 1 << 30)  # see `_IDLE`
+    gc.set_threshold(*gc.get_threshold()[:2], 100)  # collecting all garbage takes as long as placing
     # Recipes may queue, but must never delay placement.
     _window, _engine = (int(each) for each in sys.argv[1:])
     Placer(

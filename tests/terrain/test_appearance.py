@@ -11,11 +11,12 @@ from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.landuse.areas import NO_LAND_USE, land_use
-from sketchterrain.roads.road_types import RoadNetwork
+from sketchterrain.roads.road_types import BRIDGE, RoadNetwork
 from sketchterrain.terrain.appearance import SIDE, Appearance
 from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.layers.layer import WorldSettings
 from sketchterrain.terrain.orthophotos import Orthophoto
+from sketchterrain.terrain.painted_roads import painted_roads
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 from .. import terrains
@@ -334,6 +335,33 @@ def test_an_edit_gives_the_texels_of_a_new_appearance() -> None:
         assert changed.any()
         assert not (changed & ~touched).any()
         assert touched.sum() < len(keys) // 2
+
+
+def test_pieces_of_roads_after_edits_are_those_of_new_ones() -> None:
+    rng = np.random.default_rng(2)
+    roads = [road for number in range(60) for road in street(rng, number)]
+    before = painted_roads(RoadNetwork(tuple(roads)), EXTENT)
+    blocks = np.array([[0, 0, 1 << 22, 1 << 22], [1 << 22, 1 << 20, 1 << 23, 1 << 23]])
+    for _ in range(8):
+        number = int(rng.integers(60))
+        roads = [road for road in roads if road.leg != number or rng.random() < 0.2]
+        roads = sorted([*roads, *street(rng, 100 + number)], key=lambda road: road.leg)
+        network = RoadNetwork(tuple(roads))
+        edited, fresh = painted_roads(network, EXTENT, before), painted_roads(network, EXTENT)
+        for name in ("at", "row", "half_width"):
+            np.testing.assert_array_equal(getattr(edited, name), getattr(fresh, name))
+        np.testing.assert_array_equal(edited.boxes.boxes, fresh.boxes.boxes)
+        np.testing.assert_array_equal(edited.boxes.touching(blocks), fresh.boxes.touching(blocks))
+        assert 0 < len(edited.without(before)) < len(edited.at) // 2
+        before = edited
+
+
+def street(rng, number):
+    """Return the two parts of a leg, the second one a bridge."""
+    x, y = rng.uniform(100.0, 3900.0, 2)
+    points = np.array([[x + 30.0 * k, y + 5.0 * k * k, 0.0] for k in range(4)])
+    given = {"vector": number, "leg": number}
+    return make_road(points, **given), make_road(points[2:] + 60.0, part=1, structure=BRIDGE, **given)
 
 
 def test_photographs_lie_beneath_what_is_painted() -> None:

@@ -14,7 +14,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.generation.building import build, make_recipe, rebuild
 from sketchterrain.generation.terrain import Terrain
-from sketchterrain.geometry.differences import row_difference
+from sketchterrain.geometry.differences import merge_boxes, row_difference
 from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.landforms.placement.feature_types import FEATURE, FEATURE_TYPES, FILL_BIT, lock_edit
 from sketchterrain.stages.runner import Results
@@ -162,6 +162,20 @@ def test_a_name_and_locks_change_nothing() -> None:
     x, y = np.random.default_rng(1).uniform(0.0, plain.extent, (2, 500))
     after = Terrain(locked, after.recipe, plain.context)
     np.testing.assert_array_equal(plain.heights(x, y), after.heights(x, y))
+
+
+def test_merged_rectangles_cover_all_and_neighbours_are_one() -> None:
+    rng = np.random.default_rng(0)
+    for count in (0, 1, 2, 40, 300):
+        low = rng.uniform(0.0, 1000.0, (count, 2))
+        boxes = np.concatenate([low, low + rng.uniform(0.0, 90.0, (count, 2))], axis=1)
+        merged = np.array(merge_boxes(map(tuple, boxes.tolist()))).reshape(-1, 4)
+        inside = (boxes[:, None, :2] >= merged[:, :2]) & (boxes[:, None, 2:] <= merged[:, 2:])
+        assert inside.all(axis=2).any(axis=1).all()
+        assert len(merged) <= count
+    row = [(10.0 * k, 0.0, 10.0 * k + 25.0, 8.0) for k in range(50)]
+    merged = merge_boxes([*row, (3.0, 2.0, 4.0, 3.0), (900.0, 0.0, 950.0, 8.0)])
+    assert set(merged) == {(0.0, 0.0, 515.0, 8.0), (900.0, 0.0, 950.0, 8.0)}
 
 
 def test_touches_includes_borders_and_the_margin() -> None:

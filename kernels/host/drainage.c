@@ -2,8 +2,6 @@
 
 #include <stddef.h>
 
-static const double least_slope = 0x1p-13; /* of a node to its receiver, where nothing is uplifted */
-static const double least_rise = 1e-6; /* m */
 static const double layers = 5.0; /* thickness of a pair of hard and soft layers, spacings of level 0 */
 static const double layer_edge = 2.0; /* steepness of the change between them */
 static const double cliff_slope = 1.7, bench_slope = 0.35; /* of full strata, over those of even rock */
@@ -118,7 +116,7 @@ static void carve_courses(Level level)
             int64_t to = level.forced[at];
             if (to < 0 || level.kind[to] == OUTLET)
                 break;
-            level.height[to] = least(level.height[to], level.height[at] - least_rise);
+            level.height[to] = least(level.height[to], level.height[at] - LEAST_RISE);
             at = to;
             if (level.forced[to] < 0)
                 level.kind[to] = OPEN_END;
@@ -446,8 +444,8 @@ static void find_rises(
 {
     for (int64_t at = 0; at < size; at++) {
         double quarter = sqrt(sqrt(greatest((area[at] - 0.5 * rain[at]) * per_area, 1e-9)));
-        double steep = greatest(uplift[at] / (quarter * sqrt(quarter)), least_slope);
-        double most = greatest(repose[at], least_slope), low = least(steep, most);
+        double steep = greatest(uplift[at] / (quarter * sqrt(quarter)), LEAST_SLOPE);
+        double most = greatest(repose[at], LEAST_SLOPE), low = least(steep, most);
         double a = steep < most ? steep : most, b = steep < most ? most : steep;
         double share = a * a / (b * b);
         double smooth = low / sqrt(sqrt(1.0 + share * share)); /* (steep^-4 + most^-4)^(-1/4) */
@@ -521,7 +519,7 @@ static void sink(Level level)
         height[node] = z;
         int64_t at = node, to = level.forced[node];
         while (to >= 0 && (level.kind[to] & 1) && height[to] >= height[at]) {
-            height[to] = height[at] - least_rise;
+            height[to] = height[at] - LEAST_RISE;
             at = to;
             to = level.forced[at];
         }
@@ -534,7 +532,7 @@ static void limit(Level level, double spacing)
     for (int64_t at = 0; at < level.size; at++) {
         double repose = level.repose[at] * (1.0 + (cliff_slope - 1.0) * level.strata[at]);
         bool is_limited = level.kind[at] == INNER && level.forced[at] < 0;
-        rise[at] = is_limited ? greatest(repose, least_slope) * spacing : INFINITY;
+        rise[at] = is_limited ? greatest(repose, LEAST_SLOPE) * spacing : INFINITY;
     }
     for (int64_t sweep = 0; sweep < 2 * SLOPE_SWEEPS; sweep++)
         limit_sweep(
@@ -615,7 +613,7 @@ void carve_barriers(
     for (int64_t k = 0; k < count; k++) {
         int64_t at = level.order[k], to = level.receiver[at];
         if (to >= 0 && (level.kind[to] & 1)) {
-            double below = greatest(level.height[at] - least_slope * spacing, lowest[to / width][to % width]);
+            double below = greatest(level.height[at] - LEAST_SLOPE * spacing, lowest[to / width][to % width]);
             level.height[to] = least(level.height[to], below);
         }
     }

@@ -18,6 +18,9 @@
 
 #include "host.h"
 
+#define LEAST_SLOPE 0.0001220703125 /* 2^-13, of a node to its receiver, where nothing is uplifted */
+#define LEAST_RISE 1e-6 /* of a course, m */
+
 /* Copy a level into rasters with a margin. Heights start from the coarser level (NaN: none), moved by a hash,
  * or from noise; or from the heights `onto` which the coarser level's differences are added (NaN, or `base`:
  * none). False if a course leads elsewhere than to one of the eight neighbours. */

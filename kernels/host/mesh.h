@@ -10,9 +10,9 @@
 
 #include "host.h"
 
+#define UNIT_BITS 10 /* of the mesh units along L */
+#define SITE_BITS 6 /* of the nodes of level 0 along L */
 enum {
-    UNIT_BITS = 10, /* of the mesh units along L */
-    SITE_BITS = 6, /* of the nodes of level 0 along L */
     UNIT = 1 << UNIT_BITS,
     SIDE = 1 << (UNIT_BITS - SITE_BITS), /* mesh units between nodes of level 0 */
 };

@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 # Once such a block was free, glibc keeps 64 MB instead of returning the memory of each array to the system.
 np.empty((1 << 25) - (1 << 16), np.uint8)
 
+TERRAIN_KERNELS: Final = ("tiles.cl", "points.cl", "graded_poisson.cl")
+"""Files of kernels of a terrain with plants; tiles from afar, and rasters of any size, use terrain.cl too."""
+
 _STORED_BYTES: Final = 1 << 29  # of the last ten to thirty sketches
 
 

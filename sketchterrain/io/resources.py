@@ -16,7 +16,7 @@ import numpy.typing as npt
 from sketchterrain.errors import InputError
 
 _CONSTANT = re.compile(r"^#define[ \t]+(\w+)[ \t]+(?:R\()?(-?(?:0x[0-9A-F]+|[\d.e-]+))", re.MULTILINE)
-_BASELINES = "baselines/"
+_BASELINES, _HOST = "baselines/", "host/"  # C's headers are named from their folder
 _INCLUDE = re.compile(r'^[ \t]*#include[ \t]+"([^"]+)"[ \t]*$', re.MULTILINE)
 # The last three are of files that exports copy.
 _SOURCES: Final = (".py", ".cl", ".clh", ".c", ".h", ".glsl", ".json", ".js", ".html", ".toml")
@@ -81,7 +81,7 @@ def _inline(name: str, seen: set[str]) -> str:
     text = files(package).joinpath(name).read_text(encoding="utf-8")
 
     def expand(match: re.Match[str]) -> str:
-        included = match.group(1)
+        included = f"{_HOST if name.startswith(_HOST) else ''}{match.group(1)}"
         next_line = text.count("\n", 0, match.start()) + 2
         body = "" if included in seen else f"#line 1\n{_inline(included, seen)}\n"
         return f"{body}#line {next_line}"

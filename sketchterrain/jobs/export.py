@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device, choose_device, fallback_device
@@ -29,7 +29,7 @@ from sketchterrain.export.target import (
     check_sidecar,
     write_sidecar,
 )
-from sketchterrain.generation.building import build, build_kernels, stored_results
+from sketchterrain.generation.building import TERRAIN_KERNELS, build, build_kernels, stored_results
 from sketchterrain.generation.self_test import self_test
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages, print_note
@@ -41,9 +41,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.scene import TerrainSource
 
 T = TypeVar("T")
-
-TERRAIN_KERNELS: Final = ("tiles.cl", "points.cl", "graded_poisson.cl")
-"""Files of kernels of a terrain with plants; tiles from afar, and rasters of any size, use terrain.cl too."""
 
 
 class DeviceFallback:

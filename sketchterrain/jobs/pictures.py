@@ -15,9 +15,10 @@ from sketchterrain.export.files import prepare_folder
 from sketchterrain.export.film import check_film, film
 from sketchterrain.export.map.sheet import write_map
 from sketchterrain.export.rasters import write_picture
+from sketchterrain.generation.building import TERRAIN_KERNELS
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages, print_note
-from sketchterrain.jobs.export import TERRAIN_KERNELS, DeviceFallback, build_terrain, noted_drapes
+from sketchterrain.jobs.export import DeviceFallback, build_terrain, noted_drapes
 from sketchterrain.render import scene
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import CameraStates, Flight

@@ -28,12 +28,10 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int32Array
 from sketchterrain.host.library import host_function
+from sketchterrain.io.resources import kernel_constants
 
-LEAST_SLOPE = 2.0**-13
-"""Least slope of a node to its receiver, where nothing is uplifted."""
-
-LEAST_RISE = 1e-6
-"""Least rise of a course, m."""
+LEAST_SLOPE, LEAST_RISE = kernel_constants("host/drainage.h", "LEAST_SLOPE", "LEAST_RISE")
+"""Least slope of a node to its receiver, where nothing is uplifted, and least rise of a course, m."""
 
 
 @dataclass(frozen=True, eq=False)

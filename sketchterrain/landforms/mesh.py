@@ -19,10 +19,11 @@ import numpy as np
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.geometry.hashing import hash_keys, hash_unit
 from sketchterrain.host.library import host_function
+from sketchterrain.io.resources import kernel_constants
 
-SITE_BITS = 6
-"""Bits of the nodes of level 0 along the spacing of sites."""
-SIDE = 16
+SITE_BITS, _UNIT_BITS = (int(bits) for bits in kernel_constants("host/mesh.h", "SITE_BITS", "UNIT_BITS"))
+"""Bits of the nodes of level 0, and of the mesh units, along the spacing of sites."""
+SIDE = 1 << (_UNIT_BITS - SITE_BITS)
 """Mesh units between nodes of level 0."""
 
 CORNER_X, CORNER_Y = np.array([0, 1, 1, 0]), np.array([0, 0, 1, 1])

@@ -161,11 +161,10 @@ class TerrainSession:
     def build_kernels(self) -> None:
         """Build the kernels of a terrain of built-in materials on a thread."""
         from sketchterrain.document.materials import BUILT_IN
-        from sketchterrain.generation.building import build_kernels
+        from sketchterrain.generation.building import TERRAIN_KERNELS, build_kernels
 
         if self._context is not None:
-            files = "terrain.cl", "tiles.cl", "points.cl", "graded_poisson.cl"
-            build_kernels(self._context, BUILT_IN, files)
+            build_kernels(self._context, BUILT_IN, ("terrain.cl", *TERRAIN_KERNELS))
 
     def apply(self, updates: list[RecipeUpdate]) -> None:
         """Apply updates; only the last one's terrain is created."""

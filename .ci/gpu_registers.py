@@ -15,9 +15,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.io import resources
 from sketchterrain.look import texture_maker
+from sketchterrain.schema.materials import BUILT_IN
 from sketchterrain.terrain.materials import material_defines
 
 MOST = {"patches": 128, "points": 128}  # 16 warps on a multiprocessor of 65,536 registers

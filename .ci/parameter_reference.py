@@ -10,7 +10,6 @@ from pathlib import Path
 
 from sketchterrain.document.drapes import CLASS, DRAPE, EDIT, MAX_CLASSES, MAX_DRAPES, STYLE
 from sketchterrain.document.edits import ACTIONS
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.material_rules import (
     DEFAULT_RULES,
     FACTOR,
@@ -20,11 +19,12 @@ from sketchterrain.document.material_rules import (
     Factor,
     MaterialRule,
 )
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.own_materials import MAX_MATERIALS, OWN
-from sketchterrain.document.parameters import FORMAT, LOOK, SKETCH, Parameter, Value, format_number
 from sketchterrain.document.rasters import MAX_EMBEDDED_BYTES, MAX_RASTERS, RASTER
 from sketchterrain.document.sketch import TABLES
+from sketchterrain.schema.layers import LAYERS
+from sketchterrain.schema.materials import MATERIALS
+from sketchterrain.schema.parameters import FORMAT, LOOK, SKETCH, Parameter, Value, format_number
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -36,8 +36,8 @@ from sketchterrain.benchmarks.timing import TimedContext, spread
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.drape.drapes import Drapes
 from sketchterrain.drape.feature_edits import move_vertex
-from sketchterrain.drape.levels import Level
 from sketchterrain.drape.raster_source import RasterSource
+from sketchterrain.features.levels import Level
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import canvas

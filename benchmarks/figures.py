@@ -22,7 +22,6 @@ from PIL import Image, ImageDraw, ImageFont
 from sketchterrain.benchmarks.plotting import BLUE, GREEN, INK, VERMILION, new_figure
 from sketchterrain.benchmarks.poisson_disk import PoissonDisk
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.generation.building import build
@@ -36,6 +35,7 @@ from sketchterrain.render.offscreen import canvas, read_picture, render_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun, Weather
+from sketchterrain.schema.materials import BUILT_IN
 from sketchterrain.terrain.layers.lakes import LakesLayer
 from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
 from sketchterrain.vegetation.plants import PLANT

@@ -19,10 +19,10 @@ from sketchterrain.benchmarks.splines import KERNELS, SplineQueries, splines_and
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
-from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.geometry.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.look.texture_maker import emboss, paint_layer
+from sketchterrain.schema.materials import BUILT_IN
 from sketchterrain.terrain.appearance import Appearance
 from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.patches import Patches, PatchLauncher, sample_stride

@@ -22,7 +22,6 @@ from sketchterrain.benchmarks.plotting import HUES, SKY, SMALL, new_figure
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
 from sketchterrain.benchmarks.road_methods import METHODS, Problem, RoadSamples, road_samples
 from sketchterrain.benchmarks.timing import TimedContext, alternate
-from sketchterrain.document.layers import id_of_vector
 from sketchterrain.document.rasters import raster_source
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
@@ -37,6 +36,7 @@ from sketchterrain.roads.road_shapes import axis_points
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, RoadNetwork, deck_depth
 from sketchterrain.roads.structures import TUNNEL_HEIGHT
 from sketchterrain.roads.waters import Floods
+from sketchterrain.schema.layers import id_of_vector
 from sketchterrain.stages.runner import Results, Runner
 from sketchterrain.terrain.host_heights import Ground, host_heights
 

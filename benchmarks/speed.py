@@ -20,8 +20,8 @@ from sketchterrain.benchmarks.thesis import LEVEL, OURS
 from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.geometry.lattice import QUADS
+from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.patches import PatchLauncher, tile_patches
 from sketchterrain.terrain.surfaces import SurfaceStore

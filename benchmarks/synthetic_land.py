@@ -8,7 +8,7 @@ import numpy as np
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import AREA, LINE, VectorLayer, starts
+from sketchterrain.features.table import AREA, LINE, VectorLayer, starts
 
 EXTENT: Final = 100_000.0
 """m; with all of the land as Bruneton & Neyret's data: 600,000 curves, 190,000 areas."""

@@ -23,9 +23,9 @@ from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
-from sketchterrain.document.vector_edits import move_node
-from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.errors import InputError
+from sketchterrain.features.edits import move_node
+from sketchterrain.features.table import VectorLayer
 from sketchterrain.generation.building import build, make_recipe
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.system import peak_memory

@@ -13,8 +13,8 @@ import tempfile
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.io.files import cache_folder
+from sketchterrain.schema.materials import MATERIALS
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from sketchterrain.document.layers import id_of_vector
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.roads.build import road_network
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Pad, Road, RoadNetwork, Wall, Works
+from sketchterrain.schema.layers import id_of_vector
+from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.stages.runner import Runner
 from sketchterrain.terrain.layers.layer import HostSamples, HostSite, WorldSettings
 from sketchterrain.terrain.layers.pads import PadsLayer

@@ -19,7 +19,8 @@ import sketchterrain
 ROOT = Path(__file__).parents[1]
 IMPORT = re.compile(r"^[ \t]*((?:from|import)[ \t][^(\n]*(?:\([^)]*\))?)", re.MULTILINE)
 
-BASE = {"errors", "array_types", "caching", "io", "host", "stages", "geometry", "document"}
+COMMON = {"errors", "array_types", "caching", "io", "host", "stages", "geometry"}
+BASE = COMMON | {"schema", "features", "document"}
 LAND = BASE | {"elevation", "landforms", "roads", "landuse", "compute", "terrain", "vegetation"}
 CORE = LAND | {"generation", "measure"}
 SHOWN = CORE | {"tiles", "look", "drape", "render", "export", "importing"}
@@ -32,6 +33,8 @@ MAY_IMPORT = {
     "host": {"errors", "array_types", "io"},
     "stages": {"caching"},
     "geometry": {"errors", "array_types"},
+    "schema": COMMON,
+    "features": COMMON | {"schema"},
     "document": BASE,
     "elevation": BASE,
     "landforms": BASE | {"elevation"},

@@ -13,7 +13,7 @@ from PyQt6.QtCore import QEvent, QObject, QSize, Qt
 from PyQt6.QtGui import QAction, QActionGroup, QGuiApplication, QKeyEvent, QKeySequence
 from PyQt6.QtWidgets import QMainWindow, QMenu, QToolBar, QWidget
 
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.commands import exists, is_edited, is_locked, name_of, reported
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.look.theme import icon

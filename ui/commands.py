@@ -17,12 +17,10 @@ import numpy as np
 
 from sketchterrain.document.edits import ACTIONS, Edit
 from sketchterrain.document.label_layers import MAX_LABELS, freeze_image, labels_in
-from sketchterrain.document.layers import LAYERS, layer_of
-from sketchterrain.document.parameters import SKETCH, Parameter, Value
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import TABLES, Sketch
-from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.errors import InputError
+from sketchterrain.features.table import VectorLayer
 from sketchterrain.landforms.placement.feature_types import (
     FEATURE_TYPES,
     TYPES,
@@ -32,6 +30,8 @@ from sketchterrain.landforms.placement.feature_types import (
     move_edit,
 )
 from sketchterrain.landforms.placement.heights import UNSET_HEIGHT
+from sketchterrain.schema.layers import LAYERS, layer_of
+from sketchterrain.schema.parameters import SKETCH, Parameter, Value
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.workspace import Handle, Selection
 

@@ -12,11 +12,11 @@ from PyQt6.QtCore import QObject, pyqtSignal
 from PyQt6.QtWidgets import QApplication, QDialog, QFileDialog, QMessageBox, QWidget
 
 from sketchterrain.document.label_layers import LabelImage, decode_layer
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import CHANGED, Hashes, file_hashes, load_sketch
 from sketchterrain.errors import InputError, SketchterrainError, prefix_errors
+from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.banner import Banner, Message, PictureFile
 from sketchterrain.ui.commands import reported

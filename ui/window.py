@@ -13,10 +13,10 @@ from PyQt6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QResizeEvent, 
 from PyQt6.QtWidgets import QLabel, QMainWindow, QMenu, QSizePolicy, QSlider, QTabWidget, QWidget
 
 from sketchterrain.document.drapes import drape_problem
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.elevation.raster_reader import SUFFIXES
 from sketchterrain.errors import one_line
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.actions import DRAPE_METHODS, Actions, RecentMenu, add_menus, add_tool_bars
 from sketchterrain.ui.banner import Banner, ErrorReporter, Message, UncaughtExceptions
 from sketchterrain.ui.canvas.canvas import Canvas

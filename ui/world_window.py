@@ -11,8 +11,8 @@ from PyQt6.QtCore import QObject, QSize, Qt, pyqtSignal
 from PyQt6.QtGui import QCloseEvent, QResizeEvent
 from PyQt6.QtWidgets import QLabel, QMainWindow, QMenu
 
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui import commands
 from sketchterrain.ui.actions import CLIPBOARD_COMMANDS, Actions, add_menus
 from sketchterrain.ui.banner import Banner, Message, PictureFile, ask_picture_path

@@ -15,7 +15,7 @@
 #define PIECE_CONTINUES 8
 #define MITRE_LIMIT 4.0
 
-/* As in sketchterrain/drape/items.py. */
+/* As in sketchterrain/features/items.py. */
 #define STROKE 0
 #define FILL 1
 #define BEFORE 4 /* the first point of a line is only for the join */

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sketchterrain.app.option_groups import reject_combination
-from sketchterrain.document.parameters import SKIES
 from sketchterrain.io.console import Stages, print_note
+from sketchterrain.schema.parameters import SKIES
 
 if TYPE_CHECKING:
     from sketchterrain.document.drapes import DrapedLayer

@@ -12,13 +12,13 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from sketchterrain.document.layers import LAYERS
-from sketchterrain.document.parameters import SKETCH, Parameter, format_number
 from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.document.toml_format import load_toml
 from sketchterrain.errors import InputError, SketchterrainError, did_you_mean, format_value, one_line
 from sketchterrain.export.target import ExportOptions
+from sketchterrain.schema.layers import LAYERS
+from sketchterrain.schema.parameters import SKETCH, Parameter, format_number
 
 MAX_SEEDS: Final = 10_000
 MAX_VALUES: Final = 1000

@@ -11,7 +11,10 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.document.parameters import (
+from sketchterrain.document.rasters import RASTER, RasterSource, content_hash, raster_problem
+from sketchterrain.errors import InputError, check_keys, check_tables, format_value, one_line
+from sketchterrain.io.files import too_large, wrap_read_errors
+from sketchterrain.schema.parameters import (
     FRAME,
     LOOK,
     Parameter,
@@ -22,9 +25,6 @@ from sketchterrain.document.parameters import (
     defaults,
     parameter_table,
 )
-from sketchterrain.document.rasters import RASTER, RasterSource, content_hash, raster_problem
-from sketchterrain.errors import InputError, check_keys, check_tables, format_value, one_line
-from sketchterrain.io.files import too_large, wrap_read_errors
 
 MAX_DRAPES: Final = 64
 """The most draped layers of a sketch."""

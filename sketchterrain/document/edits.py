@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from sketchterrain.document.layers import LAYERS, POINT_LAYERS
-from sketchterrain.document.parameters import Parameter, Value, check_values, parameter_table
 from sketchterrain.errors import InputError, check_keys, did_you_mean, format_value
+from sketchterrain.schema.layers import LAYERS, POINT_LAYERS
+from sketchterrain.schema.parameters import Parameter, Value, check_values, parameter_table
 
 ADDED_BIT = 1 << 62
 """Set in the id of every feature that the user added."""

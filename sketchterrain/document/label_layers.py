@@ -15,8 +15,8 @@ from PIL import Image
 from PIL.PngImagePlugin import PngImageFile
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.errors import InputError
+from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS
 
 Box = tuple[int, int, int, int]
 """Top, left, bottom, right: rows and columns of a sketch, the last two exclusive."""

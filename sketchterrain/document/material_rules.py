@@ -5,8 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias, cast
 
-from sketchterrain.document.parameters import Parameter, Value, check_items, parameter_table
 from sketchterrain.errors import InputError, check_keys, check_tables, did_you_mean, format_value
+from sketchterrain.schema.parameters import Parameter, Value, check_items, parameter_table
 
 MAX_FACTORS = 4
 """The most factors of a rule."""

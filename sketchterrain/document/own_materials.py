@@ -9,11 +9,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from sketchterrain.document.layers import LAYERS
-from sketchterrain.document.materials import BUILT_IN, MATERIALS, Colour, Material, MaterialTable
-from sketchterrain.document.parameters import LOOK, Parameter, Properties, check_values, parameter_table
-from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.errors import InputError, format_value
+from sketchterrain.features.table import VectorLayer
+from sketchterrain.schema.layers import LAYERS
+from sketchterrain.schema.materials import BUILT_IN, MATERIALS, Colour, Material, MaterialTable
+from sketchterrain.schema.parameters import LOOK, Parameter, Properties, check_values, parameter_table
 
 MAX_MATERIALS: Final = 16
 """The most materials of a sketch, the program's included."""

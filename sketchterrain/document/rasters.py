@@ -15,7 +15,10 @@ from typing import Any, Final
 
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.frame import check_frame
-from sketchterrain.document.parameters import (
+from sketchterrain.errors import InputError, check_keys, format_value, one_line
+from sketchterrain.io.disk_cache import RecordCache
+from sketchterrain.io.files import hash_file, too_large, wrap_read_errors
+from sketchterrain.schema.parameters import (
     FRAME,
     Parameter,
     Sentinel,
@@ -23,9 +26,6 @@ from sketchterrain.document.parameters import (
     check_values,
     parameter_table,
 )
-from sketchterrain.errors import InputError, check_keys, format_value, one_line
-from sketchterrain.io.disk_cache import RecordCache
-from sketchterrain.io.files import hash_file, too_large, wrap_read_errors
 
 MAX_RASTERS: Final = 64
 """The most raster sources of a sketch."""

@@ -24,16 +24,19 @@ from sketchterrain.document.label_layers import (
     freeze_image,
     labels_in,
 )
-from sketchterrain.document.layers import DENSITY, LANE_WIDTHS, LAYERS, PAINTED_LAYERS, Layer
 from sketchterrain.document.material_rules import RuleChange, check_rule_changes
-from sketchterrain.document.materials import MaterialTable
 from sketchterrain.document.own_materials import (
     check_materials_of_vectors,
     check_own_materials,
     material_table,
     with_materials,
 )
-from sketchterrain.document.parameters import (
+from sketchterrain.document.rasters import RasterSource, check_rasters
+from sketchterrain.errors import InputError, did_you_mean, format_value
+from sketchterrain.features.table import VectorLayer, check_vectors
+from sketchterrain.schema.layers import DENSITY, LANE_WIDTHS, LAYERS, PAINTED_LAYERS, Layer
+from sketchterrain.schema.materials import MaterialTable
+from sketchterrain.schema.parameters import (
     BASE,
     CLIMATE,
     COAST,
@@ -49,9 +52,6 @@ from sketchterrain.document.parameters import (
     check_values,
     defaults,
 )
-from sketchterrain.document.rasters import RasterSource, check_rasters
-from sketchterrain.document.vectors import VectorLayer, check_vectors
-from sketchterrain.errors import InputError, did_you_mean, format_value
 
 __all__ = ["DEFAULT_SIDE", "MAX_LABELS", "MAX_SIDE", "LabelImage", "Sketch", "labels_in"]
 

@@ -17,7 +17,6 @@ from types import MappingProxyType
 
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 from sketchterrain.document.own_materials import picture_files
 from sketchterrain.document.rasters import (
     RasterSource,
@@ -28,8 +27,8 @@ from sketchterrain.document.rasters import (
 )
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text, starter_sketch
-from sketchterrain.document.vector_file import SUFFIX, decode_vectors, encode_vectors, vector_files
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line, prefix_errors
+from sketchterrain.features.sketch_file import SUFFIX, decode_vectors, encode_vectors, vector_files
 from sketchterrain.io.files import (
     open_zip,
     relative_path,
@@ -39,6 +38,7 @@ from sketchterrain.io.files import (
     write_atomic,
 )
 from sketchterrain.io.resources import preset, preset_names
+from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 from sketchterrain.stages.digests import digest_of
 
 SETTINGS = "sketch.toml"

@@ -13,14 +13,14 @@ import numpy as np
 from sketchterrain.document.drapes import CLASS, DRAPE, STYLE, DrapedLayer, parse_drape
 from sketchterrain.document.edits import ACTIONS, Edit, added_id, parse_edit
 from sketchterrain.document.label_layers import LabelImage, labels_in
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.material_rules import FACTOR, RULE, RuleChange, parse_rule_change
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.own_materials import OWN
-from sketchterrain.document.parameters import FORMAT, LOOK, SKETCH, Parameter, Properties, Value, defaults
 from sketchterrain.document.rasters import RASTER, parse_raster
 from sketchterrain.document.sketch import DEFAULT_SIDE, TABLES, Sketch
 from sketchterrain.errors import InputError, check_keys, check_tables, format_value, one_line, prefix_errors
+from sketchterrain.schema.layers import LAYERS
+from sketchterrain.schema.materials import MATERIALS
+from sketchterrain.schema.parameters import FORMAT, LOOK, SKETCH, Parameter, Properties, Value, defaults
 
 _MAX_DOTS = 250
 _EXAMPLES = {"look": MATERIALS[0], "materials": "lava"}  # of a table's name

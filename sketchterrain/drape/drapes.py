@@ -16,14 +16,14 @@ import shapely
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import DrapedLayer, drape_problem
-from sketchterrain.document.parameters import Properties
-from sketchterrain.document.vector_formats import find_driver
-from sketchterrain.drape.items import FILL, POINT, STROKE, Items
-from sketchterrain.drape.levels import Level, level_of
 from sketchterrain.drape.raster_source import RasterSource
 from sketchterrain.drape.vector_source import Feature, VectorSource
 from sketchterrain.drape.vector_store import FARTHEST
 from sketchterrain.errors import InputError, did_you_mean, first_few, format_value, one_line
+from sketchterrain.features.formats import find_driver
+from sketchterrain.features.items import FILL, POINT, STROKE, Items
+from sketchterrain.features.levels import Level, level_of
+from sketchterrain.schema.parameters import Properties
 
 BUDGET: Final = 24 << 20
 """The most bytes of memory of all sources and their caches."""

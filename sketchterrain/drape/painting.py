@@ -14,7 +14,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import BoolArray, Float64Array, FloatArray, Int32Array, UInt8Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import BLENDS, STYLE, DrapedLayer
-from sketchterrain.drape.items import Items
+from sketchterrain.features.items import Items
 from sketchterrain.host.library import host_function
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.look.texture_maker import linear_from_hex

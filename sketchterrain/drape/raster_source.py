@@ -12,10 +12,10 @@ import numpy as np
 from sketchterrain.array_types import Bounds, UInt8Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import DrapedLayer, drape_problem
-from sketchterrain.drape.levels import touch
 from sketchterrain.drape.vector_source import file_stamp, source_problem
 from sketchterrain.elevation.pictures import WarpedPicture, picture_file
 from sketchterrain.errors import InputError
+from sketchterrain.features.levels import touch
 from sketchterrain.io.disk_cache import stored_folder
 
 _PLAIN: Final = 4096 * 4096  # px of a raster that needs no overviews

@@ -16,9 +16,18 @@ from shapely.geometry.base import BaseGeometry
 from sketchterrain.array_types import Bounds, Float64Array, Int64Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import DrapedLayer, FeatureEdit, class_value, drape_problem
-from sketchterrain.drape.levels import Level, Parts, Shapes2D, joined, level_of, parts_of, split_shapes, touch
 from sketchterrain.drape.vector_store import VectorStore, open_store
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.features.levels import (
+    Level,
+    Parts,
+    Shapes2D,
+    joined,
+    level_of,
+    parts_of,
+    split_shapes,
+    touch,
+)
 
 _ROUNDED = math.sqrt(0.5)  # of a tolerance: the farthest that a vertex moves
 _BATCH = 1 << 16  # values that are read at once

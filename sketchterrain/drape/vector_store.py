@@ -21,9 +21,9 @@ from rasterio.warp import transform
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.document.drapes import DrapedLayer
-from sketchterrain.document.osm_relations import incomplete_areas
 from sketchterrain.document.rasters import content_hash
-from sketchterrain.document.vector_formats import (
+from sketchterrain.errors import InputError, format_value, one_line
+from sketchterrain.features.formats import (
     Shapes,
     file_driver,
     geopackage_tables,
@@ -31,8 +31,17 @@ from sketchterrain.document.vector_formats import (
     open_layers,
     read_features,
 )
-from sketchterrain.drape.levels import ITEM, Level, Shapes2D, common, morton, parts_of, places, split_shapes
-from sketchterrain.errors import InputError, format_value, one_line
+from sketchterrain.features.levels import (
+    ITEM,
+    Level,
+    Shapes2D,
+    common,
+    morton,
+    parts_of,
+    places,
+    split_shapes,
+)
+from sketchterrain.features.osm_relations import incomplete_areas
 from sketchterrain.io.crs import parse_crs
 from sketchterrain.io.disk_cache import stored_folder
 from sketchterrain.io.files import wrap_read_errors

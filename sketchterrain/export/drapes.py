@@ -14,10 +14,10 @@ import shapely
 from sketchterrain.array_types import Bounds
 from sketchterrain.document.drapes import DrapedLayer, class_value
 from sketchterrain.document.frame import georeference
-from sketchterrain.document.parameters import Properties
 from sketchterrain.export.rasters import local_metres
 from sketchterrain.export.vectors import Origin, VectorLayer, distinct_name, geopackage
 from sketchterrain.io.crs import parse_crs
+from sketchterrain.schema.parameters import Properties
 
 if TYPE_CHECKING:
     from sketchterrain.drape.drapes import Drapes
@@ -48,8 +48,8 @@ def draped_shapes(drapes: Drapes | None, terrain: Terrain, bounds: Bounds, cell:
     """Return features of visible vector layers in a rectangle (m), with vertices at most `cell` m apart."""
     if drapes is None:
         return []
-    from sketchterrain.document.vector_formats import valid_areas
     from sketchterrain.drape.vector_source import VectorSource
+    from sketchterrain.features.formats import valid_areas
 
     found = []
     for number, (layer, source) in enumerate(zip(drapes.layers, drapes.sources, strict=True)):

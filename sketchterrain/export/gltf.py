@@ -18,7 +18,6 @@ import shapely
 from PIL import Image
 
 from sketchterrain.array_types import Float64Array, UInt8Array
-from sketchterrain.document.geology import Strata
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import EngineAxes
 from sketchterrain.export.mesh import (
@@ -41,6 +40,7 @@ from sketchterrain.look.texture_levels import (
     procedural_levels,
 )
 from sketchterrain.look.texture_maker import linear_from_hex
+from sketchterrain.schema.geology import Strata
 
 if TYPE_CHECKING:  # load OpenCL
     from sketchterrain.compute.context import ComputeContext

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 from scipy import ndimage
 
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.export.files import write_png
+from sketchterrain.schema.layers import LAYERS
 
 if TYPE_CHECKING:
     from sketchterrain.generation.terrain import Terrain

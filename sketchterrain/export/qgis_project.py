@@ -12,9 +12,9 @@ from typing import Any, Final, NamedTuple
 from xml.sax.saxutils import escape, quoteattr
 
 from sketchterrain.array_types import Bounds
-from sketchterrain.document.materials import Colour
 from sketchterrain.export.target import SceneView
 from sketchterrain.io.files import write_atomic
+from sketchterrain.schema.materials import Colour
 
 BLENDS: Final = {"normal": 0, "screen": 2, "add": 4, "multiply": 6}
 """QGIS's numbers of modes in which colours mix with those below."""

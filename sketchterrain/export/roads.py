@@ -13,7 +13,6 @@ import numpy.typing as npt
 import shapely
 
 from sketchterrain.array_types import BoolArray, Float64Array, UInt8Array
-from sketchterrain.document.layers import LAYERS, WAY_LAYERS
 from sketchterrain.export.engines import EngineAxes, rounded_list, tile_path, tile_samples, write_water_json
 from sketchterrain.export.files import write_json, write_values_png
 from sketchterrain.export.sampled import SampleGrid, row_bands
@@ -21,6 +20,7 @@ from sketchterrain.export.target import Export
 from sketchterrain.export.vectors import Origin, VectorLayer, id_texts
 from sketchterrain.roads.road_shapes import AxisPoints, axis_points, grades
 from sketchterrain.roads.road_types import BRIDGE, GROUND, STRUCTURES, TUNNEL, Road, RoadNetwork
+from sketchterrain.schema.layers import LAYERS, WAY_LAYERS
 
 TOLERANCE: Final = 0.05
 """Largest deviation (m) of exported lines from the arcs and vertical curves of roads."""

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, UInt8Array
-from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.errors import InputError
+from sketchterrain.schema.materials import BUILT_IN
 from sketchterrain.terrain.surfaces import Band
 
 if TYPE_CHECKING:

@@ -18,11 +18,10 @@ from rasterio.transform import Affine
 from skimage.measure import find_contours
 
 from sketchterrain.array_types import StructuredArray
-from sketchterrain.document import vectors
-from sketchterrain.document.layers import LAND_USES, layer_of
-from sketchterrain.document.vector_file import geometry_type
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.sampled import TerrainSamples
+from sketchterrain.features import table as vectors
+from sketchterrain.features.sketch_file import geometry_type
 from sketchterrain.io.crs import plain_path
 from sketchterrain.io.files import write_atomic
 from sketchterrain.landforms.placement.feature_types import (
@@ -35,6 +34,7 @@ from sketchterrain.landforms.placement.feature_types import (
     style_of,
 )
 from sketchterrain.roads.road_types import STRUCTURES, Pad, Road, Wall
+from sketchterrain.schema.layers import LAND_USES, layer_of
 from sketchterrain.terrain.surfaces import TerrainFeatures
 
 if TYPE_CHECKING:

@@ -12,12 +12,12 @@ import numpy as np
 
 from sketchterrain.array_types import Bounds
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.materials import MaterialTable
 from sketchterrain.generation.stages import STAGES
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.disk_cache import cached_bytes
 from sketchterrain.io.resources import code_digest
 from sketchterrain.landforms.painted_ground import Sources, drafted_ground, ground_without
+from sketchterrain.schema.materials import MaterialTable
 from sketchterrain.stages.digests import digest_of
 from sketchterrain.stages.runner import Results, Runner
 from sketchterrain.stages.table import Evaluation

@@ -17,14 +17,14 @@ from sketchterrain.array_types import Float32Array, Float64Array, FloatArray
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device, list_devices
 from sketchterrain.compute.device_check import DeviceCheck, cached_on_disk, check_device
-from sketchterrain.document.parameters import Properties
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.errors import SketchterrainError
+from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.generation.building import make_recipe
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io import resources
 from sketchterrain.io.system import ChildFailedError, ChildTimedOutError, module_result
+from sketchterrain.schema.parameters import Properties
 from sketchterrain.terrain.host_heights import host_heights
 from sketchterrain.terrain.recipe import TerrainRecipe
 

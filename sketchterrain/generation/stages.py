@@ -14,14 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 
 from sketchterrain.array_types import StructuredArray
-from sketchterrain.document.geology import Strata
 from sketchterrain.document.label_layers import LabelImage
-from sketchterrain.document.layers import (
-    PAINTED_LAYERS,
-    PATCH_LAYERS,
-    POINT_LAYERS,
-    VECTOR_LAYERS,
-)
 from sketchterrain.document.material_rules import resolved_rules
 from sketchterrain.document.rasters import content_digests
 from sketchterrain.document.store import shown_files
@@ -61,6 +54,13 @@ from sketchterrain.landuse.areas import LandUse, land_use
 from sketchterrain.roads.build import ROAD_LAYERS, road_network
 from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.roads.waters import Floods
+from sketchterrain.schema.geology import Strata
+from sketchterrain.schema.layers import (
+    PAINTED_LAYERS,
+    PATCH_LAYERS,
+    POINT_LAYERS,
+    VECTOR_LAYERS,
+)
 from sketchterrain.stages.digests import digest_of
 from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner

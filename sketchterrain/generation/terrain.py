@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, Float32Array, LatticeArray, StructuredArray
-from sketchterrain.document.materials import MaterialTable
 from sketchterrain.errors import InputError
 from sketchterrain.geometry.lattice import LATTICE_BITS, QUADS, level_step, metres_per_unit, to_lattice
 from sketchterrain.landforms.node_raster import NODE_BITS
+from sketchterrain.schema.materials import MaterialTable
 from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.appearance import Appearance
 from sketchterrain.terrain.evaluator import Evaluator

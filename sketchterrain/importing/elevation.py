@@ -14,12 +14,9 @@ from rasterio.warp import transform_bounds
 from scipy import ndimage
 
 from sketchterrain.array_types import BoolArray, Float64Array
-from sketchterrain.document.parameters import GROUND, SKETCH
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
 from sketchterrain.document.toml_format import starter_sketch
-from sketchterrain.document.vector_formats import reproject
-from sketchterrain.document.vectors import AREA, VectorFeature, on_grid
 from sketchterrain.elevation.base import BaseElevation, combine_rasters, grid_in_datum, held_grids, patches_of
 from sketchterrain.elevation.grids import SketchFrame, read_grid
 from sketchterrain.elevation.offsets import corrections, measure_offsets
@@ -27,8 +24,11 @@ from sketchterrain.elevation.pictures import WarpedPicture, picture_file
 from sketchterrain.elevation.raster_reader import PLAIN, SUFFIXES
 from sketchterrain.elevation.waters import flat_waters, water_findings
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.features.formats import reproject
+from sketchterrain.features.table import AREA, VectorFeature, on_grid
 from sketchterrain.importing.vector_files import metric_crs_at, to_longitude_latitude
 from sketchterrain.io.crs import crs_text, parse_crs, parse_metric_crs
+from sketchterrain.schema.parameters import GROUND, SKETCH
 from sketchterrain.stages.runner import Runner
 
 _MAX_SIDE: Final = 2048  # px of the sketch, of which each is a step of the data where that is allowed

@@ -15,9 +15,8 @@ from PIL import Image, ImageOps
 from PIL.ImageFile import ImageFile
 
 from sketchterrain.document.label_layers import LabelImage
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
-from sketchterrain.document.vector_formats import find_driver
 from sketchterrain.errors import InputError, first_few, format_value, one_line
+from sketchterrain.features.formats import find_driver
 from sketchterrain.importing.image_colours import (
     CLEAR,
     UNKNOWN,
@@ -40,6 +39,7 @@ from sketchterrain.importing.traced_layers import (
     unassign_thin_parts,
 )
 from sketchterrain.io.files import wrap_read_errors
+from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS
 
 Kind = Literal["folder", "picture", "open raster", "vectors"]
 

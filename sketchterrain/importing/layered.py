@@ -14,12 +14,12 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray
 from sketchterrain.document.label_layers import to_oklab
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.errors import InputError, first_few, format_value, one_line
 from sketchterrain.importing.images import Picture, check_size, decode_picture, detect_format, read_picture
 from sketchterrain.importing.legend import Meaning, parse_layer_name
 from sketchterrain.importing.traced_layers import TraceOptions, TraceResult, scale_labels
 from sketchterrain.io.files import open_zip, wrap_read_errors
+from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS
 
 _SETTINGS = "sketch.toml"
 _MAX_FILES = 1000

@@ -15,13 +15,13 @@ import msgspec
 import numpy as np
 
 from sketchterrain.document.label_layers import to_oklab
-from sketchterrain.document.layers import LANE_WIDTHS, LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
-from sketchterrain.document.materials import MATERIALS
-from sketchterrain.document.parameters import Value
 from sketchterrain.document.toml_format import load_toml
-from sketchterrain.document.vectors import vector_parameters
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line, prefix_errors
+from sketchterrain.features.table import vector_parameters
 from sketchterrain.io.files import wrap_read_errors
+from sketchterrain.schema.layers import LANE_WIDTHS, LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
+from sketchterrain.schema.materials import MATERIALS
+from sketchterrain.schema.parameters import Value
 
 Rgb = tuple[int, int, int]
 

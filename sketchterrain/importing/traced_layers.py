@@ -12,11 +12,11 @@ from scipy import ndimage, sparse
 
 from sketchterrain.array_types import BoolArray, UInt8Array
 from sketchterrain.document.label_layers import MAX_LABELS, MAX_SIDE, label_rgb, labels_in
-from sketchterrain.document.layers import DRAW_ORDER, LAYERS, VECTOR_ORDER
-from sketchterrain.document.parameters import SKETCH, Value
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.features.table import VectorLayer
+from sketchterrain.schema.layers import DRAW_ORDER, LAYERS, VECTOR_ORDER
+from sketchterrain.schema.parameters import SKETCH, Value
 
 UNASSIGNED: Final = 255  # value of pixels without a label
 

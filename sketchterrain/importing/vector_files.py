@@ -17,9 +17,8 @@ import shapely
 from rasterio.crs import CRS
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.document.osm_relations import incomplete_areas
-from sketchterrain.document.parameters import SKETCH
-from sketchterrain.document.vector_formats import (
+from sketchterrain.errors import InputError, format_value, one_line
+from sketchterrain.features.formats import (
     Shapes,
     file_driver,
     find_driver,
@@ -31,9 +30,10 @@ from sketchterrain.document.vector_formats import (
     single_parts,
     valid_areas,
 )
-from sketchterrain.errors import InputError, format_value, one_line
+from sketchterrain.features.osm_relations import incomplete_areas
 from sketchterrain.importing.legend import BUILT_KEYS, OSM_KEYS, RELEVANT_TAGS
 from sketchterrain.io.crs import is_westward, parse_crs
+from sketchterrain.schema.parameters import SKETCH
 
 Box = Sequence[float]  # west, south, east, north
 

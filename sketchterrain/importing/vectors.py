@@ -17,11 +17,10 @@ from rasterio.features import rasterize
 
 from sketchterrain.array_types import BoolArray, Int64Array
 from sketchterrain.document.label_layers import MAX_LABELS, MAX_SIDE, LabelImage
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS, WAY_LAYERS
-from sketchterrain.document.parameters import Properties, Value
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vector_formats import Shapes, reproject, single_parts, valid_areas
-from sketchterrain.document.vectors import (
+from sketchterrain.errors import InputError, did_you_mean, first_few, format_value, one_line
+from sketchterrain.features.formats import Shapes, reproject, single_parts, valid_areas
+from sketchterrain.features.table import (
     AREA,
     KINDS,
     LINE,
@@ -31,7 +30,6 @@ from sketchterrain.document.vectors import (
     VectorLayer,
     property_columns,
 )
-from sketchterrain.errors import InputError, did_you_mean, first_few, format_value, one_line
 from sketchterrain.importing.legend import (
     FeatureLabel,
     cluster_properties,
@@ -52,6 +50,8 @@ from sketchterrain.importing.vector_files import (
     to_longitude_latitude,
 )
 from sketchterrain.io.crs import crs_text, parse_crs, parse_metric_crs
+from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS, WAY_LAYERS
+from sketchterrain.schema.parameters import Properties, Value
 
 _SIZE = 512  # px
 _MARGIN = 0.5  # of the bounds' size, around them: wide lines there extend into them

@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import StructuredArray
 from sketchterrain.document.edits import ACTIONS, Edit
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.landforms.hydrology.rivers import targets_lake, targets_river
 from sketchterrain.landforms.placement.feature_types import (
     FEATURE,
@@ -18,6 +17,7 @@ from sketchterrain.landforms.placement.feature_types import (
     stored_style,
 )
 from sketchterrain.landforms.placement.fill import Fill
+from sketchterrain.schema.layers import LAYERS
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,10 +17,10 @@ from sketchterrain.array_types import (
     Int64Array,
     StructuredArray,
 )
-from sketchterrain.document.layers import HEIGHT_LIMIT, LAYERS
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, TYPES, GroundHeight, visible_radius
 from sketchterrain.landforms.placement.heights import built_height, exactness, shape_height
 from sketchterrain.landforms.placement.shapes import find_regions, region_numbers, shape_depth
+from sketchterrain.schema.layers import HEIGHT_LIMIT, LAYERS
 from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float32Array, Float64Array, Int64Array
-from sketchterrain.document.layers import CROPS, LAND_USES
-from sketchterrain.document.vectors import VectorLayer, starts
+from sketchterrain.features.table import VectorLayer, starts
 from sketchterrain.geometry.hashing import hash_unit
+from sketchterrain.schema.layers import CROPS, LAND_USES
 from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, FloatArray
-from sketchterrain.document.layers import feature_name
 from sketchterrain.roads.road_types import Pad, Wall
+from sketchterrain.schema.layers import feature_name
 
 
 class BuiltMaterial(NamedTuple):

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
-from sketchterrain.document.layers import layer_of
+from sketchterrain.schema.layers import layer_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Sequence

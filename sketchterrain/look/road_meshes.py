@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.document.layers import feature_name
 from sketchterrain.look.built_meshes import (
     MOUTH,
     BuiltObject,
@@ -24,6 +23,7 @@ from sketchterrain.look.built_meshes import (
 )
 from sketchterrain.roads.road_shapes import AxisPoints, axis_points
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Road, RoadNetwork
+from sketchterrain.schema.layers import feature_name
 
 if TYPE_CHECKING:
     from sketchterrain.landforms.placement.feature_types import River

@@ -11,8 +11,6 @@ import numpy.typing as npt
 from PIL import Image, UnidentifiedImageError
 
 from sketchterrain.array_types import Float64Array, UInt8Array
-from sketchterrain.document.geology import Rock
-from sketchterrain.document.materials import BUILT_IN, MaterialTable, Texture
 from sketchterrain.document.own_materials import picture_files
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.io.disk_cache import cached_bytes
@@ -27,6 +25,8 @@ from sketchterrain.look.texture_maker import (
     paint_layer,
     srgb_to_linear,
 )
+from sketchterrain.schema.geology import Rock
+from sketchterrain.schema.materials import BUILT_IN, MaterialTable, Texture
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from sketchterrain.document.materials import BUILT_IN, Texture
+from sketchterrain.schema.materials import BUILT_IN, Texture
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -17,7 +17,6 @@ from scipy import ndimage
 from skimage.morphology import skeletonize
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, LatticeArray
-from sketchterrain.document.layers import DRAW_ORDER, LAYERS, layer_of
 from sketchterrain.generation.building import relief_without
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.geometry.lattice import to_lattice
@@ -27,6 +26,7 @@ from sketchterrain.landforms.placement.heights import ShapeHeight, shape_height
 from sketchterrain.landforms.placement.shapes import Shape, label_shapes
 from sketchterrain.landuse.areas import NO_LAND_USE
 from sketchterrain.measure.adherence_rivers import RiverAdherence, measure_river_adherence, standing_water
+from sketchterrain.schema.layers import DRAW_ORDER, LAYERS, layer_of
 from sketchterrain.stages.runner import Runner
 from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.layers.layer import MASKS, TerrainLayer

@@ -7,14 +7,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array, LatticeArray
-from sketchterrain.document.layers import LAYERS, layer_of, vector_of
-from sketchterrain.document.vectors import LINE
+from sketchterrain.features.table import LINE
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.landforms.hydrology.lakes import index_runs
 from sketchterrain.landforms.hydrology.network import skeletons
 from sketchterrain.landforms.hydrology.vector_rivers import line_path, line_sizes
 from sketchterrain.landforms.placement.feature_types import Lake
 from sketchterrain.landforms.placement.shapes import label_shapes
+from sketchterrain.schema.layers import LAYERS, layer_of, vector_of
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 _STEP = 1.0  # m along a centreline

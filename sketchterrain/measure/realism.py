@@ -21,7 +21,6 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from sketchterrain.array_types import BoolArray, Float64Array, UInt8Array
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.measure.adherence_rivers import standing_water
@@ -32,6 +31,7 @@ from sketchterrain.measure.realism_metrics import (
     measure_window_maps,
     median_metrics,
 )
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.terrain.layers.layer import MASKS
 
 if TYPE_CHECKING:

@@ -13,7 +13,6 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, StructuredArray
 from sketchterrain.caching import LRUCache
-from sketchterrain.document.layers import LANE_WIDTHS
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.look.built_meshes import BUILT, MOUTH, BuiltMaterial, BuiltObject, BuiltPart
 from sketchterrain.look.road_meshes import built_objects
@@ -22,6 +21,7 @@ from sketchterrain.render.targets import bands
 from sketchterrain.render.vertex_memory import COMMAND
 from sketchterrain.roads.road_shapes import axis_points
 from sketchterrain.roads.road_types import BRIDGE, Road, RoadNetwork
+from sketchterrain.schema.layers import LANE_WIDTHS
 from sketchterrain.tiles.lod import inside_frustum
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 import shapely
 
 from sketchterrain.array_types import Bounds, Float64Array, Int64Array
-from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, Items
+from sketchterrain.features.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, Items
 from sketchterrain.geometry.box_index import expanded
 from sketchterrain.host.library import host_function
 from sketchterrain.tiles.quadtree import tile_indices

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
-from sketchterrain.drape.items import Items
 from sketchterrain.drape.painting import WHITE
+from sketchterrain.features.items import Items
 from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.look.texture_maker import linear_from_hex
 from sketchterrain.render.camera import Camera

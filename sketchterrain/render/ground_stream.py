@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds
-from sketchterrain.document.materials import weight_words
 from sketchterrain.errors import InputError
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground import TileRenderer
@@ -19,6 +18,7 @@ from sketchterrain.render.scene import BoundedTerrain, TileSource
 from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
 from sketchterrain.render.textures import wooded_share
 from sketchterrain.render.vertex_memory import GLVertexMemory, open_vertex_memory
+from sketchterrain.schema.materials import weight_words
 from sketchterrain.terrain.surfaces import vertex_dtype
 from sketchterrain.tiles.lod import CameraView, ScreenError
 from sketchterrain.tiles.quadtree import UNBOUNDED

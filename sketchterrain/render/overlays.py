@@ -11,14 +11,14 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, Float64Array
 from sketchterrain.caching import LRUCache
-from sketchterrain.document.layers import LAYERS
-from sketchterrain.document.materials import Colour
 from sketchterrain.errors import InputError
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, ShapeField
 from sketchterrain.look.objects import shore_lines, terrain_objects
 from sketchterrain.render.programs import build_program, fullscreen_pass, set_uniforms
 from sketchterrain.render.scene import TerrainSource, sample_heights, visible_rectangle
 from sketchterrain.roads.road_shapes import axis_points
+from sketchterrain.schema.layers import LAYERS
+from sketchterrain.schema.materials import Colour
 from sketchterrain.tiles.tile_pool import DrawList
 
 if TYPE_CHECKING:

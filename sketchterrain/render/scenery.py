@@ -13,7 +13,6 @@ import moderngl
 import numpy as np
 
 from sketchterrain.array_types import BoolArray, Bounds
-from sketchterrain.document.geology import Strata
 from sketchterrain.render.appearance import AppearanceTextures
 from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH_HEIGHT
 from sketchterrain.render.built import BuiltScenery
@@ -35,6 +34,7 @@ from sketchterrain.render.sky import Sky, Sun, Weather
 from sketchterrain.render.targets import FrameBlock, RenderTargets, depth_rows, wrap_to_noise_period
 from sketchterrain.render.textures import MaterialTextures, noise_texture
 from sketchterrain.render.water import Water
+from sketchterrain.schema.geology import Strata
 from sketchterrain.tiles.lod import ScreenError
 
 if TYPE_CHECKING:

@@ -7,8 +7,6 @@ from typing import Any, Final
 import moderngl
 import numpy as np
 
-from sketchterrain.document.geology import Strata
-from sketchterrain.document.materials import MaterialTable
 from sketchterrain.look.texture_levels import layer_tints
 from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 from sketchterrain.render.quality import Quality
@@ -20,6 +18,8 @@ from sketchterrain.render.textures import (
     texture_uniforms,
     texture_widths,
 )
+from sketchterrain.schema.geology import Strata
+from sketchterrain.schema.materials import MaterialTable
 
 _JOINTS: Final = 1.6  # across the beds, a bed's thickness along them
 

@@ -11,7 +11,6 @@ import moderngl
 import numpy as np
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.document.parameters import SKIES
 from sketchterrain.errors import InputError
 from sketchterrain.render.atmosphere import (
     AEROSOL,
@@ -25,6 +24,7 @@ from sketchterrain.render.atmosphere import (
 from sketchterrain.render.camera import Camera, direction
 from sketchterrain.render.programs import clamped
 from sketchterrain.render.scene import HeightMap, TerrainSource, sample_heights
+from sketchterrain.schema.parameters import SKIES
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch

@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device
-from sketchterrain.document.materials import BEDROCK, Material, MaterialTable, Variation, weight_words
 from sketchterrain.look.texture_levels import (
     customized_levels,
     own_material_images,
@@ -23,6 +22,7 @@ from sketchterrain.look.texture_levels import (
 from sketchterrain.render.programs import mipmapped
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.vertex_memory import gl_function
+from sketchterrain.schema.materials import BEDROCK, Material, MaterialTable, Variation, weight_words
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch

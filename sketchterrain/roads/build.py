@@ -11,14 +11,14 @@ import numpy as np
 import shapely
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
-from sketchterrain.document.layers import WAY_LAYERS, id_of_vector
-from sketchterrain.document.vectors import AREA, LINE
+from sketchterrain.features.table import AREA, LINE
 from sketchterrain.landforms.hydrology.vector_rivers import line_path
 from sketchterrain.roads.alignment import Alignment, align
 from sketchterrain.roads.network import WayGraph, way_graph
 from sketchterrain.roads.profile import StationGraph, station_graph, united_reach
 from sketchterrain.roads.road_types import Pad, Road, RoadNetwork, Wall, Works
 from sketchterrain.roads.structures import FREEBOARD, bends_told, carry
+from sketchterrain.schema.layers import WAY_LAYERS, id_of_vector
 from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 

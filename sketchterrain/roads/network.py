@@ -12,11 +12,11 @@ import numpy as np
 import shapely
 
 from sketchterrain.array_types import Float64Array, Int64Array
-from sketchterrain.document.layers import WAY_LAYERS, id_of_vector, storey, vector_of
-from sketchterrain.document.vectors import STEP, VectorLayer, on_grid
+from sketchterrain.features.table import STEP, VectorLayer, on_grid
 from sketchterrain.geometry.splines import drop_repeats
 from sketchterrain.landforms.hydrology.vector_rivers import line_path
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Works
+from sketchterrain.schema.layers import WAY_LAYERS, id_of_vector, storey, vector_of
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch

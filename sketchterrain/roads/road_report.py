@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.document.layers import WAY_LAYERS, vector_of
 from sketchterrain.roads.road_shapes import grades
 from sketchterrain.roads.road_types import BRIDGE, TUNNEL, Road, RoadNetwork
+from sketchterrain.schema.layers import WAY_LAYERS, vector_of
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch

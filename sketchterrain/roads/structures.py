@@ -10,11 +10,11 @@ from typing import Final
 import numpy as np
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
-from sketchterrain.document.layers import feature_name
 from sketchterrain.roads.alignment import Alignment
 from sketchterrain.roads.network import AUTOMATIC, Crossing, Way, WayGraph
 from sketchterrain.roads.profile import Profile, ProfileInput, ProfileSolver, StationGraph, nearest_heights
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, deck_depth
+from sketchterrain.schema.layers import feature_name
 
 CLEARANCE: Final = 4.7
 """Least height (m) between a carriageway and a deck above it."""

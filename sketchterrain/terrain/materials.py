@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.material_rules import Factor
-from sketchterrain.document.materials import MaterialTable
 from sketchterrain.io.resources import Defines
+from sketchterrain.schema.materials import MaterialTable
 from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.recipe import TerrainRecipe
 

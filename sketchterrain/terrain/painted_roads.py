@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, Int64Array, LatticeArray
-from sketchterrain.document.layers import LANE_WIDTHS
 from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.geometry.lattice import metres_per_unit, to_lattice
 from sketchterrain.io.resources import kernel_columns
 from sketchterrain.roads.road_types import BRIDGE, GROUND, Road, RoadNetwork
+from sketchterrain.schema.layers import LANE_WIDTHS
 from sketchterrain.terrain.centrelines import arc_boxes
 
 _PIECE: Final = kernel_columns("appearance.clh", "PaintedRoad")

@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import StructuredArray
-from sketchterrain.document.geology import Strata
 from sketchterrain.document.material_rules import DEFAULT_RULES, MaterialRule
-from sketchterrain.document.materials import BUILT_IN, MaterialTable
-from sketchterrain.document.parameters import GEOLOGY, defaults
 from sketchterrain.landforms.placement.feature_types import Lake, River
 from sketchterrain.landuse.areas import LandUse
 from sketchterrain.roads.road_types import NO_ROADS, RoadNetwork
+from sketchterrain.schema.geology import Strata
+from sketchterrain.schema.materials import BUILT_IN, MaterialTable
+from sketchterrain.schema.parameters import GEOLOGY, defaults
 from sketchterrain.stages.digests import digest_of
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.forests import COVER_NOISE

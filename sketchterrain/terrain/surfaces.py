@@ -17,11 +17,11 @@ from sketchterrain.array_types import (
     StructuredArray,
     UInt8Array,
 )
-from sketchterrain.document.materials import weight_words
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.geometry.lattice import QUADS
 from sketchterrain.landforms.placement.feature_types import Lake, River
 from sketchterrain.roads.road_types import NO_ROADS, RoadNetwork
+from sketchterrain.schema.materials import weight_words
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array, LatticeArray
-from sketchterrain.document.layers import CROPS
 from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.landuse.areas import BUILT_UP, FIELD, FOREST
+from sketchterrain.schema.layers import CROPS
 from sketchterrain.terrain.layers.landuse import LandUseLayer
 
 if TYPE_CHECKING:

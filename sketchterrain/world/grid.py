@@ -9,8 +9,8 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.errors import InputError
+from sketchterrain.schema.materials import MATERIALS
 
 SHARD: Final = 2048
 """Vertices along a side of a shard, the unit of computing and writing."""

@@ -15,7 +15,6 @@ import numpy.typing as npt
 from sketchterrain.array_types import Bounds
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.drapes import DrapedLayer
-from sketchterrain.document.materials import BEDROCK, BUILT_IN, MaterialTable, weight_words
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.export.files import prepare_folder
@@ -27,6 +26,7 @@ from sketchterrain.jobs.pictures import PictureOptions, check_picture, draw_pict
 from sketchterrain.landforms.placement.feature_types import FEATURE, Lake, River, ShapeField
 from sketchterrain.landforms.placement.plateaus import Plateau
 from sketchterrain.render.overlays import LegendEntry
+from sketchterrain.schema.materials import BEDROCK, BUILT_IN, MaterialTable, weight_words
 from sketchterrain.terrain.surfaces import FACTS, TerrainFeatures, VertexMemory, VertexStore, vertex_dtype
 from sketchterrain.terrain.vertex_writer import geometric_error
 from sketchterrain.tiles.quadtree import code_of, intersects_bounds

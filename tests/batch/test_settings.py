@@ -16,11 +16,11 @@ from sketchterrain.batch.plan import (
     read_sweep,
     with_settings,
 )
-from sketchterrain.document.layers import LAYERS
-from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.document.store import save_sketch
 from sketchterrain.errors import InputError
+from sketchterrain.schema.layers import LAYERS
+from sketchterrain.schema.parameters import SKETCH
 
 RIVER = np.zeros((8, 8), np.uint8)
 RIVER[3] = 1

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from sketchterrain.benchmarks import figures
-from sketchterrain.document.materials import BUILT_IN
+from sketchterrain.schema.materials import BUILT_IN
 
 
 def pixels_of(path: Path) -> npt.NDArray[np.int64]:

@@ -10,10 +10,10 @@ import pytest
 from PIL import Image
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import DeviceFailedError
 from sketchterrain.render.offscreen import SnapshotRenderer
+from sketchterrain.schema.layers import LAYERS
 from tests.devices import needs_known_device
 
 QUICK = ("--size", 17, "--no-preview")

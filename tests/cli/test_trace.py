@@ -10,8 +10,8 @@ import pytest
 import shapely
 from PIL import Image
 
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.store import load_sketch
+from sketchterrain.schema.layers import LAYERS
 
 RIVERS = Path(__file__).parent.parent / "data" / "openstreetmap" / "valira_d_orient.osm"
 

@@ -14,10 +14,10 @@ from sketchterrain.compute import context as context_module
 from sketchterrain.compute.arithmetic import failed_operations
 from sketchterrain.compute.buffers import StagingBuffer
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.errors import BuildError, DeviceMemoryError
 from sketchterrain.io import resources
 from sketchterrain.look import texture_maker
+from sketchterrain.schema.materials import BUILT_IN
 from sketchterrain.terrain.materials import material_defines
 from tests.devices import each_device, needs_device
 

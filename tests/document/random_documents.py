@@ -7,10 +7,9 @@ import numpy as np
 import shapely
 
 from sketchterrain.document.drapes import DrapedLayer, FeatureEdit
-from sketchterrain.document.layers import LAYERS, VECTOR_LAYERS
 from sketchterrain.document.rasters import RASTER, RasterSource
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import (
+from sketchterrain.features.table import (
     AREA,
     KINDS,
     LINE,
@@ -19,6 +18,7 @@ from sketchterrain.document.vectors import (
     VectorLayer,
     vector_parameters,
 )
+from sketchterrain.schema.layers import LAYERS, VECTOR_LAYERS
 from tests.terrain.sketch_edits import CHANGES, SETTINGS, State, random_sketch
 
 Rng = np.random.Generator

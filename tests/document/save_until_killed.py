@@ -18,11 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import JOURNAL, load_sketch, save_sketch
-from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
+from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 from tests.document.conftest import same
 
 SAVES = 5  # most saves until a kill, by the calls of one

@@ -8,10 +8,10 @@ import pytest
 
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.label_layers import labels_in
-from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text
 from sketchterrain.errors import InputError
+from sketchterrain.schema.layers import PAINTED_LAYERS
 
 from .conftest import same
 

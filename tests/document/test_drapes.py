@@ -19,12 +19,12 @@ from sketchterrain.document.drapes import (
     draped_layer,
 )
 from sketchterrain.document.history import History
-from sketchterrain.document.parameters import defaults
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import SETTINGS, file_limit, load_sketch, save_sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text
 from sketchterrain.errors import InputError
 from sketchterrain.generation.building import make_recipe
+from sketchterrain.schema.parameters import defaults
 from sketchterrain.ui.engine import channel
 
 from .conftest import refusal, same

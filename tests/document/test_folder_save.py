@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.label_layers import encode_layer
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import JOURNAL, load_sketch, new_sketch, save_sketch
-from sketchterrain.document.vectors import KINDS, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.features.table import KINDS, VectorFeature, VectorLayer
 from sketchterrain.io.resources import preset, preset_names
+from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 
 from .conftest import grey, refusal, same
 

@@ -7,8 +7,8 @@ import pytest
 
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.history import History, LayerChange
-from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.schema.layers import PAINTED_LAYERS
 
 
 def values(sketch):

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from sketchterrain.document.label_layers import decode_layer, encode_layer, label_rgb
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.document.store import load_sketch, pack_zip
 from sketchterrain.errors import InputError
 from sketchterrain.jobs.generate import sketch_notes
+from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS
 
 from .conftest import grey, png, refusal
 

@@ -3,12 +3,12 @@ import pytest
 from PIL import Image
 
 from sketchterrain.document.material_rules import RuleChange
-from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.own_materials import MAX_MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.generation.building import build
+from sketchterrain.schema.materials import BUILT_IN
 
 
 def pictures(folder, *names):

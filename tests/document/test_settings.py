@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.material_rules import (
     DEFAULT_RULES,
     FACTOR,
@@ -22,12 +21,13 @@ from sketchterrain.document.material_rules import (
     RuleChange,
     resolved_rules,
 )
-from sketchterrain.document.materials import MATERIALS
-from sketchterrain.document.parameters import LOOK, SKETCH, Parameter
 from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.document.store import SETTINGS, file_limit
 from sketchterrain.document.toml_format import parse_settings, settings_text
 from sketchterrain.errors import InputError
+from sketchterrain.schema.layers import LAYERS
+from sketchterrain.schema.materials import MATERIALS
+from sketchterrain.schema.parameters import LOOK, SKETCH, Parameter
 
 _TABLES = {
     "sketch": SKETCH,

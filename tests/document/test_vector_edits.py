@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sketchterrain.document import vector_edits as edits
-from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError
+from sketchterrain.features import edits as edits
+from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
 
 
 def line(*points, **properties):

@@ -8,9 +8,9 @@ import shapely
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
-from sketchterrain.document.vector_file import decode_vectors, encode_vectors
-from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.errors import InputError
+from sketchterrain.features.sketch_file import decode_vectors, encode_vectors
+from sketchterrain.features.table import VectorLayer
 
 from .conftest import refusal, same_vectors
 

@@ -8,11 +8,11 @@ import pickle
 import numpy as np
 import pytest
 
-from sketchterrain.document import vector_edits as edits
 from sketchterrain.document.history import History
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import AREA, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError
+from sketchterrain.features import edits as edits
+from sketchterrain.features.table import AREA, VectorFeature, VectorLayer
 from sketchterrain.landuse.areas import land_use
 
 SIDE = 40  # fields along a side

@@ -9,9 +9,9 @@ import pytest
 import shapely
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vector_file import decode_vectors, encode_vectors
-from sketchterrain.document.vectors import AREA, LINE, POINT, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError
+from sketchterrain.features.sketch_file import decode_vectors, encode_vectors
+from sketchterrain.features.table import AREA, LINE, POINT, VectorFeature, VectorLayer
 from sketchterrain.landuse.areas import land_use
 
 FRAME = Sketch(frame={"crs": "EPSG:25832"}).frame
@@ -196,9 +196,9 @@ def test_properties_have_the_types_of_their_declaration():
 
 
 def test_layers_have_limits(monkeypatch):
-    monkeypatch.setattr("sketchterrain.document.vectors.MAX_FEATURE_VERTICES", 2)
+    monkeypatch.setattr("sketchterrain.features.table.MAX_FEATURE_VERTICES", 2)
     assert refusal() == "river feature 7: expected at most 2 vertices a line or border"
-    monkeypatch.setattr("sketchterrain.document.vectors.MAX_VERTICES", 4)
+    monkeypatch.setattr("sketchterrain.features.table.MAX_VERTICES", 4)
     assert refusal().startswith("river: 5 vertices: expected at most ")
 
 

@@ -12,9 +12,9 @@ import shapely
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.drape.drapes import Drapes, LayerStyle
-from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE, Items
 from sketchterrain.drape.painting import TEXEL_PIXELS, WHITE, DrapedAppearance
 from sketchterrain.export.sampled import SampleGrid, sample_appearance
+from sketchterrain.features.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE, Items
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.look.texture_maker import linear_from_hex
 from sketchterrain.render.camera import Camera

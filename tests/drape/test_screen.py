@@ -13,8 +13,8 @@ from scipy.ndimage import maximum_filter
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.drape.drapes import Drapes
-from sketchterrain.drape.items import ENDS, STARTS, STROKE, Items
 from sketchterrain.errors import InputError
+from sketchterrain.features.items import ENDS, STARTS, STROKE, Items
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.draped import FADE, DrapedScreen, check_method
 from sketchterrain.render.draped_cutting import Pieces, cut, mesh_of

@@ -11,9 +11,9 @@ import shapely
 
 from sketchterrain.document.drapes import DrapeClass, DrapedLayer, FeatureEdit
 from sketchterrain.drape.drapes import BUDGET, Drapes, Pick
-from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE
-from sketchterrain.drape.levels import PIECE, RUN, parts_of, split_shapes, subdivided
 from sketchterrain.drape.vector_store import open_store
+from sketchterrain.features.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE
+from sketchterrain.features.levels import PIECE, RUN, parts_of, split_shapes, subdivided
 
 EXTENT = 1000.0
 FRAME = {"crs": "EPSG:32631", "east": 500_000.0, "north": 4_700_000.0}

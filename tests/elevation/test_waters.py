@@ -9,9 +9,9 @@ import pytest
 import shapely
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.document.vectors import AREA, VectorFeature, VectorLayer
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
 from sketchterrain.elevation.waters import FlatWater, flat_waters, water_findings
+from sketchterrain.features.table import AREA, VectorFeature, VectorLayer
 
 DATA = Path(os.environ.get("SKETCHTERRAIN_DEMS", "no folder of real DEMs"))
 STEP = 30.0

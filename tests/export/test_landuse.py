@@ -9,10 +9,7 @@ import pyogrio
 import pytest
 import shapely
 
-from sketchterrain.document.layers import LAND_USES
-from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import AREA, VectorFeature, VectorLayer
 from sketchterrain.export.map.relief import LAND_OPACITY, LAND_TINTS, MapFrame, MapSamples, shaded_relief
 from sketchterrain.export.map.sheet import legend_entries
 from sketchterrain.export.vectors import (
@@ -24,8 +21,11 @@ from sketchterrain.export.vectors import (
     land_shares,
     write_features,
 )
+from sketchterrain.features.table import AREA, VectorFeature, VectorLayer
 from sketchterrain.landforms.placement.feature_types import FEATURE
 from sketchterrain.roads.road_types import RoadNetwork
+from sketchterrain.schema.layers import LAND_USES
+from sketchterrain.schema.materials import BUILT_IN
 from sketchterrain.terrain.surfaces import TerrainFeatures
 
 ORIGIN = Origin(512_000.0, 5_403_000.0)

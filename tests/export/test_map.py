@@ -12,7 +12,6 @@ from PIL import Image
 
 import sketchterrain as st
 from sketchterrain.document.drapes import DrapedLayer
-from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.errors import InputError
 from sketchterrain.export.map import relief
 from sketchterrain.export.map.drawing import Label, LabelSpace, MapSheet, Polygons, Polylines, sheet_png
@@ -38,6 +37,7 @@ from sketchterrain.export.map.relief import (
 )
 from sketchterrain.export.map.sheet import map_sheet, with_rasters, write_map, write_sheet
 from sketchterrain.measure.adherence_rivers import standing_water
+from sketchterrain.schema.materials import BUILT_IN
 
 SVG = "{http://www.w3.org/2000/svg}"
 

@@ -7,11 +7,11 @@ import numpy as np
 import pydelatin
 import pytest
 
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.export.mesh import GridMesh, adaptive_mesh, mesh_error, object_meshes
 from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.targets.meshes import boundary, closed_solid
+from sketchterrain.schema.layers import LAYERS
 
 
 def rough(rows, columns, seed=3):

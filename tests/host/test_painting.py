@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from sketchterrain.drape import items
+from sketchterrain.features import items
 from sketchterrain.host.library import SOURCES, host_function
 from sketchterrain.io.resources import kernel_constants
 

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image, ImageDraw
 from scipy import ndimage
 
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.schema.layers import LAYERS
 
 SIDE = 256
 _EIGHT = np.ones((3, 3), dtype=bool)

@@ -8,13 +8,13 @@ import pytest
 import rasterio
 from rasterio.transform import Affine
 
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.elevation.base import load_base
 from sketchterrain.errors import InputError
 from sketchterrain.importing.elevation import aligned, elevation_files, sketch_on_elevation, with_lakes
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.stages.runner import Runner
 
 UTM = Affine(50.0, 0.0, 600_000.0, 0.0, -50.0, 5_270_000.0)

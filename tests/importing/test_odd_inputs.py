@@ -22,13 +22,13 @@ from rasterio.warp import transform
 
 from sketchterrain.batch.plan import read_sweep
 from sketchterrain.document.label_layers import encode_layer
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.store import load_sketch
 from sketchterrain.elevation.grids import SketchFrame, read_grid
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.importing.images import detect_kind, read_map
 from sketchterrain.importing.traced_layers import TraceOptions
 from sketchterrain.importing.vectors import sketch_from_vectors
+from sketchterrain.schema.layers import LAYERS
 from tests.importing.conftest import KnownMap
 
 Rng = np.random.Generator

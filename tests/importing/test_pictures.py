@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from PIL import Image, ImageFile
 
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.importing.images import decode_picture, detect_kind, read_picture
 from sketchterrain.importing.layered import trace_folder, trace_mask, trace_open_raster
@@ -23,6 +22,7 @@ from sketchterrain.importing.legend import (
     read_legend,
 )
 from sketchterrain.importing.traced_layers import TraceOptions
+from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS
 
 
 def test_legend_matches_colours_within_the_tolerance() -> None:

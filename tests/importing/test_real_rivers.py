@@ -9,8 +9,8 @@ import shapely
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
-from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.export.vectors import Origin, geopackage, sketch_layer
+from sketchterrain.features.table import VectorLayer
 from sketchterrain.importing.images import detect_kind
 from sketchterrain.importing.vector_files import reproject
 from sketchterrain.importing.vectors import sketch_from_vectors

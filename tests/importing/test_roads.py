@@ -11,7 +11,6 @@ import rasterio
 import shapely
 from rasterio.transform import Affine
 
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.rasters import raster_source
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
@@ -21,6 +20,7 @@ from sketchterrain.importing.legend import feature_label, label_properties, rele
 from sketchterrain.importing.vector_files import reproject
 from sketchterrain.importing.vectors import sketch_from_vectors, with_vectors_of
 from sketchterrain.io.crs import parse_crs
+from sketchterrain.schema.layers import LAYERS
 
 from .test_real_rivers import write_osm
 

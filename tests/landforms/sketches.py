@@ -15,8 +15,8 @@ from scipy.ndimage import gaussian_filter1d
 from skimage.draw import polygon2mask
 
 from sketchterrain.array_types import BoolArray
-from sketchterrain.document.parameters import Properties
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.schema.parameters import Properties
 
 Points = Sequence[tuple[float, float]]
 Labels = Mapping[tuple[str, int], Properties]

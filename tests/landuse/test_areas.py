@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from sketchterrain.document.layers import CROPS
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import AREA, VectorFeature, VectorLayer
+from sketchterrain.features.table import AREA, VectorFeature, VectorLayer
 from sketchterrain.landuse.areas import LandUse, land_use
+from sketchterrain.schema.layers import CROPS
 
 
 def sketch_of(layer: VectorLayer) -> Sketch:

@@ -3,12 +3,12 @@ import itertools
 import numpy as np
 import pytest
 
-from sketchterrain.document.layers import PATCH_LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.landforms.placement.feature_types import CLEARANCE, FEATURE_TYPES, SPACING
 from sketchterrain.landforms.placement.fill import Fill
 from sketchterrain.landforms.placement.placement import PaintedDistance, place
+from sketchterrain.schema.layers import PATCH_LAYERS
 
 DENSITY = {"mountain": 0.05, "hill": 0.6, "dune": 0.1, "forest": 3.0}
 """Ranges of mountains and hills are uplifted ground, not features."""

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.landforms.placement.covers import create_covers, shape_field
 from sketchterrain.landforms.placement.placement import place
 from sketchterrain.landforms.placement.shapes import EDGE_OVERHANG, find_regions, label_shapes
 from sketchterrain.landforms.placement.user_features import mean_size, user_features
+from sketchterrain.schema.materials import MATERIALS
 
 
 def image(*rows):

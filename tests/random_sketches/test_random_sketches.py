@@ -14,10 +14,8 @@ from hypothesis.extra import numpy as arrays
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, StructuredArray
-from sketchterrain.document.layers import DENSITY, LAYERS, PAINTED_LAYERS
-from sketchterrain.document.parameters import Parameter
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import VectorLayer
+from sketchterrain.features.table import VectorLayer
 from sketchterrain.generation.building import build, make_recipe
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.landforms.placement.feature_types import (
@@ -31,6 +29,8 @@ from sketchterrain.landforms.placement.fill import Fill
 from sketchterrain.landforms.placement.heights import shape_height
 from sketchterrain.landforms.placement.placement import MAX_DISPLACEMENT, place
 from sketchterrain.landforms.placement.shapes import Shape, label_shapes
+from sketchterrain.schema.layers import DENSITY, LAYERS, PAINTED_LAYERS
+from sketchterrain.schema.parameters import Parameter
 from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.host_heights import host_heights
 from sketchterrain.terrain.layers.covers import CoversLayer

@@ -4,14 +4,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sketchterrain.document.layers import LAYERS
-from sketchterrain.document.materials import BUILT_IN
-from sketchterrain.document.parameters import GEOLOGY, defaults
 from sketchterrain.landforms.placement.feature_types import FEATURE
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.roads.road_types import RoadNetwork
+from sketchterrain.schema.layers import LAYERS
+from sketchterrain.schema.materials import BUILT_IN
+from sketchterrain.schema.parameters import GEOLOGY, defaults
 from sketchterrain.terrain.surfaces import VertexStore
 from sketchterrain.vegetation.plants import PLANT
 

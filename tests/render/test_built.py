@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sketchterrain.document.layers import id_of_vector
 from sketchterrain.look.built_meshes import MOUTH, joined_parts, triangulated
 from sketchterrain.look.road_meshes import built_objects, road_surfaces
 from sketchterrain.render.built import BuiltScenery
@@ -14,6 +13,7 @@ from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Sun
 from sketchterrain.roads.road_types import BRIDGE, TUNNEL, Pad, RoadNetwork
+from sketchterrain.schema.layers import id_of_vector
 from tests.sample_roads import WORKS, curved_road, make_network, make_road
 
 from .conftest import Waves

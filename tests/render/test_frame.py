@@ -10,7 +10,6 @@ import moderngl
 import numpy as np
 import pytest
 
-from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.generation.building import build, rebuild
@@ -22,6 +21,7 @@ from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun, Weather
 from sketchterrain.render.targets import NOISE_PERIOD, wrap_to_noise_period
 from sketchterrain.render.vertex_memory import gl_function
+from sketchterrain.schema.materials import BUILT_IN
 from sketchterrain.terrain.changes import EVERYWHERE
 from sketchterrain.terrain.surfaces import vertex_dtype
 from sketchterrain.tiles.quadtree import code_of, decode, keys_of, parent_of

@@ -8,7 +8,6 @@ import moderngl
 import numpy as np
 import pytest
 
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.landforms.placement.feature_types import FEATURE
 from sketchterrain.render.camera import Camera
@@ -18,6 +17,7 @@ from sketchterrain.render.offscreen import capture_frames, read_picture, render_
 from sketchterrain.render.overlays import FEATURE_COLOURS, OVERLAYS, Overlay, feature_lines
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.targets import FrameBlock
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.tiles.lod import ScreenError
 from tests.sample_roads import make_network
 

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.look.tree_levels import DETAILS
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.forest import BAND, GROW, PIXELS, Forest, detail_shares
@@ -38,6 +37,7 @@ from sketchterrain.render.plant_shade import PlantShadows, shadow_matrix, sun_ax
 from sketchterrain.render.quality import Quality, TimeBudget
 from sketchterrain.render.sky import Sun
 from sketchterrain.render.textures import material_macros
+from sketchterrain.schema.materials import BUILT_IN
 from sketchterrain.vegetation.plants import PLANT
 
 SUN = Sun(200.0, 35.0)

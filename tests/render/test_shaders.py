@@ -6,9 +6,6 @@ import re
 import numpy as np
 import pytest
 
-from sketchterrain.document.geology import Strata
-from sketchterrain.document.materials import BUILT_IN, weight_words
-from sketchterrain.document.parameters import GEOLOGY, defaults
 from sketchterrain.errors import BuildError
 from sketchterrain.io.resources import source
 from sketchterrain.look.texture_maker import filtered_roughness
@@ -32,6 +29,9 @@ from sketchterrain.render.textures import (
     texture_uniforms,
     texture_widths,
 )
+from sketchterrain.schema.geology import Strata
+from sketchterrain.schema.materials import BUILT_IN, weight_words
+from sketchterrain.schema.parameters import GEOLOGY, defaults
 from sketchterrain.tiles import appearance
 from sketchterrain.tiles.quadtree import tile_indices
 

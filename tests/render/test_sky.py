@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from sketchterrain.document.parameters import WEATHER
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.render.atmosphere import (
@@ -44,6 +43,7 @@ from sketchterrain.render.sky import (
     sun_for_view,
 )
 from sketchterrain.render.targets import NOISE_PERIOD, FrameBlock
+from sketchterrain.schema.parameters import WEATHER
 
 from .conftest import Waves
 from .test_shaders import evaluate

@@ -7,7 +7,6 @@ import pytest
 from PIL import Image
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.materials import BUILT_IN, Texture
 from sketchterrain.errors import InputError
 from sketchterrain.io.disk_cache import cached_bytes
 from sketchterrain.io.files import cache_folder
@@ -38,6 +37,7 @@ from sketchterrain.render.textures import (
     texture_widths,
     tileable_noise,
 )
+from sketchterrain.schema.materials import BUILT_IN, Texture
 from tests.devices import DEVICES, each_other_device, needs_device
 
 from .conftest import Waves

@@ -11,13 +11,13 @@ from sketchterrain.compute import gl_interop
 from sketchterrain.compute.buffers import sharing_methods
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.gl_interop import GLHandles, current_handles
-from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import DeviceError, InputError
 from sketchterrain.generation.building import build
 from sketchterrain.render import sharing_probe
 from sketchterrain.render.sharing_probe import Sharing, open_device, probe_sharing, shared_with_gl
 from sketchterrain.render.vertex_memory import open_vertex_memory
+from sketchterrain.schema.materials import BUILT_IN
 from sketchterrain.terrain.surfaces import vertex_dtype
 from tests.devices import DEVICES, device_params
 

@@ -9,7 +9,6 @@ import pytest
 from scipy.special import erfc
 from scipy.stats import norm
 
-from sketchterrain.document.layers import LAYERS as PAINTED
 from sketchterrain.io.resources import source
 from sketchterrain.look.objects import (
     ACROSS,
@@ -38,6 +37,7 @@ from sketchterrain.render.water import (
     wave_phases,
     wave_slopes,
 )
+from sketchterrain.schema.layers import LAYERS as PAINTED
 
 from .conftest import Waves
 from .test_shaders import evaluate, smoothstep

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 import sketchterrain as st
-from sketchterrain.document.vectors import VectorLayer
+from sketchterrain.features.table import VectorLayer
 from sketchterrain.roads.road_report import road_facts
 from sketchterrain.roads.road_types import BRIDGE, RoadNetwork
 from tests.sample_roads import make_network, make_road

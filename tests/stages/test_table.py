@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.edits import Edit
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.document.material_rules import RuleChange
-from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.generation import building
 from sketchterrain.generation.building import make_recipe
 from sketchterrain.generation.stages import STAGES
+from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS
+from sketchterrain.schema.parameters import SKETCH
 from sketchterrain.stages.digests import digest_of
 from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Results, Runner

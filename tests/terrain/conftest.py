@@ -7,7 +7,6 @@ import pytest
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.material_rules import DEFAULT_RULES
-from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.elevation.base import BaseElevation, BaseGrid
 from sketchterrain.elevation.build import build_patches
@@ -30,6 +29,7 @@ from sketchterrain.landforms.placement.fill import Fill
 from sketchterrain.landforms.placement.plateaus import Plateau, layer_top
 from sketchterrain.landforms.placement.sea import Sea
 from sketchterrain.landforms.unpainted import Nodes
+from sketchterrain.schema.materials import BUILT_IN
 from sketchterrain.stages.runner import Results, Runner
 from sketchterrain.terrain.layers import layer_stack
 from sketchterrain.terrain.layers.layer import WorldSettings

@@ -10,15 +10,15 @@ import numpy as np
 from scipy import ndimage
 
 from sketchterrain.document.edits import Edit
-from sketchterrain.document.layers import DENSITY, LAYERS, PAINTED_LAYERS, POINT_LAYERS, VECTOR_LAYERS
 from sketchterrain.document.material_rules import DEFAULT_RULES, Factor, RuleChange
-from sketchterrain.document.materials import MATERIALS
-from sketchterrain.document.parameters import LOOK, SKETCH, WEATHER, Parameter, Value
 from sketchterrain.document.sketch import TABLES, LabelImage, Sketch
-from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError
+from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.generation.terrain import TerrainFeatures
 from sketchterrain.landforms.placement.feature_types import FILL_BIT, lock_edit, move_edit
+from sketchterrain.schema.layers import DENSITY, LAYERS, PAINTED_LAYERS, POINT_LAYERS, VECTOR_LAYERS
+from sketchterrain.schema.materials import MATERIALS
+from sketchterrain.schema.parameters import LOOK, SKETCH, WEATHER, Parameter, Value
 
 Rng = np.random.Generator
 

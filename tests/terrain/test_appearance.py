@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import shapely
 
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import VectorLayer
+from sketchterrain.features.table import VectorLayer
 from sketchterrain.landuse.areas import NO_LAND_USE, land_use
 from sketchterrain.roads.road_types import BRIDGE, RoadNetwork
+from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.terrain.appearance import SIDE, Appearance
 from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.layers.layer import WorldSettings

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sketchterrain.document.geology import Strata
-from sketchterrain.document.materials import MATERIALS
-from sketchterrain.document.parameters import GEOLOGY, defaults
 from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.landforms.placement.feature_types import ShapeField
+from sketchterrain.schema.geology import Strata
+from sketchterrain.schema.materials import MATERIALS
+from sketchterrain.schema.parameters import GEOLOGY, defaults
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import HostTerrain
 from sketchterrain.terrain.layers.corridors import CorridorsLayer

@@ -9,11 +9,11 @@ import pytest
 import shapely
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.layers import CROPS
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.landforms.placement.feature_types import Lake
 from sketchterrain.landuse.areas import BUILT_UP, FIELD, FOREST, MEADOW, LandUse
+from sketchterrain.schema.layers import CROPS
+from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.terrain.changes import changed_areas
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import HostTerrain

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.geology import ROCKS, Strata
 from sketchterrain.document.material_rules import (
     DEFAULT_RULES,
     INPUTS,
@@ -18,10 +17,11 @@ from sketchterrain.document.material_rules import (
     RuleChange,
     resolved_rules,
 )
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.store import load_sketch
 from sketchterrain.generation.building import rebuild
 from sketchterrain.geometry.lattice import metres_per_unit
+from sketchterrain.schema.geology import ROCKS, Strata
+from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.terrain.changes import EVERYWHERE, changed_areas
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import HostTerrain

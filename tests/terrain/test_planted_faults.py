@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sketchterrain.document.layers import CROPS, DENSITY
-from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.generation.building import build
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.geometry import differences as row_differences
 from sketchterrain.landforms.placement.feature_types import FEATURE, FEATURE_TYPES
 from sketchterrain.landforms.placement.fill import Fill
 from sketchterrain.landuse.areas import LandUse
+from sketchterrain.schema.layers import CROPS, DENSITY
 from sketchterrain.terrain.centrelines import PreparedCentreline
 from sketchterrain.terrain.changes import EVERYWHERE
 from sketchterrain.terrain.layers import corridors, relief

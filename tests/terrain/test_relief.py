@@ -9,12 +9,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from sketchterrain.document.layers import DENSITY
 from sketchterrain.generation.building import build
 from sketchterrain.io.disk_cache import RecordCache
 from sketchterrain.landforms.node_raster import DrainedRaster, NodeReader, PaintedNodes, node_level
 from sketchterrain.landforms.relief_fields import UnpaintedSettings
 from sketchterrain.landforms.unpainted import Nodes, UnpaintedGround
+from sketchterrain.schema.layers import DENSITY
 from sketchterrain.terrain.changes import difference
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import HostTerrain

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.landforms.base_ground import BaseGround
 from sketchterrain.roads.road_shapes import axis_points
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL
+from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import HostTerrain

@@ -8,12 +8,12 @@ import pytest
 from scipy import ndimage
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.generation.building import build
 from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.landforms.placement.feature_types import ShapeField
 from sketchterrain.landforms.placement.sea import Sea, create_sea, raggedness
+from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.layers.layer import MASKS, WorldSettings
 from sketchterrain.terrain.layers.relief import ReliefLayer

@@ -5,15 +5,15 @@ import pytest
 import shapely
 
 import sketchterrain as st
-from sketchterrain.document.layers import vector_of
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.generation.building import make_recipe
 from sketchterrain.landforms.hydrology.lakes import area_field
 from sketchterrain.landforms.hydrology.rivers import lay_out_water
 from sketchterrain.landforms.hydrology.vector_rivers import line_path, line_tolerance, rounded_corners
 from sketchterrain.measure.adherence import measure_adherence
 from sketchterrain.measure.adherence_rivers import standing_water
+from sketchterrain.schema.layers import vector_of
 from sketchterrain.stages.runner import Runner
 
 from .conftest import tiers

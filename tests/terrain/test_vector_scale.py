@@ -9,9 +9,9 @@ import shapely
 from sketchterrain.benchmarks.clipped_tree import BoxRival, ClippedTree, TreeRival, piece_boxes, random_edit
 from sketchterrain.benchmarks.synthetic_land import synthetic_land
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vector_edits import move_node
-from sketchterrain.document.vectors import VectorLayer
 from sketchterrain.errors import InputError
+from sketchterrain.features.edits import move_node
+from sketchterrain.features.table import VectorLayer
 from sketchterrain.generation.building import build, rebuild
 from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.geometry.lattice import LATTICE_BITS

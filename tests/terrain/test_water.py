@@ -9,13 +9,13 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.generation.building import build
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.geometry.lattice import metres_per_unit, to_lattice
 from sketchterrain.geometry.splines import catmull_rom
 from sketchterrain.landforms.placement.feature_types import Cover, Lake, River, ShapeField, distance_inside
+from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS, nearest_on_arc, tolerance_cell
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.layers.corridors import ARC, CorridorsLayer

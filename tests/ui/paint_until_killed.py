@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from PyQt6.QtCore import QCoreApplication, QTimer
 
-from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.document.toml_format import settings_text
+from sketchterrain.schema.layers import PAINTED_LAYERS
 from sketchterrain.ui.models.background import Autosave, SketchSaver
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.painting import Stroke

@@ -8,9 +8,9 @@ from threading import Event
 
 import pytest
 
-from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import file_hashes, load_sketch, save_sketch
+from sketchterrain.schema.layers import PAINTED_LAYERS
 from sketchterrain.ui.models.background import (
     Autosave,
     BackgroundQueue,

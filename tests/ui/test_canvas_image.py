@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from PyQt6.QtCore import QPointF
 from PyQt6.QtGui import QColor, QImage
 
-from sketchterrain.document.layers import DRAW_ORDER, PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.schema.layers import DRAW_ORDER, PAINTED_LAYERS
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.canvas.compositing import (
     MASK,

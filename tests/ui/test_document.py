@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
+from sketchterrain.schema.layers import PAINTED_LAYERS
 
 from .events import paint
 

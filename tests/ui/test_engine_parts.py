@@ -9,8 +9,8 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.schema.layers import PAINTED_LAYERS
 from sketchterrain.stages.digests import digest_of
 from sketchterrain.ui.engine import frames
 from sketchterrain.ui.engine.channel import (

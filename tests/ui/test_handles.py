@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sketchterrain.document.layers import id_of_vector
 from sketchterrain.landforms.placement.feature_types import FEATURE, FILL_BIT, lake_centre
+from sketchterrain.schema.layers import id_of_vector
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.selection import FeatureDrag, handles_of, select_at
 from sketchterrain.ui.models.workspace import Handle, Selection

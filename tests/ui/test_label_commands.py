@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.label_layers import label_areas
-from sketchterrain.document.layers import LAYERS
-from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError
+from sketchterrain.schema.layers import LAYERS
+from sketchterrain.schema.parameters import SKETCH
 from sketchterrain.ui import commands
 from sketchterrain.ui.commands import DECLARED, WORLD, set_setting, settings
 

@@ -5,7 +5,7 @@ import pytest
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
-from sketchterrain.document.vectors import AREA, VectorFeature, VectorLayer
+from sketchterrain.features.table import AREA, VectorFeature, VectorLayer
 from sketchterrain.landuse.areas import land_use
 from sketchterrain.ui.look.layer_colours import USE_COLOURS
 from sketchterrain.ui.models import vectors

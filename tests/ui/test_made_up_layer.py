@@ -31,7 +31,7 @@ def test_a_layer_needs_only_its_declaration(kind):
 
 def plant(kind: str) -> None:
     """Import the declaration of layers with another one, before anything reads it."""
-    spec = importlib.util.find_spec("sketchterrain.document.layers")
+    spec = importlib.util.find_spec("sketchterrain.schema.layers")
     source = Path(spec.origin).read_text(encoding="utf-8")
     mark = "LAYERS: Mapping"
     assert source.count(mark) == 1
@@ -50,7 +50,6 @@ def main(kind: str, folder: Path) -> None:
 
     from sketchterrain.app.listings import preset_entry
     from sketchterrain.batch.plan import parse_setting, with_settings
-    from sketchterrain.document.layers import DRAW_ORDER, LAYERS, PAINTED_LAYERS, layer_of
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.document.store import load_sketch, save_sketch
     from sketchterrain.generation.building import build, rebuild
@@ -63,6 +62,7 @@ def main(kind: str, folder: Path) -> None:
     from sketchterrain.measure.adherence import measure_adherence
     from sketchterrain.measure.lines import adherence_lines
     from sketchterrain.render.overlays import FEATURE_COLOURS
+    from sketchterrain.schema.layers import DRAW_ORDER, LAYERS, PAINTED_LAYERS, layer_of
     from sketchterrain.ui.actions import COMMANDS
     from sketchterrain.ui.canvas.compositing import paints_of
     from sketchterrain.ui.dialogs.trace import meaning_box

@@ -4,9 +4,9 @@ import pytest
 from PyQt6.QtCore import Qt
 from PyQt6.QtTest import QTest
 
-from sketchterrain.document.layers import LAYERS
-from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import TABLES
+from sketchterrain.schema.layers import LAYERS
+from sketchterrain.schema.parameters import SKETCH
 from sketchterrain.ui.panels import controls as numbers
 from sketchterrain.ui.panels.controls import SLIDER_STEPS, ClockBox, Gesture, Scale
 from sketchterrain.ui.panels.form import ChoiceRow, NumberRow, TextRow

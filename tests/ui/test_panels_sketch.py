@@ -8,11 +8,11 @@ from PyQt6.QtCore import QPoint, Qt
 from PyQt6.QtTest import QTest
 
 from sketchterrain.document.label_layers import labels_in
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
-from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import TABLES
 from sketchterrain.document.store import load_sketch
 from sketchterrain.render.overlays import OVERLAYS
+from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS
+from sketchterrain.schema.parameters import SKETCH
 from sketchterrain.ui.commands import find_parent_river, is_locked, labels_of, set_property, width_of
 from sketchterrain.ui.engine.protocol import ViewState
 from sketchterrain.ui.models.elevation import SketchElevation

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.edits import ADDED_BIT, MAX_EDITS
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.generation.building import make_recipe
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.stages.runner import Results
 from sketchterrain.ui import commands as edits
 from sketchterrain.ui.commands import exists, find_parent_river, find_point, find_river, name_of

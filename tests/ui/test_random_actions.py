@@ -14,9 +14,9 @@ from PyQt6.QtCore import QEvent, QPoint, Qt, QTimer
 from PyQt6.QtTest import QTest
 from PyQt6.QtWidgets import QAbstractItemView, QAbstractSlider, QAbstractSpinBox, QApplication, QComboBox
 
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.store import load_sketch
 from sketchterrain.io.resources import preset_names
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS
 
 from .events import wheel

@@ -6,9 +6,9 @@ from PyQt6.QtCore import QPoint, Qt
 from PyQt6.QtGui import QGuiApplication
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vector_edits import vertices_at
-from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError
+from sketchterrain.features.edits import vertices_at
+from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.ui import commands
 from sketchterrain.ui.models import vectors
 from sketchterrain.ui.models.document import Document

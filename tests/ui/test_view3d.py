@@ -8,7 +8,7 @@ from PyQt6.QtCore import QEvent, QRectF, Qt
 from PyQt6.QtGui import QColor, QFocusEvent, QImage
 from PyQt6.QtWidgets import QApplication, QLabel, QPushButton, QToolButton
 
-from sketchterrain.document.vectors import LINE, VectorFeature, VectorLayer
+from sketchterrain.features.table import LINE, VectorFeature, VectorLayer
 from sketchterrain.render.camera import Camera
 from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.engine import protocol as msg

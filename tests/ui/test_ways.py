@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vector_edits import set_value, shared_nodes
-from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError
+from sketchterrain.features.edits import set_value, shared_nodes
+from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.ui import commands
 from sketchterrain.ui.engine.placer import place_of_finding
 from sketchterrain.ui.engine.protocol import Placement

@@ -17,10 +17,10 @@ from PyQt6.QtTest import QTest
 from PyQt6.QtWidgets import QApplication, QFileDialog, QMenu, QMessageBox, QTabBar
 
 from sketchterrain.document.label_layers import encode_layer
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.actions import MENUS
 from sketchterrain.ui.app import _welcome
 from sketchterrain.ui.banner import Message

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.errors import InputError
 from sketchterrain.export.sampled import quantise_normals, quantise_weights
+from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.world.grid import CHUNK, DEFAULT_LAYERS, World
 
 

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.vectors import VectorLayer
+from sketchterrain.features.table import VectorLayer
 from sketchterrain.generation.building import make_recipe
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.world.grid import World

@@ -11,16 +11,16 @@ import pytest
 from sketchterrain.batch.results import Output
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.document.edits import Edit
-from sketchterrain.document.layers import DENSITY
 from sketchterrain.document.material_rules import RuleChange
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
-from sketchterrain.document.vectors import LINE, VectorFeature, VectorLayer
 from sketchterrain.errors import InputError
+from sketchterrain.features.table import LINE, VectorFeature, VectorLayer
 from sketchterrain.generation import stages
 from sketchterrain.generation.stages import fingerprint
 from sketchterrain.io import resources
+from sketchterrain.schema.layers import DENSITY
 from sketchterrain.world.grid import World
 from sketchterrain.world.job import Job, job_fingerprint
 from sketchterrain.world.journal import Header, Journal, Ledger, check_output_unused

@@ -11,8 +11,8 @@ import rasterio
 from numpy.typing import NDArray
 
 import sketchterrain as st
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.world.geotiff_store import TiffStore, TileStore
 from sketchterrain.world.grid import Level, ShardData, World
 from sketchterrain.world.job import Job

@@ -9,12 +9,12 @@ from PIL import Image
 
 from sketchterrain.app.cli import main
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.materials import BEDROCK, MATERIALS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.generation.building import build
 from sketchterrain.look.objects import terrain_objects
 from sketchterrain.render.scene import surface_heights
+from sketchterrain.schema.materials import BEDROCK, MATERIALS
 from sketchterrain.world.grid import CHUNK
 from sketchterrain.world.viewed import StoredPyramid, StoredTerrain
 

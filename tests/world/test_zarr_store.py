@@ -16,8 +16,8 @@ from zarr.codecs import BloscCodec, Crc32cCodec
 
 import sketchterrain as st
 from sketchterrain.compute.context import ComputeContext
-from sketchterrain.document.materials import MATERIALS
 from sketchterrain.errors import InputError
+from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.world.grid import ShardData, World
 from sketchterrain.world.job import Job
 from sketchterrain.world.stored_world import open_world

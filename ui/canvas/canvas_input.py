@@ -20,8 +20,8 @@ from PyQt6.QtGui import (
 )
 from PyQt6.QtWidgets import QToolTip
 
-from sketchterrain.document.vectors import AREA, LINE
 from sketchterrain.errors import InputError
+from sketchterrain.features.table import AREA, LINE
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.actions import ContextMenu, ShortcutOverride, add_selection_commands
 from sketchterrain.ui.canvas.decorations import warning_at

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.label_layers import Box, LabelImage, union_box
-from sketchterrain.document.layers import DRAW_ORDER, LAYERS, PAINTED_LAYERS
+from sketchterrain.schema.layers import DRAW_ORDER, LAYERS, PAINTED_LAYERS
 from sketchterrain.ui.look.layer_colours import hatch, hatch_colour, hatch_period, label_colour
 from sketchterrain.ui.models.workspace import Workspace
 

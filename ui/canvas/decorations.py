@@ -6,7 +6,7 @@ from functools import cache
 from PyQt6.QtCore import QLineF, QPointF, QRect, QRectF, Qt
 from PyQt6.QtGui import QColor, QFontMetricsF, QPainter, QPainterPath, QPen, QPolygonF
 
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.canvas.marks import DARK, SELECTED, OverlayImage, draw_features
 from sketchterrain.ui.canvas.sketch_image import AGREEMENT, FAULT_COLOURS
 from sketchterrain.ui.canvas.tool_context import Tool, ToolContext

@@ -17,9 +17,9 @@ from sketchterrain.ui.canvas.underlay import Pictures
 from sketchterrain.ui.models.background import BackgroundReader
 
 if TYPE_CHECKING:
-    from sketchterrain.document.parameters import Properties
     from sketchterrain.drape.drapes import Drapes
-    from sketchterrain.drape.items import Items
+    from sketchterrain.features.items import Items
+    from sketchterrain.schema.parameters import Properties
     from sketchterrain.ui.canvas.tool_context import ToolContext
 
 _SHORT: Final = 0.016  # s; pictures that took longer are drawn on a thread
@@ -166,7 +166,7 @@ def _use(painter: QPainter, opacity: float, blend: str) -> None:
 
 def draw_items(painter: QPainter, drapes: Drapes, items: Items, window: PictureWindow) -> None:
     """Draw vectors: areas feature by feature, lines of a style many at a time unless they are dashed."""
-    from sketchterrain.drape.items import AFTER, BEFORE, FILL, POINT
+    from sketchterrain.features.items import AFTER, BEFORE, FILL, POINT
 
     if not len(items.kind):
         return

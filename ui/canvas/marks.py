@@ -12,8 +12,8 @@ from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, Lake, River, ShapeField
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.canvas.sketch_image import scroll_image
 from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
 from sketchterrain.ui.commands import find_lake, find_point, find_river

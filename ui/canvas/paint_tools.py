@@ -5,11 +5,11 @@ import math
 from PyQt6.QtCore import QPointF, QRectF, QSizeF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen, QPolygonF
 
-from sketchterrain.document.layers import LAYERS
-from sketchterrain.document.vectors import AREA, LINE, VectorFeature, on_grid
 from sketchterrain.errors import InputError
+from sketchterrain.features.table import AREA, LINE, VectorFeature, on_grid
 from sketchterrain.geometry.splines import drop_repeats
 from sketchterrain.landforms.placement.heights import ShapeHeight, shape_height
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.canvas.compositing import visible_layers
 from sketchterrain.ui.canvas.decorations import write_beside
 from sketchterrain.ui.canvas.tool_context import REACH, Pointer, Tool, ToolContext

@@ -10,7 +10,7 @@ from PyQt6.QtCore import QObject, QPointF, QRectF, Qt, pyqtSignal
 from PyQt6.QtGui import QPainter
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace

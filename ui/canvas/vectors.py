@@ -11,9 +11,9 @@ from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF, QTransform
 
 from sketchterrain.array_types import Int64Array
-from sketchterrain.document.layers import LAND_USES, LAYERS
-from sketchterrain.document.vector_edits import shared_nodes
-from sketchterrain.document.vectors import AREA, LINE
+from sketchterrain.features.edits import shared_nodes
+from sketchterrain.features.table import AREA, LINE
+from sketchterrain.schema.layers import LAND_USES, LAYERS
 from sketchterrain.ui.canvas.marks import SELECTED, draw_haloed, screen_paths
 from sketchterrain.ui.canvas.tool_context import ToolContext
 from sketchterrain.ui.look.layer_colours import USE_COLOURS, label_colour

@@ -26,8 +26,8 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.schema.parameters import SKETCH
 from sketchterrain.ui.engine.protocol import Request
 from sketchterrain.ui.export_job import ExportJob
 from sketchterrain.ui.look.theme import MARGIN, SPACING, LayoutItem, column, heading, row

@@ -15,11 +15,11 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.document.layers import LAYERS
-from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import starter_sketch
 from sketchterrain.io.resources import preset_names, preset_picture
+from sketchterrain.schema.layers import LAYERS
+from sketchterrain.schema.parameters import SKETCH
 from sketchterrain.ui.banner import ask_picture_path
 from sketchterrain.ui.commands import random_seed
 from sketchterrain.ui.dialogs.form import (

@@ -24,14 +24,14 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
-from sketchterrain.document.parameters import SKETCH
 from sketchterrain.document.sketch import DEFAULT_SIDE, Sketch
 from sketchterrain.importing.image_colours import DetectedColour
 from sketchterrain.importing.images import SPECKS, ColouredMap, Kind, coloured_map, detect_kind, read_picture
 from sketchterrain.importing.layered import trace_folder, trace_mask, trace_open_raster
 from sketchterrain.importing.legend import INK, NOTHING, Meaning
 from sketchterrain.importing.traced_layers import DEFAULT_MAX_SIDE, TraceOptions, TraceResult, sketch_picture
+from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS
+from sketchterrain.schema.parameters import SKETCH
 from sketchterrain.ui.dialogs.form import (
     EXTENT,
     NAME,

@@ -13,11 +13,11 @@ if TYPE_CHECKING:
 
     from sketchterrain.array_types import StructuredArray
     from sketchterrain.document.drapes import DrapedLayer
-    from sketchterrain.document.parameters import Properties
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.export.target import ExportOptions
     from sketchterrain.landforms.placement.feature_types import Lake, River
     from sketchterrain.roads.road_types import Road
+    from sketchterrain.schema.parameters import Properties
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.world.options import WorldOptions
 

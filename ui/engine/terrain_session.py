@@ -160,8 +160,8 @@ class TerrainSession:
 
     def build_kernels(self) -> None:
         """Build the kernels of a terrain of built-in materials on a thread."""
-        from sketchterrain.document.materials import BUILT_IN
         from sketchterrain.generation.building import TERRAIN_KERNELS, build_kernels
+        from sketchterrain.schema.materials import BUILT_IN
 
         if self._context is not None:
             build_kernels(self._context, BUILT_IN, ("terrain.cl", *TERRAIN_KERNELS))

@@ -10,7 +10,7 @@ from PyQt6.QtGui import QBrush, QColor, QImage, QPainter, QPainterPath, QPen, QP
 
 from sketchterrain.array_types import Float32Array
 from sketchterrain.document.label_layers import label_rgb
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.schema.layers import LAYERS
 
 _HATCH_STRENGTH = 0.42
 

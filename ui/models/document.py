@@ -18,10 +18,10 @@ from sketchterrain.document.label_layers import (
     labels_in,
     union_box,
 )
-from sketchterrain.document.layers import PAINTED_LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import Hashes, file_hashes
 from sketchterrain.errors import InputError
+from sketchterrain.schema.layers import PAINTED_LAYERS
 from sketchterrain.stages.digests import derive_digest
 from sketchterrain.ui.models.drapes import DrapeSources
 

@@ -9,11 +9,11 @@ from scipy import ndimage
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.label_layers import Box, LabelImage, union_box
-from sketchterrain.document.layers import LANE_WIDTHS, LAYERS
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.geometry.splines import cubics
 from sketchterrain.landforms.placement.heights import ShapeHeight, shape_height
 from sketchterrain.landforms.placement.shapes import find_regions, measure_shape
+from sketchterrain.schema.layers import LANE_WIDTHS, LAYERS
 
 _MEASURED = 256  # px along a side on which shapes are measured while they are painted
 

@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from sketchterrain.array_types import Float64Array, StructuredArray
-from sketchterrain.document.layers import LAYERS, layer_of, vector_of
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vector_edits import set_value
-from sketchterrain.document.vectors import LINE, on_grid
 from sketchterrain.errors import InputError
+from sketchterrain.features.edits import set_value
+from sketchterrain.features.table import LINE, on_grid
 from sketchterrain.landforms.placement.feature_types import (
     FEATURE_TYPES,
     River,
     distance_inside,
     height_profile,
 )
+from sketchterrain.schema.layers import LAYERS, layer_of, vector_of
 from sketchterrain.ui import commands
 from sketchterrain.ui.commands import find_parent_river, find_point, find_river, name_of
 from sketchterrain.ui.engine.protocol import Placement

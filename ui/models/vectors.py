@@ -13,12 +13,12 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.caching import LRUCache
-from sketchterrain.document import vector_edits as edits
-from sketchterrain.document.layers import LAYERS, VECTOR_ORDER, storey
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.vectors import AREA, LINE, VectorFeature, VectorLayer, on_grid
 from sketchterrain.errors import InputError
+from sketchterrain.features import edits as edits
+from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer, on_grid
 from sketchterrain.geometry.splines import cubics
+from sketchterrain.schema.layers import LAYERS, VECTOR_ORDER, storey
 from sketchterrain.ui.commands import with_vectors
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.drapes import delete_draped, insert_draped_vertex

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 from PyQt6.QtCore import QByteArray, QObject, QSettings, pyqtSignal
 
-from sketchterrain.document.layers import LAYERS, VECTOR_LAYERS
 from sketchterrain.document.sketch import DEFAULT_SIDE
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.io.files import write_atomic
+from sketchterrain.schema.layers import LAYERS, VECTOR_LAYERS
 from sketchterrain.ui.engine.protocol import MODES, Pose
 
 if TYPE_CHECKING:

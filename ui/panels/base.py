@@ -10,9 +10,9 @@ from typing import Final
 from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtWidgets import QPushButton, QWidget
 
-from sketchterrain.document.parameters import Value
 from sketchterrain.document.rasters import RASTER, RasterSource
 from sketchterrain.errors import one_line
+from sketchterrain.schema.parameters import Value
 from sketchterrain.ui.commands import reported, settings, with_raster
 from sketchterrain.ui.look.theme import SMALL, SPACING, clear, column, described, icon, row, tool_button
 from sketchterrain.ui.models.document import Document

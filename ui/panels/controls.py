@@ -26,8 +26,8 @@ from PyQt6.QtWidgets import (
 )
 from superqt import QCollapsible, QElidingLabel
 
-from sketchterrain.document.layers import LAYERS
-from sketchterrain.document.parameters import Parameter, format_number
+from sketchterrain.schema.layers import LAYERS
+from sketchterrain.schema.parameters import Parameter, format_number
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import MARGIN, MARKS, SPACING, column, described, heading, tabular
 

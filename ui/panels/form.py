@@ -17,7 +17,7 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.document.parameters import LOOK, Parameter, Value
+from sketchterrain.schema.parameters import LOOK, Parameter, Value
 from sketchterrain.ui.look.layer_colours import colour_swatch
 from sketchterrain.ui.look.theme import SPACING, column, row, tool_button
 from sketchterrain.ui.panels.controls import (

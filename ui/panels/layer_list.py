@@ -15,7 +15,7 @@ from PyQt6.QtWidgets import (
     QTreeWidgetItem,
 )
 
-from sketchterrain.document.layers import LAYERS
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.actions import ShortcutOverride
 from sketchterrain.ui.look.layer_colours import colour_swatch, swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, draw_icon, tabular

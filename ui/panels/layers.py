@@ -7,8 +7,8 @@ from PyQt6.QtCore import QObject, QSignalBlocker, QSize, Qt, QTimer, pyqtSignal
 from PyQt6.QtWidgets import QLabel
 
 from sketchterrain.document.label_layers import MAX_LABELS, LabelImage, label_areas
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui import commands
 from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, row, tabular, tool_button

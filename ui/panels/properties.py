@@ -9,10 +9,10 @@ from PyQt6.QtCore import QSignalBlocker
 from PyQt6.QtWidgets import QLabel, QPushButton, QVBoxLayout, QWidget
 
 from sketchterrain.document.edits import ACTIONS, ADDED_BIT
-from sketchterrain.document.layers import LAYERS, layer_of
 from sketchterrain.document.own_materials import with_materials
-from sketchterrain.document.parameters import Parameter, Value
 from sketchterrain.landforms.placement.feature_types import FILL_BIT, River
+from sketchterrain.schema.layers import LAYERS, layer_of
+from sketchterrain.schema.parameters import Parameter, Value
 from sketchterrain.ui import commands
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import Placement

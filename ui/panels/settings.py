@@ -7,10 +7,10 @@ from PyQt6.QtCore import QRegularExpression, QSignalBlocker, pyqtSignal
 from PyQt6.QtGui import QRegularExpressionValidator
 from PyQt6.QtWidgets import QLabel, QLineEdit, QMenu, QToolButton, QWidget
 
-from sketchterrain.document.layers import LAYERS
-from sketchterrain.document.parameters import SKETCH, Parameter, Sentinel, Value
 from sketchterrain.document.rasters import RasterSource, embedded
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.schema.layers import LAYERS
+from sketchterrain.schema.parameters import SKETCH, Parameter, Sentinel, Value
 from sketchterrain.ui.commands import (
     DECLARED,
     WORLD,

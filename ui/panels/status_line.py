@@ -11,10 +11,10 @@ from PyQt6.QtGui import QPainter, QPaintEvent, QPalette
 from PyQt6.QtWidgets import QProgressBar, QPushButton, QSizePolicy, QWidget
 from superqt import QElidingLabel
 
-from sketchterrain.document.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.io.console import pluralize
 from sketchterrain.io.system import resident_memory
 from sketchterrain.measure.lines import limited_lines
+from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.ui.engine.link import NOT_PLACED, EngineLink
 from sketchterrain.ui.engine.protocol import MeasureAdherence
 from sketchterrain.ui.look.layer_colours import label_colour, swatch

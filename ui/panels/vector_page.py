@@ -4,11 +4,11 @@ from dataclasses import replace
 
 from PyQt6.QtWidgets import QComboBox, QLabel, QWidget
 
-from sketchterrain.document.layers import LAYERS, VECTOR_LAYERS
 from sketchterrain.document.own_materials import with_materials
-from sketchterrain.document.parameters import Parameter, Value
-from sketchterrain.document.vector_edits import change_layer, network_layers, set_value
-from sketchterrain.document.vectors import LINE, VectorLayer, vector_parameters
+from sketchterrain.features.edits import change_layer, network_layers, set_value
+from sketchterrain.features.table import LINE, VectorLayer, vector_parameters
+from sketchterrain.schema.layers import LAYERS, VECTOR_LAYERS
+from sketchterrain.schema.parameters import Parameter, Value
 from sketchterrain.ui.commands import labels_of
 from sketchterrain.ui.look.theme import MARGIN, column, described, row
 from sketchterrain.ui.models.document import Document

@@ -8,9 +8,9 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array
-from sketchterrain.document.layers import LAYERS, id_of_vector
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, River
+from sketchterrain.schema.layers import LAYERS, id_of_vector
 from sketchterrain.ui.canvas.marks import shore_lines
 from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement

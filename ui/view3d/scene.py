@@ -6,8 +6,8 @@ from typing import Final
 from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPainterPath, QPen, QTransform
 
-from sketchterrain.document.layers import LAYERS
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.commands import find_point, find_river, is_locked, name_of
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.look.layer_colours import layer_glyph

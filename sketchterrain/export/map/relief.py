@@ -10,11 +10,11 @@ import numpy.typing as npt
 from contourpy import LineType, contour_generator
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from sketchterrain.document.layers import LAND_USES
-from sketchterrain.document.materials import Material, MaterialTable
 from sketchterrain.export.map.drawing import Box, Points
 from sketchterrain.export.vectors import land_shares
 from sketchterrain.generation.terrain import Terrain
+from sketchterrain.schema.layers import LAND_USES
+from sketchterrain.schema.materials import Material, MaterialTable
 
 Grid: TypeAlias = npt.NDArray[np.float32]
 

@@ -12,9 +12,7 @@ import numpy.typing as npt
 import shapely
 
 from sketchterrain.array_types import UInt8Array
-from sketchterrain.document.layers import LAND_USES
 from sketchterrain.document.own_materials import rgb_from_hex
-from sketchterrain.document.parameters import Properties
 from sketchterrain.errors import InputError
 from sketchterrain.export.drapes import DrapedShapes, draped_shapes
 from sketchterrain.export.map import features
@@ -46,6 +44,8 @@ from sketchterrain.export.map.roads import draw_roads, road_legend
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.files import write_atomic
 from sketchterrain.roads.road_types import RoadNetwork
+from sketchterrain.schema.layers import LAND_USES
+from sketchterrain.schema.parameters import Properties
 
 if TYPE_CHECKING:
     from sketchterrain.drape.drapes import Drapes
@@ -384,7 +384,7 @@ def with_rasters(image: UInt8Array, drapes: Drapes | None, samples: MapSamples) 
 
 
 def _drawn(geometry: npt.NDArray[np.object_], look: Properties, frame: MapFrame) -> list[Shape]:
-    from sketchterrain.document.vector_formats import single_parts  # loads GDAL
+    from sketchterrain.features.formats import single_parts  # loads GDAL
 
     parts, _ = single_parts(shapely.force_2d(geometry), np.arange(len(geometry)))
     unit = _PIXEL if look["unit"] == "px" else float(look["unit"])

@@ -7,7 +7,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from sketchterrain.document.geology import Strata
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.engines import EngineAxes
 from sketchterrain.export.files import write_png
@@ -35,6 +34,7 @@ from sketchterrain.export.roads import write_corridors
 from sketchterrain.export.sampled import CHANNELS, SampleGrid, appearance_picture
 from sketchterrain.export.target import Export, ExportOptions, ExportOutput, SceneView, Target
 from sketchterrain.io.files import atomic_file
+from sketchterrain.schema.geology import Strata
 
 _AXES: Final = EngineAxes("east", "north", "up")
 _EXTENSION: Final = "blender_extension"  # its folder

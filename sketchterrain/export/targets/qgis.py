@@ -12,9 +12,7 @@ import shapely
 from rasterio.crs import CRS
 
 from sketchterrain.document.drapes import STYLE, DrapedLayer
-from sketchterrain.document.materials import Colour
 from sketchterrain.document.own_materials import rgb_from_hex
-from sketchterrain.document.parameters import Properties, defaults
 from sketchterrain.export import qgis_project as qgis
 from sketchterrain.export.drapes import table_names
 from sketchterrain.export.qgis_project import Layer
@@ -22,6 +20,8 @@ from sketchterrain.export.rasters import Georeference, write_cloud_tiff
 from sketchterrain.export.sampled import srgb_of
 from sketchterrain.export.target import Export, ExportOutput
 from sketchterrain.export.targets.geotiff import GEOTIFF, export_georeference, write_gis
+from sketchterrain.schema.materials import Colour
+from sketchterrain.schema.parameters import Properties, defaults
 
 _LOCAL_METRES: Final = (
     'PROJCS["sketch, metres from its south-west corner",GEOGCS["none",DATUM["none",SPHEROID["sphere",6371000,'

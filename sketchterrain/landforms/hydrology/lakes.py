@@ -13,7 +13,6 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.document.layers import id_of_vector
 from sketchterrain.geometry.hashing import gaussian_filter, rounded, value_noise
 from sketchterrain.landforms.hydrology.courses import RiverCourse, arc_length
 from sketchterrain.landforms.hydrology.river_shape import Network
@@ -29,13 +28,14 @@ from sketchterrain.landforms.placement.feature_types import (
     smoothstep,
 )
 from sketchterrain.landforms.placement.shapes import label_shapes
+from sketchterrain.schema.layers import id_of_vector
 from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
     from sketchterrain.document.label_layers import LabelImage
     from sketchterrain.document.sketch import Sketch
-    from sketchterrain.document.vectors import VectorLayer
+    from sketchterrain.features.table import VectorLayer
 
 Runs: TypeAlias = list[tuple[int, int, int]]
 """First point, last point and lake (an index) of each run of a course inside a lake, upstream first."""

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.document.edits import Edit
-from sketchterrain.document.layers import id_of_vector
 from sketchterrain.landforms.hydrology.conflicts import (
     Resolution,
     canyon_resolutions,
@@ -40,6 +39,7 @@ from sketchterrain.landforms.hydrology.water_levels import LakeReach, build_rive
 from sketchterrain.landforms.placement.feature_types import LAYER_CODES, GroundHeight, Lake, River, smoothstep
 from sketchterrain.landforms.placement.sea import sea_level
 from sketchterrain.landforms.placement.shapes import label_shapes
+from sketchterrain.schema.layers import id_of_vector
 from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.document.label_layers import LabelImage, freeze_image, labels_in
-from sketchterrain.document.vectors import AREA, VectorLayer
+from sketchterrain.features.table import AREA, VectorLayer
 from sketchterrain.landforms.hydrology.courses import LAKE_GAP, RiverCourse, part_of_course
 from sketchterrain.landforms.hydrology.lakes import WaterPixels
 from sketchterrain.landforms.hydrology.layout import best_mouth, end_heights, lay_out_rivers

@@ -12,8 +12,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
-from sketchterrain.document.layers import LAYERS, id_of_vector
-from sketchterrain.document.vectors import AREA, LINE, STEP, VectorLayer
+from sketchterrain.features.table import AREA, LINE, STEP, VectorLayer
 from sketchterrain.geometry.hashing import rounded
 from sketchterrain.geometry.splines import sample_catmull_rom
 from sketchterrain.landforms.hydrology.courses import (
@@ -30,6 +29,7 @@ from sketchterrain.landforms.hydrology.network import (
     split_paths,
     weighted_lengths,
 )
+from sketchterrain.schema.layers import LAYERS, id_of_vector
 
 if TYPE_CHECKING:
     import shapely

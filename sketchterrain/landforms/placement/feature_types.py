@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.document.edits import Edit
-from sketchterrain.document.layers import LAYERS, PATCH_LAYERS, POINT_LAYERS
 from sketchterrain.io.resources import kernel_constants
+from sketchterrain.schema.layers import LAYERS, PATCH_LAYERS, POINT_LAYERS
 
 (_WAVE_PEAK,) = kernel_constants("layers/plateaus.clh", "WAVE_PEAK")
 

@@ -17,7 +17,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, StructuredArray
-from sketchterrain.document.layers import LAYERS, PATCH_LAYERS
 from sketchterrain.errors import InputError
 from sketchterrain.geometry.differences import merge_boxes, repainted_boxes, rows_only_in, widened
 from sketchterrain.geometry.hashing import hash_keys, hash_unit
@@ -32,12 +31,13 @@ from sketchterrain.landforms.placement.feature_types import (
 )
 from sketchterrain.landforms.placement.heights import unpainted_height
 from sketchterrain.landforms.placement.placement import painted_distance
+from sketchterrain.schema.layers import LAYERS, PATCH_LAYERS
 from sketchterrain.stages.runner import Runner
 
 if TYPE_CHECKING:
     from sketchterrain.document.label_layers import LabelImage
-    from sketchterrain.document.parameters import Properties
     from sketchterrain.document.sketch import Sketch
+    from sketchterrain.schema.parameters import Properties
 
 _MIN_RADIUS = 0.4  # of the largest
 _MAX_CROWDING = 0.3  # expected rivals of a candidate within its spacing

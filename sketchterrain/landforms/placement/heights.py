@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from sketchterrain.document.layers import HEIGHT_LIMIT, LAYERS
-from sketchterrain.document.parameters import Properties
+from sketchterrain.schema.layers import HEIGHT_LIMIT, LAYERS
+from sketchterrain.schema.parameters import Properties
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch

@@ -16,8 +16,6 @@ from scipy.spatial import cKDTree
 from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.label_layers import LabelImage
-from sketchterrain.document.layers import LAYERS
-from sketchterrain.document.parameters import Properties
 from sketchterrain.geometry.hashing import hash_unit
 from sketchterrain.landforms.placement.feature_types import (
     FEATURE,
@@ -30,6 +28,8 @@ from sketchterrain.landforms.placement.feature_types import (
 )
 from sketchterrain.landforms.placement.heights import shape_height
 from sketchterrain.landforms.placement.user_features import layer_user_features
+from sketchterrain.schema.layers import LAYERS
+from sketchterrain.schema.parameters import Properties
 from sketchterrain.stages.digests import digest_of
 from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner

@@ -10,10 +10,10 @@ from scipy import ndimage
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.label_layers import LabelImage
-from sketchterrain.document.parameters import COAST
 from sketchterrain.geometry.hashing import gaussian_filter
 from sketchterrain.landforms.placement.covers import signed_distance
 from sketchterrain.landforms.placement.feature_types import ShapeField
+from sketchterrain.schema.parameters import COAST
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch

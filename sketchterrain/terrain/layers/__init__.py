@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 
 from sketchterrain.array_types import Float64Array, StructuredArray
-from sketchterrain.document.materials import BUILT_IN
 from sketchterrain.landforms.placement.feature_types import Cover, Lake, River
 from sketchterrain.landforms.placement.fill import Fill
 from sketchterrain.landforms.placement.plateaus import Plateau
 from sketchterrain.landforms.placement.sea import Sea
 from sketchterrain.landuse.areas import NO_LAND_USE
+from sketchterrain.schema.materials import BUILT_IN
 from sketchterrain.terrain.layers.base import BaseLayer
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.covers import CoversLayer

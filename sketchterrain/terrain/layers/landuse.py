@@ -9,12 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, LatticeArray
-from sketchterrain.document.layers import CROPS
-from sketchterrain.document.vectors import starts
+from sketchterrain.features.table import starts
 from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.host.library import host_function
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.landuse.areas import BUILT_UP, FIELD, FOREST, MEADOW, LandUse
+from sketchterrain.schema.layers import CROPS
 from sketchterrain.terrain.layers.layer import (
     ITEMS,
     MASKS,

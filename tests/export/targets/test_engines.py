@@ -11,7 +11,6 @@ from PIL import Image
 from scipy.interpolate import RegularGridInterpolator
 
 import sketchterrain as st
-from sketchterrain.document.materials import MATERIALS, weight_words
 from sketchterrain.errors import InputError
 from sketchterrain.export.planning import HeightQuantisation, checked_plan, plan_export
 from sketchterrain.export.sampled import SampleGrid
@@ -19,6 +18,7 @@ from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.export.targets import godot, target_named, unreal
 from sketchterrain.io.console import Stages
 from sketchterrain.jobs.export import write_export
+from sketchterrain.schema.materials import MATERIALS, weight_words
 
 ENGINES = {"unity": {"size": 129}, "unreal": {"size": 253}, "godot": {"format": "exr"}}
 

@@ -9,11 +9,11 @@ import tifffile
 from scipy import ndimage
 
 import sketchterrain as st
-from sketchterrain.document.vectors import VectorLayer as Drawn
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.vectors import Origin, VectorLayer, geopackage, lake_layer
+from sketchterrain.features.table import VectorLayer as Drawn
 from sketchterrain.importing.vectors import sketch_from_vectors
 from sketchterrain.io.console import Stages
 from sketchterrain.jobs.export import write_export

@@ -15,10 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
-from sketchterrain.document.layers import LAYERS, VECTOR_LAYERS
-from sketchterrain.document.materials import MATERIALS
-from sketchterrain.document.parameters import Parameter, Properties, Value, parameter_table
 from sketchterrain.errors import InputError, format_value
+from sketchterrain.schema.layers import LAYERS, VECTOR_LAYERS
+from sketchterrain.schema.materials import MATERIALS
+from sketchterrain.schema.parameters import Parameter, Properties, Value, parameter_table
 
 POINT, LINE, AREA = range(3)
 KINDS: Final = ("point", "line", "area")

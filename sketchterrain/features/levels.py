@@ -11,8 +11,8 @@ import numpy.typing as npt
 import shapely
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array, StructuredArray
-from sketchterrain.document.vector_formats import Shapes, single_parts, valid_areas
-from sketchterrain.drape.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE
+from sketchterrain.features.formats import Shapes, single_parts, valid_areas
+from sketchterrain.features.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE
 from sketchterrain.geometry.box_index import expanded
 
 RUN: Final = 64

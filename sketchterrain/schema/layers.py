@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final, Literal, NamedTuple
 
-from sketchterrain.document.materials import BUILT_IN, MATERIALS, Colour
-from sketchterrain.document.parameters import Parameter, Sentinel, Value, parameter_table
+from sketchterrain.schema.materials import BUILT_IN, MATERIALS, Colour
+from sketchterrain.schema.parameters import Parameter, Sentinel, Value, parameter_table
 
 
 class TagRule(NamedTuple):

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from sketchterrain.document.layers import VECTOR_LAYERS
-from sketchterrain.document.vectors import AREA, KINDS, LINE, Column, VectorLayer
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.features.table import AREA, KINDS, LINE, Column, VectorLayer
+from sketchterrain.schema.layers import VECTOR_LAYERS
 
 SUFFIX = ".fgb"
 _MAGIC = b"fgb\x03fgb"

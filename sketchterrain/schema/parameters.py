@@ -11,8 +11,8 @@ from numbers import Integral, Real
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 
-from sketchterrain.document.geology import ROCKS
 from sketchterrain.errors import InputError, check_keys, format_value
+from sketchterrain.schema.geology import ROCKS
 
 Value: TypeAlias = int | float | str
 

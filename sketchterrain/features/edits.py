@@ -10,9 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
-from sketchterrain.document.layers import WAY_LAYERS
-from sketchterrain.document.parameters import Value
-from sketchterrain.document.vectors import (
+from sketchterrain.errors import InputError
+from sketchterrain.features.table import (
     AREA,
     LINE,
     VectorFeature,
@@ -22,7 +21,8 @@ from sketchterrain.document.vectors import (
     repeats,
     starts,
 )
-from sketchterrain.errors import InputError
+from sketchterrain.schema.layers import WAY_LAYERS
+from sketchterrain.schema.parameters import Value
 
 _COMPLEX = np.array([1.0, 1.0j])  # makes one number of a position
 

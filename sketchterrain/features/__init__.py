@@ -1,0 +1,1 @@
+"""Points, lines and areas: tables of them, edits, files, and their drawable parts."""

@@ -1,0 +1,1 @@
+"""Declared layers, materials and parameters, from which file format, panels and docs follow."""

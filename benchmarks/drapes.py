@@ -36,7 +36,7 @@ from sketchterrain.benchmarks.timing import TimedContext, spread
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.drape.drapes import Drapes
 from sketchterrain.drape.feature_edits import move_vertex
-from sketchterrain.drape.raster_source import RasterSource
+from sketchterrain.drape.raster_source import DrapedRaster
 from sketchterrain.features.levels import Level
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.render.camera import Camera
@@ -102,7 +102,7 @@ _INTERACTION = (
 )
 
 
-class View(NamedTuple):
+class GroundView(NamedTuple):
     """A view of the ground: height of the eye above it, m, and how far it looks down, degrees."""
 
     name: str
@@ -119,10 +119,10 @@ class View(NamedTuple):
 
 
 VIEWS: Final = (
-    View("foot", 1.7, 4.0),
-    View("hill", 60.0, 10.0),
-    View("air", 1500.0, 35.0),
-    View("above", 3000.0, 80.0),
+    GroundView("foot", 1.7, 4.0),
+    GroundView("hill", 60.0, 10.0),
+    GroundView("air", 1500.0, 35.0),
+    GroundView("above", 3000.0, 80.0),
 )
 
 
@@ -355,7 +355,7 @@ def _moved(camera: Camera, pixels: float, motion: str) -> Camera:
 def counted_reads() -> Iterator[Counter[str]]:
     """Count the vertices and pixels that are read from sources."""
     counts = Counter[str]()
-    vertices, read = Level.vertices, RasterSource._read
+    vertices, read = Level.vertices, DrapedRaster._read
 
     def counted_vertices(self: Level, items: Any) -> Float64Array:
         found = vertices(self, items)
@@ -364,12 +364,12 @@ def counted_reads() -> Iterator[Counter[str]]:
         return found
 
     def counted_read(
-        self: RasterSource, west: float, north: float, texel: float, shape: tuple[int, int]
+        self: DrapedRaster, west: float, north: float, texel: float, shape: tuple[int, int]
     ) -> Any:
         counts["pixels"] += shape[0] * shape[1]
         return read(self, west, north, texel, shape)
 
-    with patch.object(Level, "vertices", counted_vertices), patch.object(RasterSource, "_read", counted_read):
+    with patch.object(Level, "vertices", counted_vertices), patch.object(DrapedRaster, "_read", counted_read):
         yield counts
 
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float32Array, Float64Array
 from sketchterrain.benchmarks.baselines.noise import Absent
-from sketchterrain.benchmarks.baselines.thesis import Sampling, ThesisTiles
+from sketchterrain.benchmarks.baselines.thesis import SplineSampling, ThesisTiles
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.flight_scene import (
     FINEST_CELL,
@@ -176,7 +176,7 @@ MESHERS: dict[str, Callable[[Float32Array], Callable[[float], Thinned]]] = {
 
 OURS = "this program"
 THESIS = "the thesis's metric"
-SAMPLING = Sampling(8, 3)
+SAMPLING = SplineSampling(8, 3)
 """How the thesis's kernels look for the nearest place on a river: the cheapest that serves mountains well."""
 
 _FACTOR = 2.0  # F near mountains and rivers
@@ -194,7 +194,7 @@ class Shown(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Method:
+class DrawMethod:
     """A way to draw."""
 
     name: str
@@ -203,10 +203,10 @@ class Method:
     draw: Callable[[View, float], Shown]
 
 
-def methods(terrain: Terrain, effort: Effort) -> tuple[list[Method], list[Absent]]:
+def methods(terrain: Terrain, effort: Effort) -> tuple[list[DrawMethod], list[Absent]]:
     """Return the ways, and the peers that are not on this machine."""
     found = [
-        Method(f"{name}, {quads} quads", unit, settings, partial(draw, terrain, quads))
+        DrawMethod(f"{name}, {quads} quads", unit, settings, partial(draw, terrain, quads))
         for name, unit, settings, draw in (
             (OURS, "τ = {:g} px", effort.flight_own_pixels, _own),
             (THESIS, "T = {:g}", effort.flight_tessellations, _thesis),
@@ -214,7 +214,7 @@ def methods(terrain: Terrain, effort: Effort) -> tuple[list[Method], list[Absent
         for quads in effort.flight_own_quads
     ]
     cells = tuple(terrain.extent / QUADS / 2**level for level in effort.flight_grid_levels)
-    found.append(Method("uniform grid", "{:g} m", cells, partial(_uniform, terrain)))
+    found.append(DrawMethod("uniform grid", "{:g} m", cells, partial(_uniform, terrain)))
     rasters = _RasterMemory(terrain, min(effort.flight_pixels))
     absent = []
     for name in MESHERS:
@@ -222,7 +222,7 @@ def methods(terrain: Terrain, effort: Effort) -> tuple[list[Method], list[Absent
         if isinstance(peer, Absent):
             absent.append(peer)
         else:
-            found.append(Method(peer.name, "{:g} px", effort.flight_pixels, partial(rasters.draw, peer)))
+            found.append(DrawMethod(peer.name, "{:g} px", effort.flight_pixels, partial(rasters.draw, peer)))
     return found, absent
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, Int64Array
-from sketchterrain.benchmarks.screen_error import Picture, ScreenSamples, screen_distances
+from sketchterrain.benchmarks.screen_error import PictureSize, ScreenSamples, screen_distances
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.store import load_sketch
 from sketchterrain.generation.building import build
@@ -92,7 +92,7 @@ class View(NamedTuple):
     """A view to be measured."""
 
     stop: Stop
-    picture: Picture
+    picture: PictureSize
 
     @property
     def planes(self) -> Float64Array:
@@ -201,7 +201,7 @@ EXTENT: Final = 4096.0
 """m; the thesis's terrain (section 7.1)."""
 FINEST_CELL: Final = 0.2
 """m; its finest quads."""
-PICTURE: Final = Picture(1280, 720)
+PICTURE: Final = PictureSize(1280, 720)
 RATE: Final = 30.0
 """Frames a second."""
 

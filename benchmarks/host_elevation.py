@@ -7,7 +7,7 @@ import numpy as np
 from scipy import ndimage
 
 from sketchterrain.array_types import Float64Array, Int64Array
-from sketchterrain.elevation.surface import BoxIndex
+from sketchterrain.elevation.surface import BoxClasses
 from sketchterrain.export.mesh import full_mesh
 from sketchterrain.host.library import host_function
 
@@ -37,7 +37,7 @@ def _evaluate_surface(size: int) -> tuple[Any, ...]:
     outputs = np.zeros((5, x.size))
     return (
         *(x, y, centre, to_steps, step**-4, np.round(random.normal(size=patches)), level.astype(np.int32)),
-        *(coefficients, mask_of, masks, rims, *BoxIndex.from_boxes(reach), random.normal(size=(2, 2))),
+        *(coefficients, mask_of, masks, rims, *BoxClasses.from_boxes(reach), random.normal(size=(2, 2))),
         *(*outputs, np.zeros((2, x.size)), 0, x.size),
     )
 
@@ -83,7 +83,7 @@ def _compute_tops(size: int) -> tuple[Any, ...]:
     rank, error = np.round(np.log2(growth)).astype(np.int64), np.round(random.uniform(0.0, 4.0, size), 1)
     finest, grid = random.random(size) < 0.5, random.integers(0, 3, size).astype(np.int32)
     return (
-        *(np.arange(size), rank, error, finest, grid, *kernels, *BoxIndex.from_boxes(grown), 0, size),
+        *(np.arange(size), rank, error, finest, grid, *kernels, *BoxClasses.from_boxes(grown), 0, size),
         *(np.zeros(size), np.zeros(size, bool), *np.zeros((2, size), np.int64), *np.zeros((2, 2 * size))),
         *(np.zeros((2, 512, 20, 2)), np.zeros((2, 512), np.int64)),
     )

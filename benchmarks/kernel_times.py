@@ -206,7 +206,7 @@ Work = Callable[[], object]
 
 
 @dataclass(frozen=True)
-class _Case:
+class _KernelCase:
     """Which kernels a piece of work is there to time, on which ground and at which tile level."""
 
     kernels: tuple[str, ...]
@@ -214,52 +214,52 @@ class _Case:
     level: int | None = None
 
 
-def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Work]]:
+def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_KernelCase, Work]]:
     names = (BARE, f"{RELIEF}{effort.presets[-1]}", *effort.presets)
     grounds = {name: open_ground(name, context) for name in names}
     for name, terrain in grounds.items():
         for level in effort.kernel_levels:
             keys = central_keys(level, effort.kernel_tiles)
-            yield _Case(("patches", "surfaces", "parents"), name, level), partial(terrain.tiles, keys)
+            yield _KernelCase(("patches", "surfaces", "parents"), name, level), partial(terrain.tiles, keys)
             if context.device.has_double:
                 packed = partial(_pack, terrain, level, effort.kernel_tiles)
-                yield _Case(("ground_bytes",), name, level), packed
+                yield _KernelCase(("ground_bytes",), name, level), packed
             places = np.arange(len(keys)), np.full(len(keys), -1), terrain.vertex_store(len(keys))
-            yield _Case(("vertices", "facts"), name, level), partial(terrain.write_tiles, keys, *places)
-            yield _Case(("points",), name, level), _points(terrain, level, effort)
+            yield _KernelCase(("vertices", "facts"), name, level), partial(terrain.write_tiles, keys, *places)
+            yield _KernelCase(("points",), name, level), _points(terrain, level, effort)
     paint = open_appearance(context)
     for level, kernels in ((6, ("appearance",)), (-1, ("appearance", "area_means"))):
         tile = level, *(int(at // (paint.extent / 2.0**level)) for at in AT)
-        yield _Case(kernels, GROUND, level), partial(_painted, paint, tile)
+        yield _KernelCase(kernels, GROUND, level), partial(_painted, paint, tile)
     with TemporaryDirectory() as folder:
         drapes = kernel_drapes(context, Path(folder))
-        yield _Case(("drape",)), partial(drapes.tiles, [(0, 0, 0)])
+        yield _KernelCase(("drape",)), partial(drapes.tiles, [(0, 0, 0)])
         drapes.tiles([(0, 0, 0)])  # lists it while the file is there
     yield from _point_works(context, round(_POINT_SIDE * _POINT_RADIUS))
     grid = NoiseGrid(context, effort.noise_side)
-    yield _Case(("bench_fbm",)), grid.launch
-    yield _Case(("bench_fbm_slope",)), grid.launch_slope
-    yield _Case(("bench_base_detail",)), grid.detail_launcher()
+    yield _KernelCase(("bench_fbm",)), grid.launch
+    yield _KernelCase(("bench_fbm_slope",)), grid.launch_slope
+    yield _KernelCase(("bench_base_detail",)), grid.detail_launcher()
     items = effort.kernel_points
     out = context.empty(4 * items, context.real_dtype)
     write = partial(context.launch, "baselines/bench_bytes.cl", "bench_write", (items,), out)
-    yield _Case(("bench_write",)), write
-    yield _Case(("material_paint", "material_relief")), partial(_textures, context, effort)
+    yield _KernelCase(("bench_write",)), write
+    yield _KernelCase(("material_paint", "material_relief")), partial(_textures, context, effort)
     drawn = splines_and_places("river", effort.kernel_points // 64, each=64, seed=1)
     queries = SplineQueries(context, *drawn)
     for method, kernel in KERNELS.items():
-        yield _Case((kernel,)), queries.work(method, 1.0)
+        yield _KernelCase((kernel,)), queries.work(method, 1.0)
 
 
-def _point_works(context: TimedContext, side: int) -> Iterator[tuple[_Case, Work]]:
+def _point_works(context: TimedContext, side: int) -> Iterator[tuple[_KernelCase, Work]]:
     area = (0, 0, side, side)
     one = PoissonDisk(context, _POINT_RADIUS, seed=1)
     kernels = ("inherit", "throw_first", "throw_one", "throw_two", "throw_four", "accept", "write_points")
-    yield _Case(kernels), partial(one.within, area)
+    yield _KernelCase(kernels), partial(one.within, area)
     graded = GradedPoisson(context, _even, least=_POINT_RADIUS, most=2 * _POINT_RADIUS, levels=1, seed=1)
     thrown = ("throw_one_graded", "throw_two_graded", "throw_four_graded")
     others = ("clear", "accept_graded", "list_for_finer", "count_points", "write_graded")
-    yield _Case((*thrown, *others)), partial(graded.within, area)
+    yield _KernelCase((*thrown, *others)), partial(graded.within, area)
 
 
 def _painted(paint: Appearance, tile: tuple[int, ...]) -> None:
@@ -300,7 +300,7 @@ def _points(terrain: Terrain, level: int, effort: Effort) -> Work:
     return partial(terrain.heights, x, y, cell_size=width / QUADS)
 
 
-def _time_rows(case: _Case, laps: Sequence[Lap]) -> Iterator[Row]:
+def _time_rows(case: _KernelCase, laps: Sequence[Lap]) -> Iterator[Row]:
     for kernel in case.kernels:
         launches = [launch for lap in laps for launch in lap.launches if launch.kernel == kernel]
         # Parents' bare heights are fewer, and no masks are written for them.

@@ -97,7 +97,7 @@ class _WideGround(UnpaintedGround):
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class DrainedSketch:
     """A painted sketch drained on a raster of any spacing, without rivers; levels are coarsest first."""
 
     sketch: Sketch
@@ -162,7 +162,7 @@ class Ground:
         return self.read(self.carved.height - lower, EXTENT / PIXELS)
 
 
-def drained(sketch: Sketch, nodes: int, rounds: Sequence[int]) -> Ground:
+def drained(sketch: Sketch, nodes: int, rounds: Sequence[int]) -> DrainedSketch:
     """Drain a painted sketch as the program does, on a raster of so many nodes along it."""
     spacing = EXTENT / (nodes - 1)
     settings = replace(UnpaintedSettings.from_sketch(sketch), extent=CELLS * spacing)
@@ -179,7 +179,7 @@ def drained(sketch: Sketch, nodes: int, rounds: Sequence[int]) -> Ground:
         return bare, uplift, painted, _carved(plain, uplift, spacing, painted[-1].height), factors
 
     (bare, uplift, levels, carved, factors), seconds = timed(work, laps=_LAPS)
-    return Ground(sketch, settings, features, plain, bare, uplift, levels, carved, factors, seconds)
+    return DrainedSketch(sketch, settings, features, plain, bare, uplift, levels, carved, factors, seconds)
 
 
 def _plain(ground: UnpaintedGround) -> DrainageInput:
@@ -234,7 +234,7 @@ class Eroded:
     seconds: float
 
 
-def eroded(ground: Ground) -> Eroded:
+def eroded(ground: DrainedSketch) -> Eroded:
     """Erode the ground's uplift with fastscapelib; it is scaled once to the heights asked for."""
     raised = {}
     for layer in ground.uplift.layers:
@@ -253,7 +253,7 @@ def eroded(ground: Ground) -> Eroded:
     return Eroded(carved.height, effects, seconds)
 
 
-def _simulated(ground: Ground, raised: Mapping[str, Float64Array], without: str = "") -> Float64Array:
+def _simulated(ground: DrainedSketch, raised: Mapping[str, Float64Array], without: str = "") -> Float64Array:
     peer: Any = import_module("fastscapelib")
     plain, spacing = ground.plain, ground.spacing
     uplift = plain.uplift + sum(each for name, each in raised.items() if name != without)

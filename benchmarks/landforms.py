@@ -21,7 +21,7 @@ from sketchterrain.benchmarks.landform_grounds import (
     PAINTED,
     PIXELS,
     SEED,
-    Ground,
+    DrainedSketch,
     dab,
     drained,
     eroded,
@@ -124,7 +124,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
 
 def _trade_offs(
     context: TimedContext, sketches: Sequence[Sketch], effort: Effort
-) -> tuple[list[Row], list[Ground], dict[int, list[Float64Array]]]:
+) -> tuple[list[Row], list[DrainedSketch], dict[int, list[Float64Array]]]:
     """Return the rows of the first table, the grounds as they are by default, and heights by other nodes."""
     standard = CELLS + 1
     drained(sketches[0], effort.landform_nodes[0], ROUNDS)  # compiles
@@ -152,7 +152,7 @@ def _limited(sketch: Sketch, limit: float) -> Sketch:
     return sketch.replace(labels=labels)
 
 
-def _mean_row(context: TimedContext, varied: str, value: str, grounds: Sequence[Ground]) -> Row:
+def _mean_row(context: TimedContext, varied: str, value: str, grounds: Sequence[DrainedSketch]) -> Row:
     cells = []
     for each in grounds:
         iou = _adherence(each.sketch, {layer: each.effect(layer) for layer in PAINTED})
@@ -193,7 +193,7 @@ def _passing(found: Realism) -> float:
     return 100.0 * float(np.mean([window.comparison.passes for window in found.windows]))
 
 
-def _noise(grounds: Sequence[Ground], context: TimedContext) -> Row:
+def _noise(grounds: Sequence[DrainedSketch], context: TimedContext) -> Row:
     """Return the row of fBm whose deviation is that of the drained ground."""
     middle = (np.arange(CELLS) + 0.5) * CELL
     x, y = (to_lattice(each, EXTENT) for each in np.meshgrid(middle, middle))
@@ -205,7 +205,7 @@ def _noise(grounds: Sequence[Ground], context: TimedContext) -> Row:
     return {"varied": _PEER, "value": "fBm", **_means(cells)}
 
 
-def _simulated(grounds: Sequence[Ground], context: TimedContext) -> Row:
+def _simulated(grounds: Sequence[DrainedSketch], context: TimedContext) -> Row:
     row: dict[str, Cell] = {"varied": _PEER, "value": "fastscapelib", "ms": None}
     if find_spec("fastscapelib") is None:
         return row | {"absent": "pip install fastscapelib"}
@@ -247,7 +247,7 @@ def _terrains(context: TimedContext, sketches: Sequence[Sketch], effort: Effort)
 
 def _stability(
     sketches: Sequence[Sketch],
-    usual: Sequence[Ground],
+    usual: Sequence[DrainedSketch],
     others: Mapping[int, Sequence[Float64Array]],
     effort: Effort,
 ) -> list[Row]:
@@ -338,7 +338,7 @@ def _stability_row(change: str, cases: Sequence[dict[str, Any]]) -> dict[str, Ce
     return row | {key: each for key, each in samples.items() if isinstance(each, list) and len(each) > 1}
 
 
-def _summits(ground: Ground) -> list[float]:
+def _summits(ground: DrainedSketch) -> list[float]:
     """Return how far each shape's summit is from the nearest high peak of coarse ground, in its cells."""
     side, cell = EXTENT / PIXELS, ground.spacing * 2**_COARSE
     final, coarse = ground.heights(side), ground.heights(side, _COARSE)

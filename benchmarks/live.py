@@ -27,7 +27,7 @@ from sketchterrain.benchmarks.plotting import (
     HUES,
     INK,
     ORANGE,
-    Panel,
+    BarPanel,
     draw_bars,
     new_figure,
 )
@@ -585,13 +585,15 @@ def draw_live(rows: Sequence[Row]) -> Any:
 
 
 _PANELS = (
-    Panel(
+    BarPanel(
         "There after",
         "s",
         {"first frame": "first_s", "still": "still_s", "still after a turn": "turned_s"},
         asked=(3.0, 8.0, 4.0),
     ),
-    Panel("A turn while it refines", "ms", {"median": "answer_ms", "most": "answer_most_ms"}, asked=(50.0,)),
+    BarPanel(
+        "A turn while it refines", "ms", {"median": "answer_ms", "most": "answer_most_ms"}, asked=(50.0,)
+    ),
 )
 draw_views = partial(draw_bars, "The view from start to still", _PANELS, ("preset",))
 """Draw the times until views are there and still, and those of motion meanwhile."""

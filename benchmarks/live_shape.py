@@ -31,14 +31,14 @@ _STEP: Final = 1.3, 1.15  # ratios of distances at a silhouette that is sought, 
 _PLAIN: Final = frozenset({"shadows", "clouds", "rocks", "grass"})  # not drawn; trees hide water
 
 
-class Shape(NamedTuple):
+class PictureShape(NamedTuple):
     """What a picture shows, row 0 on top."""
 
     distance: Float32Array  # (h, w) m to the ground; infinite: sky, or ground too faint to be seen
     water: BoolArray  # (h, w)
 
 
-def still_shape(terrain: TerrainSource, camera: Camera, size: tuple[int, int]) -> Shape:
+def still_shape(terrain: TerrainSource, camera: Camera, size: tuple[int, int]) -> PictureShape:
     """Return the shape of a still of a camera."""
     quality = Quality.for_still(size)
     with canvas(size) as (context, _, framebuffer):
@@ -46,10 +46,10 @@ def still_shape(terrain: TerrainSource, camera: Camera, size: tuple[int, int]) -
         renderer = Renderer(context, terrain, sun=Sun(180.0), quality=plain)
         renderer.prepare(camera, size)
         renderer.draw(camera, framebuffer)
-        return Shape(*renderer.shape(camera, size))
+        return PictureShape(*renderer.shape(camera, size))
 
 
-def columns_alike(one: Shape, other: Shape) -> float:
+def columns_alike(one: PictureShape, other: PictureShape) -> float:
     """Return the share of columns in which every silhouette of one shape is within 3 px in the other."""
     missing = np.zeros(one.distance.shape[1], np.bool_)
     for sought, found in ((one, other), (other, one)):
@@ -58,12 +58,12 @@ def columns_alike(one: Shape, other: Shape) -> float:
     return 1.0 - float(missing.mean())
 
 
-def _silhouettes(shape: Shape, ratio: float) -> BoolArray:
+def _silhouettes(shape: PictureShape, ratio: float) -> BoolArray:
     above, below = shape.distance[:-1], shape.distance[1:]
     return np.asarray(np.isfinite(below) & (above > ratio * np.where(np.isfinite(below), below, 1.0)))
 
 
-def water_overlap(one: Shape, other: Shape) -> float:
+def water_overlap(one: PictureShape, other: PictureShape) -> float:
     """Return the intersection over union of the water; 1 without any."""
     union = np.count_nonzero(one.water | other.water)
     return np.count_nonzero(one.water & other.water) / union if union else 1.0
@@ -99,10 +99,10 @@ def measured_engine(path: Path) -> Iterator[None]:
         yield
 
 
-def saved_shape(path: Path, size: tuple[int, int]) -> Shape:
+def saved_shape(path: Path, size: tuple[int, int]) -> PictureShape:
     """Return the shape of the last frame, of a size (px)."""
     distance, water = np.frombuffer(path.read_bytes(), np.float32).reshape(2, size[1], size[0])
-    return Shape(distance, water > 0.5)
+    return PictureShape(distance, water > 0.5)
 
 
 def serve() -> None:

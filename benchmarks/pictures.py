@@ -14,7 +14,7 @@ import numpy as np
 from skimage.color import deltaE_ciede2000, rgb2lab
 from skimage.measure import block_reduce
 
-from sketchterrain.benchmarks.plotting import HUES, SMALL, Panel, draw_bars, new_figure
+from sketchterrain.benchmarks.plotting import HUES, SMALL, BarPanel, draw_bars, new_figure
 from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
 from sketchterrain.benchmarks.timing import run_program, spread
 from sketchterrain.document.store import load_sketch
@@ -373,17 +373,17 @@ def _number(row: Row) -> float:
 
 
 _MOTION_PANELS = (
-    Panel("Rate", "frames a second", {"mean": "fps"}, asked=(FLIGHT_RATE, 25.0)),
-    Panel("Stages of a frame", "ms, mean", {stage: f"{stage}_ms" for stage in _STAGES}),
-    Panel("Difference from stills", "ΔE 2000", {"mean": "difference"}, asked=(5.0,)),
+    BarPanel("Rate", "frames a second", {"mean": "fps"}, asked=(FLIGHT_RATE, 25.0)),
+    BarPanel("Stages of a frame", "ms, mean", {stage: f"{stage}_ms" for stage in _STAGES}),
+    BarPanel("Difference from stills", "ΔE 2000", {"mean": "difference"}, asked=(5.0,)),
 )
 _PREVIEW_PANELS = (
-    Panel("Time", "s", {"whole": "seconds", "preview": "preview_s"}, asked=(10.0,)),
-    Panel("Memory", "MB", {"most": "megabytes"}, asked=(1200.0,)),
+    BarPanel("Time", "s", {"whole": "seconds", "preview": "preview_s"}, asked=(10.0,)),
+    BarPanel("Memory", "MB", {"most": "megabytes"}, asked=(1200.0,)),
 )
 _PART_PANELS = (
-    Panel("Time that it takes", "ms", {"spared": "spared_ms"}),
-    Panel("What it changes", "ΔE 2000", {"mean": "difference"}),
+    BarPanel("Time that it takes", "ms", {"spared": "spared_ms"}),
+    BarPanel("What it changes", "ΔE 2000", {"mean": "difference"}),
 )
 draw_parts = partial(draw_bars, "Parts of a picture of quality 1", _PART_PANELS, ("part",))
 draw_motion = partial(draw_bars, "In motion over the automatic flight", _MOTION_PANELS, ("preset", "size"))

@@ -54,7 +54,7 @@ def plain_numbers(*axes: Any) -> None:
         axis.set_minor_formatter(NullFormatter())
 
 
-class Panel(NamedTuple):
+class BarPanel(NamedTuple):
     """A panel of bars: its title and unit, the rows' key of each series, and the values asked for."""
 
     title: str
@@ -63,7 +63,7 @@ class Panel(NamedTuple):
     asked: tuple[float, ...] = ()
 
 
-def draw_bars(title: str, panels: Sequence[Panel], names: Sequence[str], rows: Sequence[Row]) -> Any:
+def draw_bars(title: str, panels: Sequence[BarPanel], names: Sequence[str], rows: Sequence[Row]) -> Any:
     """Draw panels with a group of bars for each row, named by some of its cells; dotted: what is asked."""
     dotted = ". Dotted: asked." if any(panel.asked for panel in panels) else ""
     figure = new_figure(1.5 + 3.7 * len(panels), 1.6 + 0.4 * len(rows), title + dotted)

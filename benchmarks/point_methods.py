@@ -119,7 +119,7 @@ _BORDER = 2.0  # distances; nearer to a square's border points lie denser, for n
 
 
 @dataclass(frozen=True)
-class Method:
+class ScatterMethod:
     """A way to scatter points over a square."""
 
     name: str
@@ -132,7 +132,7 @@ class Method:
         return self.run(0)[0]
 
 
-def own(context: TimedContext, side: float, trials: int) -> Method:
+def own(context: TimedContext, side: float, trials: int) -> ScatterMethod:
     """Return this program's way, from call to array; each seed's buffers are kept from call to call."""
     area = (0, 0, round(side * _RADIUS), round(side * _RADIUS))
 
@@ -145,10 +145,10 @@ def own(context: TimedContext, side: float, trials: int) -> Method:
         taken = context.lap(lambda: found.append(world(seed).within(area).position))
         return taken, found[0] / _RADIUS
 
-    return Method(OURS, trials, side, run)
+    return ScatterMethod(OURS, trials, side, run)
 
 
-def thesis(context: TimedContext, side: float, trials: int, *, turns: bool = False) -> Method:
+def thesis(context: TimedContext, side: float, trials: int, *, turns: bool = False) -> ScatterMethod:
     """Return the thesis's way, from launch to array; with `turns` a dart of a cell a turn of the groups."""
     groups = PhaseGroups(context, side, 1.0, trials, rounds=turns)
 
@@ -157,14 +157,14 @@ def thesis(context: TimedContext, side: float, trials: int, *, turns: bool = Fal
         taken = context.lap(lambda: found.append(groups.points(seed)))
         return taken, found[0].astype(np.float64)
 
-    return Method(TURNS if turns else THESIS, trials, side, run)
+    return ScatterMethod(TURNS if turns else THESIS, trials, side, run)
 
 
 def peers(
     side: float, trials: Sequence[int], *, scipy_side: float | None = None
-) -> tuple[list[Method], list[Absent]]:
+) -> tuple[list[ScatterMethod], list[Absent]]:
     """Return the libraries that are on this machine, and those that are not."""
-    methods: list[Method] = []
+    methods: list[ScatterMethod] = []
     absent: list[Absent] = []
     for made, wide, ladder in (
         (bridson.in_numba(), side, trials),
@@ -175,7 +175,7 @@ def peers(
         if isinstance(made, Absent):
             absent.append(made)
         elif wide is not None:
-            methods += [Method(made.name, k, wide, partial(made.scatter, wide, k)) for k in ladder]
+            methods += [ScatterMethod(made.name, k, wide, partial(made.scatter, wide, k)) for k in ladder]
     return methods, absent
 
 

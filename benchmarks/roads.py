@@ -84,7 +84,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     other strip and no portal is nearer than twice what strips are widened by. Sections of 80 m, every 100 m,
     are beside Bruneton's blend of the same profile, b = smoothstep(1, 2, |v| / (w / 2)).
     """
-    case = _Case(context, _sketch(), effort)
+    case = _RoadCase(context, _sketch(), effort)
     lines = [
         dict(
             zip(_HEADINGS, (name, *line[:2], np.asarray(line[2]).item(), str(line[3]), line[4]), strict=True)
@@ -124,7 +124,7 @@ class _TimedGround(Ground):
         return found
 
 
-class _Case:
+class _RoadCase:
     """The terrain with roads and without, and samples of the car roads."""
 
     def __init__(self, context: TimedContext, sketch: Sketch, effort: Effort) -> None:
@@ -207,7 +207,7 @@ class _Case:
         return result
 
 
-def _profiles(case: _Case) -> Iterator[Row]:
+def _profiles(case: _RoadCase) -> Iterator[Row]:
     """Yield grades by each method, and how far its heights are from the ground."""
     samples, limits = case.samples, case.limits
     ground = partial(case.natural.heights, cell_size=_CELL)
@@ -230,12 +230,12 @@ def _profiles(case: _Case) -> Iterator[Row]:
         yield dict(zip([column.key for column in _PROFILES], values, strict=True))
 
 
-def _grade(case: _Case) -> Iterator[_Line]:
+def _grade(case: _RoadCase) -> Iterator[_Line]:
     over = case.samples.grades(case.on_terrain) > case.limits + _OVER
     yield "samples over the limit by > 0.1 %", 0, over.sum(), len(over), ""
 
 
-def _across(case: _Case) -> Iterator[_Line]:
+def _across(case: _RoadCase) -> Iterator[_Line]:
     samples = case.samples
     on_ground, edges, overlap = samples.on_ground, [], 0.0
     for side in (_EDGE, -_EDGE):
@@ -251,7 +251,7 @@ def _across(case: _Case) -> Iterator[_Line]:
     yield "largest distance from the section, m", 0.02, off.max(), len(off), ground
 
 
-def _poke(case: _Case) -> Iterator[_Line]:
+def _poke(case: _RoadCase) -> Iterator[_Line]:
     random = np.random.default_rng(27)
 
     def thrown(count: int) -> tuple[RoadSamples, Float64Array, Float64Array]:
@@ -278,7 +278,7 @@ def _poke(case: _Case) -> Iterator[_Line]:
     yield "points beyond earthworks with other bits", 0, changed.sum(), len(at), ""
 
 
-def _on_triangles(case: _Case, at: Float64Array, cell: float) -> Float64Array:
+def _on_triangles(case: _RoadCase, at: Float64Array, cell: float) -> Float64Array:
     """Return heights (n,) of a grid of cells (m), the higher ones of both diagonals'."""
     corner = np.floor(at / cell)
     s, t = (at / cell - corner).T
@@ -289,7 +289,7 @@ def _on_triangles(case: _Case, at: Float64Array, cell: float) -> Float64Array:
     return np.asarray(np.maximum(rising, falling))
 
 
-def _joints(case: _Case) -> Iterator[_Line]:
+def _joints(case: _RoadCase) -> Iterator[_Line]:
     legs = [list(group) for _, group in groupby(case.roads, key=lambda road: road.leg)]
     at = np.array([leg[k].axis[k] for leg in legs for k in (0, -1)])
     on_ground = np.array([leg[k].structure == GROUND for leg in legs for k in (0, -1)])
@@ -310,7 +310,7 @@ def _joints(case: _Case) -> Iterator[_Line]:
         yield f"vertices of borders with other bits, level {level}", 0, np.sum(one != other), len(one), ""
 
 
-def _busy_tiles(case: _Case, level: int) -> list[tuple[int, int]]:
+def _busy_tiles(case: _RoadCase, level: int) -> list[tuple[int, int]]:
     """Return a square of 64 tiles (column, row), that with most of the roads."""
     eight = 8.0 * case.sketch.extent / (1 << level)
     places, counts = np.unique(np.floor(case.samples.at / eight), axis=0, return_counts=True)
@@ -318,7 +318,7 @@ def _busy_tiles(case: _Case, level: int) -> list[tuple[int, int]]:
     return [(column + x, row + y) for y in range(8) for x in range(8)]
 
 
-def _cuts(case: _Case) -> Iterator[_Line]:
+def _cuts(case: _RoadCase) -> Iterator[_Line]:
     samples, away = case.samples, np.abs(_OFFSETS)
     chosen = np.flatnonzero(samples.on_ground)[:: round(_SECTIONS / _STEP)]
     half, leg = samples.half[chosen, None], samples.leg[chosen, None]
@@ -350,7 +350,7 @@ def _runs(samples: RoadSamples, structure: int) -> list[slice]:
     return [slice(a, b) for a, b in pairs if samples.structure[a] == structure and b - a > 3]
 
 
-def _bridges(case: _Case) -> Iterator[_Line]:
+def _bridges(case: _RoadCase) -> Iterator[_Line]:
     samples = road_samples(case.roads, "road", _DENSE)
     off = []
     for each in _runs(samples, BRIDGE):
@@ -390,7 +390,7 @@ def _height_at(line: Any, place: Any) -> float:
     return float(np.interp(shapely.line_locate_point(line, place), along, z))
 
 
-def _tunnels(case: _Case) -> Iterator[_Line]:
+def _tunnels(case: _RoadCase) -> Iterator[_Line]:
     samples = road_samples(case.roads, "road", _DENSE)
     runs = _runs(samples, TUNNEL)
     if runs:
@@ -405,7 +405,7 @@ def _tunnels(case: _Case) -> Iterator[_Line]:
         yield "points between portals with other bits", 0, changed.sum(), len(changed), ""
 
 
-def _solves(case: _Case) -> Iterator[_Line]:
+def _solves(case: _RoadCase) -> Iterator[_Line]:
     memory, rounds = Results(), case.effort.rounds
     before, first, sampling = case.network(case.sketch, memory)
     again = median(case.network(case.sketch, memory)[1] for _ in range(rounds))
@@ -430,7 +430,7 @@ def _solves(case: _Case) -> Iterator[_Line]:
     yield "… heights change by > 1 cm up to, m, median", None, median(far), rounds, facts
 
 
-def _tiles(case: _Case) -> Iterator[_Line]:
+def _tiles(case: _RoadCase) -> Iterator[_Line]:
     for level in (5, 7, 9):
         with_roads = np.unique(np.floor(case.samples.at / (case.sketch.extent / (1 << level))), axis=0)
         chosen = np.random.default_rng(27).permutation(with_roads.astype(int))[:_TILES]
@@ -438,7 +438,7 @@ def _tiles(case: _Case) -> Iterator[_Line]:
         yield _tile_time(case, "the busiest", _busy_tiles(case, level), level)
 
 
-def _tile_time(case: _Case, what: str, keys: list[tuple[int, int]], level: int) -> _Line:
+def _tile_time(case: _RoadCase, what: str, keys: list[tuple[int, int]], level: int) -> _Line:
     work = {
         terrain: partial(case.context.lap, partial(terrain.evaluator.tiles, keys, level))
         for terrain in (case.terrain, case.natural)
@@ -450,7 +450,7 @@ def _tile_time(case: _Case, what: str, keys: list[tuple[int, int]], level: int) 
     return f"time with roads ÷ without, {what}, cells of {cell:.3g} m", 1.5, own / bare, len(keys), facts
 
 
-def _accuracy(case: _Case) -> Iterator[_Line]:
+def _accuracy(case: _RoadCase) -> Iterator[_Line]:
     samples = case.samples
     at = samples.beside(np.random.default_rng(5).uniform(-20.0, 20.0, len(samples.at)))
     at = at[:: max(len(at) // 10_000, 1), :2]

@@ -18,7 +18,7 @@ _NEAREST = 1e-6  # m ahead of the eye
 _SLACK = 1e-6  # of a step between samples; what rounding may have moved
 
 
-class Picture(NamedTuple):
+class PictureSize(NamedTuple):
     """Width and height in pixels."""
 
     width: int
@@ -37,7 +37,7 @@ class ScreenSamples:
     triangles that share an edge leave no gap.
     """
 
-    def __init__(self, camera: Camera, picture: Picture, *, every: int = 4) -> None:
+    def __init__(self, camera: Camera, picture: PictureSize, *, every: int = 4) -> None:
         if every < 1 or min(picture) < every:
             raise InputError(f"expected a sample each 1 … {min(picture)} pixels, got {every}")
         self._eye = np.asarray(camera.eye, np.float64)
@@ -133,7 +133,7 @@ def _groups(count: Int64Array) -> Iterator[slice]:
 
 
 def screen_distances(
-    camera: Camera, picture: Picture, drawn: Float64Array, heights: npt.ArrayLike
+    camera: Camera, picture: PictureSize, drawn: Float64Array, heights: npt.ArrayLike
 ) -> Float64Array:
     """Return how far apart in the picture drawn points and the terrain's lie that stand at the same x, y."""
     true = np.column_stack([drawn[:, :2], np.asarray(heights, np.float64)])

@@ -178,7 +178,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
 
 
 @dataclass(frozen=True)
-class _Method:
+class _TimedMethod:
     name: str
     threads: int
     run: Callable[[], object]
@@ -191,7 +191,7 @@ def _noise(context: TimedContext, effort: Effort) -> Table:
     problem = grid.problem(len(os.sched_getaffinity(0)))
     found = [make(problem) for make in _RIVALS]
     rivals = [one for one in found if isinstance(one, Rival)]
-    others = (_Method(one.name, one.threads, one.run, one.run) for one in rivals)
+    others = (_TimedMethod(one.name, one.threads, one.run, one.run) for one in rivals)
     methods = [*_kernels(context, side), *others]
     works = {method.name: partial(lap, method.run) for method in methods}
     laps = alternate(works, rounds=effort.rounds, quick=_QUICK, more=_MORE)
@@ -231,14 +231,14 @@ def _noise(context: TimedContext, effort: Effort) -> Table:
     return Table(f"Noise: simplex fBm, {OCTAVES} octaves, {side}²", _NOISE_COLUMNS, tuple(rows))
 
 
-def _kernels(context: TimedContext, side: int) -> Iterator[_Method]:
+def _kernels(context: TimedContext, side: int) -> Iterator[_TimedMethod]:
     """Yield the chosen device, then every other CPU device."""
     others = [d for d in list_devices() if d.type == "CPU" and d != context.device and is_usable(d)]
     for opened in (context, *(TimedContext(str(device.index)) for device in others)):
         grid = NoiseGrid(opened, side)
         device = opened.device
         run = partial(_once, grid)
-        yield _Method(f"this program, {device.platform}", device.compute_units, run, grid.download)
+        yield _TimedMethod(f"this program, {device.platform}", device.compute_units, run, grid.download)
 
 
 def _once(grid: NoiseGrid) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array
-from sketchterrain.benchmarks.baselines.thesis import Sampling, ThesisTiles
+from sketchterrain.benchmarks.baselines.thesis import SplineSampling, ThesisTiles
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import BARE, TileKey, central_keys, open_ground
 from sketchterrain.benchmarks.report import Column, Row, Table
@@ -36,8 +36,8 @@ ASKED = 10.0
 
 LEVEL = 5  # of the tiles that are timed
 _GROUNDS = (BARE, "valley_river", "alpine_range")
-_CONVERGED = Sampling(64, 5)
-_SAMPLINGS = (Sampling(8, 1), Sampling(8, 3), Sampling(8, 5), Sampling(16, 5))
+_CONVERGED = SplineSampling(64, 5)
+_SAMPLINGS = (SplineSampling(8, 1), SplineSampling(8, 3), SplineSampling(8, 5), SplineSampling(16, 5))
 _TRUTH = "converged"
 _DOUBLE = ", float64"
 _MEASURES = {"error_mm": "of 99 %", "largest_mm": "largest"}
@@ -150,13 +150,13 @@ class _HeightsAlone(_Ours):
         self._context.download(self._store.ground, 1, real)
 
 
-def _name(sampling: Sampling) -> str:
+def _name(sampling: SplineSampling) -> str:
     return f"the thesis's way, {sampling.samples} samples × {sampling.rounds}"
 
 
 def _errors(
     recipe: TerrainRecipe,
-    samplings: Sequence[Sampling],
+    samplings: Sequence[SplineSampling],
     context: TimedContext,
     exact: TimedContext,
     keys: Sequence[TileKey],

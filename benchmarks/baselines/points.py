@@ -228,7 +228,7 @@ _EMPTY = -1
 
 
 @dataclass(frozen=True, eq=False)
-class _Level:
+class _CellLevel:
     """Cells of one size: how many along the side, how wide, how far points reach, and each one's point."""
 
     columns: int
@@ -258,7 +258,7 @@ class PhaseGroups:
         for level in range(levels):
             columns, wide = coarsest << level, cell * 2 ** (levels - 1 - level)
             index = context.upload(np.full(columns**2, _EMPTY, np.int32), writable=True)
-            self._levels.append(_Level(columns, wide, ceil(distance / wide), index))
+            self._levels.append(_CellLevel(columns, wide, ceil(distance / wide), index))
         self._nothing = np.full(coarsest**2, _EMPTY, np.int32)
         self._most = int(1.3 * (side / distance + 1.0) ** 2) + 1  # circles of diameter 1 do not lie denser
         self._points = context.empty((self._most, 2), np.float32)
@@ -286,7 +286,7 @@ class PhaseGroups:
             context.wait(event)
         return context.download(self._points, (found, 2), np.float32)
 
-    def _throw(self, level: _Level, group: int, first: int, trials: int, salt: np.uint32) -> None:
+    def _throw(self, level: _CellLevel, group: int, first: int, trials: int, salt: np.uint32) -> None:
         row, column = divmod(group, level.reach + 1)
         along = -(-level.columns // (level.reach + 1))
         numbers = (level.columns, level.reach, level.reach + 1, column, row, first, trials)
@@ -301,7 +301,7 @@ class PhaseGroups:
             group=(_GROUP, 1),
         )
 
-    def _refine(self, coarse: _Level, fine: _Level) -> None:
+    def _refine(self, coarse: _CellLevel, fine: _CellLevel) -> None:
         size = (_rounded_up(coarse.columns), coarse.columns)
         given = (coarse.index, fine.index, self._points, np.int32(coarse.columns), np.float32(fine.cell))
         self._context.launch(_FILE, "refine", size, *given, group=(_GROUP, 1))

@@ -34,7 +34,7 @@ _WAVELENGTH, _ROUGHNESS, _RELIEF = 1600.0, 0.45, 40.0  # of the ground's noise: 
 
 
 @dataclass(frozen=True)
-class Sampling:
+class SplineSampling:
     """How the nearest place on a piece of spline is found: so many samples, again in so many rounds."""
 
     samples: int
@@ -89,7 +89,7 @@ class ThesisTiles:
         self._inner = context.empty(len(keys) * self._inner_side**2, real)
         self._normal = context.empty(3 * len(keys) * self._inner_side**2, real)
 
-    def launch(self, sampling: Sampling) -> None:
+    def launch(self, sampling: SplineSampling) -> None:
         """Enqueue the tiles one by one and wait for the last."""
         context, real = self._context, self._context.real_dtype
         spacing, side = real.type(self.spacing), np.int32(self._side)

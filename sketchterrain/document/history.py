@@ -21,7 +21,7 @@ _BLOCK_BYTES = 400  # overhead of the objects
 
 
 @dataclass(frozen=True, eq=False)
-class _Block:
+class _TileRun:
     """A row of adjacent changed tiles, or a whole layer."""
 
     box: Box
@@ -29,23 +29,23 @@ class _Block:
     after: bytes
 
     @classmethod
-    def of_images(cls, box: Box, before: LabelImage, after: LabelImage) -> _Block:
+    def of_images(cls, box: Box, before: LabelImage, after: LabelImage) -> _TileRun:
         return cls(box, *(zlib.compress(image.tobytes(), 1) for image in (before, after)))
 
 
 @dataclass(frozen=True, eq=False)
-class LayerChange:
+class ImageChange:
     """Difference of a layer between two sketches, which can be applied and reverted."""
 
     box: Box  # of the changed pixels; the whole layer if its size differs
     shapes: tuple[tuple[int, int], tuple[int, int]]  # (height, width) before and after
     bytes: int  # memory of this object
-    _blocks: tuple[_Block, ...]
+    _blocks: tuple[_TileRun, ...]
 
     @classmethod
     def between(
         cls, before: LabelImage, after: LabelImage, *, within: Box | None = None
-    ) -> LayerChange | None:
+    ) -> ImageChange | None:
         """Return the difference of two images, (height, width) uint8, or None if they are equal.
 
         Pixels outside of `within`, if given, are known to be equal.
@@ -53,13 +53,13 @@ class LayerChange:
         shapes = ((before.shape[0], before.shape[1]), (after.shape[0], after.shape[1]))
         if before.shape != after.shape:
             box = (0, 0, *shapes[1])
-            blocks = [_Block.of_images(box, before, after)]
+            blocks = [_TileRun.of_images(box, before, after)]
         else:
             found = _changed_blocks(before, after, within or (0, 0, *shapes[0]))
             if found is None:
                 return None
             box, boxes = found
-            blocks = [_Block.of_images(each, _view(before, each), _view(after, each)) for each in boxes]
+            blocks = [_TileRun.of_images(each, _view(before, each), _view(after, each)) for each in boxes]
         size = sum(len(block.before) + len(block.after) + _BLOCK_BYTES for block in blocks)
         return cls(box, shapes, size, tuple(blocks))
 
@@ -141,7 +141,7 @@ class _Step:
 
     title: str
     settings: Mapping[str, Any]
-    changes: Mapping[str, LayerChange] = field(default_factory=dict)
+    changes: Mapping[str, ImageChange] = field(default_factory=dict)
     new_bytes: int = 0  # of vectors, rasters and draped layers that the step before does not have
     key: object = field(default_factory=object)
 
@@ -193,7 +193,7 @@ class History:
         sketch: Sketch,
         *,
         merge: Hashable | None = None,
-        known: Mapping[str, LayerChange] | None = None,
+        known: Mapping[str, ImageChange] | None = None,
     ) -> Mapping[str, Box]:
         """Add a step unless it changes nothing, drop undone ones, and return the changed box of each layer.
 
@@ -239,13 +239,13 @@ class History:
             raise IndexError(f"step {position}: expected 0 to {len(self._steps) - 1}")
         back = position < self._at
         between = self._steps[self._at : position : -1] if back else self._steps[self._at + 1 : position + 1]
-        layers = _replayed(self._sketch.layers, between, LayerChange.revert if back else LayerChange.apply)
+        layers = _replayed(self._sketch.layers, between, ImageChange.revert if back else ImageChange.apply)
         self._sketch = self._sketch.replace(layers=layers, **self._steps[position].settings)
         self._at = position
         self._merge = self._before_merge = None
         return _boxes(between, self._sketch)
 
-    def _is_equal(self, position: int, sketch: Sketch, changes: Mapping[str, LayerChange]) -> bool:
+    def _is_equal(self, position: int, sketch: Sketch, changes: Mapping[str, ImageChange]) -> bool:
         return not changes and _settings(sketch) == self._steps[position].settings
 
     def _drop(self, begin: int, end: int) -> None:
@@ -266,11 +266,11 @@ def _settings(sketch: Sketch) -> dict[str, Any]:
     return {key: getattr(sketch, key) for key in _SETTINGS}
 
 
-def _changes(before: Sketch, after: Sketch, known: Mapping[str, LayerChange]) -> dict[str, LayerChange]:
+def _changes(before: Sketch, after: Sketch, known: Mapping[str, ImageChange]) -> dict[str, ImageChange]:
     changes = {}
     for name, image in after.layers.items():
         if image is not before.layers[name]:
-            change = known.get(name) or LayerChange.between(before.layers[name], image)
+            change = known.get(name) or ImageChange.between(before.layers[name], image)
             if change is not None:
                 changes[name] = change
     return changes
@@ -279,7 +279,7 @@ def _changes(before: Sketch, after: Sketch, known: Mapping[str, LayerChange]) ->
 def _replayed(
     layers: Mapping[str, LabelImage],
     steps: Sequence[_Step],
-    replay: Callable[[LayerChange, LabelImage], LabelImage],
+    replay: Callable[[ImageChange, LabelImage], LabelImage],
 ) -> dict[str, LabelImage]:
     """Return the layers after steps were undone or redone; unchanged ones are the same arrays."""
     written: dict[str, LabelImage] = {}

@@ -16,7 +16,7 @@ import shapely
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import DrapedLayer, drape_problem
-from sketchterrain.drape.raster_source import RasterSource
+from sketchterrain.drape.raster_source import DrapedRaster
 from sketchterrain.drape.vector_source import Feature, VectorSource
 from sketchterrain.drape.vector_store import FARTHEST
 from sketchterrain.errors import InputError, did_you_mean, first_few, format_value, one_line
@@ -35,7 +35,7 @@ _TILE: Final = 128.0  # texels of the smallest tile, for widths in pixels
 _MAX_NAMES: Final = 12  # in a note
 _NO_PAINT: Final = {"title", "label", "label_size", "label_colour", "sha256"}
 
-Source = VectorSource | RasterSource
+Source = VectorSource | DrapedRaster
 
 
 class Pick(NamedTuple):
@@ -127,7 +127,7 @@ class Drapes:
             raise InputError(f"draped layer {one_line(path)}: expected a file, not a folder")
         if find_driver(path, f"draped layer {one_line(path)}"):
             return VectorSource.open(layer, self.frame, self.extent)
-        return RasterSource(layer, self.frame, self.size, self.memory)
+        return DrapedRaster(layer, self.frame, self.size, self.memory)
 
     def without(self, held: tuple[int, int] | None) -> Drapes:
         """Return the drapes without one feature, by its layer and id."""
@@ -256,12 +256,12 @@ class Drapes:
             return joined
         return joined.taken(np.lexsort((_ORDER[joined.kind], joined.feature)))
 
-    def rasters(self, texel: float) -> list[tuple[int, RasterSource]]:
+    def rasters(self, texel: float) -> list[tuple[int, DrapedRaster]]:
         """Return the visible rasters, the lowest first, with the numbers of their layers."""
         return [
             (number, source)
             for number, source in enumerate(self.sources)
-            if isinstance(source, RasterSource) and self._is_visible(number, texel)
+            if isinstance(source, DrapedRaster) and self._is_visible(number, texel)
         ]
 
     def occupied(self, boxes: Float64Array) -> BoolArray:
@@ -277,7 +277,7 @@ class Drapes:
 
     def _reach(self, number: int, texel: float) -> float:
         """Return how far (m) a layer paints beyond its features or pixels, for texels (m)."""
-        if isinstance(self.sources[number], RasterSource):
+        if isinstance(self.sources[number], DrapedRaster):
             return texel
         return max(each.reach(texel) for each in self._styles_of(number))
 
@@ -332,7 +332,7 @@ class Drapes:
             source = self.sources[number]
             if not self._is_visible(number, texel):
                 continue
-            if isinstance(source, RasterSource):
+            if isinstance(source, DrapedRaster):
                 if source.pixels(x - 0.5 * texel, y + 0.5 * texel, texel, 1, 1)[0, 0, 3]:
                     return Pick(number, -1)
             elif source is not None:

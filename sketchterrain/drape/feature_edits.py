@@ -22,7 +22,7 @@ from sketchterrain.document.drapes import DrapedLayer, FeatureEdit, class_value
 from sketchterrain.document.store import reject_sketch_folder
 from sketchterrain.drape.drapes import Drapes
 from sketchterrain.drape.vector_source import Feature, VectorSource
-from sketchterrain.drape.vector_store import Projection, VectorFile, file_crs, open_vector_file
+from sketchterrain.drape.vector_store import FileProjection, VectorFile, file_crs, open_vector_file
 from sketchterrain.errors import InputError, SketchterrainError, format_value, one_line
 from sketchterrain.io.files import atomic_path, hash_file
 
@@ -200,7 +200,7 @@ def _write(file: VectorFile, layer: DrapedLayer, frame: Mapping[str, Any], path:
     crs, edits = file_crs(file, layer), layer.edits
     if driver == "GeoJSON" and crs is None:
         raise InputError(f"{file.place}: expected a CRS for GeoJSON: save it as GeoPackage or FlatGeobuf")
-    projection = Projection(crs, frame, file.place)
+    projection = FileProjection(crs, frame, file.place)
     kinds = {**file.fields, **_new_kinds(file.fields, edits.values())}
     same = {shapely.from_wkb(edit.geometry).geom_type for edit in edits.values() if edit.geometry}
     one_type = same <= {file.geometry_type.partition(" ")[0]}
@@ -235,7 +235,7 @@ def _write(file: VectorFile, layer: DrapedLayer, frame: Mapping[str, Any], path:
             raise SketchterrainError(f"{path.suffix[1:]}: cannot be written ({reason})") from None
 
 
-def _in_file(wkb: bytes, before: bytes | None, projection: Projection, file: VectorFile) -> bytes:
+def _in_file(wkb: bytes, before: bytes | None, projection: FileProjection, file: VectorFile) -> bytes:
     """Return a geometry in the file's coordinates, with the heights of the nearest vertices before."""
     shape = shapely.transform(shapely.from_wkb(wkb), projection.to_file)
     if not np.isfinite(shapely.get_coordinates(shape)).all():

@@ -23,7 +23,7 @@ _MOST_KEPT: Final = 1 << 19  # px of a window that is kept
 _VIRTUAL: Final = "raster.vrt"
 
 
-class RasterSource:
+class DrapedRaster:
     """A raster file by windows in metres of a sketch."""
 
     def __init__(
@@ -43,7 +43,7 @@ class RasterSource:
             self._span = self._picture.value_range()
         self._overviews = [1, *self._picture.overviews]
 
-    def updated(self, layer: DrapedLayer) -> RasterSource:
+    def updated(self, layer: DrapedLayer) -> DrapedRaster:
         """Return the same source: layers do not edit pixels."""
         return self
 

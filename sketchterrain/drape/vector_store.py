@@ -117,7 +117,7 @@ def file_crs(file: VectorFile, layer: DrapedLayer) -> CRS | None:
     return layer_crs(layer["crs"], file.place) if layer["crs"] and file.crs is None else file.crs
 
 
-class Projection:
+class FileProjection:
     """From coordinates of a file to metres from a sketch's south-west corner, and back."""
 
     def __init__(self, crs: CRS | None, frame: Mapping[str, Any], place: str) -> None:
@@ -301,7 +301,7 @@ def open_store(layer: DrapedLayer, frame: Mapping[str, Any], extent: float) -> V
     return VectorStore(_StoredArrays(stored_folder("drape", key, build)))
 
 
-def placed(wkb: Shapes, projection: Projection) -> Shapes:
+def placed(wkb: Shapes, projection: FileProjection) -> Shapes:
     """Return shapes in metres of the sketch; None for missing ones, or where a point of it has no place."""
     with np.errstate(invalid="ignore"):
         shapes = np.asarray(shapely.from_wkb(wkb, on_invalid="fix"), object)
@@ -319,7 +319,7 @@ def _build(
     """Write a store in one pass over the file."""
     with TemporaryDirectory(dir=folder, ignore_cleanup_errors=True) as scratch:
         arrays, unsorted = _ArrayWriter(folder), _ArrayWriter(Path(scratch))
-        projection = Projection(file_crs(file, layer), frame, file.place)
+        projection = FileProjection(file_crs(file, layer), frame, file.place)
         at_once = _CHUNK << (6 if file.driver in _READ_WHOLE else 0)
         step = max(1, file.features * at_once // max(Path(layer.path).stat().st_size, 1))
         fields = {name: _stored_kind(dtype) for name, dtype in file.fields.items()}

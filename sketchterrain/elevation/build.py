@@ -202,11 +202,11 @@ class _Level:
         """Fit the splines of a row of chunks, and find the patches that begin there."""
         height, width = self.planes.shapes[self.level]
         values = np.empty((min(CHUNK[0], height - CHUNK[0] * number), width), np.float32)
-        rows = _Part(CHUNK[0] * number, len(values), self.shape[0])
+        rows = _SplinePart(CHUNK[0] * number, len(values), self.shape[0])
 
         def fit(first: int, last: int) -> None:
             for left in range(_COLUMNS * first, min(_COLUMNS * last, width), _COLUMNS):
-                columns = _Part(left, min(_COLUMNS, width - left), self.shape[1])
+                columns = _SplinePart(left, min(_COLUMNS, width - left), self.shape[1])
                 wide = self._rows[
                     rows.low - self._first : rows.high - self._first, columns.low : columns.high
                 ]
@@ -259,7 +259,7 @@ class _Level:
         return weights
 
 
-class _Part:
+class _SplinePart:
     """A part of a side of `size` coefficients, and what its spline is fitted to, of a level of n samples."""
 
     def __init__(self, start: int, size: int, n: int) -> None:

@@ -46,7 +46,7 @@ _RANKS = 8.0  # a factor of two in area: patches nearer in size are compared by 
 
 
 @dataclass(frozen=True, eq=False)
-class Patches:
+class DemPatches:
     """Columns of n patches; lengths in sketch metres."""
 
     level: Int64Array
@@ -76,7 +76,7 @@ class PatchTable(NamedTuple):
     place: Int32Array  # row and column of the kernel as one number
     error: Float32Array  # m: the largest distance from samples
     mask: Int32Array  # number of the mask, -1 where data are all around
-    reach: Float32Array  # (n, 4), of `Patches`, rounded outward
+    reach: Float32Array  # (n, 4), of `DemPatches`, rounded outward
     top: Float64Array  # m, of the grid alone
     cut: Int32Array  # patches whose kernel is not whole
     cut_starts: Int64Array  # number of the first rectangle of each, and the end
@@ -140,7 +140,7 @@ class GridPatches:
             corner=(self.corner[0] + east, self.corner[1] + north),
         )
 
-    def finest(self) -> Iterator[tuple[Patches, Float64Array]]:
+    def finest(self) -> Iterator[tuple[DemPatches, Float64Array]]:
         """Yield groups of the patches of level 0, and the corners of their rectangles."""
         for first in range(0, int(self.table.starts[1]), _GROUP):
             yield self.rows(np.arange(first, min(first + _GROUP, self.table.starts[1])))
@@ -149,7 +149,7 @@ class GridPatches:
         """Return the rank by area of a level's patches."""
         return int(np.round(2.0 * _RANKS * (np.log2(self.step) + level)))
 
-    def rows(self, which: Int64Array) -> tuple[Patches, Float64Array]:
+    def rows(self, which: Int64Array) -> tuple[DemPatches, Float64Array]:
         """Return columns of patches, and the corners (n, 4, 2) of their rectangles, counter-clockwise."""
         table, shape = self.table, self.grid.shape
         level = np.searchsorted(table.starts, which, "right") - 1
@@ -172,7 +172,7 @@ class GridPatches:
         centre, to_steps, _ = patch_maps(self.grid, level, row, column)
         area = step_areas(to_steps)
         low, high = corners.min(axis=1), corners.max(axis=1)
-        patches = Patches(
+        patches = DemPatches(
             level=level,
             row=row,
             column=column,
@@ -232,21 +232,21 @@ def step_of(grid: ElevationGrid) -> float:
     return float(np.sqrt(step_areas(patch_maps(grid, np.zeros(1, np.int64), row, column)[1])[0]))
 
 
-def concatenated(tables: Sequence[Patches]) -> Patches:
+def concatenated(tables: Sequence[DemPatches]) -> DemPatches:
     """Return patches one after another."""
-    return Patches(*(np.concatenate([getattr(each, name) for each in tables]) for name in _COLUMNS))
+    return DemPatches(*(np.concatenate([getattr(each, name) for each in tables]) for name in _COLUMNS))
 
 
-def subset(patches: Patches, which: Any) -> Patches:
+def subset(patches: DemPatches, which: Any) -> DemPatches:
     """Return some patches."""
-    return Patches(*(getattr(patches, name)[which] for name in _COLUMNS))
+    return DemPatches(*(getattr(patches, name)[which] for name in _COLUMNS))
 
 
-_COLUMNS = tuple(each.name for each in fields(Patches))
+_COLUMNS = tuple(each.name for each in fields(DemPatches))
 
 
 def _rims(row: Int64Array, column: Int64Array, level: Int64Array, shape: tuple[int, ...]) -> Float64Array:
-    """Return the sides (n, 4) of the grid, in steps from the centres of patches: see `Patches.rim`."""
+    """Return the sides (n, 4) of the grid, in steps from the centres of patches: see `DemPatches.rim`."""
     ends = [(n - 1) / 2.0**level for n in shape]
     middle = [KERNEL * each + KERNEL / 2 for each in (row, column)]
     return np.stack([-middle[1], ends[1] - middle[1], -middle[0], ends[0] - middle[0]], axis=1)

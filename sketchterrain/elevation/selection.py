@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from sketchterrain.array_types import Bounds, Float32Array, Float64Array, Int64Array, UInt8Array
 from sketchterrain.caching import LRUCache
-from sketchterrain.elevation.patches import COEFFICIENTS, GridPatches, Patches, outward
+from sketchterrain.elevation.patches import COEFFICIENTS, DemPatches, GridPatches, outward
 from sketchterrain.elevation.surface import PatchSlots, PatchSurface
 from sketchterrain.elevation.tops import (
     PatchNumbers,
@@ -63,7 +63,7 @@ class Patchwork(PatchNumbers):
         """The largest error (m) of samples of any grid."""
         return max(each.accuracy for each in self.parts)
 
-    def rows(self, which: Int64Array) -> tuple[Patches, Float64Array]:
+    def rows(self, which: Int64Array) -> tuple[DemPatches, Float64Array]:
         """Return columns of some patches, and the corners of their rectangles if `which` ascends."""
         self._check()
         return super().rows(which)

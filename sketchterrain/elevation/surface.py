@@ -14,7 +14,7 @@ _NO_VALUES = np.zeros((0, 0))
 _CHUNK = 4096  # points below which no thread starts
 
 
-class BoxIndex(NamedTuple):
+class BoxClasses(NamedTuple):
     """Index of boxes by classes of size, the largest first: lists of those that touch each cell."""
 
     places: Float64Array  # (classes, 3): west, south and side of the cells
@@ -23,7 +23,7 @@ class BoxIndex(NamedTuple):
     items: Int64Array  # ascending in each cell
 
     @classmethod
-    def from_boxes(cls, boxes: Float64Array) -> BoxIndex:
+    def from_boxes(cls, boxes: Float64Array) -> BoxClasses:
         """Return the index of boxes (n, 4): west, south, east, north."""
         side = np.maximum(boxes[:, 2] - boxes[:, 0], boxes[:, 3] - boxes[:, 1])
         size = np.ceil(np.log2(np.maximum(side, 1e-300))).astype(np.int64)
@@ -97,7 +97,7 @@ class PatchSurface:
 
     def __init__(self, slots: PatchSlots, reach: Float64Array) -> None:
         self._slots = PatchSlots(*map(np.ascontiguousarray, slots))
-        self._index = BoxIndex.from_boxes(reach)
+        self._index = BoxClasses.from_boxes(reach)
 
     def __len__(self) -> int:
         return len(self._slots.centre)

@@ -9,8 +9,8 @@ import numpy as np
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
 from sketchterrain.elevation.mips import in_threads
-from sketchterrain.elevation.patches import GridPatches, Patches, concatenated, subset
-from sketchterrain.elevation.surface import BoxIndex
+from sketchterrain.elevation.patches import DemPatches, GridPatches, concatenated, subset
+from sketchterrain.elevation.surface import BoxClasses
 from sketchterrain.host.library import host_function
 
 _MAX_PIECES, _MAX_CORNERS = 512, 20
@@ -48,7 +48,7 @@ class PatchNumbers:
     def __len__(self) -> int:
         return int(self.starts[-1])
 
-    def rows(self, which: Int64Array) -> tuple[Patches, Float64Array]:
+    def rows(self, which: Int64Array) -> tuple[DemPatches, Float64Array]:
         """Return columns of some patches, and corners of their rectangles if `which` ascends."""
         grid = self.grid[which]
         if (np.diff(grid) < 0).any():
@@ -124,10 +124,10 @@ def find_tops(numbers: PatchNumbers, which: Int64Array, lowest: Int64Array | Non
     return tops
 
 
-def _tops_among(patches: Patches, grid: Int32Array, corners: Float64Array, which: Int64Array) -> Tops:
+def _tops_among(patches: DemPatches, grid: Int32Array, corners: Float64Array, which: Int64Array) -> Tops:
     """Return the tops of some patches among those given."""
     grown = patches.kernel + patches.growth[:, None] * np.array([-1.0, -1.0, 1.0, 1.0])
-    kernels, index = kernels_of(patches, corners), BoxIndex.from_boxes(grown)
+    kernels, index = kernels_of(patches, corners), BoxClasses.from_boxes(grown)
     order = patches.rank, patches.error, patches.finest, grid
     tops, count = Tops(np.empty(len(which)), np.empty(len(which), bool)), len(patches)
 
@@ -149,7 +149,7 @@ class Kernels(NamedTuple):
     corners: Float64Array
 
 
-def kernels_of(patches: Patches, corners: Float64Array) -> Kernels:
+def kernels_of(patches: DemPatches, corners: Float64Array) -> Kernels:
     """Return the kernels of patches, and the corners of their rectangles."""
     first = np.concatenate([[0], np.cumsum(patches.rectangles)])
     return Kernels(*map(np.ascontiguousarray, (patches.kernel, patches.growth, first, corners)))

@@ -31,7 +31,7 @@ class FlatWater(NamedTuple):
     step: float  # m: the least from another reach beside it; NaN without one
 
 
-class _Level(NamedTuple):
+class _WaterLevel(NamedTuple):
     height: float
     box: tuple[slice, slice]  # around the region
     region: BoolArray
@@ -46,7 +46,7 @@ def flat_waters(grid: ElevationGrid, least: int = MIN_SAMPLES) -> list[FlatWater
     level = ndimage.maximum_filter(heights, 3) == ndimage.minimum_filter(heights, 3)
     labels, _ = ndimage.label(level & np.isfinite(heights), _BLOCK)
     marks = np.zeros([n + 2 * _NEAR for n in labels.shape], np.int32)  # of the waters found
-    found: list[_Level] = []
+    found: list[_WaterLevel] = []
     for label, (rows, columns) in enumerate(ndimage.find_objects(labels), start=1):
         start = max(rows.start - 2, 0), max(columns.start - 2, 0)
         box = slice(start[0], rows.stop + 2), slice(start[1], columns.stop + 2)
@@ -58,7 +58,7 @@ def flat_waters(grid: ElevationGrid, least: int = MIN_SAMPLES) -> list[FlatWater
         at_rim = start[0] == 0 or start[1] == 0 or box[0].stop > len(labels) or box[1].stop > labels.shape[1]
         if (at_rim and height == 0.0) or not around.any() or np.mean(heights[box][around] > height) < _BANKS:
             continue
-        found.append(_Level(height, box, region))
+        found.append(_WaterLevel(height, box, region))
         marks[_NEAR:-_NEAR, _NEAR:-_NEAR][box][region] = len(found)
     return [_water(grid, each, found, marks) for each in found]
 
@@ -78,7 +78,7 @@ def water_findings(waters: Sequence[FlatWater]) -> tuple[str, ...]:
     return tuple(told)
 
 
-def _water(grid: ElevationGrid, water: _Level, found: list[_Level], marks: Int32Array) -> FlatWater:
+def _water(grid: ElevationGrid, water: _WaterLevel, found: list[_WaterLevel], marks: Int32Array) -> FlatWater:
     """Return the outline and facts of a level area; `marks` has the numbers of all, in a margin of zeros."""
     rows, columns = water.box
     padded = np.pad(water.region, 1)

@@ -15,7 +15,7 @@ from sketchterrain.array_types import Bounds
 from sketchterrain.document.drapes import DrapedLayer, class_value
 from sketchterrain.document.frame import georeference
 from sketchterrain.export.rasters import local_metres
-from sketchterrain.export.vectors import Origin, VectorLayer, distinct_name, geopackage
+from sketchterrain.export.vectors import ExportLayer, Origin, distinct_name, geopackage
 from sketchterrain.io.crs import parse_crs
 from sketchterrain.schema.parameters import Properties
 
@@ -96,14 +96,14 @@ def table_names(layers: Sequence[DrapedShapes]) -> list[str]:
     return [distinct_name(name, taken) for name in names]
 
 
-def _table(name: str, shapes: DrapedShapes, origin: Origin) -> VectorLayer:
+def _table(name: str, shapes: DrapedShapes, origin: Origin) -> ExportLayer:
     """Return a layer of a GeoPackage."""
     fields: dict[str, npt.NDArray[Any]] = {"id": np.array(shapes.ids, np.int64)}
     used = {"fid", "geom", *fields}
     for key in dict.fromkeys(key for row in shapes.properties for key in row):
         fields[distinct_name(key, used)] = _column([row.get(key) for row in shapes.properties])
     moved = shapely.transform(shapes.geometry, lambda at: np.add(at, (*origin, 0.0)), include_z=True)
-    return VectorLayer(name, "Unknown", moved, fields)
+    return ExportLayer(name, "Unknown", moved, fields)
 
 
 def _column(values: list[Any]) -> npt.NDArray[Any]:

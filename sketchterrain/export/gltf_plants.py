@@ -39,7 +39,7 @@ _SHADE: Final = 0.45  # share of the light that reaches the inside of a crown
 _STEPS: Final = 65535
 
 
-class PlantInstances(NamedTuple):
+class ScenePlants(NamedTuple):
     """Plants of a scene, sorted by model."""
 
     position: npt.NDArray[np.float64]  # (n, 3): feet in the scene's coordinates
@@ -56,7 +56,7 @@ class PlantInstances(NamedTuple):
             yield kind, slice(int(first), int(last))
 
 
-def collect_plants(export: Export, axes: EngineAxes) -> PlantInstances:
+def collect_plants(export: Export, axes: EngineAxes) -> ScenePlants:
     """Return the plants of an export, at the interpolated heights of the grid."""
     terrain, samples = export.terrain, export.samples
     storeys = requested_storeys(export.options)
@@ -78,10 +78,10 @@ def collect_plants(export: Export, axes: EngineAxes) -> PlantInstances:
             parts.append((position, plants["scale"].copy(), plants["rotation"].copy(), model))
     position, scale, rotation, model = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.argsort(model, kind="stable")
-    return PlantInstances(position[order], scale[order], rotation[order], model[order], terrain.species_names)
+    return ScenePlants(position[order], scale[order], rotation[order], model[order], terrain.species_names)
 
 
-def add_instances(glb: GlbWriter, plants: PlantInstances, coarser: tuple[int, ...] = ()) -> int:
+def add_instances(glb: GlbWriter, plants: ScenePlants, coarser: tuple[int, ...] = ()) -> int:
     """Add plants as instances of models, and return the models' level of detail.
 
     A node is at its first plant, which programs without the extension show. With `coarser` levels the first
@@ -126,7 +126,7 @@ def _add_model(glb: GlbWriter, name: str, model: PlantModel, material: int) -> i
     return glb.mesh(name, attributes, material=material)
 
 
-def add_points(glb: GlbWriter, plants: PlantInstances, centre: npt.NDArray[np.float64]) -> None:
+def add_points(glb: GlbWriter, plants: ScenePlants, centre: npt.NDArray[np.float64]) -> None:
     """Add plants as points in their species' colour, a node a species, with ``_SCALE`` and ``_ROTATION``."""
     material = glb.material("plants", pbrMetallicRoughness={"metallicFactor": 0.0, "roughnessFactor": 1.0})
     for kind, some in plants.groups(VARIANTS):
@@ -144,7 +144,7 @@ def add_points(glb: GlbWriter, plants: PlantInstances, centre: npt.NDArray[np.fl
         glb.node(name, mesh=points, translation=centre.tolist())
 
 
-def _level_of_detail(plants: PlantInstances) -> int:
+def _level_of_detail(plants: ScenePlants) -> int:
     """Return the finest level of detail within the budget of triangles."""
     for detail in range(FINEST, COARSEST):
         triangles = sum(
@@ -156,7 +156,7 @@ def _level_of_detail(plants: PlantInstances) -> int:
     return COARSEST
 
 
-def model_mesh(plants: PlantInstances, kind: int, detail: int) -> PlantModel:
+def model_mesh(plants: ScenePlants, kind: int, detail: int) -> PlantModel:
     """Return the model of a group of plants."""
     species = plants.species[kind // VARIANTS]
     if species in STOREYS["woody"]:

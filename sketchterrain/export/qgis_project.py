@@ -25,7 +25,7 @@ VIEW: Final = "3-D view"
 _GEOMETRY: Final = {"marker": "Point", "line": "Line", "fill": "Polygon"}
 
 
-class Layer(NamedTuple):
+class MapLayer(NamedTuple):
     """A layer of a project."""
 
     title: str
@@ -209,9 +209,9 @@ def write_project(
     title: str,
     wkt: str,
     bounds: Bounds,
-    groups: Mapping[str, Sequence[Layer]],
-    themes: Mapping[str, Sequence[Layer]],
-    terrain: Layer,
+    groups: Mapping[str, Sequence[MapLayer]],
+    themes: Mapping[str, Sequence[MapLayer]],
+    terrain: MapLayer,
     scene: SceneView,
 ) -> Path:
     """Write a ``.qgz``: groups of layers and themes, from the top down, and a 3-D view; deterministic.
@@ -244,7 +244,7 @@ def write_project(
     return write_atomic(path, content.getvalue())
 
 
-def _entries(layers: Sequence[Layer]) -> str:
+def _entries(layers: Sequence[MapLayer]) -> str:
     return "".join(
         _tag(
             "layer-tree-layer",
@@ -256,7 +256,7 @@ def _entries(layers: Sequence[Layer]) -> str:
     )
 
 
-def _layer(layer: Layer, reference: str) -> str:
+def _layer(layer: MapLayer, reference: str) -> str:
     values: dict[str, Any] = {
         "type": "raster" if layer.kind == "raster" else "vector",
         "simplifyDrawingHints": 1,
@@ -274,11 +274,13 @@ def _layer(layer: Layer, reference: str) -> str:
     )
 
 
-def _ids(layers: Iterable[Layer]) -> str:
+def _ids(layers: Iterable[MapLayer]) -> str:
     return "".join(_tag("layer", {"id": each.id, "style": "default", "visible": 1}) for each in layers)
 
 
-def _view(terrain: Layer, layers: Sequence[Layer], scene: SceneView, bounds: Bounds, reference: str) -> str:
+def _view(
+    terrain: MapLayer, layers: Sequence[MapLayer], scene: SceneView, bounds: Bounds, reference: str
+) -> str:
     """Return a bird's view of the whole map in the scene's direction, with its sun."""
     west, south, east, north = bounds
     x, y, z = 0.5 * (west + east), 0.5 * (south + north), scene.target[2]

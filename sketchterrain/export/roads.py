@@ -17,7 +17,7 @@ from sketchterrain.export.engines import EngineAxes, rounded_list, tile_path, ti
 from sketchterrain.export.files import write_json, write_values_png
 from sketchterrain.export.sampled import SampleGrid, row_bands
 from sketchterrain.export.target import Export
-from sketchterrain.export.vectors import Origin, VectorLayer, id_texts
+from sketchterrain.export.vectors import ExportLayer, Origin, id_texts
 from sketchterrain.roads.road_shapes import AxisPoints, axis_points, grades
 from sketchterrain.roads.road_types import BRIDGE, GROUND, STRUCTURES, TUNNEL, Road, RoadNetwork
 from sketchterrain.schema.layers import LAYERS, WAY_LAYERS
@@ -33,7 +33,7 @@ MASKS: Final = {
 """Descriptions of the masks by name."""
 
 
-def road_layers(network: RoadNetwork, origin: Origin) -> list[VectorLayer]:
+def road_layers(network: RoadNetwork, origin: Origin) -> list[ExportLayer]:
     """Return the layers that are not empty: axes of each kind, edges, bridge decks, tunnels, pads, walls."""
     roads, pads, walls = network.roads, network.pads, network.walls
     points = [axis_points(road, TOLERANCE) for road in roads]
@@ -49,17 +49,17 @@ def road_layers(network: RoadNetwork, origin: Origin) -> list[VectorLayer]:
     areas = moved(shapely.polygons, (np.insert(pad.outline, 2, pad.level, axis=1) for pad in pads))
     lines = moved(shapely.linestrings, (wall.line for wall in walls))
 
-    def chosen(name: str, kind: str, shapes: npt.NDArray[np.object_], own: BoolArray) -> VectorLayer:
-        return VectorLayer(name, kind, shapes[own], {key: values[own] for key, values in fields.items()})
+    def chosen(name: str, kind: str, shapes: npt.NDArray[np.object_], own: BoolArray) -> ExportLayer:
+        return ExportLayer(name, kind, shapes[own], {key: values[own] for key, values in fields.items()})
 
     sides = {"id": np.repeat(fields["id"], 2), "side": np.array(["left", "right"] * len(roads), object)}
     layers = (
         *(chosen(LAYERS[way].title.lower(), "LineString Z", axes, kinds == way) for way in WAY_LAYERS),
-        VectorLayer("road_edges", "LineString Z", edges, sides),
+        ExportLayer("road_edges", "LineString Z", edges, sides),
         chosen("bridge_decks", "Polygon Z", decks, structures == BRIDGE),
         chosen("tunnels", "LineString Z", axes, structures == TUNNEL),
-        VectorLayer("pads", "Polygon Z", areas, _columns(pads, **_PAD_FIELDS)),
-        VectorLayer("walls", "LineString", lines, _columns(walls, **_WALL_FIELDS)),
+        ExportLayer("pads", "Polygon Z", areas, _columns(pads, **_PAD_FIELDS)),
+        ExportLayer("walls", "LineString", lines, _columns(walls, **_WALL_FIELDS)),
     )
     return [layer for layer in layers if len(layer.geometry)]
 

@@ -145,7 +145,7 @@ class Origin(NamedTuple):
     north: float
 
 
-class VectorLayer(NamedTuple):
+class ExportLayer(NamedTuple):
     """Features of a layer."""
 
     name: str
@@ -163,7 +163,7 @@ class GeoPackage:
         self.counts: dict[str, int] = {}  # features of each layer
         self.indexed: dict[str, int] = {}  # those with a geometry, in its spatial index
 
-    def add(self, layer: VectorLayer) -> None:
+    def add(self, layer: ExportLayer) -> None:
         """Append features to a layer, which is created even if empty."""
         import pyogrio.raw  # loads GDAL
 
@@ -218,10 +218,10 @@ def _check_complete(path: Path, file: GeoPackage) -> None:
                 raise OSError("incomplete on disk")
 
 
-def lake_layer(lakes: Sequence[Lake], origin: Origin) -> VectorLayer:
+def lake_layer(lakes: Sequence[Lake], origin: Origin) -> ExportLayer:
     """Return the lakes as areas at their level, without islands."""
     areas = [_area([ring + origin for ring in lake_outline(lake.shape)], lake.level) for lake in lakes]
-    return VectorLayer(
+    return ExportLayer(
         "lakes",
         "MultiPolygon Z",
         np.array(areas, object),
@@ -234,7 +234,7 @@ def lake_layer(lakes: Sequence[Lake], origin: Origin) -> VectorLayer:
     )
 
 
-def sketch_layer(layer: vectors.VectorLayer, origin: Origin) -> VectorLayer:
+def sketch_layer(layer: vectors.VectorLayer, origin: Origin) -> ExportLayer:
     """Return the vectors of a sketch's layer as they were drawn."""
     fields: dict[str, npt.NDArray[Any]] = {"id": layer.ids, "label": layer.labels.astype(np.int32)}
     taken = {"fid", "geom", *fields}  # a GeoPackage ignores case
@@ -242,7 +242,7 @@ def sketch_layer(layer: vectors.VectorLayer, origin: Origin) -> VectorLayer:
         values = np.array(column, object) if isinstance(column, tuple) else column
         fields[distinct_name(name, taken)] = values
     shapes = shapely.transform(layer.shapes(), lambda at: at + origin)
-    return VectorLayer(f"sketch_{layer.layer}", geometry_type(layer), shapes, fields)
+    return ExportLayer(f"sketch_{layer.layer}", geometry_type(layer), shapes, fields)
 
 
 def distinct_name(name: str, taken: set[str]) -> str:
@@ -253,7 +253,7 @@ def distinct_name(name: str, taken: set[str]) -> str:
     return name
 
 
-def sea_layer(level: float, samples: TerrainSamples, origin: Origin) -> VectorLayer:
+def sea_layer(level: float, samples: TerrainSamples, origin: Origin) -> ExportLayer:
     """Return the ground below the sea's level as areas at it."""
     grid = samples.grid
     depth = np.pad(level - samples.height.astype(np.float64), 1, constant_values=_RIM)
@@ -262,10 +262,10 @@ def sea_layer(level: float, samples: TerrainSamples, origin: Origin) -> VectorLa
     rings = [corner + (ring[:, ::-1] - 1.0) * step for ring in find_contours(depth, 0.0)]
     areas = [_area([np.round(ring, _OUTLINE_DECIMALS) for ring in rings], level)] if rings else []
     fields = {"level": np.full(len(areas), level)}
-    return VectorLayer("sea", "MultiPolygon Z", np.array(areas, object), fields)
+    return ExportLayer("sea", "MultiPolygon Z", np.array(areas, object), fields)
 
 
-def river_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
+def river_layer(rivers: Sequence[River], origin: Origin) -> ExportLayer:
     """Return the rivers' centrelines from the spring on, at the height of the water."""
     ends = {"spring": 0, "mouth": -1}
     fields: dict[str, npt.NDArray[Any]] = {
@@ -281,10 +281,10 @@ def river_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
             f"{name}_{end}": np.array([value[at] for value in values], np.float32) for end, at in ends.items()
         }
     lines = [shapely.linestrings(_moved(river.centreline, origin)) for river in rivers]
-    return VectorLayer("rivers", "LineString Z", np.array(lines, object), fields)
+    return ExportLayer("rivers", "LineString Z", np.array(lines, object), fields)
 
 
-def station_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
+def station_layer(rivers: Sequence[River], origin: Origin) -> ExportLayer:
     """Return every point of the centrelines with the river's width and depth."""
     counts = [len(river.centreline) for river in rivers]
     widths, depths = (
@@ -292,7 +292,7 @@ def station_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
         for name in ("centreline_width", "centreline_depth")
     )
     places = np.concatenate([np.zeros((0, 3)), *(_moved(river.centreline, origin) for river in rivers)])
-    return VectorLayer(
+    return ExportLayer(
         "river_stations",
         "Point Z",
         shapely.points(places),
@@ -305,7 +305,7 @@ def station_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
     )
 
 
-def feature_layer(points: StructuredArray, height: npt.NDArray[np.float32], origin: Origin) -> VectorLayer:
+def feature_layer(points: StructuredArray, height: npt.NDArray[np.float32], origin: Origin) -> ExportLayer:
     """Return mountains, hills, dunes and forests as points with their parameters."""
     names = np.array(FEATURE_TYPES, dtype=object)
     has_conifers = has_parameter(points, "conifers")
@@ -320,15 +320,15 @@ def feature_layer(points: StructuredArray, height: npt.NDArray[np.float32], orig
     fields["conifers"] = np.where(has_conifers, conifer_share(points["peakiness"]), -1.0).astype(np.float32)
     fields["painted"] = points["painted"]
     places = np.stack([points["x"] + origin.east, points["y"] + origin.north, height], axis=-1)
-    return VectorLayer("features", "Point Z", shapely.points(places), fields)
+    return ExportLayer("features", "Point Z", shapely.points(places), fields)
 
 
 def plant_layer(
     name: str, plants: npt.NDArray[np.void], species: Sequence[str], origin: Origin
-) -> VectorLayer:
+) -> ExportLayer:
     """Return plants as points."""
     places = np.stack([plants["x"] + origin.east, plants["y"] + origin.north, plants["z"]], axis=-1)
-    return VectorLayer(
+    return ExportLayer(
         name,
         "Point Z",
         shapely.points(places),
@@ -379,7 +379,7 @@ LAND_FIELDS: Final = (
 )
 
 
-def land_layer(sketch: Sketch, origin: Origin) -> VectorLayer:
+def land_layer(sketch: Sketch, origin: Origin) -> ExportLayer:
     """Return the areas of land use with their properties, their labels' included, the lowest one first."""
     layer = sketch.vectors["landuse"]
     fields: dict[str, npt.NDArray[Any]] = {
@@ -389,7 +389,7 @@ def land_layer(sketch: Sketch, origin: Origin) -> VectorLayer:
     }
     shapes = shapely.transform(layer.shapes(), lambda at: at + origin)
     order = np.argsort(layer.ids, kind="stable")
-    return VectorLayer(
+    return ExportLayer(
         "landuse", "Polygon", shapes[order], {name: each[order] for name, each in fields.items()}
     )
 

@@ -29,7 +29,7 @@ _LEAST_SHARE = 0.02  # of nodes with data in a blur
 _ROCK_FROM, _ROCK_FULL = 0.6, 1.1  # slopes
 
 
-class Nodes(Protocol):
+class NodeValues(Protocol):
     """Heights (m), shares of rock (0 … 1) and wetness (0 … 1) of a window of nodes, (rows, columns)."""
 
     @property
@@ -45,7 +45,7 @@ class NodeSource(Protocol):
 
     def window(
         self, level: int, column: int, row: int, rows: int, columns: int, *, painted: bool = True
-    ) -> Nodes:
+    ) -> NodeValues:
         """Return a window of nodes from the south-western one on, rows northward.
 
         Unless ``painted``, heights of the painted region's nodes may be NaN.

@@ -106,7 +106,7 @@ class Comparison:
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class MeasuredWindow:
     """A measured window: its first row and column, metrics, comparison and maps."""
 
     row: int
@@ -124,7 +124,7 @@ class Realism:
     height: Float64Array  # (rows, columns) as it was measured, m
     metrics: dict[str, float]  # medians over the windows
     comparison: Comparison  # of the medians
-    windows: tuple[Window, ...]
+    windows: tuple[MeasuredWindow, ...]
     corner: tuple[float, float] = (0.0, 0.0)  # x and y of the north-westernmost height, m
 
     @property
@@ -272,7 +272,7 @@ def measure_realism(
         if not np.isfinite(z).all() or hidden.mean() > _MASKED or np.ptp(z) <= 1.0:
             continue
         metrics, maps = measure_window_maps(interpolate_across(z, hidden), cell, hidden)
-        windows.append(Window(row, column, metrics, nearest_land(metrics, kinds), maps))
+        windows.append(MeasuredWindow(row, column, metrics, nearest_land(metrics, kinds), maps))
     if not windows:
         raise InputError(
             "no window can be judged: expected finite heights, over 1 m of relief, half of it dry"

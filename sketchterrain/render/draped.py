@@ -41,7 +41,7 @@ from sketchterrain.tiles.quadtree import Boxes
 
 if TYPE_CHECKING:
     from sketchterrain.drape.drapes import Drapes
-    from sketchterrain.drape.raster_source import RasterSource
+    from sketchterrain.drape.raster_source import DrapedRaster
 
 FADE: Final = 0.2
 """s in which a feature that is taken hold of, or released, changes from one method to another."""
@@ -349,7 +349,7 @@ class RasterWindows:
         self._slots: dict[object, int] = {}  # by window, the least recently used first
 
     def find(
-        self, source: RasterSource, codes: Int64Array, rows: npt.NDArray[np.void], seconds: float
+        self, source: DrapedRaster, codes: Int64Array, rows: npt.NDArray[np.void], seconds: float
     ) -> bool:
         """Write layers of squares' windows, -1 for none, and places in them; return whether all are right.
 
@@ -374,7 +374,7 @@ class RasterWindows:
                 rows["square"][number, 3], rows["window"][number] = slot, (west, north, share)
         return complete
 
-    def _read(self, source: RasterSource, key: tuple[object, int, int, int]) -> None:
+    def _read(self, source: DrapedRaster, key: tuple[object, int, int, int]) -> None:
         _, level, column, row = key
         width = self._extent * 2.0**-level
         pixels = source.pixels(column * width, (row + 1) * width, width / TEXELS, TEXELS, TEXELS)

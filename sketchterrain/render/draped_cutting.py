@@ -30,7 +30,7 @@ _MOST: Final = 16  # corners of a clipped piece
 _TOUCH: Final = 1e-3  # of a quad, by which triangles that meet it reach into it at least
 
 
-class Pieces(NamedTuple):
+class ConvexPieces(NamedTuple):
     """Convex pieces of features in the order in which they are drawn."""
 
     corners: Float64Array  # (n, _MOST, 2) m
@@ -39,7 +39,7 @@ class Pieces(NamedTuple):
     parts: npt.NDArray[np.void]  # (n,) of PART
 
     @classmethod
-    def of_items(cls, items: Items, reach: Float64Array, angles: Float64Array) -> Pieces:
+    def of_items(cls, items: Items, reach: Float64Array, angles: Float64Array) -> ConvexPieces:
         """Return the pieces of items, strokes and points within `reach` (m) of theirs (styles,).
 
         Places in areas are along and across `angles` (styles,), the directions (rad) of their hatches.
@@ -58,7 +58,7 @@ class Pieces(NamedTuple):
         return cls(*(np.concatenate(each)[order] for each in zip(*found, strict=True)))
 
 
-def _area(items: Items, start: int, end: int, angle: float) -> Pieces:
+def _area(items: Items, start: int, end: int, angle: float) -> ConvexPieces:
     """Return the triangles of an area: shells less holes."""
     sides: tuple[list[shapely.Geometry], list[shapely.Geometry]] = ([], [])
     for first, last in pairwise(items.first[start : end + 1]):
@@ -74,10 +74,10 @@ def _area(items: Items, start: int, end: int, angle: float) -> Pieces:
     parts = np.zeros(len(triangles), PART)
     parts["style"], parts["flags"] = items.style[start], IS_FILL
     frame = np.tile([0.0, 0.0, np.cos(angle), np.sin(angle)], (len(triangles), 1))
-    return Pieces(corners, np.full(len(triangles), 3), frame, parts)
+    return ConvexPieces(corners, np.full(len(triangles), 3), frame, parts)
 
 
-def _strokes(items: Items, reach: Float64Array) -> tuple[Pieces, Int64Array]:
+def _strokes(items: Items, reach: Float64Array) -> tuple[ConvexPieces, Int64Array]:
     """Return the pieces of lines and points, all within `reach` that is nearest to a segment; their items."""
     is_new = np.ones(len(items.points), bool)
     is_new[1:] = (items.points[1:] != items.points[:-1]).any(axis=1)
@@ -98,10 +98,10 @@ def _strokes(items: Items, reach: Float64Array) -> tuple[Pieces, Int64Array]:
     parts["length"], parts["along"], parts["style"] = length, along + items.along[owner], items.style[owner]
     ends, size = ends[owner], size[owner]
     parts["flags"] = ends & (IS_POINT | STARTS * (place == 0) | ENDS * (place >= size - 2))
-    return Pieces(corners, count, frame, parts), owner
+    return ConvexPieces(corners, count, frame, parts), owner
 
 
-class Mesh(NamedTuple):
+class QuadMesh(NamedTuple):
     """Triangles on a grid of quads, and those that meet each quad."""
 
     numbers: Int64Array  # (t, 3) vertices, in rows from north to south
@@ -111,7 +111,7 @@ class Mesh(NamedTuple):
 
 
 @cache
-def mesh_of(quads: int, case: int) -> Mesh:
+def mesh_of(quads: int, case: int) -> QuadMesh:
     """Return the triangles of a tile in a border case of `tile_indices`."""
     indices, starts, counts = tile_indices(quads)
     numbers = indices[starts[case] : starts[case] + counts[case]].astype(np.int64).reshape(-1, 3)
@@ -120,10 +120,10 @@ def mesh_of(quads: int, case: int) -> Mesh:
     cell, met = cells_met(corners, count, border, quads)
     order = np.argsort(cell, kind="stable")
     first = np.searchsorted(cell[order], np.arange(quads * quads + 1))
-    return Mesh(numbers, corners, first, met[order])
+    return QuadMesh(numbers, corners, first, met[order])
 
 
-def cut(pieces: Pieces, mesh: Mesh, box: Bounds) -> npt.NDArray[np.void]:
+def cut(pieces: ConvexPieces, mesh: QuadMesh, box: Bounds) -> npt.NDArray[np.void]:
     """Return pieces cut at the sides of a mesh that fills a box (m), as triangles (n,) of VERTEX."""
     quads = round(np.sqrt(len(mesh.first) - 1))
     west, north, cell = box[0], box[3], (box[2] - box[0]) / quads
@@ -156,7 +156,7 @@ def cells_met(
 
 
 def _cut(
-    polygons: Float64Array, count: Int64Array, cells: Int64Array, owners: Int64Array, mesh: Mesh
+    polygons: Float64Array, count: Int64Array, cells: Int64Array, owners: Int64Array, mesh: QuadMesh
 ) -> list[npt.NDArray[Any]]:
     """Clip polygons to triangles that meet their cells: each vertex's triangle, polygon, column and row."""
     stamp = np.empty(len(mesh.corners), np.int64)

@@ -15,7 +15,7 @@ from sketchterrain.features.items import Items
 from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.look.texture_maker import linear_from_hex
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.draped_cutting import PART, VERTEX, Pieces, cut, mesh_of
+from sketchterrain.render.draped_cutting import PART, VERTEX, ConvexPieces, cut, mesh_of
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.programs import set_uniforms
 from sketchterrain.render.targets import DrapedBuffer, RenderTargets
@@ -165,7 +165,7 @@ class FeatureCutter:
         near, far, border = (float(each[number]) for each in (squares.near, squares.far, squares.border))
         items = drapes.items(box, near) if held is None else self._held_items(drapes, held)
         hatches = np.radians([each.style["hatch_angle"] for each in drapes.styles])
-        pieces = Pieces.of_items(items, reaches(drapes.styles, far, border), hatches)
+        pieces = ConvexPieces.of_items(items, reaches(drapes.styles, far, border), hatches)
         return Cut(cut(pieces, mesh_of(squares.quads, int(squares.cases[number])), box), pieces.parts)
 
 

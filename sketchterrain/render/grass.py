@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from sketchterrain.render.programs import build_program
-from sketchterrain.render.scatter import CoverLayer, Mesh, ScatteredInstances, ScatterLayer, VisiblePoints
+from sketchterrain.render.scatter import (
+    CoverLayer,
+    CoverMesh,
+    ScatteredInstances,
+    ScatterLayer,
+    VisiblePoints,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -44,7 +50,7 @@ class _Blade(NamedTuple):
     low: float = 0.0  # heights at which it starts
 
 
-def tuft_mesh(kind: str, detail: int) -> Mesh:
+def tuft_mesh(kind: str, detail: int) -> CoverMesh:
     """Return the mesh of one of `KINDS`; `detail` 0 is the finest."""
     rng = np.random.default_rng([7, KINDS.index(kind)])
     steps = ((0.0, 0.36, 0.7, 1.0), (0.0, 0.55, 1.0), (0.0, 1.0))[detail]
@@ -220,14 +226,14 @@ def _arch(t: Float64Array, out: Float64Array, span: float, tall: float) -> Float
     return np.asarray(np.outer(span * t, out) + np.outer(up, [0.0, 0.0, 1.0]))
 
 
-def _joined(strips: list[_Strip]) -> Mesh:
+def _joined(strips: list[_Strip]) -> CoverMesh:
     starts = np.cumsum([0] + [len(strip.position) for strip in strips])
     vertices = np.empty(starts[-1], VERTEX)
     for start, strip in zip(starts, strips, strict=False):
         part = vertices[start : start + len(strip.position)]
         part["local_position"], part["side"], part["blade"] = strip.position, strip.side, strip.params
     triangles = [strip.triangles + start for start, strip in zip(starts, strips, strict=False)]
-    return Mesh(vertices, np.concatenate(triangles).astype(np.uint32))
+    return CoverMesh(vertices, np.concatenate(triangles).astype(np.uint32))
 
 
 LAYERS: Final = {

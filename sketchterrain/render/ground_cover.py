@@ -21,7 +21,7 @@ from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.scatter import (
     CoverLayer,
-    Mesh,
+    CoverMesh,
     ScatteredInstances,
     ScatterLayer,
     ScatterPoints,
@@ -59,7 +59,7 @@ DETAILS: Final = 4  # levels of detail, 0 the finest
 _SPLITS: Final = (4, 3, 2, 1)  # subdivisions of an icosahedron
 
 
-def rock_mesh(shape: int, detail: int) -> Mesh:
+def rock_mesh(shape: int, detail: int) -> CoverMesh:
     """Return one of `SHAPES`; all details are samples of the same surface."""
     directions, triangles = _ball(_SPLITS[detail])
     position = directions * _radius(directions, shape)[:, None] * np.array(SHAPES[shape].axes)
@@ -71,7 +71,7 @@ def rock_mesh(shape: int, detail: int) -> Mesh:
     vertices = np.empty(len(position), VERTEX)
     vertices["local_position"] = position
     vertices["local_normal"] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    return Mesh(vertices, triangles.astype(np.uint32))
+    return CoverMesh(vertices, triangles.astype(np.uint32))
 
 
 def _radius(directions: Float64Array, shape: int) -> Float64Array:

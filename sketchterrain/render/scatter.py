@@ -146,7 +146,7 @@ class VisiblePoints:
         return self._points
 
 
-class Mesh(NamedTuple):
+class CoverMesh(NamedTuple):
     """Structured vertices of float32 vectors, and (m, 3) triangles."""
 
     vertices: StructuredArray
@@ -163,7 +163,7 @@ class ScatteredInstances:
     def __init__(
         self,
         context: moderngl.Context,
-        meshes: Sequence[Mesh],
+        meshes: Sequence[CoverMesh],
         *,
         transform: moderngl.Program,
         captured: Sequence[str],

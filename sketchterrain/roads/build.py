@@ -203,7 +203,7 @@ def _extent(
     return np.ceil(united_reach(line.along, line.first, whole + widest)), deepest
 
 
-class _Part(NamedTuple):
+class _RoadPart(NamedTuple):
     """What a road is made of."""
 
     own: tuple[int, str, int, int, int]  # first fields of `Road`
@@ -215,9 +215,11 @@ class _Part(NamedTuple):
     bend: Float64Array  # (m − 1,)
 
 
-def _parts(graph: WayGraph, line: Alignment, structure: Int64Array, stations: Float64Array) -> list[_Part]:
+def _parts(
+    graph: WayGraph, line: Alignment, structure: Int64Array, stations: Float64Array
+) -> list[_RoadPart]:
     """Return the legs cut where their features or structures change."""
-    parts: list[_Part] = []
+    parts: list[_RoadPart] = []
     change = np.flatnonzero((np.diff(line.way) != 0) | (np.diff(structure) != 0)) + 1
     for leg, (start, end) in zip(graph.legs, pairwise(line.first.tolist()), strict=True):
         inner = change[(change > start) & (change < end - 1)].tolist()
@@ -225,11 +227,11 @@ def _parts(graph: WayGraph, line: Alignment, structure: Int64Array, stations: Fl
             way = graph.ways[line.way[a]]
             ends = (leg.degrees[0] if a == start else 2, leg.degrees[1] if b == end - 1 else 2)
             own = way.id, way.layer, leg.key, part, int(structure[a])
-            parts.append(_Part(own, way.works, way.trees, ends, stations[a : b + 1], line.bend[a:b]))
+            parts.append(_RoadPart(own, way.works, way.trees, ends, stations[a : b + 1], line.bend[a:b]))
     return parts
 
 
-def _cut_roads(parts: Sequence[_Part]) -> list[Road]:
+def _cut_roads(parts: Sequence[_RoadPart]) -> list[Road]:
     roads = []
     for own, works, trees, ends, stations, bend in parts:
         axis, crossfall = stations[:, :3].copy(), stations[:, 3:5].copy()

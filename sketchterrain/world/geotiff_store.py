@@ -27,12 +27,12 @@ from sketchterrain.document.store import pack_sketch
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.files import prepare_folder
 from sketchterrain.io.files import atomic_path, wrap_os_errors, write_atomic
-from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, Level, Shard, ShardData
+from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, GridLevel, Shard, ShardData
 from sketchterrain.world.job import (
     SKETCH,
     TAGS,
-    Georeference,
     Job,
+    WorldFrame,
     layer_file,
     tile_name,
     vrt_name,
@@ -66,7 +66,7 @@ class TileStore:
     shards_are_final = True  # False: `join` replaces them
 
     def __init__(self, job: Job) -> None:
-        self._job, self._georeference = job, Georeference(job)
+        self._job, self._georeference = job, WorldFrame(job)
         self.folder, self._tiles = job.layout.folder, job.layout.journal.parent
 
     def create(self) -> tuple[str, ...]:
@@ -142,7 +142,7 @@ class TiffStore(TileStore):
 
 
 def _write_tile(
-    path: Path, layer: str, shard: ShardData, georeference: Georeference, *, optimised: bool
+    path: Path, layer: str, shard: ShardData, georeference: WorldFrame, *, optimised: bool
 ) -> None:
     """Write a layer of a shard atomically; with overviews if it is optimised and large."""
     spec, values = georeference.job.specs[layer], getattr(shard, layer)
@@ -173,7 +173,7 @@ def _write_tile(
     write_if_changed(path, content)
 
 
-def _write_vrts(folder: Path, georeference: Georeference, sketch: str | None = None) -> tuple[str, ...]:
+def _write_vrts(folder: Path, georeference: WorldFrame, sketch: str | None = None) -> tuple[str, ...]:
     names = []
     for layer, level in product(georeference.job.layers, reversed(georeference.job.world.levels)):
         names.append(vrt_name(layer, level.number))
@@ -182,7 +182,7 @@ def _write_vrts(folder: Path, georeference: Georeference, sketch: str | None = N
     return tuple(names)
 
 
-def _vrt(layer: str, level: Level, georeference: Georeference, sketch: str | None) -> Iterator[str]:
+def _vrt(layer: str, level: GridLevel, georeference: WorldFrame, sketch: str | None) -> Iterator[str]:
     """Return the lines of a VRT, a few hundred bytes per tile and band; no tile is opened."""
     spec = georeference.job.specs[layer]
     kind = {"float32": "Float32", "uint8": "Byte"}[spec.dtype]
@@ -217,7 +217,7 @@ def _vrt(layer: str, level: Level, georeference: Georeference, sketch: str | Non
     yield "</VRTDataset>"
 
 
-def _sources(layer: str, level: Level, band: int, kind: str) -> Iterator[str]:
+def _sources(layer: str, level: GridLevel, band: int, kind: str) -> Iterator[str]:
     for row, column in product(*map(range, level.shards)):
         shard = Shard(level.number, row, column)
         rows, columns = level.size_of(shard)

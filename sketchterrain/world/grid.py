@@ -27,7 +27,7 @@ class Shard(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Level:
+class GridLevel:
     """One grid of a pyramid, `columns` × `rows` vertices; level 0 is the finest, cells (m) double per level.
 
     Vertex (row j, column i) is at (west + i·cell, north − j·cell). The terrain is band-limited to the cell.
@@ -74,7 +74,7 @@ class World:
             raise InputError(f"expected a cell of more than 0 m, got {self.cell:g}")
 
     @property
-    def levels(self) -> tuple[Level, ...]:
+    def levels(self) -> tuple[GridLevel, ...]:
         """All levels, the finest first; the last one is at most a chunk."""
         across = _cells(self.east - self.west, self.cell)
         down = _cells(self.north - self.south, self.cell)
@@ -82,7 +82,7 @@ class World:
         for number in range(64):
             step = 1 << number
             columns, rows = -(-across // step) + 1, -(-down // step) + 1
-            found.append(Level(number, self.cell * step, columns, rows))
+            found.append(GridLevel(number, self.cell * step, columns, rows))
             if max(columns, rows) <= CHUNK:
                 break
         return tuple(found)

@@ -27,7 +27,7 @@ from sketchterrain.generation.stages import fingerprint
 from sketchterrain.io.crs import parse_metric_crs
 from sketchterrain.io.files import hash_file, wrap_os_errors, wrap_read_errors, write_atomic
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.world.grid import SHARD, LayerSpec, Level, Shard, World, layer_specs
+from sketchterrain.world.grid import SHARD, GridLevel, LayerSpec, Shard, World, layer_specs
 
 Form = Literal["zarr", "tiles", "tif"]
 """A Zarr store; a folder of GeoTIFF tiles with VRTs; one GeoTIFF per layer."""
@@ -244,7 +244,7 @@ _CODE = re.compile(r"[A-Z]+:[0-9]+")  # valid values of ``proj:code``
 
 
 @dataclass(frozen=True, eq=False)
-class Georeference:
+class WorldFrame:
     """Coordinates of the vertices of a job's levels."""
 
     job: Job
@@ -254,14 +254,14 @@ class Georeference:
         """The coordinate reference system of the job, or local metres without a place on Earth."""
         return local_metres() if self.job.crs is None else parse_metric_crs(self.job.crs)
 
-    def transform(self, level: Level, shard: Shard | None = None) -> Affine:
+    def transform(self, level: GridLevel, shard: Shard | None = None) -> Affine:
         """Return the affine transform of a level or shard, half a cell north-west of the first vertex."""
         row, column = (0, 0) if shard is None else (shard.row * SHARD, shard.column * SHARD)
         (east, north), world, cell = self.job.origin, self.job.world, level.cell
         west = east + world.west + (column - 0.5) * cell
         return Affine(cell, 0.0, west, 0.0, -cell, north + world.north - (row - 0.5) * cell)
 
-    def coordinates(self, axis: str, level: Level) -> npt.NDArray[np.float64]:
+    def coordinates(self, axis: str, level: GridLevel) -> npt.NDArray[np.float64]:
         """Return the coordinates of columns (``x``, eastward) or rows (``y``, southward)."""
         (east, north), world = self.job.origin, self.job.world
         steps = np.arange(level.columns if axis == "x" else level.rows, dtype=np.float64) * level.cell
@@ -282,7 +282,7 @@ class Georeference:
             **self._projection,
         }
 
-    def group_attributes(self, level: Level) -> dict[str, Any]:
+    def group_attributes(self, level: GridLevel) -> dict[str, Any]:
         """Return the attributes of a level's group."""
         return {
             "cell": level.cell,
@@ -293,17 +293,17 @@ class Georeference:
             **self._projection,
         }
 
-    def mapping_attributes(self, level: Level) -> dict[str, Any]:
+    def mapping_attributes(self, level: GridLevel) -> dict[str, Any]:
         """Return the attributes of a level's array `GRID_MAPPING`."""
         wkt = self.crs.to_wkt()
         gdal = " ".join(map(repr, self.transform(level).to_gdal()))
         return {"crs_wkt": wkt, "spatial_ref": wkt, "GeoTransform": gdal}
 
-    def _grid(self, level: Level) -> dict[str, Any]:
+    def _grid(self, level: GridLevel) -> dict[str, Any]:
         transform = list(self.transform(level))[:6]
         return {"spatial:shape": [level.rows, level.columns], "spatial:transform": transform}
 
-    def _bounds(self, level: Level) -> list[float]:
+    def _bounds(self, level: GridLevel) -> list[float]:
         cell, _, west, _, _, north = list(self.transform(level))[:6]
         return [west, north - level.rows * cell, west + level.columns * cell, north]
 

@@ -74,13 +74,13 @@ class Ledger(msgspec.Struct):
         return f"{msgspec.json.encode(self.header).decode()}\n{''.join(lines)}"
 
 
-class _Line(msgspec.Struct, forbid_unknown_fields=True):
+class _JournalLine(msgspec.Struct, forbid_unknown_fields=True):
     task: Task | None
     files: tuple[WrittenFile, ...]
 
 
 def _line(task: Task | None, files: Iterable[WrittenFile]) -> str:
-    return f"{msgspec.json.encode(_Line(task, tuple(files))).decode()}\n"
+    return f"{msgspec.json.encode(_JournalLine(task, tuple(files))).decode()}\n"
 
 
 def read_ledger(text: str, source: object) -> Ledger:
@@ -95,7 +95,7 @@ def read_ledger(text: str, source: object) -> Ledger:
         raise InputError(
             f"{one_line(source)}: expected a ledger of a world's files ({one_line(error)})"
         ) from None
-    decoder = msgspec.json.Decoder(_Line)
+    decoder = msgspec.json.Decoder(_JournalLine)
     for line in lines:
         try:
             entry = decoder.decode(line)

@@ -20,7 +20,7 @@ from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.crs import plain_path
 from sketchterrain.io.files import atomic_path, wrap_os_errors
 from sketchterrain.world.grid import SHARD, World
-from sketchterrain.world.job import Georeference, Job, Task
+from sketchterrain.world.job import Job, Task, WorldFrame
 
 _GEOMETRY: Final = "geometry"  # points as ISO WKB, with the height as z
 _FLOATS: Final = ("x", "y", "z", "nx", "ny", "nz", "scale", "rotation", "tint")
@@ -52,7 +52,7 @@ class PlantStore:
             path.parent.mkdir(parents=True, exist_ok=True)
         write = _write_parquet if is_parquet else _write_flatgeobuf
         rows = _batches(self._plants(task, terrain), terrain.species_names, Origin(*self._job.origin))
-        write(path, rows, Georeference(self._job).crs)
+        write(path, rows, WorldFrame(self._job).crs)
         return (name,)
 
     def _plants(self, task: Task, terrain: Terrain) -> Iterator[npt.NDArray[np.void]]:

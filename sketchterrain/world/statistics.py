@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.errors import InputError
-from sketchterrain.world.grid import CHUNK, Level
+from sketchterrain.world.grid import CHUNK, GridLevel
 from sketchterrain.world.stored_world import StoredWorld
 
 QUANTILES: Final = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
@@ -27,7 +27,7 @@ _BLOCK: Final = 64  # rows computed at once, for the processor's caches
 
 
 @dataclass(frozen=True)
-class Relief:
+class HeightStatistics:
     """Heights, m; quantiles (by the share below) are accurate to 1/65,536 of the range."""
 
     minimum: float
@@ -79,7 +79,7 @@ class Statistics:
     columns: int
     rows: int
     area: float
-    relief: Relief
+    relief: HeightStatistics
     slopes: Slopes | None
     hypsometry: Hypsometry
     sea_share: float | None
@@ -132,7 +132,7 @@ def compute_statistics(
     return Statistics(level, cell, columns, rows, area, relief, slopes, hypsometry, sea, materials)
 
 
-def _stripe(stored: StoredWorld, level: Level, left: int, sums: _Sums) -> _Sums:
+def _stripe(stored: StoredWorld, level: GridLevel, left: int, sums: _Sums) -> _Sums:
     """Add the statistics of a stripe of columns, by rows of chunks with two overlapping rows."""
     columns = min(_STRIPE, level.columns - left)
     first, last = max(left - 1, 0), min(left + columns + 1, level.columns)
@@ -191,11 +191,11 @@ class _Sums:
         self._slopes += other._slopes
         self.weights += other.weights
 
-    def relief(self) -> Relief:
+    def relief(self) -> HeightStatistics:
         mean, square = self._sums[:2] / self._heights.sum()
         deviation = float(np.sqrt(max(square - mean * mean, 0.0)))
         low, high, quantiles = self.lowest, self.highest, _quantiles(*self._curve())
-        return Relief(low, high, high - low, float(self._centre + mean), deviation, quantiles)
+        return HeightStatistics(low, high, high - low, float(self._centre + mean), deviation, quantiles)
 
     def slopes(self) -> Slopes | None:
         count = int(self._slopes.sum())

@@ -26,7 +26,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.io.files import wrap_read_errors
-from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, Level, Shard, World, layer_specs
+from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, GridLevel, Shard, World, layer_specs
 from sketchterrain.world.job import SKETCH, TAGS, layer_file, require, tile_name, vrt_name
 from sketchterrain.world.zarr_store import BYTES, FORMAT, METADATA, OURS, shard_file
 from sketchterrain.world.zarr_store import SKETCH as ZARR_SKETCH
@@ -113,7 +113,7 @@ class _ZarrWorld(StoredWorld):
             for level, name in product(self.levels, self.layers)
         }
 
-    def _array(self, group: Any, layer: str, level: Level) -> Any:
+    def _array(self, group: Any, layer: str, level: GridLevel) -> Any:
         name, spec = f"{level.number}/{layer}", self._specs[layer]
         expected = (spec.shape(level.rows, level.columns), spec.shape(SHARD, SHARD), spec.dtype)
         with _reading(self.folder / name / METADATA):

@@ -21,7 +21,7 @@ from sketchterrain.generation.terrain import Terrain
 from sketchterrain.terrain.rasters import QuantizedBand
 from sketchterrain.terrain.surfaces import Band
 from sketchterrain.world.geotiff_store import TiffStore, TileStore
-from sketchterrain.world.grid import SHARD, Level, Shard, ShardData
+from sketchterrain.world.grid import SHARD, GridLevel, Shard, ShardData
 from sketchterrain.world.job import PLANTS, Job, Task, TaskResult, WrittenFile, check_libraries
 from sketchterrain.world.zarr_store import ZarrStore
 
@@ -119,7 +119,7 @@ class TaskRunner:
                 data.materials[:, band_rows] = band.materials
         return data
 
-    def _appearance(self, level: Level, shard: Shard) -> npt.NDArray[np.uint8]:
+    def _appearance(self, level: GridLevel, shard: Shard) -> npt.NDArray[np.uint8]:
         """Return the appearance of a shard, (4, rows, columns)."""
         west = self.job.world.west + shard.column * SHARD * level.cell
         north = self.job.world.north - shard.row * SHARD * level.cell

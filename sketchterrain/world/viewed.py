@@ -32,7 +32,7 @@ from sketchterrain.terrain.vertex_writer import geometric_error
 from sketchterrain.tiles.quadtree import code_of, intersects_bounds
 from sketchterrain.vegetation.graded_poisson import run_to_completion
 from sketchterrain.vegetation.plants import PLANT
-from sketchterrain.world.grid import CHUNK, LAYER_SPECS, Level, layer_specs
+from sketchterrain.world.grid import CHUNK, LAYER_SPECS, GridLevel, layer_specs
 from sketchterrain.world.stored_world import StoredWorld, at_corner, draped_sketch, open_world
 
 _LEAST_BITS: Final = 8
@@ -65,14 +65,14 @@ class StoredPyramid:
         if "materials" in world.layers and unknown:
             raise InputError(f"expected materials among {', '.join(table.names)}, got {', '.join(unknown)}")
 
-    def level(self, number: int) -> Level:
+    def level(self, number: int) -> GridLevel:
         """Return a level, which may be coarser than the stored ones."""
         levels = self.world.levels
         if number < len(levels):
             return levels[number]
         last, step = levels[-1], 1 << (number - len(levels) + 1)
         columns, rows = (-(-(side - 1) // step) + 1 for side in (last.columns, last.rows))
-        return Level(number, last.cell * step, columns, rows)
+        return GridLevel(number, last.cell * step, columns, rows)
 
     def window(self, layer: str, number: int, *, top: int, left: int, rows: int, columns: int) -> _Array:
         """Return a window of a layer that may extend beyond the level; see `StoredWorld.read`."""

@@ -16,11 +16,11 @@ import numpy as np
 
 from sketchterrain.document.store import pack_sketch
 from sketchterrain.io.files import wrap_os_errors
-from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, LayerSpec, Level, Shard, ShardData
+from sketchterrain.world.grid import CHUNK, LAYER_SPECS, SHARD, GridLevel, LayerSpec, Shard, ShardData
 from sketchterrain.world.job import (
     GRID_MAPPING,
-    Georeference,
     Job,
+    WorldFrame,
     axis_attributes,
     read_text,
     write_if_changed,
@@ -101,7 +101,7 @@ class ZarrStore:
             journal.unlink(missing_ok=True)
 
     def _metadata(self, ledger: bytes | None) -> dict[str, bytes]:
-        job, georeference, content = self._job, Georeference(self._job), dict[str, Any]()
+        job, georeference, content = self._job, WorldFrame(self._job), dict[str, Any]()
         root = _root_group(content)
         root.attrs.update(self._root_attributes() | georeference.root_attributes())
         for level in job.world.levels:
@@ -167,7 +167,7 @@ def _create(group: zarr.Group, name: str, dtype: str, **options: Any) -> zarr.Ar
 
 
 def _create_layer(
-    group: zarr.Group, name: str, spec: LayerSpec, level: Level, own: dict[str, Any]
+    group: zarr.Group, name: str, spec: LayerSpec, level: GridLevel, own: dict[str, Any]
 ) -> zarr.Array[Any]:
     shape = spec.shape
     size = 4 if spec.dtype == "float32" else 1

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from sketchterrain.benchmarks.screen_error import ErrorSummary, Picture, ScreenSamples, screen_distances
+from sketchterrain.benchmarks.screen_error import ErrorSummary, PictureSize, ScreenSamples, screen_distances
 from sketchterrain.render.camera import Camera
 
-PICTURE = Picture(320, 180)
+PICTURE = PictureSize(320, 180)
 
 
 def grid(xs: np.ndarray, ys: np.ndarray, height: object) -> tuple[np.ndarray, np.ndarray]:
@@ -22,7 +22,7 @@ def grid(xs: np.ndarray, ys: np.ndarray, height: object) -> tuple[np.ndarray, np
 def test_screen_distances_of_known_points():
     # 90° over 100 pixels: 50 pixels a radian; 2 m higher in 100 m, seen level, is 1 pixel.
     camera = Camera((0.0, 0.0, 0.0), (0.0, 100.0, 0.0), fov=90.0)
-    picture = Picture(100, 100)
+    picture = PictureSize(100, 100)
     assert picture.pixels_per_radian(camera) == pytest.approx(50.0)
     drawn = np.array([[0.0, 100.0, 0.0], [30.0, 200.0, 5.0]])
     found = screen_distances(camera, picture, drawn, [2.0, 5.0])
@@ -62,7 +62,7 @@ def test_the_error_of_a_parabola_is_its_formula_and_summaries_count_quantiles():
         return a * x * x + 0.5 * y
 
     camera = Camera((0.0, -distance, 0.0), (0.0, 0.0, 0.0), fov=30.0)
-    picture = Picture(640, 360)
+    picture = PictureSize(640, 360)
     samples = ScreenSamples(camera, picture, every=1)
     samples.add(*grid(np.arange(-100, 101, s), np.array([-10.0, 10.0]), ground))
     points = samples.seen()

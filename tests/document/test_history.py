@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.edits import Edit
-from sketchterrain.document.history import History, LayerChange
+from sketchterrain.document.history import History, ImageChange
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.schema.layers import PAINTED_LAYERS
 
@@ -189,19 +189,19 @@ def test_layer_changes_are_reversible_with_tight_boxes():
         after = before.copy()
         top, left = (int(rng.integers(0, side)) for side in shape)
         after[top : top + int(rng.integers(1, 99)), left : left + int(rng.integers(1, 99))] += 1
-        change = LayerChange.between(before, after)
+        change = ImageChange.between(before, after)
         rows, columns = ((before != after).any(axis=axis).nonzero()[0] for axis in (1, 0))
         assert change.box == (rows[0], columns[0], rows[-1] + 1, columns[-1] + 1)
         np.testing.assert_array_equal(change.apply(before.copy()), after)
         np.testing.assert_array_equal(change.revert(after.copy()), before)
-        hinted = LayerChange.between(before, after, within=change.box)
+        hinted = ImageChange.between(before, after, within=change.box)
         assert (hinted.box, hinted.bytes) == (change.box, change.bytes)
-        assert LayerChange.between(after, after.copy()) is None
+        assert ImageChange.between(after, after.copy()) is None
     before = np.zeros((128, 128), dtype=np.uint8)
     after = before.copy()
     after[60:70, 5:90] = 4
-    assert LayerChange.between(before, after).new_labels == {4}
-    assert LayerChange.between(after, before).new_labels == set()
+    assert ImageChange.between(before, after).new_labels == {4}
+    assert ImageChange.between(after, before).new_labels == set()
 
 
 def test_stroke_on_a_large_sketch_is_a_small_step():

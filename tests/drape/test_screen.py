@@ -17,7 +17,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.features.items import ENDS, STARTS, STROKE, Items
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.draped import FADE, DrapedScreen, check_method
-from sketchterrain.render.draped_cutting import Pieces, cut, mesh_of
+from sketchterrain.render.draped_cutting import ConvexPieces, cut, mesh_of
 from sketchterrain.render.offscreen import read_picture, render_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
@@ -145,7 +145,7 @@ def test_pieces_are_cut_at_triangles_of_every_border_case_without_gap_or_overlap
         np.zeros(1),
         np.full(1, STARTS | ENDS, np.uint8),
     )
-    strips = Pieces.of_items(items, np.array([9.0]), np.zeros(1))
+    strips = ConvexPieces.of_items(items, np.array([9.0]), np.zeros(1))
     polygons = [
         shapely.Polygon(corners[:count]) for corners, count in zip(strips.corners, strips.counts, strict=True)
     ]
@@ -267,7 +267,7 @@ def test_hidden_layers_and_painted_ones_draw_nothing(write, studio):
 def test_areas_of_two_layers_with_one_id_are_two(write):
     shapes = {"a": shapely.box(0, 0, 100, 100), "b": shapely.box(200, 0, 300, 100)}
     drapes = drapes_of(*(write(each, title=name, fill="#ff0000", colour="") for name, each in shapes.items()))
-    pieces = Pieces.of_items(drapes.items((0, 0, 1000, 1000), 1.0), np.full(2, 1.0), np.zeros(2))
+    pieces = ConvexPieces.of_items(drapes.items((0, 0, 1000, 1000), 1.0), np.full(2, 1.0), np.zeros(2))
     fills = pieces.counts == 3
     found = areas(pieces.corners[fills, :3])
     assert np.bincount(pieces.parts["style"][fills].astype(int), found) == pytest.approx([1e4, 1e4])

@@ -25,7 +25,7 @@ from sketchterrain.export.files import (
     write_values_png,
 )
 from sketchterrain.export.target import SIDECAR, SettingRow, setting_rows
-from sketchterrain.export.vectors import VectorLayer, geopackage
+from sketchterrain.export.vectors import ExportLayer, geopackage
 from sketchterrain.io.files import write_atomic
 
 
@@ -87,7 +87,7 @@ def test_geopackages_in_a_folder_of_any_name(tmp_path):
     folder = tmp_path / os.fsdecode(b"gel\xe4nde")
     folder.mkdir()
     with geopackage(folder / "a.gpkg", "EPSG:25832") as file:
-        file.add(VectorLayer("points", "Point", np.array([shapely.Point(1.0, 2.0)], object), {}))
+        file.add(ExportLayer("points", "Point", np.array([shapely.Point(1.0, 2.0)], object), {}))
     assert pyogrio.read_info((folder / "a.gpkg").rename(tmp_path / "a.gpkg"))["features"] == 1
 
 

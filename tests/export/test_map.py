@@ -14,7 +14,7 @@ import sketchterrain as st
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.errors import InputError
 from sketchterrain.export.map import relief
-from sketchterrain.export.map.drawing import Label, LabelSpace, MapSheet, Polygons, Polylines, sheet_png
+from sketchterrain.export.map.drawing import LabelSpace, MapSheet, MapText, Polygons, Polylines, sheet_png
 from sketchterrain.export.map.features import (
     BANK,
     INDEX,
@@ -78,7 +78,7 @@ def sheet(terrain):
 
 def labels(sheet, *layers):
     names = layers or tuple(sheet.layers)
-    return [shape for name in names for shape in sheet.layers[name] if isinstance(shape, Label)]
+    return [shape for name in names for shape in sheet.layers[name] if isinstance(shape, MapText)]
 
 
 def paths(sheet, layer, kind):
@@ -272,14 +272,14 @@ def test_prominence_is_the_descent_towards_a_higher_summit():
 
 def test_label_space_is_reserved_once_and_only_on_the_map():
     space = LabelSpace((0.0, 0.0, 100.0, 50.0))
-    text = Label("123", 50.0, 25.0, 2.0, (0, 0, 0), "middle", 30.0)
+    text = MapText("123", 50.0, 25.0, 2.0, (0, 0, 0), "middle", 30.0)
     outline = text.outline(margin=0.0)
     assert outline.centroid.coords[0] == pytest.approx((50.0, 25.0))
     assert outline.length == pytest.approx(2 * (text.width + 0.72 * text.size))
     assert (outline.bounds[3] - outline.bounds[1]) > 0.5 * text.width  # it is turned
     for dx, free in ((0.0, True), (0.0, False), (10.0, True), (49.0, False)):
         assert space.reserve(shapely.affinity.translate(outline, dx)) == free
-    assert Label("123123", 0, 0, 2.0, (0, 0, 0)).width == pytest.approx(2.0 * text.width, rel=0.1)
+    assert MapText("123123", 0, 0, 2.0, (0, 0, 0)).width == pytest.approx(2.0 * text.width, rel=0.1)
 
 
 def test_contour_rings_close_at_the_border():
@@ -306,7 +306,7 @@ def test_shapes_are_rendered_at_their_positions():
             Polygons([ring + np.array([10.0, 0.0])], (0, 0, 0), 0.5),
         ],
         "lines": [Polylines([np.array([[0.0, 15.0], [10.0, 15.0]])], (0, 0, 0), 2.0)],
-        "text": [Label("III", 15.0, 13.0, 4.0, (0, 0, 0), "start", 90.0, halo=(0, 0, 255))],
+        "text": [MapText("III", 15.0, 13.0, 4.0, (0, 0, 0), "start", 90.0, halo=(0, 0, 255))],
     }
     png = io.BytesIO(sheet_png(MapSheet("x", 20.0, 20.0, layers), width=200))
     picture = np.asarray(Image.open(png).convert("RGB")).astype(int)

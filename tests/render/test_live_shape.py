@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sketchterrain.benchmarks.live_shape import Shape, columns_alike, still_shape, water_overlap
+from sketchterrain.benchmarks.live_shape import PictureShape, columns_alike, still_shape, water_overlap
 from sketchterrain.generation.building import rebuild
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import canvas
@@ -25,7 +25,7 @@ def whole(terrain):
 
 
 def assert_alike(renderer, terrain, camera):
-    shape, still = Shape(*renderer.shape(camera, SIZE)), still_shape(terrain, camera, SIZE)
+    shape, still = PictureShape(*renderer.shape(camera, SIZE)), still_shape(terrain, camera, SIZE)
     assert columns_alike(shape, still) >= 0.99
     assert water_overlap(shape, still) >= 0.8
 

@@ -21,7 +21,7 @@ from sketchterrain.ui.canvas.compositing import (
     level_for,
 )
 from sketchterrain.ui.canvas.tool_context import LARGEST, Viewport
-from sketchterrain.ui.engine.protocol import Adherence, FrameFacts, Placement, Pose, Relief
+from sketchterrain.ui.engine.protocol import Agreement, FrameFacts, Placement, Pose, Relief
 from sketchterrain.ui.look.layer_colours import HATCHES, hatch, hatch_period, label_colour
 from sketchterrain.ui.models.document import Document
 
@@ -309,7 +309,7 @@ def test_adherence_is_tinted_in_its_legends_colours(canvas, link, workspace):
     workspace.set_look("mountain", visible=False)
     workspace.set_look("lake", visible=False)
     before = pixels(canvas)
-    link.adherence = Adherence(1, figures, {"mountain": (painted, present)})
+    link.adherence = Agreement(1, figures, {"mountain": (painted, present)})
     workspace.show_overlay("adherence", True)
     missing, right, spill, neither = (mean(canvas, 20.0, row, radius=4) for row in (10.0, 24.0, 40.0, 56.0))
     assert missing[0] > missing[1] > missing[2]  # orange
@@ -327,7 +327,7 @@ def test_faults_of_landforms_are_tinted_in_their_legends_colours(canvas, link, w
     faults = np.repeat(np.arange(4, dtype=np.uint8), SIDE // 4)[:, None].repeat(SIDE, axis=1)
     before = pixels(canvas)
     workspace.show_overlay("realism", True)
-    link.adherence = Adherence(1, {}, realism={"distance": 1.0, "kind": "hills 90 m"}, faults=faults)
+    link.adherence = Agreement(1, {}, realism={"distance": 1.0, "kind": "hills 90 m"}, faults=faults)
     link.adherence_changed.emit(link.adherence)
     nothing, wall, hollow, rising = (mean(canvas, 20.0, row, radius=4) for row in (8.0, 24.0, 40.0, 56.0))
     assert nothing.min() > 200.0

@@ -160,12 +160,12 @@ def test_pending_updates_are_all_applied_and_the_newest_is_displayed(harness, mo
 def test_relief_and_picks_work_without_opengl(harness):
     harness.window.send(msg.MeasureAdherence())
     assert "not ready yet" in harness.answer(msg.ErrorReport)[0].line
-    harness.window.send(msg.Pick(1, 0.5, 0.5))
+    harness.window.send(msg.PickRequest(1, 0.5, 0.5))
     assert harness.answer(msg.PickResult)[0].place is None
     harness.send_recipe(20)
     assert harness.answer(msg.TerrainUpdated)[0].version == 1
     harness.window.send(msg.Turn(10.0, 0.0))
-    harness.window.send(msg.Pick(7, 0.5, 0.6))
+    harness.window.send(msg.PickRequest(7, 0.5, 0.6))
     picked, before = harness.answer(msg.PickResult)
     assert (picked.token, len(picked.place)) == (7, 3)
     reliefs = [each for each in before if isinstance(each, msg.Relief)]
@@ -180,7 +180,7 @@ def test_adherence_is_measured_in_a_process(harness):
     harness.send_recipe(20)
     harness.answer(msg.TerrainUpdated)
     harness.window.send(msg.MeasureAdherence())
-    measured, _ = harness.answer(msg.Adherence)
+    measured, _ = harness.answer(msg.Agreement)
     assert measured.version == 1
     assert measured.figures["layers"]["hill"]["shapes"] == 1
     painted, present = measured.images["hill"]
@@ -211,14 +211,14 @@ def test_a_failed_device_is_replaced(monkeypatch):
     monkeypatch.setattr(
         harness.session.terrain, "heights", failing(DeviceFailedError("the device fell over"))
     )
-    harness.window.send(msg.Pick(1, 0.5, 0.6))
+    harness.window.send(msg.PickRequest(1, 0.5, 0.6))
     error, _ = harness.answer(msg.ErrorReport)
     assert "fell over" in error.line
     assert "continuing on" in error.line
     again, _ = harness.answer(msg.Relief)
     assert harness.session.device != failed
     assert np.array_equal(again.height, first.height)
-    harness.window.send(msg.Pick(2, 0.5, 0.6))
+    harness.window.send(msg.PickRequest(2, 0.5, 0.6))
     assert harness.answer(msg.PickResult)[0].place is not None
     harness.close()
 

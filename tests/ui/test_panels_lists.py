@@ -48,7 +48,7 @@ def test_adherence_is_measured_on_request_and_again_after_an_error(show_widget, 
     panel.measure.click()
     assert link.requests == [msg.MeasureAdherence()] * 2
     wide = {**NARROW, "built": 600.0, "limited": False}
-    link.adherence = msg.Adherence(1, {**FIGURES, "peaks": PEAKS, "shapes": [NARROW, wide]})
+    link.adherence = msg.Agreement(1, {**FIGURES, "peaks": PEAKS, "shapes": [NARROW, wide]})
     link.adherence_changed.emit(link.adherence)
     assert [name for name, bar in panel.bars.items() if bar.isVisible()] == ["mountain"]
     assert "91 % overlap. 3 shapes · 1 lost · spills over by 5 %" in panel.bars["mountain"].accessibleName()
@@ -57,7 +57,7 @@ def test_adherence_is_measured_on_request_and_again_after_an_error(show_widget, 
         "Mountain 1: 600 m asked, 253 m built (1 shape too narrow)",
     ]
     thin = {**LAYER, "measured": 0, "iou_mean": None, "spill": None}
-    link.adherence = msg.Adherence(1, {"mean_iou": None, "layers": {"hill": thin}, "peaks": None})
+    link.adherence = msg.Agreement(1, {"mean_iou": None, "layers": {"hill": thin}, "peaks": None})
     link.adherence_changed.emit(link.adherence)
     assert "too thin to measure" in panel.bars["hill"].accessibleName()
     panel.grab()
@@ -68,7 +68,7 @@ def test_realism_is_shown_with_what_is_out_of_range(show_widget, workspace, link
     assert not panel._realism.isVisible()
     hollows = {"title": "closed hollows, share", "value": 0.0712, "real": [0.0, 0.004, 0.03]}
     realism = {"distance": 1.913, "kind": "hills 90 m", "out_of_range": {"sink_share": hollows}}
-    link.adherence = msg.Adherence(1, FIGURES, realism=realism)
+    link.adherence = msg.Agreement(1, FIGURES, realism=realism)
     link.adherence_changed.emit(link.adherence)
     assert panel._realism_head.text() == "Realism: 1.91 from hills 90 m"
     assert "closed hollows, share: 0.0712, real land 0 to 0.03" in panel._realism.text()
@@ -86,7 +86,7 @@ def test_adherence_is_updated_while_its_overlay_is_on(qtbot, show_widget, worksp
     panel.overlay.click()
     assert "adherence" in workspace.overlays
     qtbot.waitUntil(lambda: link.requests == [msg.MeasureAdherence()])
-    link.adherence = msg.Adherence(placed.version, FIGURES)
+    link.adherence = msg.Agreement(placed.version, FIGURES)
     link.adherence_changed.emit(link.adherence)
     for version in (2, 3, 4):
         link.placed = dataclasses.replace(placed, version=version)

@@ -12,7 +12,7 @@ from sketchterrain.features.table import LINE, VectorFeature, VectorLayer
 from sketchterrain.render.camera import Camera
 from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.engine import protocol as msg
-from sketchterrain.ui.engine.protocol import Fly, GoTo, Look, Pan, Pick, PickResult, Turn, Zoom
+from sketchterrain.ui.engine.protocol import Fly, GoTo, Look, Pan, PickRequest, PickResult, Turn, Zoom
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.view3d import view as view_module
 from sketchterrain.ui.view3d.camera import overview
@@ -58,7 +58,7 @@ def view(qtbot, bare, document, link, placed):
 
 
 def motions(link):
-    return [each for each in link.requests if not isinstance(each, Pick)]
+    return [each for each in link.requests if not isinstance(each, PickRequest)]
 
 
 def handle(view, role):
@@ -103,18 +103,18 @@ def test_clicks_pick_wheels_zoom_and_double_clicks_centre(view, link):
     assert link.requests == expected
     link.requests.clear()
     drag(view, (300, 200), (302, 201))
-    assert [type(each) for each in link.requests] == [Pick]
+    assert [type(each) for each in link.requests] == [PickRequest]
 
     click(view, 320, 240)
     link.requests.clear()
     double_click(view, 320, 240)
     (pick,) = link.requests
-    assert pick == Pick(pick.token, 0.5, 0.5)
+    assert pick == PickRequest(pick.token, 0.5, 0.5)
     answer(link, (10.0, 20.0, 5.0))
     assert link.requests[-1] == GoTo(10.0, 20.0)
     double_click(view, 320, 10)
     answer(link, None)
-    assert isinstance(link.requests[-1], Pick), "the sky is not centred"
+    assert isinstance(link.requests[-1], PickRequest), "the sky is not centred"
 
 
 def test_the_newest_click_selects_and_the_sky_clears(view, link, workspace, placed):

@@ -14,7 +14,7 @@ import sketchterrain as st
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.world.geotiff_store import TiffStore, TileStore
-from sketchterrain.world.grid import Level, ShardData, World
+from sketchterrain.world.grid import GridLevel, ShardData, World
 from sketchterrain.world.job import Job
 from sketchterrain.world.journal import check_world
 from sketchterrain.world.run import run_world
@@ -29,7 +29,7 @@ def height_at(x: NDArray, y: NDArray) -> NDArray[np.float32]:
     return (80.0 * np.sin(x[None, :] / 90.0) + 0.01 * y[:, None]).astype(np.float32)
 
 
-def level_coordinates(level: Level, world: World) -> tuple[NDArray, NDArray]:
+def level_coordinates(level: GridLevel, world: World) -> tuple[NDArray, NDArray]:
     """Return x and y of a level's vertices."""
     x = world.west + np.arange(level.columns) * level.cell
     return x, world.north - np.arange(level.rows) * level.cell
@@ -214,7 +214,7 @@ def test_run_interrupted_while_joining_is_resumed(small_job, tmp_path, reporter,
     assert tree(tmp_path / "a") == tree(tmp_path / "b")
 
 
-def _overview(level: Level) -> dict[str, int]:
+def _overview(level: GridLevel) -> dict[str, int]:
     return {"overview_level": level.number - 1} if level.number else {}
 
 

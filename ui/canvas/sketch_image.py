@@ -13,7 +13,7 @@ from sketchterrain.ui.canvas.compositing import Colours, HatchTable, LayerCompos
 from sketchterrain.ui.canvas.drapes import DrapePictures
 from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
 from sketchterrain.ui.canvas.underlay import RasterUnderlay
-from sketchterrain.ui.engine.protocol import Adherence, Relief
+from sketchterrain.ui.engine.protocol import Agreement, Relief
 from sketchterrain.ui.look.theme import active_theme, theme
 
 PAPER = QColor(247, 245, 240)  # the unpainted sketch
@@ -29,7 +29,7 @@ FAULT_COLOURS = {
     "closed hollow": QColor(40, 110, 220),
     "channel that rises": QColor(204, 40, 120),
 }
-"""Colours of walls, hollows and rising channels, in the order of `Adherence.faults`."""
+"""Colours of walls, hollows and rising channels, in the order of `Agreement.faults`."""
 
 _SHADOW = 10  # logical px of the sketch's drop shadow
 _SHADOW_OFFSET = 2  # px down
@@ -106,7 +106,7 @@ def _packed(colours: npt.NDArray[np.floating]) -> npt.NDArray[np.uint32]:
     return np.asarray(np.uint32(0xFF000000) | red << 16 | green << 8 | blue)
 
 
-def tint_image(adherence: Adherence, name: str) -> QImage | None:
+def tint_image(adherence: Agreement, name: str) -> QImage | None:
     """Return a layer's agreement with the terrain, or the faults of ``realism``, in transparent colours.
 
     None if it was not measured.
@@ -160,7 +160,7 @@ class SketchView(QObject):
         self._relief_step = 1
         self.underlay = RasterUnderlay(context.document, self)
         self.drapes = DrapePictures(context, self)
-        self._tint: tuple[Adherence | None, str] = (None, "")
+        self._tint: tuple[Agreement | None, str] = (None, "")
         self._tint_image: QImage | None = None
         self._viewport: Viewport | None = None
         self._image = QImage()

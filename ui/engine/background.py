@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.io.system import lower_priority
 from sketchterrain.ui.engine.channel import Channel, ContentChannel, start_process
-from sketchterrain.ui.engine.protocol import Adherence, ErrorReport, MeasureJob, PictureJob, PictureWritten
+from sketchterrain.ui.engine.protocol import Agreement, ErrorReport, MeasureJob, PictureJob, PictureWritten
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.recipe import TerrainRecipe
 
 _Job: TypeAlias = MeasureJob | PictureJob
-_Answer: TypeAlias = Adherence | PictureWritten | ErrorReport
+_Answer: TypeAlias = Agreement | PictureWritten | ErrorReport
 
 _TITLES: Final = {MeasureJob: "Comparing with the sketch", PictureJob: "Rendering the picture"}
 _SOURCES: Final = {MeasureJob: "engine", PictureJob: "picture"}
@@ -95,7 +95,7 @@ def run_job(job: _Job) -> _Answer:
     return ErrorReport(_SOURCES[type(job)], line)
 
 
-def _measure(job: MeasureJob) -> Adherence:
+def _measure(job: MeasureJob) -> Agreement:
     from sketchterrain.measure.adherence import measure_adherence, pixel_centres
     from sketchterrain.measure.realism import measure_terrain_realism
 
@@ -105,9 +105,9 @@ def _measure(job: MeasureJob) -> Adherence:
     try:
         realism = measure_terrain_realism(terrain)
     except InputError:  # as of open sea
-        return Adherence(job.version, found.as_dict(), images)
+        return Agreement(job.version, found.as_dict(), images)
     faults = realism.faults_at(*pixel_centres(job.sketch))
-    return Adherence(job.version, found.as_dict(), images, realism.as_dict(), faults)
+    return Agreement(job.version, found.as_dict(), images, realism.as_dict(), faults)
 
 
 def _render(job: PictureJob) -> PictureWritten:

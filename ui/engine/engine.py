@@ -62,7 +62,7 @@ class Engine:
             msg.ViewState: self._set_view,
             msg.FrameAcknowledged: self._acknowledge_frame,
             msg.Look: self._look,
-            msg.Pick: self._pick,
+            msg.PickRequest: self._pick,
             msg.MeasureAdherence: self._measure,
             msg.RenderPicture: self._render_picture,
             msg.UpdatePending: self._expect_update,
@@ -247,7 +247,7 @@ class Engine:
         self._report_activity("Looking for a view")
         self._camera.set_camera(find_view(terrain, weather=Weather.from_sketch(terrain.sketch)))
 
-    def _pick(self, pick: msg.Pick) -> None:
+    def _pick(self, pick: msg.PickRequest) -> None:
         place = None if self._camera is None else self._camera.pick(pick.x, pick.y, aspect=self._view.aspect)
         self._window.send(msg.PickResult(pick.token, place))
 

@@ -165,7 +165,7 @@ class ViewSource(QObject):
     def pick(self, x: float, y: float) -> int:
         """Request the terrain position at an image position; return the token of the answer, `picked`."""
         self._token += 1
-        self.send(msg.Pick(self._token, x, y))
+        self.send(msg.PickRequest(self._token, x, y))
         return self._token
 
     def _run(self, processes: EngineProcesses) -> None:
@@ -271,7 +271,7 @@ class EngineLink(ViewSource):
         self._document = document
         document.drapes.changed.connect(self._send_drapes)
         document.live_changed.connect(self._schedule)
-        self.adherence: msg.Adherence | None = None
+        self.adherence: msg.Agreement | None = None
         self._started_at = 0.0
         self._crashes = 0
         self._updates = UpdateBuilder(document)
@@ -282,7 +282,7 @@ class EngineLink(ViewSource):
             msg.Placement: ("placed", self.placed_changed),
             msg.Relief: ("relief", self.relief_changed),
             msg.TerrainUpdated: ("", self.terrain_updated),
-            msg.Adherence: ("adherence", self.adherence_changed),
+            msg.Agreement: ("adherence", self.adherence_changed),
             msg.PictureWritten: ("", self.picture_written),
         }
 

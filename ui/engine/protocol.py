@@ -135,7 +135,7 @@ class GoTo:
 
 
 @dataclass(frozen=True)
-class Pick:
+class PickRequest:
     """Request the terrain position at an image position (fractions from the upper left corner)."""
 
     token: int
@@ -267,7 +267,7 @@ class FrameReady:
 
 @dataclass(frozen=True)
 class PickResult:
-    """Answer to `Pick`: a terrain position (m); None: sky."""
+    """Answer to `PickRequest`: a terrain position (m); None: sky."""
 
     token: int
     place: tuple[float, float, float] | None
@@ -286,7 +286,7 @@ class TerrainUpdated:
 
 
 @dataclass(frozen=True, eq=False)
-class Adherence:
+class Agreement:
     """Agreement of the terrain with the sketch, and its realism."""
 
     version: int

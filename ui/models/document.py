@@ -8,7 +8,7 @@ from pathlib import Path
 from PyQt6.QtCore import QObject, pyqtSignal
 
 from sketchterrain.caching import LRUCache
-from sketchterrain.document.history import History, LayerChange
+from sketchterrain.document.history import History, ImageChange
 from sketchterrain.document.label_layers import (
     MAX_LABELS,
     Box,
@@ -159,7 +159,7 @@ class Document(QObject):
         if title is None:
             self._emit_painted(draft.layer, draft.box)
             return
-        change = LayerChange.between(self.sketch.layers[draft.layer], draft.image, within=draft.box)
+        change = ImageChange.between(self.sketch.layers[draft.layer], draft.image, within=draft.box)
         if change is None:
             return
         try:
@@ -174,7 +174,7 @@ class Document(QObject):
         self.painted.emit(layer, box)
         self.live_changed.emit()
 
-    def _checked(self, draft: Draft, change: LayerChange) -> LabelImage:
+    def _checked(self, draft: Draft, change: ImageChange) -> LabelImage:
         """Freeze and return the stroke's image; labels are counted only as far as needed."""
         before = self.sketch.layers[draft.layer]
         labels = self._labels.get_or_compute(id(before), lambda: (before, frozenset(labels_in(before))))[1]
@@ -191,7 +191,7 @@ class Document(QObject):
         sketch: Sketch,
         *,
         merge: Hashable | None = None,
-        known: Mapping[str, LayerChange] | None = None,
+        known: Mapping[str, ImageChange] | None = None,
     ) -> None:
         before = self.sketch
         layer = "" if self.draft is None else self.draft.layer

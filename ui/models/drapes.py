@@ -24,7 +24,7 @@ from sketchterrain.ui.models.workspace import Handle, Selection, Workspace
 if TYPE_CHECKING:  # GDAL and shapely take a quarter of a second
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.drape.drapes import Drapes
-    from sketchterrain.drape.raster_source import RasterSource
+    from sketchterrain.drape.raster_source import DrapedRaster
     from sketchterrain.drape.vector_source import Feature, VectorSource
     from sketchterrain.ui.models.document import Document  # which reads drapes
 
@@ -65,7 +65,7 @@ class DrapeSources(QObject):
         lines = () if self.current is None else (*self.current.problems, *self.current.notes)
         return (*lines, self._failure) if self._failure else lines
 
-    def source(self, number: int) -> VectorSource | RasterSource | None:
+    def source(self, number: int) -> VectorSource | DrapedRaster | None:
         """Return a layer's source; None until it is read, and if it cannot be."""
         current = self.current
         return None if current is None or number >= len(current.sources) else current.sources[number]

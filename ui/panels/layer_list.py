@@ -37,7 +37,7 @@ _DIGITS: Final = (*range(Qt.Key.Key_1, Qt.Key.Key_9 + 1), Qt.Key.Key_0)
 """Keys of the first layers."""
 
 
-class _RowDelegate(QStyledItemDelegate):
+class _LayerDelegate(QStyledItemDelegate):
     """Draws a row of two lines, an eye and a lock."""
 
     def sizeHint(self, option: QStyleOptionViewItem, index: QModelIndex) -> QSize:
@@ -130,7 +130,7 @@ class LayerList(QTreeWidget):
         self.setIndentation(0)
         self.setUniformRowHeights(True)
         self.setFrameShape(QFrame.Shape.NoFrame)
-        self.setItemDelegate(_RowDelegate(self))
+        self.setItemDelegate(_LayerDelegate(self))
         self.setMouseTracking(True)
         self.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)

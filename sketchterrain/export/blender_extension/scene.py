@@ -12,7 +12,7 @@ import numpy as np
 from mathutils import Euler, Vector
 
 from . import materials
-from .source import MeshSource, SourceError, TerrainSource
+from .source import MeshSource, SourceError, TerrainExport
 
 SOURCE = "sketchterrain_source"  # properties of a terrain's collection: path of the export,
 FACTS = "sketchterrain_facts"  # lines about it,
@@ -32,7 +32,7 @@ def imported_terrains() -> list[Any]:
     return [each for each in bpy.data.collections if SOURCE in each and each.users]
 
 
-def import_terrain(context: Any, source: TerrainSource) -> Any:
+def import_terrain(context: Any, source: TerrainExport) -> Any:
     """Build a terrain in a new collection of the scene; raise `SourceError` if the file has it already."""
     stem = _stem(source)
     if any(each.get(_SKETCH) == stem for each in imported_terrains()):
@@ -46,7 +46,7 @@ def import_terrain(context: Any, source: TerrainSource) -> Any:
     return collection
 
 
-def refresh_terrain(context: Any, collection: Any, source: TerrainSource) -> list[str]:
+def refresh_terrain(context: Any, collection: Any, source: TerrainExport) -> list[str]:
     """Replace the data of a terrain by those of a new export; return the names of what the artist changed.
 
     Meshes, images and plants are replaced in their data blocks. Materials, sky, camera, sun and transforms
@@ -60,12 +60,12 @@ def refresh_terrain(context: Any, collection: Any, source: TerrainSource) -> lis
     return builder.kept
 
 
-def _stem(source: TerrainSource) -> str:
+def _stem(source: TerrainExport) -> str:
     return source.name.encode()[:_NAME].decode(errors="ignore").strip() or "terrain"
 
 
 class _Builder:
-    def __init__(self, context: Any, collection: Any, source: TerrainSource) -> None:
+    def __init__(self, context: Any, collection: Any, source: TerrainExport) -> None:
         self.context, self.collection, self.source = context, collection, source
         self.stem, self.kept = _stem(source), list[str]()
         self._sky = f"{self.stem} sky"

@@ -55,7 +55,7 @@ class PlantSource:
 
 
 @dataclass(eq=False)
-class TerrainSource:
+class TerrainExport:
     """One export, read and checked."""
 
     name: str  # of the sketch
@@ -77,7 +77,7 @@ class TerrainSource:
         return next(mesh for mesh in self.meshes if mesh.name == "ground")
 
 
-def read_terrain(path: Path) -> TerrainSource:
+def read_terrain(path: Path) -> TerrainExport:
     """Read an export's folder, its ``terrain.json`` or a GLB; raise `SourceError`."""
     try:
         folder = path if path.is_dir() else path.parent
@@ -88,10 +88,10 @@ def read_terrain(path: Path) -> TerrainSource:
                 raise SourceError(
                     f"{_short(folder)}: no {SIDECAR}: expected a folder of `sketchterrain export`"
                 )
-            source = TerrainSource(path.stem, path, {})
+            source = TerrainExport(path.stem, path, {})
             glbs = [path]
         else:
-            source = TerrainSource(sidecar["sketch"], folder, sidecar)
+            source = TerrainExport(sidecar["sketch"], folder, sidecar)
             missing = [name for name in sorted(listed) if not (folder / name).is_file()]
             if missing:
                 raise SourceError(f"{_short(folder)}: {missing[0]} is missing: export it again")
@@ -120,7 +120,7 @@ def _read_sidecar(folder: Path) -> dict[str, Any]:
     return content
 
 
-def _read_glb(path: Path, source: TerrainSource) -> None:
+def _read_glb(path: Path, source: TerrainExport) -> None:
     """Add the meshes, plants and materials of a GLB."""
     content = path.read_bytes()
     try:
@@ -143,7 +143,7 @@ class _Glb:
     gltf: dict[str, Any]
     binary: memoryview
 
-    def read(self, source: TerrainSource) -> None:
+    def read(self, source: TerrainExport) -> None:
         for material in self.gltf.get("materials", ()):
             colour = material["pbrMetallicRoughness"].get("baseColorFactor", (1.0, 1.0, 1.0, 1.0))
             source.colours[material["name"]] = tuple(colour)

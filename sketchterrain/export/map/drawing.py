@@ -50,7 +50,7 @@ class Polygons:
 
 
 @dataclass(frozen=True)
-class Label:
+class MapText:
     """A line of text, anchored at half its height and turned by degrees clockwise."""
 
     text: str
@@ -84,7 +84,7 @@ class RasterImage:
     box: Box
 
 
-Shape: TypeAlias = Polylines | Polygons | Label | RasterImage
+Shape: TypeAlias = Polylines | Polygons | MapText | RasterImage
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +150,7 @@ def sheet_png(sheet: MapSheet, *, width: int) -> bytes:
 
 
 def _element(shape: Shape) -> str:
-    if isinstance(shape, Label):
+    if isinstance(shape, MapText):
         return _text(shape)
     if isinstance(shape, RasterImage):
         stream = io.BytesIO()
@@ -179,7 +179,7 @@ def _path(points: Points) -> str:
     return f"M{whole[0, 0]} {whole[0, 1]}l" + " ".join(f"{x} {y}" for x, y in steps).replace(" -", "-")
 
 
-def _text(label: Label) -> str:
+def _text(label: MapText) -> str:
     x, y = _units(label.x), _units(label.y)
     # In any font the text gets the measured width.
     look = f'text-anchor="{label.anchor}" textLength="{_units(label.width)}" lengthAdjust="spacingAndGlyphs"'

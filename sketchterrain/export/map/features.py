@@ -9,7 +9,7 @@ import numpy.typing as npt
 import shapely
 from scipy.ndimage import distance_transform_edt, gaussian_filter, label, maximum_position
 
-from sketchterrain.export.map.drawing import Colour, Label, LabelSpace, Points, Polygons, Polylines, Shape
+from sketchterrain.export.map.drawing import Colour, LabelSpace, MapText, Points, Polygons, Polylines, Shape
 from sketchterrain.export.map.relief import Grid, MapSamples, nearest_round
 from sketchterrain.generation.terrain import Terrain
 
@@ -70,7 +70,7 @@ def trace_contours(samples: MapSamples, interval: float) -> list[Contour]:
 
 
 def contour_lines(
-    contours: Sequence[Contour], samples: MapSamples, labels: Sequence[Label], interval: float
+    contours: Sequence[Contour], samples: MapSamples, labels: Sequence[MapText], interval: float
 ) -> list[Shape]:
     """Return the contour lines, one set per pen, with gaps at labels and on water."""
     pens = pen_numbers(samples)
@@ -111,11 +111,11 @@ def pieces(path: Points, code: npt.NDArray[np.int_]) -> Iterator[tuple[Points, i
 
 def label_contours(
     contours: Sequence[Contour], samples: MapSamples, space: LabelSpace, interval: float
-) -> list[Label]:
+) -> list[MapText]:
     """Return the height labels of index contours, by score of their positions."""
     indexed = (contour for contour in contours if contour.index)
     candidates = [label for contour in indexed for label in _label_candidates(contour, samples, interval)]
-    placed: dict[str, list[Label]] = {}
+    placed: dict[str, list[MapText]] = {}
     for _, candidate in sorted(candidates, key=lambda each: -each[0]):
         same = placed.setdefault(candidate.text, [])
         distant = all(
@@ -126,13 +126,13 @@ def label_contours(
     return [label for same in placed.values() for label in same]
 
 
-def _label_candidates(contour: Contour, samples: MapSamples, interval: float) -> list[tuple[float, Label]]:
+def _label_candidates(contour: Contour, samples: MapSamples, interval: float) -> list[tuple[float, MapText]]:
     """Return labels at positions along a contour, each with its score."""
     decimals = max(0, -int(np.floor(np.log10(interval) + 1e-9)))
     text = f"{contour.height:.{decimals}f}"
     path = samples.frame.to_sheet(contour.points)
     arc = arc_lengths(path)
-    half = 0.5 * Label(text, 0.0, 0.0, LABEL_SIZE, LABEL_COLOUR).width + 0.4
+    half = 0.5 * MapText(text, 0.0, 0.0, LABEL_SIZE, LABEL_COLOUR).width + 0.4
     middles = np.arange(half, arc[-1] - half, LABEL_STEP)
     at = along(path, arc, middles[:, None] + np.linspace(-1.0, 1.0, 9) * half)
     chord = at[:, -1] - at[:, 0]
@@ -151,7 +151,7 @@ def _label_candidates(contour: Contour, samples: MapSamples, interval: float) ->
     score = chord[:, 0] - 2.0 * bend / MAX_BEND + 0.6 * np.tanh(spacing / 1.5)
     turn = np.degrees(np.arctan2(chord[:, 1], chord[:, 0]))
     rows = np.column_stack([score, at[:, 4], turn])[good]
-    return [(s, Label(text, x, y, LABEL_SIZE, LABEL_COLOUR, "middle", t)) for s, x, y, t in rows.tolist()]
+    return [(s, MapText(text, x, y, LABEL_SIZE, LABEL_COLOUR, "middle", t)) for s, x, y, t in rows.tolist()]
 
 
 def arc_lengths(path: Points) -> Points:
@@ -254,7 +254,7 @@ def label_lakes(terrain: Terrain, samples: MapSamples, space: LabelSpace) -> lis
         surface = float(samples.smooth[row, column] + samples.depth[row, column])
         level = min((lake.level for lake in terrain.features.lakes), key=lambda each: abs(each - surface))
         x, y = samples.frame.to_sheet(samples.metres(row, column)).tolist()
-        text = Label(f"{level:.0f}", x, y, 2.0, LEVEL, "middle", halo=WATER)
+        text = MapText(f"{level:.0f}", x, y, 2.0, LEVEL, "middle", halo=WATER)
         wide = inland[row, column] * samples.spacing[0] * samples.frame.mm_per_metre > 1.3
         if wide and space.reserve(text.outline(margin=0.4)):
             shapes.append(text)
@@ -289,7 +289,7 @@ def label_peaks(terrain: Terrain, samples: MapSamples, space: LabelSpace, interv
     for east, north, height in find_peaks(terrain, samples, interval):
         x, y = samples.frame.to_sheet([east, north]).tolist()
         for dx, dy, anchor in sides:
-            text = Label(f"{height:.0f}", x + dx, y + dy, PEAK_SIZE, PEAK_INK, anchor, halo=PEAK_HALO)
+            text = MapText(f"{height:.0f}", x + dx, y + dy, PEAK_SIZE, PEAK_INK, anchor, halo=PEAK_HALO)
             if space.reserve(text.outline(margin=0.3) | shapely.Point(x, y).buffer(0.9)):
                 shapes += [*peak_triangle(x, y), text]
                 break

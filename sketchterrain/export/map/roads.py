@@ -25,7 +25,7 @@ DASHES: Final = (0.9, 0.9)  # mm of tunnels
 TOLERANCE: Final = 0.01  # mm
 
 
-class Symbol(NamedTuple):
+class WaySymbol(NamedTuple):
     """How a class of ways is drawn."""
 
     title: str
@@ -37,12 +37,12 @@ class Symbol(NamedTuple):
 
 
 SYMBOLS: Final = (
-    Symbol("Railway", "railway", 0.0, 0.3, None),
-    Symbol("Main road", "road", 8.5, 0.85, (232, 120, 92)),
-    Symbol("Road", "road", 7.0, 0.7, (250, 208, 104)),
-    Symbol("Minor road", "road", 4.0, 0.5, (255, 255, 255)),
-    Symbol("Track", "road", 0.0, 0.24, None),
-    Symbol("Path", "path", 0.0, 0.2, None, (1.1, 0.6)),
+    WaySymbol("Railway", "railway", 0.0, 0.3, None),
+    WaySymbol("Main road", "road", 8.5, 0.85, (232, 120, 92)),
+    WaySymbol("Road", "road", 7.0, 0.7, (250, 208, 104)),
+    WaySymbol("Minor road", "road", 4.0, 0.5, (255, 255, 255)),
+    WaySymbol("Track", "road", 0.0, 0.24, None),
+    WaySymbol("Path", "path", 0.0, 0.2, None, (1.1, 0.6)),
 )
 """Classes of ways, the topmost first; a way is of the first that fits."""
 
@@ -57,7 +57,7 @@ class _Line(NamedTuple):
 
 def draw_roads(network: RoadNetwork, frame: MapFrame) -> list[Shape]:
     """Return yards, walls and ways from the lowest to the highest, then buildings."""
-    lines: dict[tuple[int, Symbol], list[_Line]] = {}
+    lines: dict[tuple[int, WaySymbol], list[_Line]] = {}
     for road in network.roads:
         points = axis_points(road, TOLERANCE / frame.mm_per_metre)
         symbol = symbol_of(road)
@@ -79,7 +79,7 @@ def road_legend(network: RoadNetwork, width: float, height: float) -> list[tuple
     left = np.array([[0.0, -1.0]] * 9)
     found = {(road.structure, symbol_of(road)) for road in network.roads}
 
-    def sample(symbol: Symbol, structure: int) -> list[Shape]:
+    def sample(symbol: WaySymbol, structure: int) -> list[Shape]:
         below, above = _way(symbol, structure, [_Line(path, left, np.full(9, 0.5 * symbol.width))])
         return [*below, *above]
 
@@ -97,13 +97,13 @@ def road_legend(network: RoadNetwork, width: float, height: float) -> list[tuple
     return entries
 
 
-def symbol_of(road: Road) -> Symbol:
+def symbol_of(road: Road) -> WaySymbol:
     """Return the class of a way by its layer and its width with shoulders."""
     width = 2.0 * float(road.whole_half.mean())
     return next(each for each in SYMBOLS if each.layer == road.layer and width >= each.least)
 
 
-def _way(symbol: Symbol, structure: int, lines: Sequence[_Line]) -> tuple[list[Shape], list[Shape]]:
+def _way(symbol: WaySymbol, structure: int, lines: Sequence[_Line]) -> tuple[list[Shape], list[Shape]]:
     """Return the shapes of ways of one class on one structure: those below all fills, and those above."""
     below: list[Shape] = []
     above: list[Shape] = []

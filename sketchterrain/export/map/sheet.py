@@ -18,9 +18,9 @@ from sketchterrain.export.drapes import DrapedShapes, draped_shapes
 from sketchterrain.export.map import features
 from sketchterrain.export.map.drawing import (
     PAPER,
-    Label,
     LabelSpace,
     MapSheet,
+    MapText,
     Points,
     Polygons,
     Polylines,
@@ -97,19 +97,19 @@ def border(frame: MapFrame) -> list[Shape]:
         return rectangle(left - off, top - off, width + 2 * off, height + 2 * off)
 
     black: list[Points] = []
-    labels: list[Label] = []
+    labels: list[MapText] = []
     for metres in east.tolist():
         x = left + metres * frame.mm_per_metre
         length = max(min(step / 2 * frame.mm_per_metre, right - x), 0.0)
         black += [rectangle(x, y, length, wide) for y in (top - far, bottom + near)]
         text = grouped(metres + frame.corner[0])
-        labels += [Label(text, x, y, size, GREY, "middle") for y in (top - out, bottom + out)]
+        labels += [MapText(text, x, y, size, GREY, "middle") for y in (top - out, bottom + out)]
     for metres in north.tolist():
         y = bottom - metres * frame.mm_per_metre
         length = max(min(step / 2 * frame.mm_per_metre, y - top), 0.0)
         black += [rectangle(x, y - length, wide, length) for x in (left - far, right + near)]
         text = grouped(metres + frame.corner[1])
-        labels += [Label(text, x, y, size, GREY, "middle", -90) for x in (left - out, right + out)]
+        labels += [MapText(text, x, y, size, GREY, "middle", -90) for x in (left - out, right + out)]
     pens = ((0.0, 0.2), (near, 0.12), (far, 0.12), (OUTER, 0.45))
     lines = [Polylines([around(off)], INK, pen) for off, pen in pens]
     paper = Polygons([around(1000.0), around(0.0)], PAPER)  # covers shapes outside of the map
@@ -118,11 +118,11 @@ def border(frame: MapFrame) -> list[Shape]:
 
 def title(frame: MapFrame, name: str, subtitle: str) -> list[Shape]:
     """Return the map's title and subtitle."""
-    head = Label(name, MARGIN, 11.0, TITLE, INK, bold=True)
+    head = MapText(name, MARGIN, 11.0, TITLE, INK, bold=True)
     width = 2.0 * frame.left + frame.box[2] - 2.0 * MARGIN
     if head.width > width:
         head = replace(head, size=TITLE * width / head.width)
-    return [head, Label(subtitle, MARGIN, 17.6, SUBTITLE, GREY)]
+    return [head, MapText(subtitle, MARGIN, 17.6, SUBTITLE, GREY)]
 
 
 def legend_entries(
@@ -130,7 +130,7 @@ def legend_entries(
     samples: MapSamples,
     interval: float,
     present: set[str],
-    heights: list[Label],
+    heights: list[MapText],
     network: RoadNetwork,
 ) -> list[Entry]:
     """Return the entries of the legend; `present` has some of rivers, lakes, forests and peaks."""
@@ -138,7 +138,7 @@ def legend_entries(
     patch = rectangle(0.0, -HEIGHT / 2, WIDTH, HEIGHT)
     if any(contour.index for contour in contours):
         example = max((height.text for height in heights), key=len, default="0")
-        label = Label(example, WIDTH / 2, 0.0, features.LABEL_SIZE, features.LABEL_COLOUR, "middle")
+        label = MapText(example, WIDTH / 2, 0.0, features.LABEL_SIZE, features.LABEL_COLOUR, "middle")
         gap = WIDTH / 2 + (label.width / 2 + 0.4) * np.array([-1.0, 1.0])
         lines = [np.array([[start, 0.0], [end, 0.0]]) for start, end in ((0.0, gap[0]), (gap[1], WIDTH))]
         symbol: list[Shape] = [Polylines(lines, features.PENS["ground"], features.WIDTHS[True]), label]
@@ -155,7 +155,7 @@ def legend_entries(
     angle = np.linspace(0.0, 2 * np.pi, 48)
     radius = 1.0 + 0.08 * np.sin(3 * angle)
     shore = np.stack([WIDTH / 2 * (1.0 + radius * np.cos(angle)), 2.2 * radius * np.sin(angle)], axis=-1)
-    level = Label("12", WIDTH / 2, 0.0, 2.0, features.LEVEL, "middle")
+    level = MapText("12", WIDTH / 2, 0.0, 2.0, features.LEVEL, "middle")
     lake: list[Shape] = [
         Polygons([shore], features.WATER),
         Polylines([shore], features.BANK, features.SHORE_WIDTH),
@@ -166,7 +166,7 @@ def legend_entries(
     sea += [Polygons([ring], features.DEEP, features.DEEPER) for ring in deep]
     sea += [Polylines([patch[[0, 3]]], features.BANK, features.SHORE_WIDTH)]
     river = [Polylines([course], features.BANK, 0.8), Polylines([course], features.WATER, 0.52), *arrow]
-    peak = [*features.peak_triangle(2.4, 0.4), Label("345", 4.0, 0.0, features.PEAK_SIZE, INK)]
+    peak = [*features.peak_triangle(2.4, 0.4), MapText("345", 4.0, 0.0, features.PEAK_SIZE, INK)]
     meadow = next(iter(samples.materials)).tint
     known: dict[str, Entry] = {
         "rivers": ("River, flow", river),
@@ -200,12 +200,12 @@ def legend(frame: MapFrame, entries: Sequence[Entry], note: str) -> tuple[list[S
     shapes: list[Shape] = []
     for number, (meaning, symbol) in enumerate(entries):
         column, row = divmod(number, rows)
-        entry = [*symbol, Label(meaning, WIDTH + 2.2, 0.0, TEXT, INK)]
+        entry = [*symbol, MapText(meaning, WIDTH + 2.2, 0.0, TEXT, INK)]
         shapes += [_moved(shape, MARGIN + column * COLUMN, top + row * ROW + 2.6) for shape in entry]
     shapes += [_moved(shape, right - 6.0, top + 10.0) for shape in _north_arrow()]
     shapes += [_moved(shape, right - SCALE_WIDTH + 14.0, top + 3.0) for shape in _scale_bar(frame)]
     bottom = top + rows * ROW
-    return [*shapes, Label(note, right, bottom + 2.2, 2.0, GREY, "end")], bottom + 5.0
+    return [*shapes, MapText(note, right, bottom + 2.2, 2.0, GREY, "end")], bottom + 5.0
 
 
 def grouped(number: float) -> str:
@@ -214,7 +214,7 @@ def grouped(number: float) -> str:
 
 
 def _moved(shape: Shape, x: float, y: float) -> Shape:
-    if isinstance(shape, Label):
+    if isinstance(shape, MapText):
         return replace(shape, x=shape.x + x, y=shape.y + y)
     if isinstance(shape, Polylines | Polygons):
         return replace(shape, paths=[path + np.array([x, y]) for path in shape.paths])
@@ -246,14 +246,14 @@ def _scale_bar(frame: MapFrame) -> list[Shape]:
     name = "the sketch's own coordinate system" if "[" in frame.crs else frame.crs
     origin = f"of {name}" if name else "from the sketch's south-west corner"
     return [
-        Label(f"1 : {grouped(frame.scale)}", 0.0, 0.0, 3.6, INK, bold=True),
+        MapText(f"1 : {grouped(frame.scale)}", 0.0, 0.0, 3.6, INK, bold=True),
         Polygons(white, WHITE),
         Polygons(black, INK),
         Polylines([rectangle(0.0, 4.6, parts * wide, 1.3)], INK, 0.14),
-        *(Label(f"{i * part / metres:g}", i * wide, 7.8, 2.1, INK, "middle") for i in numbers),
-        Label(unit, parts * wide + 2.6, 5.25, 2.1, INK),
-        Label("Heights and coordinates in metres", 0.0, 12.0, 2.1, GREY),
-        Label(origin, 0.0, 14.8, 2.1, GREY),
+        *(MapText(f"{i * part / metres:g}", i * wide, 7.8, 2.1, INK, "middle") for i in numbers),
+        MapText(unit, parts * wide + 2.6, 5.25, 2.1, INK),
+        MapText("Heights and coordinates in metres", 0.0, 12.0, 2.1, GREY),
+        MapText(origin, 0.0, 14.8, 2.1, GREY),
     ]
 
 
@@ -263,7 +263,7 @@ def _north_arrow() -> list[Shape]:
         Polygons([np.array([tip, tail, west])], INK),
         Polygons([np.array([tip, east, tail])], WHITE),
         Polylines([np.array([tip, east, tail, west, tip])], INK, 0.2),
-        Label("N", 0.0, 10.6, 4.0, INK, "middle", bold=True),
+        MapText("N", 0.0, 10.6, 4.0, INK, "middle", bold=True),
     ]
 
 

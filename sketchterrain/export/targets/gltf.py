@@ -23,7 +23,7 @@ from sketchterrain.export.gltf import (
 from sketchterrain.export.gltf_plants import (
     BYTES_PER_PLANT,
     FINEST,
-    PlantInstances,
+    ScenePlants,
     add_instances,
     add_points,
     collect_plants,
@@ -92,7 +92,7 @@ def terrain_scene(export: Export) -> tuple[GlbWriter, dict[str, Any]]:
     return scene, facts | {"mesh": mesh_metadata(export, result)}
 
 
-def write_plant_points(export: Export, plants: PlantInstances) -> dict[Path, str]:
+def write_plant_points(export: Export, plants: ScenePlants) -> dict[Path, str]:
     """Write plants as ``NAME_plant_points.glb`` if there are any; return the file with its description."""
     if not len(plants.model):
         return {}

@@ -15,7 +15,7 @@ from sketchterrain.document.drapes import STYLE, DrapedLayer
 from sketchterrain.document.own_materials import rgb_from_hex
 from sketchterrain.export import qgis_project as qgis
 from sketchterrain.export.drapes import table_names
-from sketchterrain.export.qgis_project import Layer
+from sketchterrain.export.qgis_project import MapLayer
 from sketchterrain.export.rasters import Georeference, write_cloud_tiff
 from sketchterrain.export.sampled import srgb_of
 from sketchterrain.export.target import Export, ExportOutput
@@ -66,7 +66,10 @@ def _write(export: Export) -> ExportOutput:
 
 
 def _write_project(
-    export: Export, place: Georeference, groups: dict[str, list[Layer]], rasters: dict[str, Layer]
+    export: Export,
+    place: Georeference,
+    groups: dict[str, list[MapLayer]],
+    rasters: dict[str, MapLayer],
 ) -> Path:
     grid, path = export.grid, export.folder / f"{export.name}.qgz"
     shown = [each for group in groups.values() for each in group if each.visible]
@@ -80,7 +83,7 @@ def _write_project(
     return qgis.write_project(path, *about, filled, themes, rasters["Relief"], export.scene_view)
 
 
-def _rasters(export: Export, place: Georeference, files: dict[Path, str]) -> dict[str, Layer]:
+def _rasters(export: Export, place: Georeference, files: dict[Path, str]) -> dict[str, MapLayer]:
     """Return the rasters from the top down, and write the heaviest material of each vertex."""
     from sketchterrain.export.gltf import material_appearance
     from sketchterrain.export.map.features import FOREST, INDEX, PENS, WIDTHS, contour_interval
@@ -131,7 +134,7 @@ def _rasters(export: Export, place: Georeference, files: dict[Path, str]) -> dic
         layers.pop("Roads, land and drapes")
     hidden = {"Materials", "Wetness"} | (set() if pictures else {"Roads, land and drapes"})
     return {
-        title: Layer(
+        title: MapLayer(
             *(title, f"./{export.name}_{what}.tif", "raster", style, title not in hidden),
             blend="multiply" if title == "Hillshade" else "normal",
         )
@@ -144,7 +147,7 @@ def _colour(albedo: npt.ArrayLike) -> Colour:
     return red, green, blue
 
 
-def _vectors(export: Export, counts: dict[str, int]) -> dict[str, list[Layer]]:
+def _vectors(export: Export, counts: dict[str, int]) -> dict[str, list[MapLayer]]:
     """Return the layers of the GeoPackages from the top down."""
     from sketchterrain.export.map.features import DEEP, FOREST, MIN_RIVER, WATER
     from sketchterrain.export.map.relief import LAND_TINTS
@@ -192,14 +195,14 @@ def _vectors(export: Export, counts: dict[str, int]) -> dict[str, list[Layer]]:
     }
     scales = {"plants": (0.0, _PLANTS_FROM), "grass": (0.0, _GRASS_FROM)}
     hidden = ("road_edges", "river_stations", "features")
-    groups = {"Drapes": list[Layer]()}
+    groups = {"Drapes": list[MapLayer]()}
     for each, table in zip(export.drapes, table_names(export.drapes), strict=True):
         groups["Drapes"] += _parts(
             f"{export.name}_drapes", table, each.layer.title, each.geometry, each.layer
         )
     for group, rows in tables.items():
         groups[group] = [
-            Layer(
+            MapLayer(
                 *(title, f"./{export.name}.gpkg|layername={table}", kind, style, table not in hidden),
                 scales=scales.get(table, qgis.ANY_SCALE),
             )
@@ -250,7 +253,9 @@ def _plants(storey: str) -> str:
     return qgis.classes(discs, shown) + (qgis.crowns_3d(crowns) if crowns else "")
 
 
-def _parts(file: str, table: str, title: str, shapes: Any, drape: DrapedLayer | None = None) -> list[Layer]:
+def _parts(
+    file: str, table: str, title: str, shapes: Any, drape: DrapedLayer | None = None
+) -> list[MapLayer]:
     """Return a layer for the points, the lines and the areas of a table; a sketch's own are hidden."""
     kinds = set(shapely.get_type_id(shapes).tolist())
     found = {kind: name for kind, (ids, name) in _PARTS.items() if kinds.intersection(ids)}
@@ -259,14 +264,14 @@ def _parts(file: str, table: str, title: str, shapes: Any, drape: DrapedLayer | 
         if len(found) > 1:
             source, own = f"./{file}.gpkg|layername={table}|geometrytype={name}", f"{title} ({name})"
         if drape is not None:
-            layers.append(_draped(Layer(own, source, kind, ""), drape))
+            layers.append(_draped(MapLayer(own, source, kind, ""), drape))
         else:
             style = _drawn(kind, defaults(STYLE) | {"colour": "#7048e8", "fill_opacity": 0.1})
-            layers.append(Layer(own, source, kind, qgis.single(style), visible=False))
+            layers.append(MapLayer(own, source, kind, qgis.single(style), visible=False))
     return layers
 
 
-def _draped(layer: Layer, drape: DrapedLayer) -> Layer:
+def _draped(layer: MapLayer, drape: DrapedLayer) -> MapLayer:
     """Return a draped layer with its styles."""
     style = drape.style_of(-1)
     renderer = qgis.single(_drawn(layer.kind, style))

@@ -28,7 +28,7 @@ from sketchterrain.io.resources import source
 from sketchterrain.look.texture_maker import srgb_to_linear
 
 if TYPE_CHECKING:  # load SciPy
-    from sketchterrain.export.gltf_plants import PlantInstances
+    from sketchterrain.export.gltf_plants import ScenePlants
     from sketchterrain.export.mesh import ObjectMesh
 
 Arrays = dict[str, npt.NDArray[Any]]
@@ -235,7 +235,7 @@ def _plants(export: Export, facts: dict[str, Any]) -> dict[str, Arrays]:
     return {"models": _models(plants, kinds.tolist(), facts["models"]), "foliage": foliage}
 
 
-def _models(plants: PlantInstances, kinds: list[int], facts: list[dict[str, Any]]) -> Arrays:
+def _models(plants: ScenePlants, kinds: list[int], facts: list[dict[str, Any]]) -> Arrays:
     from sketchterrain.export.gltf_plants import FINEST, model_mesh
 
     parts = []

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
 
 
-class Crossing(NamedTuple):
+class MountainRun(NamedTuple):
     """Run of a centreline inside a painted mountain."""
 
     first: int  # first point inside
@@ -48,13 +48,13 @@ def label_mountains(image: LabelImage, run: Runner) -> Int64Array:
     return region_numbers(image, run(find_regions, image, hashed=False)) + 1
 
 
-def mountain_crossings(sketch: Sketch, numbers: Int64Array, line: Float64Array) -> list[Crossing]:
+def mountain_crossings(sketch: Sketch, numbers: Int64Array, line: Float64Array) -> list[MountainRun]:
     """Return the runs of a centreline (m, 2) inside mountains, upstream first."""
     labels = _labels_along(sketch, numbers, line)
     changes = np.flatnonzero(np.diff(labels)) + 1
     firsts, ends = np.concatenate([[0], changes]), np.concatenate([changes, [len(line)]])
     return [
-        Crossing(int(first), int(end) - 1, int(labels[first]))
+        MountainRun(int(first), int(end) - 1, int(labels[first]))
         for first, end in zip(firsts, ends, strict=True)
         if labels[first]
     ]
@@ -114,7 +114,7 @@ def _resolution_along(text: str, line: Float64Array, first: int, last: int) -> R
     return Resolution(text, *line[at].tolist())
 
 
-def _describe_crossing(run: Crossing, river: River, ground: Float64Array, rivers: Sequence[River]) -> str:
+def _describe_crossing(run: MountainRun, river: River, ground: Float64Array, rivers: Sequence[River]) -> str:
     inside = slice(run.first, run.last + 1)
     cut = max(float((ground[inside] - river.centreline[inside, 2]).max()), 0.0)
     if run.first == 0:

@@ -15,7 +15,7 @@ from sketchterrain.geometry.box_index import ITEM
 from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.io.disk_cache import RecordCache
 from sketchterrain.io.resources import code_digest, kernel_constants
-from sketchterrain.landforms.base_ground import BaseGround, Nodes, NodeSource
+from sketchterrain.landforms.base_ground import BaseGround, NodeSource, NodeValues
 from sketchterrain.landforms.node_raster import (
     APRON,
     CHUNK,
@@ -77,9 +77,9 @@ class UnpaintedNodes:
 
     def window(
         self, level: int, column: int, row: int, rows: int, columns: int, *, painted: bool = True
-    ) -> Nodes:
+    ) -> NodeValues:
         """Return a window of nodes, without those of the painted region unless ``painted``."""
-        nodes: Nodes = self._ground.window(level, column, row, rows, columns, painted=painted)
+        nodes: NodeValues = self._ground.window(level, column, row, rows, columns, painted=painted)
         return nodes
 
     def prepare(

@@ -12,7 +12,7 @@ import sketchterrain as st
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.export.vectors import Origin, VectorLayer, geopackage, lake_layer
+from sketchterrain.export.vectors import ExportLayer, Origin, geopackage, lake_layer
 from sketchterrain.features.table import VectorLayer as Drawn
 from sketchterrain.importing.vectors import sketch_from_vectors
 from sketchterrain.io.console import Stages
@@ -223,7 +223,7 @@ def test_invalid_reference_systems_are_refused(corner, capfd):
 
 
 def test_folder_names_are_not_interpreted(tmp_path):
-    layer = VectorLayer("plants", "Point", shapely.points([[1.0, 2.0]]), {"number": np.arange(1)})
+    layer = ExportLayer("plants", "Point", shapely.points([[1.0, 2.0]]), {"number": np.arange(1)})
     for name in ["a!b.zip", "zip:c", "späť 'x\" ?#%20"]:
         path = tmp_path / name / "plants.gpkg"
         path.parent.mkdir()
@@ -241,7 +241,7 @@ def test_folder_names_are_not_interpreted(tmp_path):
 
 def test_full_disk_is_reported_for_incomplete_geopackages(tmp_path, files_no_larger_than):
     points = shapely.points(np.random.default_rng(3).random((5000, 2)))
-    layer = VectorLayer("plants", "Point", points, {"number": np.arange(5000)})
+    layer = ExportLayer("plants", "Point", points, {"number": np.arange(5000)})
     whole = tmp_path / "whole.gpkg"
     with geopackage(whole, "EPSG:25832") as file:
         file.add(layer)

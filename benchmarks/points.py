@@ -22,7 +22,7 @@ from sketchterrain.benchmarks.point_methods import (
     SIDE,
     THESIS,
     TURNS,
-    Method,
+    ScatterMethod,
     Spectrum,
     fill_of,
     own,
@@ -248,7 +248,7 @@ def _spectrum_row(name: str, trials: int | None, found: Spectrum, darts: Spectru
     }
 
 
-def _laps(methods: Mapping[Key, Method], rounds: int) -> dict[Key, list[Lap]]:
+def _laps(methods: Mapping[Key, ScatterMethod], rounds: int) -> dict[Key, list[Lap]]:
     return alternate(
         {key: method.lap for key, method in methods.items()}, rounds=rounds, quick=_QUICK, more=_MORE
     )
@@ -262,7 +262,7 @@ def _times_as_fast(one: Row, other: Row) -> float:
     return ratio * value_of(one, "points") / value_of(other, "points")
 
 
-def _rate(method: Method, laps: Sequence[Lap]) -> Row:
+def _rate(method: ScatterMethod, laps: Sequence[Lap]) -> Row:
     _, points = method.run(0)
     samples = [lap.wall for lap in laps]
     times = spread(samples)

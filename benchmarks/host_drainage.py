@@ -4,14 +4,12 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from sketchterrain.benchmarks.host_flow import ground
 from sketchterrain.host.library import host_function
+from sketchterrain.landforms.drainage import DrainageRasters
 
-_SPACING, _PER_AREA = 20.0, 1.0 / 400.0
-
-Arrays = tuple[npt.NDArray[Any], ...]
+_SPACING = 20.0
 
 
 def level(size: int) -> tuple[Any, ...]:
@@ -30,65 +28,48 @@ def level(size: int) -> tuple[Any, ...]:
     return np.abs(z) * 0.02, np.abs(z) % 0.9, rain, base, domain, course.ravel()
 
 
-def empty_raster(rows: int, columns: int) -> Arrays:
+def empty_rasters(rows: int, columns: int) -> DrainageRasters:
     """Return the rasters that a level of so many nodes is packed into."""
     shape = rows + 2, columns + 2
-    return np.zeros((11, *shape)), np.zeros((6, *shape), np.int32), np.zeros((2, *shape), np.int8)
+    planes = np.zeros((11, *shape)), np.zeros((6, *shape), np.int32), np.zeros((2, *shape), np.int8)
+    return DrainageRasters(_SPACING, 1.0 / 400.0, *planes)
 
 
 def _pack_drainage(size: int) -> tuple[Any, ...]:
     packed, start = level(size), ground(size // 2 + 2)
     start[:, size // 4] = np.nan
-    place = 7, -3, 1, 3, -2, _SPACING
     onto = np.where(ground(size) > 3.0, ground(size), packed[3])
-    return *packed, onto, start, *place, *empty_raster(size, size)
+    return empty_rasters(size, size), *packed, onto, start, 7, -3, 1, 3, -2
 
 
-def _packed(size: int) -> Arrays:
+def _packed(size: int) -> DrainageRasters:
     arguments = _pack_drainage(size)
     host_function("pack_drainage")(*arguments)
-    arrays: Arrays = arguments[-3:]
-    arrays[0][4] = arrays[0][5] > 0.0  # strata
-    return arrays
+    rasters: DrainageRasters = arguments[0]
+    rasters.reals[4] = rasters.reals[5] > 0.0  # strata
+    return rasters
 
 
-def routed(size: int) -> tuple[int, Arrays]:
-    """Return the number of nodes in the order of flow, and a level that has been routed."""
-    arrays = _packed(size)
-    return host_function("route_drainage")(*arrays), arrays
+def _routed(size: int) -> tuple[DrainageRasters, int]:
+    """Return a level that has been routed, and the number of nodes in the order of flow."""
+    rasters = _packed(size)
+    return rasters, host_function("route_drainage")(rasters)
 
 
-def _built(size: int) -> tuple[int, Arrays]:
-    count, arrays = routed(size)
-    host_function("integrate_drainage")(count, _SPACING, _PER_AREA, *arrays)
-    return count, arrays
-
-
-def _integrate_drainage(size: int) -> tuple[Any, ...]:
-    count, arrays = routed(size)
-    return count, _SPACING, _PER_AREA, *arrays
-
-
-def _limit_slopes(size: int) -> tuple[Any, ...]:
-    return _SPACING, *_built(size)[1]
+def _built(size: int) -> tuple[DrainageRasters]:
+    rasters, count = _routed(size)
+    host_function("integrate_drainage")(rasters, count)
+    return (rasters,)
 
 
 def _carve_barriers(size: int) -> tuple[Any, ...]:
-    count, arrays = routed(size)
-    floor = np.full(arrays[0][0].shape, -np.inf)
+    floor = np.full((size + 2, size + 2), -np.inf)
     floor[size // 2 :] = 0.0
-    return count, _SPACING, floor, *arrays
+    return *_routed(size), floor
 
 
 def _drainage_shares(size: int) -> tuple[Any, ...]:
-    count, arrays = routed(size)
-    weight = np.pad((ground(size) > 0.0).astype(np.float64), 1)
-    return count, weight, *arrays[:2]
-
-
-def _relax_heights(size: int) -> tuple[Any, ...]:
-    arrays = _built(size)[1]
-    return arrays[0], arrays[2]
+    return *_routed(size), np.pad((ground(size) > 0.0).astype(np.float64), 1)
 
 
 def _outlet_ramps(size: int) -> tuple[Any, ...]:
@@ -133,14 +114,14 @@ def _nearest_below(size: int) -> tuple[Any, ...]:
 
 SAMPLES: Final[dict[str, Callable[[int], tuple[Any, ...]]]] = {
     "pack_drainage": _pack_drainage,
-    "run_drainage": lambda size: (4, _SPACING, _PER_AREA, *_packed(size)),
-    "route_drainage": _packed,
-    "accumulate_drainage": lambda size: routed(size)[1],
-    "integrate_drainage": _integrate_drainage,
-    "limit_slopes": _limit_slopes,
-    "sink_courses": lambda size: _built(size)[1],
+    "run_drainage": lambda size: (_packed(size), 4),
+    "route_drainage": lambda size: (_packed(size),),
+    "accumulate_drainage": lambda size: (_routed(size)[0],),
+    "integrate_drainage": _routed,
+    "limit_slopes": _built,
+    "sink_courses": _built,
     "carve_barriers": _carve_barriers,
-    "relax_heights": _relax_heights,
+    "relax_heights": _built,
     "drainage_shares": _drainage_shares,
     "outlet_ramps": _outlet_ramps,
     "coarsen_drainage": _coarsen_drainage,

@@ -34,7 +34,7 @@ def _vertices(rows: int, columns: int) -> tuple[Any, ...]:
     """Return offsets of sites, diagonals, centroids, probes and relief."""
     x, y, diagonal = mesh.lattice_sites(_MESH, *_FIRST, rows, columns)
     centre, probe = mesh_vertices.vertices(*_FIRST, x, y, diagonal)
-    return x, y, diagonal, centre, probe, relief_fields.vertex_relief(_FIELDS, centre)
+    return x, y, diagonal, centre, probe, relief_fields.relief_at(_FIELDS, centre)[0]
 
 
 def _table(rows: int, columns: int) -> MeshTable:
@@ -114,17 +114,8 @@ def _raised_heights(size: int) -> tuple[Any, ...]:
     return *given, _empty(count), _integers(size, size, 2), _integers(count), _empty(count)
 
 
-def _relief_at_vertices(size: int) -> tuple[Any, ...]:
-    return _FIELDS, _vertices(size, size)[3], _empty(size, size, 2)
-
-
-def _relief_at_sites(size: int) -> tuple[Any, ...]:
-    x, y, _ = mesh.lattice_sites(_MESH, *_FIRST, size - 1, size - 1)
-    return _FIELDS, *_FIRST, x, y, _empty(size, size)
-
-
-def _relief_at_nodes(size: int) -> tuple[Any, ...]:
-    return _FIELDS, 5, -3, -size // 2, _empty(size, size), _empty(size, size)
+def _relief_at_points(size: int) -> tuple[Any, ...]:
+    return _FIELDS, _vertices(size, size)[3].reshape(-1, 2), *_empty(3, 2 * size * size)
 
 
 def _interpolated_nodes(size: int) -> tuple[Any, ...]:
@@ -231,10 +222,7 @@ SAMPLES: Final[dict[str, Callable[[int], tuple[Any, ...]]]] = {
     "mesh_vertex_heights": _mesh_vertex_heights,
     "captured_heights": _captured_heights,
     "raised_heights": _raised_heights,
-    "relief_at_vertices": _relief_at_vertices,
-    "valley_rise": _relief_at_vertices,
-    "relief_at_sites": _relief_at_sites,
-    "relief_at_nodes": _relief_at_nodes,
+    "relief_at_points": _relief_at_points,
     "interpolated_nodes": _interpolated_nodes,
     "roughened_uplift": _roughened_uplift,
     "mean_ground": _mean_ground,

@@ -1,7 +1,5 @@
 #include "drainage.h"
 
-#include <stddef.h>
-
 static const double layers = 5.0; /* thickness of a pair of hard and soft layers, spacings of level 0 */
 static const double layer_edge = 2.0; /* steepness of the change between them */
 static const double cliff_slope = 1.7, bench_slope = 0.35; /* of full strata, over those of even rock */
@@ -21,17 +19,20 @@ typedef struct {
 
 typedef struct {
     int64_t size, width;
+    double spacing, per_area;
     double *uplift, *repose, *rain, *least, *strata, *height, *area, *previous, *rise, *scratch;
     int32_t *forced, *receiver, *order, *basin, *nodes, *joined;
     int8_t *kind, *donors;
 } Level;
 
-static Level level_of(int64_t rows, int64_t width, double *reals, int32_t *integers, int8_t *bytes)
+static Level level_of(const DrainageRasters *from)
 {
-    int64_t n = rows * width;
-    return (Level){n, width, reals, reals + n, reals + 2 * n, reals + 3 * n, reals + 4 * n, reals + 5 * n,
-        reals + 6 * n, reals + 7 * n, reals + 8 * n, reals + 9 * n, integers, integers + n, integers + 2 * n,
-        integers + 3 * n, integers + 4 * n, integers + 5 * n, bytes, bytes + n};
+    int64_t n = from->rows * from->width;
+    double *r = from->reals;
+    int32_t *i = from->integers;
+    return (Level){n, from->width, from->spacing, from->per_area, r, r + n, r + 2 * n, r + 3 * n, r + 4 * n,
+        r + 5 * n, r + 6 * n, r + 7 * n, r + 8 * n, r + 9 * n, i, i + n, i + 2 * n, i + 3 * n, i + 4 * n,
+        i + 5 * n, from->bytes, from->bytes + n};
 }
 
 /* Neighbours of a node, in the order in which they are visited. */
@@ -126,17 +127,19 @@ static void carve_courses(Level level)
 }
 
 bool pack_drainage(
-    int64_t rows, int64_t columns, int64_t start_rows, int64_t start_columns,
-    const double uplift[restrict rows][columns], const double repose[restrict rows][columns],
-    const double rain[restrict rows][columns], const double base[restrict rows][columns],
-    const bool domain[restrict rows][columns], const int32_t course[restrict rows * columns],
-    const double onto[restrict rows][columns], const double start[restrict start_rows][start_columns],
-    int64_t row, int64_t column, int64_t level, int64_t start_row, int64_t start_column, double spacing,
-    double reals[restrict 11][rows + 2][columns + 2], int32_t integers[restrict 6][rows + 2][columns + 2],
-    int8_t bytes[restrict 2][rows + 2][columns + 2])
+    const DrainageRasters *rasters, int64_t start_rows, int64_t start_columns,
+    const double uplift[restrict rasters->rows - 2][rasters->width - 2],
+    const double repose[restrict rasters->rows - 2][rasters->width - 2],
+    const double rain[restrict rasters->rows - 2][rasters->width - 2],
+    const double base[restrict rasters->rows - 2][rasters->width - 2],
+    const bool domain[restrict rasters->rows - 2][rasters->width - 2],
+    const int32_t course[restrict (rasters->rows - 2) * (rasters->width - 2)],
+    const double onto[restrict rasters->rows - 2][rasters->width - 2],
+    const double start[restrict start_rows][start_columns], int64_t row, int64_t column, int64_t level,
+    int64_t start_row, int64_t start_column)
 {
-    int64_t width = columns + 2;
-    Level to = level_of(rows + 2, width, reals[0][0], integers[0][0], bytes[0][0]);
+    const int64_t width = rasters->width, rows = rasters->rows - 2, columns = width - 2;
+    const Level to = level_of(rasters);
     for (int64_t at = 0; at < to.size; at++) {
         to.uplift[at] = to.repose[at] = to.rain[at] = to.strata[at] = to.area[at] = 0.0;
         to.least[at] = -INFINITY;
@@ -184,7 +187,7 @@ bool pack_drainage(
                 to.height[at] = z;
             } else {
                 double noise = (double)(node_hash(i + row, j + column, level) >> 11) * 0x1p-53;
-                to.height[at] = lowest + (0.01 * spacing) * noise;
+                to.height[at] = lowest + (0.01 * to.spacing) * noise;
             }
         }
     if (courses)
@@ -461,13 +464,13 @@ static double resistance(double z, double strata)
     return bench + (cliff - bench) * least(greatest(hard, 0.0), 1.0);
 }
 
-static void integrate(Level level, int64_t count, double spacing, double per_area)
+static void integrate(Level level, int64_t count)
 {
     find_rises(
-        level.size, spacing, per_area, level.uplift, level.repose, level.rain, level.area, level.forced,
-        level.rise);
+        level.size, level.spacing, level.per_area, level.uplift, level.repose, level.rain, level.area,
+        level.forced, level.rise);
     const double ways[2] = {1.0, sqrt(2.0)};
-    double *height = level.height, per_spacing = sqrt(per_area);
+    double *height = level.height, per_spacing = sqrt(level.per_area);
     const double *rise = level.rise, *strata = level.strata, *lowest = level.least;
     const int32_t *order = level.order, *receiver = level.receiver;
     int64_t width = level.width;
@@ -526,13 +529,13 @@ static void sink(Level level)
     }
 }
 
-static void limit(Level level, double spacing)
+static void limit(Level level)
 {
     double *restrict rise = level.scratch;
     for (int64_t at = 0; at < level.size; at++) {
         double repose = level.repose[at] * (1.0 + (cliff_slope - 1.0) * level.strata[at]);
         bool is_limited = level.kind[at] == INNER && level.forced[at] < 0;
-        rise[at] = is_limited ? greatest(repose, LEAST_SLOPE) * spacing : INFINITY;
+        rise[at] = is_limited ? greatest(repose, LEAST_SLOPE) * level.spacing : INFINITY;
     }
     for (int64_t sweep = 0; sweep < 2 * SLOPE_SWEEPS; sweep++)
         limit_sweep(
@@ -550,88 +553,59 @@ static void relax(
     }
 }
 
-void run_drainage(
-    int64_t rows, int64_t width, int64_t rounds, double spacing, double per_area,
-    double reals[restrict 11][rows][width], int32_t integers[restrict 6][rows][width],
-    int8_t bytes[restrict 2][rows][width])
+void run_drainage(const DrainageRasters *rasters, int64_t rounds)
 {
-    Level level = level_of(rows, width, reals[0][0], integers[0][0], bytes[0][0]);
+    Level level = level_of(rasters);
     for (int64_t number = 0; number < rounds; number++) {
-        integrate(level, route(level), spacing, per_area);
-        limit(level, spacing);
+        integrate(level, route(level));
+        limit(level);
         if (number < rounds - 1)
             relax(level.size, level.kind, level.previous, level.height);
     }
-    count_donors(level); /* heights of the receivers as they are after the last round */
-    integrate(level, sum_areas(level), spacing, per_area);
+    integrate(level, accumulate_drainage(rasters)); /* by the receivers as they are after the last round */
 }
 
-int64_t route_drainage(
-    int64_t rows, int64_t width, double reals[restrict 11][rows][width],
-    int32_t integers[restrict 6][rows][width], int8_t bytes[restrict 2][rows][width])
-{
-    return route(level_of(rows, width, reals[0][0], integers[0][0], bytes[0][0]));
-}
+int64_t route_drainage(const DrainageRasters *rasters) { return route(level_of(rasters)); }
 
-int64_t accumulate_drainage(
-    int64_t rows, int64_t width, double reals[restrict 11][rows][width],
-    int32_t integers[restrict 6][rows][width], int8_t bytes[restrict 2][rows][width])
+int64_t accumulate_drainage(const DrainageRasters *rasters)
 {
-    Level level = level_of(rows, width, reals[0][0], integers[0][0], bytes[0][0]);
+    Level level = level_of(rasters);
     count_donors(level);
     return sum_areas(level);
 }
 
-void integrate_drainage(
-    int64_t rows, int64_t width, int64_t count, double spacing, double per_area,
-    double reals[restrict 11][rows][width], int32_t integers[restrict 6][rows][width],
-    int8_t bytes[restrict 2][rows][width])
+void integrate_drainage(const DrainageRasters *rasters, int64_t count)
 {
-    integrate(level_of(rows, width, reals[0][0], integers[0][0], bytes[0][0]), count, spacing, per_area);
+    integrate(level_of(rasters), count);
 }
 
-void limit_slopes(
-    int64_t rows, int64_t width, double spacing, double reals[restrict 11][rows][width],
-    int32_t integers[restrict 6][rows][width], int8_t bytes[restrict 2][rows][width])
-{
-    limit(level_of(rows, width, reals[0][0], integers[0][0], bytes[0][0]), spacing);
-}
+void limit_slopes(const DrainageRasters *rasters) { limit(level_of(rasters)); }
 
-void sink_courses(
-    int64_t rows, int64_t width, double reals[restrict 11][rows][width],
-    int32_t integers[restrict 6][rows][width], int8_t bytes[restrict 2][rows][width])
-{
-    sink(level_of(rows, width, reals[0][0], integers[0][0], bytes[0][0]));
-}
+void sink_courses(const DrainageRasters *rasters) { sink(level_of(rasters)); }
 
 void carve_barriers(
-    int64_t rows, int64_t width, int64_t count, double spacing, const double lowest[restrict rows][width],
-    double reals[restrict 11][rows][width], int32_t integers[restrict 6][rows][width],
-    int8_t bytes[restrict 2][rows][width])
+    const DrainageRasters *rasters, int64_t count, const double lowest[rasters->rows][rasters->width])
 {
-    Level level = level_of(rows, width, reals[0][0], integers[0][0], bytes[0][0]);
+    Level level = level_of(rasters);
     for (int64_t k = 0; k < count; k++) {
         int64_t at = level.order[k], to = level.receiver[at];
         if (to >= 0 && (level.kind[to] & 1)) {
-            double below = greatest(level.height[at] - LEAST_SLOPE * spacing, lowest[to / width][to % width]);
+            double below = greatest(level.height[at] - LEAST_SLOPE * level.spacing, lowest[0][to]);
             level.height[to] = least(level.height[to], below);
         }
     }
 }
 
-void relax_heights(
-    int64_t rows, int64_t width, double reals[restrict 11][rows][width],
-    int8_t bytes[restrict 2][rows][width])
+void relax_heights(const DrainageRasters *rasters)
 {
-    Level level = level_of(rows, width, reals[0][0], NULL, bytes[0][0]);
+    Level level = level_of(rasters);
     relax(level.size, level.kind, level.previous, level.height);
 }
 
 void drainage_shares(
-    int64_t rows, int64_t width, int64_t count, double weight[restrict rows][width],
-    const double reals[restrict 11][rows][width], const int32_t integers[restrict 6][rows][width])
+    const DrainageRasters *rasters, int64_t count, double weight[restrict rasters->rows][rasters->width])
 {
-    Level level = level_of(rows, width, (double *)reals[0][0], (int32_t *)integers[0][0], NULL);
+    Level level = level_of(rasters);
     double *share = weight[0];
     for (int64_t at = 0; at < level.size; at++)
         share[at] *= level.rain[at];

@@ -4,15 +4,6 @@
  * integrating after Tzathas et al., "Physically-based analytical erosion for fast terrain generation" (2024);
  * passes of depressions after Cordonnier et al., "A versatile, linear complexity algorithm for flow routing
  * in topographies with depressions" (2019): Boruvka's minimum spanning tree of basins.
- *
- * A level lies in rasters with a margin of one node outside of the domain, where heights are infinite; nodes
- * are row * width + column of these:
- *   reals: uplift (m/m), repose (m/m), rain (m^2), least height (m), strata (0 ... 1), height (m), area
- *     (m^2), height before the last routing (m), rise to the node (m), and two of scratch;
- *   integers: the node that a course forces it to drain to, its receiver (-1: none), the order of flow
- *     (donors before their receivers), and three of scratch;
- *   bytes: kind (0 outside, 1 inner, 2 outlet, 3 open end of a course) and number of donors.
- * `pack_drainage` writes all that the other functions read; least heights and strata may be set after it.
  */
 #pragma once
 
@@ -21,86 +12,68 @@
 #define LEAST_SLOPE 0.0001220703125 /* 2^-13, of a node to its receiver, where nothing is uplifted */
 #define LEAST_RISE 1e-6 /* of a course, m */
 
-/* Copy a level into rasters with a margin. Heights start from the coarser level (NaN: none), moved by a hash,
- * or from noise; or from the heights `onto` which the coarser level's differences are added (NaN, or `base`:
- * none). False if a course leads elsewhere than to one of the eight neighbours. */
+/* A level in rasters with a margin of one node outside of the domain, where heights are infinite; nodes are
+ * row * width + column of these. Donors come before their receivers in the order of flow. */
+typedef struct {
+    int64_t rows;
+    int64_t width;
+    double spacing; /* m */
+    double per_area; /* 1 / r0^2 of the spacing r0 of level 0, 1/m^2 */
+    /* Uplift (m/m), repose (m/m), rain (m^2), least height (m), strata (0 ... 1), height (m), area (m^2),
+     * height before the last routing (m), rise to the node (m), and two of scratch. */
+    double *reals; /* [11][rows][width] */
+    /* The node that a course forces it to drain to, its receiver (-1: none), the order, three of scratch. */
+    int32_t *integers; /* [6][rows][width] */
+    /* Kind (0 outside, 1 inner, 2 outlet, 3 open end of a course) and number of donors. */
+    int8_t *bytes; /* [2][rows][width] */
+} DrainageRasters;
+
+/* Copy a level into rasters: all that the other functions read, but for least heights and strata. Heights
+ * start from the coarser level (NaN: none), moved by a hash, or from noise; or from the heights `onto` which
+ * the coarser level's differences are added (NaN, or `base`: none). False if a course leads elsewhere than to
+ * one of the eight neighbours. */
 HOST bool pack_drainage(
-    int64_t rows, int64_t columns, int64_t start_rows, int64_t start_columns,
-    const double uplift[restrict rows][columns], /* m/m */
-    const double repose[restrict rows][columns], /* m/m */
-    const double rain[restrict rows][columns], /* m^2 */
-    const double base[restrict rows][columns], /* of outlets, m */
-    const bool domain[restrict rows][columns],
-    const int32_t course[restrict rows * columns], /* node of the raster without margin, -1: free */
-    const double onto[restrict rows][columns], /* m */
+    const DrainageRasters *rasters, int64_t start_rows, int64_t start_columns,
+    const double uplift[restrict rasters->rows - 2][rasters->width - 2], /* m/m */
+    const double repose[restrict rasters->rows - 2][rasters->width - 2], /* m/m */
+    const double rain[restrict rasters->rows - 2][rasters->width - 2], /* m^2 */
+    const double base[restrict rasters->rows - 2][rasters->width - 2], /* of outlets, m */
+    const bool domain[restrict rasters->rows - 2][rasters->width - 2],
+    const int32_t course[restrict (rasters->rows - 2) * (rasters->width - 2)], /* node, -1: free */
+    const double onto[restrict rasters->rows - 2][rasters->width - 2], /* m */
     const double start[restrict start_rows][start_columns], /* of the coarser level, m */
     int64_t row, int64_t column, /* global indices of the first node */
-    int64_t level,
-    int64_t start_row, int64_t start_column, /* the same of the coarser level */
-    double spacing, /* m */
-    double reals[restrict 11][rows + 2][columns + 2], int32_t integers[restrict 6][rows + 2][columns + 2],
-    int8_t bytes[restrict 2][rows + 2][columns + 2]);
+    int64_t level, int64_t start_row, int64_t start_column); /* the same of the coarser level */
 
 /* Route and integrate some times; every round but the last goes a part of the way. */
-HOST void run_drainage(
-    int64_t rows, int64_t width, int64_t rounds,
-    double spacing, /* m */
-    double per_area, /* 1 / r0^2 of the spacing r0 of level 0, 1/m^2 */
-    double reals[restrict 11][rows][width], int32_t integers[restrict 6][rows][width],
-    int8_t bytes[restrict 2][rows][width]);
+HOST void run_drainage(const DrainageRasters *rasters, int64_t rounds);
 
 /* Find receivers and drainage areas; returns the number of nodes in the order of flow. */
-HOST int64_t route_drainage(
-    int64_t rows, int64_t width, double reals[restrict 11][rows][width],
-    int32_t integers[restrict 6][rows][width], int8_t bytes[restrict 2][rows][width]);
+HOST int64_t route_drainage(const DrainageRasters *rasters);
 
 /* Sum drainage areas along given receivers; returns the number of nodes in the order of flow. */
-HOST int64_t accumulate_drainage(
-    int64_t rows, int64_t width, double reals[restrict 11][rows][width],
-    int32_t integers[restrict 6][rows][width], int8_t bytes[restrict 2][rows][width]);
+HOST int64_t accumulate_drainage(const DrainageRasters *rasters);
 
-/* Build heights up from the outlets, against the order of flow. */
-HOST void integrate_drainage(
-    int64_t rows, int64_t width,
-    int64_t count, /* of nodes in the order of flow */
-    double spacing, /* m */
-    double per_area, /* 1/m^2 */
-    double reals[restrict 11][rows][width], int32_t integers[restrict 6][rows][width],
-    int8_t bytes[restrict 2][rows][width]);
+/* Build heights up from the outlets, against the order of flow of a number of nodes. */
+HOST void integrate_drainage(const DrainageRasters *rasters, int64_t count);
 
 /* Lower nodes that stand above any neighbour by more than repose allows, and let them drain there; courses
  * sink to the lowest ground beside them. */
-HOST void limit_slopes(
-    int64_t rows, int64_t width,
-    double spacing, /* m */
-    double reals[restrict 11][rows][width], int32_t integers[restrict 6][rows][width],
-    int8_t bytes[restrict 2][rows][width]);
+HOST void limit_slopes(const DrainageRasters *rasters);
 
 /* Lower courses to the lowest ground beside them, so that it drains to them; none leads uphill. */
-HOST void sink_courses(
-    int64_t rows, int64_t width, double reals[restrict 11][rows][width],
-    int32_t integers[restrict 6][rows][width], int8_t bytes[restrict 2][rows][width]);
+HOST void sink_courses(const DrainageRasters *rasters);
 
-/* Lower nodes that stand above those which drain to them, down the flow, but not below a floor. */
+/* Lower nodes that stand above those which drain to them, down the flow, but not below a floor (m). */
 HOST void carve_barriers(
-    int64_t rows, int64_t width,
-    int64_t count, /* of nodes in the order of flow */
-    double spacing, /* m */
-    const double lowest[restrict rows][width], /* the floor, m */
-    double reals[restrict 11][rows][width], int32_t integers[restrict 6][rows][width],
-    int8_t bytes[restrict 2][rows][width]);
+    const DrainageRasters *rasters, int64_t count, const double lowest[rasters->rows][rasters->width]);
 
 /* Move heights back towards those before the last routing: fewer channels change their course. */
-HOST void relax_heights(
-    int64_t rows, int64_t width, double reals[restrict 11][rows][width],
-    int8_t bytes[restrict 2][rows][width]);
+HOST void relax_heights(const DrainageRasters *rasters);
 
 /* Turn weights of nodes, 0 ... 1, into the shares that they have of drainage areas. */
 HOST void drainage_shares(
-    int64_t rows, int64_t width,
-    int64_t count, /* of nodes in the order of flow */
-    double weight[restrict rows][width], const double reals[restrict 11][rows][width],
-    const int32_t integers[restrict 6][rows][width]);
+    const DrainageRasters *rasters, int64_t count, double weight[restrict rasters->rows][rasters->width]);
 
 /* Find heights from which the ground falls away from outlets at a share of repose. */
 HOST void outlet_ramps(

@@ -195,13 +195,14 @@ void drain_cell(
 {
     static const double nothing = NAN;
     const int64_t size = (rows + 2) * (columns + 2), nodes = rows * columns, width = columns + 2;
-    const double spacing = finest * (double)(INT64_C(1) << cells->level), per_area = 1.0 / (finest * finest);
-    /* Reals, integers and bytes as in drainage.h. */
+    const double spacing = finest * (double)(INT64_C(1) << cells->level);
     double *reals = scratch[0][0], *uplift = reals + 15 * size;
     double *repose = uplift + nodes, *rain = repose + nodes, *base = rain + nodes;
-    void *integers = reals + 11 * size, *bytes = reals + 14 * size;
-    bool *domain = (bool *)bytes + 2 * size;
-    int32_t *course = (int32_t *)((int8_t *)bytes + 4 * size);
+    const DrainageRasters rasters = {
+        rows + 2, width, spacing, 1.0 / (finest * finest), reals, (void *)(reals + 11 * size),
+        (void *)(reals + 14 * size)};
+    bool *domain = (bool *)rasters.bytes + 2 * size;
+    int32_t *course = (int32_t *)(rasters.bytes + 4 * size);
     for (int64_t at = 0; at < nodes; at++) {
         int64_t node = (south + at / columns) * cells->columns + west + at % columns;
         domain[at] = cells->owner[node] == number;
@@ -213,18 +214,18 @@ void drain_cell(
     }
     const bool is_first = start_rows * start_columns == 0;
     pack_drainage(
-        rows, columns, is_first ? 1 : start_rows, is_first ? 1 : start_columns, (void *)uplift,
-        (void *)repose, (void *)rain, (void *)base, (void *)domain, course, (void *)base,
+        &rasters, is_first ? 1 : start_rows, is_first ? 1 : start_columns, (void *)uplift, (void *)repose,
+        (void *)rain, (void *)base, (void *)domain, course, (void *)base,
         is_first ? (const void *)&nothing : start, cells->row + south, cells->column + west, cells->level,
-        start_row, start_column, spacing, (void *)reals, integers, bytes);
+        start_row, start_column);
     if (is_first) {
         for (int64_t at = 0; at < size; at++)
             reals[at] = first_uplift;
-        run_drainage(rows + 2, width, first_rounds, spacing, per_area, (void *)reals, integers, bytes);
+        run_drainage(&rasters, first_rounds);
         for (int64_t at = 0; at < nodes; at++)
             reals[(at / columns + 1) * width + at % columns + 1] = uplift[at];
     }
-    run_drainage(rows + 2, width, rounds, spacing, per_area, (void *)reals, integers, bytes);
+    run_drainage(&rasters, rounds);
     double *areas = rain; /* which is not needed any more */
     for (int64_t i = 0; i < rows; i++)
         for (int64_t j = 0; j < columns; j++) {

@@ -1,4 +1,5 @@
-/* Parts of draped features, listed by the blocks of a square's texels that they may cover.
+/* What is painted: parts of draped features, listed by the blocks of a square's texels that they may cover;
+ * texels; the choice of labels.
  *
  * Lengths are in texels from the square's south-west corner, blocks are numbered by rows from the north-west.
  */
@@ -34,3 +35,19 @@ HOST void drape_pieces(
     int32_t pair[restrict most_pairs][3], /* block, item, piece; by items */
     int64_t count[restrict 2], /* of pieces and of pairs */
     double scratch[restrict points][2]);
+
+/* Multiply the three channels of texels by their share, the fourth one: round(c s / 255), 0 ... 255. */
+HOST void premultiply(
+    int64_t texels, const uint8_t texel[restrict texels][4], uint8_t result[restrict texels][4]);
+
+/* Choose labels in their order: those that neither overlap one placed before nor are near an equal one. */
+HOST void choose_labels(
+    int64_t candidates, int64_t labels, const int64_t order[restrict candidates],
+    const double box[restrict labels][4], /* west, south, east, north: px */
+    const int64_t label[restrict labels], /* equal for anchors of one label */
+    const int8_t state[restrict labels], /* 2: shown already, 1: fades out there, 0: neither */
+    int64_t most_shown,
+    double margin, /* between a label that appears and others, px */
+    double repeat, /* between the middles of equal labels, half of it once they are shown, px */
+    bool chosen[restrict labels],
+    int64_t placed[restrict candidates]); /* scratch */

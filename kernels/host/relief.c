@@ -4,9 +4,9 @@
 static const double STRETCH = 2.0; /* length of ranges over their width */
 static const double DEVIATION = 0.262; /* of the noise of ranges */
 /* Ranges beyond the sketch: distances (L) from its square where they begin and are as high as anywhere, their
- * width (L); how much of their height is relief, and how much their valleys rise. */
+ * width (L); how much of their height is relief. */
 static const double RANGES_FROM = 2.4, RANGES_FULL = 6.5, RANGE_WIDTH = 3.0;
-static const double RANGE_RELIEF = 0.65, RANGE_VALLEYS = 0.45;
+static const double RANGE_RELIEF = 0.65;
 enum { SKETCH_SIDE = 256 >> SITE_BITS }; /* L */
 
 /* Noise of joined, elongated shapes, their direction varying over the land; a swing per unit. */
@@ -55,8 +55,9 @@ static double range_at(const UpliftFields *fields, int64_t x, int64_t y)
     return smooth(far) * smooth(0.5 + 0.42 * above) * height * fields->range;
 }
 
-/* Relief (m) of ground above its valleys at a point, and the mountains' share. */
-static double relief_at(const UpliftFields *fields, int64_t column, int64_t row, double *restrict share)
+/* Relief (m) of ground above its valleys at a point, the share of mountains, and the height of ranges. */
+static double relief_at(
+    const UpliftFields *fields, int64_t column, int64_t row, double *restrict share, double *restrict range)
 {
     const uint64_t key = fields->key;
     double x = (double)column, y = (double)row, u = x * fields->ground_scale, v = y * fields->ground_scale;
@@ -83,7 +84,7 @@ static double relief_at(const UpliftFields *fields, int64_t column, int64_t row,
         double height = smooth(0.5 + 0.7 * above) * fields->hill;
         square += height * height;
     }
-    double beyond = range_at(fields, column, row);
+    double beyond = *range = range_at(fields, column, row);
     if (beyond > 0.0) {
         *share = greatest(*share, fields->range_rock * least(beyond / (0.6 * fields->range), 1.0));
         square += RANGE_RELIEF * beyond * RANGE_RELIEF * beyond;
@@ -91,53 +92,12 @@ static double relief_at(const UpliftFields *fields, int64_t column, int64_t row,
     return sqrt(square);
 }
 
-void relief_at_vertices(
-    const UpliftFields *fields, int64_t rows, int64_t columns,
-    const int64_t centre[restrict rows][columns][2][2], double relief[restrict rows][columns][2])
+void relief_at_points(
+    const UpliftFields *fields, int64_t points, const int64_t point[restrict points][2],
+    double relief[restrict points], double share[restrict points], double beyond[restrict points])
 {
-    double share;
-    for (int64_t j = 0; j < rows; j++)
-        for (int64_t i = 0; i < columns; i++)
-            for (int64_t half = 0; half < 2; half++)
-                relief[j][i][half] = relief_at(fields, centre[j][i][half][0], centre[j][i][half][1], &share);
-}
-
-void valley_rise(
-    const UpliftFields *fields, int64_t rows, int64_t columns,
-    const int64_t centre[restrict rows][columns][2][2], double rise[restrict rows][columns][2])
-{
-    for (int64_t j = 0; j < rows; j++)
-        for (int64_t i = 0; i < columns; i++)
-            for (int64_t half = 0; half < 2; half++)
-                rise[j][i][half] =
-                    RANGE_VALLEYS * range_at(fields, centre[j][i][half][0], centre[j][i][half][1]);
-}
-
-void relief_at_sites(
-    const UpliftFields *fields, int64_t column, int64_t row, int64_t rows, int64_t columns,
-    const double x[restrict rows][columns], const double y[restrict rows][columns],
-    double relief[restrict rows][columns])
-{
-    double share;
-    for (int64_t j = 0; j < rows; j++)
-        for (int64_t i = 0; i < columns; i++) {
-            int64_t east = (column + i) * UNIT + (int64_t)floor(x[j][i] * UNIT);
-            int64_t north = (row + j) * UNIT + (int64_t)floor(y[j][i] * UNIT);
-            relief[j][i] = relief_at(fields, east, north, &share);
-        }
-}
-
-/* Mesh units from node to node of a level. */
-static int64_t node_spacing(int64_t level) { return INT64_C(1) * SIDE << level; }
-
-void relief_at_nodes(
-    const UpliftFields *fields, int64_t level, int64_t column, int64_t row, int64_t rows, int64_t columns,
-    double relief[restrict rows][columns], double share[restrict rows][columns])
-{
-    const int64_t step = node_spacing(level);
-    for (int64_t j = 0; j < rows; j++)
-        for (int64_t i = 0; i < columns; i++)
-            relief[j][i] = relief_at(fields, (column + i) * step, (row + j) * step, &share[j][i]);
+    for (int64_t k = 0; k < points; k++)
+        relief[k] = relief_at(fields, point[k][0], point[k][1], &share[k], &beyond[k]);
 }
 
 void interpolated_nodes(
@@ -167,7 +127,7 @@ void roughened_uplift(
     const double relief[restrict rows][columns], double uplift[restrict rows][columns],
     double scratch[restrict columns])
 {
-    const int64_t step = node_spacing(level);
+    const int64_t step = INT64_C(1) * SIDE << level;
     for (int64_t j = 0; j < rows; j++) {
         for (int64_t i = 0; i < columns; i++)
             scratch[i] = 0.0;
@@ -185,12 +145,11 @@ void mean_ground(
     int64_t rows, int64_t columns, double height[restrict rows][columns],
     double share[restrict rows][columns])
 {
-    const int64_t step = node_spacing(level);
+    const int64_t step = INT64_C(1) * SIDE << level;
     for (int64_t j = 0; j < rows; j++)
         for (int64_t i = 0; i < columns; i++) {
             int64_t x = (column + i) * step, y = (row + j) * step;
-            double relief = relief_at(fields, x, y, &share[j][i]);
-            height[j][i] =
-                base_level(mesh, x, y) + 0.85 * relief + 0.6 * RANGE_VALLEYS * range_at(fields, x, y);
+            double beyond, relief = relief_at(fields, x, y, &share[j][i], &beyond);
+            height[j][i] = base_level(mesh, x, y) + 0.85 * relief + 0.6 * RANGE_VALLEYS * beyond;
         }
 }

@@ -6,6 +6,8 @@
 
 #include "mesh.h"
 
+#define RANGE_VALLEYS 0.45 /* what ranges beyond the sketch raise valleys by, over their height */
+
 /* Lengths in mesh units. */
 typedef struct {
     uint64_t key;
@@ -25,30 +27,12 @@ typedef struct {
     double range_rock; /* 0 … 1 */
 } UpliftFields;
 
-/* Relief (m) at vertices. */
-HOST void relief_at_vertices(
-    const UpliftFields *fields, int64_t rows, int64_t columns,
-    const int64_t centre[restrict rows][columns][2][2],
-    double relief[restrict rows][columns][2]); /* m */
-
-/* What ranges beyond the sketch raise valleys by, at vertices. */
-HOST void valley_rise(
-    const UpliftFields *fields, int64_t rows, int64_t columns,
-    const int64_t centre[restrict rows][columns][2][2],
-    double rise[restrict rows][columns][2]); /* m */
-
-/* Relief at sites, from site (column, row) on, by their offsets. */
-HOST void relief_at_sites(
-    const UpliftFields *fields, int64_t column, int64_t row, int64_t rows, int64_t columns,
-    const double x[restrict rows][columns], /* L */
-    const double y[restrict rows][columns], /* L */
-    double relief[restrict rows][columns]); /* m */
-
-/* Relief and the mountains' share at nodes of a level, from node (column, row) on. */
-HOST void relief_at_nodes(
-    const UpliftFields *fields, int64_t level, int64_t column, int64_t row, int64_t rows, int64_t columns,
-    double relief[restrict rows][columns], /* m */
-    double share[restrict rows][columns]); /* 0 … 1 */
+/* Relief, the mountains' share, and the height of ranges beyond the sketch, at points. */
+HOST void relief_at_points(
+    const UpliftFields *fields, int64_t points, const int64_t point[restrict points][2], /* x and y */
+    double relief[restrict points], /* m */
+    double share[restrict points], /* 0 … 1 */
+    double beyond[restrict points]); /* m */
 
 /* Bilinear interpolation of nodes 2^bits nodes apart, whose first one is at or before node (column, row). */
 HOST void interpolated_nodes(

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -227,11 +227,18 @@ def _halved(first: int, count: int) -> tuple[int, int]:
     return max((first + count - 1) // 2 - half + 1, 0), half
 
 
-class LevelSolver:
-    """The state of one level between rounds, on rasters with a margin of one node outside of the domain.
+class DrainageRasters(NamedTuple):
+    """A level with a margin of one node; ``kernels/host/drainage.h`` says what the planes hold."""
 
-    What their planes hold is said in ``kernels/host/drainage.h``.
-    """
+    spacing: float
+    per_area: float
+    reals: Float64Array
+    integers: Int32Array
+    bytes: npt.NDArray[np.int8]
+
+
+class LevelSolver:
+    """The state of one level between rounds."""
 
     def __init__(
         self,
@@ -242,13 +249,9 @@ class LevelSolver:
         onto: Float64Array | None = None,
     ) -> None:
         shape = source.base.shape[0] + 2, source.base.shape[1] + 2
-        self._spacing, self._per_area = cell * 2.0**source.level, 1.0 / (cell * cell)
-        reals, integers, bytes_ = (
-            np.empty((11, *shape)),
-            np.empty((6, *shape), np.int32),
-            np.empty((2, *shape), np.int8),
-        )
-        self._arrays = reals, integers, bytes_
+        planes = np.empty((11, *shape)), np.empty((6, *shape), np.int32), np.empty((2, *shape), np.int8)
+        self._rasters = DrainageRasters(cell * 2.0**source.level, 1.0 / (cell * cell), *planes)
+        reals, integers, bytes_ = planes
         self._uplift, self._height, self._area, self._previous = reals[0], *reals[5:8]
         self._receiver, self._kind = integers[1], bytes_[0]
         if drained is None or coarser is None:
@@ -256,9 +259,9 @@ class LevelSolver:
         else:
             start, start_origin = _double(drained.height), coarser.origin
         packed = _packed(source)
-        place = *source.origin, source.level, *start_origin, self._spacing
+        place = *source.origin, source.level, *start_origin
         first = packed[3] if onto is None else _double(onto)
-        if not host_function("pack_drainage")(*packed, first, start, *place, *self._arrays):
+        if not host_function("pack_drainage")(self._rasters, *packed, first, start, *place):
             raise ValueError("a course must lead to one of a node's eight neighbours")
         if source.least is not None:
             reals[3][_INNER] = source.least
@@ -271,13 +274,13 @@ class LevelSolver:
 
     def run(self, rounds: int) -> None:
         """Route and integrate some times."""
-        host_function("run_drainage")(rounds, self._spacing, self._per_area, *self._arrays)
+        host_function("run_drainage")(self._rasters, rounds)
 
     def route(self) -> None:
         """Find receivers and drainage areas."""
         if self._ground is not None:
             self._height += self._ground
-        self._count = host_function("route_drainage")(*self._arrays)
+        self._count = host_function("route_drainage")(self._rasters)
         if self._ground is not None:
             self._height -= self._ground
             self._previous[:] = self._height
@@ -287,33 +290,33 @@ class LevelSolver:
         row, column = np.divmod(receiver, receiver.shape[1])
         packed = np.where(receiver >= 0, (row + 1) * self._height.shape[1] + column + 1, -1)
         self._receiver[_INNER] = packed
-        self._count = host_function("accumulate_drainage")(*self._arrays)
+        self._count = host_function("accumulate_drainage")(self._rasters)
 
     def integrate(self) -> None:
         """Build heights on the present network, none much above a neighbour."""
         self._build()
-        host_function("limit_slopes")(self._spacing, *self._arrays)
+        host_function("limit_slopes")(self._rasters)
 
     def _build(self) -> None:
-        host_function("integrate_drainage")(self._count, self._spacing, self._per_area, *self._arrays)
+        host_function("integrate_drainage")(self._rasters, self._count)
 
     def settle(self) -> None:
         """Build the heights that belong to the receivers as they are after the last round."""
-        self._count = host_function("accumulate_drainage")(*self._arrays)
+        self._count = host_function("accumulate_drainage")(self._rasters)
         self._build()
 
     def carve(self) -> None:
         """Cut through what stands above the nodes that drain to it, down to the ground if there is one."""
-        host_function("sink_courses")(*self._arrays)
+        host_function("sink_courses")(self._rasters)
         floor = np.full(self._height.shape, -np.inf)
         if self._ground is not None:
             floor = self._ground
             self._height += self._ground
-        host_function("carve_barriers")(self._count, self._spacing, floor, *self._arrays)
+        host_function("carve_barriers")(self._rasters, self._count, floor)
         if self._ground is not None:
             self._height -= self._ground
-        host_function("limit_slopes")(self._spacing, *self._arrays)
-        self._count = host_function("accumulate_drainage")(*self._arrays)
+        host_function("limit_slopes")(self._rasters)
+        self._count = host_function("accumulate_drainage")(self._rasters)
 
     def heights(self, uplift: Float64Array) -> Float64Array:
         """Return the heights (m) of nodes on the present network with an uplift."""
@@ -326,12 +329,12 @@ class LevelSolver:
     def shares_from(self, inside: Float64Array) -> Float64Array:
         """Return the share of each node's drainage area that lies inside a region, (rows, columns)."""
         weight = np.pad(_double(inside), 1)
-        host_function("drainage_shares")(self._count, weight, *self._arrays[:2])
+        host_function("drainage_shares")(self._rasters, self._count, weight)
         return weight[_INNER]
 
     def relax(self) -> None:
         """Move heights back towards those before the last routing."""
-        host_function("relax_heights")(self._arrays[0], self._arrays[2])
+        host_function("relax_heights")(self._rasters)
 
     def set_uplift(self, uplift: Float64Array) -> None:
         """Take another uplift."""

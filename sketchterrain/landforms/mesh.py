@@ -23,8 +23,8 @@ from sketchterrain.io.resources import kernel_constants
 
 SITE_BITS, _UNIT_BITS = (int(bits) for bits in kernel_constants("host/mesh.h", "SITE_BITS", "UNIT_BITS"))
 """Bits of the nodes of level 0, and of the mesh units, along the spacing of sites."""
-SIDE = 1 << (_UNIT_BITS - SITE_BITS)
-"""Mesh units between nodes of level 0."""
+SIDE, UNIT = 1 << (_UNIT_BITS - SITE_BITS), 1 << _UNIT_BITS
+"""Mesh units between nodes of level 0, and along the spacing of sites."""
 
 CORNER_X, CORNER_Y = np.array([0, 1, 1, 0]), np.array([0, 0, 1, 1])
 """Corners of quads: south-west, south-east, north-east, north-west."""

@@ -18,7 +18,8 @@ from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.document.label_layers import labels_in
 from sketchterrain.geometry.hashing import hash_keys, rounded
 from sketchterrain.host.library import host_function
-from sketchterrain.landforms.mesh import SIDE, MeshParameters
+from sketchterrain.io.resources import kernel_constants
+from sketchterrain.landforms.mesh import SIDE, UNIT, MeshParameters
 from sketchterrain.landforms.placement.feature_types import TYPES
 from sketchterrain.landforms.placement.heights import unpainted_height
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 _KAPPA = 3.3  # height of ridges above valleys over uplift and r0, in cells of the mesh
 _ARID, _PEDIMENTS = 0.5, 4.0  # aridity from which ground is more uneven and more level, and how fast
 _DEVIATION = 0.262  # of the noise of ranges
+(_RANGE_VALLEYS,) = kernel_constants("host/relief.h", "RANGE_VALLEYS")
 _RANGE_SHARE = 0.5  # of the land beyond the sketch
 _LOW_RANGES, _LOW_SLOPE = 150.0, 0.03  # m, and over the extent: height around level sketches
 _RANGE_SLOPE = 0.12  # greatest height over the extent
@@ -157,27 +159,27 @@ def uplift_fields(settings: UnpaintedSettings) -> UpliftFields:
     )
 
 
-def vertex_relief(fields: UpliftFields, centre: Int64Array) -> Float64Array:
-    """Return the relief (m) at vertices, of shape (rows, columns, 2)."""
-    relief = np.empty(centre.shape[:3])
-    host_function("relief_at_vertices")(fields, centre, relief)
-    return relief
-
-
-def valley_rise(fields: UpliftFields, centre: Int64Array) -> Float64Array:
-    """Return what ranges beyond the sketch raise valleys by (m), at vertices (rows, columns, 2)."""
-    rise = np.empty(centre.shape[:3])
-    host_function("valley_rise")(fields, centre, rise)
-    return rise
+def relief_at(fields: UpliftFields, points: Int64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return relief (m), the mountains' share, and what ranges raise valleys by (m), at points (…, 2)."""
+    found = np.empty((3, *points.shape[:-1]))
+    relief, share, beyond = found.reshape(3, -1)
+    host_function("relief_at_points")(fields, points.reshape(-1, 2), relief, share, beyond)
+    return found[0], found[1], _RANGE_VALLEYS * found[2]
 
 
 def site_relief(
     fields: UpliftFields, column: int, row: int, x: Float64Array, y: Float64Array
 ) -> Float64Array:
     """Return the relief (m) at sites by their offsets (L)."""
-    relief = np.empty(x.shape)
-    host_function("relief_at_sites")(fields, column, row, x, y, relief)
-    return relief
+    offset = np.floor(UNIT * np.stack([x, y], axis=-1)).astype(np.int64)
+    return relief_at(fields, _grid(UNIT * column, UNIT * row, UNIT, x.shape) + offset)[0]
+
+
+def _grid(west: int, south: int, step: int, shape: tuple[int, ...]) -> Int64Array:
+    """Return x and y of a grid of points, (rows, columns, 2)."""
+    rows, columns = shape
+    x, y = np.meshgrid(west + step * np.arange(columns), south + step * np.arange(rows))
+    return np.stack([x, y], axis=-1)
 
 
 def relief_raster(
@@ -192,8 +194,8 @@ def relief_raster(
             ((row + rows - 1) >> bits) - first_row + 2,
             ((column + columns - 1) >> bits) - first_column + 2,
         )
-    relief, share = np.empty(shape), np.empty(shape)
-    host_function("relief_at_nodes")(fields, level + bits, first_column, first_row, relief, share)
+    step = SIDE << (level + bits)
+    relief, share, _ = relief_at(fields, _grid(step * first_column, step * first_row, step, shape))
     if not bits:
         return relief, share
     fine = np.empty((rows, columns)), np.empty((rows, columns))

@@ -212,7 +212,7 @@ class UnpaintedGround:
         x, y, diagonal = meshes.lattice_sites(self.mesh, *first, count, count)
         centre, probe = mesh_vertices.vertices(*first, x, y, diagonal)
         plain = relief_fields.uplift_fields(self.settings.painted)  # ranges beyond the sketch come last
-        relief = relief_fields.vertex_relief(plain, centre)
+        relief, _, _ = relief_fields.relief_at(plain, centre)
         level, course = mesh_vertices.receivers(self.mesh, diagonal, probe, relief)
         metres = self.settings.spacing / SIDE
         slopes = self.mesh.fall, self.fields.per_relief, _SLOPE_CAP, metres
@@ -232,9 +232,8 @@ class UnpaintedGround:
         )
         core, inner = slice(margin, margin + size), slice(reach, reach + size)
         if self.settings.surroundings > 0.0:
-            rise = relief_fields.valley_rise(self.fields, at_vertices[1])
+            relief[near, near], _, rise = relief_fields.relief_at(self.fields, at_vertices[1])
             low, receiver = mesh_vertices.raised(*at_vertices, low, receiver, rise, metres)
-            relief[core, core] = relief_fields.vertex_relief(self.fields, centre[core, core].copy())
         return (
             low[inner, inner].copy(),
             receiver[inner, inner].copy(),

@@ -5,7 +5,7 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 
-from sketchterrain.benchmarks.host_drainage import empty_raster
+from sketchterrain.benchmarks.host_drainage import empty_rasters
 from sketchterrain.host.library import host_function
 
 SPACING, PER_AREA, LEAST_SLOPE = 20.0, 1.0 / 400.0, 2.0**-13
@@ -22,11 +22,11 @@ def source(shape, seed=0):
     return uplift, repose, 400.0 * rain, base, np.ones(shape, np.bool_), np.full(base.size, -1, np.int32)
 
 
-def pack(packed, onto=None, start=None, place=(0, 0, 0, 0, 0), arrays=None):
-    arrays = arrays or empty_raster(*packed[0].shape)
+def pack(packed, onto=None, start=None, place=(0, 0, 0, 0, 0)):
+    rasters = empty_rasters(*packed[0].shape)
     onto = packed[3] if onto is None else onto
     start = np.full((1, 1), np.nan) if start is None else start
-    return host_function("pack_drainage")(*packed, onto, start, *place, SPACING, *arrays), arrays
+    return host_function("pack_drainage")(rasters, *packed, onto, start, *place), rasters
 
 
 def level(shape, seed=0, *, courses=()):
@@ -37,9 +37,9 @@ def level(shape, seed=0, *, courses=()):
         packed[4].flat[list(course)] = True
         packed[5][list(course[:-1])] = course[1:]
     onto = np.random.default_rng(seed + 1).integers(0, 9, shape).astype(np.float64)
-    right, arrays = pack(packed, onto)
+    right, rasters = pack(packed, onto)
     assert right
-    return arrays
+    return rasters
 
 
 def hashed_unit(row, column, level):
@@ -56,7 +56,7 @@ def hashed_unit(row, column, level):
 def test_packed_level_starts_from_noise(shape):
     packed = source(shape)
     packed[4][-1, -1] = False
-    right, (reals, integers, kinds) = pack(packed, place=(-5, 8, 2, 0, 0))
+    right, (*_, reals, integers, kinds) = pack(packed, place=(-5, 8, 2, 0, 0))
     inside = np.pad(packed[4], 1)
     lowest = np.nanmin(np.where(packed[4], packed[3], np.nan)) if packed[4][:, 0].any() else 0.0
     noise = [[hashed_unit(i - 5, j + 8, 2) for j in range(shape[1])] for i in range(shape[0])]
@@ -77,14 +77,14 @@ def test_packed_level_starts_from_the_coarser_one():
     packed[3][:] = np.nan
     row, column = np.mgrid[:7, :8].astype(np.float64)
     start = 3.0 + 10.0 * row + 2.0 * column
-    _, (reals, _, _) = pack(packed, start=start, place=(4, -6, 0, 1, -4))
+    _, (*_, reals, _, _) = pack(packed, start=start, place=(4, -6, 0, 1, -4))
     fine = np.mgrid[4 - 2 : 4 - 2 + 9, -6 + 8 : -6 + 8 + 11] / 2.0
     plane = 3.0 + 10.0 * fine[0] + 2.0 * fine[1]
     moved = np.abs(reals[5][1:-1, 1:-1] - plane)
     assert 1.0 < moved.max() <= 6.0
     start[3:, :] = np.nan
     onto = np.full((9, 11), 100.0)
-    _, (raised, _, _) = pack(packed, onto, start, (4, -6, 0, 1, -4))
+    _, (*_, raised, _, _) = pack(packed, onto, start, (4, -6, 0, 1, -4))
     beyond = fine[0] > 3.6
     assert beyond.any()
     assert (raised[5][1:-1, 1:-1][beyond] == 100.0).all()
@@ -101,7 +101,7 @@ def test_course_must_lead_to_a_neighbour():
 
 def test_course_with_an_open_end_falls():
     course = [10, 16, 22, 28]
-    reals, integers, kinds = level((6, 6), courses=[course])
+    reals, integers, kinds = level((6, 6), courses=[course])[2:]
     nodes = [(at // 6 + 1) * 8 + at % 6 + 1 for at in course]
     assert np.array_equal(integers[0].ravel()[nodes[:-1]], nodes[1:])
     assert kinds[0].ravel()[nodes[-1]] == OPEN_END
@@ -164,11 +164,11 @@ def flow_oracle(height, kind, rain):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_water_leaves_hollows_through_the_minimum_spanning_tree_of_basins(seed):
-    arrays = level((9, 12), seed)
-    reals, integers, kinds = arrays
+    rasters = level((9, 12), seed)
+    reals, integers, kinds = rasters[2:]
     kinds[0][reals[5] == np.inf] = 0
     assert np.isfinite(reals[5][kinds[0] > 0]).all()
-    count = host_function("route_drainage")(*arrays)
+    count = host_function("route_drainage")(rasters)
     to, area = flow_oracle(reals[5], kinds[0], reals[2])
     assert np.array_equal(integers[1], to)
     np.testing.assert_allclose(reals[6], area, rtol=1e-12)
@@ -179,7 +179,7 @@ def test_water_leaves_hollows_through_the_minimum_spanning_tree_of_basins(seed):
     place = dict(zip(order[position], position, strict=True))
     assert all(place[at] < place[to.flat[at]] for at in order if to.flat[at] >= 0)
     before = reals[6].copy()
-    assert host_function("accumulate_drainage")(*arrays) == count
+    assert host_function("accumulate_drainage")(rasters) == count
     np.testing.assert_allclose(reals[6], before, rtol=1e-12)
 
 
@@ -187,40 +187,40 @@ def test_water_leaves_hollows_through_the_minimum_spanning_tree_of_basins(seed):
 def test_level_without_outlets_keeps_one_pit(shape):
     packed = source(shape)
     packed[3][:] = np.nan
-    arrays = pack(packed)[1]
-    assert host_function("route_drainage")(*arrays) == packed[3].size
-    assert (arrays[1][1][1:-1, 1:-1] < 0).sum() == 1
-    host_function("run_drainage")(2, SPACING, PER_AREA, *arrays)
-    assert np.isfinite(arrays[0][5][1:-1, 1:-1]).all()
+    rasters = pack(packed)[1]
+    assert host_function("route_drainage")(rasters) == packed[3].size
+    assert (rasters.integers[1][1:-1, 1:-1] < 0).sum() == 1
+    host_function("run_drainage")(rasters, 2)
+    assert np.isfinite(rasters.reals[5][1:-1, 1:-1]).all()
 
 
 def test_course_into_a_pit_is_released_and_stays():
     """What drains to an open end leaves its basin, and crosses no course."""
     courses = [[57, 58, 59], [70, 83, 96]]
     for seed in range(5):
-        arrays = level((9, 13), seed, courses=courses)
-        host_function("run_drainage")(3, SPACING, PER_AREA, *arrays)
-        to, kind = arrays[1][1].ravel(), arrays[2][0].ravel()
+        rasters = level((9, 13), seed, courses=courses)
+        host_function("run_drainage")(rasters, 3)
+        to, kind = rasters.integers[1].ravel(), rasters.bytes[0].ravel()
         for course in courses:
             nodes = [(at // 13 + 1) * 15 + at % 13 + 1 for at in course]
             assert [int(to[at]) for at in nodes[:-1]] == nodes[1:]
             at = nodes[-1]
             for _ in range(to.size):
                 at = to[at] if to[at] >= 0 else at
-            assert kind[at] == OUTLET or not (arrays[2][0] == OUTLET)[1:-1, 1:-1].any()
+            assert kind[at] == OUTLET or not (rasters.bytes[0] == OUTLET)[1:-1, 1:-1].any()
 
 
 def built(shape, seed=0, courses=()):
-    arrays = level(shape, seed, courses=courses)
-    arrays[0][4] = np.where(
-        arrays[2][0] > 0, np.random.default_rng(seed).random(arrays[0][4].shape) - 0.5, 0.0
+    rasters = level(shape, seed, courses=courses)
+    rasters.reals[4] = np.where(
+        rasters.bytes[0] > 0, np.random.default_rng(seed).random(rasters.reals[4].shape) - 0.5, 0.0
     )
-    return host_function("route_drainage")(*arrays), arrays
+    return host_function("route_drainage")(rasters), rasters
 
 
 def test_heights_are_built_from_slopes_of_areas():
-    count, arrays = built((9, 12), courses=[[29, 28, 27]])
-    reals, integers, kinds = arrays
+    count, rasters = built((9, 12), courses=[[29, 28, 27]])
+    reals, integers, kinds = rasters[2:]
     reals[3][4, 4] = 500.0
     uplift, repose, rain, lowest, strata, height, area = (each.ravel() for each in reals[:7])
     s = uplift / np.maximum((area - 0.5 * rain) * PER_AREA, 1e-9) ** 0.375
@@ -237,15 +237,15 @@ def test_heights_are_built_from_slopes_of_areas():
             hard = np.clip(0.5 + 2.0 * (abs(2.0 * (layer % 1.0) - 1.0) - 0.5), 0.0, 1.0)
             up *= 1.0 + strata[at] * (0.7 * hard - 0.65 * (1.0 - hard))
         expected[at] = max(expected[to] + up, lowest[at])
-    host_function("integrate_drainage")(count, SPACING, PER_AREA, *arrays)
+    host_function("integrate_drainage")(rasters, count)
     np.testing.assert_allclose(reals[5].ravel(), expected, rtol=1e-9)
     assert kinds[0][4, 4] != INNER or reals[5][4, 4] >= 500.0
 
 
 def test_slopes_are_limited_in_sweeps():
-    count, arrays = built((9, 12), 3, courses=[[29, 28, 27]])
-    reals, integers, kinds = arrays
-    host_function("integrate_drainage")(count, SPACING, PER_AREA, *arrays)
+    count, rasters = built((9, 12), 3, courses=[[29, 28, 27]])
+    reals, integers, kinds = rasters[2:]
+    host_function("integrate_drainage")(rasters, count)
     reals[5][kinds[0] == INNER] *= 3.0
     height, to = reals[5].copy(), integers[1].copy()
     rise = SPACING * np.maximum(reals[1] * (1.0 + (1.7 - 1.0) * reals[4]), LEAST_SLOPE)
@@ -260,7 +260,7 @@ def test_slopes_are_limited_in_sweeps():
                 if z < height[i, j]:
                     height[i, j], to[i, j] = z, p * 14 + q
     free = integers[0] < 0
-    host_function("limit_slopes")(SPACING, *arrays)
+    host_function("limit_slopes")(rasters)
     unmoved = free & (kinds[0] == INNER)
     np.testing.assert_array_equal(integers[1][unmoved], to[unmoved])
     np.testing.assert_allclose(reals[5][unmoved], height[unmoved], rtol=1e-12)
@@ -268,10 +268,10 @@ def test_slopes_are_limited_in_sweeps():
 
 def test_courses_sink_to_the_lowest_ground_beside_them():
     course = [40, 39, 38, 37]
-    arrays = level((7, 12), courses=[course])
-    reals, integers, kinds = arrays
+    rasters = level((7, 12), courses=[course])
+    reals, integers, kinds = rasters[2:]
     before = reals[5].copy()
-    host_function("sink_courses")(*arrays)
+    host_function("sink_courses")(rasters)
     nodes = [(at // 12 + 1) * 14 + at % 12 + 1 for at in course]
     on_course = np.isin(np.arange(before.size), nodes).reshape(before.shape)
     assert np.array_equal(reals[5][~on_course], before[~on_course])
@@ -283,8 +283,8 @@ def test_courses_sink_to_the_lowest_ground_beside_them():
 
 
 def test_barriers_are_carved_down_to_a_floor():
-    count, arrays = built((9, 12), 2)
-    reals, integers, kinds = arrays
+    count, rasters = built((9, 12), 2)
+    reals, integers, kinds = rasters[2:]
     floor = np.where(np.indices(reals[5].shape)[0] < 5, 2.0, -np.inf)
     expected = reals[5].ravel().copy()
     for at in integers[2].ravel()[:count]:
@@ -292,25 +292,26 @@ def test_barriers_are_carved_down_to_a_floor():
         if to >= 0 and kinds[0].flat[to] & 1:
             expected[to] = min(expected[to], max(expected[at] - LEAST_SLOPE * SPACING, floor.flat[to]))
     assert (expected < reals[5].ravel()).any()
-    host_function("carve_barriers")(count, SPACING, floor, *arrays)
+    host_function("carve_barriers")(rasters, count, floor)
     assert np.array_equal(reals[5].ravel(), expected)
 
 
 def test_relaxed_heights_lie_between():
-    arrays = built((5, 6))[1]
-    reals, _, kinds = arrays
+    rasters = built((5, 6))[1]
+    reals, _, kinds = rasters[2:]
     reals[5] += 3.0
     expected = np.where(kinds[0] & 1, reals[7] + 1.5, reals[5])
-    host_function("relax_heights")(reals, kinds)
+    host_function("relax_heights")(rasters)
     assert np.array_equal(reals[5], expected)
 
 
 def test_shares_of_areas_add_up():
-    count, (reals, integers, kinds) = built((9, 12), 1)
+    count, rasters = built((9, 12), 1)
+    kinds = rasters.bytes
     parts = np.random.default_rng(0).random((2, *kinds[0].shape)) * (kinds[0] > 0)
     parts[1] = (1.0 - parts[0]) * (kinds[0] > 0)
     for part in parts:
-        host_function("drainage_shares")(count, part, reals, integers)
+        host_function("drainage_shares")(rasters, count, part)
     np.testing.assert_allclose(parts.sum(0)[kinds[0] > 0], 1.0)
     assert (parts >= 0.0).all()
 

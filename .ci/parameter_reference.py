@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from sketchterrain.document.drapes import CLASS, DRAPE, EDIT, MAX_CLASSES, MAX_DRAPES, STYLE
+from sketchterrain.document.drapes import CLASS, DRAPE, MAX_CLASSES, MAX_DRAPES, STYLE
 from sketchterrain.document.edits import ACTIONS
 from sketchterrain.document.material_rules import (
     DEFAULT_RULES,
@@ -101,14 +101,9 @@ def _drapes() -> str:
         f"A style for features with a value of the property `by`, at most {MAX_CLASSES}: `value` and any "
         "keys of the style; the others are the layer's."
     )
-    about_edits = (
-        "A feature that has changed and is not yet saved to its file: `geometry` or `deleted = true`, and "
-        "`properties`, a table with all of its properties."
-    )
     sections = (
         _section("`[[drape]]`", text, {**DRAPE, **STYLE}),
         _section("`[[drape.class]]`", about_classes, {"value": CLASS["value"]}),
-        _section("`[[drape.edit]]`", about_edits, EDIT),
     )
     return "\n".join(sections)
 

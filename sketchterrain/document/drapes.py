@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -10,9 +11,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
+import numpy as np
+
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.rasters import RASTER, RasterSource, content_hash, raster_problem
 from sketchterrain.errors import InputError, check_keys, check_tables, format_value, one_line
+from sketchterrain.features.sketch_file import EDITS, decode_table, encode_table
+from sketchterrain.features.table import Column
 from sketchterrain.io.files import too_large, wrap_read_errors
 from sketchterrain.schema.parameters import (
     FRAME,
@@ -30,8 +35,8 @@ MAX_DRAPES: Final = 64
 """The most draped layers of a sketch."""
 MAX_CLASSES: Final = 256
 """The most classes of a layer."""
-MAX_EDIT_BYTES: Final = 5 << 20
-"""The most bytes of all edits of features in a sketch, which are stored as text."""
+MAX_EDIT_BYTES: Final = 16 << 20
+"""The most bytes of all edits of features in a sketch."""
 BLENDS: Final = ("normal", "multiply", "screen", "add")
 
 _COLOUR: Final = LOOK["colour"]
@@ -97,12 +102,7 @@ CLASS: Final = parameter_table(
 )
 """Keys of ``[[drape.class]]``."""
 
-EDIT: Final = parameter_table(
-    Parameter("id", int, 0, 0, 2**63 - 1, "", "of the feature in the file; others are new features"),
-    Parameter("geometry", str, "", 0, 1 << 24, "characters", "as WKT, in metres of the sketch"),
-)
-"""Keys of ``[[drape.edit]]`` besides ``deleted = true``, in place of a geometry, and ``properties``."""
-
+_ID: Final = Parameter("id", int, 0, 0, 2**63 - 1, "", "of the feature in the file; others are new features")
 _LITTLE_ENDIAN: Final = 1
 _SHAPES: Final = (0, 1, 3, 4, 5, 6)  # shapely's type ids of points, lines and areas, single or several
 _ROOM: Final = 64  # bytes of an edit's objects
@@ -141,7 +141,7 @@ class FeatureEdit:
     properties: tuple[tuple[str, int | float | str | None], ...] = ()
 
     def __post_init__(self) -> None:
-        EDIT["id"].check(self.id, "drape.edit.id")
+        _ID.check(self.id, "drape.edit.id")
         if self.geometry:
             object.__setattr__(self, "geometry", _checked_geometry(self.geometry))
         given = {name: _checked_property(name, value) for name, value in self.properties}
@@ -154,14 +154,6 @@ class FeatureEdit:
         return (
             _ROOM + len(self.geometry) + sum(len(name) + len(str(value)) for name, value in self.properties)
         )
-
-    @property
-    def text(self) -> str:
-        """Its geometry as WKT, with some vertices a line."""
-        import shapely
-
-        parts = shapely.to_wkt(shapely.from_wkb(self.geometry), rounding_precision=-1).split(", ")
-        return ",\n".join(", ".join(parts[at : at + 3]) for at in range(0, len(parts), 3))
 
     def moved(self, change: Callable[[Float64Array], Float64Array]) -> FeatureEdit:
         """Return it with changed coordinates (n, 2)."""
@@ -303,10 +295,7 @@ def class_value(value: int | float | str | None) -> str:
 
 
 def check_drapes(drapes: Iterable[object]) -> tuple[DrapedLayer, ...]:
-    """Return a sketch's draped layers, from the lowest to the highest; raise InputError if they are too many.
-
-    Edits are limited too: they are stored as text.
-    """
+    """Return draped layers, from the lowest up; raise InputError for too many, or too large edits."""
     checked = check_items(DrapedLayer, drapes, "draped layers", most=MAX_DRAPES)
     if sum(edit.nbytes for layer in checked for edit in layer.edits.values()) > MAX_EDIT_BYTES:
         raise too_large("edits of draped layers that are not yet saved to their files", MAX_EDIT_BYTES)
@@ -334,7 +323,8 @@ def parse_drape(table: Mapping[str, object]) -> DrapedLayer:
 
 
 def _parse_edit(table: Mapping[str, Any]) -> FeatureEdit:
-    check_keys(table, [*EDIT, "deleted", "properties"], "[[drape.edit]]")
+    """Return an edit of a file of format 1 or 2, with its geometry as WKT."""
+    check_keys(table, ["id", "geometry", "deleted", "properties"], "[[drape.edit]]")
     if ("geometry" in table) == ("deleted" in table) or table.get("deleted", True) is not True:
         raise InputError("[[drape.edit]]: expected either a geometry or deleted = true")
     properties = table.get("properties", {})
@@ -345,10 +335,43 @@ def _parse_edit(table: Mapping[str, Any]) -> FeatureEdit:
         import shapely
 
         try:
-            geometry = shapely.to_wkb(shapely.from_wkt(str(EDIT["geometry"].check(table["geometry"]))))
-        except shapely.errors.GEOSException as error:
+            geometry = shapely.to_wkb(shapely.from_wkt(table["geometry"]))
+        except (shapely.errors.GEOSException, TypeError) as error:
             raise InputError(f"drape.edit.geometry: expected WKT ({one_line(error)[:80]})") from None
     return FeatureEdit(number, geometry, tuple(properties.items()))  # type: ignore[arg-type] # it checks it
+
+
+def encode_edits(drapes: Sequence[DrapedLayer]) -> bytes:
+    """Return the edits of layers as a FlatGeobuf file in metres of the sketch; a deleted one has no geometry.
+
+    Columns are ``drape``, the number of the layer from 1, ``id``, and ``properties`` as JSON.
+    """
+    rows = [(number, edit) for number, each in enumerate(drapes, 1) for _, edit in sorted(each.edits.items())]
+    wkb = np.fromiter((edit.geometry or None for _, edit in rows), object, len(rows))
+    columns: dict[str, Column] = {
+        "drape": np.array([number for number, _ in rows], np.int64),
+        "id": np.array([edit.id for _, edit in rows], np.int64),
+        "properties": tuple(json.dumps(dict(edit.properties)) for _, edit in rows),
+    }
+    return encode_table(Path(EDITS).stem, wkb, columns)
+
+
+def with_edits(drapes: Sequence[DrapedLayer], data: bytes) -> tuple[DrapedLayer, ...]:
+    """Return layers with the edits of `encode_edits`; raise InputError if they do not fit, or are damaged."""
+    import shapely
+
+    _, shapes, columns = decode_table(data)
+    edits: list[dict[int, FeatureEdit]] = [{} for _ in drapes]
+    try:
+        values = (columns[name] for name in ("drape", "id", "properties"))
+        for number, name, text, wkb in zip(*values, shapely.to_wkb(shapes), strict=True):
+            own = edits[range(len(drapes)).index(number - 1)]
+            if name in own:
+                raise ValueError(f"two edits of feature {name}")
+            own[int(name)] = FeatureEdit(int(name), wkb or b"", tuple(json.loads(text).items()))
+    except (LookupError, ValueError, TypeError, AttributeError) as error:
+        raise InputError(f"expected edits of {len(drapes)} draped layers ({one_line(error)[:80]})") from None
+    return tuple(each.replace(edits=own) for each, own in zip(drapes, edits, strict=True))
 
 
 def _checked_geometry(wkb: bytes) -> bytes:

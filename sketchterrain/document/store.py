@@ -16,6 +16,7 @@ from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 
 from sketchterrain.caching import LRUCache
+from sketchterrain.document.drapes import encode_edits, with_edits
 from sketchterrain.document.label_layers import LabelImage, decode_layer, encode_layer
 from sketchterrain.document.own_materials import picture_files
 from sketchterrain.document.rasters import (
@@ -28,7 +29,7 @@ from sketchterrain.document.rasters import (
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text, starter_sketch
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line, prefix_errors
-from sketchterrain.features.sketch_file import SUFFIX, decode_vectors, encode_vectors, vector_files
+from sketchterrain.features.sketch_file import EDITS, SUFFIX, decode_vectors, encode_vectors, vector_files
 from sketchterrain.io.files import (
     open_zip,
     relative_path,
@@ -42,7 +43,10 @@ from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 from sketchterrain.stages.digests import digest_of
 
 SETTINGS = "sketch.toml"
-"""The settings file; each layer's image is ``<layer>.png``, and its vectors, if any, are ``<layer>.fgb``."""
+"""The settings file; each layer's image is ``<layer>.png``, and its vectors, if any, are ``<layer>.fgb``.
+
+Edits of draped layers, if any, are ``drapes.fgb``.
+"""
 
 MAX_FILE_BYTES = 64 << 20
 """The most bytes of one layer's file."""
@@ -50,7 +54,7 @@ MAX_FILE_BYTES = 64 << 20
 MAX_TOTAL_BYTES = 256 << 20
 """The most bytes of all files of a sketch together."""
 
-_MAX_SETTINGS_BYTES = 16 << 20  # edits of draped layers are the most of it
+_MAX_SETTINGS_BYTES = 16 << 20  # with edits of draped layers in former formats
 _OTHER_IMAGES = frozenset({".jpg", ".jpeg", ".gif", ".bmp", ".tif", ".tiff", ".webp"})
 
 
@@ -395,8 +399,12 @@ def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None)
         if f"{name}{SUFFIX}" in contents:
             with prefix_errors(f"{place}/{name}{SUFFIX}"):
                 vectors[name] = decode_vectors(contents[f"{name}{SUFFIX}"], name, sketch.frame)
+    drapes = sketch.drapes
+    if EDITS in contents:
+        with prefix_errors(f"{place}/{EDITS}"):
+            drapes = with_edits(drapes, contents[EDITS])
     with prefix_errors(place):
-        return sketch.replace(vectors=vectors, notes=tuple(notes)) if vectors or notes else sketch
+        return sketch.replace(vectors=vectors, drapes=drapes, notes=tuple(notes))
 
 
 def shown_files(sketch: Sketch) -> list[str]:
@@ -449,5 +457,7 @@ def _encode(sketch: Sketch, base: Path | None) -> dict[str, bytes]:
         if len(layer):
             write = partial(encode_vectors, layer, sketch.frame)
             files[f"{name}{SUFFIX}"] = _encoded.get_or_compute((layer, *place), write)
+    if any(each.edits for each in sketch.drapes):
+        files[EDITS] = encode_edits(sketch.drapes)
     files |= embedded_files(sketch.rasters)
     return files | {SETTINGS: settings_text(sketch).encode("utf-8")}

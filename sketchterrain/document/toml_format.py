@@ -184,15 +184,6 @@ def _drape_lines(layer: DrapedLayer) -> list[str]:
     lines = ["", "[[drape]]", *_lines(layer.stored_values, {**DRAPE, **STYLE})]
     for each in layer.classes:
         lines += ["[[drape.class]]", *_lines({"value": each.value, **each.style}, CLASS)]
-    for _, edit in sorted(layer.edits.items()):
-        lines += ["[[drape.edit]]", f"id = {edit.id}"]
-        # Not parsed character by character, as other texts.
-        lines.append(f"geometry = '''\n{edit.text}'''" if edit.geometry else "deleted = true")
-        lines += [
-            f"properties.{_toml_value(name)} = {_toml_value(value)}"
-            for name, value in edit.properties
-            if value is not None
-        ]
     return lines
 
 

@@ -1,4 +1,4 @@
-"""Vector layers as FlatGeobuf files, in the sketch's frame."""
+"""Tables of features as FlatGeobuf files: vector layers in the sketch's frame, and others."""
 
 import io
 import warnings
@@ -6,12 +6,16 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.features.table import AREA, KINDS, LINE, Column, VectorLayer
 from sketchterrain.schema.layers import VECTOR_LAYERS
 
 SUFFIX = ".fgb"
+EDITS = "drapes.fgb"
+"""The file of edits of draped layers."""
+
 _MAGIC = b"fgb\x03fgb"
 _MULTI = {4: "points", 5: "lines", 6: "areas", 7: "shapes"}  # shapely's type ids
 _LEAST_BYTES = 16  # of a feature
@@ -20,33 +24,46 @@ _MAX_MESSAGE = 160  # characters of GDAL's
 
 
 def vector_files() -> tuple[str, ...]:
-    """Return the names of the files of vector layers."""
-    return tuple(f"{name}{SUFFIX}" for name in VECTOR_LAYERS)
+    """Return the names of the files of vector layers, and of edits of draped ones."""
+    return (*(f"{name}{SUFFIX}" for name in VECTOR_LAYERS), EDITS)
 
 
 def encode_vectors(layer: VectorLayer, frame: Mapping[str, Any]) -> bytes:
     """Return a layer as a FlatGeobuf file with coordinates in the frame; equal layers give equal bytes."""
-    import pyogrio
     import shapely
 
-    shapes = layer.shapes()
     corner = np.array([frame["east"], frame["north"]])
     columns = {"id": layer.ids, "label": layer.labels.astype(np.int32), **layer.columns}
+    wkb = shapely.to_wkb(shapely.transform(layer.shapes(), lambda points: points + corner))
+    return encode_table(layer.layer, wkb, columns, geometry_type=geometry_type(layer), crs=frame["crs"])
+
+
+def encode_table(
+    name: str,
+    wkb: npt.NDArray[np.object_],
+    columns: Mapping[str, Column],
+    *,
+    geometry_type: str = "Unknown",
+    crs: str = "",
+) -> bytes:
+    """Return geometries, None for those without, and columns as a FlatGeobuf file in this order."""
+    import pyogrio
+
     stream = io.BytesIO()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a layer without a CRS
         pyogrio.raw.write(
             stream,
-            shapely.to_wkb(shapely.transform(shapes, lambda points: points + corner)),
+            wkb,
             [
                 np.array(column, dtype=object) if isinstance(column, tuple) else column
                 for column in columns.values()
             ],
             list(columns),
             driver="FlatGeobuf",
-            geometry_type=geometry_type(layer),
-            crs=frame["crs"] or None,
-            layer=layer.layer,
+            geometry_type=geometry_type,
+            crs=crs or None,
+            layer=name,
             layer_options={"SPATIAL_INDEX": "NO"},  # keeps the order
         )
     return stream.getvalue()
@@ -63,6 +80,23 @@ def decode_vectors(data: bytes, name: str, frame: Mapping[str, Any]) -> VectorLa
 
     The properties id and label may be missing; unknown ones are kept.
     """
+    import shapely
+
+    crs, shapes, columns = decode_table(data)
+    _check_crs(crs, frame)
+    kinds = shapely.get_type_id(shapes)
+    if np.isin(kinds, list(_MULTI)).any():
+        what = _MULTI[int(kinds[np.isin(kinds, list(_MULTI))][0])]
+        raise InputError(f"expected single {' or '.join(KINDS)} features, not features of several {what}")
+    ids, labels = (_whole(columns.pop(key, None), key) for key in ("id", "label"))
+    corner = np.array([frame["east"], frame["north"]])
+    with np.errstate(over="ignore"):  # checked by the layer
+        shapes = shapely.transform(shapes, lambda points: points - corner)
+        return VectorLayer.from_shapes(name, shapes, ids=ids, labels=labels, columns=columns)
+
+
+def decode_table(data: bytes) -> tuple[str | None, npt.NDArray[np.object_], dict[str, Column]]:
+    """Return CRS, geometries and columns of a FlatGeobuf file; raise InputError if it is damaged."""
     import pyogrio
     import shapely
 
@@ -80,17 +114,8 @@ def decode_vectors(data: bytes, name: str, frame: Mapping[str, Any]) -> VectorLa
             shapes = np.asarray(shapely.from_wkb(wkb), dtype=object)
     except (*_ERRORS, shapely.errors.GEOSException) as error:
         raise InputError(f"not a whole FlatGeobuf file ({one_line(error)[:_MAX_MESSAGE]})") from None
-    _check_crs(meta["crs"], frame)
-    kinds = shapely.get_type_id(shapes)
-    if np.isin(kinds, list(_MULTI)).any():
-        what = _MULTI[int(kinds[np.isin(kinds, list(_MULTI))][0])]
-        raise InputError(f"expected single {' or '.join(KINDS)} features, not features of several {what}")
     columns = {str(key): _column(values) for key, values in zip(meta["fields"], fields, strict=True)}
-    ids, labels = (_whole(columns.pop(key, None), key) for key in ("id", "label"))
-    corner = np.array([frame["east"], frame["north"]])
-    with np.errstate(over="ignore"):  # checked by the layer
-        shapes = shapely.transform(shapes, lambda points: points - corner)
-        return VectorLayer.from_shapes(name, shapes, ids=ids, labels=labels, columns=columns)
+    return meta["crs"], shapes, columns
 
 
 def _check_crs(found: str | None, frame: Mapping[str, Any]) -> None:

@@ -17,17 +17,29 @@ from sketchterrain.document.drapes import (
     FeatureEdit,
     drape_problem,
     draped_layer,
+    encode_edits,
+    with_edits,
 )
 from sketchterrain.document.history import History
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.store import SETTINGS, file_limit, load_sketch, save_sketch
-from sketchterrain.document.toml_format import parse_settings, settings_text
+from sketchterrain.document.store import (
+    MAX_FILE_BYTES,
+    SETTINGS,
+    load_sketch,
+    pack_zip,
+    read_zip,
+    save_sketch,
+)
+from sketchterrain.document.toml_format import _toml_value, parse_settings, settings_text
 from sketchterrain.errors import InputError
+from sketchterrain.features.sketch_file import encode_table
 from sketchterrain.generation.building import make_recipe
+from sketchterrain.io.resources import preset_names
 from sketchterrain.schema.parameters import defaults
 from sketchterrain.ui.engine import channel
 
 from .conftest import refusal, same
+from .random_documents import random_document
 
 LINE = shapely.to_wkb(shapely.LineString([(0.1, 1 / 3), (1e-9, -2.5e6), (4, 5), (6, 7)]))
 EDITS = (
@@ -63,6 +75,7 @@ def layer(path: str = "/maps/trails.gpkg", **changes) -> DrapedLayer:
         ('path = "a"\n[[drape.edit]]\nid = -1\ndeleted = true', "drape.edit.id = -1: expected a whole"),
         ('path = "a"\n[[drape.edit]]\ndeleted = true', "drape.edit.id = None: expected a whole"),
         ('path = "a"\n[[drape.edit]]\nid = 1\ngeometry = "LINE (0 0)"', "drape.edit.geometry: expected WKT"),
+        ('path = "a"\n[[drape.edit]]\nid = 1\ngeometry = 3', "drape.edit.geometry: expected WKT"),
         ('path = "a"\n[[drape.edit]]\nid = 1\ngeometry = "POINT EMPTY"', "expected points, lines or areas"),
         ('path = "a"\n[[drape.edit]]\nid = 1\ngeometry = "POINT (inf 0)"', "expected points, lines or areas"),
         ('path = "a"\n[[drape.edit]]\nid = 1\nwkt = "POINT (0 0)"', "unknown key 'wkt'"),
@@ -86,9 +99,9 @@ def test_layers_are_written_and_read_without_a_difference():
     styled = dict.fromkeys(("colour", "fill", "label_colour"), "#12ab3f")
     for each in (layer(), DrapedLayer("b.tif"), layer(**styled, visible=0, opacity=0.25, crs="EPSG:4326")):
         text = settings_text(Sketch(drapes=(each,)))
-        assert max(line.count(".") for line in text.splitlines()) < 250
-        assert parse_settings(text.encode()).drapes == (each,)
-        assert hash(each) == hash(parse_settings(text.encode()).drapes[0])
+        read = parse_settings(text.encode()).drapes
+        assert with_edits(read, encode_edits([each])) == (each,)
+        assert hash(each) == hash(read[0])
         assert pickle.loads(pickle.dumps(Sketch(drapes=(each,)))).drapes == (each,)  # noqa: S301
     assert dict(DrapedLayer("b.tif").style) == defaults(STYLE)
     assert {"path", *DrapedLayer("b.tif").values} == set(DRAPE)
@@ -97,6 +110,64 @@ def test_layers_are_written_and_read_without_a_difference():
     (read,) = parse_settings(f'{inline}properties = {{name = "x", n = 2}}'.encode()).drapes
     assert read.edits[1].properties == (("name", "x"), ("n", 2))
     assert shapely.from_wkb(read.edits[1].geometry) == shapely.Point(1, 2)
+
+
+def former_settings(sketch: Sketch, version: int) -> bytes:
+    """Return the settings of a sketch as formats 1 and 2 had them, with edits of features as WKT."""
+    lines = [settings_text(sketch.replace(drapes=())).replace("format = 2", f"format = {version}", 1)]
+    for each in sketch.drapes:
+        text = settings_text(Sketch(drapes=(each,)))
+        lines.append(text[text.index("[[drape]]") :])
+        for edit in each.edits.values():
+            wkt = shapely.to_wkt(shapely.from_wkb(edit.geometry), rounding_precision=-1)
+            lines += ["[[drape.edit]]", f"id = {edit.id}"]
+            lines.append(f"geometry = '{wkt}'" if edit.geometry else "deleted = true")
+            lines += [
+                f"properties.{_toml_value(name)} = {_toml_value(value)}" for name, value in edit.properties
+            ]
+    return "\n".join(lines).encode()
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_edits_of_former_formats_are_converted_without_loss(tmp_path, version):
+    rng = np.random.default_rng(version)
+    for number, name in enumerate([*preset_names(), *[""] * 50]):
+        document = random_document(rng, own_folder=tmp_path)
+        drapes = (*document.drapes, layer())
+        sketch = load_sketch(name).replace(drapes=drapes) if name else Sketch(drapes=drapes)
+        place = tmp_path / f"{number}.sketch"
+        save_sketch(sketch, place)
+        files = read_zip(place, "")
+        former = {**files, SETTINGS: former_settings(sketch, version)}
+        del former["drapes.fgb"]
+        (tmp_path / "former.sketch").write_bytes(pack_zip(former))
+        converted = load_sketch(tmp_path / "former.sketch")
+        assert converted.drapes == sketch.drapes
+        if version == 2:
+            same(converted, sketch)
+        save_sketch(converted, tmp_path / "former.sketch")
+        assert read_zip(tmp_path / "former.sketch", "")["drapes.fgb"] == files["drapes.fgb"]
+
+
+def test_files_of_edits_that_do_not_fit_are_refused_in_one_line(tmp_path):
+    folder = tmp_path / "valley"
+    for layers, data, problem in (
+        ((), encode_edits([layer()]), "drapes.fgb: expected edits of 0 draped layers"),
+        ((layer(),), b"fgb", "drapes.fgb: not a whole FlatGeobuf file"),
+        ((layer(),), encode_table("a", np.array([None]), {"id": np.array([1])}), "1 draped layers ('drape')"),
+        ((layer(),), _edits([1, 1], ["{}", "{}"]), "two edits of feature 1"),
+        ((layer(),), _edits([1], ["[]"]), "expected edits of 1 draped layers"),
+        ((layer(),), _edits([-1], ["{}"]), "drape.edit.id = -1: expected a whole number"),
+        ((layer(),), _edits([1], ['{"x": [1]}']), "expected a number or text"),
+    ):
+        save_sketch(Sketch(drapes=layers), folder)
+        (folder / "drapes.fgb").write_bytes(data)
+        assert problem in refusal(folder)
+
+
+def _edits(ids, properties):
+    columns = {"drape": np.ones(len(ids), int), "id": np.array(ids), "properties": tuple(properties)}
+    return encode_table("drapes", np.full(len(ids), None), columns)
 
 
 def test_edits_have_plain_geometries_and_scale_with_the_sketch():
@@ -115,13 +186,13 @@ def test_edits_have_plain_geometries_and_scale_with_the_sketch():
 
 
 def test_edits_are_limited_so_that_the_sketch_can_be_loaded(tmp_path, monkeypatch):
-    share = 20
+    share = 40
     monkeypatch.setattr(drapes, "MAX_EDIT_BYTES", drapes.MAX_EDIT_BYTES // share)
     vertices = np.random.default_rng(1).uniform(-1e6, 1e6, (drapes.MAX_EDIT_BYTES // 16 - 99, 2))
     longest = FeatureEdit(1, shapely.to_wkb(shapely.LineString(vertices)))
     sketch = Sketch(drapes=(DrapedLayer("/a", edits={1: longest}),))
     save_sketch(sketch, tmp_path / "valley")
-    assert share * (tmp_path / "valley/sketch.toml").stat().st_size < file_limit(SETTINGS)
+    assert share * (tmp_path / "valley/drapes.fgb").stat().st_size < MAX_FILE_BYTES
     same(load_sketch(tmp_path / "valley"), sketch)
     with pytest.raises(InputError, match="edits of draped layers that are not yet saved"):
         Sketch(drapes=(DrapedLayer("/a", edits={1: longest}),) * 2)

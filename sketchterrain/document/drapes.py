@@ -16,7 +16,6 @@ import numpy as np
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.rasters import RASTER, RasterSource, content_hash, raster_problem
 from sketchterrain.errors import InputError, check_keys, check_tables, format_value, one_line
-from sketchterrain.features.sketch_file import EDITS, decode_table, encode_table
 from sketchterrain.features.table import Column
 from sketchterrain.io.files import too_large, wrap_read_errors
 from sketchterrain.schema.parameters import (
@@ -346,19 +345,25 @@ def encode_edits(drapes: Sequence[DrapedLayer]) -> bytes:
 
     Columns are ``drape``, the number of the layer from 1, ``id``, and ``properties`` as JSON.
     """
+    import shapely
+
+    from sketchterrain.features.files import encode_table
+
     rows = [(number, edit) for number, each in enumerate(drapes, 1) for _, edit in sorted(each.edits.items())]
-    wkb = np.fromiter((edit.geometry or None for _, edit in rows), object, len(rows))
+    shapes = shapely.from_wkb(np.fromiter((edit.geometry or None for _, edit in rows), object, len(rows)))
     columns: dict[str, Column] = {
         "drape": np.array([number for number, _ in rows], np.int64),
         "id": np.array([edit.id for _, edit in rows], np.int64),
         "properties": tuple(json.dumps(dict(edit.properties)) for _, edit in rows),
     }
-    return encode_table(Path(EDITS).stem, wkb, columns)
+    return encode_table("drapes", shapes, columns)
 
 
 def with_edits(drapes: Sequence[DrapedLayer], data: bytes) -> tuple[DrapedLayer, ...]:
     """Return layers with the edits of `encode_edits`; raise InputError if they do not fit, or are damaged."""
     import shapely
+
+    from sketchterrain.features.files import decode_table
 
     _, shapes, columns = decode_table(data)
     edits: list[dict[int, FeatureEdit]] = [{} for _ in drapes]

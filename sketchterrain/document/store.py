@@ -29,7 +29,6 @@ from sketchterrain.document.rasters import (
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text, starter_sketch
 from sketchterrain.errors import InputError, did_you_mean, format_value, one_line, prefix_errors
-from sketchterrain.features.sketch_file import EDITS, SUFFIX, decode_vectors, encode_vectors, vector_files
 from sketchterrain.io.files import (
     open_zip,
     relative_path,
@@ -47,6 +46,9 @@ SETTINGS = "sketch.toml"
 
 Edits of draped layers, if any, are ``drapes.fgb``.
 """
+
+_SUFFIX, _EDITS = ".fgb", "drapes.fgb"
+_VECTORS = (*(f"{name}{_SUFFIX}" for name in VECTOR_LAYERS), _EDITS)
 
 MAX_FILE_BYTES = 64 << 20
 """The most bytes of one layer's file."""
@@ -70,15 +72,15 @@ def sketch_files(names: Iterable[str], place: str) -> list[str]:
     Raise InputError if the settings are missing, or if a file could be mistaken for a layer.
     """
     visible = sorted(name for name in names if not name.startswith("."))
-    images, vectors = [f"{layer}.png" for layer in PAINTED_LAYERS], vector_files()
+    images, vectors = [f"{layer}.png" for layer in PAINTED_LAYERS], _VECTORS
     for name in visible:
         path = PurePosixPath(name)
         suffix = path.suffix.lower()
         if suffix == ".png" and path.stem in VECTOR_LAYERS and name not in images:
             raise InputError(
-                f"{place}/{name}: expected {path.stem}{SUFFIX}, the layer {path.stem} has vectors alone"
+                f"{place}/{name}: expected {path.stem}{_SUFFIX}, the layer {path.stem} has vectors alone"
             )
-        for ending, known, what in ((".png", images, "layer image"), (SUFFIX, vectors, "vector layer")):
+        for ending, known, what in ((".png", images, "layer image"), (_SUFFIX, vectors, "vector layer")):
             if suffix == ending and name not in known:
                 raise InputError(
                     f"{place}: unknown {what} {format_value(name)}: expected {', '.join(known)}"
@@ -227,7 +229,7 @@ def read_saved_folder(folder: Path, place: str) -> dict[str, bytes]:
 def _optional_files(folder: Path) -> list[str]:
     """Return the names of a folder's vector layers and rasters, which a sketch may be without."""
     names = [path.name for path in folder.iterdir()]
-    return [name for name in names if name in vector_files() or is_embedded_name(name)]
+    return [name for name in names if name in _VECTORS or is_embedded_name(name)]
 
 
 def _has(path: Path, content: bytes) -> bool:
@@ -338,7 +340,7 @@ def save_unless_changed(sketch: Sketch, path: Path, known: dict[Path | None, Has
 
 def file_hashes(path: Path) -> Hashes:
     """Return the hashes of a sketch's files but embedded rasters, which their names have; "": unreadable."""
-    names = (SETTINGS, JOURNAL, *(f"{layer}.png" for layer in PAINTED_LAYERS), *vector_files())
+    names = (SETTINGS, JOURNAL, *(f"{layer}.png" for layer in PAINTED_LAYERS), *_VECTORS)
     hashes = dict[str, str]()
     with suppress(OSError):
         for file in [path / name for name in names] if path.is_dir() else [path]:
@@ -394,15 +396,17 @@ def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None)
         for name, values in sketch.materials.items():
             if base is not None and values.get("folder"):
                 picture_files(values["folder"], name)  # raises InputError without pictures
+    from sketchterrain.features.files import decode_vectors  # GDAL
+
     vectors = {}
     for name in VECTOR_LAYERS:
-        if f"{name}{SUFFIX}" in contents:
-            with prefix_errors(f"{place}/{name}{SUFFIX}"):
-                vectors[name] = decode_vectors(contents[f"{name}{SUFFIX}"], name, sketch.frame)
+        if f"{name}{_SUFFIX}" in contents:
+            with prefix_errors(f"{place}/{name}{_SUFFIX}"):
+                vectors[name] = decode_vectors(contents[f"{name}{_SUFFIX}"], name, sketch.frame)
     drapes = sketch.drapes
-    if EDITS in contents:
-        with prefix_errors(f"{place}/{EDITS}"):
-            drapes = with_edits(drapes, contents[EDITS])
+    if _EDITS in contents:
+        with prefix_errors(f"{place}/{_EDITS}"):
+            drapes = with_edits(drapes, contents[_EDITS])
     with prefix_errors(place):
         return sketch.replace(vectors=vectors, drapes=drapes, notes=tuple(notes))
 
@@ -448,6 +452,8 @@ def _relocated(
 def _encode(sketch: Sketch, base: Path | None) -> dict[str, bytes]:
     if base is not None:
         sketch = _relocated(sketch, partial(relative_path, base=base))
+    from sketchterrain.features.files import encode_vectors  # GDAL
+
     files = {}
     for name, image in sketch.layers.items():
         encode = partial(encode_layer, image, LAYERS[name].colour)
@@ -456,8 +462,8 @@ def _encode(sketch: Sketch, base: Path | None) -> dict[str, bytes]:
     for name, layer in sketch.vectors.items():
         if len(layer):
             write = partial(encode_vectors, layer, sketch.frame)
-            files[f"{name}{SUFFIX}"] = _encoded.get_or_compute((layer, *place), write)
+            files[f"{name}{_SUFFIX}"] = _encoded.get_or_compute((layer, *place), write)
     if any(each.edits for each in sketch.drapes):
-        files[EDITS] = encode_edits(sketch.drapes)
+        files[_EDITS] = encode_edits(sketch.drapes)
     files |= embedded_files(sketch.rasters)
     return files | {SETTINGS: settings_text(sketch).encode("utf-8")}

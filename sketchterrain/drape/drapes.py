@@ -20,7 +20,7 @@ from sketchterrain.drape.raster_source import DrapedRaster
 from sketchterrain.drape.vector_source import Feature, VectorSource
 from sketchterrain.drape.vector_store import FARTHEST
 from sketchterrain.errors import InputError, did_you_mean, first_few, format_value, one_line
-from sketchterrain.features.formats import find_driver
+from sketchterrain.features.files import find_driver
 from sketchterrain.features.items import FILL, POINT, STROKE, Items
 from sketchterrain.features.levels import Level, level_of
 from sketchterrain.schema.parameters import Properties

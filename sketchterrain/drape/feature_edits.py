@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import warnings
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -12,7 +11,6 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-import pyogrio.raw
 import shapely
 from shapely.affinity import rotate, scale, translate
 from shapely.geometry.base import BaseGeometry
@@ -22,18 +20,14 @@ from sketchterrain.document.drapes import DrapedLayer, FeatureEdit, class_value
 from sketchterrain.document.store import reject_sketch_folder
 from sketchterrain.drape.drapes import Drapes
 from sketchterrain.drape.vector_source import Feature, VectorSource
-from sketchterrain.drape.vector_store import FileProjection, VectorFile, file_crs, open_vector_file
+from sketchterrain.drape.vector_store import FileProjection, open_drape
 from sketchterrain.errors import InputError, SketchterrainError, format_value, one_line
+from sketchterrain.features.files import FileTable, write_table
 from sketchterrain.io.files import atomic_path, hash_file
 
 DRIVERS: Final = {".gpkg": "GPKG", ".fgb": "FlatGeobuf", ".geojson": "GeoJSON", ".json": "GeoJSON"}
 """Formats that a layer can be saved in, by suffix."""
 
-_OPTIONS: Final = {
-    "GPKG": {},
-    "FlatGeobuf": {"SPATIAL_INDEX": "NO"},  # keeps the order
-    "GeoJSON": {"RFC7946": "YES", "COORDINATE_PRECISION": "10"},
-}
 _BATCH: Final = 1 << 16  # features that are written to a GeoPackage at once
 
 _Value = int | float | str | None
@@ -182,64 +176,62 @@ def save_layer(drapes: Drapes, number: int, path: Path) -> DrapedLayer:
     with (
         atomic_path(path) as temporary,
         TemporaryDirectory(prefix=".sketchterrain-", dir=path.parent) as folder,
-        open_vector_file(own, layer["table"]) as file,
-        warnings.catch_warnings(),
+        open_drape(layer) as (file, stored, crs),
     ):
-        warnings.simplefilter("ignore")  # of a layer without a CRS
+        if driver == "GeoJSON" and crs is None:
+            what = "expected a CRS for GeoJSON: save it as GeoPackage or FlatGeobuf"
+            raise InputError(f"{file.place}: {what}")
         written = Path(folder) / f"layer{path.suffix.lower()}"
         if driver == "GPKG" and path.exists() and path.samefile(own):
             shutil.copyfile(own, written)
-        _write(file, layer, drapes.frame, written, driver)
+        _write(stored, layer, FileProjection(crs, drapes.frame, file.place), written, driver)
         written.replace(temporary)
-        table = file.table if driver == "GPKG" else ""
+        table = stored.name if driver == "GPKG" else ""
     return layer.replace(path=str(path.absolute()), sha256=hash_file(path)[1], table=table, edits={})
 
 
-def _write(file: VectorFile, layer: DrapedLayer, frame: Mapping[str, Any], path: Path, driver: str) -> None:
+def _write(table: FileTable, layer: DrapedLayer, projection: FileProjection, path: Path, driver: str) -> None:
     """Write the features of a file, those of a GeoPackage in batches."""
-    crs, edits = file_crs(file, layer), layer.edits
-    if driver == "GeoJSON" and crs is None:
-        raise InputError(f"{file.place}: expected a CRS for GeoJSON: save it as GeoPackage or FlatGeobuf")
-    projection = FileProjection(crs, frame, file.place)
-    kinds = {**file.fields, **_new_kinds(file.fields, edits.values())}
+    edits = layer.edits
+    kinds = {**table.fields, **_new_kinds(table.fields, edits.values())}
     same = {shapely.from_wkb(edit.geometry).geom_type for edit in edits.values() if edit.geometry}
-    one_type = same <= {file.geometry_type.partition(" ")[0]}
-    step = _BATCH if driver == "GPKG" else max(file.features, 1)
-    for first in range(0, max(file.features, 1), step):
-        wkb, values = file.read(first, step, exact=True)
+    one_type = same <= {table.geometry_type.partition(" ")[0]}
+    step = _BATCH if driver == "GPKG" else max(table.features, 1)
+    for first in range(0, max(table.features, 1), step):
+        wkb, values, _ = table.read(first, step, force_2d=False, datetime_as_string=False)
         ids = list(range(first, first + len(wkb)))
-        if first + step >= file.features:  # new features follow the last one
-            ids += sorted(number for number in edits if number >= file.features)
+        if first + step >= table.features:  # new features follow the last one
+            ids += sorted(number for number in edits if number >= table.features)
         edited = {at: edits[number] for at, number in enumerate(ids) if number in edits}
         wkb = np.append(wkb, np.full(len(ids) - len(wkb), None))
         for at, edit in edited.items():
-            wkb[at] = edit.geometry and _in_file(edit.geometry, wkb[at], projection, file)
+            wkb[at] = edit.geometry and _in_file(edit.geometry, wkb[at], projection)
         left = np.array([at not in edited or bool(edited[at].geometry) for at in range(len(ids))], bool)
-        columns = [_column(values.get(name), name, kind, edited, len(ids)) for name, kind in kinds.items()]
+        columns = {
+            name: _column(values.get(name), name, kind, edited, len(ids)) for name, kind in kinds.items()
+        }
         try:
-            pyogrio.raw.write(
+            write_table(
                 path,
+                table.name,
                 wkb[left],
-                [column[left] for column, _ in columns],
-                list(kinds),
-                field_mask=[missing[left] for _, missing in columns],
-                layer=file.table,
+                {name: column[left] for name, (column, _) in columns.items()},
+                missing={name: missing[left] for name, (_, missing) in columns.items()},
                 driver=driver,
-                geometry_type=file.geometry_type if one_type else "Unknown",
-                crs=file.crs_text or (layer["crs"] or None if driver == "GeoJSON" else None),
+                geometry_type=table.geometry_type if one_type else "Unknown",
+                crs=table.crs or (layer["crs"] if driver == "GeoJSON" else None),
                 append=first > 0,
-                layer_options=_OPTIONS[driver],
             )
         except (RuntimeError, ValueError) as error:
             reason = one_line(error)[:160]
             raise SketchterrainError(f"{path.suffix[1:]}: cannot be written ({reason})") from None
 
 
-def _in_file(wkb: bytes, before: bytes | None, projection: FileProjection, file: VectorFile) -> bytes:
+def _in_file(wkb: bytes, before: bytes | None, projection: FileProjection) -> bytes:
     """Return a geometry in the file's coordinates, with the heights of the nearest vertices before."""
     shape = shapely.transform(shapely.from_wkb(wkb), projection.to_file)
     if not np.isfinite(shapely.get_coordinates(shape)).all():
-        raise InputError(f"{file.place}: expected edited features with a place in the file's CRS")
+        raise InputError(f"{projection.place}: expected edited features with a place in the file's CRS")
     old = shapely.get_coordinates(shapely.from_wkb(before), include_z=True) if before else np.zeros((0, 3))
     if len(old) and np.isfinite(old).all():
         heights = [old[np.argmin(np.hypot(*(old[:, :2] - at).T)), 2] for at in shapely.get_coordinates(shape)]

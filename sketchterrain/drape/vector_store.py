@@ -8,11 +8,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, BinaryIO, Final, NamedTuple
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 import numpy.typing as npt
-import pyogrio
 import shapely
 from rasterio import Env
 from rasterio._err import CPLE_BaseError
@@ -22,14 +21,13 @@ from rasterio.warp import transform
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.document.rasters import content_hash
-from sketchterrain.errors import InputError, format_value, one_line
-from sketchterrain.features.formats import (
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.features.files import (
+    FileTable,
     Shapes,
-    file_driver,
-    geopackage_tables,
+    VectorFile,
     layer_crs,
-    open_layers,
-    read_features,
+    open_vector_file,
 )
 from sketchterrain.features.levels import (
     ITEM,
@@ -63,58 +61,16 @@ _NO_INTEGER: Final = np.iinfo(np.int64).min
 _FAR: Final = np.array([80.0, 85.0])  # degrees from a sketch, of points that have no place in its frame
 
 
-class VectorFile(NamedTuple):
-    """A table of an open vector file."""
-
-    dataset: str  # as GDAL opens it
-    driver: str
-    table: str
-    crs: CRS | None
-    crs_text: str | None
-    geometry_type: str
-    features: int
-    fields: dict[str, str]  # dtypes by name
-    tables: list[str]  # all of the file
-    place: str  # for errors
-
-    def read(
-        self, skip: int, most: int, *, exact: bool = False
-    ) -> tuple[Shapes, dict[str, npt.NDArray[Any]]]:
-        """Return the WKB of features in the file's CRS, and their properties by name.
-
-        Without heights, and with dates as texts, unless `exact`.
-        """
-        count = min(most, self.features - skip)
-        options = {"force_2d": not exact, "datetime_as_string": not exact}
-        _, wkb, fields, _ = read_features(self.dataset, self.table, skip, count, **options)
-        return wkb, fields
-
-
 @contextmanager
-def open_vector_file(path: Path, table: str = "") -> Iterator[VectorFile]:
-    """Open a table of a vector file, by default its first; raise InputError if it cannot be read."""
-    place = f"draped layer {one_line(path)}"
-    driver = file_driver(path, place)
-    with open_layers(path, driver, place) as (dataset, names):
-        if driver == "GPKG":  # queries of views may never end
-            tables = geopackage_tables(path, place)
-            names = [name for name in names if name.lower() in tables]
-        if table not in ("", *names) or not names:
-            expected = ", ".join(map(format_value, names[:20])) or "a table with geometries"
-            raise InputError(f"{place}: table {format_value(table)}: expected {expected}")
-        info = pyogrio.read_info(dataset, layer=table or names[0], force_feature_count=True)
-        if info["driver"] != driver:
-            raise InputError(f"{place}: expected {driver}, GDAL detects {info['driver']}")
-        if info["features"] > _MOST_PER_BYTE * path.stat().st_size:  # memory for as many is allocated
-            raise InputError(f"{place}: not a whole {driver} file ({info['features']} features)")
-        fields = dict(zip(map(str, info["fields"]), map(str, info["dtypes"]), strict=True))
-        known = layer_crs(info["crs"], place), info["crs"], info["geometry_type"], info["features"]
-        yield VectorFile(dataset, driver, table or names[0], *known, fields, names, place)
-
-
-def file_crs(file: VectorFile, layer: DrapedLayer) -> CRS | None:
-    """Return the CRS of a layer's coordinates; None if they are metres of the sketch's frame."""
-    return layer_crs(layer["crs"], file.place) if layer["crs"] and file.crs is None else file.crs
+def open_drape(layer: DrapedLayer) -> Iterator[tuple[VectorFile, FileTable, CRS | None]]:
+    """Open the table of a layer with its CRS, None of metres in the sketch's frame; raise InputError."""
+    place = f"draped layer {one_line(layer.path)}"
+    with open_vector_file(Path(layer.path), place) as file:
+        table = file.table(layer["table"], count=True)
+        if table.features > _MOST_PER_BYTE * file.nbytes:  # memory for as many is allocated
+            raise InputError(f"{place}: not a whole {file.driver} file ({table.features} features)")
+        crs = layer_crs(table.crs, place)
+        yield file, table, layer_crs(layer["crs"], place) if layer["crs"] and crs is None else crs
 
 
 class FileProjection:
@@ -123,6 +79,7 @@ class FileProjection:
     def __init__(self, crs: CRS | None, frame: Mapping[str, Any], place: str) -> None:
         if crs is not None and not frame["crs"]:
             raise InputError(f"{place}: expected a sketch with a CRS, [frame] has none")
+        self.place = place
         self._corner = np.array([frame["east"], frame["north"]], np.float64)
         own = parse_crs(frame["crs"]) if frame["crs"] else None
         self._pair = (crs, own) if crs is not None and crs != own else None
@@ -288,15 +245,15 @@ class VectorStore:
 
 def open_store(layer: DrapedLayer, frame: Mapping[str, Any], extent: float) -> VectorStore:
     """Return the store of a layer's file, which is built once; raise InputError if it cannot be read."""
-    path = Path(layer.path)
-    with wrap_read_errors(path):
+    with wrap_read_errors(Path(layer.path)):
         digest = content_hash(layer.file)
     place = [str(frame[name]) for name in ("crs", "east", "north")]
     key = "\n".join([str(_FORMAT), digest, layer["table"], layer["crs"], str(extent), *place])
 
     def build(folder: Path) -> None:
-        with open_vector_file(path, layer["table"]) as file:
-            _build(file, layer, frame, extent, folder)
+        with open_drape(layer) as (file, table, crs):
+            projection = FileProjection(crs, frame, file.place)
+            _build(file, table, projection, extent, folder)
 
     return VectorStore(_StoredArrays(stored_folder("drape", key, build)))
 
@@ -314,18 +271,17 @@ def placed(wkb: Shapes, projection: FileProjection) -> Shapes:
 
 
 def _build(
-    file: VectorFile, layer: DrapedLayer, frame: Mapping[str, Any], extent: float, folder: Path
+    file: VectorFile, table: FileTable, projection: FileProjection, extent: float, folder: Path
 ) -> None:
     """Write a store in one pass over the file."""
     with TemporaryDirectory(dir=folder, ignore_cleanup_errors=True) as scratch:
         arrays, unsorted = _ArrayWriter(folder), _ArrayWriter(Path(scratch))
-        projection = FileProjection(file_crs(file, layer), frame, file.place)
         at_once = _CHUNK << (6 if file.driver in _READ_WHOLE else 0)
-        step = max(1, file.features * at_once // max(Path(layer.path).stat().st_size, 1))
-        fields = {name: _stored_kind(dtype) for name, dtype in file.fields.items()}
+        step = max(1, table.features * at_once // max(file.nbytes, 1))
+        fields = {name: _stored_kind(dtype) for name, dtype in table.fields.items()}
         tolerances, left_out, empty, boxes = list[float](), 0, 0, [np.full((1, 4), np.nan)]
-        for first in range(0, max(file.features, 1), step):
-            wkb, values = file.read(first, step)
+        for first in range(0, max(table.features, 1), step):
+            wkb, values, _ = table.read(first, step)
             shapes = placed(wkb, projection)
             arrays.add_texts("geometry", [text or b"" for text in shapely.to_wkb(shapes).tolist()])
             for at, (name, kind) in enumerate(fields.items()):
@@ -345,8 +301,8 @@ def _build(
         _sort_levels(unsorted.finish(), arrays, len(tolerances))
     whole = np.concatenate(boxes)
     box = [*np.fmin.reduce(whole[:, :2]).tolist(), *np.fmax.reduce(whole[:, 2:]).tolist()]
-    facts = {"features": file.features, "left_out": left_out, "empty": empty, "tables": file.tables}
-    is_relations = file.driver == "OSM" and file.table == "multipolygons"
+    facts = {"features": table.features, "left_out": left_out, "empty": empty, "tables": file.tables}
+    is_relations = file.driver == "OSM" and table.name == "multipolygons"
     incomplete = sorted(incomplete_areas(Path(file.dataset), (), None).ids) if is_relations else []
     facts |= {"fields": fields, "box": box, "incomplete": incomplete}
     arrays.finish(facts | {"levels": tolerances})

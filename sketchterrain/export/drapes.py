@@ -49,7 +49,7 @@ def draped_shapes(drapes: Drapes | None, terrain: Terrain, bounds: Bounds, cell:
     if drapes is None:
         return []
     from sketchterrain.drape.vector_source import VectorSource
-    from sketchterrain.features.formats import valid_areas
+    from sketchterrain.features.files import valid_areas
 
     found = []
     for number, (layer, source) in enumerate(zip(drapes.layers, drapes.sources, strict=True)):

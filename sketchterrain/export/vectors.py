@@ -21,7 +21,6 @@ from sketchterrain.array_types import StructuredArray
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.sampled import TerrainSamples
 from sketchterrain.features import table as vectors
-from sketchterrain.features.sketch_file import geometry_type
 from sketchterrain.io.crs import plain_path
 from sketchterrain.io.files import write_atomic
 from sketchterrain.landforms.placement.feature_types import (
@@ -165,21 +164,20 @@ class GeoPackage:
 
     def add(self, layer: ExportLayer) -> None:
         """Append features to a layer, which is created even if empty."""
-        import pyogrio.raw  # loads GDAL
+        from sketchterrain.features.files import write_table  # loads GDAL
 
+        exists, wkb = self._path.exists(), shapely.to_wkb(layer.geometry, flavor="iso")
         with plain_path(self._path) as path:
-            pyogrio.raw.write(
+            write_table(
                 path,
-                shapely.to_wkb(layer.geometry, flavor="iso"),
-                list(layer.fields.values()),
-                list(layer.fields),
-                layer=layer.name,
+                layer.name,
+                wkb,
+                layer.fields,
                 driver="GPKG",
                 geometry_type=layer.geometry_type,
                 crs=self._crs,
-                append=self._path.exists(),
-                layer_options={"GEOMETRY_NAME": "geom"},
-                dataset_options={} if self._path.exists() else {"VERSION": "1.2"},  # of GDAL before 3.7
+                append=exists,
+                dataset_options={} if exists else {"VERSION": "1.2"},  # of GDAL before 3.7
             )
         indexed = int((~shapely.is_empty(layer.geometry)).sum())
         self.counts[layer.name] = self.counts.get(layer.name, 0) + len(layer.geometry)
@@ -241,6 +239,8 @@ def sketch_layer(layer: vectors.VectorLayer, origin: Origin) -> ExportLayer:
     for name, column in layer.columns.items():
         values = np.array(column, object) if isinstance(column, tuple) else column
         fields[distinct_name(name, taken)] = values
+    from sketchterrain.features.files import geometry_type  # loads GDAL
+
     shapes = shapely.transform(layer.shapes(), lambda at: at + origin)
     return ExportLayer(f"sketch_{layer.layer}", geometry_type(layer), shapes, fields)
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import shapely
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array, StructuredArray
-from sketchterrain.features.formats import Shapes, single_parts, valid_areas
+from sketchterrain.features.files import Shapes, single_parts, valid_areas
 from sketchterrain.features.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE
 from sketchterrain.geometry.box_index import expanded
 

@@ -24,7 +24,7 @@ from sketchterrain.elevation.pictures import WarpedPicture, picture_file
 from sketchterrain.elevation.raster_reader import PLAIN, SUFFIXES
 from sketchterrain.elevation.waters import flat_waters, water_findings
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.features.formats import reproject
+from sketchterrain.features.files import reproject
 from sketchterrain.features.table import AREA, VectorFeature, on_grid
 from sketchterrain.importing.vector_files import metric_crs_at, to_longitude_latitude
 from sketchterrain.io.crs import crs_text, parse_crs, parse_metric_crs

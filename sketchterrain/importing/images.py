@@ -16,7 +16,7 @@ from PIL.ImageFile import ImageFile
 
 from sketchterrain.document.label_layers import LabelImage
 from sketchterrain.errors import InputError, first_few, format_value, one_line
-from sketchterrain.features.formats import find_driver
+from sketchterrain.features.files import find_driver
 from sketchterrain.importing.image_colours import (
     CLEAR,
     UNKNOWN,

@@ -12,20 +12,17 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import pyogrio
-import pyogrio.raw
 import shapely
 from rasterio.crs import CRS
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.errors import InputError, format_value, one_line
-from sketchterrain.features.formats import (
+from sketchterrain.features.files import (
+    FileTable,
     Shapes,
-    file_driver,
     find_driver,
-    geopackage_tables,
     layer_crs,
-    open_layers,
-    read_features,
+    open_vector_file,
     reproject,
     single_parts,
     valid_areas,
@@ -159,7 +156,7 @@ def read_vector_layers(
     touch a rectangle in `degrees` (west, south, east, north).
     """
     location = one_line(path)
-    driver = file_driver(path, location)
+    driver = find_driver(path, location, required=True)
     if (size := path.stat().st_size) > _MAX_BYTES:
         raise InputError(f"{location}: {size / (1 << 20):.0f} MiB: expected at most {_MAX_BYTES >> 20} MiB")
     if driver == "GeoJSON":  # parsed JSON needs many times its size in memory
@@ -169,21 +166,17 @@ def read_vector_layers(
         if named and not named[1].startswith(b"http"):  # GDAL takes an unknown one for degrees
             layer_crs(named[1].decode(errors="replace"), location)
         del content
-    tables = geopackage_tables(path, location) if driver == "GPKG" else None
-    layers = []
-    with open_layers(path, driver, location) as (dataset, names):
+    layers, is_osm = [], driver == "OSM"
+    tagged, inside = is_osm and not untagged, degrees if is_osm else None
+    with open_vector_file(path, location) as file:
+        if file.views:
+            raise InputError(f"{location}: layer {format_value(file.views[0])}: expected a table, not a view")
         remaining = MAX_VERTICES
-        for name in names:
-            if driver == "OSM" and name not in _OSM_LAYERS:
-                continue
+        for name in _OSM_LAYERS if is_osm else file.tables:
             where = f"{location}: layer {format_value(name)}"
-            if tables is not None and name.lower() not in tables:
-                raise InputError(f"{where}: expected a table, not a view")
-            tagged = driver == "OSM" and not untagged
-            inside = degrees if driver == "OSM" else None
-            layers.append(_read_layer(dataset, driver, name, where, remaining, tagged=tagged, inside=inside))
-            if driver == "OSM" and name == "multipolygons":
-                layers[-1] = _with_incomplete(layers[-1], Path(dataset), tagged=tagged, inside=inside)
+            layers.append(_read_layer(file.table(name), where, remaining, tagged=tagged, inside=inside))
+            if is_osm and name == "multipolygons":
+                layers[-1] = _with_incomplete(layers[-1], Path(file.dataset), tagged=tagged, inside=inside)
             remaining -= int(shapely.get_num_coordinates(layers[-1].shapes).sum())
     layers = [layer for layer in layers if len(layer.shapes) or any(layer.skipped.values()) or layer.notes]
     if not layers:
@@ -198,8 +191,8 @@ def osm_bounds(path: Path) -> tuple[float, float, float, float] | None:
     """
     if find_driver(path, one_line(path)) != "OSM":
         return None
-    with open_layers(path, "OSM", one_line(path)) as (dataset, _):
-        _, boxes = pyogrio.read_bounds(dataset, layer="lines", where="highway IS NOT NULL")
+    with open_vector_file(path, one_line(path)) as file:
+        _, boxes = pyogrio.read_bounds(file.dataset, layer="lines", where="highway IS NOT NULL")
     if not boxes.shape[1]:
         return None
     west, south = boxes[:2].min(axis=1).tolist()
@@ -208,36 +201,22 @@ def osm_bounds(path: Path) -> tuple[float, float, float, float] | None:
 
 
 def _read_layer(
-    dataset: str,
-    driver: str,
-    name: str,
-    where: str,
-    max_vertices: int,
-    *,
-    tagged: bool,
-    inside: tuple[float, float, float, float] | None,
+    table: FileTable, where: str, max_vertices: int, *, tagged: bool, inside: Box | None
 ) -> SourceLayer:
-    info = pyogrio.read_info(dataset, layer=name)
-    if info["driver"] != driver:
-        raise InputError(f"{where}: expected {driver}, GDAL detects {info['driver']}")
-    _check_count(info["features"], max_vertices, where)  # memory for as many is allocated
-    columns = [str(field) for field in info["fields"] if str(field).lower() in RELEVANT_TAGS]
-    options = {"columns": columns, "force_2d": True, "datetime_as_string": True}
-    lost = 0
-    if info["features"] < 0:  # unknown
-        condition = _with_tags(name, columns) if tagged else None
+    _check_count(table.features, max_vertices, where)  # memory for as many is allocated
+    columns = [name for name in table.fields if name.lower() in RELEVANT_TAGS]
+    options: dict[str, Any] = {"columns": columns}
+    if table.features < 0:  # unknown
+        condition = _with_tags(table.name, columns) if tagged else None
         options |= {"where": condition, "bbox": inside, "max_features": max_vertices + 1}  # bounds the memory
-        meta, _, wkb, values = pyogrio.raw.read(dataset, layer=name, **options)
-        fields = dict(zip(map(str, meta["fields"]), values, strict=True))
-    else:
-        meta, wkb, fields, lost = read_features(dataset, name, 0, info["features"], **options)
+    wkb, fields, lost = table.read(**options)
     size = sum(len(geometry) for geometry in wkb if geometry is not None)
     _check_count(size / _BYTES_PER_VERTEX, max_vertices, where)
     skipped = Counter({"damaged in the file": lost, "without a valid shape": -lost})
     shapes, of, repaired = _usable(wkb, skipped)
     texts = {key: column.tolist() for key, column in fields.items()}
     properties = [{key: column[index] for key, column in texts.items()} for index in of]
-    return SourceLayer(name, layer_crs(meta["crs"], where), shapes, properties, skipped, repaired)
+    return SourceLayer(table.name, layer_crs(table.crs, where), shapes, properties, skipped, repaired)
 
 
 def _with_incomplete(layer: SourceLayer, path: Path, *, tagged: bool, inside: Box | None) -> SourceLayer:

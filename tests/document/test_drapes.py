@@ -32,7 +32,7 @@ from sketchterrain.document.store import (
 )
 from sketchterrain.document.toml_format import _toml_value, parse_settings, settings_text
 from sketchterrain.errors import InputError
-from sketchterrain.features.sketch_file import encode_table
+from sketchterrain.features.files import encode_table
 from sketchterrain.generation.building import make_recipe
 from sketchterrain.io.resources import preset_names
 from sketchterrain.schema.parameters import defaults
@@ -119,7 +119,7 @@ def former_settings(sketch: Sketch, version: int) -> bytes:
         text = settings_text(Sketch(drapes=(each,)))
         lines.append(text[text.index("[[drape]]") :])
         for edit in each.edits.values():
-            wkt = shapely.to_wkt(shapely.from_wkb(edit.geometry), rounding_precision=-1)
+            wkt = shapely.to_wkt(shapely.from_wkb(edit.geometry or None), rounding_precision=-1)
             lines += ["[[drape.edit]]", f"id = {edit.id}"]
             lines.append(f"geometry = '{wkt}'" if edit.geometry else "deleted = true")
             lines += [

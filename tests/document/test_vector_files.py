@@ -9,7 +9,7 @@ import shapely
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError
-from sketchterrain.features.sketch_file import decode_vectors, encode_vectors
+from sketchterrain.features.files import decode_vectors, encode_vectors
 from sketchterrain.features.table import VectorLayer
 
 from .conftest import refusal, same_vectors

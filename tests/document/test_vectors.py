@@ -10,7 +10,7 @@ import shapely
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.features.sketch_file import decode_vectors, encode_vectors
+from sketchterrain.features.files import decode_vectors, encode_vectors
 from sketchterrain.features.table import AREA, LINE, POINT, VectorFeature, VectorLayer
 from sketchterrain.landuse.areas import land_use
 

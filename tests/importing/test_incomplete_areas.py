@@ -9,7 +9,7 @@ import shapely
 
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.drape.drapes import Drapes
-from sketchterrain.features.formats import reproject
+from sketchterrain.features.files import reproject
 from sketchterrain.features.osm_relations import incomplete_areas
 from sketchterrain.importing.vectors import sketch_from_vectors
 from sketchterrain.io.crs import parse_crs

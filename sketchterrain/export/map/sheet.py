@@ -384,7 +384,7 @@ def with_rasters(image: UInt8Array, drapes: Drapes | None, samples: MapSamples) 
 
 
 def _drawn(geometry: npt.NDArray[np.object_], look: Properties, frame: MapFrame) -> list[Shape]:
-    from sketchterrain.features.formats import single_parts  # loads GDAL
+    from sketchterrain.features.files import single_parts  # loads GDAL
 
     parts, _ = single_parts(shapely.force_2d(geometry), np.arange(len(geometry)))
     unit = _PIXEL if look["unit"] == "px" else float(look["unit"])

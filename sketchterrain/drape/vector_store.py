@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -47,15 +46,14 @@ from sketchterrain.io.files import wrap_read_errors
 FARTHEST: Final = 64.0
 """Extents of a sketch from it beyond which features are left out."""
 
-_FORMAT: Final = 4  # of stores
+_FORMAT: Final = 5  # of stores
 _LEVELS: Final = 16
 _SHRINK: Final = 0.7  # of the points of a finer level: a level with more is not stored
 _CHUNK: Final = 1 << 22  # bytes of a file that are read at once
 _READ_WHOLE: Final = ("GeoJSON", "OSM")  # by GDAL, each time: more at once
 _MOST_PER_BYTE: Final = 1000  # features, of a file, which may be compressed
 _BATCH: Final = 1 << 14  # items that are sorted into place at once
-_ALIGNMENT: Final = 64  # bytes, of stored arrays
-_FACTS, _CONTENT = "facts.json", "arrays.bin"
+_FACTS: Final = "facts.json"
 _NULL: Final = b"\xff"  # in texts, which are UTF-8
 _NO_INTEGER: Final = np.iinfo(np.int64).min
 _FAR: Final = np.array([80.0, 85.0])  # degrees from a sketch, of points that have no place in its frame
@@ -144,26 +142,8 @@ class _Texts:
         return self._content[start : self._ends[number]].tobytes()
 
 
-class _StoredArrays:
-    """Arrays of an `_ArrayWriter`, mapped into memory."""
-
-    def __init__(self, folder: Path) -> None:
-        self.facts, self._places = json.loads((folder / _FACTS).read_text(encoding="utf-8"))
-        self._content = np.asarray(np.memmap(folder / _CONTENT, np.uint8, "r"))
-
-    def array(self, name: str, dtype: npt.DTypeLike, columns: int = 0) -> npt.NDArray[Any]:
-        """Return an array of values, or of rows of some columns."""
-        start, size = self._places.get(name, (0, 0))
-        found = self._content[start : start + size].view(dtype)
-        return found.reshape(-1, columns) if columns else found
-
-    def texts(self, name: str) -> _Texts:
-        """Return byte strings."""
-        return _Texts(self.array(name, np.uint8), self.array(f"{name}.ends", np.int64))
-
-
-class _ArrayWriter:
-    """Appends to arrays in a folder; `finish` joins them in one file."""
+class _Arrays:
+    """Arrays in a folder, a file each: appended to, and then mapped into memory."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._streams = folder, dict[str, BinaryIO]()
@@ -180,34 +160,36 @@ class _ArrayWriter:
         self.add(name, np.frombuffer(b"".join(texts), np.uint8))
         self.add(f"{name}.ends", start + np.cumsum([len(text) for text in texts], dtype=np.int64))
 
-    def finish(self, facts: object = None) -> _StoredArrays:
-        """Join all arrays, and return them."""
-        places = {}
-        with (self._folder / _CONTENT).open("wb") as content:
-            content.write(bytes(_ALIGNMENT))  # an empty file cannot be mapped
-            for name, stream in self._streams.items():
-                stream.close()
-                content.write(bytes(-content.tell() % _ALIGNMENT))
-                start, part = content.tell(), self._folder / name
-                with part.open("rb") as opened:
-                    shutil.copyfileobj(opened, content)
-                places[name] = start, content.tell() - start
-                part.unlink()
-        (self._folder / _FACTS).write_text(json.dumps([facts, places]), encoding="utf-8")
-        return _StoredArrays(self._folder)
+    def close(self) -> None:
+        """Write what was appended."""
+        for stream in self._streams.values():
+            stream.close()
+
+    def array(self, name: str, dtype: npt.DTypeLike, columns: int = 0) -> npt.NDArray[Any]:
+        """Return an array of values, or of rows of some columns."""
+        path = self._folder / name
+        is_empty = not path.is_file() or path.stat().st_size == 0
+        found = np.zeros(0, dtype) if is_empty else np.asarray(np.memmap(path, dtype, "r"))
+        return found.reshape(-1, columns) if columns else found
+
+    def texts(self, name: str) -> _Texts:
+        """Return byte strings."""
+        return _Texts(self.array(name, np.uint8), self.array(f"{name}.ends", np.int64))
 
 
 class VectorStore:
     """Features of a table of a vector file, by number in the order of the file."""
 
-    def __init__(self, arrays: _StoredArrays) -> None:
-        self.count: int = arrays.facts["features"]
-        self.fields: dict[str, str] = arrays.facts["fields"]
-        self.left_out: int = arrays.facts["left_out"]
-        self.empty: int = arrays.facts["empty"]  # features without a geometry, or damaged
-        self.tables: list[str] = arrays.facts["tables"]
-        self.incomplete: list[int] = arrays.facts["incomplete"]  # relations of OpenStreetMap
-        self.box = np.array(arrays.facts["box"], np.float64)
+    def __init__(self, folder: Path) -> None:
+        facts = json.loads((folder / _FACTS).read_text(encoding="utf-8"))
+        arrays = _Arrays(folder)
+        self.count: int = facts["features"]
+        self.fields: dict[str, str] = facts["fields"]
+        self.left_out: int = facts["left_out"]
+        self.empty: int = facts["empty"]  # features without a geometry, or damaged
+        self.tables: list[str] = facts["tables"]
+        self.incomplete: list[int] = facts["incomplete"]  # relations of OpenStreetMap
+        self.box = np.array(facts["box"], np.float64)
         self.levels = tuple(
             Level(
                 tolerance,
@@ -215,7 +197,7 @@ class VectorStore:
                 arrays.array(f"points{number}", np.float64, 2),
                 arrays.array(f"groups{number}", np.float32, 4),
             )
-            for number, tolerance in enumerate(arrays.facts["levels"])
+            for number, tolerance in enumerate(facts["levels"])
         )
         self._geometry = arrays.texts("geometry")
         self._columns = {
@@ -255,7 +237,7 @@ def open_store(layer: DrapedLayer, frame: Mapping[str, Any], extent: float) -> V
             projection = FileProjection(crs, frame, file.place)
             _build(file, table, projection, extent, folder)
 
-    return VectorStore(_StoredArrays(stored_folder("drape", key, build)))
+    return VectorStore(stored_folder("drape", key, build))
 
 
 def placed(wkb: Shapes, projection: FileProjection) -> Shapes:
@@ -275,7 +257,7 @@ def _build(
 ) -> None:
     """Write a store in one pass over the file."""
     with TemporaryDirectory(dir=folder, ignore_cleanup_errors=True) as scratch:
-        arrays, unsorted = _ArrayWriter(folder), _ArrayWriter(Path(scratch))
+        arrays, unsorted = _Arrays(folder), _Arrays(Path(scratch))
         at_once = _CHUNK << (6 if file.driver in _READ_WHOLE else 0)
         step = max(1, table.features * at_once // max(file.nbytes, 1))
         fields = {name: _stored_kind(dtype) for name, dtype in table.fields.items()}
@@ -298,14 +280,16 @@ def _build(
                 items, points = parts_of(split, tolerance)
                 unsorted.add(f"items{number}", items)
                 unsorted.add(f"points{number}", points)
-        _sort_levels(unsorted.finish(), arrays, len(tolerances))
+        unsorted.close()
+        _sort_levels(unsorted, arrays, len(tolerances))
+    arrays.close()
     whole = np.concatenate(boxes)
     box = [*np.fmin.reduce(whole[:, :2]).tolist(), *np.fmax.reduce(whole[:, 2:]).tolist()]
     facts = {"features": table.features, "left_out": left_out, "empty": empty, "tables": file.tables}
     is_relations = file.driver == "OSM" and table.name == "multipolygons"
     incomplete = sorted(incomplete_areas(Path(file.dataset), (), None).ids) if is_relations else []
     facts |= {"fields": fields, "box": box, "incomplete": incomplete}
-    arrays.finish(facts | {"levels": tolerances})
+    (folder / _FACTS).write_text(json.dumps(facts | {"levels": tolerances}), encoding="utf-8")
 
 
 def _tolerances(shapes: Shapes2D, extent: float) -> list[float]:
@@ -322,7 +306,7 @@ def _tolerances(shapes: Shapes2D, extent: float) -> list[float]:
     return kept
 
 
-def _sort_levels(unsorted: _StoredArrays, arrays: _ArrayWriter, count: int) -> None:
+def _sort_levels(unsorted: _Arrays, arrays: _Arrays, count: int) -> None:
     """Write the items of each level sorted by place."""
     for number in range(count):
         items = unsorted.array(f"items{number}", ITEM)
@@ -347,7 +331,7 @@ def _stored_kind(dtype: str) -> str:
     return "float64" if dtype.startswith("float") else "text"
 
 
-def _add_column(arrays: _ArrayWriter, name: str, kind: str, values: npt.NDArray[Any]) -> None:
+def _add_column(arrays: _Arrays, name: str, kind: str, values: npt.NDArray[Any]) -> None:
     if kind == "text":
         texts = [_NULL if each is None else str(each).encode() for each in values.tolist()]
         return arrays.add_texts(name, texts)

@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from hashlib import blake2b
 from itertools import chain, pairwise
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
@@ -301,13 +300,6 @@ class VectorLayer:
     @cached_property
     def _texts(self) -> Mapping[str, frozenset[str]]:
         return {name: frozenset(column) for name, column in self.columns.items() if isinstance(column, tuple)}
-
-    @cached_property
-    def digest(self) -> str:
-        """Hash of everything in the layer."""
-        columns = sorted((name, np.asarray(column).tolist()) for name, column in self.columns.items())
-        parts = [self.layer.encode(), *(array.tobytes() for array in self._arrays), repr(columns).encode()]
-        return blake2b(b"".join(blake2b(part).digest() for part in parts), digest_size=16).hexdigest()
 
     @cached_property
     def feature_of_ring(self) -> Int64Array:

@@ -170,6 +170,7 @@ def _table(dataset: str | bytes, name: str | int, *, count: bool) -> FileTable:
 def open_vector_file(path: Path, location: str) -> Iterator[VectorFile]:
     """Open a vector file; raise InputError if it is none, or if what is read of it is unreadable."""
     driver = str(find_driver(path, location, required=True))
+    known = _geopackage_tables(path, location) if driver == "GPKG" else None
     try:
         with (
             plain_path(path) as file,
@@ -193,10 +194,8 @@ def open_vector_file(path: Path, location: str) -> Iterator[VectorFile]:
             names = [str(name) for name, kind in tables if kind is not None]
             if driver == "GPX":
                 names = [name for name in _GPX_TABLES if name in names]
-            known = _geopackage_tables(path, location) if driver == "GPKG" else set(map(str.lower, names))
-            tables, views = (
-                [name for name in names if (name.lower() in known) == is_table] for is_table in (True, False)
-            )
+            views = [name for name in names if known is not None and name.lower() not in known]
+            tables = [name for name in names if name not in views]
             yield VectorFile(dataset, driver, tables, views, location, path.stat().st_size)
     except (RuntimeError, ValueError, LookupError, OSError, shapely.errors.GEOSException) as error:
         raise InputError(f"{location}: cannot be read as {driver} ({one_line(error)[:160]})") from None

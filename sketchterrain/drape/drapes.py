@@ -23,12 +23,12 @@ from sketchterrain.errors import InputError, did_you_mean, first_few, format_val
 from sketchterrain.features.files import find_driver
 from sketchterrain.features.items import FILL, POINT, STROKE, Items
 from sketchterrain.features.levels import Level, level_of
+from sketchterrain.features.picking import PICK
 from sketchterrain.schema.parameters import Properties
 
 BUDGET: Final = 24 << 20
 """The most bytes of memory of all sources and their caches."""
 
-_PICK: Final = 3.0  # texels from which a line or point is found
 _MITRE: Final = 2.0  # widths from a line that its corners reach
 _ORDER: Final = np.array([1, 0, 2])  # of strokes, fills and points of one feature
 _TILE: Final = 128.0  # texels of the smallest tile, for widths in pixels
@@ -43,6 +43,7 @@ class Pick(NamedTuple):
 
     layer: int  # number of the layer
     feature: int  # its id; -1 of a raster
+    distance: float = 0.0  # m from what is drawn
 
 
 @dataclass(frozen=True)
@@ -322,33 +323,35 @@ class Drapes:
         reach = self._reach(number, 0.0)
         return np.asarray(boxes + np.array([-reach, -reach, reach, reach]))
 
-    def pick(self, x: float, y: float, texel: float) -> Pick | None:
-        """Return the topmost feature or raster at a place (m).
+    def picks(self, x: float, y: float, texel: float) -> list[Pick]:
+        """Return what is drawn at a place (m), the topmost first, then what is within 3 px, nearest first.
 
-        Lines and points are found from half their width, and within 3 texels if nothing of their layer is
-        nearer; areas inside if they are filled.
+        A raster hides what is below it. Areas are found inside only, lines along gaps of their dashes too.
         """
+        drawn, near = list[Pick](), dict[tuple[int, int], float]()
         for number in reversed(range(len(self.layers))):
             source = self.sources[number]
             if not self._is_visible(number, texel):
                 continue
             if isinstance(source, DrapedRaster):
                 if source.pixels(x - 0.5 * texel, y + 0.5 * texel, texel, 1, 1)[0, 0, 3]:
-                    return Pick(number, -1)
+                    drawn.append(Pick(number, -1))
+                    break
             elif source is not None:
-                items = self._within(_grown((x, y, x, y), _PICK * texel), number, source, texel)
-                if (feature := self._picked(items, x, y, texel)) is not None:
-                    return Pick(number, feature)
-        return None
+                half = np.array([0.5 * max(each.width(texel), texel) for each in self._styles_of(number)])
+                levels = source.query(_grown((x, y, x, y), float(half.max()) + PICK * texel), texel)
+                items = self._drawn(number, source, texel, levels, None)
+                gap = distances(items, x, y) - half[items.style - self._first_style[number]]
+                here = {*items.feature[gap <= 0.0].tolist(), *winding(items, x, y).tolist()}
+                drawn += [Pick(number, each) for each in sorted(here, reverse=True)]
+                for each in np.argsort(gap)[: np.count_nonzero(gap <= PICK * texel)].tolist():
+                    if (feature := int(items.feature[each])) not in here:
+                        near.setdefault((number, feature), float(gap[each]))
+        return drawn + [Pick(*key, near[key]) for key in sorted(near, key=near.__getitem__)]
 
-    def _picked(self, items: Items, x: float, y: float, texel: float) -> int | None:
-        half = np.array([0.5 * each.width(texel) for each in self.styles])[items.style]
-        distance = distances(items, x, y)
-        top = max([-1, *items.feature[distance <= half].tolist(), *winding(items, x, y).tolist()])
-        near = (items.feature > top) & (distance <= np.maximum(half, _PICK * texel))
-        if near.any():
-            return int(items.feature[near][np.argmin(distance[near])])
-        return top if top >= 0 else None
+    def pick(self, x: float, y: float, texel: float) -> Pick | None:
+        """Return the first of `picks`."""
+        return next(iter(self.picks(x, y, texel)), None)
 
     def features(self, layer: int, box: Bounds) -> Int64Array:
         """Return the ids of a layer's features near a box (m), ascending."""

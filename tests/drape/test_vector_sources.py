@@ -503,7 +503,12 @@ def test_picks_the_topmost_feature(tmp_path) -> None:
     assert drapes.pick(50, 105, 0.1) == Pick(1, 0)
     assert drapes.pick(50, 111, 0.1) == Pick(0, 0)
     assert drapes.pick(100, 100, 0.1) == Pick(1, 1)  # the later one lies above
-    assert drapes.pick(50, 112, 4.0) == Pick(1, 0)  # within 3 texels
+    assert drapes.picks(50, 112, 4.0) == [
+        Pick(0, 0),
+        Pick(1, 0, 2.0),
+    ]  # drawn there, then near
+    assert drapes.pick(550, 112, 4.0) == Pick(1, 0, 2.0)
+    assert drapes.pick(550, 123, 4.0) is None
     assert drapes.pick(307, 306, 0.1) == Pick(1, 2)
     assert drapes.pick(750, 150, 0.1) is None
     assert drapes.pick(620, 200, 0.1) == Pick(0, 1)
@@ -512,7 +517,7 @@ def test_picks_the_topmost_feature(tmp_path) -> None:
     assert outline.pick(250, 499.5, 0.1) == Pick(0, 0)
     assert drapes.updated([low, high.replace(visible=0)]).pick(50, 105, 0.1) == Pick(0, 0)
     assert drapes.updated([low, high.replace(coarsest=0.05)]).pick(50, 105, 0.1) == Pick(0, 0)
-    assert drapes.updated([high, low]).pick(50, 105, 0.1) == Pick(0, 0).__class__(1, 0)
+    assert drapes.updated([high, low]).pick(50, 105, 0.1) == Pick(1, 0)
     coast = 300.0 + 200.0 * np.stack([np.cos(a := np.linspace(0, 2 * np.pi, 5000)[:-1]), np.sin(a)], -1)
     pieces = opened(layer(write(tmp_path / "coast.fgb", [shapely.Polygon(coast)])))
     random = np.random.default_rng(8)
@@ -520,6 +525,20 @@ def test_picks_the_topmost_feature(tmp_path) -> None:
         distance = np.hypot(x - 300, y - 300)
         if abs(distance - 200) > 3:
             assert pieces.pick(x, y, 0.5) == (Pick(0, 0) if distance < 200 else None)
+
+
+def test_the_line_under_the_cursor_goes_before_later_ones_beside_it(tmp_path) -> None:
+    apart = 1.0 + np.array([1.0, 2.0, 3.0])  # px from one middle to the next: 1 px wide, 1 to 3 px apart
+    for texel in (0.2, 3.0):
+        y = 500.0 + texel * np.append(0.0, np.cumsum(apart))
+        lines = [shapely.LineString([(0.0, each), (1000.0, each)]) for each in y.tolist()]
+        drapes = opened(layer(write(tmp_path / f"{texel}.fgb", lines), width=1.0, unit="px"))
+        for number, middle in enumerate(y.tolist()):
+            for off in (-0.4, 0.0, 0.4):
+                assert drapes.pick(400.0, middle + off * texel, texel)[:2] == (0, number)
+        between = drapes.picks(400.0, float(y[2] + 1.2 * texel), texel)
+        assert [each.feature for each in between] == [2, 3]
+        assert between[0].distance == pytest.approx(0.7 * texel)
 
 
 def test_occupied_boxes_are_those_with_features(tmp_path) -> None:

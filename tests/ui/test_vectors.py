@@ -10,8 +10,10 @@ from sketchterrain.errors import InputError
 from sketchterrain.features.edits import vertices_at
 from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.ui import commands
+from sketchterrain.ui.engine.link import NOT_PLACED
 from sketchterrain.ui.models import vectors
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.selection import selections_at
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.panels.layers import LayersPanel, label_detail
 from sketchterrain.ui.panels.vector_page import VectorPage
@@ -279,7 +281,7 @@ def test_copied_vectors_are_pasted_beside(rivers, workspace):
 
 def test_lines_are_hit_on_their_curve_and_within_their_width_and_areas_inside(blank, workspace):
     def hit(x, y):
-        return vectors.vector_at(blank.sketch, workspace, x, y, reach=5.0)
+        return next(iter(selections_at(blank, workspace, NOT_PLACED, x, y, 1.0)), None)
 
     border, hole = ((np.array([(a, a), (b, a), (b, b), (a, b)], float)) for a, b in ((0, 1200), (900, 1100)))
     rivers = VectorLayer("river").edited(
@@ -295,6 +297,37 @@ def test_lines_are_hit_on_their_curve_and_within_their_width_and_areas_inside(bl
     assert hit(1000, 1000) is None
     workspace.set_look("river", visible=False)
     assert hit(x, y) == Selection("lake", 1)
+
+
+def test_what_is_drawn_under_the_cursor_is_picked_before_what_is_near(canvas, blank, workspace):
+    """A road beside a river, two roads 3 px apart with the later one below it, a road over a path."""
+    blank.do("Narrow", blank.sketch.replace(labels={(name, 1): {"width": 2.0} for name in ("road", "path")}))
+    px = 1.0 / canvas._context.px_per_metre
+    added = {
+        "river": [line((100, 300), (900, 300), width=12.0)],
+        "road": [
+            line((100, 306 + 4 * px), (900, 306 + 4 * px)),
+            line((100, 600), (900, 600)),
+            line((100, 600 - 4 * px), (900, 600 - 4 * px)),
+        ],
+        "path": [line((500, 500), (500, 700))],
+    }
+    layers = {name: VectorLayer(name).edited(add=each) for name, each in added.items()}
+    blank.do("Draw", blank.sketch.replace(vectors=layers))
+    workspace.tool = "select"
+    for x, y, expected in (
+        (300, 305, ("river", 1)),
+        (300, 306 + 3.5 * px, ("road", 1)),
+        (300, 600, ("road", 2)),
+        (300, 600 - 4 * px, ("road", 3)),
+        (300, 600 + 3 * px, ("road", 2)),
+        (500, 600, ("road", 2)),
+        (500, 650, ("path", 1)),
+    ):
+        workspace.selection = None
+        found = selections_at(blank, workspace, NOT_PLACED, x, y, px)
+        assert found[0] == Selection(*expected), (x, y, found)
+    assert not selections_at(blank, workspace, NOT_PLACED, 300.0, 600 + 7 * px, px)
 
 
 def test_ten_thousand_rivers_are_drawn_and_hit_quickly(canvas, blank, workspace):
@@ -317,8 +350,7 @@ def test_ten_thousand_rivers_are_drawn_and_hit_quickly(canvas, blank, workspace)
     workspace.tool = "select"
     canvas.grab()
     x, y = layer.ring(77)[4]
-    found = vectors.vector_at(blank.sketch, workspace, float(x), float(y), reach=0.01)
-    assert found is not None
+    assert selections_at(blank, workspace, NOT_PLACED, float(x), float(y), 0.01)[0].kind == "river"
 
 
 @pytest.fixture

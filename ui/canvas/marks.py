@@ -12,6 +12,7 @@ from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.features.picking import Shapes, outlines_of
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, Lake, River, ShapeField
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.canvas.sketch_image import scroll_image
@@ -19,7 +20,6 @@ from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
 from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.look.layer_colours import FILLED_GLYPHS, layer_glyph
-from sketchterrain.ui.models.vectors import Shapes, outlines
 from sketchterrain.ui.models.workspace import Selection
 
 LIGHT = QColor(255, 255, 255, 205)  # halo of lines
@@ -80,7 +80,7 @@ def screen_paths(
     east, south = context.world_from_sketch(*context.sketch_from_screen(area.bottomRight()))
     clipped = shapely.clip_by_rect(shapes, west, south, east, north)
     tolerance = _TOLERANCE / context.px_per_metre
-    lines = outlines(shapely.simplify(clipped, tolerance, preserve_topology=False))
+    lines = outlines_of(shapely.simplify(clipped, tolerance, preserve_topology=False))
     parts, of = shapely.get_parts(lines, return_index=True)
     points, part = shapely.get_coordinates(parts, return_index=True)
     x, y = context.screens_from_world(*points.T)

@@ -12,7 +12,7 @@ from sketchterrain.landforms.placement.heights import ShapeHeight, shape_height
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.canvas.compositing import visible_layers
 from sketchterrain.ui.canvas.decorations import write_beside
-from sketchterrain.ui.canvas.tool_context import REACH, Pointer, Tool, ToolContext
+from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
 from sketchterrain.ui.look.layer_colours import label_colour
 from sketchterrain.ui.models import vectors
 from sketchterrain.ui.models.document import Draft
@@ -25,6 +25,7 @@ from sketchterrain.ui.models.painting import (
     painted_height,
     pick,
 )
+from sketchterrain.ui.models.selection import REACH
 
 _LEAST_PRESSURE = 0.2  # fraction of the radius at the lightest touch
 _TEXT = QSizeF(260.0, 40.0)  # logical px around the text beside the ring
@@ -204,7 +205,8 @@ class PickTool(Tool):
 def pick_label(context: ToolContext, pointer: Pointer) -> None:
     """Activate layer and label of the vector, else of the topmost visible paint at a position; report it."""
     sketch, at = context.document.sketch, context.world_from_sketch(pointer.x, pointer.y)
-    selection = vectors.vector_at(sketch, context.workspace, *at, reach=REACH / context.px_per_metre)
+    picks = vectors.vector_picks(sketch, context.workspace, *at, 1.0 / context.px_per_metre)
+    _, selection = min(picks, key=lambda pick: pick[0], default=(0.0, None))
     vector = vectors.find_vector(sketch, selection)
     if selection is not None and vector is not None:
         found: tuple[str, int] | None = (selection.kind, vector.label)

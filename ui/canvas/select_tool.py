@@ -7,28 +7,30 @@ import numpy as np
 from PyQt6.QtCore import QLineF, QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen
 
+from sketchterrain.features.picking import outlines_of
 from sketchterrain.ui.canvas.decorations import write_beside
 from sketchterrain.ui.canvas.drapes import PictureWindow, draw_items
 from sketchterrain.ui.canvas.marks import SELECTED, draw_haloed, draw_placed, screen_paths
-from sketchterrain.ui.canvas.tool_context import REACH, Pointer, Tool, ToolContext
+from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
 from sketchterrain.ui.canvas.vectors import draw_selected_vector, draw_vector
 from sketchterrain.ui.commands import exists, name_of, reported
 from sketchterrain.ui.engine.protocol import GoTo, Placement
-from sketchterrain.ui.models.drapes import draped_handles, next_below
+from sketchterrain.ui.models.drapes import draped_handles
 from sketchterrain.ui.models.selection import (
     OFFSET_ROLES,
+    REACH,
     FeatureDrag,
     delete,
     handle_refusal,
     handles_of,
-    select_at,
+    next_below,
+    selections_at,
     vector_width_handle,
     vertex_at,
 )
-from sketchterrain.ui.models.vectors import insert_vertex, outlines, vector_at
+from sketchterrain.ui.models.vectors import insert_vertex
 from sketchterrain.ui.models.workspace import Handle, Selection
 
-_TOLERANCE = 9.0  # logical px around a handle or feature
 _DRAG = 4.0  # logical px after which a press is a drag
 _WIDTH_OFFSET = 12.0  # logical px of a width handle from its bank
 _LEAST_DISTANCE = 16.0  # logical px between visible control points
@@ -242,14 +244,11 @@ class SelectTool(Tool):
             self.context.document.message.emit(problem)
 
     def _selections_at(self, at: tuple[float, float]) -> list[Selection]:
-        """Return the draped features at a position (m), the highest first, else a vector or placed object."""
-        context, placed, px = self.context, self.context.link.placed, self.context.px_per_metre
-        if draped := context.document.drapes.stack(*at, 1.0 / px):
-            return draped
-        found = vector_at(context.document.sketch, context.workspace, *at, reach=REACH / px)
-        if found is None:
-            found = select_at(placed, *at, reach=_TOLERANCE / px)
-        return [] if found is None else [found]
+        """Return what a click at a position (m) selects, and then what further clicks do."""
+        context = self.context
+        return selections_at(
+            context.document, context.workspace, context.link.placed, *at, 1.0 / context.px_per_metre
+        )
 
     def _handle_at(self, at: tuple[float, float]) -> Handle | None:
         """Return the handle at a position, m."""
@@ -263,7 +262,7 @@ class SelectTool(Tool):
         handles += self._draped_handles()
         near = [(QLineF(place, self._handle_place(each)).length(), each) for each in handles]
         best = min(near, key=lambda pair: pair[0], default=None)
-        return best[1] if best is not None and best[0] <= _TOLERANCE else None
+        return best[1] if best is not None and best[0] <= REACH else None
 
     def _draped_handles(self) -> tuple[Handle, ...]:
         """Return the handles of the selected draped feature, with vertices some distance apart."""
@@ -312,7 +311,7 @@ def _draw_draped(
         painter.save()
         draw_items(painter, drapes.current, drapes.current.only(drapes.held, window.texel), window)
         painter.restore()
-    lines = outlines(np.array([feature.geometry]))  # areas may be invalid
+    lines = outlines_of(np.array([feature.geometry]))  # areas may be invalid
     (path,) = screen_paths(context, lines, context.area)
     if feature.geometry.length == 0.0:
         for place in shapely.get_coordinates(feature.geometry).tolist():

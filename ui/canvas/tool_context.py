@@ -15,7 +15,6 @@ from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
 
-REACH: Final = 10.0  # logical px in which a vertex is hit, or snapped to
 LARGEST: Final = 64.0  # screen px per sketch px
 _LEAST_VISIBLE = 48  # px of the sketch that stay on the screen
 _SMALLEST = 96.0  # screen px along the sketch's longer side

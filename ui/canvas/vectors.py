@@ -12,6 +12,7 @@ from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF,
 
 from sketchterrain.array_types import Int64Array
 from sketchterrain.features.edits import shared_nodes
+from sketchterrain.features.picking import Shapes, curves_of
 from sketchterrain.features.table import AREA, LINE
 from sketchterrain.schema.layers import LAND_USES, LAYERS
 from sketchterrain.ui.canvas.marks import SELECTED, draw_haloed, screen_paths
@@ -21,8 +22,6 @@ from sketchterrain.ui.models import vectors
 from sketchterrain.ui.models.selection import FeatureDrag
 from sketchterrain.ui.models.workspace import Selection
 
-_LEAST_WIDTH = 1.5  # logical px of a line
-_CASING = 1.0  # logical px of the light rim of a road, on each side
 _DASH = 6.0  # logical px
 _MAX_HANDLES = 1500
 _MANY, _SMALL = 1000, 8.0  # areas, if there are more, with sides of fewer logical px are drawn as squares
@@ -34,7 +33,7 @@ def draw_vector(painter: QPainter, context: ToolContext, selection: Selection, c
     feature = vectors.find_vector(sketch, selection)
     if feature is not None:
         layer = sketch.vectors[selection.kind]
-        shape = vectors.curves_of(layer).shapes[layer.index(selection.id)]
+        shape = curves_of(layer).shapes[layer.index(selection.id)]
         (path,) = screen_paths(context, np.array([shape]), context.area)
         draw_haloed(painter, path, colour, 2.0)
         if feature.properties.get("directed") == 1 and not path.isEmpty():
@@ -77,8 +76,8 @@ def draw_vectors(painter: QPainter, context: ToolContext, area: QRectF) -> None:
         order = np.argsort(layer.kinds == LINE, kind="stable")
         if uses and len(uses) > _MANY:
             numbers = np.array([1 + LAND_USES.index(use) for use in uses], np.uint8)
-            order = _draw_small(context, painter, area, vectors.curves_of(layer).shapes, numbers)
-        shapes = vectors.curves_of(layer).shapes[order]
+            order = _draw_small(context, painter, area, curves_of(layer).shapes, numbers)
+        shapes = curves_of(layer).shapes[order]
         paths = screen_paths(context, shapes, area, margin=0.5 * float(widths.max()))
         visible = [
             (path, _pens(layer.layer, int(layer.labels[index]), float(widths[index])), index)
@@ -98,7 +97,7 @@ def draw_vectors(painter: QPainter, context: ToolContext, area: QRectF) -> None:
 
 
 def _draw_small(
-    context: ToolContext, painter: QPainter, area: QRectF, shapes: vectors.Shapes, uses: npt.NDArray[np.uint8]
+    context: ToolContext, painter: QPainter, area: QRectF, shapes: Shapes, uses: npt.NDArray[np.uint8]
 ) -> Int64Array:
     """Draw small areas of uses (1 + their number) as squares; return the indices of the others."""
     import shapely
@@ -130,14 +129,14 @@ def _pens(layer: str, label: int, width: float) -> tuple[QPen, ...]:
     """Return the pens of a line of a width (px), one over the other: roads have a casing, railways ties."""
     colour = label_colour(layer, label)
     # Round caps would take three times the time.
-    is_thin = width <= _LEAST_WIDTH
+    is_thin = width <= vectors.LEAST_WIDTH
     cap = Qt.PenCapStyle.FlatCap if is_thin else Qt.PenCapStyle.RoundCap
     join = Qt.PenJoinStyle.BevelJoin if is_thin else Qt.PenJoinStyle.RoundJoin
-    wide = max(width, _LEAST_WIDTH)
+    wide = max(width, vectors.LEAST_WIDTH)
     pen = QPen(colour, wide, cap=cap, join=join)
     if LAYERS[layer].kind != "way":
         return (pen,)
-    casing = QPen(QColor(255, 255, 255, 210), wide + 2.0 * _CASING, cap=cap, join=join)
+    casing = QPen(QColor(255, 255, 255, 210), wide + 2.0 * vectors.CASING, cap=cap, join=join)
     if layer == "railway":
         ties = QPen(QColor(255, 255, 255, 230), 0.5 * wide, cap=Qt.PenCapStyle.FlatCap, join=join)
         ties.setDashPattern([_DASH / ties.widthF(), _DASH / ties.widthF()])

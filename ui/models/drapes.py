@@ -30,7 +30,6 @@ if TYPE_CHECKING:  # GDAL and shapely take a quarter of a second
 
 _Change: TypeAlias = "Callable[[DrapedLayer, Feature], DrapedLayer]"
 
-_REACH: Final = 3.0  # px from a line or point that is found, as by `Drapes.pick`
 _MAX_HANDLES: Final = 1000  # of vertices
 _MAX_STEPS: Final = 1500  # along an outline
 _NUMBERS: Final = {"int64": (int, "a whole number"), "float64": (float, "a number")}  # by dtype
@@ -83,21 +82,6 @@ class DrapeSources(QObject):
             self._found = key, _find(*key)
         return self._found[1]
 
-    def stack(self, x: float, y: float, texel: float) -> list[Selection]:
-        """Return the features at a place (m), the highest first, at a scale of `texel` m a pixel."""
-        top = None if self.current is None else self.current.pick(x, y, texel)
-        if self.current is None or top is None or top.feature < 0:  # a raster hides those below it
-            return []
-        from sketchterrain.drape.drapes import distances, winding
-
-        reach, found = _REACH * texel, [(top.layer, top.feature)]
-        items = self.current.items((x - reach, y - reach, x + reach, y + reach), texel)
-        for layer in range(top.layer, -1, -1):
-            own = items.taken(items.layer == layer)
-            near = {*own.feature[distances(own, x, y) <= reach].tolist(), *winding(own, x, y).tolist()}
-            found += [(layer, each) for each in sorted(near, reverse=True) if (layer, each) != found[0]]
-        return [Selection("drape", each, layer=layer) for layer, each in found]
-
     def hold(self, selection: Selection | None) -> None:
         """Draw a draped feature apart from its layer while it is edited."""
         held = None if selection is None or not selection.is_draped else (selection.layer, selection.id)
@@ -143,12 +127,6 @@ def _find(drapes: Drapes, layer: int, number: int) -> Feature | None:
     with suppress(InputError, IndexError):
         return drapes.feature(layer, number)
     return None
-
-
-def next_below(stack: list[Selection], selection: Selection | None) -> Selection:
-    """Return the feature that a click on a stack selects: the highest, or the one below the selected one."""
-    whole = selection and replace(selection, index=None)
-    return stack[(stack.index(whole) + 1) % len(stack) if whole in stack else 0]
 
 
 def new_drape(path: Path, number: int) -> DrapedLayer:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -32,6 +33,9 @@ _DECIMALS = 2  # of a dragged width, m
 _TREE_HEIGHT = 20.0  # m that a dense forest counts when compared with mountains
 
 
+REACH: Final = 10.0
+"""Logical px in which a handle, vertex or placed object is hit, or snapped to."""
+
 OFFSET_ROLES = ("width", "corner", "rotate")
 """Roles of handles that are shown some px farther from their base."""
 
@@ -43,6 +47,30 @@ def handle_refusal(document: Document, workspace: Workspace, handle: Handle) -> 
         return refusal(document, workspace, selection.layer)
     node = document.sketch, workspace, selection.kind, handle.x, handle.y
     return vectors.drag_refusal(*node) if selection.is_vector else ""
+
+
+def selections_at(
+    document: Document, workspace: Workspace, placed: Placement, x: float, y: float, texel: float
+) -> list[Selection]:
+    """Return what is at a position (m): what is drawn there, the topmost first, then what is within 3 px.
+
+    Draped features lie over vectors, and these over placed objects. A pixel is `texel` m.
+    """
+    drapes = document.drapes.current
+    draped = () if drapes is None else drapes.picks(x, y, texel)
+    found = [(each.distance, Selection("drape", each.feature, layer=each.layer)) for each in draped]
+    found += vectors.vector_picks(document.sketch, workspace, x, y, texel)
+    found.sort(key=lambda pair: pair[0])
+    selections = [selection for _, selection in found if not (selection.is_draped and selection.id < 0)]
+    if not selections and (object_there := select_at(placed, x, y, reach=REACH * texel)):
+        selections = [object_there]
+    return selections
+
+
+def next_below(stack: list[Selection], selection: Selection | None) -> Selection | None:
+    """Return what a click on a stack selects: the first of it, or what follows the selected one."""
+    whole = selection and replace(selection, index=None)
+    return stack[(stack.index(whole) + 1) % len(stack) if whole in stack else 0] if stack else None
 
 
 def select_at(placed: Placement, x: float, y: float, *, reach: float) -> Selection | None:

@@ -2,127 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Final, TypeAlias
-from weakref import WeakKeyDictionary
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Final, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, Int64Array
-from sketchterrain.caching import LRUCache
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.features import edits as edits
+from sketchterrain.features.picking import PICK, Shapes, curves_of
 from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer, on_grid
-from sketchterrain.geometry.splines import cubics
 from sketchterrain.schema.layers import LAYERS, VECTOR_ORDER, storey
 from sketchterrain.ui.commands import with_vectors
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.drapes import delete_draped, insert_draped_vertex
 from sketchterrain.ui.models.workspace import Selection, Workspace
 
-if TYPE_CHECKING:  # it takes a quarter of a second
-    import shapely
-
-_PIECES = 16  # straight ones of a curve between two vertices
-_POWERS = (np.arange(_PIECES) / _PIECES) ** np.arange(4)[:, None]
 _ON_LINE = 0.01  # m
 _AT_VERTEX = 0.1  # m from a vertex, where two lines that share it cross
 _OFFSET = 0.02  # of what is pasted, over the sketch's extent
-_curves = LRUCache(12)
-_of_pieces: WeakKeyDictionary[VectorLayer, Curves] = WeakKeyDictionary()
+LEAST_WIDTH: Final = 1.5
+"""Logical px of a line on the canvas."""
 
-Shapes: TypeAlias = npt.NDArray[np.object_]
-"""Shapely geometries."""
-
-
-@dataclass(frozen=True, eq=False)
-class Curves:
-    """A layer's features as drawn: smooth lines have `_PIECES` pieces between two vertices.
-
-    Parameters
-    ----------
-    shapes, outlines : (n,) m; the outline of an area is its border and holes
-    """
-
-    shapes: Shapes
-    outlines: Shapes
-
-    @cached_property
-    def tree(self) -> shapely.STRtree:
-        """Index of the shapes."""
-        import shapely
-
-        return shapely.STRtree(self.shapes)
-
-    @classmethod
-    def from_layer(cls, layer: VectorLayer) -> Curves:
-        """Return the curves of a layer; those of unchanged pieces are known."""
-        import shapely
-
-        if len(layer.pieces) > 1:
-            for piece in layer.pieces:
-                if piece not in _of_pieces:
-                    _of_pieces[piece] = cls.from_layer(piece)
-            parts = [_of_pieces[piece] for piece in layer.pieces]
-            return cls(
-                *(np.concatenate([getattr(each, key) for each in parts]) for key in ("shapes", "outlines"))
-            )
-        shapes = layer.shapes()
-        smooth = (np.asarray(layer.columns.get("smooth", layer.kinds * 0.0)) == 1) & (layer.kinds == LINE)
-        if smooth.any():
-            own = smooth[layer.feature_of_ring]
-            lengths = np.diff(layer.rings)[own]
-            points, line = _sampled(layer.vertices[own[layer.ring_of_vertex]], lengths)
-            shapes[smooth] = shapely.linestrings(points, indices=line)
-        return cls(shapes, outlines(shapes))
-
-    def nearest(self, x: float, y: float, reach: float | Float64Array) -> int | None:
-        """Return the index of the feature with the nearest outline within a distance (m), or each its own."""
-        import shapely
-
-        reach = np.broadcast_to(reach, len(self.shapes))
-        most = reach.max(initial=0.0)
-        if most <= 0.0:
-            return None
-        box = (x - most, y - most, x + most, y + most)
-        rows = self.tree.query(shapely.box(*box))
-        distance = shapely.distance(shapely.clip_by_rect(self.outlines[rows], *box), shapely.Point(x, y))
-        excess = np.where(np.isnan(distance), np.inf, distance - reach[rows])  # nan: of what is outside
-        return int(rows[np.argmin(excess)]) if excess.min(initial=np.inf) <= 0.0 else None
-
-
-def outlines(shapes: Shapes) -> Shapes:
-    """Return shapes with their borders and holes in place of areas."""
-    import shapely
-
-    lines, areas = shapes.copy(), shapely.get_dimensions(shapes) == 2
-    lines[areas] = shapely.boundary(shapes[areas])
-    return lines
-
-
-def curves_of(layer: VectorLayer) -> Curves:
-    """Return a layer's curves, cached."""
-    return _curves.get_or_compute(layer, lambda: Curves.from_layer(layer))
-
-
-def _sampled(vertices: Float64Array, lengths: Int64Array) -> tuple[Float64Array, Int64Array]:
-    """Return points of the curves through lines of some vertices each, and the line of each point."""
-    line = np.repeat(np.arange(len(lengths)), lengths)
-    end = np.cumsum(lengths)
-    first, last = end - lengths, end - 1
-    # Before and after each line is the reflection of its second vertex and its last but one.
-    beyond = [2.0 * vertices[last] - vertices[last - 1], 2.0 * vertices[first] - vertices[first + 1]]
-    padded = np.insert(vertices, np.concatenate([end, first]), np.concatenate(beyond), axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):  # between two lines
-        curves = cubics(padded)[np.arange(len(vertices)) + 2 * line + 1] @ _POWERS
-    curves[last, :, 0] = vertices[last]
-    within = np.ones((len(vertices), _PIECES), np.bool_)
-    within[last, 1:] = False
-    return np.swapaxes(curves, 1, 2)[within], np.repeat(line, _PIECES)[within.ravel()]
+CASING: Final = 1.0
+"""Logical px of the light rim of a way, on each side."""
 
 
 def nearest_place(layer: VectorLayer, index: int, x: float, y: float) -> tuple[int, tuple[float, float]]:
@@ -180,20 +85,24 @@ def visible_vectors(sketch: Sketch, workspace: Workspace) -> list[VectorLayer]:
     return [sketch.vectors[name] for name in names if len(sketch.vectors[name])]
 
 
-def vector_at(sketch: Sketch, workspace: Workspace, x: float, y: float, *, reach: float) -> Selection | None:
-    """Return the visible vector at a position (m): a line or border within a tolerance (m), else an area."""
-    layers = visible_vectors(sketch, workspace)[::-1]
-    for layer in layers:
-        index = curves_of(layer).nearest(x, y, np.maximum(0.5 * widths_of(sketch, layer), reach))
-        if index is not None:
-            return Selection(layer.layer, int(layer.ids[index]))
-    for layer in layers:
-        import shapely
+def vector_picks(
+    sketch: Sketch, workspace: Workspace, x: float, y: float, texel: float
+) -> Iterator[tuple[float, Selection]]:
+    """Yield the visible vectors at a position (m) or near it, the topmost first, and how far (m) they are.
 
-        inside = curves_of(layer).tree.query(shapely.Point(x, y), predicate="intersects")
-        if len(inside):
-            return Selection(layer.layer, int(layer.ids[inside.max()]))
-    return None
+    The distance of what is drawn there is 0; a pixel is `texel` m.
+    """
+    for layer in visible_vectors(sketch, workspace)[::-1]:
+        half = 0.5 * np.maximum(widths_of(sketch, layer), LEAST_WIDTH * texel)
+        rim = CASING * texel if LAYERS[layer.layer].kind == "way" else 0.0
+        rows, distance, inside = curves_of(layer).near(x, y, float(half.max()) + rim + PICK * texel)
+        gap = np.where(inside, 0.0, np.maximum(distance - half[rows], 0.0))
+        is_line = layer.kinds[rows] == LINE
+        body = is_line & (gap == 0.0)  # over the rims of all ways, which are over areas
+        gap = np.maximum(gap - rim, 0.0)
+        for each in np.lexsort((rows, is_line, body))[::-1].tolist():
+            if gap[each] <= PICK * texel:
+                yield float(gap[each]), Selection(layer.layer, int(layer.ids[rows[each]]))
 
 
 def snapped(
@@ -211,19 +120,16 @@ def snapped(
     vertices = [(layer, edits.nearest_vertex(layer, x, y, reach, other_than=other_than)) for layer in layers]
     places = [layer.vertices[number] for layer, number in vertices if number is not None]
     for layer in layers if not places else ():
-        index = curves_of(layer).nearest(x, y, _reaches(layer, reach, other_than))
+        index = curves_of(layer).nearest(x, y, reach, without=_at_node(layer, other_than))
         if index is not None:
             places.append(np.array(nearest_place(layer, index, x, y)[1]))
     return _pair(min(places, key=lambda place: float(np.hypot(*(place - (x, y)))))) if places else None
 
 
-def _reaches(layer: VectorLayer, reach: float, other_than: tuple[float, float] | None) -> Float64Array:
-    """Return a distance for each feature; less than 0 of those that have a node at a position."""
-    reaches = np.full(len(layer), reach)
-    if other_than is not None:
-        own = layer.with_vertices(edits.vertices_at(layer, *other_than))
-        reaches[[layer.index(each) for each in own.ids.tolist()]] = -np.inf
-    return reaches
+def _at_node(layer: VectorLayer, place: tuple[float, float] | None) -> Int64Array:
+    """Return the indices of the features that have a node at a position."""
+    own = [] if place is None else layer.with_vertices(edits.vertices_at(layer, *place)).ids.tolist()
+    return np.array([layer.index(each) for each in own], np.int64)
 
 
 def with_nodes(
@@ -233,10 +139,10 @@ def with_nodes(
 
     `other_than`: not in features that have a node at a position.
     """
-    curves, reaches = curves_of(layer), _reaches(layer, _ON_LINE, other_than)
+    curves, own = curves_of(layer), _at_node(layer, other_than)
     found: list[tuple[int, float, float, float]] = []
     for x, y in np.unique(places, axis=0).tolist():
-        index = None if len(edits.vertices_at(layer, x, y)) else curves.nearest(x, y, reaches)
+        index = None if len(edits.vertices_at(layer, x, y)) else curves.nearest(x, y, _ON_LINE, without=own)
         if index is not None:
             after = nearest_place(layer, index, x, y)[0]
             found.append((after, float(np.hypot(*(layer.vertices[after] - (x, y)))), x, y))
@@ -282,10 +188,10 @@ def _crossings(sketch: Sketch, own: VectorLayer, layers: Sequence[VectorLayer]) 
     (level,) = _storeys(sketch, own, [0])
     found = [np.zeros((0, 2))]
     for layer in layers:
-        curves = curves_of(layer)
-        rows = curves.tree.query(line, predicate="crosses").tolist()
+        shapes, rows = curves_of(layer).shapes, curves_of(layer).touching(line.bounds)
+        rows = rows[shapely.crosses(shapes[rows], line)].tolist()
         same = [row for row, other in zip(rows, _storeys(sketch, layer, rows), strict=True) if other == level]
-        found.append(shapely.get_coordinates(shapely.intersection(line, curves.shapes[same])))
+        found.append(shapely.get_coordinates(shapely.intersection(line, shapes[same])))
     places = on_grid(np.concatenate(found))
     return places[[edits.nearest_vertex(own, x, y, _AT_VERTEX) is None for x, y in places]]
 
@@ -312,7 +218,7 @@ def with_moved_node(layer: VectorLayer, start: tuple[float, float], end: tuple[f
 def moved_shapes(sketch: Sketch, name: str, start: tuple[float, float], end: tuple[float, float]) -> Shapes:
     """Return the curves of all features of a network at a node, moved as by `with_moved_node`."""
     moved = (with_moved_node(layer, start, end) for layer in network_of(sketch, name))
-    return np.concatenate([Curves.from_layer(each).shapes for each in moved])
+    return np.concatenate([curves_of(each).shapes for each in moved])
 
 
 def node_moved(
@@ -365,8 +271,9 @@ def insert_vertex(document: Document, workspace: Workspace, x: float, y: float, 
     if (found := _selected(document, workspace)) is None:
         return False
     layer, selection = found
-    index = curves_of(layer).nearest(x, y, np.where(layer.ids == selection.id, reach, -np.inf))
-    if index is None:
+    index = layer.index(selection.id)
+    rows, distance, _ = curves_of(layer).near(x, y, reach)
+    if (distance[rows == index] > reach).all():
         return False
     after, place = nearest_place(layer, index, x, y)
     changed = edits.insert_vertices(layer, np.array([after]), np.array([place]))

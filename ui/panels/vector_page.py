@@ -6,13 +6,14 @@ from PyQt6.QtWidgets import QComboBox, QLabel, QWidget
 
 from sketchterrain.document.own_materials import with_materials
 from sketchterrain.features.edits import change_layer, network_layers, set_value
+from sketchterrain.features.picking import curves_of
 from sketchterrain.features.table import LINE, VectorLayer, vector_parameters
 from sketchterrain.schema.layers import LAYERS, VECTOR_LAYERS
 from sketchterrain.schema.parameters import Parameter, Value
 from sketchterrain.ui.commands import labels_of
 from sketchterrain.ui.look.theme import MARGIN, column, described, row
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.vectors import change_vectors, curves_of, find_vector
+from sketchterrain.ui.models.vectors import change_vectors, find_vector
 from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.panels.controls import PageHead, label_title, number, scroll_past, title_from_key
 from sketchterrain.ui.panels.form import ParameterForm

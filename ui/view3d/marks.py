@@ -9,13 +9,14 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.features.picking import curves_of, outlines_of
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, River
 from sketchterrain.schema.layers import LAYERS, id_of_vector
 from sketchterrain.ui.canvas.marks import shore_lines
 from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.selection import OFFSET_ROLES, handles_of, vector_handles
-from sketchterrain.ui.models.vectors import curves_of, find_vector, moved_shapes, outlines
+from sketchterrain.ui.models.vectors import find_vector, moved_shapes
 from sketchterrain.ui.models.workspace import Handle, Selection
 from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, circle
 
@@ -168,7 +169,7 @@ class MarkBuilder:
         if self.drag is not None and not self.drag[0].is_live:
             handle, x, y = self.drag
             shapes = moved_shapes(sketch, selection.kind, (handle.x, handle.y), (x, y))
-        return self._on_terrain(map(shapely.get_coordinates, shapely.get_parts(outlines(shapes))))
+        return self._on_terrain(map(shapely.get_coordinates, shapely.get_parts(outlines_of(shapes))))
 
     def _on_terrain(self, lines: Iterable[Float64Array]) -> tuple[Segments, ...]:
         """Return lines (n, 2), those of more than some thousand points simplified."""

@@ -16,9 +16,16 @@ from sketchterrain.ui.engine.link import NOT_PLACED
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
 from sketchterrain.ui.models.background import single_shot
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.drapes import next_below
-from sketchterrain.ui.models.selection import FeatureDrag, add, handle_refusal, handles_of, select_at
-from sketchterrain.ui.models.vectors import insert_vertex, vector_at
+from sketchterrain.ui.models.selection import (
+    REACH,
+    FeatureDrag,
+    add,
+    handle_refusal,
+    handles_of,
+    next_below,
+    selections_at,
+)
+from sketchterrain.ui.models.vectors import insert_vertex
 from sketchterrain.ui.models.workspace import Handle, Selection
 from sketchterrain.ui.view3d.camera import Projection, drag_motion, zoom_motion
 from sketchterrain.ui.view3d.marks import HandleMark, Marks
@@ -28,8 +35,6 @@ Place = tuple[float, float, float]
 _Button = Qt.MouseButton
 
 _CLICK = 4.0  # px that the mouse may move during a click
-_REACH = 11.0  # px from a handle or a mark
-_SNAP = 10.0  # px in which a vertex snaps to another
 _PICK_INTERVAL = 120  # ms between picks of the terrain under the mouse
 _MAX_DRAG = 3.0  # extents from the sketch's centre
 _PLACEMENT_TIMEOUT = 1500  # ms that a dropped handle waits for its placement
@@ -60,7 +65,7 @@ class HandleDrag(FeatureDrag):
         self, document: Document, placed: Placement, mark: HandleMark, projection: Projection, start: QPointF
     ) -> None:
         grab = projection.intersect_level(start.x(), start.y(), mark.z)
-        reach = _SNAP * projection.metres_per_px((mark.handle.x, mark.handle.y, mark.z))
+        reach = REACH * projection.metres_per_px((mark.handle.x, mark.handle.y, mark.z))
         super().__init__(document, placed, mark.handle, grab=grab, reach=reach)
         self._level, self._start = mark.z, start
         self._centre = (0.5 * document.sketch.size[0], 0.5 * document.sketch.size[1])
@@ -176,7 +181,7 @@ class ViewMouse(QObject):
         self._is_moved = self._is_double = False
         plain = event.modifiers() == Qt.KeyboardModifier.NoModifier
         projection, document = self._projection(), self._document
-        mark = self._marks().handle_at(at.x(), at.y(), reach=_REACH)
+        mark = self._marks().handle_at(at.x(), at.y(), reach=REACH)
         if event.button() == _Button.LeftButton and plain and mark and projection:
             self._forget_drag()
             handle = mark.handle
@@ -216,7 +221,7 @@ class ViewMouse(QObject):
             if event.button() == _Button.LeftButton:
                 self._select(at)
             elif event.button() == _Button.RightButton:
-                mark = self._marks().handle_at(at.x(), at.y(), reach=_REACH)
+                mark = self._marks().handle_at(at.x(), at.y(), reach=REACH)
                 vertex = mark.handle.selection if mark is not None and mark.handle.is_vertex else None
                 self._pick("menu", at, partial(self.open_menu, at, vertex=vertex))
         self._hover(at)
@@ -253,8 +258,8 @@ class ViewMouse(QObject):
 
     def _hover(self, at: QPointF) -> None:
         marks = self._marks()
-        mark = marks.handle_at(at.x(), at.y(), reach=_REACH)
-        dot = None if mark is not None else marks.dot_at(at.x(), at.y(), reach=_REACH)
+        mark = marks.handle_at(at.x(), at.y(), reach=REACH)
+        dot = None if mark is not None else marks.dot_at(at.x(), at.y(), reach=REACH)
         if mark is not None:
             self._view.setCursor(handle_cursor(mark))
         elif dot is not None:
@@ -276,7 +281,7 @@ class ViewMouse(QObject):
             self._pick("hover", at, self.terrain_hovered.emit)
 
     def _select(self, at: QPointF) -> None:
-        dot = self._marks().dot_at(at.x(), at.y(), reach=_REACH)
+        dot = self._marks().dot_at(at.x(), at.y(), reach=REACH)
         if dot is not None:
             self._workspace.selection = dot.selection
         else:
@@ -286,15 +291,12 @@ class ViewMouse(QObject):
         self._workspace.selection = None if place is None else self._find(place)
 
     def _find(self, place: Place) -> Selection | None:
-        projection, placed, document = self._projection(), self._link.placed, self._document
+        projection = self._projection()
         if projection is None:
             return None
-        (x, y, _), reach = place, _REACH * projection.metres_per_px(place)
-        draped = document.drapes.stack(x, y, projection.metres_per_px(place))
-        if draped:
-            return next_below(draped, self._workspace.selection)
-        vector = vector_at(document.sketch, self._workspace, x, y, reach=reach)
-        return select_at(placed, x, y, reach=reach) if vector is None else vector
+        texel = projection.metres_per_px(place)
+        found = selections_at(self._document, self._workspace, self._link.placed, *place[:2], texel)
+        return next_below(found, self._workspace.selection)
 
     def _go_to(self, place: Place | None) -> None:
         """Insert a vertex in the selected vector at a place (m) on it, else centre the place."""
@@ -306,7 +308,7 @@ class ViewMouse(QObject):
         projection = self._projection()
         if projection is None:
             return False
-        reach = _REACH * projection.metres_per_px(place)
+        reach = REACH * projection.metres_per_px(place)
         return insert_vertex(self._document, self._workspace, *place[:2], reach=reach)
 
     def _pick(self, purpose: str, at: QPointF, then: Callable[[Place | None], None]) -> None:

@@ -1,0 +1,145 @@
+"""Vectors as they are drawn: curves, what is near a place, places on lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Final, TypeAlias
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
+from sketchterrain.caching import LRUCache
+from sketchterrain.features.table import LINE, VectorLayer
+from sketchterrain.geometry.splines import cubics
+
+if TYPE_CHECKING:  # it takes a quarter of a second
+    import shapely
+
+_PIECES: Final = 16  # straight ones of a curve between two vertices
+_POWERS: Final = (np.arange(_PIECES) / _PIECES) ** np.arange(4)[:, None]
+
+Shapes: TypeAlias = npt.NDArray[np.object_]
+"""Shapely geometries."""
+
+PICK: Final = 3.0
+"""Pixels from a line or point within which it is found where nothing is drawn."""
+
+_curves = LRUCache(12)
+_of_pieces: WeakKeyDictionary[VectorLayer, Curves] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """A layer's features as drawn: smooth lines have `_PIECES` pieces between two vertices.
+
+    Parameters
+    ----------
+    shapes, outlines : (n,) m; the outline of an area is its border and holes
+    pieces : of a large layer the curves of each piece
+    """
+
+    shapes: Shapes
+    outlines: Shapes
+    pieces: tuple[Curves, ...] = ()
+
+    @cached_property
+    def _tree(self) -> shapely.STRtree:
+        import shapely
+
+        return shapely.STRtree(self.shapes)
+
+    @cached_property
+    def _box(self) -> Float64Array:
+        import shapely
+
+        return np.asarray(shapely.total_bounds(self.shapes))
+
+    @cached_property
+    def _boxes(self) -> tuple[Float64Array, Int64Array]:
+        """Return the box of each piece, and the number of its first feature."""
+        counts = [len(each.shapes) for each in self.pieces]
+        return np.array([each._box for each in self.pieces]), np.cumsum([0, *counts])
+
+    def touching(self, box: Bounds) -> Int64Array:
+        """Return the indices of the features that may touch a box, ascending."""
+        import shapely
+
+        if not self.pieces:
+            return np.sort(self._tree.query(shapely.box(*box)))
+        boxes, first = self._boxes
+        west, south, east, north = boxes.T
+        near = (west <= box[2]) & (east >= box[0]) & (south <= box[3]) & (north >= box[1])
+        found = [first[each] + self.pieces[each].touching(box) for each in np.flatnonzero(near).tolist()]
+        return np.concatenate([np.zeros(0, np.int64), *found])
+
+    def near(self, x: float, y: float, reach: float) -> tuple[Int64Array, Float64Array, BoolArray]:
+        """Return features near a place (m), the distances of their outlines, and which have it inside.
+
+        Distances greater than the reach (m) are infinite.
+        """
+        import shapely
+
+        box = (x - reach, y - reach, x + reach, y + reach)
+        rows, place = self.touching(box), shapely.Point(x, y)
+        distance = shapely.distance(shapely.clip_by_rect(self.outlines[rows], *box), place)
+        return rows, np.nan_to_num(distance, nan=np.inf), shapely.intersects_xy(self.shapes[rows], x, y)
+
+    def nearest(self, x: float, y: float, reach: float, *, without: Int64Array | None = None) -> int | None:
+        """Return the index of the feature with the nearest outline within a distance (m), of all but some."""
+        rows, distance, _ = self.near(x, y, reach)
+        if without is not None:
+            distance = np.where(np.isin(rows, without), np.inf, distance)
+        return int(rows[np.argmin(distance)]) if distance.min(initial=np.inf) <= reach else None
+
+
+def curves_of(layer: VectorLayer) -> Curves:
+    """Return a layer's curves, cached; those of unchanged pieces are known."""
+    return _curves.get_or_compute(layer, lambda: _curves_of(layer))
+
+
+def _curves_of(layer: VectorLayer) -> Curves:
+    import shapely
+
+    if len(layer.pieces) > 1:
+        for piece in layer.pieces:
+            if piece not in _of_pieces:
+                _of_pieces[piece] = _curves_of(piece)
+        pieces = tuple(_of_pieces[piece] for piece in layer.pieces)
+        arrays = (np.concatenate([getattr(each, name) for each in pieces]) for name in ("shapes", "outlines"))
+        return Curves(*arrays, pieces)
+    shapes = layer.shapes()
+    smooth = (np.asarray(layer.columns.get("smooth", layer.kinds * 0.0)) == 1) & (layer.kinds == LINE)
+    if smooth.any():
+        own = smooth[layer.feature_of_ring]
+        lengths = np.diff(layer.rings)[own]
+        points, line = _sampled(layer.vertices[own[layer.ring_of_vertex]], lengths)
+        shapes[smooth] = shapely.linestrings(points, indices=line)
+    return Curves(shapes, outlines_of(shapes))
+
+
+def outlines_of(shapes: Shapes) -> Shapes:
+    """Return shapes with their borders and holes in place of areas."""
+    import shapely
+
+    lines, areas = shapes.copy(), shapely.get_dimensions(shapes) == 2
+    lines[areas] = shapely.boundary(shapes[areas])
+    return lines
+
+
+def _sampled(vertices: Float64Array, lengths: Int64Array) -> tuple[Float64Array, Int64Array]:
+    """Return points of the curves through lines of some vertices each, and the line of each point."""
+    line = np.repeat(np.arange(len(lengths)), lengths)
+    end = np.cumsum(lengths)
+    first, last = end - lengths, end - 1
+    # Before and after each line is the reflection of its second vertex and its last but one.
+    beyond = [2.0 * vertices[last] - vertices[last - 1], 2.0 * vertices[first] - vertices[first + 1]]
+    padded = np.insert(vertices, np.concatenate([end, first]), np.concatenate(beyond), axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):  # between two lines
+        curves = cubics(padded)[np.arange(len(vertices)) + 2 * line + 1] @ _POWERS
+    curves[last, :, 0] = vertices[last]
+    within = np.ones((len(vertices), _PIECES), np.bool_)
+    within[last, 1:] = False
+    return np.swapaxes(curves, 1, 2)[within], np.repeat(line, _PIECES)[within.ravel()]
